@@ -1,0 +1,234 @@
+"""The compiled loops, and the one place that knows Numba: plain arrays in, plain arrays out."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from farhorizon.engine.build import load_program
+from farhorizon.engine.layout import LINES, Block, Layout
+
+__all__ = ["Engine", "Layer", "Layout", "available_threads"]
+
+RULES = ("both", "arithmetic", "harmonic")
+_UNROLLED_LIMIT = 160  # pairs in one row body beyond which straight-line code spills registers
+_PARALLEL_NODES = 160_000  # fewer nodes than this finish before a second thread has started
+
+
+@dataclass(frozen=True)
+class Layer:
+    """Stretch ``kappa + sigma / (s + alpha)`` on the edges p = 0..columns between a layer's columns, arrays (columns + 1,)."""
+
+    kappa: np.ndarray
+    sigma: np.ndarray
+    alpha: np.ndarray
+
+    @property
+    def columns(self) -> int:
+        """Nodes of the layer along its normal."""
+        return len(self.kappa) - 1
+
+    def recursion(self, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Coefficients r, e, f of the trapezoidal rule: ``far = near + r d - N``, ``N <- e N + f d``."""
+        a, b = self.sigma * dt / 2, self.alpha * dt / 2
+        new, old = (1 + b) * (1 + self.kappa) + a, (1 - b) * (1 + self.kappa) - a
+        r = ((1 + b) * (self.kappa - 1) + a) / new
+        return r, old / new, ((1 - b) * (self.kappa - 1) - a - old * r) / new
+
+
+def available_threads() -> int:
+    """Threads the machine offers to this process."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class Engine:
+    """Time levels of one scalar field and the compiled loop that advances them.
+
+    Parameters
+    ----------
+    core : tuple of int
+        Nodes of the core, three axes (leading axes have one node in 1D and 2D).
+    offsets, weights : ndarray, shapes (K, 3) and (K,)
+        Stencil in units of the operator (1/time or 1/time^2).
+    stages : Stages
+        Integrator (see `farhorizon.integrators`).
+    dt : float
+    layers : mapping of (axis, side) to Layer
+    periodic : set of int
+    real : {"float64", "float32"}
+    threads : int
+    coefficient : ndarray, shape `core`, optional
+        Factor on bonds, combined by `rule`.
+    """
+
+    def __init__(self, core, offsets, weights, stages, dt, *, layers: Mapping[tuple[int, int], Layer], periodic=frozenset(),  # type: ignore[no-untyped-def]
+                 real="float64", threads=1, coefficient=None, rule="both") -> None:  # fmt: skip
+        self.dtype = np.dtype(real)
+        self.stages, self.dt = stages, dt
+        self.offsets, self.weights = np.asarray(offsets, np.int64), np.asarray(weights, float)
+        self.layers = dict(layers)
+        names = list(self.layers)
+        self.layout = Layout(tuple(core), self.offsets, {n: (self.layers[n].columns, i) for i, n in enumerate(names)}, frozenset(periodic))
+        self.core = self.layout.blocks[0, 0, 0]
+        self.threads = threads if int(np.prod(core)) >= _PARALLEL_NODES else 1
+        columns = max((layer.columns for layer in self.layers.values()), default=0)
+        self._recursion = np.zeros((3, max(len(names), 1), columns + 1), self.dtype)
+        for i, name in enumerate(names):
+            for row, values in zip(self._recursion, self.layers[name].recursion(dt), strict=True):
+                row[i, : len(values)] = values
+        self.remember = any(np.any(layer.sigma) for layer in self.layers.values())
+        self.levels = np.zeros((stages.levels, self.layout.size), self.dtype)
+        self.memory = np.zeros(self.layout.memory if self.remember else LINES, self.dtype)
+        self.phase = 0
+        self._work = np.zeros((self.threads, columns + 2, 2 * max(self.layout.reach) + 1, LINES), self.dtype)
+        self._coefficient = np.zeros(1, self.dtype)
+        self._rule = RULES.index(rule)
+        self._split_blocks(coefficient is not None)
+        self._collect_fills()
+        if coefficient is not None:
+            self._coefficient = self._spread_coefficient(coefficient)
+        self.set_cuts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
+        self.set_damping(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros(0))
+        self.program = load_program(
+            SHAPE=self._shape, REAL=self.dtype.name, INCREMENTS=stages.increments, PARALLEL=self.threads > 1,
+            HETEROGENEOUS=coefficient is not None, GROUP=self._group, USE_SIMD=bool(self._simd),
+        )  # fmt: skip
+
+    # --- tables of the compiled loop ---------------------------------------------------------------------------
+
+    def _half_shape(self) -> tuple[tuple[int, int, int], ...] | None:
+        """Offsets with the inner one >= 0 if the stencil is even along every axis alone, and alike along all that matter."""
+        table = {tuple(o): w for o, w in zip(self.offsets.tolist(), self.weights, strict=True)}
+        even = all((a, b, -c) in table and table[a, b, -c] == w for (a, b, c), w in table.items())
+        return tuple(sorted(o for o in table if o[2] >= 0)) if even else None
+
+    def _split_blocks(self, heterogeneous: bool) -> None:
+        """Decide which blocks the SIMD sweep serves (unit step along the fastest axis, the core's stencil shape)."""
+        shape = self._half_shape()
+        dim = sum(m > 0 for m in self.layout.reach)
+        rows = {1: (1, 1), 2: (1, 4), 3: (2, 2)}[dim]
+        blocks = list(self.layout.blocks.values())
+        self._simd: list[Block] = []
+        simd_weights = []
+        table = {tuple(o): w for o, w in zip(self.offsets.tolist(), self.weights, strict=True)}
+        if shape is not None and not heterogeneous and len(shape) <= _UNROLLED_LIMIT:
+            for block in blocks:
+                physical = [tuple(int(o[block.order.index(a)]) for a in range(3)) for o in shape]
+                mirrored = [tuple(-i if a == block.order[2] else i for a, i in enumerate(o)) for o in physical]
+                fits = block.step[block.order[2]] == 1 and all(
+                    o in table and table.get(n) == table[o] for o, n in zip(physical, mirrored, strict=True)
+                )
+                if fits:
+                    self._simd.append(block)
+                    simd_weights.append([table[o] for o in physical])
+        general = [b for b in blocks if not any(b is s for s in self._simd)]
+        self._shape = shape if self._simd and shape is not None else ((0, 0, 1),)
+        self._group = rows if self._simd else (1, 1)
+        self._general_blocks = self._block_table(general)
+        self._general_offsets = np.array([self.offsets @ np.array(b.stride) for b in general], np.int64).reshape(-1, len(self.weights))
+        self._simd_blocks = self._block_table(self._simd)
+        scale = np.array([n[2] for n in self.stages.numbers])
+        weights = np.array(simd_weights, float).reshape(len(self._simd), -1)
+        self._simd_weights = (scale[:, None, None] * weights).astype(self.dtype)
+        self._general_weights = (scale[:, None] * self.weights).astype(self.dtype)
+        total = self.weights.sum()
+        self._numbers = np.array([(a - s * total, a, b, s, g) for a, b, s, g in self.stages.numbers]).astype(self.dtype)
+        self._rotation = np.array(self.stages.rotation, np.int64)
+
+    @staticmethod
+    def _block_table(blocks: list[Block]) -> np.ndarray:
+        rows = [
+            [b.origin, *(b.nodes[a] for a in b.order), b.stride[b.order[0]], b.stride[b.order[1]], *(b.step[a] for a in b.order)]
+            for b in blocks
+        ]
+        return np.array(rows, np.int64).reshape(-1, 9)
+
+    def _collect_fills(self) -> None:
+        fills = self.layout.fills
+        self._copies = np.array([np.concatenate([f.copy_to for f in fills]), np.concatenate([f.copy_from for f in fills])])
+        self._copy_ranges = np.cumsum([0] + [len(f.copy_to) for f in fills])
+        self._tasks = np.concatenate([f.tasks for f in fills])
+        self._task_ranges = np.cumsum([0] + [len(f.tasks) for f in fills])
+
+    def _spread_coefficient(self, coefficient: np.ndarray) -> np.ndarray:
+        """The coefficient on every slot: constant along each normal from the core's edge on."""
+        level = np.zeros(self.layout.size, self.dtype)
+        padded = np.asarray(coefficient, float)
+        for axis, m in enumerate(self.layout.reach):
+            mode = "wrap" if axis in self.layout.periodic else "edge"
+            padded = np.pad(padded, [(m, m) if a == axis else (0, 0) for a in range(3)], mode=mode)  # type: ignore[call-overload]
+        for block in self.layout.blocks.values():
+            view = padded
+            for axis, side in enumerate(block.segment):
+                if side:
+                    edge = 0 if side < 0 else -1
+                    view = np.repeat(np.take(view, [edge], axis), block.extent[axis], axis)
+            block.slots(level)[...] = view
+        return level
+
+    # --- parts that may be set after construction --------------------------------------------------------------
+
+    def set_cuts(self, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray) -> None:
+        """Bonds that are absent, as flat indices of both ends (one row a direction) and their weights."""
+        order = np.lexsort((neighbours, nodes))
+        self._cuts = nodes[order].astype(np.int64), neighbours[order].astype(np.int64), weights[order].astype(self.dtype)
+
+    def set_damping(self, nodes: np.ndarray, before: np.ndarray, after: np.ndarray, leak: np.ndarray) -> None:
+        """Nodal factors of an absorbing zone: on the old increment, on the new increment, and a loss rate."""
+        self._damping = (nodes.astype(np.int64), before.astype(self.dtype), after.astype(self.dtype), leak.astype(self.dtype))
+
+    # --- the work ----------------------------------------------------------------------------------------------
+
+    @property
+    def current(self) -> np.ndarray:
+        """The flat level that holds the state."""
+        return self.levels[self._rotation[self.phase, 0, 0]]
+
+    @property
+    def previous(self) -> np.ndarray:
+        """The level of a second-order integrator that holds the older state (or the increment)."""
+        return self.levels[self._rotation[self.phase, 0, 1]]
+
+    def _set_threads(self) -> None:
+        if self.threads > 1:
+            import numba
+
+            numba.set_num_threads(self.threads)
+
+    def fill(self, level: np.ndarray) -> None:
+        """Fill every halo of a level and advance the layers' memory to its time."""
+        self._set_threads()
+        self.program.fill(level, self.memory, self._work, self._copies, self._copy_ranges, self._tasks, self._task_ranges,
+                          np.array(self.layout.reach), *self._recursion, self.remember)  # fmt: skip
+
+    def apply(self, level: np.ndarray) -> np.ndarray:
+        """The operator L on a filled level, as a flat level (its nodes only are meaningful)."""
+        self._set_threads()
+        scale = self.stages.numbers[-1][2]
+        out, base = np.zeros_like(level), np.zeros_like(level)
+        zero = self.dtype.type(0)
+        total = self.dtype.type(-scale * self.weights.sum())
+        self.program.sweep(level, base, out, self._simd_blocks, self._simd_weights[-1], self._general_blocks, self._general_offsets,
+                           self._general_weights[-1], total, zero, zero, self._coefficient, self._rule)  # fmt: skip
+        result = (base if self.stages.increments else out) / scale
+        nodes, neighbours, weights = self._cuts
+        np.subtract.at(result, nodes, weights * (level[neighbours] - level[nodes]))
+        return result
+
+    def advance(self, steps: int, source_nodes: np.ndarray, source_fields: np.ndarray, source_times: np.ndarray) -> None:
+        """Run steps without returning to Python; sources as in `program.advance`."""
+        self._set_threads()
+        self.phase = self.program.advance(
+            steps, self.phase, self.levels, self.memory, self._work, self._rotation, self._numbers, self._simd_blocks, self._simd_weights,
+            self._general_blocks, self._general_offsets, self._general_weights, self._copies, self._copy_ranges, self._tasks,
+            self._task_ranges, np.array(self.layout.reach), *self._recursion, self.remember, self._coefficient, self._rule,
+            *self._cuts, *self._damping, source_nodes, source_fields, source_times,
+        )  # fmt: skip
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all time levels and layer memory."""
+        return self.levels.nbytes + self.memory.nbytes + self._coefficient.nbytes

@@ -1,0 +1,181 @@
+"""The micromodulus of a nonlocal diffusion or scalar wave operator: influence function, scaling, continuum dispersion.
+
+The operator is ``L u(x) = c * integral over |xi| < horizon of w(r) r^-p (u(x + xi) - u(x)) dV`` and the constant
+c makes ``L u -> coefficient * laplace(u)`` for long waves. Scaling constants and closed forms of the dispersion
+follow Shojaei, Hermann, Seleson and Cyron (2020), table 1, and Hermann, Shojaei, Seleson and Cyron (2023), eqs 22-30.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special
+
+from farhorizon.errors import InputError
+
+INFLUENCES = ("constant", "linear", "gaussian")
+_SPHERE = {1: 2.0, 2: 2 * np.pi, 3: 4 * np.pi}  # measure of the unit sphere in 1D, 2D, 3D
+_SERIES_BELOW = 2.0  # closed forms cancel for small arguments
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """Kernel of a scalar peridynamic operator.
+
+    Parameters
+    ----------
+    horizon : float
+        Radius of the family.
+    exponent : int
+        p in ``w(r) / r^p``, 0 to 3.
+    influence : {"constant", "linear", "gaussian"}
+        w(r) = 1, ``1 - r/horizon`` or ``exp(-(r/width)^2)``, zero beyond the horizon.
+    width : float, optional
+        Width of the gaussian, horizon / 3 unless given.
+    volume : {"ramp", "full"}
+        "ramp": the linear volume correction, bonds reach horizon + spacing/2; "full": whole cells whose centre
+        lies within the horizon.
+    calibrate : bool
+        Rescale the discrete stencil so that it has exactly the given diffusivity or squared speed.
+
+    Raises
+    ------
+    InputError
+        An unknown influence or volume, an exponent outside 0..3, a horizon or width that is not positive.
+    """
+
+    horizon: float
+    exponent: int = 2
+    influence: str = "constant"
+    width: float | None = None
+    volume: str = "ramp"
+    calibrate: bool = True
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.horizon) and self.horizon > 0):
+            raise InputError("the horizon must be positive", value=self.horizon, limit="> 0", key="kernel.horizon")
+        if self.exponent not in (0, 1, 2, 3):
+            raise InputError("the exponent must be 0, 1, 2 or 3", value=self.exponent, key="kernel.exponent")
+        if self.influence not in INFLUENCES:
+            raise InputError("unknown influence function", value=self.influence, limit=", ".join(INFLUENCES), key="kernel.influence")
+        if self.volume not in ("ramp", "full"):
+            raise InputError("unknown volume rule", value=self.volume, limit="ramp, full", key="kernel.volume")
+        if self.width is not None and (self.influence != "gaussian" or not self.width > 0):
+            raise InputError("width is the positive width of a gaussian influence", value=self.width, key="kernel.width")
+
+    @property
+    def gaussian_width(self) -> float:
+        """Width of the gaussian influence function."""
+        return self.horizon / 3 if self.width is None else self.width
+
+    def influence_at(self, r: np.ndarray) -> np.ndarray:
+        """Influence function w at distances r, without the cut-off at the horizon."""
+        r = np.asarray(r, float)
+        if self.influence == "constant":
+            return np.ones_like(r)
+        if self.influence == "linear":
+            return np.maximum(0.0, 1 - r / self.horizon)
+        return np.exp(-((r / self.gaussian_width) ** 2))
+
+    def _check_dim(self, dim: int) -> None:
+        if dim == 1 and self.exponent == 3:
+            raise InputError("in 1D the second moment diverges for exponent 3", value=3, limit="<= 2", key="kernel.exponent")
+
+    def scaling_constant(self, dim: int, coefficient: float = 1.0) -> float:
+        """Constant c for a diffusivity or squared speed `coefficient`, ``c = 2 dim coefficient / (|S| I)``.
+
+        I is the integral of ``w(r) r^(dim + 1 - p)`` over 0..horizon, |S| the measure of the unit sphere.
+        """
+        self._check_dim(dim)
+        q = dim + 2 - self.exponent
+        if self.influence == "gaussian":
+            s, width = q / 2, self.gaussian_width
+            moment = 0.5 * width**q * special.gamma(s) * special.gammainc(s, (self.horizon / width) ** 2)
+        else:
+            moment = self.horizon**q * (1 / q if self.influence == "constant" else 1 / q - 1 / (q + 1))
+        return float(2 * dim * coefficient / (_SPHERE[dim] * moment))
+
+    def dispersion(self, k: np.ndarray | float, dim: int) -> np.ndarray:
+        """Continuum symbol S(k) for unit coefficient: squared frequency (waves) or decay rate (diffusion).
+
+        Parameters
+        ----------
+        k : float or ndarray
+            Wavenumbers.
+        dim : {1, 2, 3}
+
+        Returns
+        -------
+        ndarray, same shape as k
+        """
+        self._check_dim(dim)
+        k = np.abs(np.asarray(k, float))
+        z, s = k * self.horizon, dim - 1 - self.exponent
+        scale = self.scaling_constant(dim) * _SPHERE[dim] * self.horizon ** (dim - self.exponent)
+        if self.influence == "constant":
+            mean = _family_mean(dim, s, z)
+        elif self.influence == "linear":
+            mean = _family_mean(dim, s, z) - _family_mean(dim, s + 1, z)
+        else:
+            ratio = self.horizon / self.gaussian_width
+            mean = _quadrature(dim, s, z, lambda r: np.exp(-((ratio * r) ** 2)))
+        return scale * mean
+
+
+def _wave_mean(dim: int, z: np.ndarray) -> np.ndarray:
+    """1 - (mean of exp(i k.x) over the sphere of radius z/k)."""
+    if dim == 1:
+        return 2 * np.sin(z / 2) ** 2
+    if dim == 2:
+        return np.where(z < 1e-4, z**2 / 4, 1 - special.j0(z))
+    return np.where(z < 1e-4, z**2 / 6, 1 - np.sinc(z / np.pi))
+
+
+def _quadrature(dim: int, s: int, z: np.ndarray, weight) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """Integral over r in 0..1 of ``weight(r) r^s (1 - mean)`` by Gauss-Legendre (the integrand is entire)."""
+    points, gauss = np.polynomial.legendre.leggauss(int(60 + np.max(z, initial=0.0)))
+    r = (points + 1) / 2
+    return (_wave_mean(dim, z[..., None] * r) * r ** float(s) * weight(r) * gauss / 2).sum(-1)
+
+
+def _family_mean(dim: int, s: int, z: np.ndarray) -> np.ndarray:
+    """Closed form of the integral over r in 0..1 of ``r^s (1 - mean over the sphere of exp(i z r))``."""
+    small = z < _SERIES_BELOW
+    x = np.where(small, _SERIES_BELOW, z)
+    closed = _CLOSED_FORMS[dim, s](x)
+    j = np.arange(1, 16)
+    terms = {1: special.gamma(2 * j + 1.0), 2: 4.0**j * special.gamma(j + 1.0) ** 2, 3: special.gamma(2 * j + 2.0)}[dim]
+    series = ((-1.0) ** (j + 1) / terms / (2 * j + s + 1) * np.where(small, z, 0.0)[..., None] ** (2 * j)).sum(-1)
+    return np.where(small, series, closed)
+
+
+def _si(z: np.ndarray) -> np.ndarray:
+    return special.sici(z)[0]
+
+
+def _cin(z: np.ndarray) -> np.ndarray:
+    return np.euler_gamma + np.log(z) - special.sici(z)[1]
+
+
+def _integral_j0(z: np.ndarray) -> np.ndarray:
+    struve = special.struve
+    return z * special.j0(z) + np.pi * z / 2 * (special.j1(z) * struve(0, z) - special.j0(z) * struve(1, z))
+
+
+_CLOSED_FORMS = {
+    (1, 1): lambda z: 0.5 - (z * np.sin(z) + np.cos(z) - 1) / z**2,
+    (1, 0): lambda z: 1 - np.sin(z) / z,
+    (1, -1): _cin,
+    (1, -2): lambda z: z * _si(z) - 1 + np.cos(z),
+    (2, 2): lambda z: 1 / 3 - (z**2 * special.j1(z) + z * special.j0(z) - _integral_j0(z)) / z**3,
+    (2, 1): lambda z: 0.5 - special.j1(z) / z,
+    (2, 0): lambda z: 1 - _integral_j0(z) / z,
+    (2, -1): lambda z: _quadrature(2, -1, z, np.ones_like),  # a 2F3, which scipy lacks
+    (2, -2): lambda z: special.j0(z) - 1 + z * (_integral_j0(z) - special.j1(z)),
+    (3, 3): lambda z: 0.25 - (-np.cos(z) / z + 2 * np.sin(z) / z**2 + 2 * (np.cos(z) - 1) / z**3) / z,
+    (3, 2): lambda z: 1 / 3 - (np.sin(z) - z * np.cos(z)) / z**3,
+    (3, 1): lambda z: 0.5 - (1 - np.cos(z)) / z**2,
+    (3, 0): lambda z: 1 - _si(z) / z,
+    (3, -1): lambda z: _cin(z) - 1 + np.sin(z) / z,
+}

@@ -1,0 +1,724 @@
+"""The results file and the checkpoint.
+
+A results file is a VTKHDF ``ImageData`` file [1]_ with a temporal ``Steps`` group, so that ParaView opens it as it is: ``/VTKHDF`` holds
+the fields as point data, one chunked record an output, in VTK's order (x fastest), on a lattice padded to three dimensions.
+``/farhorizon`` holds what VTK does not know: case text, program, lattice, step numbers, probes and the history of probe values and energy.
+Its attribute ``outputs``, and ``rows`` of the history, are written last and say how many outputs and history rows are valid, so that an
+append that was cut short is simply not counted.
+
+A checkpoint is its own HDF5 file: an index (JSON, with the SHA-256 of every array), the arrays, and a flag that is written last.  It is
+written under a temporary name and renamed, so that an earlier checkpoint survives until the new one is whole.
+
+References
+----------
+.. [1] VTKHDF file format, https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format/vtkhdf_specifications.html
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import h5py
+import numpy as np
+
+from farhorizon.errors import FarhorizonError, FileFormatError, InputError
+
+if TYPE_CHECKING:
+    import xarray
+
+FORMAT = "farhorizon results"
+CHECKPOINT_FORMAT = "farhorizon checkpoint"
+VERSION = 1
+# Names that the Dataset of `Results.to_xarray` and the pictures of `farhorizon.plot` use for something else.
+RESERVED = frozenset(
+    {"time", "step", "x", "y", "z", "energy", "history_time", "probe", "probe_x", "probe_y", "probe_z", "probe_values", "probes"}
+)
+_CHUNK_BYTES = 2**26
+_CHUNK_ROWS = 512
+
+
+@contextmanager
+def _opened(path: Path, mode: str, what: str) -> Iterator[Any]:
+    """Open an HDF5 file; whatever HDF5 cannot read becomes a FileFormatError.
+
+    File locks are off, so that someone who looks at a file with another program cannot stop the run that writes it.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such file", remedy=f"give the path of a {what}")
+    if not h5py.is_hdf5(path):
+        raise FileFormatError(f"{path} is not an HDF5 file, or its beginning is damaged", remedy=f"give the path of a {what}")
+    try:
+        with h5py.File(path, mode, locking=False) as file:
+            yield file
+    except FarhorizonError:
+        raise
+    except PermissionError as error:
+        raise InputError(f"{path}: permission denied", remedy="change the permissions or use another path") from error
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError) as error:
+        # Python's own system errors (disk full, ...) carry an errno and say nothing about the file's format.
+        if isinstance(error, OSError) and error.errno is not None and mode != "r":
+            raise
+        raise FileFormatError(f"{path} is truncated or damaged ({error})", remedy=f"use another {what}, or compute it again") from error
+
+
+def _directory_of(path: Path) -> Path:
+    """Directory that a new file shall stand in; InputError if there is none."""
+    if path.is_dir():
+        raise InputError(f"{path} is a directory", remedy="give the path of a file")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: there is no directory {path.parent}", remedy="create it first")
+    return path.parent
+
+
+def _check_format(file: Any, path: Path) -> Any:
+    """Return the group ``/farhorizon`` of a results file; FileFormatError if the file is another program's or a later version's."""
+    if "farhorizon" not in file or file["farhorizon"].attrs.get("format") != FORMAT or "VTKHDF" not in file:
+        raise FileFormatError(f"{path} is an HDF5 file, but not a farhorizon results file", remedy="give a file written by farhorizon run")
+    group = file["farhorizon"]
+    version = int(group.attrs["version"])
+    if version > VERSION:
+        raise FileFormatError(f"{path} has a newer format", value=version, limit=VERSION, remedy="update farhorizon")
+    return group
+
+
+def _counts(file: Any, path: Path) -> tuple[int, int]:
+    """Return the numbers of valid outputs and history rows, checked against the datasets."""
+    group, vtk = file["farhorizon"], file["VTKHDF"]
+    outputs, rows = int(group.attrs["outputs"]), int(group["history"].attrs["rows"])
+    per_output = (vtk["Steps/Values"], group["steps"], group["history_rows"], *vtk["PointData"].values())
+    for count, datasets in ((outputs, per_output), (rows, group["history"].values())):
+        for dataset in datasets:
+            held = dataset.shape[0]
+            if not 0 <= count <= held:
+                raise FileFormatError(f"{path} is damaged: {dataset.name} is too short", value=held, limit=count, remedy="compute it again")
+    return outputs, rows
+
+
+def _set_outputs(file: Any, outputs: int) -> None:
+    """Make the first `outputs` outputs the valid ones.
+
+    A single output is listed twice among VTK's steps: vtkHDFReader takes a file of one step for a file without time, and fails.
+    """
+    steps, listed = file["VTKHDF/Steps"], 2 if outputs == 1 else outputs
+    for dataset in (steps["Values"], *steps["PointDataOffsets"].values()):
+        dataset.resize(listed, axis=0)
+        if outputs == 1:
+            dataset[1] = dataset[0]
+    steps.attrs.modify("NSteps", listed)
+    file["farhorizon"].attrs.modify("outputs", outputs)
+
+
+def _vtk_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Shape of one stored output: z, y, x, without the slow axes that have a single node, for vtkHDFReader expects them left out."""
+    while len(shape) > 1 and shape[-1] == 1:
+        shape = shape[:-1]
+    return shape[::-1]
+
+
+def _chunk(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
+    """Chunk of one output, halved along its slowest axes until it holds no more than 64 MiB."""
+    chunk = [1, *shape]
+    while int(np.prod(chunk)) * itemsize > _CHUNK_BYTES:
+        axis = next(a for a in range(1, len(chunk)) if chunk[a] > 1)
+        chunk[axis] = (chunk[axis] + 1) // 2
+    return tuple(chunk)
+
+
+def _put(dataset: Any, start: int, values: Any) -> None:
+    """Write `values` from row `start` on; rows that stood there or beyond are replaced."""
+    stop = start + len(values)
+    dataset.resize(stop, axis=0)
+    dataset[start:stop] = values
+
+
+class ResultsWriter:
+    """Appends outputs to a results file; the file is closed between the calls.
+
+    Use `create` or `resume`.  Every call opens the file, appends, flushes and closes it, so that a killed process leaves a valid file.
+
+    Parameters
+    ----------
+    path : str or Path
+        An existing results file.
+
+    Attributes
+    ----------
+    path : Path
+    outputs, rows : int
+        Valid outputs and history rows so far; a checkpoint records both, and `resume` takes them.
+    fields : tuple of str
+    shape : tuple of int
+        Lattice shape (nx[, ny[, nz]]).
+
+    Raises
+    ------
+    FileFormatError
+        The file is truncated, damaged or not ours.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        with _opened(self.path, "r", "results file") as file:
+            group = _check_format(file, self.path)
+            self.shape: tuple[int, ...] = tuple(int(n) for n in group.attrs["shape"])
+            self.fields: tuple[str, ...] = tuple(group["fields"].asstr()[:])
+            self.outputs, self.rows = _counts(file, self.path)
+            self._probes: int = group["probes"].shape[0]
+            self._last_step = int(group["steps"][self.outputs - 1]) if self.outputs else None
+
+    @classmethod
+    def create(
+        cls,
+        path: str | Path,
+        *,
+        dim: int,
+        shape: Sequence[int],
+        spacing: float,
+        lower: Sequence[float],
+        fields: tuple[str, ...],
+        dtype: Any,
+        probes: np.ndarray | None = None,
+        case: str = "",
+        program: str = "",
+    ) -> ResultsWriter:
+        """Create an empty results file; an older results file of that name is replaced, any other file is refused.
+
+        Parameters
+        ----------
+        path : str or Path
+        dim : int
+            1, 2 or 3.
+        shape : sequence of int, length dim
+            Nodes along x[, y[, z]].
+        spacing : float
+            Distance of neighbouring nodes, the same along every axis.
+        lower : sequence of float, length dim
+            Coordinates of the first node.
+        fields : tuple of str
+            Names of the scalar fields; `append` wants them all.
+        dtype : dtype
+            float32 or float64, of the stored fields.
+        probes : ndarray, shape (n, dim), optional
+            Positions of the probes.
+        case : str
+            Text of the case file.
+        program : str
+            Name and version of the program.
+
+        Returns
+        -------
+        ResultsWriter
+
+        Raises
+        ------
+        InputError
+            An argument is wrong, or `path` holds another file.
+        """
+        path = Path(path)
+        _directory_of(path)
+        if path.exists():
+            try:
+                with _opened(path, "r", "results file") as file:
+                    _check_format(file, path)
+            except FileFormatError as error:
+                remedy = "move or delete it, or choose another path"
+                raise InputError(f"{path} exists, is not a whole results file of ours, and is not overwritten", remedy=remedy) from error
+        dtype = np.dtype(dtype)
+        if dtype not in (np.dtype("float32"), np.dtype("float64")):
+            raise InputError("results are stored in single or double precision", value=dtype, remedy="use float32 or float64")
+        shape, origin = tuple(int(n) for n in shape), tuple(float(v) for v in lower)
+        if dim not in (1, 2, 3) or len(shape) != dim or len(origin) != dim or min(shape) < 1:
+            raise InputError("dim is 1, 2 or 3, and shape and lower have dim entries", value=f"dim {dim}, shape {shape}, lower {origin}")
+        if not np.isfinite(spacing) or spacing <= 0:
+            raise InputError("the spacing is a positive number", value=spacing)
+        for name in fields:
+            if not name or name in RESERVED or "/" in name or name.startswith("."):
+                remedy = f"use a name without '/', not beginning with '.', and none of {', '.join(sorted(RESERVED))}"
+                raise InputError("this name cannot be used for a field in a results file", value=repr(name), remedy=remedy)
+        if not fields or len(set(fields)) != len(fields):
+            raise InputError("fields are one or more different names", value=fields)
+        places = np.zeros((0, dim)) if probes is None else np.asarray(probes, dtype=float)
+        if places.ndim != 2 or places.shape[1] != dim:
+            raise InputError("probes have the shape (n, dim)", value=places.shape, limit=f"(n, {dim})")
+        padded, stored = (*shape, 1, 1)[:3], _vtk_shape(shape)
+        with h5py.File(path, "w", locking=False) as file:
+            vtk = file.create_group("VTKHDF")
+            vtk.attrs["Version"] = np.array([2, 0])
+            vtk.attrs.create("Type", b"ImageData", dtype=h5py.string_dtype("ascii", len("ImageData")))
+            vtk.attrs["WholeExtent"] = np.array([0, padded[0] - 1, 0, padded[1] - 1, 0, padded[2] - 1])
+            vtk.attrs["Origin"] = np.array((*origin, 0.0, 0.0)[:3])
+            vtk.attrs["Spacing"] = np.full(3, float(spacing))
+            vtk.attrs["Direction"] = np.eye(3).ravel()
+            steps, data = vtk.create_group("Steps"), vtk.create_group("PointData")
+            steps.attrs["NSteps"] = 0
+            steps.create_dataset("Values", (0,), "f8", maxshape=(None,), chunks=(_CHUNK_ROWS,))
+            offsets = steps.create_group("PointDataOffsets")
+            for name in fields:
+                chunk = _chunk(stored, dtype.itemsize)
+                data.create_dataset(name, (0, *stored), dtype, maxshape=(None, *stored), chunks=chunk)
+                offsets.create_dataset(name, (0,), "i8", maxshape=(None,), chunks=(_CHUNK_ROWS,))
+            data.attrs["Scalars"] = fields[0]
+            group = file.create_group("farhorizon")
+            group.attrs["format"], group.attrs["version"], group.attrs["program"] = FORMAT, VERSION, program
+            group.attrs["dim"], group.attrs["shape"], group.attrs["spacing"], group.attrs["lower"] = dim, shape, float(spacing), origin
+            group.attrs["outputs"] = 0
+            group.create_dataset("case", data=case, dtype=h5py.string_dtype())
+            group.create_dataset("fields", data=list(fields), dtype=h5py.string_dtype())
+            group.create_dataset("probes", data=places)
+            group.create_dataset("steps", (0,), "i8", maxshape=(None,), chunks=(_CHUNK_ROWS,))
+            group.create_dataset("history_rows", (0,), "i8", maxshape=(None,), chunks=(_CHUNK_ROWS,))
+            history = group.create_group("history")
+            history.attrs["rows"] = 0
+            history.create_dataset("times", (0,), "f8", maxshape=(None,), chunks=(_CHUNK_ROWS,))
+            history.create_dataset("energy", (0,), "f8", maxshape=(None,), chunks=(_CHUNK_ROWS,))
+            if len(places):
+                history.create_dataset(
+                    "values", (0, len(places)), "f8", maxshape=(None, len(places)), chunks=(_CHUNK_ROWS, min(len(places), 64))
+                )
+        return cls(path)
+
+    @classmethod
+    def resume(cls, path: str | Path, outputs: int, rows: int | None = None) -> ResultsWriter:
+        """Take up a results file after its first `outputs` outputs; later ones, and their history, are cut off.
+
+        Parameters
+        ----------
+        path : str or Path
+        outputs : int
+            Outputs to keep, as the checkpoint recorded them.
+        rows : int, optional
+            History rows to keep; as many as there were when the last kept output was appended, unless given.
+
+        Returns
+        -------
+        ResultsWriter
+
+        Raises
+        ------
+        InputError
+            A count is negative.
+        FileFormatError
+            The file is truncated, damaged, not ours, or holds fewer outputs or rows than asked for.
+        """
+        path = Path(path)
+        if outputs < 0 or (rows is not None and rows < 0):
+            raise InputError("the numbers of outputs and history rows to keep are not negative", value=(outputs, rows), limit=0)
+        with _opened(path, "r+", "results file") as file:
+            group = _check_format(file, path)
+            held, rows_held = _counts(file, path)
+            remedy = "use the results file that belongs to the checkpoint, or start the run anew"
+            if outputs > held:
+                raise FileFormatError(f"{path} holds fewer outputs than the checkpoint counts", value=held, limit=outputs, remedy=remedy)
+            if rows is None:
+                rows = int(group["history_rows"][outputs - 1]) if outputs else 0
+            if rows > rows_held:
+                raise FileFormatError(
+                    f"{path} holds fewer history rows than the checkpoint counts", value=rows_held, limit=rows, remedy=remedy
+                )
+            _set_outputs(file, outputs)
+            group["history"].attrs.modify("rows", rows)
+            file.flush()
+            for dataset in (group["steps"], group["history_rows"], *file["VTKHDF/PointData"].values()):
+                dataset.resize(outputs, axis=0)
+            for dataset in group["history"].values():
+                dataset.resize(rows, axis=0)
+        return cls(path)
+
+    def append(
+        self, step: int, time: float, fields: Mapping[str, np.ndarray], energy: float | None = None, observed: np.ndarray | None = None
+    ) -> None:
+        """Append one output.
+
+        With an energy or probe values, a history row is appended too; leave both None where `append_history` has recorded this time.
+
+        Parameters
+        ----------
+        step : int
+            Step number, larger than that of the output before.
+        time : float
+        fields : mapping of str to ndarray, each of the lattice shape
+            Every field that the file was created with; nan (outside a window) stays nan.
+        energy : float, optional
+        observed : ndarray, shape (n probes,), optional
+            Values at the probes.
+
+        Raises
+        ------
+        InputError
+            A field is missing, unknown or of the wrong shape, the step number does not grow, or `observed` does not match the probes.
+        FileFormatError
+            The file has been damaged since the last call.
+        """
+        if set(fields) != set(self.fields):
+            raise InputError(
+                f"{self.path}: an output has every field of the file, no other", value=sorted(fields), limit=sorted(self.fields)
+            )
+        for name, values in fields.items():
+            if np.shape(values) != self.shape:
+                raise InputError(f"{self.path}: field {name!r} has not the lattice shape", value=np.shape(values), limit=self.shape)
+        if self._last_step is not None and step <= self._last_step:
+            remedy = "append each step once; ResultsWriter.resume goes back"
+            raise InputError(
+                f"{self.path}: step numbers grow from output to output", value=step, limit=f"> {self._last_step}", remedy=remedy
+            )
+        history = None
+        if energy is not None or observed is not None:
+            values = np.full((1, self._probes), np.nan) if observed is None else np.asarray(observed, dtype=float)[np.newaxis]
+            history = self._history(np.array([time]), values, np.array([np.nan if energy is None else energy]))
+        n = self.outputs
+        rows = self.rows + (0 if history is None else 1)
+        with _opened(self.path, "r+", "results file") as file:
+            if history is not None:
+                self._put_history(file, *history)
+            vtk, group = file["VTKHDF"], file["farhorizon"]
+            for name in self.fields:
+                dataset = vtk["PointData"][name]
+                values = np.asarray(fields[name]).T.astype(dataset.dtype, order="C", copy=False)
+                _put(dataset, n, values.reshape(1, *dataset.shape[1:]))
+                _put(vtk["Steps/PointDataOffsets"][name], n, [n])
+            _put(vtk["Steps/Values"], n, [time])
+            _put(group["steps"], n, [step])
+            _put(group["history_rows"], n, [rows])
+            _set_outputs(file, n + 1)
+            file.flush()
+        self.outputs, self.rows, self._last_step = n + 1, rows, int(step)
+
+    def append_history(self, times: np.ndarray, probes: np.ndarray | None, energy: np.ndarray | None) -> None:
+        """Append rows of the history, which may be recorded more often than the fields.
+
+        Parameters
+        ----------
+        times : ndarray, shape (n,)
+        probes : ndarray, shape (n, n probes), or None
+            Values at the probes; None stands for nan.
+        energy : ndarray, shape (n,), or None
+            None stands for nan.
+
+        Raises
+        ------
+        InputError
+            The shapes do not match.
+        FileFormatError
+            The file has been damaged since the last call.
+        """
+        times = np.asarray(times, dtype=float)
+        if times.size == 0:
+            return
+        values = np.full((times.size, self._probes), np.nan) if probes is None else np.asarray(probes, dtype=float)
+        history = self._history(times, values, np.full(times.size, np.nan) if energy is None else np.asarray(energy, dtype=float))
+        with _opened(self.path, "r+", "results file") as file:
+            self._put_history(file, *history)
+            file.flush()
+        self.rows += times.size
+
+    def _history(self, times: np.ndarray, values: np.ndarray, energy: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Check that rows of the history fit together."""
+        if times.ndim != 1 or values.shape != (times.size, self._probes) or energy.shape != times.shape:
+            value = f"times {times.shape}, probes {values.shape}, energy {energy.shape}"
+            raise InputError(
+                f"{self.path}: times, probe values and energy do not match", value=value, limit=f"(n,), (n, {self._probes}), (n,)"
+            )
+        return times, values, energy
+
+    def _put_history(self, file: Any, times: np.ndarray, values: np.ndarray, energy: np.ndarray) -> None:
+        """Write checked rows behind the valid ones."""
+        history = file["farhorizon/history"]
+        _put(history["times"], self.rows, times)
+        _put(history["energy"], self.rows, energy)
+        if self._probes:
+            _put(history["values"], self.rows, values)
+        history.attrs.modify("rows", self.rows + times.size)
+
+
+class Results:
+    """A results file; the file is opened at each access only, so it may still grow.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Attributes
+    ----------
+    path : Path
+    dim : int
+    shape : tuple of int
+        Nodes along x[, y[, z]].
+    spacing : float
+    lower : tuple of float
+        Coordinates of the first node.
+    field_names : tuple of str
+    probes : ndarray, shape (n, dim)
+        Positions of the probes.
+    case, program : str
+        Text of the case file; name and version of the program that wrote the file.
+
+    Raises
+    ------
+    InputError
+        There is no such file.
+    FileFormatError
+        The file is truncated, damaged or not a farhorizon results file.  Any access may raise this.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        with _opened(self.path, "r", "results file") as file:
+            group = _check_format(file, self.path)
+            _counts(file, self.path)
+            self.dim = int(group.attrs["dim"])
+            self.shape: tuple[int, ...] = tuple(int(n) for n in group.attrs["shape"])
+            self.spacing = float(group.attrs["spacing"])
+            self.lower: tuple[float, ...] = tuple(float(v) for v in group.attrs["lower"])
+            self.field_names: tuple[str, ...] = tuple(group["fields"].asstr()[:])
+            self.probes: np.ndarray = group["probes"][:]
+            self.case: str = group["case"].asstr()[()]
+            self.program: str = str(group.attrs["program"])
+            for name in self.field_names:
+                stored = file["VTKHDF/PointData"][name].shape[1:]
+                if stored != _vtk_shape(self.shape):
+                    raise FileFormatError(
+                        f"{self.path} is damaged: field {name!r} has not the lattice shape", value=stored, limit=self.shape
+                    )
+
+    def __repr__(self) -> str:
+        return f"Results({str(self.path)!r}: {len(self.times)} outputs of {', '.join(self.field_names)} on {self.shape})"
+
+    def _output_rows(self, name: str) -> np.ndarray:
+        with _opened(self.path, "r", "results file") as file:
+            return np.asarray(file[name][: _counts(file, self.path)[0]])
+
+    def _history_rows(self, name: str) -> np.ndarray:
+        with _opened(self.path, "r", "results file") as file:
+            return np.asarray(file["farhorizon/history"][name][: _counts(file, self.path)[1]])
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times of the outputs, shape (outputs,)."""
+        return self._output_rows("VTKHDF/Steps/Values")
+
+    @property
+    def steps(self) -> np.ndarray:
+        """Step numbers of the outputs, shape (outputs,)."""
+        return self._output_rows("farhorizon/steps")
+
+    @property
+    def axes(self) -> list[np.ndarray]:
+        """Coordinates of the nodes along each axis."""
+        return [first + self.spacing * np.arange(n) for first, n in zip(self.lower, self.shape, strict=True)]
+
+    @property
+    def history_times(self) -> np.ndarray:
+        """Times of the history, shape (rows,)."""
+        return self._history_rows("times")
+
+    @property
+    def probe_values(self) -> np.ndarray:
+        """Values at the probes, shape (rows, n probes); nan where none was recorded."""
+        if len(self.probes) == 0:
+            return np.empty((self.history_times.size, 0))
+        return self._history_rows("values")
+
+    @property
+    def energy(self) -> np.ndarray:
+        """Energy, shape (rows,); nan where none was recorded."""
+        return self._history_rows("energy")
+
+    def field(self, name: str, index: int = -1) -> np.ndarray:
+        """Read one field at one output.
+
+        Parameters
+        ----------
+        name : str
+        index : int
+            Number of the output; negative numbers count from the end.
+
+        Returns
+        -------
+        ndarray, shape (nx[, ny[, nz]])
+
+        Raises
+        ------
+        InputError
+            There is no such field or output.
+        FileFormatError
+            The file is damaged.
+        """
+        if name not in self.field_names:
+            raise InputError(f"{self.path} has no field {name!r}", remedy=f"one of {', '.join(self.field_names)}")
+        with _opened(self.path, "r", "results file") as file:
+            outputs = _counts(file, self.path)[0]
+            if not -outputs <= index < outputs:
+                raise InputError(f"{self.path} has no output {index}", value=index, limit=f"{outputs} outputs")
+            stored = np.asarray(file["VTKHDF/PointData"][name][index % outputs])
+        return np.ascontiguousarray(stored.reshape(self.shape[::-1]).T)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Read everything into an xarray Dataset (in memory).
+
+        Returns
+        -------
+        xarray.Dataset
+            Fields with the dimensions time, x[, y[, z]]; ``energy`` (history_time) and ``probe_values`` (history_time, probe); case,
+            program and lattice as attributes.
+
+        Raises
+        ------
+        InputError
+            xarray is not installed.
+        FileFormatError
+            The file is damaged.
+        """
+        try:
+            import xarray
+        except ImportError as error:
+            raise InputError("xarray is not installed", remedy="pip install 'farhorizon[xarray]'") from error
+        names = ("x", "y", "z")[: self.dim]
+        # One look at the counts: a running simulation may append between two accesses.
+        times, rows = self.times, self.history_times.size
+        data: dict[str, Any] = {}
+        for name in self.field_names:
+            with _opened(self.path, "r", "results file") as file:
+                stored = np.asarray(file["VTKHDF/PointData"][name][: times.size])
+            lattice_first = stored.reshape(times.size, *self.shape[::-1]).transpose(0, *range(self.dim, 0, -1))
+            data[name] = (("time", *names), np.ascontiguousarray(lattice_first))
+        data["energy"] = ("history_time", self.energy[:rows])
+        data["probe_values"] = (("history_time", "probe"), self.probe_values[:rows])
+        coords: dict[str, Any] = {"time": times, "step": ("time", self.steps[: times.size]), "history_time": self.history_times[:rows]}
+        for axis, name in enumerate(names):
+            coords[name] = self.axes[axis]
+            coords[f"probe_{name}"] = ("probe", self.probes[:, axis])
+        attributes = {"program": self.program, "case": self.case, "dim": self.dim, "spacing": self.spacing, "lower": list(self.lower)}
+        return xarray.Dataset(data, coords, attributes)
+
+
+def open_results(path: str | Path) -> Results:
+    """Open a results file.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    Results
+
+    Raises
+    ------
+    InputError
+        There is no such file.
+    FileFormatError
+        The file is truncated, damaged or not a farhorizon results file.
+    """
+    return Results(path)
+
+
+def _digest(data: bytes | np.ndarray) -> str:
+    return hashlib.sha256(data if isinstance(data, bytes) else data.reshape(-1).view(np.uint8).data).hexdigest()
+
+
+def write_checkpoint(path: str | Path, arrays: Mapping[str, np.ndarray], meta: Mapping[str, Any]) -> None:
+    """Write a checkpoint: under a temporary name in the same directory, forced to disk, then renamed.
+
+    Until the new checkpoint is whole, an older one at `path` stays as it is.
+
+    Parameters
+    ----------
+    path : str or Path
+    arrays : mapping of str to ndarray
+        Arrays of numbers, of any shape; they come back bit by bit.
+    meta : mapping
+        What JSON can hold.
+
+    Raises
+    ------
+    InputError
+        There is no such directory, an array does not hold numbers, or `meta` is not JSON.
+    """
+    path = Path(path)
+    directory = _directory_of(path)
+    stored = {name: np.asarray(array, order="C") for name, array in arrays.items()}
+    for name, array in stored.items():
+        if array.dtype.kind not in "biufc":
+            raise InputError(f"{path}: array {name!r} does not hold numbers", value=array.dtype, remedy="put it into meta")
+    entries = [{"name": name, "dtype": array.dtype.str, "shape": array.shape, "sha256": _digest(array)} for name, array in stored.items()]
+    try:
+        index = json.dumps({"meta": dict(meta), "arrays": entries}).encode()
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{path}: meta is not JSON ({error})", remedy="use numbers, strings, lists, dicts, bool and None") from error
+    temporary = directory / f".{path.name}.{os.getpid()}.tmp"
+    try:
+        with h5py.File(temporary, "w", locking=False) as file:
+            file.attrs["format"], file.attrs["version"], file.attrs["complete"] = CHECKPOINT_FORMAT, VERSION, False
+            file.attrs["sha256"] = _digest(index)
+            file.create_dataset("index", data=np.frombuffer(index, dtype=np.uint8))
+            for number, array in enumerate(stored.values()):
+                file.create_dataset(f"arrays/{number}", data=array)
+            file.flush()
+            file.attrs.modify("complete", True)
+        _force_to_disk(temporary)
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    if os.name == "posix":
+        _force_to_disk(directory)
+
+
+def _force_to_disk(path: Path) -> None:
+    """Force a file, or the names in a directory, to disk."""
+    descriptor = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def read_checkpoint(path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Read a checkpoint and check every byte of what it holds.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    arrays : dict of str to ndarray
+    meta : dict
+
+    Raises
+    ------
+    InputError
+        There is no such file.
+    FileFormatError
+        The file is truncated, damaged, incomplete, of a newer version or not a farhorizon checkpoint.
+    """
+    path = Path(path)
+    remedy = "use an earlier checkpoint, or start the run anew"
+    with _opened(path, "r", "checkpoint") as file:
+        if file.attrs.get("format") != CHECKPOINT_FORMAT:
+            raise FileFormatError(
+                f"{path} is an HDF5 file, but not a farhorizon checkpoint", remedy="give a file written by Simulation.save"
+            )
+        version = int(file.attrs["version"])
+        if version > VERSION:
+            raise FileFormatError(f"{path} has a newer format", value=version, limit=VERSION, remedy="update farhorizon")
+        if not file.attrs["complete"]:
+            raise FileFormatError(f"{path} is incomplete: its writing was interrupted", remedy=remedy)
+        text = file["index"][:].tobytes()
+        if _digest(text) != file.attrs["sha256"]:
+            raise FileFormatError(f"{path} is damaged: its index fails its check sum", remedy=remedy)
+        index = json.loads(text)
+        arrays = {}
+        for number, entry in enumerate(index["arrays"]):
+            dataset, name = file[f"arrays/{number}"], entry["name"]
+            whole = dataset.dtype.str == entry["dtype"] and dataset.shape == tuple(entry["shape"])
+            array = np.asarray(dataset[()]) if whole else np.empty(0)
+            if not whole or _digest(array) != entry["sha256"]:
+                raise FileFormatError(f"{path} is damaged: array {name!r} fails its check sum", remedy=remedy)
+            arrays[name] = array
+    return arrays, index["meta"]

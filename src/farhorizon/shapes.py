@@ -1,0 +1,653 @@
+"""Regions of space that select nodes, and flat cuts that sever bonds.
+
+**Regions.** A node within 1e-9 of a shape's size of its surface counts as inside, so that a disc through lattice nodes holds them all
+whatever the rounding.
+
+**Cuts.** Every cut is flat (a point on a line, a segment in the plane, a rectangle or a disc in space) and its plane has a side that
+its normal points to. A bond is cut if its ends lie on different sides and it meets the closed flat region, to 1e-9 of the bond's
+length: a bond that grazes a tip or an edge is cut. A node on the plane, to the same tolerance, lies on the normal's side, as if the cut
+were shifted by an infinitesimal amount against its normal: a crack through nodes cuts their bonds to one side only, and bonds in the
+plane of the crack stay whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from farhorizon.errors import InputError
+
+__all__ = [
+    "Ball",
+    "Box",
+    "Cut",
+    "Difference",
+    "Disc",
+    "DiscCut",
+    "Intersection",
+    "PointCut",
+    "Polygon",
+    "Polyline",
+    "Rectangle",
+    "Shape",
+    "Union",
+    "segments_cross",
+]
+
+TOLERANCE = 1e-9
+"""Relative to the size of a shape, or to the length of a bond."""
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+def _array(name: str, value: ArrayLike) -> Array:
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} is not an array of numbers", value=value) from None
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} is not finite", value=value)
+    array.setflags(write=False)
+    return array
+
+
+def _vector(name: str, value: ArrayLike, dim: int) -> Array:
+    array = _array(name, value)
+    if array.shape != (dim,):
+        raise InputError(f"{name} needs {dim} coordinates", value=value)
+    return array
+
+
+def _positive(name: str, value: float) -> float:
+    array = _array(name, value)
+    if array.ndim or not array > 0:
+        raise InputError(f"{name} must be a number greater than zero", value=value)
+    return float(array)
+
+
+def _points(name: str, value: ArrayLike, least: int) -> Array:
+    array = _array(name, value)
+    if array.ndim != 2 or array.shape[1] != 2 or len(array) < least:
+        raise InputError(f"{name} needs at least {least} points of 2 coordinates", value=value)
+    return array
+
+
+def _trailing(name: str, value: ArrayLike, dim: int) -> Array:
+    array = np.asarray(value, dtype=np.float64)
+    if array.ndim == 0 or array.shape[-1] != dim:
+        raise InputError(f"the last axis of {name} must have length {dim}", value=f"shape {array.shape}")
+    return array
+
+
+def _dot(a: Array, b: Array) -> Array:
+    # Term by term: a matrix product may round the same row differently from place to place, and a bond must not depend on its place.
+    return np.asarray(sum(a[..., i] * b[..., i] for i in range(a.shape[-1])))
+
+
+def _norm(a: Array) -> Array:
+    return np.sqrt(_dot(a, a))
+
+
+class _Described:
+    _shown: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        values = (getattr(self, name) for name in self._shown)
+        shown = (v.tolist() if isinstance(v, np.ndarray) else v for v in values)
+        return f"{type(self).__name__}({', '.join(f'{n}={v!r}' for n, v in zip(self._shown, shown, strict=True))})"
+
+
+class Shape(_Described):
+    """A region of space. Combine shapes by ``|`` (union), ``&`` (intersection) and ``-`` (difference).
+
+    Attributes
+    ----------
+    dim : int
+        Number of coordinates.
+    """
+
+    dim: int
+
+    def contains(self, points: ArrayLike) -> Mask:
+        """Tell which points lie inside.
+
+        Parameters
+        ----------
+        points : array_like, shape (..., dim)
+            Coordinates.
+
+        Returns
+        -------
+        ndarray of bool, shape (...)
+            True inside and, to 1e-9 of the shape's size, on the surface.
+
+        Raises
+        ------
+        InputError
+            If the last axis of `points` is not `dim` long.
+        """
+        return self._contains(_trailing("points", points, self.dim))
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Return the smallest and the largest coordinates.
+
+        Returns
+        -------
+        lower, upper : ndarray, shape (dim,)
+            Corners of a box that holds the shape.
+        """
+        raise NotImplementedError
+
+    def _contains(self, points: Array) -> Mask:
+        raise NotImplementedError
+
+    def __or__(self, other: Shape) -> Union:
+        return Union(self, other) if isinstance(other, Shape) else NotImplemented
+
+    def __and__(self, other: Shape) -> Intersection:
+        return Intersection(self, other) if isinstance(other, Shape) else NotImplemented
+
+    def __sub__(self, other: Shape) -> Difference:
+        return Difference(self, other) if isinstance(other, Shape) else NotImplemented
+
+
+class _Round(Shape):
+    _shown = ("radius", "centre")
+
+    def __init__(self, radius: float, centre: ArrayLike) -> None:
+        self.radius = _positive("radius", radius)
+        self.centre = _vector("centre", centre, self.dim)
+
+    def bounds(self) -> tuple[Array, Array]:
+        return self.centre - self.radius, self.centre + self.radius
+
+    def _contains(self, points: Array) -> Mask:
+        return _norm(points - self.centre) <= self.radius * (1 + TOLERANCE)
+
+
+class Disc(_Round):
+    """A closed disc in the plane; its size is the radius.
+
+    Parameters
+    ----------
+    radius : float
+        Greater than zero.
+    centre : array_like, shape (2,), optional
+        The origin unless given.
+
+    Raises
+    ------
+    InputError
+        For a radius that is not positive, or values that are not finite or of the wrong length.
+    """
+
+    dim = 2
+
+    def __init__(self, radius: float, centre: ArrayLike = (0.0, 0.0)) -> None:
+        super().__init__(radius, centre)
+
+
+class Ball(_Round):
+    """A closed ball in space; its size is the radius.
+
+    Parameters
+    ----------
+    radius : float
+        Greater than zero.
+    centre : array_like, shape (3,), optional
+        The origin unless given.
+
+    Raises
+    ------
+    InputError
+        For a radius that is not positive, or values that are not finite or of the wrong length.
+    """
+
+    dim = 3
+
+    def __init__(self, radius: float, centre: ArrayLike = (0.0, 0.0, 0.0)) -> None:
+        super().__init__(radius, centre)
+
+
+class Box(Shape):
+    """A closed interval, rectangle or cuboid along the axes; its size is its longest edge.
+
+    Parameters
+    ----------
+    lower, upper : array_like, shape (dim,)
+        Opposite corners, dim 1 to 3 (plain numbers in 1D), every coordinate of `upper` greater than that of `lower`.
+
+    Raises
+    ------
+    InputError
+        For corners that are not finite, of different or wrong length, or in the wrong order.
+    """
+
+    _shown = ("lower", "upper")
+
+    def __init__(self, lower: ArrayLike, upper: ArrayLike) -> None:
+        first = np.atleast_1d(_array("lower", lower))
+        if first.ndim != 1 or len(first) not in (1, 2, 3):
+            raise InputError("lower needs 1 to 3 coordinates", value=lower)
+        self.dim = len(first)
+        self.lower = first
+        self.upper = _vector("upper", np.atleast_1d(_array("upper", upper)), self.dim)
+        if not (self.upper > self.lower).all():
+            shown = f"lower {self.lower.tolist()}, upper {self.upper.tolist()}"
+            raise InputError("every coordinate of upper must be greater than that of lower", value=shown)
+
+    def bounds(self) -> tuple[Array, Array]:
+        return self.lower.copy(), self.upper.copy()
+
+    def _contains(self, points: Array) -> Mask:
+        slack = TOLERANCE * (self.upper - self.lower).max()
+        inside: Mask = ((points >= self.lower - slack) & (points <= self.upper + slack)).all(axis=-1)
+        return inside
+
+
+class Polygon(Shape):
+    """A closed polygon in the plane; its size is the longer edge of its bounding box.
+
+    Inside is what a ray leaves through an odd number of edges (where the polygon crosses itself, doubly enclosed parts are outside). A
+    point within 1e-9 of the size of an edge or corner lies inside, whichever edge it is.
+
+    Parameters
+    ----------
+    points : array_like, shape (n, 2)
+        The corners in order, n >= 3, either way round; the last may repeat the first.
+
+    Raises
+    ------
+    InputError
+        For fewer than 3 different corners, corners on one line, equal neighbours, or coordinates that are not finite.
+    """
+
+    dim = 2
+    _shown = ("points",)
+
+    def __init__(self, points: ArrayLike) -> None:
+        corners = _points("points", points, 3)
+        if (corners[0] == corners[-1]).all():
+            corners = _points("points", corners[:-1], 3)
+        if (_norm(np.roll(corners, -1, axis=0) - corners) == 0).any():
+            raise InputError("two neighbouring corners of the polygon are equal", value=points)
+        self.points = corners
+        spread = np.linalg.svd(corners - corners.mean(axis=0), compute_uv=False)
+        if spread[1] <= TOLERANCE * spread[0]:
+            raise InputError("the corners of the polygon lie on one line", value=points)
+
+    def bounds(self) -> tuple[Array, Array]:
+        return self.points.min(axis=0), self.points.max(axis=0)
+
+    def _contains(self, points: Array) -> Mask:
+        lower, upper = self.bounds()
+        slack = TOLERANCE * (upper - lower).max()
+        odd = np.zeros(points.shape[:-1], dtype=bool)
+        on_edge = np.zeros_like(odd)
+        x, y = points[..., 0], points[..., 1]
+        for a, b in zip(self.points, np.roll(self.points, -1, axis=0), strict=True):
+            edge = b - a
+            nearest = np.clip(_dot(points - a, edge) / _dot(edge, edge), 0.0, 1.0)
+            on_edge |= _norm(points - a - nearest[..., None] * edge) <= slack
+            # Half-open in y, so that a ray through a corner meets one of its two edges, or both or none where it only touches.
+            spans = (a[1] > y) != (b[1] > y)
+            if edge[1]:
+                odd ^= spans & (x < a[0] + (y - a[1]) * (edge[0] / edge[1]))
+        return odd | on_edge
+
+
+class _Pair(Shape):
+    _shown = ("first", "second")
+
+    def __init__(self, first: Shape, second: Shape) -> None:
+        if first.dim != second.dim:
+            raise InputError("shapes of different dimensions cannot be combined", value=f"{first.dim}D and {second.dim}D")
+        self.first, self.second, self.dim = first, second, first.dim
+
+
+class Union(_Pair):
+    """What lies in either of two shapes: ``first | second``.
+
+    Parameters
+    ----------
+    first, second : Shape
+        Of the same dimension, else InputError.
+    """
+
+    def bounds(self) -> tuple[Array, Array]:
+        (a, b), (c, d) = self.first.bounds(), self.second.bounds()
+        return np.minimum(a, c), np.maximum(b, d)
+
+    def _contains(self, points: Array) -> Mask:
+        return self.first._contains(points) | self.second._contains(points)
+
+
+class Intersection(_Pair):
+    """What lies in both of two shapes: ``first & second``.
+
+    Parameters
+    ----------
+    first, second : Shape
+        Of the same dimension, with bounds that meet, else InputError.
+    """
+
+    def __init__(self, first: Shape, second: Shape) -> None:
+        super().__init__(first, second)
+        lower, upper = self.bounds()
+        if (upper < lower).any():
+            raise InputError("the shapes do not meet, their intersection is empty", value=f"{first!r}, {second!r}")
+
+    def bounds(self) -> tuple[Array, Array]:
+        (a, b), (c, d) = self.first.bounds(), self.second.bounds()
+        return np.maximum(a, c), np.minimum(b, d)
+
+    def _contains(self, points: Array) -> Mask:
+        return self.first._contains(points) & self.second._contains(points)
+
+
+class Difference(_Pair):
+    """What lies in the first shape and not in the second: ``first - second``.
+
+    The surface of the second shape belongs to the second: a node on the rim of a hole is removed.
+
+    Parameters
+    ----------
+    first, second : Shape
+        Of the same dimension, else InputError.
+    """
+
+    def bounds(self) -> tuple[Array, Array]:
+        return self.first.bounds()
+
+    def _contains(self, points: Array) -> Mask:
+        return self.first._contains(points) & ~self.second._contains(points)
+
+
+# Tells, for crossing points of bonds with the plane of a cut, which lie in its flat region: takes the points relative to the origin of the
+# cut, how far each would move if the plane were shifted by one unit against its normal, and the tolerance of each bond.
+_Region = Callable[[Array, Array, Array], Mask]
+
+
+def _planar_cut(start: Array, end: Array, origin: Array, normal: Array, region: _Region) -> Mask:
+    """Tell which bonds a flat cut severs, in any dimension, by the rule in the head of this module.
+
+    Every formula is symmetric in start and end to the last bit, so a bond and its reverse always agree.
+    """
+    slack = TOLERANCE * _norm(end - start)
+
+    def height(nodes: Array) -> Array:
+        distance = _dot(nodes - origin, normal)
+        return np.where(np.abs(distance) <= slack, 0.0, distance)
+
+    above, below = height(start), height(end)
+    cut: Mask = (above >= 0) != (below >= 0)
+    # Few bonds of a lattice cross: the rest is done for these alone.
+    p, q, hp, hq = start[cut], end[cut], above[cut, None], below[cut, None]
+    crossing = ((q - origin) * hp - (p - origin) * hq) / (hp - hq)
+    shift = (q - p) / (hp - hq)
+    cut[cut] = region(crossing, shift, slack[cut])
+    return cut
+
+
+class Cut(_Described):
+    """A surface without thickness that severs the bonds across it.
+
+    Attributes
+    ----------
+    dim : int
+        Number of coordinates.
+    """
+
+    dim: int
+
+    def cuts(self, start: ArrayLike, end: ArrayLike) -> Mask:
+        """Tell which bonds are cut.
+
+        Parameters
+        ----------
+        start, end : array_like, shape (..., dim)
+            The ends of the bonds; the shapes broadcast. Swapping them changes nothing.
+
+        Returns
+        -------
+        ndarray of bool, shape (...)
+            True where the bond is cut.
+
+        Raises
+        ------
+        InputError
+            If the last axes are not `dim` long.
+        """
+        a, b = np.broadcast_arrays(_trailing("start", start, self.dim), _trailing("end", end, self.dim))
+        return self._cuts(a.reshape(-1, self.dim), b.reshape(-1, self.dim)).reshape(a.shape[:-1])
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Return the smallest and the largest coordinates.
+
+        Returns
+        -------
+        lower, upper : ndarray, shape (dim,)
+            Corners of the smallest box that holds the cut.
+        """
+        raise NotImplementedError
+
+    def _cuts(self, start: Array, end: Array) -> Mask:
+        raise NotImplementedError
+
+
+class PointCut(Cut):
+    """A cut at a point of the line: severs the bonds that span it.
+
+    A node at the point counts as left of it.
+
+    Parameters
+    ----------
+    x : float
+        Where it is.
+
+    Raises
+    ------
+    InputError
+        If x is not a finite number.
+    """
+
+    dim = 1
+    _shown = ("x",)
+
+    def __init__(self, x: float) -> None:
+        self.x = float(_vector("x", np.atleast_1d(_array("x", x)), 1)[0])
+
+    def bounds(self) -> tuple[Array, Array]:
+        return np.array([self.x]), np.array([self.x])
+
+    def _cuts(self, start: Array, end: Array) -> Mask:
+        return _planar_cut(start, end, np.array([self.x]), np.array([-1.0]), lambda crossing, shift, slack: np.ones(len(slack), dtype=bool))
+
+
+class Polyline(Cut):
+    """A crack in the plane made of successive straight segments.
+
+    A node on it lies on its left, seen along the points: as if the whole curve, joints included, were shifted by an infinitesimal
+    amount to its right. A bond that touches a joint is therefore cut if it crosses the curve so shifted; one that touches a free tip
+    always is, unless it runs along the segment or comes from the left and ends on the tip.
+
+    Parameters
+    ----------
+    points : array_like, shape (n, 2)
+        The corners in order, n >= 2. If the last repeats the first the curve is closed and has no tips.
+
+    Raises
+    ------
+    InputError
+        For fewer than 2 points, equal successive points, or coordinates that are not finite.
+    """
+
+    dim = 2
+    _shown = ("points",)
+
+    def __init__(self, points: ArrayLike) -> None:
+        self.points = _points("points", points, 2)
+        steps = np.diff(self.points, axis=0)
+        self._lengths = _norm(steps)
+        if not (self._lengths > 0).all():
+            raise InputError("two successive points of the crack are equal", value=points)
+        self._tangents = steps / self._lengths[:, None]
+        self._normals = np.stack([-self._tangents[:, 1], self._tangents[:, 0]], axis=1)
+        # How far the first and last point of each segment move along it per unit of shift to the right, to where the shifted segments meet.
+        # A free tip takes every bond that touches it.
+        before, after = np.roll(self._normals, 1, axis=0), np.roll(self._normals, -1, axis=0)
+        self._first_moves = _mitre(self._normals, self._tangents, before, -np.inf)
+        self._last_moves = _mitre(self._normals, self._tangents, after, np.inf)
+        if not (self.points[0] == self.points[-1]).all():
+            self._first_moves[0], self._last_moves[-1] = -np.inf, np.inf
+
+    def bounds(self) -> tuple[Array, Array]:
+        return self.points.min(axis=0), self.points.max(axis=0)
+
+    def _cuts(self, start: Array, end: Array) -> Mask:
+        cut = np.zeros(len(start), dtype=bool)
+        for i in range(len(self._lengths)):
+            cut |= _planar_cut(start, end, self.points[i], self._normals[i], self._region(i))
+        return cut
+
+    def _region(self, i: int) -> _Region:
+        tangent, length = self._tangents[i], self._lengths[i]
+        first, last = self._first_moves[i], self._last_moves[i]
+
+        def region(crossing: Array, shift: Array, slack: Array) -> Mask:
+            along, move = _dot(crossing, tangent), _dot(shift, tangent)
+            blur = TOLERANCE * (1 + np.abs(move))
+            after_first = (along > slack) | ((along >= -slack) & (move >= first - blur))
+            before_last = (along < length - slack) | ((along <= length + slack) & (move <= last + blur))
+            return after_first & before_last
+
+        return region
+
+
+def _mitre(normals: Array, tangents: Array, neighbours: Array, tip: float) -> Array:
+    opening = 1 + _dot(normals, neighbours)
+    # A segment that folds back on its neighbour has no mitre: both ends are tips.
+    folded = opening <= TOLERANCE
+    return np.where(folded, tip, -_dot(neighbours, tangents) / np.where(folded, 1.0, opening))
+
+
+def segments_cross(a0: ArrayLike, a1: ArrayLike, b0: ArrayLike, b1: ArrayLike) -> Mask:
+    """Tell which bonds a straight crack in the plane cuts.
+
+    A bond is cut if it meets the closed segment, to 1e-9 of the bond's length, with nodes on the crack's line counted as lying on its
+    left; see the head of this module. Bonds along the crack are not cut, bonds that graze a tip are.
+
+    Parameters
+    ----------
+    a0, a1 : array_like, shape (..., 2)
+        The ends of the bonds; the shapes broadcast.
+    b0, b1 : array_like, shape (2,)
+        The ends of the crack; left is as seen from b0 towards b1.
+
+    Returns
+    -------
+    ndarray of bool, shape (...)
+        True where the bond is cut.
+
+    Raises
+    ------
+    InputError
+        If b0 equals b1, or for arrays of the wrong shape.
+    """
+    return Polyline([_vector("b0", b0, 2), _vector("b1", b1, 2)]).cuts(a0, a1)
+
+
+class Rectangle(Cut):
+    """A rectangular crack in space.
+
+    A node in its plane lies on the side of edge2 x edge1. With edge2 along z this is the left of edge1, as of a crack in the x-y plane.
+
+    Parameters
+    ----------
+    corner : array_like, shape (3,)
+        One corner.
+    edge1, edge2 : array_like, shape (3,)
+        The two edges from that corner, at right angles to 1e-9.
+
+    Raises
+    ------
+    InputError
+        For edges of no length or not at right angles, or values that are not finite or of the wrong length.
+    """
+
+    dim = 3
+    _shown = ("corner", "edge1", "edge2")
+
+    def __init__(self, corner: ArrayLike, edge1: ArrayLike, edge2: ArrayLike) -> None:
+        self.corner, self.edge1, self.edge2 = _vector("corner", corner, 3), _vector("edge1", edge1, 3), _vector("edge2", edge2, 3)
+        self._lengths = (float(_norm(self.edge1)), float(_norm(self.edge2)))
+        if not min(self._lengths) > 0:
+            raise InputError("an edge of the rectangle has no length", value=f"edge1 {self.edge1.tolist()}, edge2 {self.edge2.tolist()}")
+        self._tangents = (self.edge1 / self._lengths[0], self.edge2 / self._lengths[1])
+        cosine = float(_dot(*self._tangents))
+        if abs(cosine) > TOLERANCE:
+            raise InputError(
+                "the edges of the rectangle are not at right angles",
+                value=f"cosine {cosine:.3g}",
+                limit=TOLERANCE,
+                remedy=f"e.g. edge2 = {(self.edge2 - cosine * self._lengths[1] * self._tangents[0]).tolist()}",
+            )
+        self._normal = np.cross(self._tangents[1], self._tangents[0])
+
+    def bounds(self) -> tuple[Array, Array]:
+        corners = self.corner + np.array([0 * self.edge1, self.edge1, self.edge2, self.edge1 + self.edge2])
+        return corners.min(axis=0), corners.max(axis=0)
+
+    def _cuts(self, start: Array, end: Array) -> Mask:
+        return _planar_cut(start, end, self.corner, self._normal, self._region)
+
+    def _region(self, crossing: Array, shift: Array, slack: Array) -> Mask:
+        inside = np.ones(len(slack), dtype=bool)
+        for tangent, length in zip(self._tangents, self._lengths, strict=True):
+            along = _dot(crossing, tangent)
+            inside &= (along >= -slack) & (along <= length + slack)
+        return inside
+
+
+class DiscCut(Cut):
+    """A penny-shaped crack in space.
+
+    A node in its plane lies on the side that the normal points to.
+
+    Parameters
+    ----------
+    centre : array_like, shape (3,)
+        Its centre.
+    normal : array_like, shape (3,)
+        Any length but zero.
+    radius : float
+        Greater than zero.
+
+    Raises
+    ------
+    InputError
+        For a radius or a normal of no length, or values that are not finite or of the wrong length.
+    """
+
+    dim = 3
+    _shown = ("centre", "normal", "radius")
+
+    def __init__(self, centre: ArrayLike, normal: ArrayLike, radius: float) -> None:
+        self.centre, self.normal, self.radius = _vector("centre", centre, 3), _vector("normal", normal, 3), _positive("radius", radius)
+        length = float(_norm(self.normal))
+        if not length > 0:
+            raise InputError("the normal of the disc has no length", value=normal)
+        self._unit = self.normal / length
+
+    def bounds(self) -> tuple[Array, Array]:
+        half = self.radius * np.sqrt(np.maximum(0.0, 1 - self._unit**2))
+        return self.centre - half, self.centre + half
+
+    def _cuts(self, start: Array, end: Array) -> Mask:
+        return _planar_cut(start, end, self.centre, self._unit, self._region)
+
+    def _region(self, crossing: Array, shift: Array, slack: Array) -> Mask:
+        return _norm(crossing) <= self.radius + slack

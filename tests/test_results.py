@@ -1,0 +1,410 @@
+"""Results file and checkpoint: what is written comes back, and damage is told."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from farhorizon.errors import FileFormatError, InputError
+from farhorizon.results import ResultsWriter, open_results, read_checkpoint, write_checkpoint
+
+SHAPES = {1: (7,), 2: (7, 5), 3: (7, 5, 4)}
+
+
+def values(dim, dtype, number):
+    """An array whose every entry is different, with a nan as outside a window."""
+    array = (np.arange(np.prod(SHAPES[dim])) + 100.0 * number + 1 / 3).reshape(SHAPES[dim]).astype(dtype)
+    array.flat[2] = np.nan
+    return array
+
+
+def write(path, dim=2, dtype="float64", outputs=3, fields=("u", "v")):
+    probes = np.arange(2.0 * dim).reshape(2, dim)
+    lower = (-1.5, 2.0, 0.25)[:dim]
+    writer = ResultsWriter.create(
+        path,
+        dim=dim,
+        shape=SHAPES[dim],
+        spacing=0.5,
+        lower=lower,
+        fields=fields,
+        dtype=dtype,
+        probes=probes,
+        case="[lattice] # ä",
+        program="fh 0",
+    )
+    for k in range(outputs):
+        writer.append_history(0.4 * k + np.array([0.1, 0.2]), np.full((2, 2), k), np.array([k, k + 0.5]))
+        data = {name: (1 + n) * values(dim, dtype, k) for n, name in enumerate(fields)}
+        writer.append(10 * k, 0.4 * k, data, 5.0 - k, np.array([k, -k]))
+    return writer
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_round_trip(tmp_path, dim, dtype):
+    writer = write(tmp_path / "a.h5", dim, dtype)
+    assert (writer.outputs, writer.rows) == (3, 9)  # three outputs, each with two rows of history and its own
+    results = open_results(tmp_path / "a.h5")
+    np.testing.assert_array_equal(results.times, [0, 0.4, 0.8])
+    np.testing.assert_array_equal(results.steps, [0, 10, 20])
+    assert results.field_names == ("u", "v") and results.case == "[lattice] # ä" and results.program == "fh 0"
+    for k in range(3):
+        assert results.field("v", k).dtype == dtype
+        np.testing.assert_array_equal(results.field("u", k), values(dim, dtype, k))
+        np.testing.assert_array_equal(results.field("v", k - 3), 2 * values(dim, dtype, k))
+    assert [len(axis) for axis in results.axes] == list(SHAPES[dim])
+    np.testing.assert_array_equal(results.axes[0], [-1.5, -1, -0.5, 0, 0.5, 1, 1.5])
+    np.testing.assert_array_equal(results.probes, np.arange(2.0 * dim).reshape(2, dim))
+    np.testing.assert_array_equal(results.history_times[:4], [0.1, 0.2, 0.0, 0.5])
+    np.testing.assert_array_equal(results.probe_values[3:6], [[1, 1], [1, 1], [1, -1]])
+    np.testing.assert_array_equal(results.energy[6:], [2, 2.5, 3])
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_to_xarray(tmp_path, dim):
+    write(tmp_path / "a.h5", dim)
+    dataset = open_results(tmp_path / "a.h5").to_xarray()
+    assert dataset["u"].dims == ("time", "x", "y", "z")[: dim + 1]
+    np.testing.assert_array_equal(dataset["u"].sel(time=0.4), values(dim, "float64", 1))
+    assert dataset["energy"].dims == ("history_time",) and dataset["probe_values"].shape == (9, 2)
+    assert dataset["probe_x"].values.tolist() == [0.0, float(dim)]
+    assert dataset.attrs["case"] == "[lattice] # ä" and dataset.attrs["spacing"] == 0.5
+
+
+def test_without_probes_and_energy(tmp_path):
+    writer = ResultsWriter.create(tmp_path / "a.h5", dim=1, shape=(3,), spacing=1, lower=(0,), fields=("u",), dtype="float64")
+    empty = open_results(tmp_path / "a.h5")
+    assert empty.times.size == 0 and empty.to_xarray().sizes["time"] == 0
+    writer.append(0, 0.0, {"u": np.zeros(3)})
+    assert empty.history_times.size == 0 and empty.probe_values.shape == (0, 0)
+    writer.append(1, 1.0, {"u": np.ones(3)}, energy=2.0)
+    assert empty.energy.tolist() == [2.0] and empty.times.tolist() == [0.0, 1.0]  # the file is read at each access
+
+
+@pytest.mark.parametrize("kept", [0, 1, 3])
+def test_resume_cuts_off(tmp_path, kept):
+    write(tmp_path / "a.h5")
+    writer = ResultsWriter.resume(tmp_path / "a.h5", kept)
+    assert (writer.outputs, writer.rows) == (kept, 3 * kept)
+    results = open_results(tmp_path / "a.h5")
+    np.testing.assert_array_equal(results.steps, [0, 10, 20][:kept])
+    assert results.energy.size == results.probe_values.shape[0] == 3 * kept
+    new = {"u": values(2, "float64", 9), "v": values(2, "float64", 8)}
+    writer.append(25, 1.0, new, 0.0, np.zeros(2))
+    assert results.steps.tolist() == [*[0, 10, 20][:kept], 25]
+    np.testing.assert_array_equal(results.field("u", kept), new["u"])
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert {d.shape[0] for d in file["VTKHDF/PointData"].values()} == {kept + 1}
+        assert file["VTKHDF/Steps/PointDataOffsets/u"][:].tolist() == (list(range(kept + 1)) if kept else [0, 0])
+
+
+def test_resume_keeps_the_rows_asked_for(tmp_path):
+    write(tmp_path / "a.h5")
+    assert ResultsWriter.resume(tmp_path / "a.h5", 2, rows=8).rows == 8
+    with pytest.raises(FileFormatError, match=r"fewer history rows.*value: 8; limit: 9"):
+        ResultsWriter.resume(tmp_path / "a.h5", 2, rows=9)
+    with pytest.raises(FileFormatError, match=r"a\.h5 holds fewer outputs.*value: 2; limit: 4"):
+        ResultsWriter.resume(tmp_path / "a.h5", 4)
+    with pytest.raises(InputError):
+        ResultsWriter.resume(tmp_path / "a.h5", -1)
+
+
+def test_half_an_output_does_not_count(tmp_path):
+    """An append that was cut short has made the datasets longer, but not the counts."""
+    write(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        file["VTKHDF/PointData/u"].resize(4, axis=0)
+        file["farhorizon/history/times"].resize(11, axis=0)
+    results = open_results(tmp_path / "a.h5")
+    assert len(results.times) == 3 and results.history_times.size == 9 and results.to_xarray().sizes["time"] == 3
+    ResultsWriter(tmp_path / "a.h5").append(30, 1.2, {"u": np.ones((7, 5)), "v": np.ones((7, 5))})
+    assert results.steps.tolist() == [0, 10, 20, 30]
+
+
+def test_killed_process_leaves_a_valid_file(tmp_path):
+    path = tmp_path / "a.h5"
+    script = (
+        "import sys; import numpy as np; from farhorizon.results import ResultsWriter\n"
+        "w = ResultsWriter.create(sys.argv[1], dim=2, shape=(60, 50), spacing=1, lower=(0, 0), fields=('u',), dtype='float64')\n"
+        "for k in range(10**6):\n"
+        "    w.append(k, float(k), {'u': np.full((60, 50), float(k))}, float(k)); print(k, flush=True)"
+    )
+    process = subprocess.Popen([sys.executable, "-c", script, str(path)], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    for line in process.stdout:
+        if int(line) == 20:
+            break
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    process.stdout.close()
+    results = open_results(path)
+    assert len(results.times) >= 21
+    assert all((results.field("u", k) == k).all() for k in range(len(results.times)))
+    assert ResultsWriter.resume(path, 21).outputs == 21
+
+
+@pytest.mark.parametrize("reader", [open_results, ResultsWriter, read_checkpoint])
+def test_foreign_files(tmp_path, reader):
+    (tmp_path / "text.h5").write_text("time,u\n0,1\n")
+    (tmp_path / "empty.h5").touch()
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["u"] = np.zeros(3)
+    for name in ("text.h5", "empty.h5", "other.h5"):
+        with pytest.raises(FileFormatError, match=f"{name}.*remedy"):
+            reader(tmp_path / name)
+    with pytest.raises(InputError, match=r"none\.h5: no such file"):
+        reader(tmp_path / "none.h5")
+
+
+@pytest.mark.parametrize("part", [0.2, 0.5, 0.9, 0.999])
+def test_truncated_file(tmp_path, part):
+    write(tmp_path / "a.h5")
+    write_checkpoint(tmp_path / "c.h5", {"u": np.arange(1000.0)}, {})
+    for name, reader in (("a.h5", open_results), ("c.h5", read_checkpoint)):
+        data = (tmp_path / name).read_bytes()
+        (tmp_path / name).write_bytes(data[: int(part * len(data))])
+        with pytest.raises(FileFormatError, match=f"{name} is truncated"):
+            reader(tmp_path / name)
+
+
+def test_damaged_results_are_told_at_the_access(tmp_path):
+    write(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        del file["farhorizon/history/energy"]
+        file["VTKHDF/PointData/v"].resize(1, axis=0)
+    with pytest.raises(FileFormatError, match="/VTKHDF/PointData/v is too short"):
+        open_results(tmp_path / "a.h5")
+
+
+def test_newer_version(tmp_path):
+    write(tmp_path / "a.h5")
+    write_checkpoint(tmp_path / "c.h5", {}, {})
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        file["farhorizon"].attrs["version"] = 99
+    with h5py.File(tmp_path / "c.h5", "r+") as file:
+        file.attrs["version"] = 99
+    for name, reader in (("a.h5", open_results), ("c.h5", read_checkpoint)):
+        with pytest.raises(FileFormatError, match=r"value: 99.*update farhorizon"):
+            reader(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "match"),
+    [
+        ({"dtype": "int32"}, "float32 or float64"),
+        ({"dtype": "float16"}, "float32 or float64"),
+        ({"shape": (3, 3)}, "dim entries"),
+        ({"shape": (0,)}, "dim entries"),
+        ({"spacing": 0.0}, "positive"),
+        ({"fields": ("a/b",)}, "'a/b'"),
+        ({"fields": ("energy",)}, "energy"),
+        ({"fields": ()}, "different names"),
+        ({"fields": ("u", "u")}, "different names"),
+        ({"probes": np.zeros((2, 3))}, r"\(n, 1\)"),
+    ],
+)
+def test_create_refuses(tmp_path, wrong, match):
+    good = {"dim": 1, "shape": (3,), "spacing": 1.0, "lower": (0.0,), "fields": ("u",), "dtype": "float64"}
+    with pytest.raises(InputError, match=match):
+        ResultsWriter.create(tmp_path / "a.h5", **{**good, **wrong})
+    assert not (tmp_path / "a.h5").exists()
+
+
+def test_create_replaces_results_only(tmp_path):
+    write(tmp_path / "a.h5", outputs=3)
+    write(tmp_path / "a.h5", outputs=1)
+    assert len(open_results(tmp_path / "a.h5").times) == 1
+    (tmp_path / "thesis.tex").write_text("dear to me")
+    with pytest.raises(InputError, match="not overwritten"):
+        write(tmp_path / "thesis.tex")
+    assert (tmp_path / "thesis.tex").read_text() == "dear to me"
+    with pytest.raises(InputError, match="no directory"):
+        write(tmp_path / "none" / "a.h5")
+    with pytest.raises(InputError, match="is a directory"):
+        write(tmp_path)
+
+
+def test_append_refuses_and_leaves_the_file(tmp_path):
+    writer = write(tmp_path / "a.h5")
+    good = {"u": np.zeros((7, 5)), "v": np.zeros((7, 5))}
+    for arguments, match in [
+        ((30, 1.2, {"u": good["u"]}), "every field"),
+        ((30, 1.2, {**good, "v": np.zeros((5, 7))}), r"field 'v'.*value: \(5, 7\); limit: \(7, 5\)"),
+        ((20, 1.2, good), "value: 20; limit: > 20"),
+        ((30, 1.2, good, 1.0, np.zeros(3)), "do not match"),
+    ]:
+        with pytest.raises(InputError, match=match):
+            writer.append(*arguments)
+    with pytest.raises(InputError, match="do not match"):
+        writer.append_history(np.zeros(2), np.zeros((2, 2)), np.zeros(3))
+    writer.append_history(np.zeros(0), None, None)
+    results = open_results(tmp_path / "a.h5")
+    assert len(results.times) == 3 and results.history_times.size == 9
+    for name, index in (("w", 0), ("u", 3), ("u", -4)):
+        with pytest.raises(InputError):
+            results.field(name, index)
+
+
+def vtk_outputs(path):
+    """Times and images as VTK, and so ParaView, reads them."""
+    from vtkmodules.vtkCommonDataModel import vtkImageData
+    from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
+    from vtkmodules.vtkIOHDF import vtkHDFReader
+
+    reader = vtkHDFReader()
+    reader.SetFileName(str(path))
+    reader.UpdateInformation()
+    times = reader.GetOutputInformation(0).Get(vtkStreamingDemandDrivenPipeline.TIME_STEPS())
+    images = []
+    for time in times:
+        reader.UpdateTimeStep(time)
+        images.append(vtkImageData())
+        images[-1].DeepCopy(reader.GetOutput())
+    return times, images
+
+
+def assert_same(results, index, image):
+    """Every node of an output has its place and its values in VTK's image too."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    assert image.GetDimensions() == (*results.shape, 1, 1)[:3]
+    for name in results.field_names:
+        array = vtk_to_numpy(image.GetPointData().GetArray(name))
+        field = results.field(name, index)
+        assert array.size == field.size and array.dtype == field.dtype
+        for node in np.ndindex(field.shape):
+            place = [axis[i] for axis, i in zip(results.axes, node, strict=True)] + [0.0] * (3 - results.dim)
+            number = image.FindPoint(place)
+            np.testing.assert_allclose(image.GetPoint(number), place, rtol=0, atol=1e-12)  # round-off of origin + i spacing
+            np.testing.assert_array_equal(array[number], field[node])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_vtk_reads_the_file(tmp_path, dim, dtype):
+    write(tmp_path / "a.h5", dim, dtype)
+    results = open_results(tmp_path / "a.h5")
+    times, images = vtk_outputs(tmp_path / "a.h5")
+    assert tuple(times) == tuple(results.times)
+    for k, image in enumerate(images):
+        assert_same(results, k, image)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_vtk_reads_a_single_output(tmp_path, dim):
+    """Both a new file with one output and one that was cut back to one; VTK lists the output twice."""
+    write(tmp_path / "new.h5", dim, outputs=1)
+    write(tmp_path / "cut.h5", dim, outputs=3)
+    ResultsWriter.resume(tmp_path / "cut.h5", 1)
+    for name in ("new.h5", "cut.h5"):
+        results = open_results(tmp_path / name)
+        times, images = vtk_outputs(tmp_path / name)
+        assert set(times) == set(results.times) == {0.0}
+        assert_same(results, 0, images[0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shape", [(4, 1), (1, 4), (4, 3, 1), (1, 4, 3)])
+def test_vtk_reads_axes_of_one_node(tmp_path, shape):
+    lower = (0.0,) * len(shape)
+    writer = ResultsWriter.create(tmp_path / "a.h5", dim=len(shape), shape=shape, spacing=1, lower=lower, fields=("u",), dtype="float64")
+    for k in range(2):
+        writer.append(k, float(k), {"u": k + np.arange(np.prod(shape)).reshape(shape)})
+    results = open_results(tmp_path / "a.h5")
+    for k, image in enumerate(vtk_outputs(tmp_path / "a.h5")[1]):
+        assert_same(results, k, image)
+
+
+def checkpoint_arrays():
+    rng = np.random.default_rng(1)
+    return {
+        "u": rng.standard_normal((4, 5, 6)),
+        "boundary/x-/memory": rng.standard_normal(7).astype("float32"),
+        "broken": np.array([True, False, True]),
+        "step": np.array(12),
+        "modes": rng.standard_normal(3) + 1j,
+        "none": np.zeros((0, 3)),
+        "transposed": np.asfortranarray(rng.standard_normal((3, 4))),
+        "nan": np.array([np.nan, -0.0, np.inf]),
+    }
+
+
+def test_checkpoint_round_trip(tmp_path):
+    arrays, meta = checkpoint_arrays(), {"outputs": 3, "case": "ä", "dt": 0.1 + 0.2, "nested": {"a": [1, None, True]}}
+    write_checkpoint(tmp_path / "c.h5", {"old": np.zeros(3)}, {})
+    write_checkpoint(tmp_path / "c.h5", arrays, meta)
+    back, meta_back = read_checkpoint(tmp_path / "c.h5")
+    assert meta_back == meta and list(back) == list(arrays)
+    for name, array in arrays.items():
+        assert back[name].dtype == array.dtype and back[name].shape == array.shape
+        assert back[name].tobytes() == array.tobytes()
+    assert [p.name for p in tmp_path.iterdir()] == ["c.h5"]
+
+
+def test_failed_checkpoint_keeps_the_old_one(tmp_path, monkeypatch):
+    write_checkpoint(tmp_path / "c.h5", {"u": np.ones(3)}, {"step": 1})
+
+    def full(*_args: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(OSError, match="No space"):
+        write_checkpoint(tmp_path / "c.h5", {"u": np.zeros(3)}, {"step": 2})
+    assert read_checkpoint(tmp_path / "c.h5")[1] == {"step": 1}
+    assert [p.name for p in tmp_path.iterdir()] == ["c.h5"]
+
+
+def test_checkpoint_refuses(tmp_path):
+    with pytest.raises(InputError, match="does not hold numbers"):
+        write_checkpoint(tmp_path / "c.h5", {"u": np.array(["a", None], dtype=object)}, {})
+    with pytest.raises(InputError, match="meta is not JSON"):
+        write_checkpoint(tmp_path / "c.h5", {}, {"a": np.zeros(3)})
+    with pytest.raises(InputError, match="no directory"):
+        write_checkpoint(tmp_path / "none" / "c.h5", {}, {})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_incomplete_checkpoint(tmp_path):
+    write_checkpoint(tmp_path / "c.h5", {"u": np.ones(3)}, {})
+    with h5py.File(tmp_path / "c.h5", "r+") as file:
+        file.attrs.modify("complete", False)
+    with pytest.raises(FileFormatError, match="incomplete"):
+        read_checkpoint(tmp_path / "c.h5")
+
+
+def test_any_flipped_byte_is_told_or_harmless(tmp_path):
+    """Damage anywhere: either FileFormatError, or (in padding) everything comes back as it was."""
+    path: Path = tmp_path / "c.h5"
+    arrays = checkpoint_arrays()
+    write_checkpoint(path, arrays, {"step": 12})
+    data = path.read_bytes()
+    told = 0
+    for place in np.random.default_rng(2).integers(len(data), size=300):
+        damaged = bytearray(data)
+        damaged[place] ^= 0xFF
+        path.write_bytes(damaged)
+        try:
+            back, meta = read_checkpoint(path)
+        except FileFormatError:
+            told += 1
+        else:
+            assert meta == {"step": 12} and all(back[name].tobytes() == array.tobytes() for name, array in arrays.items())
+    assert told > 0
+
+
+def test_damaged_number_in_an_array(tmp_path):
+    array = np.random.default_rng(3).standard_normal(1000)
+    write_checkpoint(tmp_path / "c.h5", {"u": array}, {})
+    data = bytearray((tmp_path / "c.h5").read_bytes())
+    data[data.index(array.tobytes()) + 4321] ^= 1
+    (tmp_path / "c.h5").write_bytes(data)
+    with pytest.raises(FileFormatError, match="array 'u' fails its check sum"):
+        read_checkpoint(tmp_path / "c.h5")
