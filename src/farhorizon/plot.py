@@ -1,11 +1,10 @@
 """Pictures for papers: fields, probes, energy and error histories, as PNG files.
 
-matplotlib is imported when a picture is made; no global state of pyplot is touched, so that a picture can be made on any machine and thread.
+matplotlib is imported when a picture is made; pyplot is not used, so that no display is needed and no figure stays open.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -27,24 +26,24 @@ _STYLE = {
     "xtick.labelsize": 8.5,
     "ytick.labelsize": 8.5,
     "axes.linewidth": 0.7,
+    "axes.formatter.limits": (-3, 4),
+    "axes.formatter.use_mathtext": True,
     "lines.linewidth": 1.3,
-    "axes.grid": False,
+    "lines.markersize": 4.0,
     "grid.linewidth": 0.4,
-    "grid.color": "0.85",
-    "mathtext.fontset": "dejavusans",
+    "grid.color": "0.88",
     "savefig.dpi": 150,
-    "axes.prop_cycle": None,
 }
-# Okabe and Ito's colours, told apart by the colour-blind; yellow is left out, which does not show on white.
+# Okabe and Ito's colours, which the colour-blind can tell apart; their yellow is left out, as it does not show on white.
 _COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _DASHES = ("-", "--", "-.", ":")
-# What a logarithmic axis shows at most below its maximum: beyond double precision there is nothing to see.
+# A logarithmic axis shows at most so many decades below its maximum; double precision resolves 16.
 _DECADES = 20
 
 
 @contextmanager
 def _figure(path: str | Path, size: tuple[float, float], layout: str = "constrained") -> Iterator[Any]:
-    """Yield an empty figure in our style; save it as `path` at the end."""
+    """Yield an empty figure in our style, and save it as `path` at the end."""
     import matplotlib
     from cycler import cycler
     from matplotlib.figure import Figure
@@ -52,8 +51,261 @@ def _figure(path: str | Path, size: tuple[float, float], layout: str = "constrai
     path = Path(path)
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no directory {path.parent}", remedy="create it first")
-    style = {**_STYLE, "axes.prop_cycle": cycler(linestyle=_DASHES) * cycler(color=_COLORS)}
-    with matplotlib.rc_context(style):  # type: ignore[arg-type]
+    settings: dict[Any, Any] = {**_STYLE, "axes.prop_cycle": cycler(linestyle=_DASHES) * cycler(color=_COLORS)}
+    with matplotlib.rc_context(settings):
         figure = Figure(figsize=size, layout=layout)  # type: ignore[arg-type]
         yield figure
         figure.savefig(path)
+
+
+def _lines(
+    curves: Sequence[tuple[str, np.ndarray, np.ndarray]],
+    path: str | Path,
+    *,
+    xlabel: str,
+    ylabel: str,
+    title: str = "",
+    log: bool = False,
+    places: Sequence[float] = (),
+) -> None:
+    """Draw curves (name, x, y) into one axes, the legend beside it, and thin lines across at `places`."""
+    columns = -(-len(curves) // 16)
+    widest = max((len(name) for name, _, _ in curves), default=0) if len(curves) > 1 else 0
+    with _figure(path, (4.6 + columns * (0.075 * widest + 0.5 * (widest > 0)), 3.1)) as figure:
+        axes = figure.add_subplot()
+        for name, x, y in curves:
+            axes.plot(x, y, label=name, marker="o" if np.isfinite(y).sum() == 1 else None)
+        for place in places:
+            axes.axvline(place, color="0.2", linewidth=0.8, linestyle="-")
+        if log:
+            axes.set_yscale("log")
+            top = max(np.nanmax(y, initial=0) for _, _, y in curves)
+            axes.set_ylim(bottom=max(axes.get_ylim()[0], top * 10.0**-_DECADES))
+        axes.set(xlabel=xlabel, ylabel=ylabel, title=title)
+        axes.margins(x=0.01)
+        axes.grid(True)
+        axes.set_axisbelow(True)
+        if len(curves) > 1:
+            figure.legend(loc="outside right upper", ncols=columns)
+
+
+def _number(value: float, scale: float) -> str:
+    """Text of a coordinate, free of round-off and with a true minus sign; `scale` is the size of coordinates that matter."""
+    return f"{value if abs(value) > 1e-9 * scale else 0.0:g}".replace("-", "\N{MINUS SIGN}")
+
+
+def _color_range(fields: Sequence[np.ndarray]) -> dict[str, Any]:
+    """Colour map and limits of some fields: symmetric and diverging if they have both signs, sequential otherwise.
+
+    Negative values below a hundredth of the largest value are taken for undershoot, not for a sign.
+    """
+    values = np.concatenate([field[np.isfinite(field)].ravel() for field in fields])
+    low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
+    largest = max(-low, high)
+    if low < -0.01 * largest:
+        return {"cmap": "RdBu_r", "vmin": -largest, "vmax": largest}
+    if high == low:
+        return {"cmap": "viridis", "vmin": min(low, 0.0), "vmax": max(high, 0.0) or 1.0}
+    return {"cmap": "viridis", "vmin": low if low > 0.5 * high else 0.0, "vmax": high}
+
+
+def _panel_grid(number: int, ratio: float) -> tuple[int, int, float, float]:
+    """Rows, columns and size in inches of `number` panels of height / width = `ratio`."""
+    most = 1 if ratio < 0.35 else 2 if ratio < 0.6 else 3 if number in (3, 5, 6, 9) else 4
+    columns = min(number, most)
+    width = min(5.5 / columns + 0.8, 3.4)
+    if ratio < 0.35:
+        width = 5.5
+    height = min(max(width * ratio, 0.55), 4.5)
+    return -(-number // columns), columns, max(min(width, height / ratio), 1.3), height
+
+
+def field_panels(
+    fields: Sequence[tuple[str, np.ndarray]],
+    axes: Sequence[np.ndarray],
+    path: str | Path,
+    *,
+    shared_scale: bool = True,
+    cracks: Sequence[np.ndarray] = (),
+    label: str = "u",
+) -> None:
+    """Draw fields side by side: lines in one axes in 1D, images in 2D, the slice in the middle of z in 3D.
+
+    Parameters
+    ----------
+    fields : sequence of (title, ndarray)
+        Fields of the lattice shape (nx[, ny[, nz]]); nan (outside a window) stays blank.
+    axes : sequence of ndarray
+        Coordinates of the nodes along each axis.
+    path : str or Path
+        The PNG file.
+    shared_scale : bool
+        One colour scale for all panels, with one colour bar; otherwise each has its own.  Without meaning in 1D.
+    cracks : sequence of ndarray, each of shape (n, dim)
+        Polylines, drawn as thin dark lines; in 3D their projection along z.
+    label : str
+        Name of what is drawn.
+
+    Raises
+    ------
+    InputError
+        There are no fields, shapes do not match, or there is no such directory.
+    """
+    coordinates = [np.asarray(axis, dtype=float) for axis in axes]
+    shape, dim = tuple(axis.size for axis in coordinates), len(coordinates)
+    if not fields or dim not in (1, 2, 3):
+        raise InputError("a picture needs one field or more on one to three axes", value=f"{len(fields)} fields, {dim} axes")
+    arrays = [np.asarray(field, dtype=float) for _, field in fields]
+    titles = [title for title, _ in fields]
+    for title, array in zip(titles, arrays, strict=True):
+        if array.shape != shape:
+            raise InputError(f"field {title!r} does not match the axes", value=array.shape, limit=shape)
+    polylines = [np.asarray(points, dtype=float) for points in cracks]
+    for points in polylines:
+        if points.ndim != 2 or points.shape[1] != dim:
+            raise InputError("a crack is an array of points", value=points.shape, limit=f"(n, {dim})")
+    if dim == 1:
+        curves = [(title, coordinates[0], array) for title, array in zip(titles, arrays, strict=True)]
+        title = titles[0] if len(titles) == 1 else ""
+        _lines(curves, path, xlabel="x", ylabel=label, title=title, places=[x for points in polylines for x in points[:, 0]])
+        return
+    if dim == 3:
+        middle = shape[2] // 2
+        arrays = [array[:, :, middle] for array in arrays]
+        place = f"z = {_number(coordinates[2][middle], np.ptp(coordinates[2]))}"
+        titles = [f"{title}, {place}" if title else place for title in titles]
+    _images(arrays, titles, coordinates[:2], path, shared_scale=shared_scale, cracks=polylines, label=label)
+
+
+def _images(
+    arrays: Sequence[np.ndarray],
+    titles: Sequence[str],
+    axes: Sequence[np.ndarray],
+    path: str | Path,
+    *,
+    shared_scale: bool,
+    cracks: Sequence[np.ndarray],
+    label: str,
+) -> None:
+    """Draw checked 2D fields as images."""
+    spacing = max(float(axis[1] - axis[0]) if axis.size > 1 else 0.0 for axis in axes) or 1.0
+    left, right, bottom, top = (end for axis in axes for end in (axis[0] - spacing / 2, axis[-1] + spacing / 2))
+    rows, columns, width, height = _panel_grid(len(arrays), (top - bottom) / (right - left))
+    bar = 0.9 if shared_scale else 0.9 * columns
+    with _figure(path, (columns * (width + 0.15) + 0.6 + bar, rows * (height + 0.35) + 0.45), "compressed") as figure:
+        panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+        for empty in panels[len(arrays) :]:
+            empty.remove()
+        scale = _color_range(arrays)
+        for number, (array, title) in enumerate(zip(arrays, titles, strict=True)):
+            panel = panels[number]
+            if not shared_scale:
+                scale = _color_range([array])
+            image = panel.imshow(array.T, origin="lower", extent=(left, right, bottom, top), aspect="equal", **scale)
+            outside = np.isnan(array)
+            if outside.any() and not outside.all() and min(array.shape) > 1:
+                panel.contour(*axes, outside.T, levels=[0.5], colors="0.6", linewidths=0.6)
+            for points in cracks:
+                panel.plot(points[:, 0], points[:, 1], color="0.1", linewidth=0.9, linestyle="-", scalex=False, scaley=False)
+            panel.set_title(title)
+            lowest = number + columns >= len(arrays)
+            panel.tick_params(labelbottom=lowest, labelleft=number % columns == 0)
+            panel.set(xlabel="x" if lowest else "", ylabel="y" if number % columns == 0 else "")
+            panel.locator_params(nbins=4 if width < 2 else 6)
+            if not shared_scale:
+                figure.colorbar(image, ax=panel, label=label)
+        if shared_scale:
+            figure.colorbar(image, ax=list(panels[: len(arrays)]), label=label, pad=0.02)
+
+
+def plot_results(results: Results, out_dir: str | Path, times: Sequence[float] | None = None) -> list[Path]:
+    """Draw a results file: each field at some times, the probes and the energy.
+
+    Parameters
+    ----------
+    results : Results
+    out_dir : str or Path
+        Directory of the pictures; made if there is none.
+    times : sequence of float, optional
+        The nearest outputs are drawn; up to four evenly spaced ones unless given.
+
+    Returns
+    -------
+    list of Path
+        ``FIELD.png`` for every field, ``probes.png`` and ``energy.png`` where they were recorded.
+
+    Raises
+    ------
+    InputError
+        A time is not finite.
+    FileFormatError
+        The results file is damaged.
+    """
+    outputs = results.times
+    if times is None:
+        chosen = np.unique(np.linspace(0, outputs.size - 1, min(outputs.size, 4)).round().astype(int))
+    else:
+        wanted = np.asarray(times, dtype=float)
+        if not np.isfinite(wanted).all():
+            raise InputError("the times of the pictures are finite numbers", value=list(times))
+        chosen = np.unique([np.abs(outputs - time).argmin() for time in wanted]) if outputs.size else np.zeros(0, dtype=int)
+    directory = Path(out_dir)
+    directory.mkdir(parents=True, exist_ok=True)
+    written = []
+    if chosen.size:
+        for name in results.field_names:
+            fields = [(f"t = {outputs[k]:g}", results.field(name, int(k))) for k in chosen]
+            written.append(directory / f"{name}.png")
+            field_panels(fields, results.axes, written[-1], label=name)
+    history, values, energy = results.history_times, results.probe_values, results.energy
+    if np.isfinite(values).any():
+        names = [
+            ", ".join(f"{axis} = {_number(x, results.spacing)}" for axis, x in zip("xyz", place, strict=False)) for place in results.probes
+        ]
+        written.append(directory / "probes.png")
+        title = f"probe at {names[0]}" if len(names) == 1 else ""
+        curves = [(name, *_recorded(history, column)) for name, column in zip(names, values.T, strict=True)]
+        _lines(curves, written[-1], xlabel="t", ylabel="probe value", title=title)
+    if np.isfinite(energy).any():
+        moments, energies = _recorded(history, energy)
+        log = bool((energies > 0).all() and energies.max() > 100 * energies.min())
+        written.append(directory / "energy.png")
+        _lines([("energy", moments, energies)], written[-1], xlabel="t", ylabel="energy", log=log)
+    return written
+
+
+def _recorded(times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rows of a history in which a value was recorded."""
+    kept = np.isfinite(values)
+    return times[kept], values[kept]
+
+
+def error_history(curves: Mapping[str, tuple[np.ndarray, np.ndarray]], path: str | Path, ylabel: str, title: str) -> None:
+    """Draw errors over time on a logarithmic axis, one line a boundary.
+
+    A logarithmic axis has no zero: where an error is zero the line has a gap, and a curve of zeros only is marked in the legend, as is one
+    that becomes infinite.
+
+    Parameters
+    ----------
+    curves : mapping of str to (times, errors)
+    path : str or Path
+        The PNG file.
+    ylabel, title : str
+
+    Raises
+    ------
+    InputError
+        There are no curves, times and errors do not match, or there is no such directory.
+    """
+    if not curves:
+        raise InputError("a picture of errors needs one curve or more")
+    drawn = []
+    for name, (times, errors) in curves.items():
+        x, y = np.asarray(times, dtype=float), np.abs(np.asarray(errors, dtype=float))
+        if x.ndim != 1 or x.shape != y.shape:
+            raise InputError(f"times and errors of {name!r} do not match", value=y.shape, limit=x.shape)
+        mark = " (diverges)" if np.isinf(y).any() else " (zero)" if y.size and (y == 0).all() else ""
+        drawn.append((name + mark, x, np.where((y > 0) & np.isfinite(y), y, np.nan)))
+    log = any(np.isfinite(y).any() for _, _, y in drawn)
+    _lines(drawn, path, xlabel="t", ylabel=ylabel, title=title, log=log)

@@ -89,7 +89,7 @@ class Engine:
         self._split_blocks(coefficient is not None)
         self._collect_fills()
         if coefficient is not None:
-            self._coefficient = self._spread_coefficient(coefficient)
+            self._coefficient = self.spread(coefficient)
         self.set_cuts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
         self.set_damping(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros(0))
         self.program = load_program(
@@ -153,13 +153,20 @@ class Engine:
         self._tasks = np.concatenate([f.tasks for f in fills])
         self._task_ranges = np.cumsum([0] + [len(f.tasks) for f in fills])
 
-    def _spread_coefficient(self, coefficient: np.ndarray) -> np.ndarray:
-        """The coefficient on every slot: constant along each normal from the core's edge on."""
+    def spread(self, core: np.ndarray, beyond: Mapping[tuple[int, int], float] | None = None) -> np.ndarray:
+        """Nodal values of the core on every slot: constant along each normal from the core's edge on.
+
+        `beyond` gives the value beyond a side (axis, side) where it is not that of the edge.
+        """
         level = np.zeros(self.layout.size, self.dtype)
-        padded = np.asarray(coefficient, float)
+        padded = np.asarray(core, float)
         for axis, m in enumerate(self.layout.reach):
             mode = "wrap" if axis in self.layout.periodic else "edge"
             padded = np.pad(padded, [(m, m) if a == axis else (0, 0) for a in range(3)], mode=mode)  # type: ignore[call-overload]
+            for side in (-1, 1):
+                if beyond is not None and (axis, side) in beyond:
+                    strip = slice(0, m) if side < 0 else slice(padded.shape[axis] - m, None)
+                    padded[tuple(strip if a == axis else slice(None) for a in range(3))] = beyond[axis, side]
         for block in self.layout.blocks.values():
             view = padded
             for axis, side in enumerate(block.segment):
@@ -180,6 +187,16 @@ class Engine:
         """Nodal factors of an absorbing zone: on the old increment, on the new increment, and a loss rate."""
         self._damping = (nodes.astype(np.int64), before.astype(self.dtype), after.astype(self.dtype), leak.astype(self.dtype))
 
+    def bond_factors(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
+        """Factor of each bond from the coefficients of its ends (flat indices)."""
+        if self._coefficient.size == 1:
+            return np.ones(len(nodes))
+        mine, other = self._coefficient[nodes].astype(float), self._coefficient[neighbours].astype(float)
+        if self._rule == 0:
+            return np.minimum(mine, other)
+        total = mine + other
+        return 0.5 * total if self._rule == 1 else 2 * mine * other / np.where(total > 0, total, 1.0)
+
     # --- the work ----------------------------------------------------------------------------------------------
 
     @property
@@ -188,9 +205,10 @@ class Engine:
         return self.levels[self._rotation[self.phase, 0, 0]]
 
     @property
-    def previous(self) -> np.ndarray:
-        """The level of a second-order integrator that holds the older state (or the increment)."""
-        return self.levels[self._rotation[self.phase, 0, 1]]
+    def older(self) -> np.ndarray:
+        """The level with the state one step ago, halos included (second-order integrators)."""
+        rotation = self._rotation[self.phase, 0]
+        return self.levels[rotation[2]]
 
     def _set_threads(self) -> None:
         if self.threads > 1:

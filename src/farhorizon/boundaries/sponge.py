@@ -1,0 +1,41 @@
+"""A sponge: more of the same medium with damping that grows outwards, and a fixed end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from farhorizon.errors import InputError
+
+
+@dataclass(frozen=True)
+class Sponge:
+    """Absorbing zone of real nodes beyond the side, damped by ``strength * (depth / thickness)^2``.
+
+    It never grows (its damping is non-negative), but it needs wavelengths, not nodes: a point of comparison.
+
+    Parameters
+    ----------
+    nodes : int
+        Thickness.
+    strength : float, optional
+        Damping d at the outer end in ``2 d u_t`` (waves) or loss rate in ``u_t = ... - d u`` (diffusion);
+        ``6 speed / thickness`` or ``10 diffusivity / thickness^2`` unless given.
+    """
+
+    nodes: int = 40
+    strength: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.nodes < 1:
+            raise InputError("a sponge needs at least one node", value=self.nodes, limit=">= 1", key="boundary.nodes")
+        if self.strength is not None and not (np.isfinite(self.strength) and self.strength >= 0):
+            raise InputError("the strength must be finite and not negative", value=self.strength, key="boundary.strength")
+
+    def damping(self, order: int, coefficient: float, spacing: float) -> np.ndarray:
+        """Damping on the sponge's nodes from the near field outwards, shape (nodes,)."""
+        width = self.nodes * spacing
+        default = 6 * np.sqrt(coefficient) / width if order == 2 else 10 * coefficient / width**2
+        strength = default if self.strength is None else self.strength
+        return strength * ((np.arange(self.nodes) + 1) / self.nodes) ** 2

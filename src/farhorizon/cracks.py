@@ -1,0 +1,66 @@
+"""Bonds cut in advance."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from farhorizon.errors import InputError
+from farhorizon.shapes import Cut, PointCut, Polyline
+
+
+def as_cut(crack: Any, dim: int) -> Cut:
+    """A crack as a `Cut`: itself, a position (1D), or points of a polyline (2D).
+
+    Raises
+    ------
+    InputError
+        A crack of another dimension than the lattice, or points where a surface is needed (3D).
+    """
+    if isinstance(crack, Cut):
+        cut = crack
+    elif dim == 1:
+        cut = PointCut(float(np.ravel(crack)[0]))
+    elif dim == 2:
+        cut = Polyline(crack)
+    else:
+        raise InputError("a crack in 3D is a surface", value=repr(crack), key="crack", remedy="use Rectangle(...) or DiscCut(...)")
+    if cut.dim != dim:
+        raise InputError("crack and lattice differ in dimension", value=cut.dim, limit=dim, key="crack")
+    return cut
+
+
+def cut_bonds(cut: Cut, lower: np.ndarray, spacing: float, shape: tuple[int, ...], offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Bonds of a lattice that a crack cuts.
+
+    Parameters
+    ----------
+    cut : Cut
+    lower : ndarray, shape (dim,)
+        First node.
+    spacing : float
+    shape : tuple of int
+        Nodes along each axis.
+    offsets : ndarray, shape (K, dim)
+
+    Returns
+    -------
+    nodes : ndarray of int, shape (n, dim)
+    bond : ndarray of int, shape (n,)
+        Number of the offset; both directions of a bond are listed.
+    """
+    reach = np.abs(offsets).max(0)
+    low, high = (np.asarray(b, float) for b in cut.bounds())
+    first = np.maximum(np.floor((low - lower) / spacing).astype(int) - reach - 1, 0)
+    last = np.minimum(np.ceil((high - lower) / spacing).astype(int) + reach + 1, np.array(shape) - 1)
+    if (last < first).any():
+        return np.zeros((0, len(shape)), int), np.zeros(0, int)
+    grid = np.stack(np.meshgrid(*[np.arange(a, b + 1) for a, b in zip(first, last, strict=True)], indexing="ij"), -1).reshape(-1, len(shape))
+    start = lower + spacing * grid
+    nodes, bonds = [], []
+    for number, offset in enumerate(offsets):
+        hit = cut.cuts(start, start + spacing * offset)
+        nodes.append(grid[hit])
+        bonds.append(np.full(int(hit.sum()), number))
+    return np.concatenate(nodes), np.concatenate(bonds)

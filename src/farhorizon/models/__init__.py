@@ -1,0 +1,7 @@
+"""The physics, one file each."""
+
+from farhorizon.models.diffusion import Diffusion
+from farhorizon.models.scalar import ScalarModel
+from farhorizon.models.wave import Wave
+
+__all__ = ["Diffusion", "ScalarModel", "Wave"]

@@ -1,0 +1,55 @@
+"""What the models of one scalar field share: a stencil and the constant in front of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from farhorizon.errors import InputError
+from farhorizon.integrators import Euler, Integrator, RungeKutta4, Verlet
+from farhorizon.kernel import Kernel
+from farhorizon.stencil import Stencil
+
+
+class ScalarModel:
+    """A linear model of one field u whose operator is ``coefficient * L``.
+
+    Attributes
+    ----------
+    coefficient : float
+        Squared speed or diffusivity.
+    damping : float
+        d in ``2 d u_t`` (1/time), second-order models only.
+    integrator : Verlet, Euler or RungeKutta4
+    """
+
+    coefficient: float
+    damping: float = 0.0
+    integrator: Integrator
+
+    def __init__(self, operator: Kernel | Stencil) -> None:
+        if not isinstance(operator, Kernel | Stencil):
+            raise InputError("a model's first argument is a Kernel or a Stencil", value=type(operator).__name__, key="model")
+        self.operator = operator
+
+    @property
+    def order(self) -> int:
+        """Order of the equation in time."""
+        return 2 if isinstance(self.integrator, Verlet) else 1
+
+    def stencil(self, spacing: float, dim: int) -> Stencil:
+        """Dimensionless stencil on a lattice."""
+        if isinstance(self.operator, Kernel):
+            return Stencil.from_kernel(self.operator, spacing, dim)
+        if self.operator.dim != dim:
+            raise InputError("stencil and lattice differ in dimension", value=self.operator.dim, limit=dim, key="model")
+        return self.operator
+
+
+def positive(value: float, key: str, *, zero: bool = False) -> float:
+    """The number itself, or InputError unless it is finite and positive (or zero where allowed)."""
+    if not np.isfinite(value) or value < 0 or (value == 0 and not zero):
+        raise InputError("must be finite and " + ("not negative" if zero else "positive"), value=value, key=key)
+    return float(value)
+
+
+INTEGRATORS: dict[str, Integrator] = {"euler": Euler(), "rk4": RungeKutta4()}

@@ -1,0 +1,32 @@
+"""Scalar waves."""
+
+from __future__ import annotations
+
+from farhorizon.integrators import Verlet
+from farhorizon.kernel import Kernel
+from farhorizon.models.scalar import ScalarModel, positive
+from farhorizon.stencil import Stencil
+
+
+class Wave(ScalarModel):
+    r"""Peridynamic or classical scalar waves, :math:`u_{tt} + 2 d\,u_t = c^2 L u + s`, by velocity Verlet.
+
+    Parameters
+    ----------
+    operator : Kernel or Stencil
+    speed : float
+        Wave speed c (length / time) of long waves.
+    damping : float
+        Viscous damping d (1 / time).
+
+    Notes
+    -----
+    Hermann, Shojaei, Seleson and Cyron (2023), eqs 1 and 42.
+    """
+
+    def __init__(self, operator: Kernel | Stencil, speed: float = 1.0, damping: float = 0.0) -> None:
+        super().__init__(operator)
+        self.speed = positive(speed, "model.speed")
+        self.damping = positive(damping, "model.damping", zero=True)
+        self.coefficient = self.speed**2
+        self.integrator = Verlet()

@@ -1,0 +1,86 @@
+"""What `Simulation.check` finds out before a run."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from farhorizon.lattice import AXES
+
+if TYPE_CHECKING:
+    from farhorizon.simulation import Simulation
+
+
+def available_memory() -> int:
+    """Bytes that the machine can still give, by the operating system's account."""
+    try:
+        with open("/proc/meminfo") as file:
+            for line in file:
+                if line.startswith("MemAvailable:"):
+                    return 1024 * int(line.split()[1])
+    except OSError:
+        pass
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else 1 << 62
+
+
+@dataclass
+class Report:
+    """Facts about a set-up; `str` gives them as a table.
+
+    Attributes
+    ----------
+    rows : list of (str, str)
+        Name and value.
+    warnings : list of str
+    """
+
+    rows: list[tuple[str, str]] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, sim: Simulation) -> Report:
+        """Examine a simulation."""
+        from farhorizon.boundaries import Fixed, LatticePML
+
+        lattice, stencil, engine = sim.lattice, sim.stencil, sim.engine
+        report = cls()
+        say = lambda name, value: report.rows.append((name, value))  # noqa: E731
+        say("near field", f"{' x '.join(map(str, lattice.shape))} nodes, {lattice.nodes} shown, spacing {lattice.spacing:g}")
+        say("stencil", f"{len(stencil.weights)} neighbours, reach {' x '.join(map(str, stencil.reach))} nodes")
+        say("time step", f"{sim.dt:.6g}, {sim.dt / sim.step_limit:.3g} of the stable limit {sim.step_limit:.6g} ({sim.model.integrator.name})")
+        lead = 3 - lattice.dim
+        for (axis, side), layer in engine.layers.items():
+            boundary = sim.sides[axis - lead, side]
+            assert isinstance(boundary, LatticePML)
+            name = AXES[axis - lead] + "-+"[side > 0]
+            say(f"layer {name}", f"{layer.columns} nodes = {layer.columns / stencil.reach[axis - lead]:.3g} horizons, "
+                f"length {layer.columns * lattice.spacing:g}, target {boundary.wanted(sim.model.order):g}")  # fmt: skip
+        for (axis, side), boundary in sim.sides.items():
+            if not isinstance(boundary, LatticePML):
+                say(f"side {AXES[axis]}{'-+'[side > 0]}", repr(boundary))
+        total = int(np.prod(engine.core.nodes))
+        extra = sum(int(np.prod(b.nodes)) for b in engine.layout.blocks.values()) - int(np.prod(lattice.shape))
+        say("nodes computed", f"{total} in the core, {extra} beyond the near field")
+        say("memory", f"{engine.nbytes / 2**20:.3g} MiB = {engine.nbytes / (np.prod(lattice.shape) * engine.dtype.itemsize):.3g} near fields")
+        say("absent bonds", str(len(engine._cuts[0])))
+        backward = stencil.backward_waves()
+        say("backward waves", f"{100 * backward.fraction:.3g} % of the Brillouin zone from |k| spacing = {backward.first_wavenumber:.3g}"
+            if backward else "none")  # fmt: skip
+        if backward and sim.model.order == 2 and engine.layers:
+            report.warnings.append(
+                f"the stencil has backward waves: they grow in the layer, by up to {backward.growth:.2g} sigma per unit time, from rounding or "
+                "noise. Keep the data smooth and the run short, or use exponent 2 with a reach of at most 3 nodes."
+            )
+        if max(stencil.reach) > 3 and sim.model.order == 2 and engine.layers:
+            report.warnings.append("stability of wide stencils (reach above 3 nodes) is not certified: watch the energy")
+        if any(isinstance(b, Fixed) for b in sim.sides.values()) and engine.layers:
+            report.warnings.append("a Fixed side reflects")
+        return report
+
+    def __str__(self) -> str:
+        width = max(len(name) for name, _ in self.rows)
+        lines = [f"{name:<{width}}  {value}" for name, value in self.rows]
+        return "\n".join(lines + [f"warning: {w}" for w in self.warnings])

@@ -1,0 +1,537 @@
+"""Simulation: puts lattice, model, boundaries, cracks and sources together, and runs them."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from farhorizon.boundaries import Boundary, Fixed, Free, LatticePML, Periodic, Sponge, sides
+from farhorizon.cracks import as_cut, cut_bonds
+from farhorizon.engine import Engine, Layer, available_threads
+from farhorizon.engine.layout import Block
+from farhorizon.errors import FileFormatError, InputError, UnstableError
+from farhorizon.lattice import AXES, Lattice
+from farhorizon.models import ScalarModel
+from farhorizon.report import Report, available_memory
+from farhorizon.results import read_checkpoint, write_checkpoint
+from farhorizon.sources import checked, split
+
+_GUARD_STEPS = 200  # steps between two looks of the instability guard, at most
+_EXPLODED = 1e6  # growth of the largest value over all that initial data and sources explain
+_TABLE = 1 << 20  # numbers in one table of source amplitudes
+
+
+class Simulation:
+    """One run of a model on a lattice.
+
+    Parameters
+    ----------
+    lattice : Lattice
+        The near field.
+    model : Wave or Diffusion
+    boundary : Boundary or mapping
+        One for all sides, or ``{"x-": ..., "x+": ..., "y": ..., "all": ...}``.
+    initial : mapping
+        "u" and, for waves, "v" (velocity): arrays of the lattice's shape, callables of the coordinates, expressions or numbers.
+    sources : sequence
+        `Source`, array, callable of the coordinates and t, or expression.
+    cracks : sequence
+        Cuts, or points of polylines (2D) or positions (1D).
+    coefficient : array_like, optional
+        Factor on bonds, given on the nodes.
+    rule : {"both", "arithmetic", "harmonic"}
+        How the coefficients of a bond's ends combine; "both" is the smaller one.
+    background : float
+        Uniform state of the infinite medium.
+    dt : float, optional
+        Time step; half the stable limit unless given.
+    dtype : {"float64", "float32"}
+    threads : int, optional
+        All that the machine offers unless given; small lattices use one.
+
+    Attributes
+    ----------
+    time : float
+    step_count : int
+    dt : float
+    fields : dict of str to ndarray
+        The near field, "u", and for waves "v" (half a step late, (u(n) - u(n-1))/dt); nan outside a window.
+
+    Raises
+    ------
+    InputError
+        Anything that cannot be computed, before any work.
+    """
+
+    def __init__(
+        self,
+        lattice: Lattice,
+        model: ScalarModel,
+        boundary: Boundary | Mapping[str, Boundary] | None = None,
+        initial: Mapping[str, Any] | None = None,
+        sources: Sequence[Any] = (),
+        cracks: Sequence[Any] = (),
+        coefficient: Any = None,
+        background: float = 0.0,
+        observe: Sequence[Callable[[Simulation], None]] = (),
+        dt: float | None = None,
+        dtype: str = "float64",
+        threads: int | None = None,
+        rule: str = "both",
+    ) -> None:
+        self.lattice, self.model, self.background = lattice, model, float(background)
+        self.observers = list(observe)
+        self.sides = sides(LatticePML() if boundary is None else boundary, lattice.dim)
+        if dtype not in ("float64", "float32"):
+            raise InputError("unknown number type", value=dtype, limit="float64, float32", key="dtype")
+        if threads is not None and threads < 1:
+            raise InputError("threads must be positive", value=threads, key="threads")
+        if not np.isfinite(self.background):
+            raise InputError("the background must be finite", value=background, key="background")
+        self.stencil = model.stencil(lattice.spacing, lattice.dim)
+        self._check_size()
+        factor = None if coefficient is None else checked(coefficient, lattice, "coefficient")
+        if factor is not None and (factor < 0).any():
+            raise InputError("a coefficient must not be negative", value=float(factor.min()), limit=">= 0", key="coefficient")
+        strongest = 1.0 if factor is None else float(factor.max())
+        self.rate_limit = self.stencil.symbol_maximum * model.coefficient / lattice.spacing**2 * max(strongest, 1e-300)
+        self.step_limit = model.integrator.step_limit(self.rate_limit)
+        self.dt = self._choose_step(dt)
+        self.time, self.step_count = 0.0, 0
+
+        u = self._initial("u", initial or {})
+        v = self._initial("v", initial or {}) if model.order == 2 else np.zeros(lattice.shape)
+        for name in set(initial or {}) - ({"u", "v"} if model.order == 2 else {"u"}):
+            raise InputError("unknown initial field", value=name, limit="u, v" if model.order == 2 else "u", key="initial")
+        self._margins = self._choose_margins(u, v)
+        self._make_engine(factor, rule, dtype, threads)
+        self._cut(cracks)
+        self._damp()
+        self._sources = [split(s, lattice) for s in sources]
+        self._scale = max(float(np.abs(u).max(initial=0)), float(np.abs(v).max(initial=0)) * 0.01, 1e-300)
+        self._start(u, v)
+
+    # --- set-up ------------------------------------------------------------------------------------------------
+
+    def _check_size(self) -> None:
+        for axis, (n, m) in enumerate(zip(self.lattice.shape, self.stencil.reach, strict=True)):
+            if n < 2 * m + 1:
+                raise InputError(
+                    "the near field is thinner than the stencil", value=f"{n} nodes along {AXES[axis]}", limit=f">= {2 * m + 1}",
+                    key="lattice", remedy="enlarge the lattice or refine it",
+                )  # fmt: skip
+        need = 8 * 4 * int(np.prod(self.lattice.shape))
+        if need > available_memory():
+            raise InputError("the run does not fit into memory", value=f"{need / 2**30:.1f} GiB",
+                             limit=f"{available_memory() / 2**30:.1f} GiB", key="lattice", remedy="a coarser or smaller lattice")  # fmt: skip
+
+    def _choose_step(self, dt: float | None) -> float:
+        if dt is None:
+            return 0.5 * self.step_limit
+        if not (np.isfinite(dt) and 0 < dt):
+            raise InputError("the time step must be positive", value=dt, key="run.dt")
+        if dt > self.step_limit * (1 + 1e-12):
+            raise InputError("the time step is above the stable limit", value=dt, limit=f"{self.step_limit:.6g}", key="run.dt",
+                             remedy=f"dt <= {0.9 * self.step_limit:.4g}, or leave dt out")  # fmt: skip
+        return float(dt)
+
+    def _initial(self, name: str, initial: Mapping[str, Any]) -> np.ndarray:
+        """Initial values less the background; refuses data that the infinite medium would have beyond the near field."""
+        value = initial.get(name, self.background if name == "u" else 0.0)
+        level = self.background if name == "u" else 0.0
+        key = f"initial.{name}"
+        if not callable(value):
+            values = checked(value, self.lattice, key) - level
+        else:
+            values = checked(value(*self.lattice.coordinates()), self.lattice, key) - level
+        peak = float(np.abs(values).max(initial=0))
+        if not callable(value) and np.ndim(value):
+            return values if self.lattice.body is None else np.where(self.lattice.mask, values, 0.0)
+        for (axis, side), boundary in self.sides.items():
+            if isinstance(boundary, LatticePML) and self.lattice.body is None:
+                shell = self.lattice.coordinates()
+                strip = [np.take(c, [0 if side < 0 else -1], axis) for c in shell]
+                strip[axis] = strip[axis] + side * self.lattice.spacing
+                beyond = value(*strip) if callable(value) else np.asarray(value)
+                worst = float(np.abs(np.asarray(beyond) - level).max(initial=0))
+                target = boundary.wanted(self.model.order)
+                if peak > 0 and not worst <= target * peak:
+                    raise InputError(
+                        f"initial data are not zero beyond {AXES[axis]}{'-+'[side > 0]}; the run would miss them", value=f"{worst:.3g}",
+                        limit=f"{target * peak:.3g}", key=key, remedy="enlarge the near field, narrow the data, or set background",
+                    )  # fmt: skip
+        return values if self.lattice.body is None else np.where(self.lattice.mask, values, 0.0)
+
+    def _choose_margins(self, u: np.ndarray, v: np.ndarray) -> dict[tuple[int, int], int]:
+        """Nodes of the core beyond the near field: a sponge, or unstretched nodes in front of a layer.
+
+        A layer's entrance must be free of sources and data. One node keeps sources out; data in the last nodes need as
+        many more as the first step spreads them.
+        """
+        margins = {}
+        for (axis, side), boundary in self.sides.items():
+            if isinstance(boundary, Sponge):
+                margins[axis, side] = boundary.nodes
+            elif isinstance(boundary, LatticePML):
+                m = self.stencil.reach[axis]
+                last = np.arange(m + 1) if side < 0 else self.lattice.shape[axis] - 1 - np.arange(m + 1)
+                busy = any(np.any(np.take(f, last, axis)) for f in (u, v))
+                margins[axis, side] = 1 + m if busy else 1
+            else:
+                margins[axis, side] = 0
+        return margins
+
+    def _make_engine(self, factor: np.ndarray | None, rule: str, dtype: str, threads: int | None) -> None:
+        lattice, model = self.lattice, self.model
+        lead = 3 - lattice.dim
+        core = (1,) * lead + tuple(n + self._margins[a, -1] + self._margins[a, 1] for a, n in enumerate(lattice.shape))
+        offsets = np.zeros((len(self.stencil.weights), 3), int)
+        offsets[:, lead:] = self.stencil.offsets
+        if rule not in ("both", "arithmetic", "harmonic"):
+            raise InputError("unknown bond rule", value=rule, limit="both, arithmetic, harmonic", key="rule")
+        half_width = max(float((lattice.upper - lattice.lower).max()) / 2, lattice.spacing)
+        layers: dict[tuple[int, int], Layer] = {}
+        for (axis, side), boundary in self.sides.items():
+            if isinstance(boundary, LatticePML):
+                layers[lead + axis, side] = boundary.layer(model.order, model.coefficient, lattice.spacing, self.stencil.reach[axis],
+                                                           half_width, lattice.dim)  # fmt: skip
+        periodic = frozenset(lead + a for (a, side), b in self.sides.items() if side < 0 and isinstance(b, Periodic))
+        stages = model.integrator.stages(self.dt, model.damping, lattice.dim == 1)
+        grown = None
+        if factor is not None:
+            pads = [(self._margins[a, -1], self._margins[a, 1]) for a in range(lattice.dim)]
+            grown = np.pad(factor, pads, mode="edge").reshape(core)
+            self._check_material(grown, lead)
+        self.engine = Engine(
+            core, offsets, self.stencil.weights * model.coefficient / lattice.spacing**2, stages, self.dt, layers=layers, periodic=periodic,
+            real=dtype, threads=threads or available_threads(), coefficient=grown, rule=rule,
+        )  # fmt: skip
+        self._near = tuple([slice(None)] * lead + [slice(self._margins[a, -1], self._margins[a, -1] + n) for a, n in enumerate(lattice.shape)])
+        self._origin = lattice.lower - lattice.spacing * np.array([self._margins[a, -1] for a in range(lattice.dim)])
+        for (axis, side), boundary in self.sides.items():
+            if isinstance(boundary, Fixed) and boundary.value != self.background:
+                self._fix(lead + axis, side, boundary.value - self.background)
+
+    def _check_material(self, core: np.ndarray, lead: int) -> None:
+        """A layer continues the material along its normal: it must not vary there within one reach."""
+        for (axis, side), boundary in self.sides.items():
+            if isinstance(boundary, LatticePML):
+                n, m = core.shape[lead + axis], self.stencil.reach[axis]
+                last = np.take(core, np.arange(m + 1) if side < 0 else np.arange(n - m - 1, n), lead + axis)
+                if np.any(np.ptp(last, axis=lead + axis) > 0):
+                    raise InputError(
+                        f"the material varies along {AXES[axis]} within one reach of an absorbing side", key="coefficient",
+                        limit=f"constant over the last {m + 1 - self._margins[axis, side]} nodes", remedy="enlarge the near field",
+                    )  # fmt: skip
+
+    def _fix(self, axis: int, side: int, value: float) -> None:
+        if any(isinstance(b, LatticePML) for (a, _), b in self.sides.items() if a != axis - (3 - self.lattice.dim)):
+            raise InputError(
+                "a Fixed value beside a LatticePML must equal the background: the layer would have to absorb a state that never decays",
+                value=value + self.background, limit=self.background, key="boundary", remedy="set background, or use Periodic or Free",
+            )  # fmt: skip
+        for block in self.engine.layout.blocks.values():
+            if block.segment[axis] == 0:
+                m = block.reach[axis]
+                strip = tuple((slice(0, m) if side < 0 else slice(-m, None)) if a == axis else slice(None) for a in range(3))
+                for level in range(2):
+                    block.slots(self.engine.levels[level])[strip] = value
+
+    def _cut(self, cracks: Sequence[Any]) -> None:
+        """Absent bonds: cut by cracks, across a free side, or to nodes outside a body."""
+        engine, lead = self.engine, 3 - self.lattice.dim
+        block = engine.core
+        offsets = engine.offsets
+        found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        shape = block.nodes[lead:]
+        for crack in cracks:
+            cut = as_cut(crack, self.lattice.dim)
+            nodes, bonds = cut_bonds(cut, self._origin, self.lattice.spacing, shape, self.stencil.offsets)
+            ends = nodes + self.stencil.offsets[bonds]
+            for axis in range(self.lattice.dim):
+                for side, outside in ((-1, ends[:, axis] < 0), (1, ends[:, axis] >= shape[axis])):
+                    if outside.any() and isinstance(self.sides[axis, side], LatticePML | Sponge | Periodic):
+                        raise InputError(
+                            f"a crack cuts bonds across the side {AXES[axis]}{'-+'[side > 0]}", key="crack",
+                            value=[b.tolist() for b in cut.bounds()], limit=f"{self.lattice.lower.tolist()} to {self.lattice.upper.tolist()}",
+                            remedy=f"keep it {self.stencil.reach[axis]} nodes inside or enlarge the near field",
+                        )  # fmt: skip
+            flat = block.origin + nodes @ np.array(block.step[lead:])
+            found.append((flat, flat + offsets[bonds] @ np.array(block.stride), engine.weights[bonds]))
+        if any(isinstance(b, Free) for b in self.sides.values()) or self.lattice.body is not None:
+            exists = self._existing()
+            for part in engine.layout.blocks.values():
+                found += self._absent(part, exists)
+        if not found:
+            return
+        nodes, neighbours, weights = (np.concatenate([f[i] for f in found]) for i in range(3))
+        _, first = np.unique(nodes * engine.layout.size + neighbours, return_index=True)
+        engine.set_cuts(nodes[first], neighbours[first], weights[first] * engine.bond_factors(nodes[first], neighbours[first]))
+
+    def _existing(self) -> np.ndarray:
+        """Flat level: 1 where a node of the medium is, 0 beyond free sides and outside a body."""
+        lead = 3 - self.lattice.dim
+        core = np.ones(self.engine.core.nodes)
+        if self.lattice.body is not None and self.lattice.mask is not None:
+            pads = [(self._margins[a, -1], self._margins[a, 1]) for a in range(self.lattice.dim)]
+            core = np.pad(self.lattice.mask.astype(float), pads, mode="edge").reshape(core.shape)
+            self._check_material(core, lead)
+        beyond = {(lead + a, side): 0.0 for (a, side), b in self.sides.items() if isinstance(b, Free)}
+        return self.engine.spread(core, beyond) > 0.5
+
+    def _absent(self, block: Block, exists: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        if exists[block.base : block.base + int(np.prod(block.extent))].all():
+            return []
+        flat = block.origin + sum(
+            np.arange(n).reshape([-1 if a == b else 1 for b in range(3)]) * s for a, (n, s) in enumerate(zip(block.nodes, block.step, strict=True))
+        )
+        here = exists[flat]
+        rows = []
+        for offset, weight in zip(self.engine.offsets, self.engine.weights, strict=True):
+            other = flat + int(offset @ np.array(block.stride))
+            cut = here != exists[other]
+            rows.append((flat[cut], other[cut], np.full(int(cut.sum()), weight)))
+        return rows
+
+    def _damp(self) -> None:
+        """Nodal damping of the sponges, in the core and in the layers of other axes that run along it."""
+        lead = 3 - self.lattice.dim
+        if not any(isinstance(b, Sponge) for b in self.sides.values()):
+            return
+        nodes, rates = [], []
+        for block in self.engine.layout.blocks.values():
+            rate = np.zeros(block.nodes)
+            for (axis, side), boundary in self.sides.items():
+                if isinstance(boundary, Sponge) and block.segment[lead + axis] == 0:
+                    values = boundary.damping(self.model.order, self.model.coefficient, self.lattice.spacing)
+                    line = np.zeros(block.nodes[lead + axis])
+                    line[: len(values)] = values[::-1]
+                    rate = rate + (line if side < 0 else line[::-1]).reshape([-1 if a == lead + axis else 1 for a in range(3)])
+            where = np.nonzero(rate)
+            nodes.append(block.origin + np.array(block.step) @ np.array(where))
+            rates.append(rate[where])
+        rate = np.concatenate(rates)
+        index = np.concatenate(nodes)
+        if self.model.order == 1:
+            self.engine.set_damping(index, np.ones_like(rate), np.ones_like(rate), rate)
+            return
+        share, total = self.model.damping * self.dt, (self.model.damping + rate) * self.dt
+        self.engine.set_damping(index, (1 - total) / (1 - share), (1 + share) / (1 + total), np.zeros_like(rate))
+
+    def _start(self, u: np.ndarray, v: np.ndarray) -> None:
+        engine = self.engine
+        engine.core.view(engine.levels[0])[self._near] = u.reshape(engine.core.view(engine.levels[0])[self._near].shape)
+        engine.fill(engine.levels[0])
+        self._source_nodes = self._near_indices()
+        if self.model.order == 1:
+            return
+        acceleration = engine.apply(engine.levels[0])
+        near = engine.core.view(acceleration)[self._near]
+        near += self._source_now(0.0).reshape(near.shape)
+        change = -self.dt**2 / 2 * acceleration
+        rate = engine.core.view(change)[self._near]
+        rate += (self.dt * (1 + self.model.damping * self.dt) * v).reshape(rate.shape)
+        if engine.stages.increments:
+            engine.levels[2][:] = change
+        else:
+            for block in engine.layout.blocks.values():
+                block.view(engine.levels[1])[...] = block.view(engine.levels[0]) - block.view(change)
+
+    def _near_indices(self) -> np.ndarray:
+        block = self.engine.core
+        index = block.origin + sum(
+            (np.arange(n) * s).reshape([-1 if a == b else 1 for b in range(3)]) for a, (n, s) in enumerate(zip(block.nodes, block.step, strict=True))
+        )
+        return np.ascontiguousarray(index[self._near].ravel())
+
+    # --- running -----------------------------------------------------------------------------------------------
+
+    def _source_now(self, t: float) -> np.ndarray:
+        total = np.zeros(self.lattice.shape)
+        for space, time in self._sources:
+            total += time(t) if space is None else space * time(t)
+        return total
+
+    def step(self, count: int = 1) -> None:
+        """Advance by `count` steps; the compiled loop runs them without returning to Python.
+
+        Raises
+        ------
+        UnstableError
+            The field became non-finite or exploded.
+        """
+        done = 0
+        while done < count:
+            steps = min(count - done, _GUARD_STEPS)
+            self._advance(steps)
+            done += steps
+            self._guard()
+
+    def _advance(self, steps: int) -> None:
+        engine = self.engine
+        dtype = engine.dtype
+        stages = len(engine.stages.numbers)
+        if not self._sources:
+            engine.advance(steps, np.zeros(0, np.int64), np.zeros((0, 0), dtype), np.zeros((steps, stages, 0), dtype))
+            self._tick(steps)
+            return
+        samples, weights = self.model.integrator.source_samples(self.dt)
+        fixed = [(space, time) for space, time in self._sources if space is not None]
+        free = [time for space, time in self._sources if space is None]
+        batch = 1 if free else max(1, min(steps, _TABLE // max(stages * len(fixed), 1)))
+        done = 0
+        while done < steps:
+            n = min(batch, steps - done)
+            times = self.dt * (self.step_count + np.arange(n))
+            fields = [np.asarray(space, float).ravel() for space, _ in fixed]
+            table = [np.array([[time(t + s) for s in samples] for t in times]) @ weights.T for _, time in fixed]
+            if free:
+                now = [sum(np.asarray(time(times[0] + s), float) for time in free) for s in samples]
+                fields += [np.broadcast_to(f, self.lattice.shape).ravel() for f in now]
+                table += [np.broadcast_to(weights[:, i], (1, stages)) for i in range(len(samples))]
+            strength = np.stack(fields)
+            amplitudes = np.stack(table, axis=-1)
+            if not np.isfinite(amplitudes).all():
+                raise InputError("a source is not finite", value=f"t = {times[0]:g}", key="source")
+            used = np.any(strength, axis=0)
+            engine.advance(n, self._source_nodes[used], np.ascontiguousarray(strength[:, used], dtype), amplitudes.astype(dtype))
+            explained = float(np.abs(strength).max(initial=0) * np.abs(amplitudes).max(initial=0)) * n * self.dt
+            self._scale += explained * (max(1.0, self.time) if self.model.order == 2 else 1.0)
+            self._tick(n)
+            done += n
+
+    def _tick(self, steps: int) -> None:
+        self.step_count += steps
+        self.time = self.step_count * self.dt
+
+    def _guard(self) -> None:
+        u = self.engine.core.view(self.engine.current)
+        top, low = float(u.max()), float(u.min())
+        if np.isfinite(top) and np.isfinite(low) and max(top, -low) <= _EXPLODED * self._scale:
+            return
+        worst = np.unravel_index(int(np.argmax(np.where(np.isfinite(u), np.abs(u), np.inf))), u.shape)
+        place = self._origin + self.lattice.spacing * np.array(worst[3 - self.lattice.dim :])
+        backward = self.stencil.backward_waves()
+        cause = (
+            f"the stencil has backward waves, which grow in the layer (up to {backward.growth:.2g} sigma)" if backward
+            else "check dt, sources and coefficient"
+        )  # fmt: skip
+        raise UnstableError(
+            f"unstable at step {self.step_count}, t = {self.time:.6g}: u = {u[worst]:.3g} near {np.round(place, 6).tolist()}; likely cause: {cause}"
+        )
+
+    def run(self, until: float, every: float | None = None, progress: bool | None = None) -> Simulation:
+        """Run to a time; observers are called every `every` time units and at the end.
+
+        Parameters
+        ----------
+        until : float
+            The run stops at the first step at or after it.
+        every : float, optional
+        progress : bool, optional
+            Show a bar; on terminals only unless given.
+        """
+        from tqdm import tqdm
+
+        if not np.isfinite(until):
+            raise InputError("the end of the run must be finite", value=until, key="run.until")
+        last = int(np.ceil(until / self.dt - 1e-9))
+        show = sys.stderr.isatty() if progress is None else progress
+        with tqdm(total=max(last - self.step_count, 0), disable=not show, unit="step", leave=False) as bar:
+            while self.step_count < last:
+                if every is None:
+                    stop = last
+                else:
+                    stop = min(last, int(np.ceil((int(self.time / every + 1e-9) + 1) * every / self.dt - 1e-9)))
+                while self.step_count < stop:
+                    before = self.step_count
+                    self.step(min(_GUARD_STEPS, stop - self.step_count))
+                    bar.update(self.step_count - before)
+                for observer in self.observers:
+                    observer(self)
+        return self
+
+    # --- what comes out ----------------------------------------------------------------------------------------
+
+    def _shown(self, level: np.ndarray, offset: float) -> np.ndarray:
+        values = self.engine.core.view(level)[self._near].reshape(self.lattice.shape) + offset
+        if self.lattice.mask is not None:
+            values = np.where(self.lattice.mask, values, np.nan)
+        return values
+
+    @property
+    def fields(self) -> dict[str, np.ndarray]:
+        """Copies of the near field."""
+        out = {"u": self._shown(self.engine.current, self.background)}
+        if self.model.order == 2:
+            out["v"] = (out["u"] - self._shown(self.engine.older, self.background)) / self.dt
+        return out
+
+    def energy(self) -> float:
+        """Energy of the near field; bonds across its edge count half.
+
+        Waves: kinetic and strain energy half a step ago, ``1/2 v^2 + 1/4 sum_k w_k (u_k - u)(u_k^- - u^-)``, which the
+        undamped scheme conserves exactly. Diffusion: ``1/2 integral (u - background)^2``.
+        """
+        engine, cell = self.engine, self.lattice.spacing**self.lattice.dim
+        u = engine.current.astype(float)
+
+        def near(level: np.ndarray) -> np.ndarray:
+            part = engine.core.view(np.ascontiguousarray(level))[self._near].reshape(self.lattice.shape)
+            return part if self.lattice.mask is None else part[self.lattice.mask]
+
+        if self.model.order == 1:
+            return float(0.5 * cell * (near(u) ** 2).sum())
+        old = engine.older.astype(float)
+        apply = lambda level: engine.apply(level.astype(engine.dtype)).astype(float)  # noqa: E731
+        strain = apply(u * old) - u * apply(old) - old * apply(u)
+        kinetic = ((near(u) - near(old)) / self.dt) ** 2
+        return float(cell * (0.5 * kinetic + 0.25 * near(strain)).sum())
+
+    def check(self) -> Report:
+        """Step limit, memory, nodes, layer thickness, backward waves and warnings, before running."""
+        return Report.of(self)
+
+    # --- state -------------------------------------------------------------------------------------------------
+
+    def _fingerprint(self) -> dict[str, Any]:
+        engine = self.engine
+        return {
+            "levels": list(engine.levels.shape), "memory": int(engine.memory.size), "dtype": engine.dtype.name, "dt": self.dt,
+            "shape": list(self.lattice.shape), "spacing": self.lattice.spacing, "lower": self.lattice.lower.tolist(),
+            "model": type(self.model).__name__, "coefficient": self.model.coefficient, "damping": self.model.damping,
+            "weights": float(self.stencil.weights.sum()), "neighbours": len(self.stencil.weights), "cuts": len(engine._cuts[0]),
+        }  # fmt: skip
+
+    def save(self, path: str | Path, **extra: Any) -> None:
+        """Write the complete state, boundary memory included, under a temporary name and rename it."""
+        meta = {"fingerprint": self._fingerprint(), "step": self.step_count, "phase": int(self.engine.phase), "scale": self._scale, "extra": extra}
+        write_checkpoint(path, {"levels": self.engine.levels, "memory": self.engine.memory}, meta)
+
+    def load(self, path: str | Path) -> dict[str, Any]:
+        """Take the state of a checkpoint written by the same set-up; what follows is bitwise the uninterrupted run.
+
+        Raises
+        ------
+        FileFormatError
+            A damaged file, or the checkpoint of another set-up.
+        """
+        arrays, meta = read_checkpoint(path)
+        mine = json.loads(json.dumps(self._fingerprint()))
+        theirs = meta.get("fingerprint", {})
+        different = sorted(k for k in mine if mine[k] != theirs.get(k))
+        if different:
+            raise FileFormatError("the checkpoint belongs to another set-up", value=str(path), limit=f"same {', '.join(different)}",
+                                  remedy="resume with the case that wrote it")  # fmt: skip
+        self.engine.levels[...] = arrays["levels"]
+        self.engine.memory[...] = arrays["memory"]
+        self.engine.phase, self._scale = int(meta["phase"]), float(meta["scale"])
+        self.step_count = 0
+        self._tick(int(meta["step"]))
+        return dict(meta["extra"])
+

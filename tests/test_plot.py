@@ -1,0 +1,168 @@
+"""Pictures: they are written for every dimension and for awkward data, and show what they should."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from farhorizon import plot
+from farhorizon.errors import InputError
+from farhorizon.results import ResultsWriter, open_results
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def is_picture(path):
+    """Whether a file is a PNG with more than one colour."""
+    from matplotlib.image import imread
+
+    return path.read_bytes().startswith(PNG) and np.ptp(imread(path)) > 0
+
+
+def axes_of(dim, nodes=21):
+    return [np.linspace(-1, 1 + axis, nodes + 5 * axis) for axis in range(dim)]
+
+
+def wave(axes, time):
+    radius = np.sqrt(sum(x**2 for x in np.meshgrid(*axes, indexing="ij")))
+    return np.where(radius < 1.9, np.cos(9 * radius - time) * np.exp(-time), np.nan)
+
+
+@pytest.mark.parametrize("shared", [True, False])
+@pytest.mark.parametrize("number", [1, 2, 5])
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_field_panels(tmp_path, dim, number, shared):
+    axes = axes_of(dim)
+    fields = [(f"t = {k}", wave(axes, k)) for k in range(number)]
+    crack = np.zeros((2, dim))
+    crack[1, 0] = 0.5
+    plot.field_panels(fields, axes, tmp_path / "u.png", shared_scale=shared, cracks=[crack])
+    assert is_picture(tmp_path / "u.png")
+
+
+@pytest.mark.parametrize("value", [0.0, 3.0, -2.0, np.nan])
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_constant_and_empty_fields(tmp_path, dim, value):
+    axes = axes_of(dim)
+    plot.field_panels([("", np.full([a.size for a in axes], value))], axes, tmp_path / "u.png")
+    assert is_picture(tmp_path / "u.png")
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 5), (300, 4), (4, 300)])
+def test_long_and_thin_lattices(tmp_path, shape):
+    axes = [0.5 * np.arange(n) for n in shape]
+    field = np.arange(float(np.prod(shape))).reshape(shape)
+    plot.field_panels([("a", field), ("b", field)], axes, tmp_path / "u.png")
+    assert is_picture(tmp_path / "u.png")
+
+
+def test_color_range():
+    """Diverging and symmetric for both signs, from zero for one sign, tight for a small variation of a large value."""
+    assert plot._color_range([np.array([-1.0, 3.0])]) == {"cmap": "RdBu_r", "vmin": -3, "vmax": 3}
+    assert plot._color_range([np.array([0.1, np.nan]), np.array([3.0])]) == {"cmap": "viridis", "vmin": 0, "vmax": 3}
+    assert plot._color_range([np.array([-1e-6, 1.0])]) == {"cmap": "viridis", "vmin": 0, "vmax": 1}
+    assert plot._color_range([np.array([300.0, 310.0])]) == {"cmap": "viridis", "vmin": 300, "vmax": 310}
+
+
+def test_field_panels_refuses(tmp_path):
+    axes = axes_of(2)
+    field = wave(axes, 0)
+    with pytest.raises(InputError, match="one field or more"):
+        plot.field_panels([], axes, tmp_path / "u.png")
+    with pytest.raises(InputError, match="field 'a' does not match"):
+        plot.field_panels([("a", field.T)], axes, tmp_path / "u.png")
+    with pytest.raises(InputError, match=r"limit: \(n, 2\)"):
+        plot.field_panels([("a", field)], axes, tmp_path / "u.png", cracks=[np.zeros((2, 3))])
+    with pytest.raises(InputError, match="no directory"):
+        plot.field_panels([("a", field)], axes, tmp_path / "none" / "u.png")
+    assert list(tmp_path.iterdir()) == []
+
+
+def write_results(path, dim, outputs=6, observed=True):
+    axes = axes_of(dim, 11)
+    shape = tuple(a.size for a in axes)
+    probes = np.zeros((2, dim)) if observed else None
+    writer = ResultsWriter.create(
+        path, dim=dim, shape=shape, spacing=0.2, lower=(-1.0,) * dim, fields=("u", "v"), dtype="float64", probes=probes
+    )
+    for k in range(outputs):
+        data = {"u": wave(axes, k), "v": np.abs(wave(axes, k))}
+        writer.append(k, float(k), data, np.exp(-2.0 * k) if observed else None, np.array([k, -k]) if observed else None)
+    return open_results(path)
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_plot_results(tmp_path, dim):
+    results = write_results(tmp_path / "a.h5", dim)
+    paths = plot.plot_results(results, tmp_path / "new" / "pictures")
+    assert [p.name for p in paths] == ["u.png", "v.png", "probes.png", "energy.png"]
+    assert all(is_picture(p) for p in paths)
+
+
+@pytest.mark.parametrize(("outputs", "expected"), [(0, []), (1, ["u.png", "v.png"])])
+def test_plot_few_outputs(tmp_path, outputs, expected):
+    results = write_results(tmp_path / "a.h5", 2, outputs, observed=False)
+    assert [p.name for p in plot.plot_results(results, tmp_path)] == expected
+    assert [p.name for p in plot.plot_results(results, tmp_path, times=[0.0])] == expected
+
+
+@pytest.mark.parametrize(
+    ("times", "titles"),
+    [(None, ["t = 0", "t = 2", "t = 3", "t = 5"]), ([1.2, 0.9, 99.0], ["t = 1", "t = 5"])],
+)
+def test_chosen_times(tmp_path, monkeypatch, times, titles):
+    """Up to four evenly spaced outputs, or the nearest to the times asked for, each once."""
+    results = write_results(tmp_path / "a.h5", 1)
+    seen = []
+    monkeypatch.setattr(plot, "field_panels", lambda fields, *_args, **_names: seen.append([title for title, _ in fields]))
+    plot.plot_results(results, tmp_path, times=times)
+    assert seen == [titles, titles]
+    with pytest.raises(InputError, match="finite"):
+        plot.plot_results(results, tmp_path, times=[np.nan])
+
+
+@pytest.mark.parametrize(
+    ("energy", "log"),
+    [([1, 0.5, 0.02], False), ([1, 0.5, 0.005], True), ([1, 0.5, 0], False), ([np.nan, 1, 0.005], True)],
+)
+def test_energy_scale(tmp_path, monkeypatch, energy, log):
+    """Logarithmic if positive and over more than two decades."""
+    results = write_results(tmp_path / "a.h5", 1, 0)
+    ResultsWriter(results.path).append_history(np.arange(3.0), None, np.array(energy))
+    seen = {}
+    monkeypatch.setattr(plot, "_lines", lambda _curves, path, **names: seen.update({path.name: names["log"]}))
+    plot.plot_results(results, tmp_path)
+    assert seen == {"energy.png": log}
+
+
+def test_error_history(tmp_path):
+    times = np.linspace(0, 10, 50)
+    curves = {
+        "lattice-pml": (times, np.where(times < 2, 0, 1e-9 * times)),
+        "exact": (times, np.zeros(50)),
+        "sponge": (times, 10.0 ** (times - 12)),
+        "explodes": (times, np.where(times < 9, 1e-3, np.inf)),
+        "tiny": (times, np.full(50, 1e-300)),
+    }
+    plot.error_history(curves, tmp_path / "e.png", "error", "title")
+    plot.error_history({"exact": curves["exact"]}, tmp_path / "zero.png", "error", "")
+    plot.error_history({"short": (times[:1], times[1:2])}, tmp_path / "one.png", "error", "")
+    assert all(is_picture(tmp_path / name) for name in ("e.png", "zero.png", "one.png"))
+    with pytest.raises(InputError, match="one curve or more"):
+        plot.error_history({}, tmp_path / "e.png", "", "")
+    with pytest.raises(InputError, match="'a' do not match"):
+        plot.error_history({"a": (times, times[1:])}, tmp_path / "e.png", "", "")
+
+
+def test_matplotlib_and_xarray_are_imported_late():
+    code = "import sys, farhorizon.plot, farhorizon.results; sys.exit('matplotlib' in sys.modules or 'xarray' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_pictures_leave_matplotlib_as_it_was(tmp_path):
+    import matplotlib
+
+    before = dict(matplotlib.rcParams)
+    plot.field_panels([("", wave(axes_of(2), 0))], axes_of(2), tmp_path / "u.png")
+    assert dict(matplotlib.rcParams) == before
