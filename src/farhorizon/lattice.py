@@ -110,6 +110,15 @@ class Lattice:
             )
         return node
 
+    def extended(self, nodes: dict[tuple[int, int], int]) -> Lattice:
+        """The lattice with more nodes beyond its sides (axis, side); a body continues along the normal, a window is dropped."""
+        pads = [(nodes.get((a, -1), 0), nodes.get((a, 1), 0)) for a in range(self.dim)]
+        low, high = (np.array([p[i] for p in pads]) * self.spacing for i in range(2))
+        grown = Lattice(self.spacing, self.lower - low, self.upper + high)
+        if self.body is not None and self.mask is not None:
+            grown.body, grown.mask = self.body, np.pad(self.mask, pads, mode="edge")
+        return grown
+
     @property
     def nodes(self) -> int:
         """Number of nodes that are shown."""

@@ -59,6 +59,8 @@ class Simulation:
     time : float
     step_count : int
     dt : float
+    start_u, start_v : ndarray
+        Initial values less the background, and initial velocities.
     fields : dict of str to ndarray
         The near field, "u", and for waves "v" (half a step late, (u(n) - u(n-1))/dt); nan outside a window.
 
@@ -108,11 +110,12 @@ class Simulation:
         v = self._initial("v", initial or {}) if model.order == 2 else np.zeros(lattice.shape)
         for name in set(initial or {}) - ({"u", "v"} if model.order == 2 else {"u"}):
             raise InputError("unknown initial field", value=name, limit="u, v" if model.order == 2 else "u", key="initial")
+        self.start_u, self.start_v = u, v
         self._margins = self._choose_margins(u, v)
         self._make_engine(factor, rule, dtype, threads)
         self._cut(cracks)
         self._damp()
-        self._sources = [split(s, lattice) for s in sources]
+        self.sources = [split(s, lattice) for s in sources]
         self._scale = max(float(np.abs(u).max(initial=0)), float(np.abs(v).max(initial=0)) * 0.01, 1e-300)
         self._start(u, v)
 
@@ -353,7 +356,7 @@ class Simulation:
 
     def _source_now(self, t: float) -> np.ndarray:
         total = np.zeros(self.lattice.shape)
-        for space, time in self._sources:
+        for space, time in self.sources:
             total += time(t) if space is None else space * time(t)
         return total
 
@@ -376,13 +379,13 @@ class Simulation:
         engine = self.engine
         dtype = engine.dtype
         stages = len(engine.stages.numbers)
-        if not self._sources:
+        if not self.sources:
             engine.advance(steps, np.zeros(0, np.int64), np.zeros((0, 0), dtype), np.zeros((steps, stages, 0), dtype))
             self._tick(steps)
             return
         samples, weights = self.model.integrator.source_samples(self.dt)
-        fixed = [(space, time) for space, time in self._sources if space is not None]
-        free = [time for space, time in self._sources if space is None]
+        fixed = [(space, time) for space, time in self.sources if space is not None]
+        free = [time for space, time in self.sources if space is None]
         batch = 1 if free else max(1, min(steps, _TABLE // max(stages * len(fixed), 1)))
         done = 0
         while done < steps:

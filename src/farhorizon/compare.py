@@ -1,0 +1,148 @@
+"""Comparison of a truncated run with the infinite medium, for the given boundary and, beside it, a fixed and a free edge."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from farhorizon.analysis import infinite_lattice, largest_speed
+from farhorizon.boundaries import Fixed, Free, LatticePML, Sponge
+from farhorizon.cracks import as_cut
+from farhorizon.simulation import Simulation
+from farhorizon.sources import Source
+
+
+@dataclass
+class Comparison:
+    """Errors of each boundary against the infinite medium.
+
+    Attributes
+    ----------
+    reference : str
+        How the infinite medium was computed.
+    times : list of float
+    curves : dict
+        Per boundary: "times", "error", "error_rel_current", "error_rel_initial", "error_max_over_run".
+    fields : dict of str to ndarray
+        The field at `shown_time`: "infinite medium" and each boundary.
+    """
+
+    reference: str
+    initial: float
+    times: list[float] = field(default_factory=list)
+    curves: dict[str, dict[str, Any]] = field(default_factory=dict)
+    fields: dict[str, np.ndarray] = field(default_factory=dict)
+    shown_time: float = 0.0
+
+    def table(self) -> str:
+        """Errors at up to eight times, one row a time, relative to the initial maximum."""
+        names = list(self.curves)
+        rows = [f"{'t':>10}" + "".join(f"{n:>16}" for n in names)]
+        some = sorted({round(i) for i in np.linspace(0, len(self.times) - 1, 8)})
+        rows += [f"{self.times[i]:>10.4g}" + "".join(f"{self.curves[n]['error_rel_initial'][i]:>16.2e}" for n in names) for i in some]
+        rows.append(f"{'max':>10}" + "".join(f"{self.curves[n]['error_max_over_run'] / self.initial:>16.2e}" for n in names))
+        return "\n".join(["error max|u - u_infinite| over the near field / initial maximum; " + self.reference, *rows])
+
+
+def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None = None, shown: float | None = None) -> Comparison:
+    """Run a set-up, the same with a fixed and with a free edge, and the infinite medium, at the same time step.
+
+    Parameters
+    ----------
+    setup : dict
+        Arguments of `Simulation`.
+    until : float
+    times : sequence of float, optional
+        When to compare; 40 even times unless given.
+    shown : float, optional
+        Time of the fields kept for a picture; the last one unless given.
+    """
+    wanted = np.linspace(0, until, 41)[1:] if times is None else np.sort(np.asarray(times, float))
+    ours = Simulation(**setup)
+    steps = sorted({max(1, round(t / ours.dt)) for t in wanted})
+    shown_step = min(steps, key=lambda n: abs(n * ours.dt - (wanted[-1] if shown is None else shown)))
+    runs = {_name(ours): ours}
+    for label, edge in (("fixed edge", Fixed(ours.background)), ("free edge", Free())):
+        boundary = {k: edge if isinstance(b, LatticePML | Sponge) else b for k, b in _by_name(ours).items()}
+        runs[label] = Simulation(**{**setup, "boundary": boundary, "dt": ours.dt})
+    homogeneous = all(isinstance(b, LatticePML | Sponge) for b in ours.sides.values()) and ours.lattice.body is None
+    homogeneous &= not setup.get("cracks") and setup.get("coefficient") is None and not ours.sources
+    far = None if homogeneous else _extended(setup, ours, steps[-1] * ours.dt)
+    how = "exact solution on the infinite lattice by FFT" if far is None else f"domain of {' x '.join(map(str, far.lattice.shape))} nodes"
+    peak = float(np.nanmax(np.abs(ours.start_u), initial=0.0))
+    result = Comparison(how, peak, [n * ours.dt for n in steps], shown_time=shown_step * ours.dt)
+    errors: dict[str, list[float]] = {name: [] for name in runs}
+    size: list[float] = []
+    for step in steps:
+        if far is None:
+            exact = infinite_lattice(ours.stencil, ours.model.coefficient / ours.lattice.spacing**2, ours.model.integrator, ours.dt, step,
+                                     ours.start_u, ours.start_v, ours.model.damping) + ours.background  # fmt: skip
+        else:
+            far.step(step - far.step_count)
+            exact = far.fields["u"][far_slices(far, ours)]
+        if ours.lattice.mask is not None:
+            exact = np.where(ours.lattice.mask, exact, np.nan)
+        size.append(float(np.nanmax(np.abs(exact - ours.background))))
+        if step == shown_step:
+            result.fields["infinite medium"] = exact
+        for name, sim in runs.items():
+            sim.step(step - sim.step_count)
+            values = sim.fields["u"]
+            errors[name].append(float(np.nanmax(np.abs(values - exact))))
+            if step == shown_step:
+                result.fields[name] = values
+    if result.initial == 0:  # driven by sources alone: the largest value of the run is the scale
+        result.initial = max(size)
+    for name, error in errors.items():
+        result.curves[name] = {
+            "times": result.times, "error": error, "error_rel_current": [e / max(s, 1e-300) for e, s in zip(error, size, strict=True)],
+            "error_rel_initial": [e / max(result.initial, 1e-300) for e in error], "error_max_over_run": max(error),
+        }  # fmt: skip
+    return result
+
+
+def _by_name(sim: Simulation) -> dict[str, Any]:
+    return {"xyz"[a] + "-+"[s > 0]: b for (a, s), b in sim.sides.items()}
+
+
+def _name(sim: Simulation) -> str:
+    kinds = {type(b) for b in sim.sides.values() if isinstance(b, LatticePML | Sponge)} or {type(b) for b in sim.sides.values()}
+    return " + ".join(sorted({LatticePML: "lattice PML", Sponge: "sponge"}.get(k, k.__name__.lower()) for k in kinds))
+
+
+def far_slices(far: Simulation, ours: Simulation) -> tuple[slice, ...]:
+    """Where the near field lies in the extended domain."""
+    first = np.round((ours.lattice.lower - far.lattice.lower) / ours.lattice.spacing).astype(int)
+    return tuple(slice(i, i + n) for i, n in zip(first, ours.lattice.shape, strict=True))
+
+
+def _extended(setup: dict[str, Any], ours: Simulation, until: float) -> Simulation:
+    """The same set-up on a domain so large that nothing returns from its ends."""
+    lattice, dx = ours.lattice, ours.lattice.spacing
+    if ours.model.order == 2:
+        distance = 0.5 * until * np.sqrt(ours.rate_limit / ours.stencil.symbol_maximum) * largest_speed(ours.stencil) * dx
+    else:
+        distance = 6 * np.sqrt(ours.rate_limit / ours.stencil.symbol_maximum * until) * dx
+    more = int(np.ceil(distance / dx)) + 10 * max(ours.stencil.reach)
+    open_sides = {key: more for key, b in ours.sides.items() if isinstance(b, LatticePML | Sponge)}
+    grown = lattice.extended(open_sides)
+    pads = [(open_sides.get((a, -1), 0), open_sides.get((a, 1), 0)) for a in range(lattice.dim)]
+
+    def widen(value: Any, mode: str = "constant") -> Any:
+        if isinstance(value, Source):
+            return Source(widen(value.value), value.time)
+        return value if callable(value) or np.ndim(value) == 0 else np.pad(np.asarray(value, float), pads, mode=mode)  # type: ignore[call-overload]
+
+    boundary = {name: Fixed(ours.background) if isinstance(b, LatticePML | Sponge) else b for name, b in _by_name(ours).items()}
+    changed = {
+        "lattice": grown, "boundary": boundary, "dt": ours.dt,
+        "initial": {k: widen(v) for k, v in (setup.get("initial") or {}).items()},
+        "sources": [widen(s) for s in setup.get("sources", ())],
+        "cracks": [as_cut(c, lattice.dim) for c in setup.get("cracks", ())],
+        "coefficient": widen(setup["coefficient"], "edge") if setup.get("coefficient") is not None else None,
+    }  # fmt: skip
+    return Simulation(**{**setup, **changed})
+
