@@ -1,0 +1,7 @@
+"""``python -m farhorizon``."""
+
+import sys
+
+from farhorizon.cli import main
+
+sys.exit(main())

@@ -1,0 +1,349 @@
+"""Case files: TOML with the words of the Python interface, validated before any work."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+import farhorizon as fh
+from farhorizon.errors import FileFormatError, InputError
+from farhorizon.lattice import AXES
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=False)
+
+
+Number = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class DiscPart(_Part):
+    radius: Number
+    centre: list[Number] | None = None
+
+
+class BoxPart(_Part):
+    lower: list[Number]
+    upper: list[Number]
+
+
+class PolygonPart(_Part):
+    points: list[list[Number]]
+
+
+class RegionPart(_Part):
+    """One shape, with shapes taken out of it."""
+
+    disc: DiscPart | None = None
+    ball: DiscPart | None = None
+    box: BoxPart | None = None
+    polygon: PolygonPart | None = None
+    without: list[RegionPart] = []
+
+    def build(self, key: str) -> fh.shapes.Shape:
+        """The shape itself."""
+        shapes: list[fh.shapes.Shape] = []
+        for kind, part in ((fh.Disc, self.disc), (fh.Ball, self.ball)):
+            if part is not None:
+                shapes.append(kind(part.radius) if part.centre is None else kind(part.radius, part.centre))
+        if self.box is not None:
+            shapes.append(fh.Box(self.box.lower, self.box.upper))
+        if self.polygon is not None:
+            shapes.append(fh.Polygon(self.polygon.points))
+        if len(shapes) != 1:
+            raise InputError("give exactly one of disc, ball, box, polygon", key=key)
+        region = shapes[0]
+        for part in self.without:
+            region = region - part.build(key + ".without")
+        return region
+
+
+class LatticePart(_Part):
+    spacing: Number
+    lower: list[Number] | None = None
+    upper: list[Number] | None = None
+    window: RegionPart | None = None
+    body: RegionPart | None = None
+
+
+class KernelPart(_Part):
+    horizon: Number
+    exponent: int = 2
+    influence: str = "constant"
+    width: Number | None = None
+    volume: str = "ramp"
+    calibrate: bool = True
+
+
+class WavePart(_Part):
+    type: Literal["wave"]
+    speed: Number = 1.0
+    damping: Number = 0.0
+    kernel: KernelPart | None = None
+    stencil: Literal["finite-difference", "finite-element"] | None = None
+
+
+class DiffusionPart(_Part):
+    type: Literal["diffusion"]
+    diffusivity: Number = 1.0
+    integrator: str = "euler"
+    kernel: KernelPart | None = None
+    stencil: Literal["finite-difference", "finite-element"] | None = None
+
+
+class LatticePMLPart(_Part):
+    type: Literal["lattice-pml"]
+    target: Number | None = None
+    nodes: int | None = None
+    profile: dict[str, Number | list[Number]] | None = None
+
+
+class FixedPart(_Part):
+    type: Literal["fixed"]
+    value: Number = 0.0
+
+
+class FreePart(_Part):
+    type: Literal["free"]
+
+
+class PeriodicPart(_Part):
+    type: Literal["periodic"]
+
+
+class SpongePart(_Part):
+    type: Literal["sponge"]
+    nodes: int = 40
+    strength: Number | None = None
+
+
+BoundaryPart = Annotated[LatticePMLPart | FixedPart | FreePart | PeriodicPart | SpongePart, Field(discriminator="type")]
+_BOUNDARIES = {"lattice-pml": fh.LatticePML, "fixed": fh.Fixed, "free": fh.Free, "periodic": fh.Periodic, "sponge": fh.Sponge}
+
+
+class CrackPart(_Part):
+    points: list[list[Number]] | None = None
+    rectangle: dict[Literal["corner", "edge1", "edge2"], list[Number]] | None = None
+    disc: dict[Literal["centre", "normal", "radius"], list[Number] | Number] | None = None
+
+
+class SourcePart(_Part):
+    field: Literal["u"] = "u"
+    value: str | Number
+
+
+class RunPart(_Part):
+    until: Number
+    dt: Number | None = None
+    dtype: str = "float64"
+    threads: int | None = None
+
+
+class OutputPart(_Part):
+    fields: list[Literal["u", "v"]] = ["u"]
+    every: Number | None = None
+    probes: list[list[Number]] = []
+    pictures: list[Number] | None = None
+
+
+class CasePart(_Part):
+    lattice: LatticePart
+    model: Annotated[WavePart | DiffusionPart, Field(discriminator="type")]
+    initial: dict[Literal["u", "v"], str | Number] = {}
+    boundary: dict[str, BoundaryPart] = {}
+    crack: list[CrackPart] = []
+    source: list[SourcePart] = []
+    coefficient: str | Number | None = None
+    rule: str = "both"
+    background: Number = 0.0
+    run: RunPart
+    output: OutputPart = OutputPart()
+
+
+class Case:
+    """A validated case file.
+
+    Parameters
+    ----------
+    text : str
+        TOML.
+    path : Path or str
+        Named in messages; its stem names the results.
+
+    Raises
+    ------
+    InputError
+        Anything wrong, with file, key, value, limit and remedy.
+    """
+
+    def __init__(self, text: str, path: str | Path = "case.toml") -> None:
+        self.text, self.path = text, Path(path)
+        try:
+            data = tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            raise InputError(f"{self.path}: not valid TOML: {error}") from None
+        try:
+            self.parts = CasePart.model_validate(data)
+        except ValidationError as error:
+            raise InputError(f"{self.path}: " + _explain(error)) from None
+        try:
+            self.lattice = self._lattice()
+            self.model = self._model()
+            self.setup = self._setup()
+            self._check_output()
+        except InputError as error:
+            raise InputError(f"{self.path}: {error}") from None
+
+    @classmethod
+    def read(cls, path: str | Path) -> Case:
+        """Read a case file."""
+        try:
+            text = Path(path).read_text(encoding="utf-8")
+        except OSError as error:
+            raise InputError(f"cannot read the case file {path}: {error.strerror}", remedy="check the path") from None
+        except UnicodeDecodeError:
+            raise FileFormatError(f"{path} is not a text file", remedy="a case file is TOML") from None
+        return cls(text, path)
+
+    @property
+    def name(self) -> str:
+        """Name of the results: the file's stem."""
+        return self.path.stem
+
+    @property
+    def every(self) -> float:
+        """Time between two outputs; a fortieth of the run unless given."""
+        return self.parts.output.every if self.parts.output.every is not None else self.parts.run.until / 40
+
+    def simulation(self, **changes: Any) -> fh.Simulation:
+        """A new simulation of the case."""
+        try:
+            return fh.Simulation(**{**self.setup, **changes})
+        except InputError as error:
+            raise InputError(f"{self.path}: {error}") from None
+
+    def _lattice(self) -> fh.Lattice:
+        part = self.parts.lattice
+        window = part.window.build("lattice.window") if part.window else None
+        body = part.body.build("lattice.body") if part.body else None
+        return fh.Lattice(part.spacing, part.lower, part.upper, window=window, body=body)
+
+    def _model(self) -> fh.Wave | fh.Diffusion:
+        part = self.parts.model
+        if (part.kernel is None) == (part.stencil is None):
+            raise InputError("give either [model.kernel] or stencil", key="model")
+        operator: fh.Kernel | fh.Stencil
+        if part.kernel is not None:
+            operator = fh.Kernel(**part.kernel.model_dump())
+        else:
+            make = fh.Stencil.finite_difference if part.stencil == "finite-difference" else fh.Stencil.finite_element
+            operator = make(self.lattice.dim)
+        if isinstance(part, WavePart):
+            return fh.Wave(operator, part.speed, part.damping)
+        return fh.Diffusion(operator, part.diffusivity, part.integrator)
+
+    def _expression(self, value: str | float, key: str) -> Any:
+        if not isinstance(value, str):
+            return value
+        try:
+            return fh.Expression(value, self.lattice.dim)
+        except InputError as error:
+            raise InputError(f"{key}: {error}") from None
+
+    def _setup(self) -> dict[str, Any]:
+        parts, dim = self.parts, self.lattice.dim
+        for name, value in parts.initial.items():
+            expression = self._expression(value, f"initial.{name}")
+            if isinstance(expression, fh.Expression) and expression.uses_time:
+                raise InputError("initial data cannot depend on t", value=value, key=f"initial.{name}")
+        boundary: dict[str, Any] = {}
+        for side, part in parts.boundary.items():
+            values = part.model_dump(exclude={"type"}, exclude_none=True)
+            try:
+                boundary[side] = _BOUNDARIES[part.type](**values)
+            except InputError as error:
+                raise InputError(f"boundary.{side}: {error}") from None
+        allowed = ["all"] + [AXES[a] + s for a in range(dim) for s in ("", "-", "+")]
+        for side in boundary:
+            if side not in allowed:
+                raise InputError("unknown side", value=side, limit=", ".join(allowed), key="boundary", remedy=_nearest(side, allowed))
+        coefficient = None
+        if parts.coefficient is not None:
+            expression = self._expression(parts.coefficient, "coefficient")
+            coefficient = np.broadcast_to(expression(*self.lattice.coordinates()) if callable(expression) else expression, self.lattice.shape)
+        return {
+            "lattice": self.lattice, "model": self.model, "boundary": boundary or fh.LatticePML(),
+            "initial": {k: self._expression(v, f"initial.{k}") for k, v in parts.initial.items()},
+            "sources": [self._expression(s.value, "source.value") for s in parts.source],
+            "cracks": [self._crack(c) for c in parts.crack],
+            "coefficient": coefficient, "rule": parts.rule, "background": parts.background,
+            "dt": parts.run.dt, "dtype": parts.run.dtype, "threads": parts.run.threads,
+        }  # fmt: skip
+
+    def _crack(self, part: CrackPart) -> Any:
+        given = [p for p in (part.points, part.rectangle, part.disc) if p is not None]
+        if len(given) != 1:
+            raise InputError("give exactly one of points, rectangle, disc", key="crack")
+        if part.points is not None:
+            return part.points
+        try:
+            return fh.Rectangle(**part.rectangle) if part.rectangle is not None else fh.DiscCut(**part.disc)  # type: ignore[arg-type]
+        except TypeError:
+            raise InputError("a rectangle needs corner, edge1 and edge2; a disc needs centre, normal and radius", key="crack") from None
+
+    def _check_output(self) -> None:
+        out = self.parts.output
+        if out.every is not None and out.every <= 0:
+            raise InputError("must be positive", value=out.every, key="output.every")
+        if self.parts.run.until <= 0:
+            raise InputError("must be positive", value=self.parts.run.until, key="run.until")
+        if "v" in out.fields and isinstance(self.model, fh.Diffusion):
+            raise InputError("diffusion has no velocity", value="v", limit="u", key="output.fields")
+        for point in out.probes:
+            try:
+                self.lattice.index(point)
+            except InputError as error:
+                raise InputError(f"output.probes: {error}") from None
+
+
+def _nearest(word: str, words: list[str]) -> str:
+    near = difflib.get_close_matches(word, words, 1, 0.4)
+    return f"did you mean {near[0]!r}? " if near else f"known: {', '.join(words)}"
+
+
+def _known(location: tuple[Any, ...]) -> list[str]:
+    """Keys allowed at a place of the schema, following the data's own path."""
+    choices = {"wave": WavePart, "diffusion": DiffusionPart, "lattice-pml": LatticePMLPart, "fixed": FixedPart, "free": FreePart,
+               "periodic": PeriodicPart, "sponge": SpongePart}  # fmt: skip
+    parts: type[_Part] = CasePart
+    named = {"lattice": LatticePart, "run": RunPart, "output": OutputPart, "kernel": KernelPart, "window": RegionPart, "body": RegionPart,
+             "without": RegionPart, "crack": CrackPart, "source": SourcePart, "box": BoxPart, "polygon": PolygonPart, "ball": DiscPart}  # fmt: skip
+    for step in location:
+        if step in choices:
+            parts = choices[step]
+        elif step == "disc" and parts is RegionPart:
+            parts = DiscPart
+        elif step in named:
+            parts = named[step]
+    return list(parts.model_fields)
+
+
+def _explain(error: ValidationError) -> str:
+    """The first problem in one line: key, value, what is wrong, the nearest known key."""
+    messages = []
+    for problem in error.errors()[:3]:
+        location = tuple(problem["loc"])
+        tags = {"wave", "diffusion", "lattice-pml", "fixed", "free", "periodic", "sponge", "float", "str", "int", "[key]"}
+        key = ".".join(str(s) for s in location if s not in tags)
+        if problem["type"] == "extra_forbidden":
+            messages.append(f"unknown key {key}; {_nearest(str(location[-1]), _known(location[:-1]))}")
+        elif problem["type"] == "missing":
+            messages.append(f"missing key {key}")
+        else:
+            messages.append(f"{key}: {problem['msg']}; value: {problem['input']!r}")
+    return " | ".join(messages)

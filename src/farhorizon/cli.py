@@ -1,0 +1,242 @@
+"""The command line: run, check, compare, plot, demo, info."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+
+GOOD, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+_CHECKPOINT_SECONDS = 30.0
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of the `farhorizon` command; returns the exit code."""
+    options = _parser().parse_args(arguments)
+    from farhorizon.errors import FarhorizonError, InputError
+
+    try:
+        return int(options.command(options) or GOOD)
+    except InputError as error:
+        print(f"farhorizon: {error}", file=sys.stderr)
+        return BAD_INPUT
+    except FarhorizonError as error:
+        print(f"farhorizon: {error}", file=sys.stderr)
+        return FAILED
+    except KeyboardInterrupt:
+        print("farhorizon: interrupted", file=sys.stderr)
+        return INTERRUPTED
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="farhorizon",
+        description="Waves and diffusion in an unbounded peridynamic or classical medium, computed on a small grid.",
+        epilog="Start with 'farhorizon demo', then 'farhorizon run CASE.toml'. Exit code: 0 good, 1 run failed, 2 bad input, 130 interrupted.",
+    )
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+
+    def add(name: str, function: Any, text: str) -> argparse.ArgumentParser:
+        sub = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
+        sub.set_defaults(command=function)
+        return sub
+
+    run = add("run", _run, "run a case: writes NAME.h5 (opens in ParaView) and pictures in NAME/")
+    run.add_argument("case", help="case file (TOML)")
+    run.add_argument("--out", metavar="DIR", default=".", help="folder of the results (default: here)")
+    run.add_argument("--resume", action="store_true", help="go on from the checkpoint NAME.ckpt of an interrupted run")
+    run.add_argument("--until", type=float, metavar="T", help="end time instead of the case's")
+    check = add("check", _check, "check a case without running it: step limit, layer, memory, backward waves")
+    check.add_argument("case", help="case file (TOML)")
+    compare = add("compare", _compare, "compare a case with the infinite medium, beside a fixed and a free edge")
+    compare.add_argument("case", help="case file (TOML)")
+    compare.add_argument("--out", metavar="DIR", default=".", help="folder of the pictures (default: here)")
+    compare.add_argument("--times", type=float, nargs="+", metavar="T", help="when to compare (default: 40 even times)")
+    plot = add("plot", _plot, "draw pictures of a results file")
+    plot.add_argument("result", help="results file (NAME.h5)")
+    plot.add_argument("--out", metavar="DIR", help="folder of the pictures (default: beside the file, its name without .h5)")
+    plot.add_argument("--times", type=float, nargs="+", metavar="T", help="times to draw (default: four even ones)")
+    demo = add("demo", _demo, "two notches in an infinite membrane: run, compare and draw, in under a minute")
+    demo.add_argument("--out", metavar="DIR", default="farhorizon-demo", help="folder of the picture (default: farhorizon-demo)")
+    add("info", _info, "versions, threads, caches")
+    for sub in (run, check, compare, demo):
+        sub.add_argument("--json", metavar="FILE", help="write the figures as JSON too")
+    return parser
+
+
+def _write_json(path: str | None, content: dict[str, Any]) -> None:
+    if path:
+        Path(path).write_text(json.dumps(content, indent=1) + "\n")
+
+
+def _folder(name: str) -> Path:
+    from farhorizon.errors import InputError
+
+    folder = Path(name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot make the folder {folder}: {error.strerror}", key="--out") from None
+    return folder
+
+
+def _run(options: argparse.Namespace) -> int:
+    import numpy as np
+
+    import farhorizon as fh
+    from farhorizon.case import Case
+    from farhorizon.errors import FarhorizonError, InputError
+    from farhorizon.plot import plot_results
+    from farhorizon.results import ResultsWriter, open_results, read_checkpoint
+
+    case = Case.read(options.case)
+    until = case.parts.run.until if options.until is None else options.until
+    if not (np.isfinite(until) and until > 0):
+        raise InputError("the end of the run must be positive", value=until, key="--until")
+    folder = Path(options.out)
+    result, checkpoint = folder / f"{case.name}.h5", folder / f"{case.name}.ckpt"
+    probes = np.array(case.parts.output.probes, float).reshape(-1, case.lattice.dim)
+    probe_nodes = [case.lattice.index(p) for p in probes]
+    if options.resume and not checkpoint.exists():
+        raise InputError(f"no checkpoint {checkpoint}", key="--resume", remedy="run without --resume")
+    sim = case.simulation()
+    for warning in sim.check().warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+    print(f"{case.name}: {case.lattice.nodes} nodes, dt = {sim.dt:.6g}, {int(np.ceil(until / sim.dt))} steps to t = {until:g}")
+    if options.resume:
+        kept = sim.load(checkpoint)
+        writer = ResultsWriter.resume(result, int(kept["outputs"]), int(kept["rows"]))
+        print(f"resumed at step {sim.step_count}, t = {sim.time:g}")
+    else:
+        _folder(options.out)
+        writer = ResultsWriter.create(
+            result, dim=case.lattice.dim, shape=case.lattice.shape, spacing=case.lattice.spacing, lower=case.lattice.lower,
+            fields=tuple(case.parts.output.fields), dtype=sim.engine.dtype, probes=probes, case=case.text, program=f"farhorizon {fh.__version__}",
+        )  # fmt: skip
+        checkpoint.unlink(missing_ok=True)
+    saved = [time.monotonic()]
+
+    def record(sim: fh.Simulation) -> None:
+        fields = sim.fields
+        values = np.array([fields["u"][node] for node in probe_nodes])
+        writer.append(sim.step_count, sim.time, {k: fields[k] for k in case.parts.output.fields}, energy=sim.energy(), observed=values)
+
+    def keep(sim: fh.Simulation) -> None:
+        sim.save(checkpoint, outputs=writer.outputs, rows=writer.rows)
+        saved[0] = time.monotonic()
+
+    def observe(sim: fh.Simulation) -> None:
+        record(sim)
+        if time.monotonic() - saved[0] > _CHECKPOINT_SECONDS:
+            keep(sim)
+
+    if not options.resume:
+        record(sim)
+        keep(sim)
+    sim.observers.append(observe)
+    try:
+        sim.run(until, case.every)
+    except KeyboardInterrupt:
+        keep(sim)
+        print(f"\ninterrupted at t = {sim.time:g}; go on with: farhorizon run {options.case} --resume", file=sys.stderr)
+        return INTERRUPTED
+    except FarhorizonError:
+        print(f"the last good checkpoint is {checkpoint}", file=sys.stderr)
+        raise
+    keep(sim)
+    results = open_results(result)
+    pictures = plot_results(results, folder / case.name, case.parts.output.pictures)
+    print(f"results: {result} ({len(results.times)} outputs); pictures: {', '.join(str(p) for p in pictures)}")
+    _write_json(options.json, {"name": case.name, "steps": sim.step_count, "time": sim.time, "dt": sim.dt, "energy": sim.energy(),
+                               "results": str(result), "pictures": [str(p) for p in pictures]})  # fmt: skip
+    return GOOD
+
+
+def _check(options: argparse.Namespace) -> int:
+    from farhorizon.case import Case
+
+    report = Case.read(options.case).simulation().check()
+    print(report)
+    _write_json(options.json, {"facts": dict(report.rows), "warnings": report.warnings})
+    return GOOD
+
+
+def _compare_case(case: Any, folder: Path, times: Sequence[float] | None, shown: float | None, json_file: str | None) -> None:
+    import numpy as np
+
+    from farhorizon.compare import compare
+    from farhorizon.plot import error_history, field_panels
+
+    result = compare(case.setup, case.parts.run.until, times, shown)
+    print(result.table())
+    cracks = [np.asarray(c.points, float) for c in case.parts.crack if c.points is not None]
+    fields = [(f"{name}, t = {result.shown_time:.3g}", value) for name, value in result.fields.items() if name != "free edge"]
+    folder.mkdir(parents=True, exist_ok=True)
+    picture, history = folder / "compare.png", folder / "error.png"
+    field_panels(fields, case.lattice.axes, picture, cracks=cracks)
+    curves = {name: (c["times"], c["error_rel_initial"]) for name, c in result.curves.items()}
+    error_history(curves, history, "max error / initial maximum", "Error against the infinite medium")
+    print(f"pictures: {picture}, {history}")
+    _write_json(json_file, result.curves)
+
+
+def _compare(options: argparse.Namespace) -> int:
+    from farhorizon.case import Case
+
+    case = Case.read(options.case)
+    _compare_case(case, _folder(options.out) / case.name, options.times, None, options.json)
+    return GOOD
+
+
+def _plot(options: argparse.Namespace) -> int:
+    from farhorizon.plot import plot_results
+    from farhorizon.results import open_results
+
+    path = Path(options.result)
+    folder = Path(options.out) if options.out else path.with_suffix("")
+    for picture in plot_results(open_results(path), folder, options.times):
+        print(picture)
+    return GOOD
+
+
+def _demo(options: argparse.Namespace) -> int:
+    from importlib.resources import files
+
+    from farhorizon.case import Case
+
+    case = Case(files("farhorizon").joinpath("demo.toml").read_text(encoding="utf-8"), "two_notches.toml")
+    print("An infinite membrane with two notches, seen through a disc of radius 26 (example 3 of Hermann et al. 2023).")
+    print("Running it with the lattice PML, with a fixed and a free edge, and on a domain from which nothing returns ...")
+    _compare_case(case, _folder(options.out), None, 30.0, options.json)
+    return GOOD
+
+
+def _info(options: argparse.Namespace) -> int:
+    import platform
+
+    import h5py
+    import numba
+    import numpy
+    import scipy
+
+    import farhorizon
+    from farhorizon.engine import available_threads
+    from farhorizon.engine.build import cache_folder
+
+    for name, value in (
+        ("farhorizon", farhorizon.__version__), ("python", platform.python_version()), ("numpy", numpy.__version__), ("scipy", scipy.__version__),
+        ("numba", numba.__version__), ("h5py", h5py.__version__), ("threads", available_threads()), ("compiled programs", cache_folder()),
+    ):  # fmt: skip
+        print(f"{name:<18}{value}")
+    return GOOD
+
+
+if __name__ == "__main__":
+    sys.exit(main())
