@@ -47,7 +47,9 @@ class Comparison:
         return "\n".join(["error max|u - u_infinite| over the near field / initial maximum; " + self.reference, *rows])
 
 
-def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None = None, shown: float | None = None) -> Comparison:
+def compare(
+    setup: dict[str, Any], until: float, times: Sequence[float] | None = None, shown: float | None = None, beside: bool = True
+) -> Comparison:
     """Run a set-up, the same with a fixed and with a free edge, and the infinite medium, at the same time step.
 
     Parameters
@@ -59,13 +61,15 @@ def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None =
         When to compare; 40 even times unless given.
     shown : float, optional
         Time of the fields kept for a picture; the last one unless given.
+    beside : bool
+        Run a fixed and a free edge too.
     """
     wanted = np.linspace(0, until, 41)[1:] if times is None else np.sort(np.asarray(times, float))
     ours = Simulation(**setup)
     steps = sorted({max(1, round(t / ours.dt)) for t in wanted})
     shown_step = min(steps, key=lambda n: abs(n * ours.dt - (wanted[-1] if shown is None else shown)))
     runs = {_name(ours): ours}
-    for label, edge in (("fixed edge", Fixed(ours.background)), ("free edge", Free())):
+    for label, edge in (("fixed edge", Fixed(ours.background)), ("free edge", Free())) if beside else ():
         boundary = {k: edge if isinstance(b, LatticePML | Sponge) else b for k, b in _by_name(ours).items()}
         runs[label] = Simulation(**{**setup, "boundary": boundary, "dt": ours.dt})
     homogeneous = all(isinstance(b, LatticePML | Sponge) for b in ours.sides.values()) and ours.lattice.body is None
@@ -126,7 +130,7 @@ def _extended(setup: dict[str, Any], ours: Simulation, until: float) -> Simulati
         distance = 0.5 * until * np.sqrt(ours.rate_limit / ours.stencil.symbol_maximum) * largest_speed(ours.stencil) * dx
     else:
         distance = 6 * np.sqrt(ours.rate_limit / ours.stencil.symbol_maximum * until) * dx
-    more = int(np.ceil(distance / dx)) + 10 * max(ours.stencil.reach)
+    more = int(np.ceil(distance / dx)) + 10 * max(ours.stencil.reach) + int(5 * np.cbrt(distance / dx))
     open_sides = {key: more for key, b in ours.sides.items() if isinstance(b, LatticePML | Sponge)}
     grown = lattice.extended(open_sides)
     pads = [(open_sides.get((a, -1), 0), open_sides.get((a, 1), 0)) for a in range(lattice.dim)]

@@ -69,19 +69,17 @@ class Verlet:
     @staticmethod
     def propagate(symbol: np.ndarray, dt: float, steps: int, u: np.ndarray, v: np.ndarray, damping: float = 0.0) -> np.ndarray:
         """Exact result of `steps` steps for each eigenvalue -symbol, from Fourier coefficients of u and u_t at t = 0."""
+        # u(n) = ratio^n (u cos(n angle) + rest sin(n angle)): no difference of nearly equal powers, so that
+        # rounding grows like n only. Overdamped modes have an imaginary angle.
         share = damping * dt
-        before = u - dt * (1 + share) * v - dt**2 / 2 * symbol * u
-        half = (2 - dt**2 * symbol) / (2 * (1 + share))
-        product = (1 - share) / (1 + share)
-        root = np.sqrt(np.asarray(half**2 - product, complex))
-        first, second = half + root, half - root
-        # u(n) = ((u1 - second u0) first^n - (u1 - first u0) second^n) / (first - second), with n counted from `before`.
-        near = np.abs(root) < 1e-7
-        gap = np.where(near, 1.0, 2 * root)
-        n = steps + 1
-        power = np.where(near, n * half ** (n - 1), (first**n - second**n) / gap)
-        power_before = np.where(near, (n - 1) * half ** (n - 2) if n > 1 else 0.0, (first ** (n - 1) - second ** (n - 1)) / gap)
-        return power * u - product * power_before * before
+        ratio = np.sqrt((1 - share) / (1 + share))
+        quarter = dt**2 * np.asarray(symbol, float)
+        cosine = ((1 - quarter / 2) / np.sqrt(1 - share**2)).astype(complex)
+        sine = np.sqrt(((quarter - quarter**2 / 4 - share**2) / (1 - share**2)).astype(complex))
+        angle = -1j * np.log(cosine + 1j * sine)
+        flat = np.abs(sine) < 1e-9
+        slope = np.where(flat, steps * cosine ** (steps - 1), np.sin(steps * angle) / np.where(flat, 1.0, sine))
+        return ratio**steps * (u * np.cos(steps * angle) + (share * cosine * u + ratio * (1 + share) * dt * v) * slope)
 
 
 @dataclass(frozen=True)

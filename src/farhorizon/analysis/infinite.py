@@ -48,7 +48,8 @@ def infinite_lattice(
     """
     time = steps * dt
     if isinstance(integrator, Verlet):
-        travel = largest_speed(stencil) * np.sqrt(rate) * time + 12 * max(stencil.reach)
+        travel = largest_speed(stencil) * np.sqrt(rate) * time
+        travel += 20 * max(stencil.reach) + 10 * np.cbrt(travel)  # the front has an Airy tail ahead of it
     else:
         travel = 13 * np.sqrt(rate * time) + 12 * max(stencil.reach)
     box = [fft.next_fast_len(int(n + travel) + 1, real=True) for n in u.shape]

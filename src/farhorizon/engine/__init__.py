@@ -131,7 +131,7 @@ class Engine:
         self._general_offsets = np.array([self.offsets @ np.array(b.stride) for b in general], np.int64).reshape(-1, len(self.weights))
         self._simd_blocks = self._block_table(self._simd)
         scale = np.array([n[2] for n in self.stages.numbers])
-        weights = np.array(simd_weights, float).reshape(len(self._simd), -1)
+        weights = np.array(simd_weights, float).reshape(len(self._simd), len(self._shape))
         self._simd_weights = (scale[:, None, None] * weights).astype(self.dtype)
         self._general_weights = (scale[:, None] * self.weights).astype(self.dtype)
         total = self.weights.sum()

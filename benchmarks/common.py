@@ -1,0 +1,122 @@
+"""What the benchmarks share: interleaved timing, bare engines, plain text tables and the --json option."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import statistics
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from farhorizon import Kernel, Stencil
+from farhorizon.engine import Engine
+from farhorizon.integrators import Verlet
+
+SLICE = 0.08  # seconds one timed call takes at least: long against the clock and a wake-up, short against load swings
+
+
+def arguments(doc: str | None, *choices: str) -> argparse.Namespace:
+    """Command line of a benchmark: names of parts (all unless given) and --json FILE."""
+    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(choices)}; all unless given")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers here, too")
+    parser.add_argument("--repeats", type=int, default=9, help="interleaved repeats of each timing (default 9)")
+    given = parser.parse_args()
+    if unknown := set(given.parts) - set(choices):
+        parser.error(f"unknown part {', '.join(sorted(unknown))}; known: {', '.join(choices)}")
+    given.parts = given.parts or list(choices)
+    return given
+
+
+def machine() -> dict[str, Any]:
+    """What a reader needs to place absolute numbers, which mean little by themselves."""
+    return {"cpus": os.cpu_count(), "load": os.getloadavg()[0], "python": platform.python_version(), "machine": platform.machine()}
+
+
+def save(path: Path | None, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write rows as JSON if a file is wanted."""
+    if path is not None:
+        path.write_text(json.dumps({"machine": machine(), "rows": list(rows)}, indent=1) + "\n")
+
+
+def table(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Print rows with equal keys as columns of plain text."""
+    names = list(rows[0])
+    cells = [names] + [[f"{v:.3g}" if isinstance(v, float) else str(v) for v in row.values()] for row in rows]
+    widths = [max(len(line[i]) for line in cells) for i in range(len(names))]
+    print(f"\n{title}")
+    for line in cells:
+        print("  ".join(cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(line, widths, strict=True))), flush=True)
+
+
+def verdict(value: float, target: float, larger: bool) -> str:
+    """"yes" or "MISSED"."""
+    return "yes" if (value >= target if larger else value <= target) else "MISSED"
+
+
+def interleaved(cases: Mapping[str, Callable[[int], None]], repeats: int) -> dict[str, list[float]]:
+    """Seconds per step of each case, one list entry per round; every round runs every case once.
+
+    A case is called with a number of steps. The first calls warm up and set the number so that one takes `SLICE`.
+    """
+    counts = {}
+    for name, case in cases.items():
+        case(2)
+        count, spent = 1, 0.0
+        while spent < SLICE / 2:
+            count *= 2
+            start = time.perf_counter()
+            case(count)
+            spent = time.perf_counter() - start
+        counts[name] = max(2, int(count * SLICE / spent))
+    times: dict[str, list[float]] = {name: [] for name in cases}
+    for _ in range(repeats):
+        for name, case in cases.items():
+            start = time.perf_counter()
+            case(counts[name])
+            times[name].append((time.perf_counter() - start) / counts[name])
+    return times
+
+
+def ratio(times: Mapping[str, list[float]], above: str, below: str) -> float:
+    """Median over rounds of the ratio of two cases: load that lasts a round cancels."""
+    return statistics.median(a / b for a, b in zip(times[above], times[below], strict=True))
+
+
+def median(times: Mapping[str, list[float]], name: str) -> float:
+    """Median seconds per step of a case."""
+    return statistics.median(times[name])
+
+
+def kernel_stencil(dim: int, m: int, volume: str = "ramp") -> Stencil:
+    """Stencil of the kernel |xi|^-2 with a horizon of m spacings, spacing 1."""
+    return Stencil.from_kernel(Kernel(float(m), 2, volume=volume), 1.0, dim)
+
+
+def bare_engine(stencil: Stencil, core: Sequence[int], threads: int, real: str = "float64") -> Engine:
+    """Wave engine without layers, cuts and sources; half the stable step, noise as data so that nothing becomes denormal."""
+    lead = 3 - stencil.dim
+    offsets = np.zeros((len(stencil.weights), 3), int)
+    offsets[:, lead:] = stencil.offsets
+    dt = 0.5 * Verlet.step_limit(stencil.symbol_maximum)
+    engine = Engine((1,) * lead + tuple(core), offsets, stencil.weights, Verlet.stages(dt, 0.0, stencil.dim == 1), dt, layers={},
+                    real=real, threads=threads)  # fmt: skip
+    for level in range(1 if engine.stages.increments else 2):
+        engine.core.view(engine.levels[level])[...] = np.random.default_rng(1).standard_normal(engine.core.nodes)
+    return engine
+
+
+def steps(engine: Engine) -> Callable[[int], None]:
+    """The engine's compiled loop as a timing case: no sources."""
+    nodes, fields = np.zeros(0, np.int64), np.zeros((0, 0), engine.dtype)
+
+    def run(count: int) -> None:
+        engine.advance(count, nodes, fields, np.zeros((count, 1, 0), engine.dtype))
+
+    return run

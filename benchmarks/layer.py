@@ -1,0 +1,98 @@
+"""What the absorbing layers add to a wave step.
+
+Measures, in one process with interleaved repeats (medians of the ratios of a round):
+
+- square: a 12-node LatticePML on all sides of a 1000^2 near field, m = 3, with one and two threads, against an engine with
+  the same core and neither layers nor cuts. Target: at most 60 % more time a step. The parts of the difference: the sweep
+  of the layers' nodes and the fill of their halos.
+- bar: the same for a 1D bar of 201 nodes, m = 3, in microseconds a step; and `Simulation.step` on top of the engine's
+  loop. Target: layers add at most 3 microseconds a step.
+- cube: 3D 100^3, m = 3, for information.
+
+Run: ``python benchmarks/layer.py [square] [bar] [cube] [--json FILE] [--repeats N]``. Takes about a minute.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from common import arguments, bare_engine, interleaved, median, ratio, save, steps, table, verdict
+
+from farhorizon import Kernel, Lattice, LatticePML, Simulation, Wave
+from farhorizon.engine import Engine, available_threads
+
+
+def simulation(dim: int, n: int, threads: int) -> Simulation:
+    """Window of n^dim nodes with 12-node layers on all sides, starting from noise so that nothing becomes denormal."""
+    noise = np.random.default_rng(1).standard_normal((n,) * dim)
+    return Simulation(Lattice(1.0, (0.0,) * dim, (n - 1.0,) * dim), Wave(Kernel(3.0)), LatticePML(nodes=12), {"u": noise}, threads=threads)
+
+
+def fill_case(engine: Engine) -> Callable[[int], None]:
+    """Only the halos of a level."""
+
+    def run(count: int) -> None:
+        for _ in range(count):
+            engine.fill(engine.current)
+
+    return run
+
+
+def measure(dim: int, n: int, threads: int, repeats: int) -> tuple[Simulation, dict[str, list[float]]]:
+    """Times of the step with and without layers, of the fill alone, and of `Simulation.step`."""
+    sim = simulation(dim, n, threads)
+    full = simulation(dim, n, threads)
+    filled = simulation(dim, n, threads)
+    bare = bare_engine(sim.stencil, sim.engine.core.nodes[3 - dim :], threads)
+    cases = {"layers": steps(sim.engine), "bare": steps(bare), "fill": fill_case(filled.engine), "step()": full.step}
+    return sim, interleaved(cases, repeats)
+
+
+def large(dim: int, n: int, repeats: int, target: float | None) -> list[dict[str, Any]]:
+    """Relative cost of the layers."""
+    rows = []
+    for threads in sorted({1, available_threads()}):
+        sim, times = measure(dim, n, threads, repeats)
+        added = 100 * (ratio(times, "layers", "bare") - 1)
+        nodes = sum(b.view(sim.engine.current).size for b in sim.engine.layout.blocks.values()) / sim.engine.core.view(sim.engine.current).size
+        fill = 100 * ratio(times, "fill", "bare")
+        rows.append({
+            f"{dim}D m=3, 12 nodes": f"{n}^{dim}", "threads": threads, "bare ms": 1e3 * median(times, "bare"),
+            "layers ms": 1e3 * median(times, "layers"), "added %": added, "of it fill %": fill, "of it sweep %": added - fill,
+            "more nodes %": 100 * (nodes - 1), "step() / loop": ratio(times, "step()", "layers"),
+            "target": "-" if target is None else target, "met": "-" if target is None else verdict(added, target, larger=False),
+        })  # fmt: skip
+    return rows
+
+
+def bar(repeats: int) -> list[dict[str, Any]]:
+    """Absolute cost for a short bar, where nothing else counts."""
+    _, times = measure(1, 201, 1, repeats)
+    added = [1e6 * (a - b) for a, b in zip(times["layers"], times["bare"], strict=True)]
+    over = sorted(added)[len(added) // 2]
+    return [{
+        "1D m=3, 12 nodes": "201", "bare us": 1e6 * median(times, "bare"), "layers us": 1e6 * median(times, "layers"), "added us": over,
+        "step() us": 1e6 * median(times, "step()"), "target added": 3.0, "met": verdict(over, 3.0, larger=False),
+    }]  # fmt: skip
+
+
+def main() -> None:
+    """Run the wanted parts."""
+    given = arguments(__doc__, "square", "bar", "cube")
+    parts = {
+        "square": ("Layers around a square", lambda: large(2, 1000, given.repeats, 60.0)),
+        "bar": ("Layers of a bar", lambda: bar(given.repeats)),
+        "cube": ("Layers around a cube", lambda: large(3, 100, given.repeats, None)),
+    }
+    results = []
+    for name in given.parts:
+        rows = parts[name][1]()
+        table(parts[name][0], rows)
+        results += [{"part": name, **row} for row in rows]
+    save(given.json, results)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,97 @@
+"""How long a user waits: importing, the first run of a new stencil, and a second process.
+
+Measures in fresh processes, medians of the repeats:
+
+- import: ``import farhorizon`` in a process that has only the interpreter, and the modules that take most of it.
+- compile: the first simulation and step of a stencil with an empty ``FARHORIZON_CACHE``, then the same in a second process
+  that finds the compiled program there. One case a dimension, small (one thread) and large (threads). Target: below 5 s.
+
+Wall-clock seconds here mean this machine; the ratio of first to second run is what the cache gains.
+
+Run: ``python benchmarks/startup.py [import] [compile] [--json FILE] [--repeats N]``. Takes about two minutes.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import statistics
+import subprocess
+import sys
+import tempfile
+from typing import Any
+
+from common import arguments, save, table, verdict
+
+TARGET = 5.0  # seconds from a new stencil to its first step
+
+_IMPORT = "import time; t = time.perf_counter(); import farhorizon; print(time.perf_counter() - t)"
+_RUN = """
+import time
+start = time.perf_counter()
+import farhorizon as fh
+loaded = time.perf_counter()
+sim = fh.Simulation(fh.Lattice(1.0, (0.0,) * {dim}, ({n} - 1.0,) * {dim}), fh.Wave(fh.Kernel({m}.0)), initial={{"v": 0.0}})
+sim.step(1)
+first = time.perf_counter()
+sim.step(1)
+print(loaded - start, first - loaded, time.perf_counter() - first)
+"""
+
+
+def python(code: str, cache: str, *options: str) -> subprocess.CompletedProcess[str]:
+    """Run code in a fresh interpreter with a given cache folder."""
+    return subprocess.run([sys.executable, *options, "-c", code], capture_output=True, text=True, check=True,
+                          env={**os.environ, "FARHORIZON_CACHE": cache})  # fmt: skip
+
+
+def import_time(repeats: int) -> list[dict[str, Any]]:
+    """Seconds of the import, and of the heaviest packages within it (their own modules, from -X importtime)."""
+    with tempfile.TemporaryDirectory() as cache:
+        python(_IMPORT, cache)  # writes the byte code
+        total = statistics.median(float(python(_IMPORT, cache).stdout) for _ in range(repeats))
+        trace = python("import farhorizon", cache, "-X", "importtime").stderr
+    own: dict[str, float] = {}
+    for microseconds, name in re.findall(r"import time:\s+(\d+) \|\s+\d+ \|\s+(\S+)", trace):
+        package = name.split(".")[0]
+        own[package] = own.get(package, 0.0) + 1e-6 * int(microseconds)
+    heaviest = sorted(own.items(), key=lambda item: -item[1])[:6]
+    return [{"import": "farhorizon", "s": total}] + [{"import": f"  {name} (traced)", "s": seconds} for name, seconds in heaviest]
+
+
+def compile_time(repeats: int) -> list[dict[str, Any]]:
+    """Seconds of the first step with and without a compiled program on disk."""
+    rows = []
+    for dim, m, n in ((1, 3, 201), (2, 3, 100), (2, 3, 1000), (2, 6, 100), (3, 2, 30), (3, 3, 30), (3, 3, 80)):
+        code = _RUN.format(dim=dim, m=m, n=n)
+        firsts, seconds = [], []
+        for _ in range(repeats):
+            with tempfile.TemporaryDirectory() as cache:
+                firsts.append([float(x) for x in python(code, cache).stdout.split()])
+                seconds.append([float(x) for x in python(code, cache).stdout.split()])
+        first, second = (statistics.median(row[1] for row in runs) for runs in (firsts, seconds))
+        rows.append({
+            "stencil": f"{dim}D m={m} {n}^{dim}", "first step s": first, "cached first step s": second, "step ms": 1e3 * statistics.median(r[2] for r in seconds),
+            "times faster": first / second, "target": TARGET, "met": verdict(first, TARGET, larger=False),
+        })  # fmt: skip
+    return rows
+
+
+def main() -> None:
+    """Run the wanted parts."""
+    given = arguments(__doc__, "import", "compile")
+    repeats = min(given.repeats, 3)
+    parts = {
+        "import": ("Import time in a fresh process", lambda: import_time(given.repeats)),
+        "compile": ("From a new stencil to its first step, import not counted", lambda: compile_time(repeats)),
+    }
+    results = []
+    for name in given.parts:
+        rows = parts[name][1]()
+        table(parts[name][0], rows)
+        results += [{"part": name, **row} for row in rows]
+    save(given.json, results)
+
+
+if __name__ == "__main__":
+    main()

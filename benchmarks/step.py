@@ -1,0 +1,183 @@
+"""Speed and memory of the near-field wave step, against what the machine can do and against a sparse matrix.
+
+Measures, in one process with interleaved repeats (medians of the ratios of a round):
+
+- triad: 2D m = 3 on 4000^2 nodes with all threads as a fraction of the bandwidth of the update ``A += s*C``. That update
+  moves the same 24 bytes a node as the step must at least (read u, read and write the older level), is compiled by Numba
+  with the same threads and thread layer, and runs on arrays of as many nodes. Targets: 68 % for the 36 neighbours of
+  volume="ramp", 75 % for the 28 of volume="full".
+- csr: one thread per node against the product of the same operator as a scipy CSR matrix with a vector (no time update):
+  2D m = 3 on 1000^2 nodes; 3D m = 3, 200^3 nodes against a matrix on 96^3 nodes (200^3 would need 17 GB). Target: 15 x.
+- float32: how many times faster single precision is, 2D m = 3. Target: 1.6 x.
+- memory: what a 2D 1000^2 near field with its default layers holds and what its set-up needs for a while, in fields of
+  8 bytes a node, as counted by tracemalloc. Target: the run holds at most 5.
+
+Run: ``python benchmarks/step.py [triad] [csr] [float32] [memory] [--json FILE] [--repeats N]``.
+Takes about 2 minutes and 6 GB; half of it goes into building the matrices.
+"""
+
+from __future__ import annotations
+
+import gc
+import tracemalloc
+from typing import Any
+
+import numba
+import numpy as np
+import scipy.sparse as sp
+from common import arguments, bare_engine, interleaved, kernel_stencil, median, ratio, save, steps, table, verdict
+
+from farhorizon import Kernel, Lattice, Simulation, Stencil, Wave
+from farhorizon.engine import available_threads
+
+
+@numba.njit(parallel=True)
+def _triad(a: np.ndarray, c: np.ndarray, s: float, count: int) -> None:
+    for _ in range(count):
+        for i in numba.prange(a.size):
+            a[i] += s * c[i]
+
+
+def triad_case(nodes: int, threads: int) -> Any:
+    """The update A += s*C on `nodes` nodes as a timing case."""
+    a, c = np.zeros(nodes), np.random.default_rng(0).standard_normal(nodes)
+
+    def run(count: int) -> None:
+        numba.set_num_threads(threads)
+        _triad(a, c, 1e-9, count)
+
+    return run
+
+
+def matrix(stencil: Stencil, n: int) -> sp.csr_matrix:
+    """The operator on n^dim nodes with zeros beyond, int32 indices, rows of whole lines at a time."""
+    shape = (n,) * stencil.dim
+    index = np.arange(n**stencil.dim, dtype=np.int32).reshape(shape)
+    offsets = np.vstack([stencil.offsets, np.zeros((1, stencil.dim), int)])
+    weights = np.append(stencil.weights, -stencil.weights.sum())
+    order = np.lexsort(offsets.T[::-1])
+    reach = max(stencil.reach)
+    padded = np.pad(index, reach, constant_values=-1)
+    columns = np.empty((n**stencil.dim, len(weights)), np.int32)
+    for number, k in enumerate(order):
+        columns[:, number] = padded[tuple(slice(reach + o, reach + o + n) for o in offsets[k])].ravel()
+    used = columns >= 0
+    starts = np.concatenate([[0], np.cumsum(used.sum(1))]).astype(np.int32)
+    data = np.broadcast_to(weights[order], columns.shape)[used]
+    return sp.csr_matrix((data, columns[used], starts), shape=(index.size, index.size))
+
+
+def product_case(operator: sp.csr_matrix) -> Any:
+    """The matrix-vector product as a timing case."""
+    u = np.random.default_rng(0).standard_normal(operator.shape[0])
+
+    def run(count: int) -> None:
+        for _ in range(count):
+            operator @ u
+
+    return run
+
+
+def bandwidth(repeats: int) -> list[dict[str, Any]]:
+    """2D 4000^2 with all threads and with one, against the triad on as many nodes."""
+    rows = []
+    n = 4000
+    for threads in sorted({1, available_threads()}, reverse=True):
+        engines = {v: bare_engine(kernel_stencil(2, 3, v), (n, n), threads) for v in ("ramp", "full")}
+        cases = {"triad": triad_case(n * n, threads)} | {v: steps(e) for v, e in engines.items()}
+        times = interleaved(cases, repeats)
+        for volume, target in (("ramp", 0.68), ("full", 0.75)):
+            share = ratio(times, "triad", volume)
+            rows.append({
+                "2D m=3 4000^2": volume, "neighbours": len(engines[volume].weights), "threads": threads,
+                "step ms": 1e3 * median(times, volume), "triad ms": 1e3 * median(times, "triad"),
+                "step GB/s": 24e-9 * n * n / median(times, volume), "triad GB/s": 24e-9 * n * n / median(times, "triad"),
+                "share of triad": share, "target": target if threads > 1 else "-",
+                "met": verdict(share, target, larger=True) if threads > 1 else "-",
+            })  # fmt: skip
+        del engines, cases
+        gc.collect()
+    return rows
+
+
+def against_matrix(repeats: int) -> list[dict[str, Any]]:
+    """One-thread step per node against the CSR product per node."""
+    rows = []
+    for dim, n, n_matrix, volume in ((2, 1000, 1000, "ramp"), (2, 1000, 1000, "full"), (3, 200, 96, "ramp"), (3, 200, 96, "full")):
+        stencil = kernel_stencil(dim, 3, volume)
+        cases = {"step": steps(bare_engine(stencil, (n,) * dim, 1)), "csr": product_case(matrix(stencil, n_matrix))}
+        times = interleaved(cases, repeats)
+        factor = ratio(times, "csr", "step") * n**dim / n_matrix**dim
+        rows.append({
+            "one thread, m=3": f"{dim}D {n}^{dim} {volume}", "neighbours": len(stencil.weights),
+            "step ns/node": 1e9 * median(times, "step") / n**dim, "csr nodes": f"{n_matrix}^{dim}",
+            "csr ns/node": 1e9 * median(times, "csr") / n_matrix**dim, "times faster": factor,
+            "target": 15.0, "met": verdict(factor, 15.0, larger=True),
+        })  # fmt: skip
+        del cases
+        gc.collect()
+    return rows
+
+
+def single_precision(repeats: int) -> list[dict[str, Any]]:
+    """float32 against float64, 2D m = 3."""
+    rows = []
+    for n, threads in ((1000, 1), (4000, 1), (1000, available_threads()), (4000, available_threads())):
+        stencil = kernel_stencil(2, 3)
+        times = interleaved({r: steps(bare_engine(stencil, (n, n), threads, r)) for r in ("float64", "float32")}, repeats)
+        gain = ratio(times, "float64", "float32")
+        rows.append({
+            "2D m=3 ramp": f"{n}^2", "threads": threads, "float64 ms": 1e3 * median(times, "float64"),
+            "float32 ms": 1e3 * median(times, "float32"), "times faster": gain, "target": 1.6, "met": verdict(gain, 1.6, larger=True),
+        })  # fmt: skip
+        gc.collect()
+    return rows
+
+
+def memory() -> list[dict[str, Any]]:
+    """Fields that a simulation holds, and those that its set-up and its running need for a while."""
+    rows = []
+    for dim, n in ((2, 1000), (3, 100)):
+        lattice = Lattice(1.0, (0.0,) * dim, (n - 1.0,) * dim)
+        field = 8 * n**dim
+        small = Simulation(Lattice(1.0, (0.0,) * dim, (15.0,) * dim), Wave(Kernel(3.0)))
+        small.step(1)  # the compiled program and its tables are loaded before counting
+        gc.collect()
+        tracemalloc.start()
+        u = np.zeros(lattice.shape)
+        u[(n // 2,) * dim] = 1
+        sim = Simulation(lattice, Wave(Kernel(3.0)), initial={"u": u}, threads=1)
+        del u
+        gc.collect()
+        held, set_up = tracemalloc.get_traced_memory()
+        tracemalloc.reset_peak()
+        sim.step(2)
+        running = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        rows.append({
+            "m=3, default layers": f"{dim}D {n}^{dim}", "time levels": sim.engine.levels.nbytes / field, "layer memory": sim.engine.memory.nbytes / field,
+            "held": held / field, "peak running": running / field, "peak set-up": set_up / field,
+            "target held": 5.0, "met": verdict(held / field, 5.0, larger=False),
+        })  # fmt: skip
+    return rows
+
+
+def main() -> None:
+    """Run the wanted parts."""
+    given = arguments(__doc__, "triad", "csr", "float32", "memory")
+    parts = {
+        "triad": ("Wave step against the 24 B/node update", lambda: bandwidth(given.repeats)),
+        "csr": ("Wave step against scipy CSR product", lambda: against_matrix(given.repeats)),
+        "float32": ("Single precision", lambda: single_precision(given.repeats)),
+        "memory": ("Memory in near fields of 8 B/node", memory),
+    }
+    results = []
+    for name in given.parts:
+        rows = parts[name][1]()
+        table(parts[name][0], rows)
+        results += [{"part": name, **row} for row in rows]
+    save(given.json, results)
+
+
+if __name__ == "__main__":
+    main()

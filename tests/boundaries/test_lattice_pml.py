@@ -1,0 +1,194 @@
+"""The lattice PML against the infinite lattice: the same scheme, the same step, no boundary at all."""
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.compare import compare
+
+STEP = 0.25
+
+
+def kernel(reach, exponent=2, influence="constant"):
+    """A kernel of `reach` spacings; the gaussian one has Wildman's (2012) horizon of 3.717 widths."""
+    if influence == "gaussian":
+        return fh.Kernel(3 * STEP, exponent, "gaussian", width=3 * STEP / 3.717)
+    return fh.Kernel(reach * STEP, exponent, influence)
+
+
+def box(half, dim):
+    return fh.Lattice(STEP, (-half,) * dim, (half,) * dim)
+
+
+def pulse(*centre, width=2.0):
+    return lambda *x: np.exp(-width * sum((a - c) ** 2 for a, c in zip(x, centre, strict=True)))
+
+
+def third_of_limit(lattice, model):
+    return fh.Simulation(lattice, model).step_limit / 3
+
+
+def worst(setup, until, relative="error_rel_initial", times=None):
+    """Largest error of the set-up's own boundary over the run."""
+    curves = compare(setup, until, times, beside=False).curves
+    return max(next(iter(curves.values()))[relative])
+
+
+def wave(dim, operator, nodes, half=6.0, centre=(2.0, -1.0, 0.5)):
+    model, lattice = fh.Wave(operator), box(half, dim)
+    return {
+        "lattice": lattice, "model": model, "boundary": fh.LatticePML(nodes=nodes), "dt": third_of_limit(lattice, model),
+        "initial": {"u": pulse(*centre[:dim])},
+    }  # fmt: skip
+
+
+KERNELS = [(1, "constant"), (2, "constant"), (3, "constant"), (3, "gaussian")]
+
+
+@pytest.mark.parametrize("reach, influence", KERNELS)
+@pytest.mark.parametrize("nodes, limit", [(12, 3e-8), (16, 3e-9), (20, 1e-10)])
+def test_waves_in_the_plane(reach, influence, nodes, limit):
+    """Four sides with corners, p = 2, to t = 60: the error at each thickness."""
+    assert worst(wave(2, kernel(reach, influence=influence), nodes), 60) <= limit
+
+
+@pytest.mark.parametrize("reach", [1, 3])
+@pytest.mark.parametrize("nodes, limit", [(20, 1e-10), (40, 1e-12)])
+def test_waves_on_a_line(reach, nodes, limit):
+    assert worst(wave(1, kernel(reach), nodes), 60) <= limit
+
+
+@pytest.mark.parametrize("reach", [2, 3])
+def test_waves_in_space(reach):
+    """Six sides, edges and corners with 10 nodes; the pulse is the narrowest that fits."""
+    setup = wave(3, kernel(reach), 10, half=2.5)
+    setup["initial"] = {"u": pulse(0.4, -0.2, 0.1, width=5.0)}
+    assert worst(setup, 10, times=[2, 4, 6, 8, 10]) <= 1e-7
+
+
+@pytest.mark.parametrize("reach", [1, 2, 3])
+def test_error_falls_with_thickness(reach):
+    """The leak through the outer end falls exponentially with the number of nodes: at least a decade for 4 nodes."""
+    thickness = np.array([8, 12, 16])
+    errors = [worst(wave(2, kernel(reach), int(n)), 20, times=[10, 15, 20]) for n in thickness]
+    slope = np.polyfit(thickness, np.log10(errors), 1)[0]
+    assert slope <= -0.25
+
+
+@pytest.mark.parametrize("centre", [(5.0, 5.0), (6.0, 0.0), (-6.0, 6.0)])
+def test_pulse_at_a_side_or_corner(centre):
+    """Initial velocity that lives in the last nodes before the layer: exact, because unstretched nodes are put in between."""
+    setup = wave(2, kernel(3), 20)
+    lattice = setup["lattice"]
+    setup["initial"] = {"v": np.where(pulse(*centre)(*lattice.coordinates()) > 1e-9, pulse(*centre)(*lattice.coordinates()), 0.0)}
+    setup["initial"]["v"][:, [0, -1]] = setup["initial"]["v"][[0, -1], :] = 0.0
+    assert worst(setup, 20) <= 1e-8
+
+
+@pytest.mark.parametrize("model", [fh.Wave(kernel(3)), fh.Diffusion(kernel(3, 1))])
+def test_sources_that_start_and_stop(model):
+    """A one-sided source next to the corner, switched on and off, in the last node of the near field."""
+    lattice = box(4.0, 2)
+    place = np.zeros(lattice.shape)
+    place[-1, -2] = 1.0
+    gate = lambda t: float(1.0 < t < 3.0)  # noqa: E731
+    setup = {"lattice": lattice, "model": model, "boundary": fh.LatticePML(nodes=20), "sources": [fh.Source(place, gate)]}
+    assert worst(setup, 12) <= 1e-6
+
+
+def test_waveguide():
+    """Absorbing left and right, free above and below: the free faces run through the layer."""
+    model = fh.Wave(kernel(3))
+    lattice = fh.Lattice(STEP, (-5, -3), (5, 3))
+    sides = {"x": fh.LatticePML(nodes=20), "y": fh.Free()}
+    setup = {"lattice": lattice, "model": model, "boundary": sides, "initial": {"u": pulse(1.0, 0.5)}}
+    assert worst(setup, 10) <= 1e-10
+
+
+def test_layered_medium_along_the_layer():
+    """Two layers parallel to the normal of the absorbing sides."""
+    model = fh.Wave(kernel(3))
+    lattice = fh.Lattice(STEP, (-5, -3), (5, 3))
+    material = np.where(lattice.coordinates()[1] > 0, 1.0, 0.25)
+    sides = {"x": fh.LatticePML(nodes=20), "y": fh.Fixed(0.0)}
+    setup = {"lattice": lattice, "model": model, "boundary": sides, "initial": {"u": pulse(1.0, 0.5)}, "coefficient": material}
+    assert worst(setup, 10) <= 1e-10
+
+
+@pytest.mark.parametrize("integrator", ["euler", "rk4"])
+@pytest.mark.parametrize("nodes, limit", [(12, 5e-6), (20, 1e-7)])
+@pytest.mark.parametrize("dim, operator", [(1, kernel(3, 1)), (1, fh.Stencil.finite_difference(1)), (2, kernel(3, 1)), pytest.param(3, kernel(2, 1), marks=pytest.mark.slow)])
+def test_diffusion(dim, operator, nodes, limit, integrator):
+    """To 10 R^2 / diffusivity, relative to the maximum at that time."""
+    half = {1: 4.0, 2: 3.0, 3: 1.5}[dim]
+    lattice = box(half, dim)
+    until = {1: 10, 2: 10, 3: 4}[dim] * half**2
+    narrow = 1 / (0.3 * half) ** 2
+    setup = {
+        "lattice": lattice, "model": fh.Diffusion(operator, integrator=integrator), "boundary": fh.LatticePML(nodes=nodes),
+        "initial": {"u": cut_off(lattice, pulse(*(0.2 * half,) * dim, width=narrow))},
+    }  # fmt: skip
+    assert worst(setup, until, "error_rel_current", times=np.geomspace(0.02, 1, 6) * until) <= limit
+
+
+def cut_off(lattice, function):
+    """The function on the lattice, zero where it is below 1e-4 (so that nothing lies beyond the near field)."""
+    values = function(*lattice.coordinates())
+    return np.where(values > 1e-4, values, 0.0)
+
+
+@pytest.mark.parametrize("reach", [1, 2, 3])
+def test_white_noise_decays(reach):
+    """20 crossing times of white noise: the norm of the whole state does not grow over the last third."""
+    rng = np.random.default_rng(1)
+    lattice = box(3.0, 2)
+    sim = fh.Simulation(lattice, fh.Wave(kernel(reach)), fh.LatticePML(), initial={"u": rng.standard_normal(lattice.shape)})
+    until = 20 * 6.0
+    sim.run(2 * until / 3)
+    before = np.linalg.norm(sim.engine.levels) + np.linalg.norm(sim.engine.memory)
+    sim.run(until)
+    after = np.linalg.norm(sim.engine.levels) + np.linalg.norm(sim.engine.memory)
+    assert after <= before
+
+
+def test_single_precision():
+    """float32: rounding sets the error of waves (1e-5 allowed; the medium holds 265 steps of single rounding)."""
+    setup = wave(2, kernel(3), 12)
+    setup["dtype"] = "float32"
+    assert worst(setup, 40) <= 1e-5
+
+
+def test_background_is_absorbed_as_nothing():
+    """A uniform background with a pulse on it is the pulse alone, shifted."""
+    plain = wave(2, kernel(2), 12)
+    shifted = {**plain, "background": 5.0, "initial": {"u": lambda x, y: 5.0 + pulse(2.0, -1.0)(x, y)}}
+    one, two = (fh.Simulation(**s).run(8.0).fields["u"] for s in (plain, shifted))
+    np.testing.assert_allclose(two, one + 5.0, atol=1e-14)
+
+
+def test_profile_by_hand_equals_the_default():
+    """The general stretch given by hand, with the program's own numbers, gives the program's result."""
+    setup = wave(2, kernel(2), 12)
+    layer = next(iter(fh.Simulation(**setup).engine.layers.values()))
+    by_hand = fh.LatticePML(nodes=12, profile={"kappa": layer.kappa, "sigma": layer.sigma, "alpha": layer.alpha})
+    one, two = (fh.Simulation(**{**setup, "boundary": b}).run(10.0).fields["u"] for b in (setup["boundary"], by_hand))
+    np.testing.assert_array_equal(one, two)
+
+
+def test_kappa_shift_and_sigma_together_stay_exact():
+    """The general stretch kappa + sigma/(s + alpha) of a thick layer is exact too, before anything comes back."""
+    nodes = 30
+    depth = (np.arange(nodes + 1) + 0.5) / nodes
+    profile = {"kappa": 1 + depth, "sigma": 6.0 * depth, "alpha": 0.05}
+    setup = wave(2, kernel(3), nodes)
+    setup["boundary"] = fh.LatticePML(nodes=nodes, profile=profile)
+    assert worst(setup, 20) <= 1e-9
+
+
+@pytest.mark.parametrize(
+    "values, word",
+    [({"target": 0.5}, "target"), ({"nodes": 0}, "nodes"), ({"profile": {"kappa": 2}}, "needs nodes"), ({"nodes": 4, "profile": {"k": 1}}, "unknown")],
+)
+def test_bad_layers(values, word):
+    with pytest.raises(fh.InputError, match=word):
+        fh.LatticePML(**values)

@@ -1,0 +1,79 @@
+"""Plain numpy counterparts of what the engine computes, and short cuts to set it up."""
+
+import itertools
+
+import numpy as np
+
+from farhorizon import Kernel, Lattice, Stencil
+from farhorizon.engine import Engine
+
+#: Factor of a bond from the coefficients of its ends.
+RULES = {
+    "both": np.minimum,
+    "arithmetic": lambda a, b: (a + b) / 2,
+    "harmonic": lambda a, b: np.divide(2 * a * b, a + b, out=np.zeros(np.shape(a + b)), where=a + b > 0),
+}
+
+
+def kernel_stencil(dim, reach, exponent=1, **options):
+    """Stencil of a kernel whose horizon is `reach` nodes of unit spacing."""
+    return Stencil.from_kernel(Kernel(horizon=float(reach), exponent=exponent, **options), 1.0, dim)
+
+
+def lattice_of(shape, spacing=1.0):
+    """Lattice of given node counts that starts at the origin."""
+    return Lattice(spacing, lower=np.zeros(len(shape)), upper=spacing * (np.array(shape) - 1))
+
+
+def roll_apply(u, offsets, weights, coefficient=None, rule="both"):
+    """The operator on a periodic lattice, one np.roll a bond."""
+    total = np.zeros(u.shape)
+    axes = tuple(range(u.ndim))
+    for o, w in zip(offsets, weights, strict=True):
+        shift = tuple(-o)
+        factor = 1.0 if coefficient is None else RULES[rule](coefficient, np.roll(coefficient, shift, axes))
+        total += w * factor * (np.roll(u, shift, axes) - u)
+    return total
+
+
+def dense_operator(shape, offsets, weights, whole=None, coefficient=None, rule="both"):
+    """Matrix of the operator with the bonds that leave the lattice absent.
+
+    `whole(i, j)` tells which bonds between the nodes (rows of indices) i and j exist; `coefficient` has the lattice's shape.
+    """
+    nodes = np.array(list(itertools.product(*map(range, shape))))
+    matrix = np.zeros((len(nodes), len(nodes)))
+    number = np.arange(len(nodes)).reshape(shape)
+    for o, w in zip(offsets, weights, strict=True):
+        ends = nodes + o
+        keep = ((ends >= 0) & (ends < shape)).all(1)
+        if whole is not None:
+            keep &= whole(nodes, ends)
+        i, j = number[tuple(nodes[keep].T)], number[tuple(ends[keep].T)]
+        factor = 1.0 if coefficient is None else RULES[rule](coefficient.ravel()[i], coefficient.ravel()[j])
+        matrix[i, j] += w * factor
+    return matrix - np.diag(matrix.sum(1))
+
+
+def engine_apply(engine, u):
+    """The engine's operator on core values, halos filled first; an array of u's shape."""
+    level = np.zeros(engine.layout.size, engine.dtype)
+    view = engine.core.view(level)
+    view[...] = np.reshape(u, view.shape)
+    engine.fill(level)
+    return engine.core.view(engine.apply(level)).reshape(np.shape(u)).astype(float)
+
+
+def periodic_engine(shape, stencil, stages, dt, coefficient=None, **options):
+    """Engine on a lattice that closes on itself along every axis."""
+    lead = 3 - len(shape)
+    offsets = np.pad(stencil.offsets, ((0, 0), (lead, 0)))
+    core = (1,) * lead + tuple(shape)
+    grown = None if coefficient is None else np.reshape(coefficient, core)
+    periodic = frozenset(range(lead, 3))
+    return Engine(core, offsets, stencil.weights, stages, dt, layers={}, periodic=periodic, coefficient=grown, **options)
+
+
+def fitted_rate(sizes, errors):
+    """Order p of errors ~ size^p by least squares."""
+    return np.polyfit(np.log(sizes), np.log(errors), 1)[0]

@@ -1,0 +1,124 @@
+"""Lattices: node counts, bounds, windows, bodies, nearest nodes."""
+
+import numpy as np
+import pytest
+
+from farhorizon import Ball, Box, Disc, InputError, Lattice
+
+
+@pytest.mark.parametrize(
+    ("spacing", "lower", "upper", "shape"),
+    [
+        (0.25, -26, 26, (209,)),
+        (0.25, (-26, -26), (26, 26), (209, 209)),
+        (0.1, (0, 0, 0), (0.3, 0.7, 1.1), (4, 8, 12)),
+        (1 / 3, (-1, 2), (1, 2), (7, 1)),
+        (1e-7, (0.0,), (1e-4,), (1001,)),
+    ],
+)
+def test_both_bounds_are_nodes(spacing, lower, upper, shape):
+    """Nodes lower, lower + dx, ..., upper, although dx is no exact double."""
+    lattice = Lattice(spacing, lower=lower, upper=upper)
+    assert lattice.shape == shape and lattice.dim == len(shape) and lattice.nodes == np.prod(shape)
+    for axis, n, low, high in zip(lattice.axes, shape, np.atleast_1d(lower), np.atleast_1d(upper), strict=True):
+        np.testing.assert_allclose(axis, np.linspace(low, high, n), rtol=1e-12, atol=1e-12 * spacing)
+    np.testing.assert_allclose(lattice.upper, np.atleast_1d(upper), rtol=1e-12)
+    assert [c.shape for c in lattice.coordinates()] == [shape] * len(shape)
+
+
+def test_window_of_the_published_disc():
+    """Radius 26 at spacing 0.25 holds 33949 nodes (Hermann et al. 2023, example 2: plane_wave_abc_waves.md section 2, item 10)."""
+    lattice = Lattice(0.25, window=Disc(26))
+    assert lattice.nodes == 33949
+    assert lattice.shape == (209, 209)
+    np.testing.assert_array_equal(lattice.lower, [-26, -26])
+
+
+def test_window_lies_on_the_lattice_through_the_origin():
+    """A window that is not aligned takes the nodes at whole multiples of the spacing inside its bounds."""
+    lattice = Lattice(0.5, window=Disc(1.2, centre=(0.3, -10.1)))
+    np.testing.assert_allclose(lattice.lower / 0.5, np.round(lattice.lower / 0.5))
+    i, j = np.meshgrid(np.arange(-40, 41), np.arange(-40, 41))
+    assert lattice.nodes == int(((0.5 * i - 0.3) ** 2 + (0.5 * j + 10.1) ** 2 <= 1.2**2).sum())
+
+
+def test_window_in_3d():
+    """Integer points of the ball r <= 3: 123 (OEIS A117609)."""
+    assert Lattice(1.0, window=Ball(3)).nodes == 123
+
+
+def test_body_with_a_hole():
+    """A plate of 11 x 11 nodes less the closed disc r <= 2 of 13 nodes."""
+    lattice = Lattice(1.0, lower=(-5, -5), upper=(5, 5), body=Box((-5, -5), (5, 5)) - Disc(2))
+    # The difference keeps the surface of neither or both: count the nodes that are strictly inside the disc as removed at least.
+    assert 121 - 13 <= lattice.nodes <= 121 - 9
+    assert not lattice.mask[5, 5] and lattice.mask[0, 0]
+
+
+@pytest.mark.parametrize("point", [(0.0, 0.0), (1.0, -2.0), (0.13, 0.37), (-1.0, 2.0)])
+def test_index_is_the_nearest_node(point):
+    """Brute force over all nodes."""
+    lattice = Lattice(0.25, lower=(-1, -2), upper=(1, 2))
+    x, y = lattice.coordinates()
+    distance = (x - point[0]) ** 2 + (y - point[1]) ** 2
+    assert distance[lattice.index(point)] == pytest.approx(distance.min(), abs=1e-15)
+
+
+@pytest.mark.parametrize("point", [(1.2, 0.0), (0.0, -2.2), (np.nan, 0.0), (0.0,), (0.0, 0.0, 0.0)])
+def test_index_beyond_the_near_field(point):
+    """Outside, non-finite or of another dimension: refused."""
+    with pytest.raises(InputError):
+        Lattice(0.25, lower=(-1, -2), upper=(1, 2)).index(point)
+
+
+def test_index_outside_a_window():
+    """A corner of the bounding box is no node of a disc."""
+    lattice = Lattice(0.25, window=Disc(2))
+    assert lattice.index((2.0, 0.0)) == (16, 8)
+    with pytest.raises(InputError, match="outside the near field"):
+        lattice.index((2.0, 2.0))
+
+
+@pytest.mark.parametrize(("upper", "nearest"), [((1.1, 1.0), "1.0, 1.0"), ((0.5, 1.2), "0.5, 1.25"), ((1.0, 1.0 + 1e-6), "1.0, 1.0")])
+def test_bounds_that_are_no_whole_number_of_spacings_apart(upper, nearest):
+    """The message names the nearest bounds that work."""
+    with pytest.raises(InputError, match=rf"whole number of spacings.*{nearest}"):
+        Lattice(0.25, lower=(0, 0), upper=upper)
+
+
+def test_the_nearest_bounds_of_the_message_work():
+    """Following the advice makes a lattice."""
+    with pytest.raises(InputError) as error:
+        Lattice(0.3, lower=(-1,), upper=(1.05,))
+    nearest = float(error.value.remedy.split("[")[1].rstrip("]"))
+    assert nearest == pytest.approx(-1 + 7 * 0.3)
+    assert Lattice(0.3, lower=(-1,), upper=(nearest,)).shape == (8,)
+
+
+def test_rounding_in_the_bounds_is_no_error():
+    """A tenth is no double: 1e-9 of a spacing is allowed, 1e-6 is not."""
+    assert Lattice(0.1, lower=0.0, upper=0.1 * 3).shape == (4,)
+    assert Lattice(0.1, lower=0.0, upper=0.3 + 0.5e-10).shape == (4,)
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"spacing": 0.0, "lower": 0, "upper": 1}, "spacing must be positive"),
+        ({"spacing": np.inf, "lower": 0, "upper": 1}, "spacing must be positive"),
+        ({"spacing": 0.1}, "needs lower and upper"),
+        ({"spacing": 0.1, "lower": 0}, "needs lower and upper"),
+        ({"spacing": 0.1, "lower": (0, 0), "upper": (1,)}, "same length"),
+        ({"spacing": 0.1, "lower": (0,) * 4, "upper": (1,) * 4}, "1 to 3"),
+        ({"spacing": 0.1, "lower": 1, "upper": 0}, "upper >= lower"),
+        ({"spacing": 0.1, "lower": 0, "upper": np.nan}, "finite"),
+        ({"spacing": 0.1, "lower": 0, "upper": 1, "window": Disc(1)}, "window replaces"),
+        ({"spacing": 0.1, "lower": 0, "upper": 1, "body": Disc(1)}, "differ in dimension"),
+        ({"spacing": 1.0, "window": Disc(0.1, centre=(0.5, 0.5))}, "no node"),
+        ({"spacing": 1.0, "lower": (0, 0), "upper": (4, 4), "body": Disc(0.1, centre=(0.5, 0.5))}, "no node lies in"),
+    ],
+)
+def test_bad_lattices_are_refused(options, match):
+    """Before any work, with the reason."""
+    with pytest.raises(InputError, match=match):
+        Lattice(**options)
