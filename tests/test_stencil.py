@@ -217,7 +217,7 @@ def test_fraction_of_backward_waves_of_the_ramp(m, percent):
     slope = stencil.symbol(kx + 1e-5, ky) - stencil.symbol(kx - 1e-5, ky)
     single = float((slope < 0).mean())
     assert 100 * single == pytest.approx(percent, abs=0.15)
-    assert kx[slope < 0].min() > 2.7  # same place: "k dx > 2.7"
+    assert kx[slope < 0].min() > 2.65  # same place: "k dx > 2.7", printed with two digits
     assert 0.95 * single <= stencil.backward_waves().fraction <= 2.1 * single
 
 

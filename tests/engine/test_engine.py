@@ -1,0 +1,327 @@
+"""The compiled engine against plain numpy: the operator, bond coefficients, free sides, the time loop, and what it conserves."""
+
+import numpy as np
+import pytest
+from helpers import RULES, dense_operator, engine_apply, kernel_stencil, lattice_of, periodic_engine, roll_apply
+
+from farhorizon import Diffusion, Fixed, Free, InputError, Periodic, Simulation, Source, Stencil, Wave
+from farhorizon.integrators import Euler, RungeKutta4, Verlet
+
+EULER = Euler.stages(0.1)
+RANDOM = np.random.default_rng(7)
+TOLERANCE = {"float64": 1e-13, "float32": 3e-5}
+
+
+def symmetric(dim, table):
+    """Stencil from half of its offsets."""
+    offsets = np.array(list(table))
+    return Stencil(np.concatenate([offsets, -offsets]).reshape(-1, dim), np.tile(list(table.values()), 2))
+
+
+# Weights differ from axis to axis, reach too.
+ANISOTROPIC = {
+    2: symmetric(2, {(1, 0): 1.0, (2, 0): 0.3, (3, 0): -0.05, (0, 1): 0.2, (1, 1): 0.11, (1, -1): 0.11}),
+    3: symmetric(3, {(1, 0, 0): 1.0, (0, 1, 0): 0.2, (0, 0, 1): 0.5, (0, 0, 2): 0.07, (2, 1, 0): 0.03, (2, -1, 0): 0.03}),
+}
+# Weights at (1, 1) and (1, -1) differ: no mirror symmetry along any axis.
+SKEWED = {
+    2: symmetric(2, {(1, 0): 1.0, (0, 1): 0.6, (1, 1): 0.4, (1, -1): -0.1, (2, 1): 0.05}),
+    3: symmetric(3, {(1, 0, 0): 1.0, (0, 1, 0): 0.6, (0, 0, 1): 0.8, (1, 1, 0): 0.3, (0, 1, -1): 0.2, (1, 2, 1): 0.05}),
+}
+STENCILS = {
+    **{f"1D m{m}": (kernel_stencil(1, m, 0), (23,)) for m in (1, 2, 3, 4)},
+    **{f"2D m{m}": (kernel_stencil(2, m, 1), (13, 19)) for m in (1, 2, 3, 4)},
+    **{f"3D m{m}": (kernel_stencil(3, m, 2), (7, 9, 11)) for m in (1, 2, 3)},
+    "3D m4": (kernel_stencil(3, 4, 2), (9, 9, 10)),
+    "FE 1D": (Stencil.finite_element(1), (9,)),
+    "FE 2D": (Stencil.finite_element(2), (9, 17)),
+    "FE 3D": (Stencil.finite_element(3), (5, 6, 9)),
+    "anisotropic 2D": (ANISOTROPIC[2], (11, 14)),
+    "anisotropic 3D": (ANISOTROPIC[3], (7, 6, 13)),
+    "skewed 2D": (SKEWED[2], (11, 14)),
+    "skewed 3D": (SKEWED[3], (7, 6, 13)),
+    "big 2D": (kernel_stencil(2, 8, 1), (19, 29)),
+}
+SOME = {name: STENCILS[name] for name in ("1D m2", "2D m3", "3D m1", "skewed 2D")}
+
+
+def check_apply(shape, stencil, stages=EULER, real="float64", coefficient=None, rule="both", threads=1):
+    """The engine's operator on white noise against np.roll; errors relative to the sum of the weights."""
+    u = np.random.default_rng(3).uniform(-1, 1, shape)
+    engine = periodic_engine(shape, stencil, stages, 0.1, coefficient, rule=rule, real=real, threads=threads)
+    scale = float(np.abs(stencil.weights).sum()) * (1.0 if coefficient is None else coefficient.max())
+    expected = roll_apply(u, stencil.offsets, stencil.weights, coefficient, rule)
+    np.testing.assert_allclose(engine_apply(engine, u), expected, rtol=0, atol=TOLERANCE[real] * scale)
+    return engine
+
+
+@pytest.mark.parametrize(("stencil", "shape"), STENCILS.values(), ids=STENCILS)
+def test_operator(stencil, shape):
+    """Sum of weights times differences over the family, in 1D, 2D and 3D, for every kind of stencil."""
+    check_apply(shape, stencil)
+
+
+@pytest.mark.parametrize(("stencil", "shape"), SOME.values(), ids=SOME)
+def test_operator_in_single_precision(stencil, shape):
+    """The same to the precision of float32."""
+    check_apply(shape, stencil, real="float32")
+
+
+@pytest.mark.parametrize(("stencil", "shape"), SOME.values(), ids=SOME)
+@pytest.mark.parametrize("stages", [RungeKutta4.stages(0.1), Verlet.stages(0.1, 0.2), Verlet.stages(0.1, 0.2, True)], ids=["RK4", "Verlet", "increments"])
+def test_operator_does_not_depend_on_the_integrator(stencil, shape, stages):
+    """Each integrator compiles its own sweep; the operator is one."""
+    check_apply(shape, stencil, stages)
+
+
+@pytest.mark.parametrize("length", range(5, 21))
+@pytest.mark.parametrize("rows", [(), (5,), (6,), (7,), (8,)], ids=str)
+def test_row_lengths(length, rows):
+    """Rows that are no multiple of a vector, row counts that are no multiple of a row group."""
+    check_apply((*rows, length), kernel_stencil(1 + len(rows), 2))
+
+
+@pytest.mark.parametrize("length", [5, 15, 16, 17, 31, 33])
+def test_row_lengths_in_single_precision(length):
+    """16 numbers fill a vector of float32."""
+    check_apply((7, length), kernel_stencil(2, 2), real="float32")
+
+
+@pytest.mark.parametrize("shape", [(5, 5, 5), (5, 6, 7), (6, 5, 9), (8, 7, 16)], ids=str)
+def test_row_groups_in_3d(shape):
+    """Odd and even row counts along both slow axes."""
+    check_apply(shape, kernel_stencil(3, 1))
+
+
+@pytest.mark.parametrize("real", ["float64", "float32"])
+@pytest.mark.parametrize("kind", ["even", "skewed"])
+def test_two_threads(real, kind):
+    """Above 160000 nodes the rows are shared between threads; a serial engine does the same arithmetic."""
+    shape = (403, 401)
+    stencil = kernel_stencil(2, 3, 1) if kind == "even" else SKEWED[2]
+    two = check_apply(shape, stencil, real=real, threads=2)
+    assert two.threads == 2
+    one = periodic_engine(shape, stencil, EULER, 0.1, real=real, threads=1)
+    u = RANDOM.normal(size=shape)
+    np.testing.assert_array_equal(engine_apply(two, u), engine_apply(one, u))
+
+
+def test_small_lattices_run_on_one_thread():
+    """A second thread costs more than it saves."""
+    assert periodic_engine((30, 30), kernel_stencil(2, 2), EULER, 0.1, threads=2).threads == 1
+
+
+# Coefficients on bonds
+
+
+@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize(("stencil", "shape"), SOME.values(), ids=SOME)
+def test_bond_coefficients(stencil, shape, rule):
+    """Smaller, arithmetic and harmonic mean of the nodes at a bond's ends; voids included."""
+    coefficient = np.random.default_rng(5).uniform(0.1, 3, shape)
+    coefficient[..., 2:4] = 0
+    check_apply(shape, stencil, coefficient=coefficient, rule=rule)
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_bond_coefficients_in_single_precision_and_two_threads(rule):
+    """The same in float32 and in parallel."""
+    coefficient = np.random.default_rng(5).uniform(0.1, 3, (401, 405))
+    for real in ("float64", "float32"):
+        check_apply((401, 405), kernel_stencil(2, 2), real=real, coefficient=coefficient, rule=rule, threads=2)
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_a_uniform_coefficient_is_a_factor(rule):
+    """Every rule keeps a constant."""
+    stencil, shape = kernel_stencil(2, 2), (9, 12)
+    u = RANDOM.normal(size=shape)
+    plain, scaled = (periodic_engine(shape, stencil, EULER, 0.1, c, rule=rule) for c in (None, np.full(shape, 2.5)))
+    np.testing.assert_allclose(engine_apply(scaled, u), 2.5 * engine_apply(plain, u), rtol=0, atol=1e-13)
+
+
+# Free sides, against a matrix of the bonds that exist
+
+SHAPES = {1: (17,), 2: (11, 13), 3: (6, 5, 8)}
+
+
+def free_simulation(dim, model=Diffusion, reach=2, boundary=None, stencil=None, **options):
+    """A simulation on white noise with free sides, spacing 0.5, and its matrix without coefficient in it."""
+    lattice = lattice_of(SHAPES[dim], 0.5)
+    stencil = stencil or kernel_stencil(dim, reach, 1)
+    u = np.random.default_rng(11).uniform(-1, 1, lattice.shape)
+    return Simulation(lattice, model(stencil), boundary or Free(), {"u": u}, **options), u
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+@pytest.mark.parametrize("reach", [1, 2])
+def test_free_sides_have_no_bonds(dim, reach):
+    """The operator is the matrix in which bonds that leave the body are absent."""
+    sim, u = free_simulation(dim, reach=reach)
+    matrix = dense_operator(u.shape, sim.stencil.offsets, sim.stencil.weights / 0.25)
+    np.testing.assert_allclose(engine_apply(sim.engine, u).ravel(), matrix @ u.ravel(), rtol=0, atol=1e-12)
+
+
+def test_free_sides_of_a_skewed_stencil():
+    """No mirror symmetry is assumed at a free side."""
+    sim, u = free_simulation(2, stencil=SKEWED[2])
+    matrix = dense_operator(u.shape, SKEWED[2].offsets, SKEWED[2].weights / 0.25)
+    np.testing.assert_allclose(engine_apply(sim.engine, u).ravel(), matrix @ u.ravel(), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_free_sides_of_a_composite(rule):
+    """Absent bonds leave with the coefficient they had."""
+    coefficient = np.random.default_rng(5).uniform(0.1, 3, SHAPES[2])
+    sim, u = free_simulation(2, coefficient=coefficient, rule=rule)
+    matrix = dense_operator(u.shape, sim.stencil.offsets, sim.stencil.weights / 0.25, coefficient=coefficient, rule=rule)
+    np.testing.assert_allclose(engine_apply(sim.engine, u).ravel(), matrix @ u.ravel(), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("free", [0, 1])
+def test_free_and_periodic_sides(free):
+    """A strip: bonds are absent along one axis and wrap along the other."""
+    sim, u = free_simulation(2, boundary={"xy"[free]: Free(), "xy"[1 - free]: Periodic()})
+    m = sim.stencil.reach[0]
+    # Free along `free` = the periodic operator on a lattice with a gap, in which a void takes the bonds away.
+    pads = [(m, m) if a == free else (0, 0) for a in range(2)]
+    wide, there = np.pad(u, pads), np.pad(np.ones(u.shape), pads)
+    expected = roll_apply(wide, sim.stencil.offsets, sim.stencil.weights / 0.25, there, "both")
+    inner = tuple(slice(m, -m) if a == free else slice(None) for a in range(2))
+    np.testing.assert_allclose(engine_apply(sim.engine, u), expected[inner], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_fixed_sides_see_the_value(dim):
+    """Every node beyond a Fixed side has the given value, corners included."""
+    sim, u = free_simulation(dim, boundary=Fixed(1.5))
+    m = sim.stencil.reach[0]
+    wide = np.pad(u, m, constant_values=1.5)
+    expected = roll_apply(wide, sim.stencil.offsets, sim.stencil.weights / 0.25)[(slice(m, -m),) * dim]
+    got = sim.engine.core.view(sim.engine.apply(sim.engine.current)).reshape(u.shape)
+    np.testing.assert_allclose(got, expected, rtol=0, atol=1e-12)
+
+
+# The time loop
+
+
+def loop(model, matrix, u, v, dt, steps, force):
+    """Euler, classical Runge-Kutta or damped Verlet by matrix products; `force(t)` is an array."""
+    slope = lambda t, u: matrix @ u + force(t)  # noqa: E731
+    if isinstance(model, Wave):
+        share = model.damping * dt
+        old = u - dt * (1 + share) * v + dt**2 / 2 * slope(0, u)
+    for n in range(steps):
+        t = n * dt
+        if isinstance(model, Wave):
+            u, old = (2 * u - (1 - share) * old + dt**2 * slope(t, u)) / (1 + share), u
+        elif model.integrator.order == 1:
+            u = u + dt * slope(t, u)
+        else:
+            k1 = slope(t, u)
+            k2 = slope(t + dt / 2, u + dt / 2 * k1)
+            k3 = slope(t + dt / 2, u + dt / 2 * k2)
+            u = u + dt / 6 * (k1 + 2 * k2 + 2 * k3 + slope(t + dt, u + dt * k3))
+    return u
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+@pytest.mark.parametrize("heterogeneous", [False, True])
+@pytest.mark.parametrize(
+    "make",
+    [lambda s: Diffusion(s, 1.3), lambda s: Diffusion(s, 1.3, "rk4"), lambda s: Wave(s, 1.1), lambda s: Wave(s, 1.1, damping=0.4)],
+    ids=["Euler", "RK4", "Verlet", "damped Verlet"],
+)
+def test_time_loop(dim, make, heterogeneous):
+    """Many steps in the compiled loop, with a crack-free body, a source and a composite, are the textbook's loop."""
+    random = np.random.default_rng(13)
+    shape = SHAPES[dim]
+    model = make(kernel_stencil(dim, 2, 1))
+    u, v, s = random.uniform(-1, 1, (3, *shape))
+    coefficient = random.uniform(0.2, 1.5, shape) if heterogeneous else None
+    initial = {"u": u, "v": v} if isinstance(model, Wave) else {"u": u}
+    force = lambda t: np.cos(4 * t)  # noqa: E731
+    sim = Simulation(lattice_of(shape, 0.5), model, Free(), initial, sources=[Source(s, force)], coefficient=coefficient, rule="harmonic")
+    sim.step(11)
+    sim.step(14)
+    matrix = dense_operator(shape, sim.stencil.offsets, sim.stencil.weights * model.coefficient / 0.25, None, coefficient, "harmonic")
+    expected = loop(model, matrix, u.ravel(), v.ravel(), sim.dt, 25, lambda t: s.ravel() * force(t))
+    np.testing.assert_allclose(sim.fields["u"].ravel(), expected, rtol=0, atol=1e-13 * max(1, np.abs(expected).max()))
+
+
+def test_time_loop_on_two_threads_is_bitwise_the_serial_one():
+    """The order of summation does not depend on the threads."""
+    lattice = lattice_of((403, 401))
+    u = np.random.default_rng(17).normal(size=lattice.shape)
+    runs = [Simulation(lattice, Wave(kernel_stencil(2, 3, 2)), Periodic(), {"u": u}, threads=n) for n in (1, 2)]
+    for sim in runs:
+        sim.step(7)
+    assert [sim.engine.threads for sim in runs] == [1, 2]
+    np.testing.assert_array_equal(*[sim.fields["u"] for sim in runs])
+
+
+def test_single_precision_run_follows_double():
+    """100 steps of float32 stay within rounding times steps of float64."""
+    u = np.random.default_rng(19).uniform(-1, 1, SHAPES[2])
+    runs = [Simulation(lattice_of(SHAPES[2]), Wave(kernel_stencil(2, 2, 2)), Free(), {"u": u}, dtype=t) for t in ("float64", "float32")]
+    for sim in runs:
+        sim.step(100)
+    assert runs[1].engine.current.dtype == np.float32
+    # 100 steps with a relative rounding of 6e-8 each, amplified at most linearly (bounded oscillators).
+    np.testing.assert_allclose(*[sim.fields["u"] for sim in runs], rtol=0, atol=100 * 100 * 6e-8)
+
+
+# What is conserved
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+@pytest.mark.parametrize("integrator", ["euler", "rk4"])
+def test_free_diffusion_conserves_the_sum(dim, integrator):
+    """No flux leaves an insulated body."""
+    sim, u = free_simulation(dim, lambda s: Diffusion(s, 1.0, integrator))
+    sim.step(300)
+    assert sim.fields["u"].sum() == pytest.approx(u.sum(), abs=1e-13 * u.size)
+    assert np.ptp(sim.fields["u"]) < 0.9 * np.ptp(u)
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+@pytest.mark.parametrize("heterogeneous", [False, True])
+def test_undamped_verlet_conserves_energy(dim, heterogeneous):
+    """The discrete energy of a free body is constant over 2000 steps to rounding."""
+    coefficient = np.random.default_rng(5).uniform(0.2, 1.5, SHAPES[dim]) if heterogeneous else None
+    sim, _ = free_simulation(dim, Wave, coefficient=coefficient, rule="arithmetic")
+    start = sim.energy()
+    sim.step(2000)
+    assert start > 0
+    assert sim.energy() == pytest.approx(start, rel=1e-12)
+
+
+def test_damping_takes_energy_away():
+    """The energy of every mode falls; a uniform velocity decays by (1 - d dt)/(1 + d dt) a step (exact for symbol 0)."""
+    sim, u = free_simulation(2, lambda s: Wave(s, damping=0.3))
+    energies = []
+    for _ in range(20):
+        energies.append(sim.energy())
+        sim.step(5)
+    assert (np.diff(energies) < 0).all()
+    drift = Simulation(lattice_of((9, 9)), Wave(kernel_stencil(2, 2), damping=0.3), Free(), {"u": np.zeros((9, 9)), "v": np.ones((9, 9))})
+    share = 0.3 * drift.dt
+    drift.step(10)
+    steps = (1 - share) * ((1 - share) / (1 + share)) ** np.arange(10)  # the first step: u(1) - u(0) = dt (1 - d dt) v
+    np.testing.assert_allclose(drift.fields["u"], drift.dt * steps.sum(), rtol=1e-12)
+
+
+@pytest.mark.parametrize("boundary", [Free(), Periodic()])
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_a_uniform_field_stays(dim, boundary):
+    """Differences vanish, in a composite too."""
+    coefficient = np.random.default_rng(5).uniform(0.2, 1.5, SHAPES[dim])
+    sim = Simulation(lattice_of(SHAPES[dim]), Wave(kernel_stencil(dim, 2)), boundary, {"u": np.full(SHAPES[dim], 2.0)}, coefficient=coefficient)
+    sim.step(100)
+    np.testing.assert_allclose(sim.fields["u"], 2.0, rtol=1e-12)
+
+
+def test_a_near_field_thinner_than_the_stencil_is_refused():
+    """Fewer than 2 m + 1 nodes along an axis."""
+    with pytest.raises(InputError, match=r"thinner than the stencil.*>= 7"):
+        Simulation(lattice_of((6, 20)), Wave(kernel_stencil(2, 3)), Free())
