@@ -52,7 +52,8 @@ def table(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
     widths = [max(len(line[i]) for line in cells) for i in range(len(names))]
     print(f"\n{title}")
     for line in cells:
-        print("  ".join(cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(line, widths, strict=True))), flush=True)
+        padded = [cell.rjust(w) for cell, w in zip(line, widths, strict=True)]
+        print("  ".join([line[0].ljust(widths[0]), *padded[1:]]), flush=True)
 
 
 def verdict(value: float, target: float, larger: bool) -> str:

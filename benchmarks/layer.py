@@ -56,12 +56,12 @@ def large(dim: int, n: int, repeats: int, target: float | None) -> list[dict[str
     for threads in sorted({1, available_threads()}):
         sim, times = measure(dim, n, threads, repeats)
         added = 100 * (ratio(times, "layers", "bare") - 1)
-        nodes = sum(b.view(sim.engine.current).size for b in sim.engine.layout.blocks.values()) / sim.engine.core.view(sim.engine.current).size
+        nodes = sum(np.prod(b.nodes) for b in sim.engine.layout.blocks.values()) / np.prod(sim.engine.core.nodes)
         fill = 100 * ratio(times, "fill", "bare")
         rows.append({
             f"{dim}D m=3, 12 nodes": f"{n}^{dim}", "threads": threads, "bare ms": 1e3 * median(times, "bare"),
             "layers ms": 1e3 * median(times, "layers"), "added %": added, "of it fill %": fill, "of it sweep %": added - fill,
-            "more nodes %": 100 * (nodes - 1), "step() / loop": ratio(times, "step()", "layers"),
+            "more nodes %": float(100 * (nodes - 1)), "step() / loop": ratio(times, "step()", "layers"),
             "target": "-" if target is None else target, "met": "-" if target is None else verdict(added, target, larger=False),
         })  # fmt: skip
     return rows

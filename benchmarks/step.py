@@ -155,7 +155,8 @@ def memory() -> list[dict[str, Any]]:
         running = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         rows.append({
-            "m=3, default layers": f"{dim}D {n}^{dim}", "time levels": sim.engine.levels.nbytes / field, "layer memory": sim.engine.memory.nbytes / field,
+            "m=3, default layers": f"{dim}D {n}^{dim}", "time levels": sim.engine.levels.nbytes / field,
+            "layer memory": sim.engine.memory.nbytes / field,
             "held": held / field, "peak running": running / field, "peak set-up": set_up / field,
             "target held": 5.0, "met": verdict(held / field, 5.0, larger=False),
         })  # fmt: skip

@@ -48,7 +48,7 @@ def dense_operator(shape, offsets, weights, whole=None, coefficient=None, rule="
         ends = nodes + o
         keep = ((ends >= 0) & (ends < shape)).all(1)
         if whole is not None:
-            keep &= whole(nodes, ends)
+            keep[keep] = whole(nodes[keep], ends[keep])
         i, j = number[tuple(nodes[keep].T)], number[tuple(ends[keep].T)]
         factor = 1.0 if coefficient is None else RULES[rule](coefficient.ravel()[i], coefficient.ravel()[j])
         matrix[i, j] += w * factor

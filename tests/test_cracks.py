@@ -2,10 +2,25 @@
 
 import numpy as np
 import pytest
-from helpers import dense_operator, engine_apply, kernel_stencil, lattice_of
 
-from farhorizon import Diffusion, Disc, DiscCut, Free, InputError, Lattice, LatticePML, Periodic, PointCut, Polyline, Rectangle, Simulation, Stencil, Wave
+from farhorizon import (
+    Diffusion,
+    Disc,
+    DiscCut,
+    Free,
+    InputError,
+    Lattice,
+    LatticePML,
+    Periodic,
+    PointCut,
+    Polyline,
+    Rectangle,
+    Simulation,
+    Stencil,
+    Wave,
+)
 from farhorizon.cracks import as_cut, cut_bonds
+from helpers import dense_operator, engine_apply, kernel_stencil, lattice_of
 
 SHAPES = {1: (21,), 2: (13, 15), 3: (7, 8, 9)}
 SPACING = 0.5
@@ -83,7 +98,8 @@ def test_uniform_field_stays_uniform(dim, cracks, whole):
     u = np.full(SHAPES[dim], 3.0)
     sim = Simulation(lattice_of(SHAPES[dim], SPACING), Wave(kernel_stencil(dim, 2)), Free(), {"u": u}, cracks=cracks)
     sim.step(200)
-    np.testing.assert_allclose(sim.fields["u"], 3.0, rtol=1e-12)
+    # In two levels the rounding of a step is a change of velocity, so it grows like the square of the steps.
+    np.testing.assert_allclose(sim.fields["u"], 3.0, rtol=200**2 * np.finfo(float).eps)
 
 
 @ALL
@@ -149,9 +165,9 @@ def test_a_crack_in_an_unbounded_medium_spares_the_layer():
     model = Wave(kernel_stencil(2, 2))
     sim = Simulation(lattice, model, LatticePML(), {"u": gauss}, cracks=[[(0.3, -3.1), (0.3, 3.1)]])
     sim.step(5)
-    with pytest.raises(InputError, match=r"crack cuts bonds across the side y\+"):
-        Simulation(lattice, model, LatticePML(), {"u": gauss}, cracks=[[(0.3, -3.1), (0.3, 9.1)]])
-    with pytest.raises(InputError, match="crack cuts bonds across the side x-"):
+    with pytest.raises(InputError, match=r"crack reaches across the side y\+"):
+        Simulation(lattice, model, LatticePML(), {"u": gauss}, cracks=[[(0.3, -3.1), (0.3, 19.1)]])
+    with pytest.raises(InputError, match="crack reaches across the side x-"):
         Simulation(lattice, model, {"x": Periodic(), "y": Free()}, {"u": gauss}, cracks=[[(-8.1, -3.1), (-8.1, 3.1)]])
 
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from helpers import fitted_rate, kernel_stencil, lattice_of
 
 from farhorizon import Diffusion, Periodic, Simulation, Source, Wave
 from farhorizon.integrators import RK4_REAL_LIMIT, Euler, RungeKutta4, Verlet
+from helpers import fitted_rate, kernel_stencil, lattice_of
 
 
 def verlet_recursion(symbol, dt, steps, u, v, damping):
@@ -117,7 +117,8 @@ def decay(rate, start=1.0, forced=False):
     """Exact solution of u' = -rate u + sin(FREQUENCY t)."""
     w = FREQUENCY if forced else 0.0
     size = 1.0 if forced else 0.0
-    return lambda t: start * np.exp(-rate * t) + size * (rate * np.sin(w * t) - w * np.cos(w * t) + w * np.exp(-rate * t)) / (rate**2 + w**2)
+    response = lambda t: (rate * np.sin(w * t) - w * np.cos(w * t) + w * np.exp(-rate * t)) / (rate**2 + w**2)  # noqa: E731
+    return lambda t: start * np.exp(-rate * t) + size * response(t)
 
 
 def oscillation(rate, start=1.0, forced=False):
@@ -148,7 +149,7 @@ SOURCES = {
 def test_order_in_time(make_model, solution, order, counts, dim, sources):
     """Euler 1, velocity Verlet 2, Runge-Kutta 4, with a time-dependent source too; space is exact in an eigenmode."""
     _, _, _, rate = eigenmode(dim)
-    until = 1.0
+    until = 0.6
     exact = solution(rate, forced=bool(sources))
     errors = [final_error(dim, make_model, n, until, exact, sources) for n in counts]
     assert fitted_rate(until / np.array(counts), errors) == pytest.approx(order, abs=0.12)
@@ -174,6 +175,22 @@ def test_a_run_of_verlet_is_propagate(dim, damping):
     sim.step(50)
     factor = Verlet.propagate(np.array([rate]), sim.dt, 50, np.array([0.7]), np.array([-1.3]), damping)[0].real
     np.testing.assert_allclose(sim.fields["u"], factor * mode, atol=1e-13)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.4])
+@pytest.mark.parametrize("dim", [1, 2])
+def test_velocity_shown_is_that_of_half_a_step_ago(dim, damping):
+    """v = (u(n) - u(n-1)) / dt at every step, time zero included: there v - dt/2 (acceleration of the undamped part) + damping share."""
+    stencil, lattice, mode, rate = eigenmode(dim)
+    sim = Simulation(lattice, Wave(stencil, np.sqrt(COEFFICIENT), damping), Periodic(), {"u": 0.7 * mode, "v": -1.3 * mode})
+    start = -1.3 * (1 + damping * sim.dt) + sim.dt / 2 * rate * 0.7
+    np.testing.assert_allclose(sim.fields["v"], start * mode, atol=1e-12)
+    before = 0.7 * mode
+    for _ in range(3):
+        sim.step()
+        now = sim.fields
+        np.testing.assert_allclose(now["v"], (now["u"] - before) / sim.dt, atol=1e-12)
+        before = now["u"]
 
 
 def test_runge_kutta_with_sources_is_the_classical_method():

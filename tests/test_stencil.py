@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from helpers import fitted_rate, kernel_stencil
 from scipy.optimize import brentq
 
 from farhorizon import InputError, Kernel, Stencil
+from helpers import fitted_rate, kernel_stencil
 
 REACHES = (2, 3, 4, 6)
 
@@ -24,7 +24,12 @@ RAMP = {
 }
 # The same place, "No correction" (printed with two or three digits).
 FULL = {(1, 1): (1.5, 1.33, 1.25, 1.17), (2, 1): (1.05, 1.04, 0.96, 0.999)}
-EFFECTIVE = [(v, *k, m, x) for v, rows in (("ramp", RAMP), ("full", FULL)) for k, row in rows.items() for m, x in zip(REACHES, row, strict=True)]
+EFFECTIVE = [
+    (volume, *key, m, value)
+    for volume, rows in (("ramp", RAMP), ("full", FULL))
+    for key, row in rows.items()
+    for m, value in zip(REACHES, row, strict=True)
+]
 
 
 def moment(stencil, *powers):
@@ -168,7 +173,7 @@ def test_symbol_gradient_against_differences(dim):
 @pytest.mark.parametrize(
     ("stencil", "growth", "first"),
     [
-        # spec/lattice_pml_backward.md, table of section 1: "max gamma" and the smallest |k| of "backward set", printed to two or three digits.
+        # spec/lattice_pml_backward.md, table of section 1: "max gamma" and the smallest |k| of "backward set", to two or three digits.
         (kernel_stencil(1, 3, 0), 0.16, 1.47),
         (kernel_stencil(1, 25, 0), 0.49, 0.18),
         (kernel_stencil(2, 3, 1), 0.025, 1.94),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import signal
 import sys
 import time
 from collections.abc import Sequence
@@ -94,7 +95,7 @@ def _run(options: argparse.Namespace) -> int:
     from farhorizon.case import Case
     from farhorizon.errors import FarhorizonError, InputError
     from farhorizon.plot import plot_results
-    from farhorizon.results import ResultsWriter, open_results, read_checkpoint
+    from farhorizon.results import ResultsWriter, open_results
 
     case = Case.read(options.case)
     until = case.parts.run.until if options.until is None else options.until
@@ -141,6 +142,12 @@ def _run(options: argparse.Namespace) -> int:
         record(sim)
         keep(sim)
     sim.observers.append(observe)
+
+    def interrupt(number: int, frame: Any) -> None:
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # a second one acts at once
+        sim.stop_requested = True
+
+    before = signal.signal(signal.SIGINT, interrupt)
     try:
         sim.run(until, case.every)
     except KeyboardInterrupt:
@@ -150,6 +157,8 @@ def _run(options: argparse.Namespace) -> int:
     except FarhorizonError:
         print(f"the last good checkpoint is {checkpoint}", file=sys.stderr)
         raise
+    finally:
+        signal.signal(signal.SIGINT, before)
     keep(sim)
     results = open_results(result)
     pictures = plot_results(results, folder / case.name, case.parts.output.pictures)

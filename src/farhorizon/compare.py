@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.analysis import infinite_lattice, largest_speed
+from farhorizon.analysis import InfiniteLattice, largest_speed
 from farhorizon.boundaries import Fixed, Free, LatticePML, Sponge
 from farhorizon.cracks import as_cut
 from farhorizon.simulation import Simulation
@@ -75,16 +75,19 @@ def compare(
     homogeneous = all(isinstance(b, LatticePML | Sponge) for b in ours.sides.values()) and ours.lattice.body is None
     homogeneous &= not setup.get("cracks") and setup.get("coefficient") is None and not ours.sources
     far = None if homogeneous else _extended(setup, ours, steps[-1] * ours.dt)
+    infinite = None
+    if homogeneous:
+        infinite = InfiniteLattice(ours.stencil, ours.model.coefficient / ours.lattice.spacing**2, ours.model.integrator, ours.dt, steps[-1],
+                                   ours.start_u, ours.start_v, ours.model.damping)  # fmt: skip
     how = "exact solution on the infinite lattice by FFT" if far is None else f"domain of {' x '.join(map(str, far.lattice.shape))} nodes"
     peak = float(np.nanmax(np.abs(ours.start_u), initial=0.0))
     result = Comparison(how, peak, [n * ours.dt for n in steps], shown_time=shown_step * ours.dt)
     errors: dict[str, list[float]] = {name: [] for name in runs}
     size: list[float] = []
     for step in steps:
-        if far is None:
-            exact = infinite_lattice(ours.stencil, ours.model.coefficient / ours.lattice.spacing**2, ours.model.integrator, ours.dt, step,
-                                     ours.start_u, ours.start_v, ours.model.damping) + ours.background  # fmt: skip
-        else:
+        if infinite is not None:
+            exact = infinite.after(step) + ours.background
+        elif far is not None:
             far.step(step - far.step_count)
             exact = far.fields["u"][far_slices(far, ours)]
         if ours.lattice.mask is not None:

@@ -16,12 +16,15 @@ from farhorizon.engine import Engine, Layer, available_threads
 from farhorizon.engine.layout import Block
 from farhorizon.errors import FileFormatError, InputError, UnstableError
 from farhorizon.lattice import AXES, Lattice
+from farhorizon.machine import available_memory
 from farhorizon.models import ScalarModel
-from farhorizon.report import Report, available_memory
+from farhorizon.report import Report
 from farhorizon.results import read_checkpoint, write_checkpoint
+from farhorizon.shapes import Cut
 from farhorizon.sources import checked, split
 
-_GUARD_STEPS = 200  # steps between two looks of the instability guard, at most
+_GUARD_STEPS = 200  # steps between two looks of the instability guard, at most; fewer on lattices above
+_GUARD_NODES = 1_000_000  # this many nodes, so that an interrupt is heard within seconds
 _EXPLODED = 1e6  # growth of the largest value over all that initial data and sources explain
 _TABLE = 1 << 20  # numbers in one table of source amplitudes
 
@@ -59,6 +62,8 @@ class Simulation:
     time : float
     step_count : int
     dt : float
+    stop_requested : bool
+        Set it (from a signal handler, an observer) to end `run` with KeyboardInterrupt between two steps.
     start_u, start_v : ndarray
         Initial values less the background, and initial velocities.
     fields : dict of str to ndarray
@@ -105,18 +110,22 @@ class Simulation:
         self.step_limit = model.integrator.step_limit(self.rate_limit)
         self.dt = self._choose_step(dt)
         self.time, self.step_count = 0.0, 0
+        self.stop_requested = False
+        self._guard_steps = max(1, min(_GUARD_STEPS, _GUARD_STEPS * _GUARD_NODES // max(int(np.prod(lattice.shape)), 1)))
 
         u = self._initial("u", initial or {})
         v = self._initial("v", initial or {}) if model.order == 2 else np.zeros(lattice.shape)
         for name in set(initial or {}) - ({"u", "v"} if model.order == 2 else {"u"}):
             raise InputError("unknown initial field", value=name, limit="u, v" if model.order == 2 else "u", key="initial")
         self.start_u, self.start_v = u, v
-        self._margins = self._choose_margins(u, v)
+        cuts = [as_cut(c, lattice.dim) for c in cracks]
+        self._margins = self._choose_margins(u, v, factor, cuts)
         self._make_engine(factor, rule, dtype, threads)
-        self._cut(cracks)
+        self._cut(cuts)
         self._damp()
         self.sources = [split(s, lattice) for s in sources]
-        self._scale = max(float(np.abs(u).max(initial=0)), float(np.abs(v).max(initial=0)) * 0.01, 1e-300)
+        held = [abs(b.value - self.background) for b in self.sides.values() if isinstance(b, Fixed)]
+        self._scale = max([float(np.abs(u).max()), float(np.abs(v).max()) * self.dt, 1e-300, *held])
         self._start(u, v)
 
     # --- set-up ------------------------------------------------------------------------------------------------
@@ -170,11 +179,11 @@ class Simulation:
                     )  # fmt: skip
         return values if self.lattice.body is None else np.where(self.lattice.mask, values, 0.0)
 
-    def _choose_margins(self, u: np.ndarray, v: np.ndarray) -> dict[tuple[int, int], int]:
+    def _choose_margins(self, u: np.ndarray, v: np.ndarray, factor: np.ndarray | None, cuts: Sequence[Cut]) -> dict[tuple[int, int], int]:
         """Nodes of the core beyond the near field: a sponge, or unstretched nodes in front of a layer.
 
-        A layer's entrance must be free of sources and data. One node keeps sources out; data in the last nodes need as
-        many more as the first step spreads them.
+        A layer's entrance must be free of sources, data, cracks and changes of the material. One node keeps sources
+        out; the others need as many more as the stencil reaches.
         """
         margins = {}
         for (axis, side), boundary in self.sides.items():
@@ -183,8 +192,12 @@ class Simulation:
             elif isinstance(boundary, LatticePML):
                 m = self.stencil.reach[axis]
                 last = np.arange(m + 1) if side < 0 else self.lattice.shape[axis] - 1 - np.arange(m + 1)
-                busy = any(np.any(np.take(f, last, axis)) for f in (u, v))
-                margins[axis, side] = 1 + m if busy else 1
+                faint = 1e-3 * boundary.wanted(self.model.order)
+                busy = any(np.abs(np.take(f, last, axis)).max() > faint * np.abs(f).max() for f in (u, v))
+                busy |= factor is not None and bool(np.ptp(np.take(factor, last, axis), axis=axis).any())
+                edge = (self.lattice.lower if side < 0 else self.lattice.upper)[axis]
+                near = [side * (edge - cut.bounds()[(side + 1) // 2][axis]) < (m + 1) * self.lattice.spacing for cut in cuts]
+                margins[axis, side] = 1 + m if busy or any(near) else 1
             else:
                 margins[axis, side] = 0
         return margins
@@ -233,6 +246,7 @@ class Simulation:
                     )  # fmt: skip
 
     def _fix(self, axis: int, side: int, value: float) -> None:
+        """Set the halo of a side, in every level, to a value above the background."""
         if any(isinstance(b, LatticePML) for (a, _), b in self.sides.items() if a != axis - (3 - self.lattice.dim)):
             raise InputError(
                 "a Fixed value beside a LatticePML must equal the background: the layer would have to absorb a state that never decays",
@@ -242,28 +256,19 @@ class Simulation:
             if block.segment[axis] == 0:
                 m = block.reach[axis]
                 strip = tuple((slice(0, m) if side < 0 else slice(-m, None)) if a == axis else slice(None) for a in range(3))
-                for level in range(2):
-                    block.slots(self.engine.levels[level])[strip] = value
+                for level in self.engine.levels[: 3 - self.engine.stages.increments]:
+                    block.slots(level)[strip] = value
 
-    def _cut(self, cracks: Sequence[Any]) -> None:
+    def _cut(self, cuts: Sequence[Cut]) -> None:
         """Absent bonds: cut by cracks, across a free side, or to nodes outside a body."""
         engine, lead = self.engine, 3 - self.lattice.dim
         block = engine.core
         offsets = engine.offsets
         found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         shape = block.nodes[lead:]
-        for crack in cracks:
-            cut = as_cut(crack, self.lattice.dim)
+        for cut in cuts:
+            self._check_inside(cut)
             nodes, bonds = cut_bonds(cut, self._origin, self.lattice.spacing, shape, self.stencil.offsets)
-            ends = nodes + self.stencil.offsets[bonds]
-            for axis in range(self.lattice.dim):
-                for side, outside in ((-1, ends[:, axis] < 0), (1, ends[:, axis] >= shape[axis])):
-                    if outside.any() and isinstance(self.sides[axis, side], LatticePML | Sponge | Periodic):
-                        raise InputError(
-                            f"a crack cuts bonds across the side {AXES[axis]}{'-+'[side > 0]}", key="crack",
-                            value=[b.tolist() for b in cut.bounds()], limit=f"{self.lattice.lower.tolist()} to {self.lattice.upper.tolist()}",
-                            remedy=f"keep it {self.stencil.reach[axis]} nodes inside or enlarge the near field",
-                        )  # fmt: skip
             flat = block.origin + nodes @ np.array(block.step[lead:])
             found.append((flat, flat + offsets[bonds] @ np.array(block.stride), engine.weights[bonds]))
         if any(isinstance(b, Free) for b in self.sides.values()) or self.lattice.body is not None:
@@ -275,6 +280,15 @@ class Simulation:
         nodes, neighbours, weights = (np.concatenate([f[i] for f in found]) for i in range(3))
         _, first = np.unique(nodes * engine.layout.size + neighbours, return_index=True)
         engine.set_cuts(nodes[first], neighbours[first], weights[first] * engine.bond_factors(nodes[first], neighbours[first]))
+
+    def _check_inside(self, cut: Cut) -> None:
+        for (axis, side), boundary in self.sides.items():
+            edge, end = ((self.lattice.lower, self.lattice.upper)[(side + 1) // 2][axis], cut.bounds()[(side + 1) // 2][axis])
+            if side * (end - edge) > 1e-9 * self.lattice.spacing and not isinstance(boundary, Free | Fixed):
+                raise InputError(
+                    f"a crack reaches across the side {AXES[axis]}{'-+'[side > 0]}", key="crack", value=[b.tolist() for b in cut.bounds()],
+                    limit=f"{self.lattice.lower.tolist()} to {self.lattice.upper.tolist()}", remedy="shorten it or enlarge the near field",
+                )  # fmt: skip
 
     def _existing(self) -> np.ndarray:
         """Flat level: 1 where a node of the medium is, 0 beyond free sides and outside a body."""
@@ -341,9 +355,11 @@ class Simulation:
         rate += (self.dt * (1 + self.model.damping * self.dt) * v).reshape(rate.shape)
         if engine.stages.increments:
             engine.levels[2][:] = change
-        else:
-            for block in engine.layout.blocks.values():
-                block.view(engine.levels[1])[...] = block.view(engine.levels[0]) - block.view(change)
+        for block in engine.layout.blocks.values():
+            block.view(engine.levels[1])[...] = block.view(engine.levels[0]) - block.view(change)
+        engine.memory[:] = 0  # the layers are at rest one step before the start
+        engine.fill(engine.levels[1])
+        engine.fill(engine.levels[0])
 
     def _near_indices(self) -> np.ndarray:
         block = self.engine.core
@@ -370,7 +386,7 @@ class Simulation:
         """
         done = 0
         while done < count:
-            steps = min(count - done, _GUARD_STEPS)
+            steps = min(count - done, self._guard_steps)
             self._advance(steps)
             done += steps
             self._guard()
@@ -453,10 +469,14 @@ class Simulation:
                     stop = min(last, int(np.ceil((int(self.time / every + 1e-9) + 1) * every / self.dt - 1e-9)))
                 while self.step_count < stop:
                     before = self.step_count
-                    self.step(min(_GUARD_STEPS, stop - self.step_count))
+                    self.step(min(self._guard_steps, stop - self.step_count))
                     bar.update(self.step_count - before)
+                    if self.stop_requested and self.step_count < stop:
+                        raise KeyboardInterrupt
                 for observer in self.observers:
                     observer(self)
+                if self.stop_requested and self.step_count < last:
+                    raise KeyboardInterrupt
         return self
 
     # --- what comes out ----------------------------------------------------------------------------------------

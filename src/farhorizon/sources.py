@@ -58,7 +58,7 @@ def split(source: Any, lattice: Lattice) -> tuple[np.ndarray | None, Callable[..
 
 
 def checked(value: Any, lattice: Lattice, key: str = "source") -> np.ndarray:
-    """The values as a float array of the lattice's shape, zero outside a window or body."""
+    """The values as a float array of the lattice's shape; zero outside a body, and outside a window where not finite."""
     values = np.asarray(value, float)
     if values.ndim and values.shape != lattice.shape:
         raise InputError("an array must have the lattice's shape", value=values.shape, limit=lattice.shape, key=key)
@@ -66,4 +66,6 @@ def checked(value: Any, lattice: Lattice, key: str = "source") -> np.ndarray:
     shown = values if lattice.mask is None else values[lattice.mask]
     if not np.isfinite(shown).all():
         raise InputError("values must be finite", value=f"{int((~np.isfinite(shown)).sum())} nan or inf", key=key)
-    return values if lattice.body is None or lattice.mask is None else np.where(lattice.mask, values, 0.0)
+    if lattice.mask is None:
+        return values
+    return np.where(lattice.mask if lattice.body is not None else np.isfinite(values), values, 0.0)

@@ -7,6 +7,7 @@ from scipy import fft
 
 from farhorizon.errors import InputError
 from farhorizon.integrators import Integrator, Verlet
+from farhorizon.machine import available_memory
 from farhorizon.stencil import Stencil
 
 
@@ -18,10 +19,8 @@ def largest_speed(stencil: Stencil) -> float:
     return float(np.sqrt(np.max(np.where(omega > 1e-6, squared, 1.0))))
 
 
-def infinite_lattice(
-    stencil: Stencil, rate: float, integrator: Integrator, dt: float, steps: int, u: np.ndarray, v: np.ndarray | None = None, damping: float = 0.0
-) -> np.ndarray:
-    """State after `steps` steps on the infinite lattice from data that vanish outside the given box.
+class InfiniteLattice:
+    """States of the scheme on the infinite lattice, from data that vanish outside a box.
 
     The update is diagonal in Fourier space; the periodic box is made so large that nothing that wraps around is
     back in time (waves) or above rounding (diffusion).
@@ -31,37 +30,45 @@ def infinite_lattice(
     stencil : Stencil
     rate : float
         Factor on the stencil, ``coefficient / spacing^2``.
-    integrator, dt, steps
-        The scheme.
+    integrator : Verlet, Euler or RungeKutta4
+    dt : float
+    last : int
+        Largest number of steps that will be asked for.
     u, v : ndarray
         Initial values (less the background) and velocities.
     damping : float
-
-    Returns
-    -------
-    ndarray, shape of u
 
     Raises
     ------
     InputError
         A time so late that the box does not fit into memory.
     """
-    time = steps * dt
-    if isinstance(integrator, Verlet):
-        travel = largest_speed(stencil) * np.sqrt(rate) * time
-        travel += 20 * max(stencil.reach) + 10 * np.cbrt(travel)  # the front has an Airy tail ahead of it
-    else:
-        travel = 13 * np.sqrt(rate * time) + 12 * max(stencil.reach)
-    box = [fft.next_fast_len(int(n + travel) + 1, real=True) for n in u.shape]
-    if 16 * 8 * float(np.prod(box)) > 20 * 2**30:
-        raise InputError("the infinite lattice at so late a time does not fit into memory", value=f"{box} nodes", key="run.until",
-                         remedy="an earlier time or a coarser lattice")  # fmt: skip
-    angles = [2 * np.pi * np.fft.fftfreq(n) for n in box[:-1]] + [2 * np.pi * np.fft.rfftfreq(box[-1])]
-    symbol = stencil.symbol(*np.ix_(*angles)) * rate
-    start = fft.rfftn(u, box)
-    if isinstance(integrator, Verlet):
-        speed = fft.rfftn(v, box) if v is not None and np.any(v) else np.zeros(1)
-        end = integrator.propagate(symbol, dt, steps, start, speed, damping)
-    else:
-        end = integrator.growth(symbol, dt) ** steps * start
-    return fft.irfftn(end, box)[tuple(slice(n) for n in u.shape)]
+
+    def __init__(
+        self, stencil: Stencil, rate: float, integrator: Integrator, dt: float, last: int, u: np.ndarray, v: np.ndarray | None = None,
+        damping: float = 0.0,
+    ) -> None:  # fmt: skip
+        self.integrator, self.dt, self.last, self.damping, self.shape = integrator, dt, last, damping, u.shape
+        if isinstance(integrator, Verlet):
+            travel = largest_speed(stencil) * np.sqrt(rate) * last * dt
+            travel += 20 * max(stencil.reach) + 10 * np.cbrt(travel)  # the front has an Airy tail ahead of it
+        else:
+            travel = 13 * np.sqrt(rate * last * dt) + 12 * max(stencil.reach)
+        self.box = [fft.next_fast_len(int(n + travel) + 1, real=True) for n in u.shape]
+        if 16 * 8 * float(np.prod(self.box)) > available_memory():
+            raise InputError("the infinite lattice at so late a time does not fit into memory", value=f"{self.box} nodes", key="run.until",
+                             remedy="an earlier time or a coarser lattice")  # fmt: skip
+        angles = [2 * np.pi * np.fft.fftfreq(n) for n in self.box[:-1]] + [2 * np.pi * np.fft.rfftfreq(self.box[-1])]
+        self.symbol = stencil.symbol(*np.ix_(*angles)) * rate
+        self.start = fft.rfftn(u, self.box)
+        self.speed = fft.rfftn(v, self.box) if v is not None and np.any(v) else np.zeros(1)
+
+    def after(self, steps: int) -> np.ndarray:
+        """The state after a number of steps, shape of the data."""
+        if steps > self.last:
+            raise InputError("later than the box was made for", value=steps, limit=self.last)
+        if isinstance(self.integrator, Verlet):
+            end = self.integrator.propagate(self.symbol, self.dt, steps, self.start, self.speed, self.damping)
+        else:
+            end = self.integrator.growth(self.symbol, self.dt) ** steps * self.start
+        return fft.irfftn(end, self.box)[tuple(slice(n) for n in self.shape)]

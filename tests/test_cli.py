@@ -1,0 +1,102 @@
+"""The command line, run as a user runs it."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from farhorizon.cli import main
+from farhorizon.results import open_results
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+
+
+@pytest.mark.parametrize("case", sorted(EXAMPLES.glob("*.toml")), ids=lambda p: p.stem)
+def test_examples_run_and_agree_with_the_infinite_medium(case, tmp_path, monkeypatch):
+    """Each example: results, pictures, and an error a thousand times below that of a fixed edge."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", str(case), "--json", "run.json"]) == 0
+    facts = json.loads(Path("run.json").read_text())
+    assert all(Path(p).stat().st_size > 10_000 for p in facts["pictures"])
+    results = open_results(f"{case.stem}.h5")
+    assert len(results.times) > 5 and np.isfinite(results.energy).all()
+    times = ["--times", "4", "8"] if case.stem.endswith("3d") else []
+    assert main(["compare", str(case), "--json", "compare.json", *times]) == 0
+    curves = json.loads(Path("compare.json").read_text())
+    assert curves["lattice PML"]["error_max_over_run"] < 1e-3 * curves["fixed edge"]["error_max_over_run"]
+
+
+def test_two_notches_against_a_domain_from_which_nothing_returns(tmp_path):
+    """Example 3 of Hermann et al. (2023) at their times; their method: 1e-3 and slowly growing."""
+    out = tmp_path / "c.json"
+    main(["compare", str(EXAMPLES / "two_notches.toml"), "--out", str(tmp_path), "--times", "30", "40", "50", "70", "--json", str(out)])
+    assert max(json.loads(out.read_text())["lattice PML"]["error_rel_initial"]) <= 1e-6
+
+
+def test_script_example():
+    sys.path.insert(0, str(EXAMPLES))
+    import two_notches
+
+    sim = two_notches.main()
+    assert sim.time >= 70 and sim.energy() < 0.1
+
+
+def test_demo(tmp_path, capsys):
+    assert main(["demo", "--out", str(tmp_path)]) == 0
+    assert "lattice PML" in capsys.readouterr().out
+    assert (tmp_path / "compare.png").exists()
+
+
+def test_plot_check_info(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    case = str(EXAMPLES / "blob.toml")
+    main(["run", case])
+    assert main(["plot", "blob.h5", "--out", "pictures", "--times", "0", "5"]) == 0
+    assert main(["check", case, "--json", "check.json"]) == 0
+    assert "time step" in json.loads(Path("check.json").read_text())["facts"]
+    assert main(["info"]) == 0
+    assert "numba" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["run", "missing.toml"], ["check", "bad.toml"], ["plot", "missing.h5"], ["plot", "bad.toml"], ["run", "good.toml", "--resume"],
+     ["run", "good.toml", "--until", "nan"], ["run", "good.toml", "--out", "bad.toml"]],
+)  # fmt: skip
+def test_bad_input_exits_with_2_and_writes_nothing(arguments, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("bad.toml").write_text("[lattice]\nspacing = -1\n")
+    Path("good.toml").write_text((EXAMPLES / "blob.toml").read_text())
+    before = sorted(p.name for p in tmp_path.iterdir())
+    assert main(arguments) == 2
+    assert sorted(p.name for p in tmp_path.iterdir()) == before
+    assert capsys.readouterr().err.startswith("farhorizon: ")
+
+
+def test_interrupted_run_resumes_to_the_same_result(tmp_path):
+    """Ctrl-C leaves a valid results file and a checkpoint; the resumed run equals the whole one bitwise."""
+    text = (EXAMPLES / "two_notches.toml").read_text().replace("until = 70.0", "until = 400.0").replace("every = 1.0", "every = 0.5")
+    (tmp_path / "long.toml").write_text(text)
+    command = [sys.executable, "-m", "farhorizon", "run", "long.toml"]
+    run = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    while not (tmp_path / "long.ckpt").exists():
+        assert run.poll() is None, run.stderr.read()
+        time.sleep(0.05)
+    time.sleep(1.0)
+    os.kill(run.pid, signal.SIGINT)
+    run.communicate()
+    assert run.returncode == 130
+    part = open_results(tmp_path / "long.h5").times
+    assert 1 <= len(part) < 801
+    assert subprocess.run([*command, "--resume"], cwd=tmp_path, capture_output=True).returncode == 0
+    subprocess.run([*command, "--out", "whole"], cwd=tmp_path, capture_output=True, check=True)
+    resumed, whole = open_results(tmp_path / "long.h5"), open_results(tmp_path / "whole" / "long.h5")
+    np.testing.assert_array_equal(resumed.times, whole.times)
+    np.testing.assert_array_equal(resumed.field("u"), whole.field("u"))
+    np.testing.assert_array_equal(resumed.energy, whole.energy)

@@ -1,0 +1,178 @@
+"""Simulation: state, guard, observers, refusals."""
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+
+LATTICE = fh.Lattice(0.25, (-3, -3), (3, 3))
+KERNEL = fh.Kernel(0.75)
+
+
+def pulse(x, y):
+    return np.exp(-4 * (x**2 + y**2))
+
+
+def simulation(**changes):
+    setup = {"lattice": LATTICE, "model": fh.Wave(KERNEL), "initial": {"u": pulse}}
+    return fh.Simulation(**{**setup, **changes})
+
+
+@pytest.mark.parametrize("model", [fh.Wave(KERNEL, damping=0.1), fh.Diffusion(KERNEL), fh.Diffusion(KERNEL, integrator="rk4")])
+@pytest.mark.parametrize("steps", [7, 10])
+def test_resumed_run_is_bitwise_equal(tmp_path, model, steps):
+    """Saved and loaded after an odd or even number of steps, layer memory included."""
+    source = [fh.Source(pulse, np.cos)]
+    whole = simulation(model=model, sources=source)
+    whole.step(25)
+    first = simulation(model=model, sources=source)
+    first.step(steps)
+    first.save(tmp_path / "state.ckpt", note=3)
+    second = simulation(model=model, sources=source)
+    assert second.load(tmp_path / "state.ckpt") == {"note": 3}
+    second.step(25 - steps)
+    np.testing.assert_array_equal(second.fields["u"], whole.fields["u"])
+    assert second.time == whole.time
+
+
+def test_resumed_bar_is_bitwise_equal(tmp_path):
+    """1D runs in increments: they are part of the state too."""
+    make = lambda: fh.Simulation(fh.Lattice(0.25, -4, 4), fh.Wave(KERNEL), initial={"u": lambda x: np.exp(-4 * x**2)})  # noqa: E731
+    whole, first, second = make(), make(), make()
+    whole.step(40)
+    first.step(13)
+    first.save(tmp_path / "bar.ckpt")
+    second.load(tmp_path / "bar.ckpt")
+    second.step(27)
+    np.testing.assert_array_equal(second.fields["u"], whole.fields["u"])
+
+
+def test_checkpoint_of_another_set_up_is_refused(tmp_path):
+    simulation().save(tmp_path / "state.ckpt")
+    with pytest.raises(fh.FileFormatError, match="another set-up"):
+        simulation(model=fh.Wave(KERNEL, speed=2.0)).load(tmp_path / "state.ckpt")
+
+
+def test_step_in_parts_equals_one_call():
+    one, many = simulation(), simulation()
+    one.step(30)
+    for count in (1, 2, 3, 24):
+        many.step(count)
+    np.testing.assert_array_equal(one.fields["u"], many.fields["u"])
+
+
+@pytest.mark.parametrize("boundary", [fh.Free(), fh.Periodic()])
+def test_energy_is_conserved(boundary):
+    """The discrete energy of undamped Verlet is constant to rounding in a closed body, with a crack in it."""
+    sim = simulation(boundary=boundary, cracks=[[(-1.1, 0.4), (1.3, 0.4)]])
+    start = sim.energy()
+    sim.step(500)
+    assert sim.energy() == pytest.approx(start, rel=1e-12)
+
+
+def test_viscous_damping_takes_energy_at_its_rate():
+    """A uniform velocity in a free body decays like exp(-2 d t); the scheme's factor is ((1 - d dt)/(1 + d dt))."""
+    sim = simulation(model=fh.Wave(KERNEL, damping=0.2), boundary=fh.Free(), initial={"v": 1.0})
+    sim.step(50)
+    share = 0.2 * sim.dt
+    expected = ((1 - share) / (1 + share)) ** 50 * (1 + share)  # half a step late
+    np.testing.assert_allclose(sim.fields["v"], expected, rtol=1e-10)
+
+
+def test_total_is_conserved_by_diffusion():
+    """No flux through free faces, cracks and the rim of a cavity."""
+    body = fh.Box((-3, -3), (3, 3)) - fh.Disc(0.8, (1.0, 1.0))
+    lattice = fh.Lattice(0.25, (-3, -3), (3, 3), body=body)
+    sim = fh.Simulation(lattice, fh.Diffusion(KERNEL), fh.Free(), {"u": pulse}, cracks=[[(-2, -1.1), (1, -1.1)]])
+    start = np.nansum(sim.fields["u"])
+    sim.step(300)
+    assert np.nansum(sim.fields["u"]) == pytest.approx(start, rel=1e-12)
+    assert np.isnan(sim.fields["u"][LATTICE.index((1.0, 1.0))])
+
+
+def test_fixed_sides_reach_the_linear_profile():
+    """Steady diffusion between two fixed sides, periodic along them: linear up to the boundary layer of width one horizon."""
+    sides = {"x-": fh.Fixed(0.0), "x+": fh.Fixed(1.0), "y": fh.Periodic()}
+    sim = fh.Simulation(LATTICE, fh.Diffusion(fh.Stencil.finite_difference(2)), sides)
+    sim.run(150.0)
+    n = LATTICE.shape[0]
+    expected = (np.arange(n) + 1) / (n + 1)
+    np.testing.assert_allclose(sim.fields["u"], np.repeat(expected[:, None], n, 1), atol=1e-10)
+
+
+def test_sponge_absorbs_most_and_never_grows():
+    """A thick sponge returns less than a hundredth of the pulse, and the energy of what it damps only falls."""
+    sponge, exact = simulation(boundary=fh.Sponge(nodes=40)), simulation()
+    energies = []
+    for t in (2, 6, 10, 20, 40):
+        energies.append(sponge.run(t).energy())
+        assert np.abs(sponge.fields["u"] - exact.run(t).fields["u"]).max() < 1e-2
+    assert all(b <= a for a, b in zip(energies, energies[1:], strict=False))
+
+
+def test_window_hides_what_is_outside():
+    lattice = fh.Lattice(0.25, window=fh.Disc(3.0))
+    u = fh.Simulation(lattice, fh.Wave(KERNEL), initial={"u": pulse}).fields["u"]
+    assert np.isnan(u[0, 0]) and np.isfinite(u[lattice.index((0, 0))])
+
+
+def test_observers_are_called_at_each_interval():
+    times = []
+    simulation(observe=[lambda sim: times.append(sim.time)]).run(2.0, every=0.5)
+    np.testing.assert_allclose(times, [0.5, 1.0, 1.5, 2.0], atol=0.2)  # the step is 0.19
+
+
+def test_guard_names_step_place_and_cause():
+    """A value that turns into nan is found within one interval and placed."""
+    sim = simulation()
+    sim.step(10)
+    sim.engine.core.view(sim.engine.current)[0, 5, 5] = np.nan
+    with pytest.raises(fh.UnstableError, match=r"unstable at step 11, .* near \["):
+        sim.step()
+
+
+def test_backward_waves_grow_and_the_program_says_so():
+    """1D, p = 0: white noise grows in the layer at a rate below (backward-wave growth) x (largest sigma); check() warns."""
+    lattice = fh.Lattice(0.1, -2, 2)
+    noise = np.random.default_rng(0).standard_normal(lattice.shape)
+    sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(0.3, 0)), fh.LatticePML(nodes=20), {"u": noise})
+    assert any("backward" in w for w in sim.check().warnings)
+    sim.run(3.0)
+    one = np.linalg.norm(sim.engine.levels)
+    sim.run(11.0)
+    rate = np.log(np.linalg.norm(sim.engine.levels) / one) / 8.0
+    sigma = max(layer.sigma.max() for layer in sim.engine.layers.values())
+    assert 0 < rate < sim.stencil.backward_waves().growth * sigma
+
+
+BAD = [
+    ({"dt": 1.0}, "above the stable limit"),
+    ({"dt": -1.0}, "positive"),
+    ({"dt": float("nan")}, "positive"),
+    ({"dtype": "float16"}, "number type"),
+    ({"threads": 0}, "threads"),
+    ({"background": float("inf")}, "background"),
+    ({"initial": {"w": 1.0}}, "unknown initial field"),
+    ({"initial": {"u": np.ones((3, 3))}}, "shape"),
+    ({"initial": {"u": np.full(LATTICE.shape, np.nan)}}, "finite"),
+    ({"initial": {"u": lambda x, y: np.exp(-0.1 * (x**2 + y**2))}}, "not zero beyond"),
+    ({"initial": {"u": 2.0}}, "not zero beyond"),
+    ({"model": fh.Wave(fh.Kernel(0.1))}, "horizon is smaller"),
+    ({"lattice": fh.Lattice(0.25, (0, 0), (1, 5))}, "thinner than the stencil"),
+    ({"lattice": fh.Lattice(1e-5, (0, 0), (3, 3)), "model": fh.Wave(fh.Stencil.finite_difference(2))}, "memory"),
+    ({"cracks": [[(-5, 0.1), (5, 0.1)]]}, "across the side"),
+    ({"coefficient": -np.ones(LATTICE.shape)}, "negative"),
+    ({"rule": "geometric"}, "bond rule"),
+    ({"boundary": {"x": fh.LatticePML()}}, "no boundary given"),
+    ({"boundary": {"all": fh.LatticePML(), "w": fh.Free()}}, "unknown side"),
+    ({"boundary": {"all": fh.LatticePML(), "x-": fh.Periodic()}}, "both sides"),
+    ({"boundary": {"x": fh.Fixed(1.0), "y": fh.LatticePML()}}, "background"),
+]
+
+
+@pytest.mark.parametrize("changes, message", BAD)
+def test_bad_input_is_refused_before_any_work(changes, message):
+    with pytest.raises(fh.InputError, match=message):
+        if "lattice" in changes and "memory" in message:
+            fh.Simulation(**changes)
+        simulation(**changes)
