@@ -57,7 +57,7 @@ def table(title: str, rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def verdict(value: float, target: float, larger: bool) -> str:
-    """"yes" or "MISSED"."""
+    """ "yes" or "MISSED"."""
     return "yes" if (value >= target if larger else value <= target) else "MISSED"
 
 

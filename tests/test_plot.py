@@ -83,9 +83,7 @@ def write_results(path, dim, outputs=6, observed=True):
     axes = axes_of(dim, 11)
     shape = tuple(a.size for a in axes)
     probes = np.zeros((2, dim)) if observed else None
-    writer = ResultsWriter.create(
-        path, dim=dim, shape=shape, spacing=0.2, lower=(-1.0,) * dim, fields=("u", "v"), dtype="float64", probes=probes
-    )
+    writer = ResultsWriter.create(path, dim=dim, shape=shape, spacing=0.2, lower=(-1.0,) * dim, fields=("u", "v"), dtype="float64", probes=probes)
     for k in range(outputs):
         data = {"u": wave(axes, k), "v": np.abs(wave(axes, k))}
         writer.append(k, float(k), data, np.exp(-2.0 * k) if observed else None, np.array([k, -k]) if observed else None)

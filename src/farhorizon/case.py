@@ -58,8 +58,8 @@ class RegionPart(_Part):
         if len(shapes) != 1:
             raise InputError("give exactly one of disc, ball, box, polygon", key=key)
         region = shapes[0]
-        for part in self.without:
-            region = region - part.build(key + ".without")
+        for hole in self.without:
+            region = region - hole.build(key + ".without")
         return region
 
 
@@ -316,20 +316,20 @@ def _nearest(word: str, words: list[str]) -> str:
     return f"did you mean {near[0]!r}? " if near else f"known: {', '.join(words)}"
 
 
+_PARTS: dict[str, type[_Part]] = {
+    "lattice": LatticePart, "window": RegionPart, "body": RegionPart, "without": RegionPart, "box": BoxPart, "polygon": PolygonPart, "ball": DiscPart,
+    "wave": WavePart, "diffusion": DiffusionPart, "kernel": KernelPart, "lattice-pml": LatticePMLPart, "fixed": FixedPart, "free": FreePart,
+    "periodic": PeriodicPart, "sponge": SpongePart, "crack": CrackPart, "source": SourcePart, "run": RunPart, "output": OutputPart,
+}  # fmt: skip
+
+
 def _known(location: tuple[Any, ...]) -> list[str]:
     """Keys allowed at a place of the schema, following the data's own path."""
-    choices = {"wave": WavePart, "diffusion": DiffusionPart, "lattice-pml": LatticePMLPart, "fixed": FixedPart, "free": FreePart,
-               "periodic": PeriodicPart, "sponge": SpongePart}  # fmt: skip
-    parts: type[_Part] = CasePart
-    named = {"lattice": LatticePart, "run": RunPart, "output": OutputPart, "kernel": KernelPart, "window": RegionPart, "body": RegionPart,
-             "without": RegionPart, "crack": CrackPart, "source": SourcePart, "box": BoxPart, "polygon": PolygonPart, "ball": DiscPart}  # fmt: skip
     for step in location:
-        if step in choices:
-            parts = choices[step]
-        elif step == "disc" and parts is RegionPart:
+        if step == "disc" and parts is RegionPart:
             parts = DiscPart
-        elif step in named:
-            parts = named[step]
+        elif step in _PARTS:
+            parts = _PARTS[step]
     return list(parts.model_fields)
 
 

@@ -47,9 +47,7 @@ class Comparison:
         return "\n".join(["error max|u - u_infinite| over the near field / initial maximum; " + self.reference, *rows])
 
 
-def compare(
-    setup: dict[str, Any], until: float, times: Sequence[float] | None = None, shown: float | None = None, beside: bool = True
-) -> Comparison:
+def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None = None, shown: float | None = None, beside: bool = True) -> Comparison:
     """Run a set-up, the same with a fixed and with a free edge, and the infinite medium, at the same time step.
 
     Parameters
@@ -116,8 +114,10 @@ def _by_name(sim: Simulation) -> dict[str, Any]:
 
 
 def _name(sim: Simulation) -> str:
-    kinds = {type(b) for b in sim.sides.values() if isinstance(b, LatticePML | Sponge)} or {type(b) for b in sim.sides.values()}
-    return " + ".join(sorted({LatticePML: "lattice PML", Sponge: "sponge"}.get(k, k.__name__.lower()) for k in kinds))
+    labels: dict[type, str] = {LatticePML: "lattice PML", Sponge: "sponge"}
+    used: set[type] = {type(b) for b in sim.sides.values()}
+    kinds = used & set(labels) or used
+    return " + ".join(sorted(labels.get(k, k.__name__.lower()) for k in kinds))
 
 
 def far_slices(far: Simulation, ours: Simulation) -> tuple[slice, ...]:
@@ -152,4 +152,3 @@ def _extended(setup: dict[str, Any], ours: Simulation, until: float) -> Simulati
         "coefficient": widen(setup["coefficient"], "edge") if setup.get("coefficient") is not None else None,
     }  # fmt: skip
     return Simulation(**{**setup, **changed})
-

@@ -110,8 +110,8 @@ class Kernel:
         ndarray, same shape as k
         """
         self._check_dim(dim)
-        k = np.abs(np.asarray(k, float))
-        z, s = k * self.horizon, dim - 1 - self.exponent
+        z = np.abs(np.asarray(k, float)) * self.horizon
+        s = dim - 1 - self.exponent
         scale = self.scaling_constant(dim) * _SPHERE[dim] * self.horizon ** (dim - self.exponent)
         if self.influence == "constant":
             mean = _family_mean(dim, s, z)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
+from numpy.typing import ArrayLike
 
 from farhorizon.errors import InputError
 from farhorizon.shapes import Shape
@@ -36,8 +35,8 @@ class Lattice:
     def __init__(
         self,
         spacing: float,
-        lower: Sequence[float] | float | None = None,
-        upper: Sequence[float] | float | None = None,
+        lower: ArrayLike | None = None,
+        upper: ArrayLike | None = None,
         *,
         window: Shape | None = None,
         body: Shape | None = None,
@@ -82,7 +81,9 @@ class Lattice:
             nearest = (lower + whole * self.spacing).tolist()
             raise InputError(
                 "upper - lower is not a whole number of spacings",
-                value=(upper - lower).tolist(), limit=f"multiples of {self.spacing}", key="lattice.upper",
+                value=(upper - lower).tolist(),
+                limit=f"multiples of {self.spacing}",
+                key="lattice.upper",
                 remedy=f"nearest upper = {nearest}",
             )
         return np.zeros(len(lower), int), whole.astype(int)
@@ -96,7 +97,7 @@ class Lattice:
         """Coordinates of all nodes, one array of the lattice's shape an axis."""
         return list(np.meshgrid(*self.axes, indexing="ij"))
 
-    def index(self, point: Sequence[float]) -> tuple[int, ...]:
+    def index(self, point: ArrayLike) -> tuple[int, ...]:
         """Index of the node nearest to a point; InputError beyond the near field or outside the window."""
         at = np.asarray(point, float)
         if at.shape != (self.dim,) or not np.isfinite(at).all():
@@ -105,8 +106,10 @@ class Lattice:
         inside = all(0 <= i < n for i, n in zip(node, self.shape, strict=True))
         if not inside or (self.mask is not None and not self.mask[node]):
             raise InputError(
-                "the point lies outside the near field", value=at.tolist(),
-                limit=f"{self.lower.tolist()} to {self.upper.tolist()}", remedy="move it inside or enlarge the lattice",
+                "the point lies outside the near field",
+                value=at.tolist(),
+                limit=f"{self.lower.tolist()} to {self.upper.tolist()}",
+                remedy="move it inside or enlarge the lattice",
             )
         return node
 

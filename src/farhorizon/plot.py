@@ -259,9 +259,7 @@ def plot_results(results: Results, out_dir: str | Path, times: Sequence[float] |
             field_panels(fields, results.axes, written[-1], label=name)
     history, values, energy = results.history_times, results.probe_values, results.energy
     if np.isfinite(values).any():
-        names = [
-            ", ".join(f"{axis} = {_number(x, results.spacing)}" for axis, x in zip("xyz", place, strict=False)) for place in results.probes
-        ]
+        names = [", ".join(f"{axis} = {_number(x, results.spacing)}" for axis, x in zip("xyz", place, strict=False)) for place in results.probes]
         written.append(directory / "probes.png")
         title = f"probe at {names[0]}" if len(names) == 1 else ""
         curves = [(name, *_recorded(history, column)) for name, column in zip(names, values.T, strict=True)]

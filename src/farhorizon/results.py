@@ -36,9 +36,7 @@ FORMAT = "farhorizon results"
 CHECKPOINT_FORMAT = "farhorizon checkpoint"
 VERSION = 1
 # Names that the Dataset of `Results.to_xarray` and the pictures of `farhorizon.plot` use for something else.
-RESERVED = frozenset(
-    {"time", "step", "x", "y", "z", "energy", "history_time", "probe", "probe_x", "probe_y", "probe_z", "probe_values", "probes"}
-)
+RESERVED = frozenset({"time", "step", "x", "y", "z", "energy", "history_time", "probe", "probe_x", "probe_y", "probe_z", "probe_values", "probes"})
 _CHUNK_BYTES = 2**26
 _CHUNK_ROWS = 512
 
@@ -180,7 +178,7 @@ class ResultsWriter:
         dim: int,
         shape: Sequence[int],
         spacing: float,
-        lower: Sequence[float],
+        lower: Sequence[float] | np.ndarray,
         fields: tuple[str, ...],
         dtype: Any,
         probes: np.ndarray | None = None,
@@ -278,9 +276,7 @@ class ResultsWriter:
             history.create_dataset("times", (0,), "f8", maxshape=(None,), chunks=(_CHUNK_ROWS,))
             history.create_dataset("energy", (0,), "f8", maxshape=(None,), chunks=(_CHUNK_ROWS,))
             if len(places):
-                history.create_dataset(
-                    "values", (0, len(places)), "f8", maxshape=(None, len(places)), chunks=(_CHUNK_ROWS, min(len(places), 64))
-                )
+                history.create_dataset("values", (0, len(places)), "f8", maxshape=(None, len(places)), chunks=(_CHUNK_ROWS, min(len(places), 64)))
         return cls(path)
 
     @classmethod
@@ -318,9 +314,7 @@ class ResultsWriter:
             if rows is None:
                 rows = int(group["history_rows"][outputs - 1]) if outputs else 0
             if rows > rows_held:
-                raise FileFormatError(
-                    f"{path} holds fewer history rows than the checkpoint counts", value=rows_held, limit=rows, remedy=remedy
-                )
+                raise FileFormatError(f"{path} holds fewer history rows than the checkpoint counts", value=rows_held, limit=rows, remedy=remedy)
             _set_outputs(file, outputs)
             group["history"].attrs.modify("rows", rows)
             file.flush()
@@ -356,17 +350,13 @@ class ResultsWriter:
             The file has been damaged since the last call.
         """
         if set(fields) != set(self.fields):
-            raise InputError(
-                f"{self.path}: an output has every field of the file, no other", value=sorted(fields), limit=sorted(self.fields)
-            )
+            raise InputError(f"{self.path}: an output has every field of the file, no other", value=sorted(fields), limit=sorted(self.fields))
         for name, values in fields.items():
             if np.shape(values) != self.shape:
                 raise InputError(f"{self.path}: field {name!r} has not the lattice shape", value=np.shape(values), limit=self.shape)
         if self._last_step is not None and step <= self._last_step:
             remedy = "append each step once; ResultsWriter.resume goes back"
-            raise InputError(
-                f"{self.path}: step numbers grow from output to output", value=step, limit=f"> {self._last_step}", remedy=remedy
-            )
+            raise InputError(f"{self.path}: step numbers grow from output to output", value=step, limit=f"> {self._last_step}", remedy=remedy)
         history = None
         if energy is not None or observed is not None:
             values = np.full((1, self._probes), np.nan) if observed is None else np.asarray(observed, dtype=float)[np.newaxis]
@@ -421,9 +411,7 @@ class ResultsWriter:
         """Check that rows of the history fit together."""
         if times.ndim != 1 or values.shape != (times.size, self._probes) or energy.shape != times.shape:
             value = f"times {times.shape}, probes {values.shape}, energy {energy.shape}"
-            raise InputError(
-                f"{self.path}: times, probe values and energy do not match", value=value, limit=f"(n,), (n, {self._probes}), (n,)"
-            )
+            raise InputError(f"{self.path}: times, probe values and energy do not match", value=value, limit=f"(n,), (n, {self._probes}), (n,)")
         return times, values, energy
 
     def _put_history(self, file: Any, times: np.ndarray, values: np.ndarray, energy: np.ndarray) -> None:
@@ -482,9 +470,7 @@ class Results:
             for name in self.field_names:
                 stored = file["VTKHDF/PointData"][name].shape[1:]
                 if stored != _vtk_shape(self.shape):
-                    raise FileFormatError(
-                        f"{self.path} is damaged: field {name!r} has not the lattice shape", value=stored, limit=self.shape
-                    )
+                    raise FileFormatError(f"{self.path} is damaged: field {name!r} has not the lattice shape", value=stored, limit=self.shape)
 
     def __repr__(self) -> str:
         return f"Results({str(self.path)!r}: {len(self.times)} outputs of {', '.join(self.field_names)} on {self.shape})"
@@ -701,9 +687,7 @@ def read_checkpoint(path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, 
     remedy = "use an earlier checkpoint, or start the run anew"
     with _opened(path, "r", "checkpoint") as file:
         if file.attrs.get("format") != CHECKPOINT_FORMAT:
-            raise FileFormatError(
-                f"{path} is an HDF5 file, but not a farhorizon checkpoint", remedy="give a file written by Simulation.save"
-            )
+            raise FileFormatError(f"{path} is an HDF5 file, but not a farhorizon checkpoint", remedy="give a file written by Simulation.save")
         version = int(file.attrs["version"])
         if version > VERSION:
             raise FileFormatError(f"{path} has a newer format", value=version, limit=VERSION, remedy="update farhorizon")

@@ -163,7 +163,7 @@ class Simulation:
             values = checked(value(*self.lattice.coordinates()), self.lattice, key) - level
         peak = float(np.abs(values).max(initial=0))
         if not callable(value) and np.ndim(value):
-            return values if self.lattice.body is None else np.where(self.lattice.mask, values, 0.0)
+            return self._inside(values)
         for (axis, side), boundary in self.sides.items():
             if isinstance(boundary, LatticePML) and self.lattice.body is None:
                 shell = self.lattice.coordinates()
@@ -177,7 +177,11 @@ class Simulation:
                         f"initial data are not zero beyond {AXES[axis]}{'-+'[side > 0]}; the run would miss them", value=f"{worst:.3g}",
                         limit=f"{target * peak:.3g}", key=key, remedy="enlarge the near field, narrow the data, or set background",
                     )  # fmt: skip
-        return values if self.lattice.body is None else np.where(self.lattice.mask, values, 0.0)
+        return self._inside(values)
+
+    def _inside(self, values: np.ndarray) -> np.ndarray:
+        """Zero outside a body, where there are no nodes."""
+        return np.where(self.lattice.mask, values, 0.0) if self.lattice.body is not None and self.lattice.mask is not None else values
 
     def _choose_margins(self, u: np.ndarray, v: np.ndarray, factor: np.ndarray | None, cuts: Sequence[Cut]) -> dict[tuple[int, int], int]:
         """Nodes of the core beyond the near field: a sponge, or unstretched nodes in front of a layer.
@@ -304,9 +308,7 @@ class Simulation:
     def _absent(self, block: Block, exists: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         if exists[block.base : block.base + int(np.prod(block.extent))].all():
             return []
-        flat = block.origin + sum(
-            np.arange(n).reshape([-1 if a == b else 1 for b in range(3)]) * s for a, (n, s) in enumerate(zip(block.nodes, block.step, strict=True))
-        )
+        flat = block.node_indices()
         here = exists[flat]
         rows = []
         for offset, weight in zip(self.engine.offsets, self.engine.weights, strict=True):
@@ -350,7 +352,7 @@ class Simulation:
         acceleration = engine.apply(engine.levels[0])
         near = engine.core.view(acceleration)[self._near]
         near += self._source_now(0.0).reshape(near.shape)
-        change = -self.dt**2 / 2 * acceleration
+        change = -(self.dt**2) / 2 * acceleration
         rate = engine.core.view(change)[self._near]
         rate += (self.dt * (1 + self.model.damping * self.dt) * v).reshape(rate.shape)
         if engine.stages.increments:
@@ -362,11 +364,7 @@ class Simulation:
         engine.fill(engine.levels[0])
 
     def _near_indices(self) -> np.ndarray:
-        block = self.engine.core
-        index = block.origin + sum(
-            (np.arange(n) * s).reshape([-1 if a == b else 1 for b in range(3)]) for a, (n, s) in enumerate(zip(block.nodes, block.step, strict=True))
-        )
-        return np.ascontiguousarray(index[self._near].ravel())
+        return np.ascontiguousarray(self.engine.core.node_indices()[self._near].ravel())
 
     # --- running -----------------------------------------------------------------------------------------------
 
@@ -557,4 +555,3 @@ class Simulation:
         self.step_count = 0
         self._tick(int(meta["step"]))
         return dict(meta["extra"])
-

@@ -78,8 +78,11 @@ class Stencil:
         """
         if kernel.horizon < spacing * (1 - 1e-9):
             raise InputError(
-                "the horizon is smaller than the spacing, no node has neighbours", value=kernel.horizon,
-                limit=f">= {spacing}", key="kernel.horizon", remedy=f"horizon = {3 * spacing:g} (three spacings) or a finer lattice",
+                "the horizon is smaller than the spacing, no node has neighbours",
+                value=kernel.horizon,
+                limit=f">= {spacing}",
+                key="kernel.horizon",
+                remedy=f"horizon = {3 * spacing:g} (three spacings) or a finer lattice",
             )
         delta = kernel.horizon / spacing
         reach = int(np.floor(delta + (0.5 if kernel.volume == "ramp" else 0.0) + 1e-9))

@@ -117,7 +117,10 @@ def test_layered_medium_along_the_layer():
 
 @pytest.mark.parametrize("integrator", ["euler", "rk4"])
 @pytest.mark.parametrize("nodes, limit", [(12, 5e-6), (20, 1e-7)])
-@pytest.mark.parametrize("dim, operator", [(1, kernel(3, 1)), (1, fh.Stencil.finite_difference(1)), (2, kernel(3, 1)), pytest.param(3, kernel(2, 1), marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "dim, operator",
+    [(1, kernel(3, 1)), (1, fh.Stencil.finite_difference(1)), (2, kernel(3, 1)), pytest.param(3, kernel(2, 1), marks=pytest.mark.slow)],
+)
 def test_diffusion(dim, operator, nodes, limit, integrator):
     """To 10 R^2 / diffusivity, relative to the maximum at that time."""
     half = {1: 4.0, 2: 3.0, 3: 1.5}[dim]
@@ -187,7 +190,12 @@ def test_kappa_shift_and_sigma_together_stay_exact():
 
 @pytest.mark.parametrize(
     "values, word",
-    [({"target": 0.5}, "target"), ({"nodes": 0}, "nodes"), ({"profile": {"kappa": 2}}, "needs nodes"), ({"nodes": 4, "profile": {"k": 1}}, "unknown")],
+    [
+        ({"target": 0.5}, "target"),
+        ({"nodes": 0}, "nodes"),
+        ({"profile": {"kappa": 2}}, "needs nodes"),
+        ({"nodes": 4, "profile": {"k": 1}}, "unknown"),
+    ],
 )
 def test_bad_layers(values, word):
     with pytest.raises(fh.InputError, match=word):

@@ -140,10 +140,7 @@ class Engine:
 
     @staticmethod
     def _block_table(blocks: list[Block]) -> np.ndarray:
-        rows = [
-            [b.origin, *(b.nodes[a] for a in b.order), b.stride[b.order[0]], b.stride[b.order[1]], *(b.step[a] for a in b.order)]
-            for b in blocks
-        ]
+        rows = [[b.origin, *(b.nodes[a] for a in b.order), b.stride[b.order[0]], b.stride[b.order[1]], *(b.step[a] for a in b.order)] for b in blocks]
         return np.array(rows, np.int64).reshape(-1, 9)
 
     def _collect_fills(self) -> None:

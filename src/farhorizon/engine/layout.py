@@ -50,6 +50,11 @@ class Block:
         """All slots of this block, pads included; shares memory."""
         return np.lib.stride_tricks.as_strided(level[self.base :], self.extent, [s * level.itemsize for s in self.stride])
 
+    def node_indices(self) -> np.ndarray:
+        """Flat indices of all nodes, indexed by axis."""
+        parts = [np.arange(n) * s for n, s in zip(self.nodes, self.step, strict=True)]
+        return self.origin + np.add.outer(np.add.outer(parts[0], parts[1]), parts[2])
+
     def indices(self, axis: int, nodes_only: bool) -> np.ndarray:
         """Flat distances from the block's base along one axis: of the nodes, or of every slot."""
         if nodes_only:
@@ -165,7 +170,7 @@ class Layout:
         inner_outer, layer_outer = (b.indices(outer_axis, outer_axis > axis) for b in (inner, layer))
         inner_line, layer_line = (b.indices(line_axis, line_axis > axis) for b in (inner, layer))
         step = [int(v[1] - v[0]) if len(v) > 1 else 1 for v in (inner_line, layer_line)]
-        rows = []
+        rows: list[tuple[int, ...]] = []
         for number in range(len(layer_outer)):
             at = {outer_axis: self._slot_offset(layer, outer_axis, number)} if outer_axis < axis else {}
             kmax = self._needed(axis, at)
@@ -173,10 +178,21 @@ class Layout:
                 continue
             for first in range(0, len(layer_line), LINES):
                 count = min(LINES, len(layer_line) - first)
-                rows.append((
-                    inner_base + int(inner_outer[number] + inner_line[first]), side * inner.stride[axis], step[0],
-                    layer_base + int(layer_outer[number] + layer_line[first]), layer.step[axis], side * layer.stride[axis], step[1],
-                    count, self.memory, kmax, profile, columns,
-                ))
+                rows.append(
+                    (
+                        inner_base + int(inner_outer[number] + inner_line[first]),
+                        side * inner.stride[axis],
+                        step[0],
+                        layer_base + int(layer_outer[number] + layer_line[first]),
+                        layer.step[axis],
+                        side * layer.stride[axis],
+                        step[1],
+                        count,
+                        self.memory,
+                        kmax,
+                        profile,
+                        columns,
+                    )
+                )
                 self.memory += (columns + 1) * 2 * kmax * LINES
         return rows
