@@ -325,6 +325,7 @@ _PARTS: dict[str, type[_Part]] = {
 
 def _known(location: tuple[Any, ...]) -> list[str]:
     """Keys allowed at a place of the schema, following the data's own path."""
+    parts: type[_Part] = CasePart
     for step in location:
         if step == "disc" and parts is RegionPart:
             parts = DiscPart

@@ -68,14 +68,15 @@ def test_operator_in_single_precision(stencil, shape):
     check_apply(shape, stencil, real="float32")
 
 
-@pytest.mark.parametrize(("stencil", "shape"), SOME.values(), ids=SOME)
+@pytest.mark.parametrize("name", ["1D m2", "2D m3", "skewed 2D"])
 @pytest.mark.parametrize(
     "stages",
     [RungeKutta4.stages(0.1), Verlet.stages(0.1, 0.2), Verlet.stages(0.1, 0.2, True)],
     ids=["RK4", "Verlet", "increments"],
 )
-def test_operator_does_not_depend_on_the_integrator(stencil, shape, stages):
-    """Each integrator compiles its own sweep; the operator is one."""
+def test_operator_does_not_depend_on_the_integrator(name, stages):
+    """Increments have a sweep of their own, the others share one; the operator is the same."""
+    stencil, shape = STENCILS[name]
     check_apply(shape, stencil, stages)
 
 
@@ -98,14 +99,14 @@ def test_row_groups_in_3d(shape):
     check_apply(shape, kernel_stencil(3, 1))
 
 
-@pytest.mark.parametrize(("kind", "real"), [("even", "float64"), ("even", "float32"), ("skewed", "float64")])
-def test_two_threads(real, kind):
+@pytest.mark.parametrize("kind", ["even", "skewed"])
+def test_two_threads(kind):
     """Above 160000 nodes the rows are shared between threads; a serial engine does the same arithmetic."""
     shape = (403, 401)
     stencil = kernel_stencil(2, 3, 1) if kind == "even" else SKEWED[2]
-    two = check_apply(shape, stencil, real=real, threads=2)
+    two = check_apply(shape, stencil, threads=2)
     assert two.threads == 2
-    one = periodic_engine(shape, stencil, EULER, 0.1, real=real, threads=1)
+    one = periodic_engine(shape, stencil, EULER, 0.1, threads=1)
     u = RANDOM.normal(size=shape)
     np.testing.assert_array_equal(engine_apply(two, u), engine_apply(one, u))
 
@@ -255,7 +256,7 @@ def test_time_loop_on_two_threads_is_bitwise_the_serial_one():
     """The order of summation does not depend on the threads."""
     lattice = lattice_of((403, 401))
     u = np.random.default_rng(17).normal(size=lattice.shape)
-    runs = [Simulation(lattice, Wave(kernel_stencil(2, 3, 2)), Periodic(), {"u": u}, threads=n) for n in (1, 2)]
+    runs = [Simulation(lattice, Wave(kernel_stencil(2, 3, 1)), Periodic(), {"u": u}, threads=n) for n in (1, 2)]
     for sim in runs:
         sim.step(7)
     assert [sim.engine.threads for sim in runs] == [1, 2]
