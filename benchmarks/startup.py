@@ -8,7 +8,7 @@ Measures in fresh processes, medians of the repeats:
 
 Wall-clock seconds here mean this machine; the ratio of first to second run is what the cache gains.
 
-Run: ``python benchmarks/startup.py [import] [compile] [--json FILE] [--repeats N]``. Takes about three minutes.
+Run: ``python benchmarks/startup.py [import] [compile] [--json FILE] [--repeats N]``. Takes about one minute.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ Measures, in one process with interleaved repeats (medians of the ratios of a ro
   8 bytes a node, as counted by tracemalloc. Target: the run holds at most 5.
 
 Run: ``python benchmarks/step.py [triad] [csr] [float32] [memory] [--json FILE] [--repeats N]``.
-Takes about 2 minutes and 6 GB; half of it goes into building the matrices.
+Takes one to two minutes and 3 GB.
 """
 
 from __future__ import annotations

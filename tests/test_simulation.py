@@ -49,6 +49,43 @@ def test_resumed_bar_is_bitwise_equal(tmp_path):
     np.testing.assert_array_equal(second.fields["u"], whole.fields["u"])
 
 
+RESTORED = [
+    {},
+    {
+        "model": fh.Diffusion(KERNEL, integrator="rk4"),
+        "sources": [fh.Source(pulse(*LATTICE.coordinates())), fh.Expression("x*exp(-4*x**2-4*y**2)*t", 2)],
+    },
+    {"lattice": fh.Lattice(0.25, window=fh.Disc(3.0)), "cracks": [[(-1.0, 0.1), (1.0, 0.6)]], "background": 2.0, "initial": {"u": 2.0}},
+    {"lattice": fh.Lattice(0.25, (-3, -3), (3, 3), body=fh.Box((-3, -3), (3, 3)) - fh.Disc(0.8, (1, 1))), "boundary": fh.Free()},
+    {"boundary": {"x": fh.LatticePML(nodes=8), "y-": fh.Sponge(5), "y+": fh.Fixed()}, "coefficient": 1 + 0.5 * np.sign(LATTICE.coordinates()[1])},
+    {"model": fh.Wave(fh.Stencil.finite_element(2)), "boundary": fh.Periodic(), "dtype": "float32"},
+]
+
+
+@pytest.mark.parametrize("changes", RESTORED)
+def test_restored_simulation_goes_on_bitwise(tmp_path, changes):
+    """A checkpoint alone rebuilds the simulation: lattice, model, sides, cracks, material and sources."""
+    sim = simulation(**changes)
+    sim.step(9)
+    sim.save(tmp_path / "state.ckpt")
+    again = fh.Simulation.restore(tmp_path / "state.ckpt")
+    assert again.time == sim.time
+    sim.step(12)
+    again.step(12)
+    np.testing.assert_array_equal(again.fields["u"], sim.fields["u"])
+
+
+def test_restore_asks_for_python_functions(tmp_path):
+    source = lambda x, y, t: pulse(x, y) * t  # noqa: E731
+    sim = simulation(sources=[source])
+    sim.step(5)
+    sim.save(tmp_path / "state.ckpt")
+    with pytest.raises(fh.InputError, match="Python function"):
+        fh.Simulation.restore(tmp_path / "state.ckpt")
+    again = fh.Simulation.restore(tmp_path / "state.ckpt", sources=[source])
+    np.testing.assert_array_equal(again.fields["u"], sim.fields["u"])
+
+
 def test_checkpoint_of_another_set_up_is_refused(tmp_path):
     simulation().save(tmp_path / "state.ckpt")
     with pytest.raises(fh.FileFormatError, match="another set-up"):

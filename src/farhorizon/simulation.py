@@ -12,6 +12,7 @@ import numpy as np
 
 from farhorizon.boundaries import Boundary, Fixed, Free, LatticePML, Periodic, Sponge, sides
 from farhorizon.cracks import as_cut, cut_bonds
+from farhorizon.describe import describe, rebuild
 from farhorizon.engine import Engine, Layer, available_threads
 from farhorizon.engine.layout import Block
 from farhorizon.errors import FileFormatError, InputError, UnstableError
@@ -125,6 +126,11 @@ class Simulation:
         self._damp()
         self.sources = [split(s, lattice) for s in sources]
         held = [abs(b.value - self.background) for b in self.sides.values() if isinstance(b, Fixed)]
+        self._setup = {
+            "lattice": lattice, "model": model, "boundary": {AXES[a] + "-+"[side > 0]: b for (a, side), b in self.sides.items()},
+            "sources": list(sources), "cracks": cuts, "coefficient": factor, "background": self.background, "dt": self.dt,
+            "dtype": dtype, "threads": threads, "rule": rule,
+        }  # fmt: skip
         self._scale = max([float(np.abs(u).max()), float(np.abs(v).max()) * self.dt, 1e-300, *held])
         self._start(u, v)
 
@@ -532,7 +538,39 @@ class Simulation:
     def save(self, path: str | Path, **extra: Any) -> None:
         """Write the complete state, boundary memory included, under a temporary name and rename it."""
         meta = {"fingerprint": self._fingerprint(), "step": self.step_count, "phase": int(self.engine.phase), "scale": self._scale, "extra": extra}
-        write_checkpoint(path, {"levels": self.engine.levels, "memory": self.engine.memory}, meta)
+        arrays = {"levels": self.engine.levels, "memory": self.engine.memory, "start_u": self.start_u, "start_v": self.start_v}
+        meta["setup"] = describe(self._setup, arrays)
+        write_checkpoint(path, arrays, meta)
+
+    @classmethod
+    def restore(cls, path: str | Path, **changes: Any) -> Simulation:
+        """The simulation that wrote a checkpoint, in the state in which it was saved.
+
+        Parameters
+        ----------
+        path : str or Path
+        **changes
+            Arguments of the constructor to take instead of the stored ones: needed for Python functions (sources),
+            which a file cannot hold, and for observers.
+
+        Raises
+        ------
+        InputError
+            The set-up held a Python function that is not given again.
+        FileFormatError
+            A damaged or foreign file, or changes that make another set-up.
+        """
+        arrays, meta = read_checkpoint(path)
+        if "setup" not in meta:
+            raise FileFormatError("the file holds no set-up", value=str(path), remedy="a checkpoint written by Simulation.save")
+        stored = {k: v for k, v in meta["setup"]["dict"].items() if k not in changes}
+        setup = {k: rebuild(v, arrays, k) for k, v in stored.items()}
+        initial = {"u": arrays["start_u"] + rebuild(meta["setup"]["dict"]["background"], arrays)}
+        if np.any(arrays["start_v"]):
+            initial["v"] = arrays["start_v"]
+        sim = cls(**{**setup, "initial": initial, **changes})
+        sim.load(path)
+        return sim
 
     def load(self, path: str | Path) -> dict[str, Any]:
         """Take the state of a checkpoint written by the same set-up; what follows is bitwise the uninterrupted run.

@@ -1,0 +1,79 @@
+"""Set-ups as plain data, so that a checkpoint can rebuild the simulation it belongs to: JSON and arrays, no pickle."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+import numpy as np
+
+from farhorizon import boundaries, shapes
+from farhorizon.errors import InputError
+from farhorizon.expressions import Expression
+from farhorizon.kernel import Kernel
+from farhorizon.lattice import Lattice
+from farhorizon.models import Diffusion, Wave
+from farhorizon.models.scalar import INTEGRATORS
+from farhorizon.sources import Source
+from farhorizon.stencil import Stencil
+
+_TYPES = {
+    t.__name__: t
+    for t in (
+        *(getattr(boundaries, n) for n in ("LatticePML", "Fixed", "Free", "Periodic", "Sponge")),
+        *(getattr(shapes, n) for n in ("Disc", "Ball", "Box", "Polygon", "Union", "Intersection", "Difference")),
+        *(getattr(shapes, n) for n in ("PointCut", "Polyline", "Rectangle", "DiscCut")),
+        *(Diffusion, Expression, Kernel, Lattice, Source, Stencil, Wave),
+    )
+}
+
+
+def describe(value: Any, arrays: dict[str, np.ndarray]) -> Any:
+    """A value as JSON; arrays go into `arrays` under new names.
+
+    Every described class keeps its constructor's arguments as attributes of the same name. A callable has no
+    description and becomes a mark that `rebuild` refuses.
+    """
+    if isinstance(value, np.ndarray) and value.size > 8:
+        name = f"setup{len(arrays)}"
+        arrays[name] = value
+        return {"array": name}
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if type(value).__name__ in _TYPES:
+        names = list(inspect.signature(type(value)).parameters)
+        if isinstance(value, Lattice) and value.window is not None:
+            names = ["spacing", "window"]
+        return {"type": type(value).__name__, "arguments": {n: describe(getattr(value, n), arrays) for n in names}}
+    for name, integrator in INTEGRATORS.items():
+        if value is integrator:
+            return name
+    if isinstance(value, dict):
+        return {"dict": {k: describe(v, arrays) for k, v in value.items()}}
+    if isinstance(value, list | tuple):
+        return [describe(v, arrays) for v in value]
+    if value is None or isinstance(value, str | bool | int | float):
+        return value
+    return {"callable": getattr(value, "__qualname__", type(value).__name__)}
+
+
+def rebuild(value: Any, arrays: dict[str, np.ndarray], key: str = "") -> Any:
+    """What `describe` described.
+
+    Raises
+    ------
+    InputError
+        A callable, which only the program that made it can give again.
+    """
+    if isinstance(value, list):
+        return [rebuild(v, arrays, key) for v in value]
+    if not isinstance(value, dict):
+        return value
+    if "array" in value:
+        return arrays[value["array"]]
+    if "dict" in value:
+        return {k: rebuild(v, arrays, f"{key}.{k}") for k, v in value["dict"].items()}
+    if "callable" in value:
+        raise InputError("a checkpoint cannot hold a Python function", value=value["callable"], key=key,
+                         remedy=f"Simulation.restore(path, {key.split('.')[0]}=...)")  # fmt: skip
+    return _TYPES[value["type"]](**{k: rebuild(v, arrays, key) for k, v in value["arguments"].items()})
