@@ -57,7 +57,7 @@ def test_demo_is_the_published_example():
         ("[run]", "[boundary]\nw = { type = 'free' }\n[run]", "unknown side"),
         ("[run]", "[boundary]\nall = { type = 'lattice-pml', node = 3 }\n[run]", "did you mean 'nodes'"),
         ("[run]", "[output]\nprobes = [[9.0, 0.0]]\n[run]", "outside the near field"),
-        ("[run]", "[[crack]]\npoints = [[-9.0, 0.1], [9.0, 0.1]]\n[run]", "across the side"),
+        ("[run]", "[[crack]]\npoints = [[-9.0, 0.1], [9.0, 3.1]]\n[run]", "across the absorbing side"),
         ("[run]", "[run", "not valid TOML"),
     ],
 )

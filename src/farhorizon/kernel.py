@@ -128,8 +128,10 @@ def _wave_mean(dim: int, z: np.ndarray) -> np.ndarray:
     if dim == 1:
         return 2 * np.sin(z / 2) ** 2
     if dim == 2:
-        return np.where(z < 1e-4, z**2 / 4, 1 - special.j0(z))
-    return np.where(z < 1e-4, z**2 / 6, 1 - np.sinc(z / np.pi))
+        series = z**2 / 4 * (1 - z**2 / 16 * (1 - z**2 / 36 * (1 - z**2 / 64)))
+        return np.where(z < 0.1, series, 1 - special.j0(z))
+    series = z**2 / 6 * (1 - z**2 / 20 * (1 - z**2 / 42 * (1 - z**2 / 72)))
+    return np.where(z < 0.1, series, 1 - np.sinc(z / np.pi))
 
 
 def _quadrature(dim: int, s: int, z: np.ndarray, weight) -> np.ndarray:  # type: ignore[no-untyped-def]

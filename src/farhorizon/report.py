@@ -57,9 +57,10 @@ class Report:
         say("backward waves", f"{100 * backward.fraction:.3g} % of the Brillouin zone from |k| spacing = {backward.first_wavenumber:.3g}"
             if backward else "none")  # fmt: skip
         if backward and sim.model.order == 2 and engine.layers:
+            better = "exponent 2 with a reach of at most 3 nodes" if lattice.dim < 3 else "exponent 2 with the linear influence function"
             report.warnings.append(
                 f"the stencil has backward waves: they grow in the layer, by up to {backward.growth:.2g} sigma per unit time, from rounding or "
-                "noise. Keep the data smooth and the run short, or use exponent 2 with a reach of at most 3 nodes."
+                f"noise. Keep the data smooth and the run short, or use {better}."
             )
         if max(stencil.reach) > 3 and sim.model.order == 2 and engine.layers:
             report.warnings.append("stability of wide stencils (reach above 3 nodes) is not certified: watch the energy")

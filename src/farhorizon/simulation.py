@@ -97,8 +97,9 @@ class Simulation:
         self.sides = sides(LatticePML() if boundary is None else boundary, lattice.dim)
         if dtype not in ("float64", "float32"):
             raise InputError("unknown number type", value=dtype, limit="float64, float32", key="dtype")
-        if threads is not None and threads < 1:
-            raise InputError("threads must be positive", value=threads, key="threads")
+        if threads is not None and not 1 <= threads <= available_threads():
+            raise InputError("so many threads are not to be had", value=threads, limit=f"1 to {available_threads()}", key="threads",
+                             remedy="leave it out, or set NUMBA_NUM_THREADS before the program starts")  # fmt: skip
         if not np.isfinite(self.background):
             raise InputError("the background must be finite", value=background, key="background")
         self.stencil = model.stencil(lattice.spacing, lattice.dim)
@@ -115,7 +116,7 @@ class Simulation:
         self._guard_steps = max(1, min(_GUARD_STEPS, _GUARD_STEPS * _GUARD_NODES // max(int(np.prod(lattice.shape)), 1)))
 
         u = self._initial("u", initial or {})
-        v = self._initial("v", initial or {}) if model.order == 2 else np.zeros(lattice.shape)
+        v = self._initial("v", initial or {}) if "v" in (initial or {}) and model.order == 2 else np.broadcast_to(0.0, lattice.shape)
         for name in set(initial or {}) - ({"u", "v"} if model.order == 2 else {"u"}):
             raise InputError("unknown initial field", value=name, limit="u, v" if model.order == 2 else "u", key="initial")
         self.start_u, self.start_v = u, v
@@ -277,10 +278,11 @@ class Simulation:
         found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         shape = block.nodes[lead:]
         for cut in cuts:
-            self._check_inside(cut)
+            crossed = self._crossed(cut)
             nodes, bonds = cut_bonds(cut, self._origin, self.lattice.spacing, shape, self.stencil.offsets)
             flat = block.origin + nodes @ np.array(block.step[lead:])
             found.append((flat, flat + offsets[bonds] @ np.array(block.stride), engine.weights[bonds]))
+            found += [self._continue_crack(cut, nodes, bonds, axis, side) for axis, side in crossed]
         if any(isinstance(b, Free) for b in self.sides.values()) or self.lattice.body is not None:
             exists = self._existing()
             for part in engine.layout.blocks.values():
@@ -291,14 +293,42 @@ class Simulation:
         _, first = np.unique(nodes * engine.layout.size + neighbours, return_index=True)
         engine.set_cuts(nodes[first], neighbours[first], weights[first] * engine.bond_factors(nodes[first], neighbours[first]))
 
-    def _check_inside(self, cut: Cut) -> None:
+    def _crossed(self, cut: Cut) -> list[tuple[int, int]]:
+        """Sides (axis, side) with a layer that a crack runs into; InputError where it crosses a sponge or a periodic side."""
+        crossed = []
         for (axis, side), boundary in self.sides.items():
             edge, end = ((self.lattice.lower, self.lattice.upper)[(side + 1) // 2][axis], cut.bounds()[(side + 1) // 2][axis])
             if side * (end - edge) > 1e-9 * self.lattice.spacing and not isinstance(boundary, Free | Fixed):
-                raise InputError(
-                    f"a crack reaches across the side {AXES[axis]}{'-+'[side > 0]}", key="crack", value=[b.tolist() for b in cut.bounds()],
-                    limit=f"{self.lattice.lower.tolist()} to {self.lattice.upper.tolist()}", remedy="shorten it or enlarge the near field",
-                )  # fmt: skip
+                if not isinstance(boundary, LatticePML):
+                    raise InputError("a crack crosses a side that cannot continue it", value=AXES[axis] + "-+"[side > 0], key="crack",
+                                     remedy="shorten it, or use a LatticePML there")  # fmt: skip
+                crossed.append((axis, side))
+        return crossed
+
+    def _continue_crack(self, cut: Cut, nodes: np.ndarray, bonds: np.ndarray, axis: int, side: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Bonds that a crack parallel to a layer's normal cuts inside the layer, from those at the core's last nodes."""
+        block = self.engine.core
+        lead = 3 - self.lattice.dim
+        count, m = block.nodes[lead + axis], self.stencil.reach[axis]
+        columns = [count - 1 - j if side > 0 else j for j in range(m + 1)]
+        found = []
+        for column in columns:
+            at = nodes[:, axis] == column
+            rest = nodes[at].copy()
+            rest[:, axis] = 0
+            found.append({(*r, b) for r, b in zip(rest.tolist(), bonds[at].tolist(), strict=True)})
+        if any(f != found[0] for f in found):
+            raise InputError(
+                f"a crack may run across the absorbing side {AXES[axis]}{'-+'[side > 0]} only straight along its normal, and beyond its first nodes",
+                key="crack", value=[b.tolist() for b in cut.bounds()], limit=f"{self.lattice.lower.tolist()} to {self.lattice.upper.tolist()}",
+                remedy="end it inside, turn it, or enlarge the near field",
+            )  # fmt: skip
+        layer = self.engine.layout.blocks[tuple(side if a == lead + axis else 0 for a in range(3))]
+        table = np.array(sorted(found[0]), int).reshape(-1, self.lattice.dim + 1)
+        start = layer.origin + table[:, :-1] @ np.array(layer.step[lead:])
+        flat = np.add.outer(np.arange(layer.nodes[lead + axis]) * layer.step[lead + axis], start)
+        other = flat + self.engine.offsets[table[:, -1]] @ np.array(layer.stride)
+        return flat.ravel(), other.ravel(), np.broadcast_to(self.engine.weights[table[:, -1]], flat.shape).ravel()
 
     def _existing(self) -> np.ndarray:
         """Flat level: 1 where a node of the medium is, 0 beyond free sides and outside a body."""
@@ -352,7 +382,7 @@ class Simulation:
         engine = self.engine
         engine.core.view(engine.levels[0])[self._near] = u.reshape(engine.core.view(engine.levels[0])[self._near].shape)
         engine.fill(engine.levels[0])
-        self._source_nodes = self._near_indices()
+        self._source_nodes = self._near_indices() if self.sources else np.zeros(0, np.int64)
         if self.model.order == 1:
             return
         acceleration = engine.apply(engine.levels[0])

@@ -21,7 +21,7 @@ class BackwardWaves:
     growth : float
         Largest first-order growth rate per unit of layer strength sigma, 0 without backward waves.
     fraction : float
-        Part of the Brillouin zone where such waves live.
+        Part of the Brillouin zone where waves are backward along any axis.
     first_wavenumber : float
         Smallest |k| times spacing among them (inf without).
     """

@@ -105,6 +105,15 @@ def test_waveguide():
     assert worst(setup, 10) <= 1e-10
 
 
+@pytest.mark.parametrize("points", [[(-0.4, 0.6), (900.0, 0.6)], [(0.3, -900.0), (0.3, -1.1)], [(-900.0, 0.0), (900.0, 0.0)]])
+def test_crack_that_runs_into_the_layer(points):
+    """A half-infinite or infinite crack along the normal, between nodes and through them, goes on inside the layer."""
+    setup = wave(2, kernel(3), 20, half=4.0, centre=(0.5, -0.5))
+    setup["initial"] = {"u": pulse(0.5, -0.5, width=3.0)}
+    setup["cracks"] = [points]
+    assert worst(setup, 12) <= 1e-9
+
+
 def test_layered_medium_along_the_layer():
     """Two layers parallel to the normal of the absorbing sides."""
     model = fh.Wave(kernel(3))

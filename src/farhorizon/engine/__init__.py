@@ -40,8 +40,11 @@ class Layer:
 
 
 def available_threads() -> int:
-    """Threads the machine offers to this process."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """Threads that the machine and Numba (NUMBA_NUM_THREADS) offer to this process."""
+    from numba import config
+
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min(cores, int(config.NUMBA_NUM_THREADS))
 
 
 class Engine:

@@ -106,7 +106,8 @@ class Layout:
         sides = [[s for s in (0, -1, 1) if s == 0 or (a, s) in self.layers] for a in range(3)]
         for segment in sorted(itertools.product(*sides), key=lambda s: (sum(map(abs, s)), s)):
             stretched = [a for a in range(3) if segment[a]]
-            order = tuple(stretched + [a for a in range(3) if not segment[a]])
+            idle = [a for a in range(3) if self.reach[a] == 0]  # axes that 1D and 2D lack stay slowest, as in the core
+            order = tuple(idle + stretched + [a for a in range(3) if not segment[a] and a not in idle])
             nodes, extent = [], []
             for a, side in enumerate(segment):
                 columns = self.layers[a, side][0] if side else self.core[a]
