@@ -41,10 +41,10 @@ class Layer:
 
 def available_threads() -> int:
     """Threads that the machine and Numba (NUMBA_NUM_THREADS) offer to this process."""
-    from numba import config
+    import numba
 
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return min(cores, int(config.NUMBA_NUM_THREADS))
+    return min(cores, int(getattr(numba.config, "NUMBA_NUM_THREADS", cores)))
 
 
 class Engine:

@@ -93,15 +93,51 @@ def sweep_lines(src, base, out, block, weights, a, b, group):
 
 
 @njit(error_model="numpy", inline="always")
-def stretch_up(far, near, here, diagonal, memory, r, e, f, remember):
-    """U(p, k+1) from U(p+1, k), U(p, k), U(p+1, k+1); the memory advances in place."""
-    for i in range(LINES):
-        d = here[i] - diagonal[i]
-        if remember:
-            far[i] = near[i] + r * d - memory[i]
-            memory[i] = e * memory[i] + f * d
+def stretch(work, far, near, here, diagonal, memory, number, lines, r, e, f, remember):
+    """One value of every line from its three neighbours in the (p, k) plane; the memory advances in place."""
+    if remember:
+        for i in range(lines):
+            d = work[here[0], here[1], i] - work[diagonal[0], diagonal[1], i]
+            n = memory[number + i]
+            work[far[0], far[1], i] = work[near[0], near[1], i] + r * d - n
+            memory[number + i] = e * n + f * d
+    else:
+        for i in range(lines):
+            d = work[here[0], here[1], i] - work[diagonal[0], diagonal[1], i]
+            work[far[0], far[1], i] = work[near[0], near[1], i] + r * d
+
+
+@njit(error_model="numpy", inline="always")
+def continue_lines(work, memory, store, m, kmax, columns, lines, r, e, f, remember):
+    """U(p, k) for all k from U(p, 0) and the core's edge: outer end inwards for k > 0, outwards for k < 0 (the mirror image)."""
+    number = store
+    for k in range(kmax):
+        for p in range(columns, -1, -1):
+            stretch(work, (p, m + k + 1), (p + 1, m + k), (p, m + k), (p + 1, m + k + 1), memory, number, lines, r[p], e[p], f[p], remember)
+            number += LINES
+    for k in range(kmax):
+        for p in range(columns):
+            stretch(work, (p + 1, m - k - 1), (p, m - k), (p + 1, m - k), (p, m - k - 1), memory, number, lines, r[p], e[p], f[p], remember)
+            number += LINES
+
+
+@njit(error_model="numpy", inline="always")
+def move(level, at, step, work, p, q, count, out):
+    """Values of a bundle of lines from the level into the work space, or back."""
+    if step == 1:
+        line = level[at : at + count]
+        if out:
+            for i in range(count):
+                line[i] = work[p, q, i]
         else:
-            far[i] = near[i] + r * d
+            for i in range(count):
+                work[p, q, i] = line[i]
+    elif out:
+        for i in range(count):
+            level[at + i * step] = work[p, q, i]
+    else:
+        for i in range(count):
+            work[p, q, i] = level[at + i * step]
 
 
 @njit(error_model="numpy", cache=True)
@@ -112,37 +148,22 @@ def fill_task(level, memory, work, task, reach, r, e, f, remember):
     count, store, kmax, columns = task[7], task[8], task[9], task[11]
     m = reach
     if count < LINES:  # idle lanes stay zero, so that the memory is a function of the state alone
-        work[:] = 0
+        work[:, :, count:] = 0
+    work[columns + 1] = 0
     for k in range(kmax + 1):
-        row, at = work[0, m - k], inner - k * inner_k
-        for i in range(count):
-            row[i] = level[at + i * inner_line]
+        move(level, inner - k * inner_k, inner_line, work, 0, m - k, count, False)
     for p in range(1, columns + 1):
-        row, at = work[p, m], layer + (p - 1) * layer_p
-        for i in range(count):
-            row[i] = level[at + i * layer_line]
-    work[columns + 1, :, :] = 0
-    number = store
-    for k in range(kmax):
-        for p in range(columns, -1, -1):
-            stretch_up(work[p, m + k + 1], work[p + 1, m + k], work[p, m + k], work[p + 1, m + k + 1],
-                       memory[number : number + LINES], r[p], e[p], f[p], remember)  # fmt: skip
-            number += LINES
-    for k in range(kmax):  # downwards: U(p+1, -k-1) from U(p, -k), U(p, -k-1), U(p+1, -k); the mirror of the upward sweep
-        for p in range(columns):
-            stretch_up(work[p + 1, m - k - 1], work[p, m - k], work[p + 1, m - k], work[p, m - k - 1],
-                       memory[number : number + LINES], r[p], e[p], f[p], remember)  # fmt: skip
-            number += LINES
+        move(level, layer + (p - 1) * layer_p, layer_line, work, p, m, count, False)
+    if count == 1:
+        continue_lines(work, memory, store, m, kmax, columns, 1, r, e, f, remember)
+    else:
+        continue_lines(work, memory, store, m, kmax, columns, LINES, r, e, f, remember)
     for k in range(1, kmax + 1):
-        row, at = work[0, m + k], inner + k * inner_k
-        for i in range(count):
-            level[at + i * inner_line] = row[i]
+        move(level, inner + k * inner_k, inner_line, work, 0, m + k, count, True)
     for p in range(1, columns + 1):
-        for k in range(-kmax, kmax + 1):
-            if k != 0:
-                row, at = work[p, m + k], layer + (p - 1) * layer_p + k * layer_k
-                for i in range(count):
-                    level[at + i * layer_line] = row[i]
+        for k in range(1, kmax + 1):
+            move(level, layer + (p - 1) * layer_p + k * layer_k, layer_line, work, p, m + k, count, True)
+            move(level, layer + (p - 1) * layer_p - k * layer_k, layer_line, work, p, m - k, count, True)
 
 
 @njit(error_model="numpy", parallel=PARALLEL, cache=True)
