@@ -254,7 +254,7 @@ def plot_results(results: Results, out_dir: str | Path, times: Sequence[float] |
     written = []
     if chosen.size:
         for name in results.field_names:
-            fields = [(f"t = {outputs[k]:g}", results.field(name, int(k))) for k in chosen]
+            fields = [(f"t = {outputs[k]:.4g}", results.field(name, int(k))) for k in chosen]
             written.append(directory / f"{name}.png")
             field_panels(fields, results.axes, written[-1], label=name)
     history, values, energy = results.history_times, results.probe_values, results.energy
