@@ -102,7 +102,7 @@ class LatticePML:
 
 
 def _wave_nodes(target: float, reach: int) -> int:
-    """Thickness for waves: 12 nodes reach 1e-8, about four more for each factor 30 (measured, m = 1..3)."""
+    """Thickness for waves: 12 nodes keep 1e-8 in 2D, four more for each factor 30 (a little less than measured for a reach of 1 to 3 nodes)."""
     nodes = int(np.ceil(12 + 4 * max(0.0, np.log(1e-8 / target) / np.log(30))))
     return max(8 if target > 1e-6 else 12, nodes, 3 * reach if reach > 3 else 0)
 
@@ -116,7 +116,7 @@ def _wave_layer(nodes: int, speed: float, spacing: float, reach: int, dim: int) 
 
 
 def _diffusion_nodes(target: float) -> int:
-    """Thickness for diffusion: 12 nodes reach 5e-6, 20 reach 1e-7 (measured)."""
+    """Thickness for diffusion: 12 nodes keep 5e-6, 20 keep 1e-7 (bounds that the tests assert)."""
     return max(8, int(np.ceil(12 + 8 * np.log(5e-6 / target) / np.log(50))))
 
 
