@@ -263,12 +263,11 @@ class Simulation:
                 "a Fixed value beside a LatticePML must equal the background: the layer would have to absorb a state that never decays",
                 value=value + self.background, limit=self.background, key="boundary", remedy="set background, or use Periodic or Free",
             )  # fmt: skip
-        for block in self.engine.layout.blocks.values():
-            if block.segment[axis] == 0:
-                m = block.reach[axis]
-                strip = tuple((slice(0, m) if side < 0 else slice(-m, None)) if a == axis else slice(None) for a in range(3))
-                for level in self.engine.levels[: 3 - self.engine.stages.increments]:
-                    block.slots(level)[strip] = value
+        block = self.engine.core
+        m = block.reach[axis]
+        strip = tuple((slice(0, m) if side < 0 else slice(-m, None)) if a == axis else slice(None) for a in range(3))
+        for level in self.engine.levels[: 3 - self.engine.stages.increments]:
+            block.slots(level)[strip] = value
 
     def _cut(self, cuts: Sequence[Cut]) -> None:
         """Absent bonds: cut by cracks, across a free side, or to nodes outside a body."""
@@ -290,7 +289,7 @@ class Simulation:
         if not found:
             return
         nodes, neighbours, weights = (np.concatenate([f[i] for f in found]) for i in range(3))
-        _, first = np.unique(nodes * engine.layout.size + neighbours, return_index=True)
+        _, first = np.unique(nodes * (engine.layout.size + engine.layout.slots) + neighbours, return_index=True)
         engine.set_cuts(nodes[first], neighbours[first], weights[first] * engine.bond_factors(nodes[first], neighbours[first]))
 
     def _crossed(self, cut: Cut) -> list[tuple[int, int]]:
@@ -325,13 +324,15 @@ class Simulation:
             )  # fmt: skip
         layer = self.engine.layout.blocks[tuple(side if a == lead + axis else 0 for a in range(3))]
         table = np.array(sorted(found[0]), int).reshape(-1, self.lattice.dim + 1)
-        start = layer.origin + table[:, :-1] @ np.array(layer.step[lead:])
-        flat = np.add.outer(np.arange(layer.nodes[lead + axis]) * layer.step[lead + axis], start)
-        other = flat + self.engine.offsets[table[:, -1]] @ np.array(layer.stride)
+        at = table[:, :-1].T
+        columns = [np.arange(layer.nodes[lead + axis])[:, None] if a == axis else at[a] for a in range(self.lattice.dim)]
+        index = (*[0] * lead, *columns)
+        flat = layer.node_indices()[index]
+        other = layer.slot_indices()[index] + self.engine.offsets[table[:, -1]] @ np.array(layer.stride)
         return flat.ravel(), other.ravel(), np.broadcast_to(self.engine.weights[table[:, -1]], flat.shape).ravel()
 
     def _existing(self) -> np.ndarray:
-        """Flat level: 1 where a node of the medium is, 0 beyond free sides and outside a body."""
+        """True where a node of the medium is, False beyond free sides and outside a body; over a level and the slots."""
         lead = 3 - self.lattice.dim
         core = np.ones(self.engine.core.nodes)
         if self.lattice.body is not None and self.lattice.mask is not None:
@@ -342,13 +343,13 @@ class Simulation:
         return self.engine.spread(core, beyond) > 0.5
 
     def _absent(self, block: Block, exists: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        if exists[block.base : block.base + int(np.prod(block.extent))].all():
+        if block.slots(exists).all():
             return []
-        flat = block.node_indices()
-        here = exists[flat]
+        flat, slots = block.node_indices(), block.slot_indices()
+        here = exists[slots]
         rows = []
         for offset, weight in zip(self.engine.offsets, self.engine.weights, strict=True):
-            other = flat + int(offset @ np.array(block.stride))
+            other = slots + int(offset @ np.array(block.stride))
             cut = here != exists[other]
             rows.append((flat[cut], other[cut], np.full(int(cut.sum()), weight)))
         return rows
@@ -368,7 +369,7 @@ class Simulation:
                     line[: len(values)] = values[::-1]
                     rate = rate + (line if side < 0 else line[::-1]).reshape([-1 if a == lead + axis else 1 for a in range(3)])
             where = np.nonzero(rate)
-            nodes.append(block.origin + np.array(block.step) @ np.array(where))
+            nodes.append(block.node_origin + np.array(block.node_step) @ np.array(where))
             rates.append(rate[where])
         rate = np.concatenate(rates)
         index = np.concatenate(nodes)
@@ -559,7 +560,7 @@ class Simulation:
     def _fingerprint(self) -> dict[str, Any]:
         engine = self.engine
         return {
-            "levels": list(engine.levels.shape), "memory": int(engine.memory.size), "dtype": engine.dtype.name, "dt": self.dt,
+            "levels": list(engine.levels.shape), "slots": int(engine.slots.size), "memory": int(engine.memory.size), "dtype": engine.dtype.name, "dt": self.dt,
             "shape": list(self.lattice.shape), "spacing": self.lattice.spacing, "lower": self.lattice.lower.tolist(),
             "model": type(self.model).__name__, "coefficient": self.model.coefficient, "damping": self.model.damping,
             "weights": float(self.stencil.weights.sum()), "neighbours": len(self.stencil.weights), "cuts": len(engine._cuts[0]),
@@ -568,7 +569,13 @@ class Simulation:
     def save(self, path: str | Path, **extra: Any) -> None:
         """Write the complete state, boundary memory included, under a temporary name and rename it."""
         meta = {"fingerprint": self._fingerprint(), "step": self.step_count, "phase": int(self.engine.phase), "scale": self._scale, "extra": extra}
-        arrays = {"levels": self.engine.levels, "memory": self.engine.memory, "start_u": self.start_u, "start_v": self.start_v}
+        arrays = {
+            "levels": self.engine.levels,
+            "slots": self.engine.slots,
+            "memory": self.engine.memory,
+            "start_u": self.start_u,
+            "start_v": self.start_v,
+        }
         meta["setup"] = describe(self._setup, arrays)
         write_checkpoint(path, arrays, meta)
 
@@ -618,6 +625,7 @@ class Simulation:
             raise FileFormatError("the checkpoint belongs to another set-up", value=str(path), limit=f"same {', '.join(different)}",
                                   remedy="resume with the case that wrote it")  # fmt: skip
         self.engine.levels[...] = arrays["levels"]
+        self.engine.slots[...] = arrays["slots"]
         self.engine.memory[...] = arrays["memory"]
         self.engine.phase, self._scale = int(meta["phase"]), float(meta["scale"])
         self.step_count = 0

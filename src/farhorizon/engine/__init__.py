@@ -8,13 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from farhorizon.engine.build import load_program
-from farhorizon.engine.layout import LINES, Block, Layout
+from farhorizon.engine.build import load_driver, load_rows
+from farhorizon.engine.layout import ALIGN, LINES, Block, Layout
 
 __all__ = ["Engine", "Layer", "Layout", "available_threads"]
 
 RULES = ("both", "arithmetic", "harmonic")
-_UNROLLED_LIMIT = 160  # pairs in one row body beyond which straight-line code spills registers
+_UNROLLED_LIMIT = 1200  # products in straight-line code beyond which compiling takes longer than a run
+_GROUPS = {1: ((1, 1),), 2: ((1, 8), (1, 4), (1, 1)), 3: ((2, 4), (2, 2), (1, 1))}  # rows swept together, the fastest first
 _PARALLEL_NODES = 160_000  # fewer nodes than this finish before a second thread has started
 
 
@@ -45,6 +46,22 @@ def available_threads() -> int:
 
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return min(cores, int(getattr(numba.config, "NUMBA_NUM_THREADS", cores)))
+
+
+def _weight_classes(weights: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
+    """Class of each column of `weights`, numbered by first appearance, and one column a class."""
+    _, first, inverse = np.unique(weights, axis=1, return_index=True, return_inverse=True)
+    rank = np.argsort(np.argsort(first))
+    return tuple(rank[inverse.ravel()].tolist()), np.ascontiguousarray(weights[:, np.sort(first)])
+
+
+def _zeros(count: int, dtype: np.dtype, rows: int = 0) -> np.ndarray:
+    """Zeros that begin on a cache line, shape (rows, count) or (count,)."""
+    total = max(rows, 1) * count
+    raw = np.zeros(total + ALIGN, dtype)
+    first = -raw.ctypes.data // dtype.itemsize % ALIGN
+    values = raw[first : first + total]
+    return values.reshape(rows, count) if rows else values
 
 
 class Engine:
@@ -83,22 +100,20 @@ class Engine:
             for row, values in zip(self._recursion, self.layers[name].recursion(dt), strict=True):
                 row[i, : len(values)] = values
         self.remember = any(np.any(layer.sigma) for layer in self.layers.values())
-        self.levels = np.zeros((stages.levels, self.layout.size), self.dtype)
-        self.memory = np.zeros(self.layout.memory if self.remember else LINES, self.dtype)
+        self.levels = _zeros(self.layout.size, self.dtype, stages.levels)
+        self.slots = _zeros(self.layout.slots, self.dtype)
+        self.memory = _zeros(self.layout.memory if self.remember else LINES, self.dtype)
         self.phase = 0
         self._work = np.zeros((self.threads, columns + 2, 2 * max(self.layout.reach) + 1, LINES), self.dtype)
-        self._coefficient = np.zeros(1, self.dtype)
+        self._coefficient = np.ones(1, self.dtype)
         self._rule = RULES.index(rule)
-        self._split_blocks(coefficient is not None)
+        self._collect_sweeps(coefficient is not None)
         self._collect_fills()
         if coefficient is not None:
             self._coefficient = self.spread(coefficient)
         self.set_cuts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
         self.set_damping(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros(0))
-        self.program = load_program(
-            SHAPE=self._shape, REAL=self.dtype.name, INCREMENTS=stages.increments, PARALLEL=self.threads > 1,
-            HETEROGENEOUS=coefficient is not None, GROUP=self._group, USE_SIMD=bool(self._simd),
-        )  # fmt: skip
+        self._driver = load_driver(self.threads > 1)
 
     # --- tables of the compiled loop ---------------------------------------------------------------------------
 
@@ -108,57 +123,51 @@ class Engine:
         even = all((a, b, -c) in table and table[a, b, -c] == w for (a, b, c), w in table.items())
         return tuple(sorted(o for o in table if o[2] >= 0)) if even else None
 
-    def _split_blocks(self, heterogeneous: bool) -> None:
-        """Decide which blocks the SIMD sweep serves (unit step along the fastest axis, the core's stencil shape)."""
-        shape = self._half_shape()
-        dim = sum(m > 0 for m in self.layout.reach)
-        rows = {1: (1, 1), 2: (1, 4), 3: (2, 2)}[dim]
+    def _collect_sweeps(self, heterogeneous: bool) -> None:
+        """Tables of the sweeps: which blocks have compiled rows (the stencil looks alike along all their axes), weights, offsets."""
+        shape = None if heterogeneous else self._half_shape()
         blocks = list(self.layout.blocks.values())
-        self._simd: list[Block] = []
-        simd_weights = []
         table = {tuple(o): w for o, w in zip(self.offsets.tolist(), self.weights, strict=True)}
-        if shape is not None and not heterogeneous and len(shape) <= _UNROLLED_LIMIT:
-            for block in blocks:
-                physical = [tuple(int(o[block.order.index(a)]) for a in range(3)) for o in shape]
-                mirrored = [tuple(-i if a == block.order[2] else i for a, i in enumerate(o)) for o in physical]
-                fits = block.step[block.order[2]] == 1 and all(
-                    o in table and table.get(n) == table[o] for o, n in zip(physical, mirrored, strict=True)
-                )
-                if fits:
-                    self._simd.append(block)
-                    simd_weights.append([table[o] for o in physical])
-        general = [b for b in blocks if not any(b is s for s in self._simd)]
-        self._shape = shape if self._simd and shape is not None else ((0, 0, 1),)
-        self._group = rows if self._simd else (1, 1)
-        self._general_blocks = self._block_table(general)
-        self._general_offsets = np.array([self.offsets @ np.array(b.stride) for b in general], np.int64).reshape(-1, len(self.weights))
-        self._simd_blocks = self._block_table(self._simd)
+        rows = np.zeros((len(blocks), len(shape or ())))
+        fits = np.zeros(len(blocks), bool)
+        for number, block in enumerate(blocks if shape else ()):
+            physical = [tuple(int(o[block.order.index(a)]) for a in range(3)) for o in shape or ()]
+            mirrored = [tuple(-i if a == block.order[2] else i for a, i in enumerate(o)) for o in physical]
+            fits[number] = all(o in table and table.get(n) == table[o] for o, n in zip(physical, mirrored, strict=True))
+            if fits[number]:
+                rows[number] = [table[o] for o in physical]
+        functions = np.zeros((len(blocks), 2), np.int64)
+        group, classes = (1, 1), rows[:, :1]
+        budget = _UNROLLED_LIMIT // max(len(shape or ()), 1)
+        if shape and fits.any() and budget:
+            numbers, classes = _weight_classes(rows)
+            group = next(g for g in _GROUPS[sum(m > 0 for m in self.layout.reach)] if g[0] * g[1] <= budget)
+            functions[fits] = load_rows(shape, numbers, group, self.dtype.name, self.stages.increments)
+        self._group = group
         scale = np.array([n[2] for n in self.stages.numbers])
-        weights = np.array(simd_weights, float).reshape(len(self._simd), len(self._shape))
-        self._simd_weights = (scale[:, None, None] * weights).astype(self.dtype)
-        self._general_weights = (scale[:, None] * self.weights).astype(self.dtype)
+        offsets = np.array([self.offsets @ np.array(b.stride) for b in blocks], np.int64)
+        self._sweeps = (
+            self.layout.table(), functions, self._group, (scale[:, None, None] * classes).astype(self.dtype), offsets,
+            (scale[:, None] * self.weights).astype(self.dtype),
+        )  # fmt: skip
         total = self.weights.sum()
         self._numbers = np.array([(a - s * total, a, b, s, g) for a, b, s, g in self.stages.numbers]).astype(self.dtype)
         self._rotation = np.array(self.stages.rotation, np.int64)
 
-    @staticmethod
-    def _block_table(blocks: list[Block]) -> np.ndarray:
-        rows = [[b.origin, *(b.nodes[a] for a in b.order), b.stride[b.order[0]], b.stride[b.order[1]], *(b.step[a] for a in b.order)] for b in blocks]
-        return np.array(rows, np.int64).reshape(-1, 9)
-
     def _collect_fills(self) -> None:
         fills = self.layout.fills
-        self._copies = np.array([np.concatenate([f.copy_to for f in fills]), np.concatenate([f.copy_from for f in fills])])
-        self._copy_ranges = np.cumsum([0] + [len(f.copy_to) for f in fills])
-        self._tasks = np.concatenate([f.tasks for f in fills])
-        self._task_ranges = np.cumsum([0] + [len(f.tasks) for f in fills])
+        copies = np.array([np.concatenate([f.copy_to for f in fills]), np.concatenate([f.copy_from for f in fills])])
+        copy_ranges = np.cumsum([0] + [len(f.copy_to) for f in fills])
+        tasks = np.concatenate([f.tasks for f in fills])
+        task_ranges = np.cumsum([0] + [len(f.tasks) for f in fills])
+        self._fills = copies, copy_ranges, tasks, task_ranges, np.array(self.layout.reach)
 
     def spread(self, core: np.ndarray, beyond: Mapping[tuple[int, int], float] | None = None) -> np.ndarray:
-        """Nodal values of the core on every slot: constant along each normal from the core's edge on.
+        """Nodal values of the core on every place of a level and of the slots: constant along each normal from the core's edge on.
 
         `beyond` gives the value beyond a side (axis, side) where it is not that of the edge.
         """
-        level = np.zeros(self.layout.size, self.dtype)
+        values = np.zeros(self.layout.size + self.layout.slots, self.dtype)
         padded = np.asarray(core, float)
         for axis, m in enumerate(self.layout.reach):
             mode = "wrap" if axis in self.layout.periodic else "edge"
@@ -173,8 +182,8 @@ class Engine:
                 if side:
                     edge = 0 if side < 0 else -1
                     view = np.repeat(np.take(view, [edge], axis), block.extent[axis], axis)
-            block.slots(level)[...] = view
-        return level
+            block.slots(values)[...] = view
+        return values
 
     # --- parts that may be set after construction --------------------------------------------------------------
 
@@ -200,6 +209,13 @@ class Engine:
     # --- the work ----------------------------------------------------------------------------------------------
 
     @property
+    def _material(self) -> tuple[np.ndarray, np.ndarray, int]:
+        """Bond coefficients of the core and of the slots (one number where the medium is homogeneous), and their rule."""
+        if self._coefficient.size == 1:
+            return self._coefficient, self._coefficient, self._rule
+        return self._coefficient[: self.layout.size], self._coefficient[self.layout.size :], self._rule
+
+    @property
     def current(self) -> np.ndarray:
         """The flat level that holds the state."""
         return self.levels[self._rotation[self.phase, 0, 0]]
@@ -217,36 +233,38 @@ class Engine:
             numba.set_num_threads(self.threads)
 
     def fill(self, level: np.ndarray) -> None:
-        """Fill every halo of a level and advance the layers' memory to its time."""
+        """Fill every halo of a level and the slots, and advance the layers' memory to its time."""
         self._set_threads()
-        self.program.fill(level, self.memory, self._work, self._copies, self._copy_ranges, self._tasks, self._task_ranges,
-                          np.array(self.layout.reach), *self._recursion, self.remember)  # fmt: skip
+        self._driver.fill(level, self.slots, self.memory, self._work, self._sweeps[0], *self._fills, *self._recursion, self.remember)
 
     def apply(self, level: np.ndarray) -> np.ndarray:
-        """The operator L on a filled level, as a flat level (its nodes only are meaningful)."""
+        """The operator L on a filled level, as a level (its nodes only are meaningful).
+
+        In the layers it reads the slots, which belong to the level filled last.
+        """
         self._set_threads()
+        blocks, functions, group, weights, offsets, general = self._sweeps
         scale = self.stages.numbers[-1][2]
         out, base = np.zeros_like(level), np.zeros_like(level)
         zero = self.dtype.type(0)
         total = self.dtype.type(-scale * self.weights.sum())
-        self.program.sweep(level, base, out, self._simd_blocks, self._simd_weights[-1], self._general_blocks, self._general_offsets,
-                           self._general_weights[-1], total, zero, zero, self._coefficient, self._rule)  # fmt: skip
+        self._driver.sweep(level, self.slots, base, out, blocks, functions, group, len(self._work), weights[-1], offsets, general[-1],
+                           total, zero, zero, self.stages.increments, *self._material)  # fmt: skip
         result = (base if self.stages.increments else out) / scale
         nodes, neighbours, weights = self._cuts
-        np.subtract.at(result, nodes, weights * (level[neighbours] - level[nodes]))
+        np.subtract.at(result, nodes, weights * (np.concatenate([level, self.slots])[neighbours] - level[nodes]))
         return result
 
     def advance(self, steps: int, source_nodes: np.ndarray, source_fields: np.ndarray, source_times: np.ndarray) -> None:
         """Run steps without returning to Python; sources as in `program.advance`."""
         self._set_threads()
-        self.phase = self.program.advance(
-            steps, self.phase, self.levels, self.memory, self._work, self._rotation, self._numbers, self._simd_blocks, self._simd_weights,
-            self._general_blocks, self._general_offsets, self._general_weights, self._copies, self._copy_ranges, self._tasks,
-            self._task_ranges, np.array(self.layout.reach), *self._recursion, self.remember, self._coefficient, self._rule,
+        self.phase = self._driver.advance(
+            steps, self.phase, self.levels, self.slots, self.memory, self._work, self._rotation, self._numbers, self.stages.increments,
+            *self._sweeps, *self._fills, *self._recursion, self.remember, *self._material,
             *self._cuts, *self._damping, source_nodes, source_fields, source_times,
         )  # fmt: skip
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all time levels and layer memory."""
-        return self.levels.nbytes + self.memory.nbytes + self._coefficient.nbytes
+        """Bytes of all time levels, slots and layer memory."""
+        return self.levels.nbytes + self.slots.nbytes + self.memory.nbytes + self._coefficient.nbytes

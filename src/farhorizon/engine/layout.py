@@ -1,9 +1,11 @@
 """Where every value lives: the core block, the layer blocks, their strides, and the order in which halos are filled.
 
-A layer column p along a stretched axis holds the continued values U(p, k) for k = -m..m in neighbouring *slots*, so
-a layer node's neighbours along that axis lie in its own column, one slot apart, and the plain stencil applies to
-layer nodes as it does to core nodes: only the distance between neighbours (one slot) and between nodes (2m + 1
-slots) differs. All blocks of one time level lie in one flat array, so a time level is one pointer.
+A *level* is one flat array: the core with its halo, then the nodes of every layer block. A layer column p along a stretched
+axis also needs the continued values U(p, k) for k = -m..m; they are wanted for one step only, so all levels share one flat
+array of *slots*. Slot (k, p) lies at ``k * columns + p``: a node's neighbours along the axis are ``columns`` apart and its
+nodes are neighbours in memory, so the plain stencil applies to layer nodes as it does to core nodes; only the distances differ.
+
+An index below `Layout.size` points into a level, one above it into the slots.
 """
 
 from __future__ import annotations
@@ -14,12 +16,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-#: Lines that one halo task sweeps together, and the values kept before and after a level for vector loads.
+#: Lines that one halo task sweeps together, and the values kept before and after an array for vector loads.
 LINES = 32
 SLACK = 64
+#: Values whose bytes are a whole number of cache lines, in either precision.
+ALIGN = 16
 
 #: Columns of the halo task table; the compiled driver reads them by these positions.
-TASK_FIELDS = ("inner", "inner_k", "inner_line", "layer", "layer_p", "layer_k", "layer_line", "count", "memory", "kmax", "profile", "columns")
+TASK_FIELDS = ("inner", "inner_k", "inner_line", "layer", "layer_p", "layer_k", "layer_line", "count", "memory", "kmax", "profile", "columns",
+               "inner_in_slots")  # fmt: skip
+#: Columns of the block table.
+BLOCK_FIELDS = ("in_slots", "origin", "n0", "n1", "n2", "step0", "step1", "stride0", "stride1", "stride2", "out", "out_step0", "out_step1")
 
 
 @dataclass
@@ -28,38 +35,56 @@ class Block:
 
     segment: tuple[int, ...]
     base: int
-    extent: tuple[int, ...]  # slots along each axis, pads included
+    extent: tuple[int, ...]  # slots along each axis, halo included
     stride: tuple[int, ...]  # between neighbours, per axis
     step: tuple[int, ...]  # between nodes, per axis
     nodes: tuple[int, ...]
     order: tuple[int, ...]  # axes from slowest to fastest in memory
     reach: tuple[int, ...]
+    node_origin: int = 0  # the same nodes in a level
+    node_step: tuple[int, ...] = (0, 0, 0)
 
     @property
     def origin(self) -> int:
-        """Flat index of the first node."""
+        """Index of the first node among the slots (core: in the level)."""
         return self.base + sum(m * s for m, s in zip(self.reach, self.stride, strict=True))
 
     def view(self, level: np.ndarray) -> np.ndarray:
-        """Nodes of this block in one time level, indexed by axis; shares memory."""
-        size = level.itemsize
-        strides = [s * size for s in self.step]
-        return np.lib.stride_tricks.as_strided(level[self.origin :], self.nodes, strides)
-
-    def slots(self, level: np.ndarray) -> np.ndarray:
-        """All slots of this block, pads included; shares memory."""
-        return np.lib.stride_tricks.as_strided(level[self.base :], self.extent, [s * level.itemsize for s in self.stride])
+        """Nodes of this block in one level, indexed by axis; shares memory."""
+        return np.lib.stride_tricks.as_strided(level[self.node_origin :], self.nodes, [s * level.itemsize for s in self.node_step])
 
     def node_indices(self) -> np.ndarray:
-        """Flat indices of all nodes, indexed by axis."""
-        parts = [np.arange(n) * s for n, s in zip(self.nodes, self.step, strict=True)]
-        return self.origin + np.add.outer(np.add.outer(parts[0], parts[1]), parts[2])
+        """Indices of all nodes in a level, indexed by axis."""
+        return self.node_origin + _outer([np.arange(n) * s for n, s in zip(self.nodes, self.node_step, strict=True)])
 
-    def indices(self, axis: int, nodes_only: bool) -> np.ndarray:
-        """Flat distances from the block's base along one axis: of the nodes, or of every slot."""
+    def slot_indices(self) -> np.ndarray:
+        """Indices of all nodes among the slots (core: in the level), indexed by axis; a neighbour is ``stride`` away."""
+        return self.origin + _outer([np.arange(n) * s for n, s in zip(self.nodes, self.step, strict=True)])
+
+    def along(self, axis: int, nodes_only: bool) -> np.ndarray:
+        """Distances from the block's base along one axis: of the nodes, or of every slot."""
         if nodes_only:
             return self.reach[axis] * self.stride[axis] + self.step[axis] * np.arange(self.nodes[axis])
-        return self.stride[axis] * np.arange(self.extent[axis])
+        return min(self.stride[axis], self.step[axis]) * np.arange(self.extent[axis])
+
+    def slots(self, array: np.ndarray) -> np.ndarray:
+        """All slots of this block, halo included, in an array over levels and slots; shares memory."""
+        strides = [min(s, t) * array.itemsize for s, t in zip(self.stride, self.step, strict=True)]
+        return np.lib.stride_tricks.as_strided(array[self.base :], self.extent, strides)
+
+
+def _outer(parts: list[np.ndarray]) -> np.ndarray:
+    return np.add.outer(np.add.outer(parts[0], parts[1]), parts[2])
+
+
+def _aligned(count: int) -> int:
+    return -(-count // ALIGN) * ALIGN
+
+
+def _row(count: int) -> int:
+    """Length of a row in memory: an odd multiple of `ALIGN`, so that neighbouring rows do not compete for the same part of a cache."""
+    parts = -(-count // ALIGN)
+    return (parts + 1 - parts % 2) * ALIGN
 
 
 @dataclass
@@ -94,6 +119,7 @@ class Layout:
     blocks: dict[tuple[int, ...], Block] = field(init=False)
     fills: list[AxisFill] = field(init=False)
     size: int = field(init=False)
+    slots: int = field(init=False)
     memory: int = field(init=False, default=0)
 
     def __post_init__(self) -> None:
@@ -102,25 +128,63 @@ class Layout:
         self.fills = [self._axis_fill(axis) for axis in range(3)]
 
     def _place_blocks(self) -> None:
-        self.blocks, base = {}, SLACK
         sides = [[s for s in (0, -1, 1) if s == 0 or (a, s) in self.layers] for a in range(3)]
-        for segment in sorted(itertools.product(*sides), key=lambda s: (sum(map(abs, s)), s)):
-            stretched = [a for a in range(3) if segment[a]]
-            idle = [a for a in range(3) if self.reach[a] == 0]  # axes that 1D and 2D lack stay slowest, as in the core
-            order = tuple(idle + stretched + [a for a in range(3) if not segment[a] and a not in idle])
-            nodes, extent = [], []
-            for a, side in enumerate(segment):
-                columns = self.layers[a, side][0] if side else self.core[a]
-                nodes.append(columns)
-                extent.append(columns * (2 * self.reach[a] + 1) if side else columns + 2 * self.reach[a])
-            stride, run = [0, 0, 0], 1
-            for a in reversed(order):
-                stride[a] = run
-                run *= extent[a]
-            step = [s * (2 * m + 1 if side else 1) for s, m, side in zip(stride, self.reach, segment, strict=True)]
-            self.blocks[segment] = Block(segment, base, tuple(extent), tuple(stride), tuple(step), tuple(nodes), order, self.reach)
-            base += run
-        self.size = base + SLACK
+        segments = sorted(itertools.product(*sides), key=lambda s: (sum(map(abs, s)), s))
+        self.blocks = {segment: self._shape_of(segment) for segment in segments}
+        end = SLACK  # the level: the core with its halo, then the nodes of the layers
+        for block in self.blocks.values():
+            if not any(block.segment):
+                block.base = end + -block.origin % ALIGN
+                block.node_origin, block.node_step = block.origin, block.step
+                end = _aligned(block.base + block.extent[block.order[0]] * block.stride[block.order[0]])
+            else:
+                block.node_origin, step = end, [0, 0, 0]
+                run = 1
+                for a in reversed(block.order):
+                    step[a] = run
+                    run *= block.nodes[a]
+                block.node_step = tuple(step)
+                end += _aligned(run)
+        self.size = end = _aligned(end + SLACK)
+        end += SLACK
+        for block in self.blocks.values():
+            if any(block.segment):
+                block.base = end
+                slowest = block.order[0]
+                end += _aligned(block.extent[slowest] * min(block.stride[slowest], block.step[slowest]))
+        self.slots = _aligned(end + SLACK) - self.size
+
+    def _shape_of(self, segment: tuple[int, ...]) -> Block:
+        """Extents and distances of a block, not yet its place."""
+        idle = [a for a in range(3) if self.reach[a] == 0]  # axes that 1D and 2D lack stay slowest
+        stretched = [a for a in range(3) if segment[a]]
+        order = tuple(idle + stretched[::-1] + [a for a in range(3) if not segment[a] and a not in idle])
+        nodes = tuple(self.layers[a, side][0] if side else self.core[a] for a, side in enumerate(segment))
+        extent = tuple(n * (2 * m + 1) if side else n + 2 * m for n, m, side in zip(nodes, self.reach, segment, strict=True))
+        step, run = [0, 0, 0], 1
+        for place, a in enumerate(reversed(order)):
+            step[a] = run
+            length = extent[a]
+            if place == 0 and not segment[a] and len(idle) < 2:
+                length = _row(length)
+            elif place == 1 and not segment[a] and len(idle) < 1:
+                length += 1 - length % 2
+            run *= length
+        stride = tuple(s * (n if side else 1) for s, n, side in zip(step, nodes, segment, strict=True))
+        return Block(segment, 0, extent, stride, tuple(step), nodes, order, self.reach)
+
+    def table(self) -> np.ndarray:
+        """One row of `BLOCK_FIELDS` a block, the core first; axes in the block's own order."""
+        rows = []
+        for block in self.blocks.values():
+            first, second, third = block.order
+            in_slots = int(any(block.segment))
+            rows.append((
+                in_slots, block.origin - in_slots * self.size, *(block.nodes[a] for a in block.order), block.step[first], block.step[second],
+                *(block.stride[a] for a in block.order), block.node_origin, block.node_step[first], block.node_step[second],
+            ))  # fmt: skip
+            assert block.step[third] == block.node_step[third] == 1, "nodes along the fastest axis must be neighbours in memory"
+        return np.array(rows, np.int64)
 
     def _needed(self, axis: int, fixed: dict[int, int]) -> int:
         """Largest offset along `axis` among stencil offsets at least as far out as `fixed` along other axes."""
@@ -131,7 +195,7 @@ class Layout:
 
     def _slot_offset(self, block: Block, axis: int, slot: int) -> int:
         """Offset k that a slot of a layer stands for; 0 in the core, whose halo serves every offset."""
-        return slot % (2 * self.reach[axis] + 1) - self.reach[axis] if block.segment[axis] else 0
+        return slot // block.nodes[axis] - self.reach[axis] if block.segment[axis] else 0
 
     def _axis_fill(self, axis: int) -> AxisFill:
         to: list[np.ndarray] = []
@@ -143,7 +207,7 @@ class Layout:
                 continue
             others = [a for a in range(3) if a != axis]
             if axis in self.periodic:
-                lines = np.add.outer(*[inner.indices(a, nodes_only=a > axis) for a in others]).ravel() + inner.base
+                lines = np.add.outer(*[inner.along(a, nodes_only=a > axis) for a in others]).ravel() + inner.base
                 n, s = inner.nodes[axis], inner.stride[axis]
                 pads = np.r_[0:m, n + m : n + 2 * m]
                 wrapped = (pads - m) % n + m
@@ -168,9 +232,12 @@ class Layout:
         outer_axis = next(a for a in others if a != line_axis)
         inner_base = inner.base + inner.stride[axis] * (self.reach[axis] + (inner.nodes[axis] - 1 if side > 0 else 0))
         layer_base = layer.base + layer.stride[axis] * self.reach[axis]
-        inner_outer, layer_outer = (b.indices(outer_axis, outer_axis > axis) for b in (inner, layer))
-        inner_line, layer_line = (b.indices(line_axis, line_axis > axis) for b in (inner, layer))
+        inner_outer, layer_outer = (b.along(outer_axis, outer_axis > axis) for b in (inner, layer))
+        inner_line, layer_line = (b.along(line_axis, line_axis > axis) for b in (inner, layer))
         step = [int(v[1] - v[0]) if len(v) > 1 else 1 for v in (inner_line, layer_line)]
+        in_slots = int(any(inner.segment))
+        inner_base -= in_slots * self.size
+        layer_base -= self.size
         rows: list[tuple[int, ...]] = []
         for number in range(len(layer_outer)):
             at = {outer_axis: self._slot_offset(layer, outer_axis, number)} if outer_axis < axis else {}
@@ -193,6 +260,7 @@ class Layout:
                         kmax,
                         profile,
                         columns,
+                        in_slots,
                     )
                 )
                 self.memory += (columns + 1) * 2 * kmax * LINES
