@@ -15,7 +15,7 @@ __all__ = ["Engine", "Layer", "Layout", "available_threads"]
 
 RULES = ("both", "arithmetic", "harmonic")
 _UNROLLED_LIMIT = 1200  # products in straight-line code beyond which compiling takes longer than a run
-_GROUPS = {1: ((1, 1),), 2: ((1, 8), (1, 4), (1, 1)), 3: ((2, 4), (2, 2), (1, 1))}  # rows swept together, the fastest first
+_GROUPS = ((2, 4), (1, 8), (2, 2), (1, 4), (1, 1))  # rows swept together, the fastest first
 _PARALLEL_NODES = 160_000  # fewer nodes than this finish before a second thread has started
 
 
@@ -136,23 +136,27 @@ class Engine:
             fits[number] = all(o in table and table.get(n) == table[o] for o, n in zip(physical, mirrored, strict=True))
             if fits[number]:
                 rows[number] = [table[o] for o in physical]
-        functions = np.zeros((len(blocks), 2), np.int64)
-        group, classes = (1, 1), rows[:, :1]
+        functions, groups, classes = np.zeros((len(blocks), 2), np.int64), np.ones((len(blocks), 2), np.int64), rows[:, :1]
         budget = _UNROLLED_LIMIT // max(len(shape or ()), 1)
         if shape and fits.any() and budget:
             numbers, classes = _weight_classes(rows)
-            group = next(g for g in _GROUPS[sum(m > 0 for m in self.layout.reach)] if g[0] * g[1] <= budget)
-            functions[fits] = load_rows(shape, numbers, group, self.dtype.name, self.stages.increments)
-        self._group = group
+            for number in np.flatnonzero(fits):
+                groups[number] = group = self._group(blocks[number], budget)
+                functions[number] = [load_rows(shape, numbers, g, self.dtype.name, self.stages.increments) for g in (group, (1, 1))]
         scale = np.array([n[2] for n in self.stages.numbers])
         offsets = np.array([self.offsets @ np.array(b.stride) for b in blocks], np.int64)
         self._sweeps = (
-            self.layout.table(), functions, self._group, (scale[:, None, None] * classes).astype(self.dtype), offsets,
+            self.layout.table(), functions, groups, (scale[:, None, None] * classes).astype(self.dtype), offsets,
             (scale[:, None] * self.weights).astype(self.dtype),
         )  # fmt: skip
         total = self.weights.sum()
         self._numbers = np.array([(a - s * total, a, b, s, g) for a, b, s, g in self.stages.numbers]).astype(self.dtype)
         self._rotation = np.array(self.stages.rotation, np.int64)
+
+    def _group(self, block: Block, budget: int) -> tuple[int, int]:
+        """Rows of a block to sweep together: neighbours along axes of the medium that the block does not stretch."""
+        free = [self.layout.reach[a] > 0 and block.segment[a] == 0 for a in block.order[:2]]
+        return next(g for g in _GROUPS if g[0] * g[1] <= budget and all(f or n == 1 for f, n in zip(free, g, strict=True)))
 
     def _collect_fills(self) -> None:
         fills = self.layout.fills
@@ -243,12 +247,12 @@ class Engine:
         In the layers it reads the slots, which belong to the level filled last.
         """
         self._set_threads()
-        blocks, functions, group, weights, offsets, general = self._sweeps
+        blocks, functions, groups, weights, offsets, general = self._sweeps
         scale = self.stages.numbers[-1][2]
         out, base = np.zeros_like(level), np.zeros_like(level)
         zero = self.dtype.type(0)
         total = self.dtype.type(-scale * self.weights.sum())
-        self._driver.sweep(level, self.slots, base, out, blocks, functions, group, len(self._work), weights[-1], offsets, general[-1],
+        self._driver.sweep(level, self.slots, base, out, blocks, functions, groups, len(self._work), False, weights[-1], offsets, general[-1],
                            total, zero, zero, self.stages.increments, *self._material)  # fmt: skip
         result = (base if self.stages.increments else out) / scale
         nodes, neighbours, weights = self._cuts

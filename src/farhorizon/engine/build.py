@@ -41,12 +41,9 @@ def load_driver(parallel: bool) -> ModuleType:
     return _load("program", PARALLEL=parallel)
 
 
-def load_rows(
-    shape: tuple[tuple[int, int, int], ...], classes: tuple[int, ...], group: tuple[int, int], real: str, increments: bool
-) -> tuple[int, int]:
-    """Addresses of the compiled row group and of the single row of a stencil shape (see `engine.simd.row_group_sweep`)."""
-    module = _load("rows", SHAPE=shape, CLASSES=classes, GROUP=group, REAL=real, INCREMENTS=increments)
-    return module.group.address, module.row.address
+def load_rows(shape: tuple[tuple[int, int, int], ...], classes: tuple[int, ...], group: tuple[int, int], real: str, increments: bool) -> int:
+    """Address of the compiled row group of a stencil shape (see `engine.simd.row_group_sweep`)."""
+    return int(_load("rows", SHAPE=shape, CLASSES=classes, GROUP=group, REAL=real, INCREMENTS=increments).rows.address)
 
 
 def _load(name: str, **settings: Any) -> ModuleType:

@@ -74,30 +74,41 @@ def sweep_at(src, base, out, block, i0, i1, function, weights, offsets, general,
         sweep_general(src, base, out, start, to, block[4], offsets, general, a_difference, b, increments, coefficient, rule)
 
 
-@njit(error_model="numpy", parallel=PARALLEL, cache=True)
-def sweep(src, slots, base, out, blocks, functions, group, lanes, weights, offsets, general, a, a_difference, b, increments,
-          coefficient, slot_coefficient, rule):  # fmt: skip
-    """One stage on every block: the core in groups of rows, then the layers row by row."""
-    core = blocks[0]
+@njit(error_model="numpy", cache=True)
+def sweep_group(src, base, out, block, number, group, functions, weights, offsets, general, a, a_difference, b, increments, coefficient, rule):  # fmt: skip
+    """A whole group of rows, or one by one the rows left over at the edge of a block."""
     g0, g1 = group
-    n1 = (core[3] + g1 - 1) // g1
-    for number in prange(((core[2] + g0 - 1) // g0) * n1):
-        i0, i1 = (number // n1) * g0, (number % n1) * g1
-        if i0 + g0 <= core[2] and i1 + g1 <= core[3]:
-            sweep_at(src, base, out, blocks[0], i0, i1, functions[0, 0], weights[0], offsets[0], general, a, a_difference, b, increments,
-                     coefficient, rule)  # fmt: skip
-        else:
-            for j0 in range(i0, min(i0 + g0, core[2])):
-                for j1 in range(i1, min(i1 + g1, core[3])):
-                    sweep_at(src, base, out, blocks[0], j0, j1, functions[0, 1], weights[0], offsets[0], general, a, a_difference, b,
-                             increments, coefficient, rule)  # fmt: skip
+    n1 = (block[3] + g1 - 1) // g1
+    i0, i1 = (number // n1) * g0, (number % n1) * g1
+    if i0 + g0 <= block[2] and i1 + g1 <= block[3]:
+        sweep_at(src, base, out, block, i0, i1, functions[0], weights, offsets, general, a, a_difference, b, increments, coefficient, rule)
+        return
+    for j0 in range(i0, min(i0 + g0, block[2])):
+        for j1 in range(i1, min(i1 + g1, block[3])):
+            sweep_at(src, base, out, block, j0, j1, functions[1], weights, offsets, general, a, a_difference, b, increments, coefficient, rule)
+
+
+@njit(error_model="numpy", cache=True)
+def count_groups(block, group):
+    """Groups of rows in a block, those at its edge included."""
+    return ((block[2] + group[0] - 1) // group[0]) * ((block[3] + group[1] - 1) // group[1])
+
+
+@njit(error_model="numpy", parallel=PARALLEL, cache=True)
+def sweep(src, slots, base, out, blocks, functions, groups, lanes, backward, weights, offsets, general, a, a_difference, b, increments,
+          coefficient, slot_coefficient, rule):  # fmt: skip
+    """One stage on every block: the core, then the layers."""
+    count = count_groups(blocks[0], groups[0])
+    first, move = (count - 1, -1) if backward else (0, 1)  # every other stage meets first what the last one left in the cache
+    for i in prange(count):
+        sweep_group(src, base, out, blocks[0], first + move * i, groups[0], functions[0], weights[0], offsets[0], general, a, a_difference, b, increments,
+                    coefficient, rule)  # fmt: skip
     if blocks.shape[0] > 1:
         for lane in prange(lanes):
-            for number in range(1, blocks.shape[0]):
-                block = blocks[number]
-                for row in range(lane, block[2] * block[3], lanes):
-                    sweep_at(slots, base, out, block, row // block[3], row % block[3], functions[number, 1], weights[number],
-                             offsets[number], general, a, a_difference, b, increments, slot_coefficient, rule)  # fmt: skip
+            for k in range(1, blocks.shape[0]):
+                for number in range(lane, count_groups(blocks[k], groups[k]), lanes):
+                    sweep_group(slots, base, out, blocks[k], number, groups[k], functions[k], weights[k], offsets[k], general, a, a_difference, b,
+                                increments, slot_coefficient, rule)  # fmt: skip
 
 
 @njit(error_model="numpy", cache=True)
@@ -205,7 +216,7 @@ def fill(level, slots, memory, work, blocks, copies, copy_ranges, tasks, task_ra
 
 
 @njit(error_model="numpy", cache=True)
-def advance(steps, phase, levels, slots, memory, work, stages, numbers, increments, blocks, functions, group, weights, offsets, general,
+def advance(steps, phase, levels, slots, memory, work, stages, numbers, increments, blocks, functions, groups, weights, offsets, general,
             copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, slot_coefficient, rule,
             cut_nodes, cut_neighbours, cut_weights, damped, damp_before, damp_after, damp_leak,
             source_nodes, source_fields, source_times):  # fmt: skip
@@ -228,7 +239,7 @@ def advance(steps, phase, levels, slots, memory, work, stages, numbers, incremen
                     base[node] *= damp_before[i]
                 else:
                     base[node] = src[node] - (src[node] - base[node]) * damp_before[i]
-            sweep(src, slots, base, out, blocks, functions, group, work.shape[0], weights[stage], offsets, general[stage],
+            sweep(src, slots, base, out, blocks, functions, groups, work.shape[0], (phase + stage) % 2 == 1, weights[stage], offsets, general[stage],
                   a, a_difference, b, increments, coefficient, slot_coefficient, rule)  # fmt: skip
             for i in range(cut_nodes.size):
                 node, other = cut_nodes[i], cut_neighbours[i]

@@ -10,21 +10,10 @@ GROUP = (1, 1)
 REAL = "float64"
 INCREMENTS = False
 
-sweep_group = row_group_sweep(SHAPE, CLASSES, GROUP, REAL, INCREMENTS)
-sweep_row = row_group_sweep(SHAPE, CLASSES, (1, 1), REAL, INCREMENTS)
+sweep = row_group_sweep(SHAPE, CLASSES, GROUP, REAL, INCREMENTS)
 
 
 @cfunc(sweep_signature(REAL), cache=True)
-def row(src, base, out, weights, a, b, n, s0, s1, s2, t0, t1):
-    """One row."""
-    sweep_row(src, base, out, weights, a, b, n, s0, s1, s2, t0, t1)
-
-
-if GROUP == (1, 1):
-    group = row
-else:
-
-    @cfunc(sweep_signature(REAL), cache=True)
-    def group(src, base, out, weights, a, b, n, s0, s1, s2, t0, t1):
-        """Neighbouring rows together; neighbours along a row are next to each other in memory."""
-        sweep_group(src, base, out, weights, a, b, n, s0, s1, 1, t0, t1)
+def rows(src, base, out, weights, a, b, n, s0, s1, s2, t0, t1):
+    """One row, or a group of neighbouring rows whose nodes along a row are neighbours in memory."""
+    sweep(src, base, out, weights, a, b, n, s0, s1, s2 if GROUP == (1, 1) else 1, t0, t1)
