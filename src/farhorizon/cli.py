@@ -108,8 +108,10 @@ def _run(options: argparse.Namespace) -> int:
     if options.resume and not checkpoint.exists():
         raise InputError(f"no checkpoint {checkpoint}", key="--resume", remedy="run without --resume")
     sim = case.simulation()
-    for warning in sim.check().warnings:
-        print(f"warning: {warning}", file=sys.stderr)
+    sim.check_sources(until)
+    report = sim.check()
+    for line in [f"warning: {w}" for w in report.warnings] + [f"note: {n}" for n in report.notes]:
+        print(line, file=sys.stderr)
     print(f"{case.name}: {case.lattice.nodes} nodes, dt = {sim.dt:.6g}, {int(np.ceil(until / sim.dt))} steps to t = {until:g}")
     if options.resume:
         kept = sim.load(checkpoint)
@@ -171,9 +173,12 @@ def _run(options: argparse.Namespace) -> int:
 def _check(options: argparse.Namespace) -> int:
     from farhorizon.case import Case
 
-    report = Case.read(options.case).simulation().check()
+    case = Case.read(options.case)
+    sim = case.simulation()
+    sim.check_sources(case.parts.run.until)
+    report = sim.check()
     print(report)
-    _write_json(options.json, {"facts": dict(report.rows), "warnings": report.warnings})
+    _write_json(options.json, {"facts": dict(report.rows), "warnings": report.warnings, "notes": report.notes})
     return GOOD
 
 

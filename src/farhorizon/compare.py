@@ -64,6 +64,7 @@ def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None =
     """
     wanted = np.linspace(0, until, 41)[1:] if times is None else np.sort(np.asarray(times, float))
     ours = Simulation(**setup)
+    ours.check_sources(until)
     steps = sorted({max(1, round(t / ours.dt)) for t in wanted})
     shown_step = min(steps, key=lambda n: abs(n * ours.dt - (wanted[-1] if shown is None else shown)))
     runs = {_name(ours): ours}
