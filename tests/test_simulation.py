@@ -57,6 +57,7 @@ RESTORED = [
     },
     {"lattice": fh.Lattice(0.25, window=fh.Disc(3.0)), "cracks": [[(-1.0, 0.1), (1.0, 0.6)]], "background": 2.0, "initial": {"u": 2.0}},
     {"lattice": fh.Lattice(0.25, (-3, -3), (3, 3), body=fh.Box((-3, -3), (3, 3)) - fh.Disc(0.8, (1, 1))), "boundary": fh.Free()},
+    {"lattice": fh.Lattice(0.25, (-3, -3), (3, 3), body=fh.Disc(2.5)), "boundary": fh.Free(), "rim": "fixed"},
     {"boundary": {"x": fh.LatticePML(nodes=8), "y-": fh.Sponge(5), "y+": fh.Fixed()}, "coefficient": 1 + 0.5 * np.sign(LATTICE.coordinates()[1])},
     {"model": fh.Wave(fh.Stencil.finite_element(2)), "boundary": fh.Periodic(), "dtype": "float32"},
 ]
@@ -127,6 +128,34 @@ def test_total_is_conserved_by_diffusion():
     sim.step(300)
     assert np.nansum(sim.fields["u"]) == pytest.approx(start, rel=1e-12)
     assert np.isnan(sim.fields["u"][LATTICE.index((1.0, 1.0))])
+
+
+@pytest.mark.parametrize("dim", [1, 2])
+@pytest.mark.parametrize("make", [fh.Wave, fh.Diffusion, lambda k: fh.Diffusion(k, integrator="rk4")], ids=["Verlet", "Euler", "RK4"])
+def test_a_fixed_rim_is_the_medium_with_zeros_outside(make, dim):
+    """Nodes outside the body stay at the background, and bonds to them remain: eigenmodes of the operator cut to the body's nodes."""
+    n = 17
+    body = fh.Box(-1.0, 1.1) if dim == 1 else fh.Disc(1.0, (0.1, 0.0))
+    lattice = fh.Lattice(0.25, (-2.0,) * dim, (2.0,) * dim, body=body)
+    inside = np.flatnonzero(lattice.mask.ravel())
+    model = make(fh.Kernel(0.5))
+    stencil = model.stencil(0.25, dim)
+    number = np.arange(n**dim).reshape((n,) * dim)
+    matrix = np.zeros((n**dim, n**dim))
+    for o, w in zip(stencil.offsets, stencil.weights * model.coefficient / 0.25**2, strict=True):
+        matrix[number.ravel(), np.roll(number, tuple(-o), tuple(range(dim))).ravel()] += w
+        matrix[number.ravel(), number.ravel()] -= w
+    rates, modes = np.linalg.eigh(matrix[np.ix_(inside, inside)])
+    u = np.zeros(n**dim)
+    u[inside] = modes[:, -3]
+    sim = fh.Simulation(lattice, model, fh.Fixed(1.5), {"u": u.reshape(lattice.shape) + 1.5}, background=1.5, rim="fixed")
+    sim.step(20)
+    if model.order == 2:
+        factor = np.cos(20 * 2 * np.arcsin(sim.dt * np.sqrt(-rates[-3]) / 2))  # Verlet's discrete frequency
+    else:
+        factor = model.integrator.growth(-rates[-3], sim.dt) ** 20
+    np.testing.assert_allclose(sim.fields["u"].ravel()[inside], 1.5 + factor * modes[:, -3], atol=1e-12)
+    assert np.isnan(np.delete(sim.fields["u"].ravel(), inside)).all()
 
 
 def test_fixed_sides_reach_the_linear_profile():
@@ -204,6 +233,8 @@ BAD = [
     ({"cracks": [[(-5, 0.1), (5, 0.1)]], "boundary": fh.Periodic()}, "cannot continue it"),
     ({"coefficient": -np.ones(LATTICE.shape)}, "negative"),
     ({"rule": "geometric"}, "bond rule"),
+    ({"rim": "clamped"}, "unknown rim"),
+    ({"rim": "fixed"}, "only a body has a rim"),
     ({"boundary": {"x": fh.LatticePML()}}, "no boundary given"),
     ({"boundary": {"all": fh.LatticePML(), "w": fh.Free()}}, "unknown side"),
     ({"boundary": {"all": fh.LatticePML(), "x-": fh.Periodic()}}, "both sides"),

@@ -160,6 +160,7 @@ class CasePart(_Part):
     source: list[SourcePart] = []
     coefficient: str | Number | None = None
     rule: str = "both"
+    rim: str = "free"
     background: Number = 0.0
     run: RunPart
     output: OutputPart = OutputPart()
@@ -281,7 +282,7 @@ class Case:
             "initial": {k: self._expression(v, f"initial.{k}") for k, v in parts.initial.items()},
             "sources": [self._expression(s.value, "source.value") for s in parts.source],
             "cracks": [self._crack(c) for c in parts.crack],
-            "coefficient": coefficient, "rule": parts.rule, "background": parts.background,
+            "coefficient": coefficient, "rule": parts.rule, "rim": parts.rim, "background": parts.background,
             "dt": parts.run.dt, "dtype": parts.run.dtype, "threads": parts.run.threads,
         }  # fmt: skip
 

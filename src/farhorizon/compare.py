@@ -11,6 +11,7 @@ import numpy as np
 from farhorizon.analysis import InfiniteLattice, largest_speed
 from farhorizon.boundaries import Fixed, Free, LatticePML, Sponge
 from farhorizon.cracks import as_cut
+from farhorizon.lattice import Lattice
 from farhorizon.simulation import Simulation
 from farhorizon.sources import Source
 
@@ -28,6 +29,8 @@ class Comparison:
         Per boundary: "times", "error", "error_rel_current", "error_rel_initial", "error_max_over_run".
     fields : dict of str to ndarray
         The field at `shown_time`: "infinite medium" and each boundary.
+    edges : str
+        Where the fixed and the free edge lie.
     """
 
     reference: str
@@ -36,6 +39,7 @@ class Comparison:
     curves: dict[str, dict[str, Any]] = field(default_factory=dict)
     fields: dict[str, np.ndarray] = field(default_factory=dict)
     shown_time: float = 0.0
+    edges: str = ""
 
     def table(self) -> str:
         """Errors at up to eight times, one row a time, relative to the initial maximum."""
@@ -44,11 +48,14 @@ class Comparison:
         some = sorted({round(i) for i in np.linspace(0, len(self.times) - 1, 8)})
         rows += [f"{self.times[i]:>10.4g}" + "".join(f"{self.curves[n]['error_rel_initial'][i]:>16.2e}" for n in names) for i in some]
         rows.append(f"{'max':>10}" + "".join(f"{self.curves[n]['error_max_over_run'] / self.initial:>16.2e}" for n in names))
-        return "\n".join(["error max|u - u_infinite| over the near field / initial maximum; " + self.reference, *rows])
+        head = ["error max|u - u_infinite| over the near field / initial maximum", f"infinite medium: {self.reference}"]
+        return "\n".join(head + ([f"fixed and free edge: {self.edges}"] if self.edges else []) + rows)
 
 
 def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None = None, shown: float | None = None, beside: bool = True) -> Comparison:
     """Run a set-up, the same with a fixed and with a free edge, and the infinite medium, at the same time step.
+
+    The edges lie where the near field ends: at the absorbing sides, or on the outline of a window.
 
     Parameters
     ----------
@@ -68,9 +75,8 @@ def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None =
     steps = sorted({max(1, round(t / ours.dt)) for t in wanted})
     shown_step = min(steps, key=lambda n: abs(n * ours.dt - (wanted[-1] if shown is None else shown)))
     runs = {_name(ours): ours}
-    for label, edge in (("fixed edge", Fixed(ours.background)), ("free edge", Free())) if beside else ():
-        boundary = {k: edge if isinstance(b, LatticePML | Sponge) else b for k, b in _by_name(ours).items()}
-        runs[label] = Simulation(**{**setup, "boundary": boundary, "dt": ours.dt})
+    for rim in ("fixed", "free") if beside else ():
+        runs[f"{rim} edge"] = _ended(setup, ours, rim)
     homogeneous = all(isinstance(b, LatticePML | Sponge) for b in ours.sides.values()) and ours.lattice.body is None
     homogeneous &= not setup.get("cracks") and setup.get("coefficient") is None and not ours.sources
     far = None if homogeneous else _extended(setup, ours, steps[-1] * ours.dt)
@@ -81,6 +87,8 @@ def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None =
     how = "exact solution on the infinite lattice by FFT" if far is None else f"domain of {' x '.join(map(str, far.lattice.shape))} nodes"
     peak = float(np.nanmax(np.abs(ours.start_u), initial=0.0))
     result = Comparison(how, peak, [n * ours.dt for n in steps], shown_time=shown_step * ours.dt)
+    if beside:
+        result.edges = "on the outline of the window" if ours.lattice.window is not None else "at the absorbing sides of the near field"
     errors: dict[str, list[float]] = {name: [] for name in runs}
     size: list[float] = []
     for step in steps:
@@ -108,6 +116,16 @@ def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None =
             "error_rel_initial": [e / max(result.initial, 1e-300) for e in error], "error_max_over_run": max(error),
         }  # fmt: skip
     return result
+
+
+def _ended(setup: dict[str, Any], ours: Simulation, rim: str) -> Simulation:
+    """The same set-up in a medium that ends where the near field does, at a fixed or a free edge: on the outline of a window, if it is one."""
+    edge = Fixed(ours.background) if rim == "fixed" else Free()
+    changes: dict[str, Any] = {"boundary": {k: edge if isinstance(b, LatticePML | Sponge) else b for k, b in _by_name(ours).items()}, "dt": ours.dt}
+    lattice = ours.lattice
+    if lattice.window is not None:
+        changes |= {"lattice": Lattice(lattice.spacing, lattice.lower, lattice.upper, body=lattice.window), "rim": rim}
+    return Simulation(**{**setup, **changes})
 
 
 def _by_name(sim: Simulation) -> dict[str, Any]:

@@ -51,6 +51,8 @@ class Simulation:
         Factor on bonds, given on the nodes.
     rule : {"both", "arithmetic", "harmonic"}
         How the coefficients of a bond's ends combine; "both" is the smaller one.
+    rim : {"free", "fixed"}
+        What the outline of a body is: bonds across it are absent, or the field is held at the background outside.
     background : float
         Uniform state of the infinite medium.
     dt : float, optional
@@ -92,6 +94,7 @@ class Simulation:
         dtype: str = "float64",
         threads: int | None = None,
         rule: str = "both",
+        rim: str = "free",
     ) -> None:
         self.lattice, self.model, self.background = lattice, model, float(background)
         self.observers = list(observe)
@@ -101,6 +104,11 @@ class Simulation:
         if threads is not None and not 1 <= threads <= available_threads():
             raise InputError("so many threads are not to be had", value=threads, limit=f"1 to {available_threads()}", key="threads",
                              remedy="leave it out, or set NUMBA_NUM_THREADS before the program starts")  # fmt: skip
+        if rim not in ("free", "fixed"):
+            raise InputError("unknown rim of a body", value=rim, limit="free, fixed", key="rim")
+        if rim == "fixed" and lattice.body is None:
+            raise InputError("only a body has a rim", value=rim, key="rim", remedy="give the lattice a body, or fix the sides: Fixed(...)")
+        self.rim = rim
         if not np.isfinite(self.background):
             raise InputError("the background must be finite", value=background, key="background")
         self.stencil = model.stencil(lattice.spacing, lattice.dim)
@@ -132,12 +140,12 @@ class Simulation:
         self._margins = self._choose_margins(u, v, factor, cuts)
         self._make_engine(factor, rule, dtype, threads)
         self._cut(cuts)
-        self._damp()
+        self._hold_and_damp()
         held = [abs(b.value - self.background) for b in self.sides.values() if isinstance(b, Fixed)]
         self._setup = {
             "lattice": lattice, "model": model, "boundary": {AXES[a] + "-+"[side > 0]: b for (a, side), b in self.sides.items()},
             "sources": list(sources), "cracks": cuts, "coefficient": factor, "background": self.background, "dt": self.dt,
-            "dtype": dtype, "threads": threads, "rule": rule,
+            "dtype": dtype, "threads": threads, "rule": rule, "rim": rim,
         }  # fmt: skip
         self._scale = max([float(np.abs(u).max()), float(np.abs(v).max()) * self.dt, 1e-300, *held])
         self._start(u, v)
@@ -319,8 +327,8 @@ class Simulation:
             flat = block.origin + nodes @ np.array(block.step[lead:])
             found.append((flat, flat + offsets[bonds] @ np.array(block.stride), engine.weights[bonds]))
             found += [self._continue_crack(cut, nodes, bonds, axis, side) for axis, side in crossed]
-        if any(isinstance(b, Free) for b in self.sides.values()) or self.lattice.body is not None:
-            exists = self._existing()
+        if any(isinstance(b, Free) for b in self.sides.values()) or (self.lattice.body is not None and self.rim == "free"):
+            exists = self._existing(self.rim == "free")
             for part in engine.layout.blocks.values():
                 found += self._absent(part, exists)
         if not found:
@@ -385,11 +393,11 @@ class Simulation:
             remedy="end it inside, turn it, or enlarge the near field",
         )  # fmt: skip
 
-    def _existing(self) -> np.ndarray:
-        """Flat level: 1 where a node of the medium is, 0 beyond free sides and outside a body."""
+    def _existing(self, body: bool) -> np.ndarray:
+        """Flat level: true where a node of the medium is, false beyond free sides and, if wanted, outside the body."""
         lead = 3 - self.lattice.dim
         core = np.ones(self.engine.core.nodes)
-        if self.lattice.body is not None and self.lattice.mask is not None:
+        if body and self.lattice.body is not None and self.lattice.mask is not None:
             pads = [(self._margins[a, -1], self._margins[a, 1]) for a in range(self.lattice.dim)]
             core = np.pad(self.lattice.mask.astype(float), pads, mode="edge").reshape(core.shape)
             self._check_material(core, lead)
@@ -408,11 +416,23 @@ class Simulation:
             rows.append((flat[cut], other[cut], np.full(int(cut.sum()), weight)))
         return rows
 
-    def _damp(self) -> None:
-        """Nodal damping of the sponges, in the core and in the layers of other axes that run along it."""
+    def _hold_and_damp(self) -> None:
+        """Nodal factors: damping of the sponges, in the core and in the layers along it; nodes outside a fixed rim never move."""
+        tables = []
+        if any(isinstance(b, Sponge) for b in self.sides.values()):
+            tables.append(self._damped())
+        self._held = np.zeros(0, np.int64)
+        if self.rim == "fixed":
+            exists = self._existing(True)
+            nodes = np.concatenate([b.node_indices().ravel() for b in self.engine.layout.blocks.values()])
+            self._held = nodes[~exists[nodes]]
+            tables.append((self._held, *np.zeros((3, len(self._held)))))
+        if tables:
+            self.engine.set_damping(*(np.concatenate(columns) for columns in zip(*tables, strict=True)))
+
+    def _damped(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Nodes of the sponges, and their factors on the old and on the new increment and their loss rate."""
         lead = 3 - self.lattice.dim
-        if not any(isinstance(b, Sponge) for b in self.sides.values()):
-            return
         nodes, rates = [], []
         for block in self.engine.layout.blocks.values():
             rate = np.zeros(block.nodes)
@@ -428,10 +448,9 @@ class Simulation:
         rate = np.concatenate(rates)
         index = np.concatenate(nodes)
         if self.model.order == 1:
-            self.engine.set_damping(index, np.ones_like(rate), np.ones_like(rate), rate)
-            return
+            return index, np.ones_like(rate), np.ones_like(rate), rate
         share, total = self.model.damping * self.dt, (self.model.damping + rate) * self.dt
-        self.engine.set_damping(index, (1 - total) / (1 - share), (1 + share) / (1 + total), np.zeros_like(rate))
+        return index, (1 - total) / (1 - share), (1 + share) / (1 + total), np.zeros_like(rate)
 
     def _start(self, u: np.ndarray, v: np.ndarray) -> None:
         engine = self.engine
@@ -446,6 +465,7 @@ class Simulation:
         change = -(self.dt**2) / 2 * acceleration
         rate = engine.core.view(change)[self._near]
         rate += (self.dt * (1 + self.model.damping * self.dt) * v).reshape(rate.shape)
+        change[self._held] = 0
         if engine.stages.increments:
             engine.levels[2][:] = change
         for block in engine.layout.blocks.values():
@@ -624,6 +644,7 @@ class Simulation:
             "shape": list(self.lattice.shape), "spacing": self.lattice.spacing, "lower": self.lattice.lower.tolist(),
             "model": type(self.model).__name__, "coefficient": self.model.coefficient, "damping": self.model.damping,
             "weights": float(self.stencil.weights.sum()), "neighbours": len(self.stencil.weights), "cuts": len(engine._cuts[0]),
+            "held": len(self._held),
         }  # fmt: skip
 
     def save(self, path: str | Path, **extra: Any) -> None:
