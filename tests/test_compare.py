@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.compare import compare
+from farhorizon.compare import compare, growth_rate
 
 KERNEL = fh.Kernel(0.5)
 
@@ -36,3 +36,19 @@ def test_the_edge_of_a_box_is_where_its_layers_were():
     np.testing.assert_array_equal(result.fields["fixed edge"], same.fields["u"])
     assert "absorbing sides" in result.table()
     assert "edge" not in compare({"lattice": lattice, "model": fh.Wave(KERNEL), "initial": {"u": pulse}}, 1.0, beside=False).table()
+
+
+def test_growth_rate_of_an_exponential():
+    """Fitted over the second half: what happens before does not count; gaps and zeros are left out."""
+    times = np.linspace(0, 10, 21)
+    values = np.where(times < 5, 7.0, 1e-9 * np.exp(1.3 * times))
+    values[15] = 0.0
+    assert growth_rate(times, values) == pytest.approx(1.3)
+    assert growth_rate([1.0], [1.0]) == 0
+
+
+def test_growth_is_measured_with_backward_waves_only():
+    setup = {"lattice": fh.Lattice(0.25, -3, 3), "initial": {"u": lambda x: np.exp(-8 * x**2)}}
+    with_them = compare({**setup, "model": fh.Wave(fh.Kernel(0.75, 0))}, 24.0)  # four crossings: the fastest growing mode alone is left
+    assert with_them.growth["lattice PML"] < with_them.growth_bound and "backward waves grow" in with_them.table()
+    assert compare({**setup, "model": fh.Wave(fh.Kernel(0.75, 2))}, 8.0).growth == {}

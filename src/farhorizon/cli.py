@@ -198,7 +198,8 @@ def _compare_case(case: Any, folder: Path, times: Sequence[float] | None, shown:
     curves = {name: (c["times"], c["error_rel_initial"]) for name, c in result.curves.items()}
     error_history(curves, history, "max error / initial maximum", "Error against the infinite medium")
     print(f"pictures: {picture}, {history}")
-    _write_json(json_file, result.curves)
+    curves_and_growth = {n: {**c, "growth_rate": result.growth[n]} if n in result.growth else c for n, c in result.curves.items()}
+    _write_json(json_file, curves_and_growth)
 
 
 def _compare(options: argparse.Namespace) -> int:

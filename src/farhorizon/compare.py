@@ -31,6 +31,11 @@ class Comparison:
         The field at `shown_time`: "infinite medium" and each boundary.
     edges : str
         Where the fixed and the free edge lie.
+    growth : dict of str to float
+        With layers and backward waves: the measured rate at which the error of each boundary grows (per unit time) over the
+        second half of the run.
+    growth_bound : float
+        Growth of backward waves in the layer to first order in its strength.
     """
 
     reference: str
@@ -40,6 +45,8 @@ class Comparison:
     fields: dict[str, np.ndarray] = field(default_factory=dict)
     shown_time: float = 0.0
     edges: str = ""
+    growth: dict[str, float] = field(default_factory=dict)
+    growth_bound: float = 0.0
 
     def table(self) -> str:
         """Errors at up to eight times, one row a time, relative to the initial maximum."""
@@ -48,8 +55,29 @@ class Comparison:
         some = sorted({round(i) for i in np.linspace(0, len(self.times) - 1, 8)})
         rows += [f"{self.times[i]:>10.4g}" + "".join(f"{self.curves[n]['error_rel_initial'][i]:>16.2e}" for n in names) for i in some]
         rows.append(f"{'max':>10}" + "".join(f"{self.curves[n]['error_max_over_run'] / self.initial:>16.2e}" for n in names))
+        rows += self._growth_lines()
         head = ["error max|u - u_infinite| over the near field / initial maximum", f"infinite medium: {self.reference}"]
         return "\n".join(head + ([f"fixed and free edge: {self.edges}"] if self.edges else []) + rows)
+
+    def _growth_lines(self) -> list[str]:
+        if not self.growth:
+            return []
+        lines = [f"backward waves grow in the layer, to first order by up to {self.growth_bound:.3g} per unit time; measured over the second half:"]
+        for name, rate in self.growth.items():
+            size = f"to {self.curves[name]['error'][-1] / self.initial:.2g} of the initial maximum"
+            tenfold = f"grows by {rate:.3g} per unit time (tenfold in {np.log(10) / rate:.3g}) {size}"
+            lines.append(f"  error of the {name} " + (tenfold if rate > 0 else f"does not grow (rate {rate:.2g})"))
+        ours, edge = next(iter(self.curves)), self.curves.get("fixed edge")
+        if edge is not None and self.curves[ours]["error_max_over_run"] > edge["error_max_over_run"]:
+            lines.append(f"warning: the {ours} is worse than a fixed edge here; use a sponge, a shorter run or another kernel")
+        return lines
+
+
+def growth_rate(times: Sequence[float], values: Sequence[float]) -> float:
+    """Slope of the logarithm of positive values over the second half of the times, by least squares; 0 with fewer than two."""
+    t, v = np.asarray(times, float), np.asarray(values, float)
+    late = (t >= 0.5 * t[-1]) & (v > 0) & np.isfinite(v)
+    return float(np.polyfit(t[late], np.log(v[late]), 1)[0]) if late.sum() > 1 else 0.0
 
 
 def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None = None, shown: float | None = None, beside: bool = True) -> Comparison:
@@ -115,6 +143,10 @@ def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None =
             "times": result.times, "error": error, "error_rel_current": [e / max(s, 1e-300) for e, s in zip(error, size, strict=True)],
             "error_rel_initial": [e / max(result.initial, 1e-300) for e in error], "error_max_over_run": max(error),
         }  # fmt: skip
+    backward = ours.stencil.backward_waves() if ours.engine.layers and ours.model.order == 2 else None
+    if backward:
+        result.growth_bound = backward.growth * max(float(layer.sigma.max()) for layer in ours.engine.layers.values())
+        result.growth[_name(ours)] = growth_rate(result.times, errors[_name(ours)])
     return result
 
 
