@@ -50,7 +50,7 @@ class RegionPart(_Part):
         shapes: list[fh.shapes.Shape] = []
         for kind, part in ((fh.Disc, self.disc), (fh.Ball, self.ball)):
             if part is not None:
-                shapes.append(kind(part.radius) if part.centre is None else kind(part.radius, part.centre))
+                shapes.append(kind(part.radius, part.centre))
         if self.box is not None:
             shapes.append(fh.Box(self.box.lower, self.box.upper))
         if self.polygon is not None:

@@ -34,6 +34,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("farhorizon: interrupted", file=sys.stderr)
         return INTERRUPTED
+    except BrokenPipeError:  # the reader of our output, such as head, has gone
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nothing more is written at the exit
+        return FAILED
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -109,14 +112,9 @@ def _run(options: argparse.Namespace) -> int:
         raise InputError(f"no checkpoint {checkpoint}", key="--resume", remedy="run without --resume")
     sim = case.simulation()
     sim.check_sources(until)
-    report = sim.check()
-    for line in [f"warning: {w}" for w in report.warnings] + [f"note: {n}" for n in report.notes]:
-        print(line, file=sys.stderr)
-    print(f"{case.name}: {case.lattice.nodes} nodes, dt = {sim.dt:.6g}, {int(np.ceil(until / sim.dt))} steps to t = {until:g}")
     if options.resume:
         kept = sim.load(checkpoint)
         writer = ResultsWriter.resume(result, int(kept["outputs"]), int(kept["rows"]))
-        print(f"resumed at step {sim.step_count}, t = {sim.time:g}")
     else:
         _folder(options.out)
         writer = ResultsWriter.create(
@@ -124,6 +122,12 @@ def _run(options: argparse.Namespace) -> int:
             fields=tuple(case.parts.output.fields), dtype=sim.engine.dtype, probes=probes, case=case.text, program=f"farhorizon {fh.__version__}",
         )  # fmt: skip
         checkpoint.unlink(missing_ok=True)
+    report = sim.check()
+    for line in [f"warning: {w}" for w in report.warnings] + [f"note: {n}" for n in report.notes]:
+        print(line, file=sys.stderr)
+    print(f"{case.name}: {case.lattice.nodes} nodes, dt = {sim.dt:.6g}, {int(np.ceil(until / sim.dt))} steps to t = {until:g}")
+    if options.resume:
+        print(f"resumed at step {sim.step_count}, t = {sim.time:g}")
     saved = [time.monotonic()]
 
     def record(sim: fh.Simulation) -> None:
@@ -163,7 +167,7 @@ def _run(options: argparse.Namespace) -> int:
         signal.signal(signal.SIGINT, before)
     keep(sim)
     results = open_results(result)
-    pictures = plot_results(results, folder / case.name, case.parts.output.pictures)
+    pictures = plot_results(results, folder / case.name, case.parts.output.pictures, _polylines(case))
     print(f"results: {result} ({len(results.times)} outputs); pictures: {', '.join(str(p) for p in pictures)}")
     _write_json(options.json, {"name": case.name, "steps": sim.step_count, "time": sim.time, "dt": sim.dt, "energy": sim.energy(),
                                "results": str(result), "pictures": [str(p) for p in pictures]})  # fmt: skip
@@ -182,21 +186,26 @@ def _check(options: argparse.Namespace) -> int:
     return GOOD
 
 
-def _compare_case(case: Any, folder: Path, times: Sequence[float] | None, shown: float | None, json_file: str | None) -> None:
+def _polylines(case: Any) -> list[Any]:
+    """Cracks that a picture can show: points and polylines."""
     import numpy as np
 
+    return [np.asarray(c.points, float).reshape(-1, case.lattice.dim) for c in case.parts.crack if c.points is not None]
+
+
+def _compare_case(case: Any, folder: Path, times: Sequence[float] | None, shown: float | None, json_file: str | None) -> None:
     from farhorizon.compare import compare
     from farhorizon.plot import error_history, field_panels
 
     result = compare(case.setup, case.parts.run.until, times, shown)
     print(result.table())
-    cracks = [np.asarray(c.points, float) for c in case.parts.crack if c.points is not None]
+    cracks = _polylines(case)
     fields = [(f"{name}, t = {result.shown_time:.3g}", value) for name, value in result.fields.items() if name != "free edge"]
     folder.mkdir(parents=True, exist_ok=True)
     picture, history = folder / "compare.png", folder / "error.png"
     field_panels(fields, case.lattice.axes, picture, cracks=cracks)
     curves = {name: (c["times"], c["error_rel_initial"]) for name, c in result.curves.items()}
-    error_history(curves, history, "max error / initial maximum", "Error against the infinite medium")
+    error_history(curves, history, f"max error / {result.scale}", "Error against the infinite medium")
     print(f"pictures: {picture}, {history}")
     curves_and_growth = {n: {**c, "growth_rate": result.growth[n]} if n in result.growth else c for n, c in result.curves.items()}
     _write_json(json_file, curves_and_growth)
@@ -211,12 +220,19 @@ def _compare(options: argparse.Namespace) -> int:
 
 
 def _plot(options: argparse.Namespace) -> int:
+    from farhorizon.case import Case
+    from farhorizon.errors import InputError
     from farhorizon.plot import plot_results
     from farhorizon.results import open_results
 
     path = Path(options.result)
     folder = Path(options.out) if options.out else path.with_suffix("")
-    for picture in plot_results(open_results(path), folder, options.times):
+    results = open_results(path)
+    try:
+        cracks = _polylines(Case(results.case, path))
+    except InputError:  # written from Python, or by a program with other keys: a picture without cracks
+        cracks = []
+    for picture in plot_results(results, folder, options.times, cracks):
         print(picture)
     return GOOD
 

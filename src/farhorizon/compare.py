@@ -31,6 +31,8 @@ class Comparison:
         The field at `shown_time`: "infinite medium" and each boundary.
     edges : str
         Where the fixed and the free edge lie.
+    scale : str
+        What the relative errors refer to: with zero initial values the largest value of the run.
     growth : dict of str to float
         With layers and backward waves: the measured rate at which the error of each boundary grows (per unit time) over the
         second half of the run.
@@ -45,6 +47,7 @@ class Comparison:
     fields: dict[str, np.ndarray] = field(default_factory=dict)
     shown_time: float = 0.0
     edges: str = ""
+    scale: str = "initial maximum"
     growth: dict[str, float] = field(default_factory=dict)
     growth_bound: float = 0.0
 
@@ -56,7 +59,7 @@ class Comparison:
         rows += [f"{self.times[i]:>10.4g}" + "".join(f"{self.curves[n]['error_rel_initial'][i]:>16.2e}" for n in names) for i in some]
         rows.append(f"{'max':>10}" + "".join(f"{self.curves[n]['error_max_over_run'] / self.initial:>16.2e}" for n in names))
         rows += self._growth_lines()
-        head = ["error max|u - u_infinite| over the near field / initial maximum", f"infinite medium: {self.reference}"]
+        head = [f"error max|u - u_infinite| over the near field / {self.scale}", f"infinite medium: {self.reference}"]
         return "\n".join(head + ([f"fixed and free edge: {self.edges}"] if self.edges else []) + rows)
 
     def _growth_lines(self) -> list[str]:
@@ -64,7 +67,7 @@ class Comparison:
             return []
         lines = [f"backward waves grow in the layer, to first order by up to {self.growth_bound:.3g} per unit time; measured over the second half:"]
         for name, rate in self.growth.items():
-            size = f"to {self.curves[name]['error'][-1] / self.initial:.2g} of the initial maximum"
+            size = f"to {self.curves[name]['error'][-1] / self.initial:.2g} of the {self.scale}"
             tenfold = f"grows by {rate:.3g} per unit time (tenfold in {np.log(10) / rate:.3g}) {size}"
             lines.append(f"  error of the {name} " + (tenfold if rate > 0 else f"does not grow (rate {rate:.2g})"))
         ours, edge = next(iter(self.curves)), self.curves.get("fixed edge")
@@ -137,7 +140,7 @@ def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None =
             if step == shown_step:
                 result.fields[name] = values
     if result.initial == 0:  # driven by sources alone: the largest value of the run is the scale
-        result.initial = max(size)
+        result.initial, result.scale = max(size), "largest value of the run"
     for name, error in errors.items():
         result.curves[name] = {
             "times": result.times, "error": error, "error_rel_current": [e / max(s, 1e-300) for e, s in zip(error, size, strict=True)],
