@@ -1,6 +1,7 @@
 """Simulation: state, guard, observers, refusals."""
 
 import itertools
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -213,6 +214,20 @@ def test_backward_waves_grow_and_the_program_says_so():
     assert 0 < rate < sim.stencil.backward_waves().growth * sigma
 
 
+@pytest.mark.parametrize("dim, n", [(1, 5000), (2, 400), (3, 40)])
+def test_the_memory_estimate_is_that_of_the_set_up(dim, n):
+    """What is refused for memory is what would not fit: the peak is traced, tables of a small layout and Python's own aside."""
+    lattice = fh.Lattice(0.25, (0.0,) * dim, ((n - 1) * 0.25,) * dim)
+    u = lambda *x: np.exp(-4 * sum((a - n / 8) ** 2 for a in x))  # noqa: E731
+    fh.Simulation(lattice, fh.Wave(KERNEL), initial={"u": u}, threads=1).step(1)
+    tracemalloc.start()
+    sim = fh.Simulation(lattice, fh.Wave(KERNEL), initial={"u": u}, threads=1)
+    sim.step(1)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert 0.5 < sim._memory_needed(8) / peak < 2  # an estimate: data and sources of many terms need more, none less
+
+
 BAD = [
     ({"dt": 1.0}, "above the stable limit"),
     ({"dt": -1.0}, "positive"),
@@ -228,6 +243,8 @@ BAD = [
     ({"model": fh.Wave(fh.Kernel(0.1))}, "horizon is smaller"),
     ({"lattice": fh.Lattice(0.25, (0, 0), (1, 5))}, "thinner than the stencil"),
     ({"lattice": fh.Lattice(1e-5, (0, 0), (3, 3)), "model": fh.Wave(fh.Stencil.finite_difference(2))}, "memory"),
+    ({"model": fh.Wave(fh.Kernel(100.0))}, "spans too many nodes"),
+    ({"lattice": fh.Lattice(0.25, (0, 0), (40_000, 40_000))}, "memory; value: about .* GiB for 25600320001 nodes"),
     ({"cracks": [[(-5, 0.1), (5, 1.1)]]}, "across the absorbing side"),
     ({"cracks": [[(-5, 0.1), (-3.1, 0.1)]]}, "across the absorbing side"),
     ({"cracks": [[(-5, 0.1), (5, 0.1)]], "boundary": fh.Periodic()}, "cannot continue it"),

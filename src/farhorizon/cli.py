@@ -24,6 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from farhorizon.errors import FarhorizonError, InputError
 
     try:
+        _check_json(getattr(options, "json", None))
         return int(options.command(options) or GOOD)
     except InputError as error:
         print(f"farhorizon: {error}", file=sys.stderr)
@@ -80,6 +81,23 @@ def _write_json(path: str | None, content: dict[str, Any]) -> None:
         Path(path).write_text(json.dumps(content, indent=1) + "\n")
 
 
+def _check_json(name: str | None) -> None:
+    """Refuse a JSON file that cannot be written, before any work."""
+    from farhorizon.errors import InputError
+
+    if name and (Path(name).is_dir() or not os.access(Path(name).parent, os.W_OK)):
+        raise InputError("cannot write this file", value=name, key="--json", remedy="a file in a folder that exists and may be written")
+
+
+def _check_folder(name: str) -> None:
+    """Refuse a folder that cannot be made, without making it."""
+    from farhorizon.errors import InputError
+
+    there = next(p for p in (Path(name).resolve(), *Path(name).resolve().parents) if p.exists())
+    if not (there.is_dir() and os.access(there, os.W_OK)):
+        raise InputError("cannot make the folder", value=name, key="--out", remedy=f"{there} is no folder that may be written: choose another")
+
+
 def _folder(name: str) -> Path:
     from farhorizon.errors import InputError
 
@@ -111,7 +129,8 @@ def _run(options: argparse.Namespace) -> int:
     if options.resume and not checkpoint.exists():
         raise InputError(f"no checkpoint {checkpoint}", key="--resume", remedy="run without --resume")
     sim = case.simulation()
-    sim.check_sources(until)
+    with case.naming():
+        sim.check_sources(until)
     if options.resume:
         kept = sim.load(checkpoint)
         writer = ResultsWriter.resume(result, int(kept["outputs"]), int(kept["rows"]))
@@ -179,7 +198,8 @@ def _check(options: argparse.Namespace) -> int:
 
     case = Case.read(options.case)
     sim = case.simulation()
-    sim.check_sources(case.parts.run.until)
+    with case.naming():
+        sim.check_sources(case.parts.run.until)
     report = sim.check()
     print(report)
     _write_json(options.json, {"facts": dict(report.rows), "warnings": report.warnings, "notes": report.notes})
@@ -197,7 +217,8 @@ def _compare_case(case: Any, folder: Path, times: Sequence[float] | None, shown:
     from farhorizon.compare import compare
     from farhorizon.plot import error_history, field_panels
 
-    result = compare(case.setup, case.parts.run.until, times, shown)
+    with case.naming():
+        result = compare(case.setup, case.parts.run.until, times, shown)
     print(result.table())
     cracks = _polylines(case)
     fields = [(f"{name}, t = {result.shown_time:.3g}", value) for name, value in result.fields.items() if name != "free edge"]
@@ -214,8 +235,9 @@ def _compare_case(case: Any, folder: Path, times: Sequence[float] | None, shown:
 def _compare(options: argparse.Namespace) -> int:
     from farhorizon.case import Case
 
+    _check_folder(options.out)
     case = Case.read(options.case)
-    _compare_case(case, _folder(options.out) / case.name, options.times, None, options.json)
+    _compare_case(case, Path(options.out) / case.name, options.times, None, options.json)
     return GOOD
 
 
@@ -238,6 +260,7 @@ def _plot(options: argparse.Namespace) -> int:
 
 
 def _demo(options: argparse.Namespace) -> int:
+    _check_folder(options.out)
     from importlib.resources import files
 
     from farhorizon.case import Case
@@ -245,7 +268,7 @@ def _demo(options: argparse.Namespace) -> int:
     case = Case(files("farhorizon").joinpath("demo.toml").read_text(encoding="utf-8"), "two_notches.toml")
     print("An infinite membrane with two notches, seen through a disc of radius 26 (example 3 of Hermann et al. 2023).")
     print("Running it with the lattice PML, with a fixed and a free edge, and on a domain from which nothing returns ...")
-    _compare_case(case, _folder(options.out), None, 30.0, options.json)
+    _compare_case(case, Path(options.out), None, 30.0, options.json)
     return GOOD
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from farhorizon.analysis import InfiniteLattice, largest_speed
 from farhorizon.boundaries import Fixed, Free, LatticePML, Sponge
 from farhorizon.cracks import as_cut
+from farhorizon.errors import InputError
 from farhorizon.lattice import Lattice
 from farhorizon.simulation import Simulation
 from farhorizon.sources import Source
@@ -99,7 +100,14 @@ def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None =
         Time of the fields kept for a picture; the last one unless given.
     beside : bool
         Run a fixed and a free edge too.
+
+    Raises
+    ------
+    InputError
+        What `Simulation` refuses, times that are not positive, an infinite medium that does not fit into memory.
     """
+    if times is not None and not (np.size(times) and np.isfinite(times).all() and np.min(times) > 0):
+        raise InputError("the times of a comparison must be positive", value=list(times), limit="> 0", key="times")
     wanted = np.linspace(0, until, 41)[1:] if times is None else np.sort(np.asarray(times, float))
     ours = Simulation(**setup)
     ours.check_sources(until)

@@ -112,7 +112,8 @@ class Simulation:
         if not np.isfinite(self.background):
             raise InputError("the background must be finite", value=background, key="background")
         self.stencil = model.stencil(lattice.spacing, lattice.dim)
-        self._check_size()
+        self._layers = self._make_layers()
+        self._check_size(dtype)
         factor = None if coefficient is None else checked(coefficient, lattice, "coefficient")
         if factor is not None and (factor < 0).any():
             raise InputError("a coefficient must not be negative", value=float(factor.min()), limit=">= 0", key="coefficient")
@@ -124,7 +125,6 @@ class Simulation:
         self.stop_requested = False
         self._guard_steps = max(1, min(_GUARD_STEPS, _GUARD_STEPS * _GUARD_NODES // max(int(np.prod(lattice.shape)), 1)))
 
-        self._layers = self._make_layers()
         self._beyond = Beyond(lattice, self.sides, model.order, self._depth())
         u = self._initial("u", initial or {})
         v = self._initial("v", initial or {}) if "v" in (initial or {}) and model.order == 2 else np.broadcast_to(0.0, lattice.shape)
@@ -136,7 +136,7 @@ class Simulation:
         self._unsplit: list[Callable[..., Any]] = []
         self._source_peaks: dict[int, float] = {}
         self._looked = 0.0  # up to this time
-        self.sources = [self._split_source(s) for s in sources]
+        self.sources = [self._split_source(s, f"source[{i}]" if len(sources) > 1 else "source") for i, s in enumerate(sources)]
         self._margins = self._choose_margins(u, v, factor, cuts)
         self._make_engine(factor, rule, dtype, threads)
         self._cut(cuts)
@@ -152,17 +152,29 @@ class Simulation:
 
     # --- set-up ------------------------------------------------------------------------------------------------
 
-    def _check_size(self) -> None:
+    def _check_size(self, dtype: str) -> None:
         for axis, (n, m) in enumerate(zip(self.lattice.shape, self.stencil.reach, strict=True)):
             if n < 2 * m + 1:
                 raise InputError(
                     "the near field is thinner than the stencil", value=f"{n} nodes along {AXES[axis]}", limit=f">= {2 * m + 1}",
                     key="lattice", remedy="enlarge the lattice or refine it",
                 )  # fmt: skip
-        need = 8 * 4 * int(np.prod(self.lattice.shape))
+        need = self._memory_needed(np.dtype(dtype).itemsize)
         if need > available_memory():
-            raise InputError("the run does not fit into memory", value=f"{need / 2**30:.1f} GiB",
-                             limit=f"{available_memory() / 2**30:.1f} GiB", key="lattice", remedy="a coarser or smaller lattice")  # fmt: skip
+            raise InputError("the run does not fit into memory", value=f"about {need / 2**30:.3g} GiB for {int(np.prod(self.lattice.shape))} nodes",
+                             limit=f"{available_memory() / 2**30:.3g} GiB available", key="lattice",
+                             remedy="a coarser or smaller lattice, thinner layers, or float32")  # fmt: skip
+
+    def _memory_needed(self, itemsize: int) -> float:
+        """Bytes at the peak, in setting up: time levels and layer memory twice, and about seven fields of data besides coordinates."""
+        nodes = float(np.prod(np.array(self.lattice.shape, float)))
+        slots = 1.0
+        for axis, (n, m) in enumerate(zip(self.lattice.shape, self.stencil.reach, strict=True)):
+            columns = sum(layer.columns for (a, _), layer in self._layers.items() if a == axis)
+            sponge = sum(b.nodes for (a, _), b in self.sides.items() if a == axis and isinstance(b, Sponge))
+            slots *= n + 2 * m + sponge + columns * (2 * m + 1)
+        levels = self.model.integrator.stages(1.0, 0.0, self.lattice.dim == 1).levels
+        return 2 * itemsize * ((levels + 1) * slots - nodes) + 8 * (self.lattice.dim + 7) * nodes
 
     def _choose_step(self, dt: float | None) -> float:
         if dt is None:
@@ -186,7 +198,7 @@ class Simulation:
             self._beyond.check_function(function, float(np.abs(values).max(initial=0)), key, level, "initial value")
         return values
 
-    def _split_source(self, source: Any) -> tuple[np.ndarray | None, Callable[..., Any]]:
+    def _split_source(self, source: Any, key: str) -> tuple[np.ndarray | None, Callable[..., Any]]:
         """A source as a function of space times one of time if it splits; refuses what the near field would miss."""
         space, time = parts(source)
         found = split(source, self.lattice)
@@ -194,10 +206,10 @@ class Simulation:
         if space is None or values is None:
             self._unsplit.append(time)
         elif np.ndim(space):
-            self._beyond.check_values(values, "source")
+            self._beyond.check_values(values, key)
         else:
             function = space if callable(space) else lambda *_: space
-            self._beyond.check_function(function, float(np.abs(values).max(initial=0)), "source", missed="source value")
+            self._beyond.check_function(function, float(np.abs(values).max(initial=0)), key, missed="source value")
         return found
 
     def check_sources(self, until: float) -> None:
