@@ -55,7 +55,7 @@ class Report:
         extra = sum(int(np.prod(b.nodes)) for b in engine.layout.blocks.values()) - int(np.prod(lattice.shape))
         say("nodes computed", f"{total} in the core, {extra} beyond the near field")
         say("memory", f"{engine.nbytes / 2**20:.3g} MiB = {engine.nbytes / (np.prod(lattice.shape) * engine.dtype.itemsize):.3g} near fields")
-        say("absent bonds", str(len(engine._cuts[0])))
+        say("absent bonds", str(engine.absent_bonds))
         backward = stencil.backward_waves()
         say("backward waves", f"{100 * backward.fraction:.3g} % of the Brillouin zone from |k| spacing = {backward.first_wavenumber:.3g}"
             if backward else "none")  # fmt: skip

@@ -323,7 +323,7 @@ class Simulation:
         m = block.reach[axis]
         strip = tuple((slice(0, m) if side < 0 else slice(-m, None)) if a == axis else slice(None) for a in range(3))
         for level in self.engine.levels[: 3 - self.engine.stages.increments]:
-            block.slots(level)[strip] = value
+            block.plane.all(level)[strip] = value
 
     def _cut(self, cuts: Sequence[Cut]) -> None:
         """Absent bonds: cut by cracks, across a free side, or to nodes outside a body."""
@@ -335,7 +335,7 @@ class Simulation:
         for cut in cuts:
             crossed = self._crossed(cut)
             nodes, bonds = cut_bonds(cut, self._origin, self.lattice.spacing, shape, self.stencil.offsets)
-            flat = block.origin + nodes @ np.array(block.step[lead:])
+            flat = block.plane.origin + nodes @ np.array(block.stride[lead:])
             found.append((flat, flat + offsets[bonds] @ np.array(block.stride), engine.weights[bonds]))
             found += [self._continue_crack(cut, nodes, bonds, axis, side) for axis, side in crossed]
         if any(isinstance(b, Free) for b in self.sides.values()) or (self.lattice.body is not None and self.rim == "free"):
@@ -345,7 +345,7 @@ class Simulation:
         if not found:
             return
         nodes, neighbours, weights = (np.concatenate([f[i] for f in found]) for i in range(3))
-        _, first = np.unique(nodes * (engine.layout.size + engine.layout.slots) + neighbours, return_index=True)
+        _, first = np.unique(nodes * engine.layout.places + neighbours, return_index=True)
         engine.set_cuts(nodes[first], neighbours[first], weights[first] * engine.bond_factors(nodes[first], neighbours[first]))
 
     def _crossed(self, cut: Cut) -> list[tuple[int, int]]:
@@ -418,7 +418,7 @@ class Simulation:
         return self.engine.spread(core, beyond) > 0.5
 
     def _absent(self, block: Block, exists: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        if block.slots(exists).all():
+        if block.slots.all(exists).all():
             return []
         flat, slots = block.node_indices(), block.slot_indices()
         here = exists[slots]
@@ -455,7 +455,7 @@ class Simulation:
                     line[: len(values)] = values[::-1]
                     rate = rate + (line if side < 0 else line[::-1]).reshape([-1 if a == lead + axis else 1 for a in range(3)])
             where = np.nonzero(rate)
-            nodes.append(block.node_origin + np.array(block.node_step) @ np.array(where))
+            nodes.append(block.node_indices()[where])
             rates.append(rate[where])
         rate = np.concatenate(rates)
         index = np.concatenate(nodes)
@@ -467,7 +467,6 @@ class Simulation:
     def _start(self, u: np.ndarray, v: np.ndarray) -> None:
         engine = self.engine
         engine.core.view(engine.levels[0])[self._near] = u.reshape(engine.core.view(engine.levels[0])[self._near].shape)
-        engine.fill(engine.levels[0])
         self._source_nodes = self._near_indices() if self.sources else np.zeros(0, np.int64)
         if self.model.order == 1:
             return
@@ -483,8 +482,7 @@ class Simulation:
         for block in engine.layout.blocks.values():
             block.view(engine.levels[1])[...] = block.view(engine.levels[0]) - block.view(change)
         engine.memory[:] = 0  # the layers are at rest one step before the start
-        engine.fill(engine.levels[1])
-        engine.fill(engine.levels[0])
+        engine.fill(engine.levels[1], advance=True)
 
     def _near_indices(self) -> np.ndarray:
         return np.ascontiguousarray(self.engine.core.node_indices()[self._near].ravel())
@@ -624,16 +622,16 @@ class Simulation:
         undamped scheme conserves exactly. Diffusion: ``1/2 integral (u - background)^2``.
         """
         engine, cell = self.engine, self.lattice.spacing**self.lattice.dim
-        u = engine.current.astype(float)
 
         def near(level: np.ndarray) -> np.ndarray:
             part = engine.core.view(np.ascontiguousarray(level))[self._near].reshape(self.lattice.shape)
             return part if self.lattice.mask is None else part[self.lattice.mask]
 
         if self.model.order == 1:
-            return float(0.5 * cell * (near(u) ** 2).sum())
-        old = engine.older.astype(float)
-        apply = lambda level: engine.apply(level.astype(engine.dtype)).astype(float)  # noqa: E731
+            return float(0.5 * cell * (near(engine.current).astype(float) ** 2).sum())
+        engine.fill(engine.current)
+        u, old = engine.current.astype(float), engine.older.astype(float)
+        apply = lambda level: engine.apply_core(level.astype(engine.dtype)).astype(float)  # noqa: E731
         strain = apply(u * old) - u * apply(old) - old * apply(u)
         kinetic = ((near(u) - near(old)) / self.dt) ** 2
         return float(cell * (0.5 * kinetic + 0.25 * near(strain)).sum())
@@ -652,10 +650,10 @@ class Simulation:
     def _fingerprint(self) -> dict[str, Any]:
         engine = self.engine
         return {
-            "levels": list(engine.levels.shape), "slots": int(engine.slots.size), "memory": int(engine.memory.size), "dtype": engine.dtype.name, "dt": self.dt,
+            "levels": list(engine.levels.shape), "memory": int(engine.memory.size), "dtype": engine.dtype.name, "dt": self.dt,
             "shape": list(self.lattice.shape), "spacing": self.lattice.spacing, "lower": self.lattice.lower.tolist(),
             "model": type(self.model).__name__, "coefficient": self.model.coefficient, "damping": self.model.damping,
-            "weights": float(self.stencil.weights.sum()), "neighbours": len(self.stencil.weights), "cuts": len(engine._cuts[0]),
+            "weights": float(self.stencil.weights.sum()), "neighbours": len(self.stencil.weights), "cuts": engine.absent_bonds,
             "held": len(self._held),
         }  # fmt: skip
 
@@ -664,7 +662,6 @@ class Simulation:
         meta = {"fingerprint": self._fingerprint(), "step": self.step_count, "phase": int(self.engine.phase), "scale": self._scale, "extra": extra}
         arrays = {
             "levels": self.engine.levels,
-            "slots": self.engine.slots,
             "memory": self.engine.memory,
             "start_u": self.start_u,
             "start_v": self.start_v,
@@ -718,7 +715,6 @@ class Simulation:
             raise FileFormatError("the checkpoint belongs to another set-up", value=str(path), limit=f"same {', '.join(different)}",
                                   remedy="resume with the case that wrote it")  # fmt: skip
         self.engine.levels[...] = arrays["levels"]
-        self.engine.slots[...] = arrays["slots"]
         self.engine.memory[...] = arrays["memory"]
         self.engine.phase, self._scale = int(meta["phase"]), float(meta["scale"])
         self.step_count = 0

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from farhorizon.engine.build import load_driver, load_rows
-from farhorizon.engine.layout import ALIGN, LINES, Block, Layout
+from farhorizon.engine.layout import ALIGN, LINES, TASK_FIELDS, Block, Layout
 
 __all__ = ["Engine", "Layer", "Layout", "available_threads"]
 
@@ -91,9 +91,10 @@ class Engine:
         self.offsets, self.weights = np.asarray(offsets, np.int64), np.asarray(weights, float)
         self.layers = dict(layers)
         names = list(self.layers)
-        self.layout = Layout(tuple(core), self.offsets, {n: (self.layers[n].columns, i) for i, n in enumerate(names)}, frozenset(periodic))
-        self.core = self.layout.blocks[0, 0, 0]
         self.threads = threads if int(np.prod(core)) >= _PARALLEL_NODES else 1
+        sides = {name: (self.layers[name].columns, i) for i, name in enumerate(names)}
+        self.layout = Layout(tuple(core), self.offsets, sides, frozenset(periodic), apart=self.threads == 1)
+        self.core = self.layout.blocks[0, 0, 0]
         columns = max((layer.columns for layer in self.layers.values()), default=0)
         self._recursion = np.zeros((3, max(len(names), 1), columns + 1), self.dtype)
         for i, name in enumerate(names):
@@ -146,7 +147,7 @@ class Engine:
         scale = np.array([n[2] for n in self.stages.numbers])
         offsets = np.array([self.offsets @ np.array(b.stride) for b in blocks], np.int64)
         self._sweeps = (
-            self.layout.table(), functions, groups, (scale[:, None, None] * classes).astype(self.dtype), offsets,
+            self._trees(), self.layout.table(), functions, groups, (scale[:, None, None] * classes).astype(self.dtype), offsets,
             (scale[:, None] * self.weights).astype(self.dtype),
         )  # fmt: skip
         total = self.weights.sum()
@@ -158,20 +159,37 @@ class Engine:
         free = [self.layout.reach[a] > 0 and block.segment[a] == 0 for a in block.order[:2]]
         return next(g for g in _GROUPS if g[0] * g[1] <= budget and all(f or n == 1 for f, n in zip(free, g, strict=True)))
 
+    def _trees(self) -> np.ndarray:
+        """Rows (axis, first block, last block + 1, first place) of the compiled loop, one a tree."""
+        blocks = list(self.layout.blocks.values())
+        rows = []
+        for tree, (start, _) in enumerate(self.layout.trees):
+            numbers = [i for i, block in enumerate(blocks) if self.layout.tree(block) == tree]
+            rows.append((blocks[numbers[0]].first, numbers[0], numbers[-1] + 1, start))
+        return np.array(rows, np.int64).reshape(-1, 4)
+
     def _collect_fills(self) -> None:
-        fills = self.layout.fills
-        copies = np.array([np.concatenate([f.copy_to for f in fills]), np.concatenate([f.copy_from for f in fills])])
-        copy_ranges = np.cumsum([0] + [len(f.copy_to) for f in fills])
-        tasks = np.concatenate([f.tasks for f in fills])
-        task_ranges = np.cumsum([0] + [len(f.tasks) for f in fills])
-        self._fills = copies, copy_ranges, tasks, task_ranges, np.array(self.layout.reach)
+        """Halo tables in one piece each, with the range of every tree (level: last) and axis."""
+        layout = self.layout
+        trees = len(layout.trees)
+        parts: list[np.ndarray] = []
+        ranges = []
+        for found, empty, axis_of in ((layout.copies, np.zeros((2, 0), np.int64), 1), (layout.tasks, np.zeros((0, len(TASK_FIELDS)), np.int64), 0)):
+            pieces, bounds, end = [empty], np.zeros((trees + 1, 3, 2), np.int64), 0
+            for (tree, axis), piece in found.items():
+                pieces.append(piece)
+                bounds[tree, axis] = end, end + piece.shape[axis_of]
+                end += piece.shape[axis_of]
+            parts.append(np.ascontiguousarray(np.concatenate(pieces, axis=axis_of)))
+            ranges.append(bounds)
+        self._fills = parts[0], ranges[0], parts[1], ranges[1], np.array(layout.reach)
 
     def spread(self, core: np.ndarray, beyond: Mapping[tuple[int, int], float] | None = None) -> np.ndarray:
         """Nodal values of the core on every place of a level and of the slots: constant along each normal from the core's edge on.
 
         `beyond` gives the value beyond a side (axis, side) where it is not that of the edge.
         """
-        values = np.zeros(self.layout.size + self.layout.slots, self.dtype)
+        values = np.zeros(self.layout.places, self.dtype)
         padded = np.asarray(core, float)
         for axis, m in enumerate(self.layout.reach):
             mode = "wrap" if axis in self.layout.periodic else "edge"
@@ -185,16 +203,22 @@ class Engine:
             for axis, side in enumerate(block.segment):
                 if side:
                     edge = 0 if side < 0 else -1
-                    view = np.repeat(np.take(view, [edge], axis), block.extent[axis], axis)
-            block.slots(values)[...] = view
+                    view = np.repeat(np.take(view, [edge], axis), block.slots.extent[axis], axis)
+            block.slots.all(values)[...] = view
         return values
 
     # --- parts that may be set after construction --------------------------------------------------------------
 
     def set_cuts(self, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray) -> None:
-        """Bonds that are absent, as flat indices of both ends (one row a direction) and their weights."""
-        order = np.lexsort((neighbours, nodes))
-        self._cuts = nodes[order].astype(np.int64), neighbours[order].astype(np.int64), weights[order].astype(self.dtype)
+        """Bonds that are absent: their node in a level, its neighbour's place, and their weights; one row a direction."""
+        tree = np.full(len(nodes), len(self.layout.trees))  # the core comes last
+        local = neighbours.astype(np.int64)
+        for number, (first, last) in enumerate(self.layout.trees):
+            inside = (first <= neighbours) & (neighbours < last)
+            tree[inside], local[inside] = number, local[inside] - first
+        order = np.lexsort((local, nodes, tree))
+        ranges = np.searchsorted(tree[order], np.arange(len(self.layout.trees) + 1))
+        self._cuts = ranges, nodes[order].astype(np.int64), local[order], weights[order].astype(self.dtype)
 
     def set_damping(self, nodes: np.ndarray, before: np.ndarray, after: np.ndarray, leak: np.ndarray) -> None:
         """Nodal factors of an absorbing zone: on the old increment, on the new increment, and a loss rate."""
@@ -213,13 +237,6 @@ class Engine:
     # --- the work ----------------------------------------------------------------------------------------------
 
     @property
-    def _material(self) -> tuple[np.ndarray, np.ndarray, int]:
-        """Bond coefficients of the core and of the slots (one number where the medium is homogeneous), and their rule."""
-        if self._coefficient.size == 1:
-            return self._coefficient, self._coefficient, self._rule
-        return self._coefficient[: self.layout.size], self._coefficient[self.layout.size :], self._rule
-
-    @property
     def current(self) -> np.ndarray:
         """The flat level that holds the state."""
         return self.levels[self._rotation[self.phase, 0, 0]]
@@ -236,37 +253,56 @@ class Engine:
 
             numba.set_num_threads(self.threads)
 
-    def fill(self, level: np.ndarray) -> None:
-        """Fill every halo of a level and the slots, and advance the layers' memory to its time."""
+    def fill(self, level: np.ndarray, advance: bool = False) -> None:
+        """Fill the halo of a level; with `advance` the layers' memory moves on to its time."""
         self._set_threads()
-        self._driver.fill(level, self.slots, self.memory, self._work, self._sweeps[0], *self._fills, *self._recursion, self.remember)
+        memory = self.memory if advance else self.memory.copy()
+        self._driver.fill(level, self.slots, memory, self._work, self._sweeps[0], *self._fills, *self._recursion, self.remember)
 
     def apply(self, level: np.ndarray) -> np.ndarray:
-        """The operator L on a filled level, as a level (its nodes only are meaningful).
-
-        In the layers it reads the slots, which belong to the level filled last.
-        """
+        """The operator L on a level, as a level (its nodes only are meaningful); fills the halo of `level`."""
         self._set_threads()
-        blocks, functions, groups, weights, offsets, general = self._sweeps
+        out, base, numbers = self._plain(level)
+        self._driver.stage(
+            level, base, out, numbers, self.stages.increments, False, self.slots, self.memory.copy(), self._work, *self._last_sweeps, *self._fills,
+            *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
+        )  # fmt: skip
+        return (base if self.stages.increments else out) / numbers[3]
+
+    def apply_core(self, level: np.ndarray) -> np.ndarray:
+        """The operator L on the core of a level with whatever its halo holds."""
+        self._set_threads()
+        out, base, numbers = self._plain(level)
+        _, blocks, functions, groups, weights, offsets, general = self._last_sweeps
+        law = (general, *numbers[:3], self.stages.increments, self._rule)
+        self._driver.sweep_core(level, base, out, blocks[0], functions[0], groups[0], False, weights[0], offsets[0], self._coefficient, law)
+        ranges, *cuts = self._cuts
+        self._driver.cut(level, level, base, out, numbers[3], *(part[ranges[-1] :] for part in cuts), self.stages.increments)
+        return (base if self.stages.increments else out) / numbers[3]
+
+    def _plain(self, level: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Empty output and base, and the numbers of a stage that writes ``scale * L``."""
         scale = self.stages.numbers[-1][2]
-        out, base = np.zeros_like(level), np.zeros_like(level)
-        zero = self.dtype.type(0)
-        total = self.dtype.type(-scale * self.weights.sum())
-        self._driver.sweep(level, self.slots, base, out, blocks, functions, groups, len(self._work), False, weights[-1], offsets, general[-1],
-                           total, zero, zero, self.stages.increments, *self._material)  # fmt: skip
-        result = (base if self.stages.increments else out) / scale
-        nodes, neighbours, weights = self._cuts
-        np.subtract.at(result, nodes, weights * (np.concatenate([level, self.slots])[neighbours] - level[nodes]))
-        return result
+        return np.zeros_like(level), np.zeros_like(level), np.array([-scale * self.weights.sum(), 0, 0, scale, 0], self.dtype)
+
+    @property
+    def _last_sweeps(self) -> tuple[np.ndarray, ...]:
+        trees, blocks, functions, groups, weights, offsets, general = self._sweeps
+        return trees, blocks, functions, groups, weights[-1], offsets, general[-1]
 
     def advance(self, steps: int, source_nodes: np.ndarray, source_fields: np.ndarray, source_times: np.ndarray) -> None:
         """Run steps without returning to Python; sources as in `program.advance`."""
         self._set_threads()
         self.phase = self._driver.advance(
-            steps, self.phase, self.levels, self.slots, self.memory, self._work, self._rotation, self._numbers, self.stages.increments,
-            *self._sweeps, *self._fills, *self._recursion, self.remember, *self._material,
-            *self._cuts, *self._damping, source_nodes, source_fields, source_times,
+            steps, self.phase, self.levels, self._rotation, self._numbers, self.stages.increments, self.slots, self.memory, self._work,
+            *self._sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts, *self._damping,
+            source_nodes, source_fields, source_times,
         )  # fmt: skip
+
+    @property
+    def absent_bonds(self) -> int:
+        """Bonds cut, each counted from both ends."""
+        return len(self._cuts[1])
 
     @property
     def nbytes(self) -> int:

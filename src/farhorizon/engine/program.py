@@ -1,8 +1,8 @@
 """The compiled time loop. This text is a template: `engine.build` writes it out once for one thread and once for several.
 
-`advance` runs many steps without returning to Python. A step is one or more *stages*; a stage sweeps every block
-(``out = a*in + b*base + weights * neighbours``), applies the sparse corrections, and fills the halo of what it wrote.
-Arrays named ``levels[l]`` are flat time levels laid out by `engine.layout`, ``slots`` the continued values of the layers.
+`advance` runs many steps without returning to Python. A step is one or more *stages*; a stage goes through the trees of the
+layers, fills and sweeps each (``out = a*in + b*base + weights * neighbours``), then sweeps the core, whose halo is now complete.
+Arrays named ``levels[l]`` are flat time levels laid out by `engine.layout`, ``slots`` the continued values of one tree.
 """
 
 import numpy as np
@@ -62,53 +62,58 @@ def sweep_general(src, base, out, start, to, count, offsets, weights, a, b, incr
                 out[node + i] = a * here[i] + b * base[node + i] + acc[i]
 
 
+# What all rows of a stage share: law = (weights of the general sweep, a, a for differences, b, increments, rule).
+
+
 @njit(error_model="numpy", cache=True)
-def sweep_at(src, base, out, block, i0, i1, function, weights, offsets, general, a, a_difference, b, increments, coefficient, rule):  # fmt: skip
+def sweep_at(src, base, out, block, i0, i1, function, weights, offsets, coefficient, law):
     """The row, or the group of rows, of a block that begins at (i0, i1); a stencil without compiled rows has function 0."""
-    start, to = block[1] + i0 * block[5] + i1 * block[6], block[10] + i0 * block[11] + i1 * block[12]
+    general, a, a_difference, b, increments, rule = law
+    start, to = block[0] + i0 * block[4] + i1 * block[5], block[9] + i0 * block[10] + i1 * block[11]
     if function != 0:
         size = src.itemsize
         call_sweep(function, src.ctypes.data + start * size, base.ctypes.data + to * size, out.ctypes.data + to * size, weights.ctypes.data,
-                   a, b, block[4], block[7], block[8], block[9], block[11], block[12])  # fmt: skip
+                   a, b, block[3], block[6], block[7], block[8], block[10], block[11])  # fmt: skip
     else:
-        sweep_general(src, base, out, start, to, block[4], offsets, general, a_difference, b, increments, coefficient, rule)
+        sweep_general(src, base, out, start, to, block[3], offsets, general, a_difference, b, increments, coefficient, rule)
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_group(src, base, out, block, number, group, functions, weights, offsets, general, a, a_difference, b, increments, coefficient, rule):  # fmt: skip
+def sweep_group(src, base, out, block, number, group, functions, weights, offsets, coefficient, law):
     """A whole group of rows, or one by one the rows left over at the edge of a block."""
     g0, g1 = group
-    n1 = (block[3] + g1 - 1) // g1
+    n1 = (block[2] + g1 - 1) // g1
     i0, i1 = (number // n1) * g0, (number % n1) * g1
-    if i0 + g0 <= block[2] and i1 + g1 <= block[3]:
-        sweep_at(src, base, out, block, i0, i1, functions[0], weights, offsets, general, a, a_difference, b, increments, coefficient, rule)
+    if i0 + g0 <= block[1] and i1 + g1 <= block[2]:
+        sweep_at(src, base, out, block, i0, i1, functions[0], weights, offsets, coefficient, law)
         return
-    for j0 in range(i0, min(i0 + g0, block[2])):
-        for j1 in range(i1, min(i1 + g1, block[3])):
-            sweep_at(src, base, out, block, j0, j1, functions[1], weights, offsets, general, a, a_difference, b, increments, coefficient, rule)
+    for j0 in range(i0, min(i0 + g0, block[1])):
+        for j1 in range(i1, min(i1 + g1, block[2])):
+            sweep_at(src, base, out, block, j0, j1, functions[1], weights, offsets, coefficient, law)
 
 
 @njit(error_model="numpy", cache=True)
 def count_groups(block, group):
     """Groups of rows in a block, those at its edge included."""
-    return ((block[2] + group[0] - 1) // group[0]) * ((block[3] + group[1] - 1) // group[1])
+    return ((block[1] + group[0] - 1) // group[0]) * ((block[2] + group[1] - 1) // group[1])
 
 
 @njit(error_model="numpy", parallel=PARALLEL, cache=True)
-def sweep(src, slots, base, out, blocks, functions, groups, lanes, backward, weights, offsets, general, a, a_difference, b, increments,
-          coefficient, slot_coefficient, rule):  # fmt: skip
-    """One stage on every block: the core, then the layers."""
-    count = count_groups(blocks[0], groups[0])
-    first, move = (count - 1, -1) if backward else (0, 1)  # every other stage meets first what the last one left in the cache
+def sweep_core(src, base, out, block, functions, group, backward, weights, offsets, coefficient, law):
+    """All groups of rows of the core; in every other stage the last first: it meets what the last stage left in the cache."""
+    count = count_groups(block, group)
+    first, move = (count - 1, -1) if backward else (0, 1)
     for i in prange(count):
-        sweep_group(src, base, out, blocks[0], first + move * i, groups[0], functions[0], weights[0], offsets[0], general, a, a_difference, b, increments,
-                    coefficient, rule)  # fmt: skip
-    if blocks.shape[0] > 1:
-        for lane in prange(lanes):
-            for k in range(1, blocks.shape[0]):
-                for number in range(lane, count_groups(blocks[k], groups[k]), lanes):
-                    sweep_group(slots, base, out, blocks[k], number, groups[k], functions[k], weights[k], offsets[k], general, a, a_difference, b,
-                                increments, slot_coefficient, rule)  # fmt: skip
+        sweep_group(src, base, out, block, first + move * i, group, functions, weights, offsets, coefficient, law)
+
+
+@njit(error_model="numpy", parallel=PARALLEL, cache=True)
+def sweep_tree(slots, base, out, blocks, functions, groups, lanes, weights, offsets, coefficient, law):
+    """All blocks of a tree."""
+    for lane in prange(lanes):
+        for k in range(blocks.shape[0]):
+            for number in range(lane, count_groups(blocks[k], groups[k]), lanes):
+                sweep_group(slots, base, out, blocks[k], number, groups[k], functions[k], weights[k], offsets[k], coefficient, law)
 
 
 @njit(error_model="numpy", cache=True)
@@ -164,92 +169,129 @@ def move(array, at, step, work, p, q, count, out):
 
 
 @njit(error_model="numpy", cache=True)
-def fill_task(inside, slots, memory, work, task, reach, r, e, f, remember):
+def fill_task(level, slots, memory, work, task, m, r, e, f, remember):
     """Continue one bundle of lines into a layer: read the edge of what lies inside, write its halo and the layer's slots."""
-    inner, inner_k, inner_line = task[0], task[1], task[2]
-    layer, layer_p, layer_k, layer_line = task[3], task[4], task[5], task[6]
-    count, store, kmax, columns = task[7], task[8], task[9], task[11]
-    m = reach
+    inner, inner_k, inner_line, node, node_p, node_line = task[0], task[1], task[2], task[3], task[4], task[5]
+    slot, slot_p, slot_k, slot_line = task[6], task[7], task[8], task[9]
+    count, store, kmax, columns, first = task[10], task[11], task[12], task[14], task[15]
+    source = level if first else slots
     if count < LINES:  # idle lanes stay zero, so that the memory is a function of the state alone
         work[:, :, count:] = 0
     work[columns + 1] = 0
     for k in range(kmax + 1):
-        move(inside, inner - k * inner_k, inner_line, work, 0, m - k, count, False)
+        move(source, inner - k * inner_k, inner_line, work, 0, m - k, count, False)
     for p in range(1, columns + 1):
-        move(slots, layer + (p - 1) * layer_p, layer_line, work, p, m, count, False)
+        move(source, node + (p - 1) * node_p, node_line, work, p, m, count, False)
     continue_lines(work, memory.ctypes.data + store * memory.itemsize, m, kmax, columns, r, e, f, count == 1, remember)
     for k in range(1, kmax + 1):
-        move(inside, inner + k * inner_k, inner_line, work, 0, m + k, count, True)
-    for p in range(1, columns + 1):
-        for k in range(1, kmax + 1):
-            move(slots, layer + (p - 1) * layer_p + k * layer_k, layer_line, work, p, m + k, count, True)
-            move(slots, layer + (p - 1) * layer_p - k * layer_k, layer_line, work, p, m - k, count, True)
+        move(source, inner + k * inner_k, inner_line, work, 0, m + k, count, True)
+    for k in range(-kmax, kmax + 1):
+        if k != 0 or first:
+            for p in range(1, columns + 1):
+                move(slots, slot + (p - 1) * slot_p + k * slot_k, slot_line, work, p, m + k, count, True)
 
 
 @njit(error_model="numpy", parallel=PARALLEL, cache=True)
-def fill(level, slots, memory, work, blocks, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember):
-    """Fill all halos of one level and the slots of the layers, axis by axis."""
+def fill_tasks(level, slots, memory, work, tasks, reach, r, e, f, remember):
+    """All tasks of one tree and axis."""
     lanes = work.shape[0]
-    if blocks.shape[0] > 1:
-        for lane in prange(lanes):
-            for number in range(1, blocks.shape[0]):
-                block = blocks[number]
-                for row in range(lane, block[2] * block[3], lanes):
-                    i0, i1 = row // block[3], row % block[3]
-                    to, at = block[1] + i0 * block[5] + i1 * block[6], block[10] + i0 * block[11] + i1 * block[12]
-                    for i in range(block[4]):
-                        slots[to + i] = level[at + i]
-    for axis in range(3):
-        for i in range(copy_ranges[axis], copy_ranges[axis + 1]):
-            to, at = copies[0, i], copies[1, i]
-            if to < level.size:
-                level[to] = level[at]
-            else:
-                slots[to - level.size] = slots[at - level.size]
-        first, last = task_ranges[axis], task_ranges[axis + 1]
-        if first < last:
-            for lane in prange(lanes):
-                for t in range(first + lane, last, lanes):
-                    profile = tasks[t, 10]
-                    inside = slots if tasks[t, 12] else level
-                    fill_task(inside, slots, memory, work[lane], tasks[t], reach[axis], r[profile], e[profile], f[profile], remember)
+    for lane in prange(lanes):
+        for t in range(lane, tasks.shape[0], lanes):
+            profile = tasks[t, 13]
+            fill_task(level, slots, memory, work[lane], tasks[t], reach, r[profile], e[profile], f[profile], remember)
 
 
 @njit(error_model="numpy", cache=True)
-def advance(steps, phase, levels, slots, memory, work, stages, numbers, increments, blocks, functions, groups, weights, offsets, general,
-            copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, slot_coefficient, rule,
-            cut_nodes, cut_neighbours, cut_weights, damped, damp_before, damp_after, damp_leak,
+def copy(array, pairs):
+    """Periodic copies."""
+    for i in range(pairs.shape[1]):
+        array[pairs[0, i]] = array[pairs[1, i]]
+
+
+@njit(error_model="numpy", cache=True)
+def fill_tree(tree, level, slots, memory, work, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember):
+    """Halo and slots of one tree, axis by axis."""
+    for axis in range(3):
+        copy(slots, copies[:, copy_ranges[tree, axis, 0] : copy_ranges[tree, axis, 1]])
+        first, last = task_ranges[tree, axis, 0], task_ranges[tree, axis, 1]
+        if first < last:
+            fill_tasks(level, slots, memory, work, tasks[first:last], reach[axis], r, e, f, remember)
+
+
+@njit(error_model="numpy", cache=True)
+def fill(level, slots, memory, work, trees, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember):
+    """Fill all halos of one level and advance the layers' memory to its time."""
+    for axis in range(3):
+        copy(level, copies[:, copy_ranges[-1, axis, 0] : copy_ranges[-1, axis, 1]])
+        for tree in range(trees.shape[0]):
+            if trees[tree, 0] == axis:
+                fill_tree(tree, level, slots, memory, work, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember)
+
+
+@njit(error_model="numpy", cache=True)
+def cut(src, values, base, out, scale, nodes, neighbours, weights, increments):
+    """Take back the absent bonds from `nodes` to `neighbours` among `values`."""
+    for i in range(nodes.size):
+        lost = scale * weights[i] * (values[neighbours[i]] - src[nodes[i]])
+        out[nodes[i]] -= lost
+        if increments:
+            base[nodes[i]] -= lost
+
+
+@njit(error_model="numpy", cache=True)
+def stage(src, base, out, numbers, increments, backward, slots, memory, work, trees, blocks, functions, groups, weights, offsets, general,
+          copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
+          cut_ranges, cut_nodes, cut_neighbours, cut_weights):  # fmt: skip
+    """``out = a*src + b*base + scale*L(src)`` everywhere; fills the halo of `src` and advances the layers' memory to its time.
+
+    trees[tree] = (axis, first block, last block + 1, first coefficient); numbers = (a, a for differences, b, scale, source scale).
+    """
+    scale = numbers[3]
+    law = (general, numbers[0], numbers[1], numbers[2], increments, rule)
+    for axis in range(3):
+        copy(src, copies[:, copy_ranges[-1, axis, 0] : copy_ranges[-1, axis, 1]])
+        for tree in range(trees.shape[0]):
+            if trees[tree, 0] == axis:
+                fill_tree(tree, src, slots, memory, work, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember)
+                first, last = trees[tree, 1], trees[tree, 2]
+                material = coefficient[trees[tree, 3] :] if coefficient.size > 1 else coefficient
+                sweep_tree(slots, base, out, blocks[first:last], functions[first:last], groups[first:last], work.shape[0], weights[first:last],
+                           offsets[first:last], material, law)  # fmt: skip
+                first, last = cut_ranges[tree], cut_ranges[tree + 1]
+                cut(src, slots, base, out, scale, cut_nodes[first:last], cut_neighbours[first:last], cut_weights[first:last], increments)
+    sweep_core(src, base, out, blocks[0], functions[0], groups[0], backward, weights[0], offsets[0], coefficient, law)
+    first = cut_ranges[trees.shape[0]]
+    cut(src, src, base, out, scale, cut_nodes[first:], cut_neighbours[first:], cut_weights[first:], increments)
+
+
+@njit(error_model="numpy", cache=True)
+def advance(steps, phase, levels, stages, numbers, increments, slots, memory, work, trees, blocks, functions, groups, weights, offsets, general,
+            copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
+            cut_ranges, cut_nodes, cut_neighbours, cut_weights, damped, damp_before, damp_after, damp_leak,
             source_nodes, source_fields, source_times):  # fmt: skip
     """Run `steps` steps from the rotation `phase`; the level that then holds the state is ``stages[phase', 0, 0]``.
 
-    stages[phase, stage] = (in, base, out) levels; numbers[stage] = (a, a for differences, b, weight scale, source scale).
+    stages[phase, stage] = (in, base, out) levels; numbers[stage] as in `stage`.
     source_times[step, stage, j] multiplies source_fields[j] on source_nodes.
     """
     per_step = stages.shape[1]
     for step in range(steps):
-        for stage in range(per_step):
-            src = levels[stages[phase, stage, 0]]
-            base = levels[stages[phase, stage, 1]]
-            out = levels[stages[phase, stage, 2]]
-            a, a_difference, b, scale, source_scale = (numbers[stage, 0], numbers[stage, 1], numbers[stage, 2], numbers[stage, 3],
-                                                       numbers[stage, 4])  # fmt: skip
+        for part in range(per_step):
+            src = levels[stages[phase, part, 0]]
+            base = levels[stages[phase, part, 1]]
+            out = levels[stages[phase, part, 2]]
+            scale, source_scale = numbers[part, 3], numbers[part, 4]
             for i in range(damped.size):
                 node = damped[i]
                 if increments:
                     base[node] *= damp_before[i]
                 else:
                     base[node] = src[node] - (src[node] - base[node]) * damp_before[i]
-            sweep(src, slots, base, out, blocks, functions, groups, work.shape[0], (phase + stage) % 2 == 1, weights[stage], offsets, general[stage],
-                  a, a_difference, b, increments, coefficient, slot_coefficient, rule)  # fmt: skip
-            for i in range(cut_nodes.size):
-                node, other = cut_nodes[i], cut_neighbours[i]
-                end = src[other] if other < src.size else slots[other - src.size]
-                lost = scale * cut_weights[i] * (end - src[node])
-                out[node] -= lost
-                if increments:
-                    base[node] -= lost
+            stage(src, base, out, numbers[part], increments, (phase + part) % 2 == 1, slots, memory, work, trees, blocks, functions, groups,
+                  weights[part], offsets, general[part], copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
+                  cut_ranges, cut_nodes, cut_neighbours, cut_weights)  # fmt: skip
             for j in range(source_fields.shape[0]):
-                amplitude = source_scale * source_times[step, stage, j]
+                amplitude = source_scale * source_times[step, part, j]
                 if amplitude != 0:
                     for i in range(source_nodes.size):
                         gain = amplitude * source_fields[j, i]
@@ -261,6 +303,5 @@ def advance(steps, phase, levels, slots, memory, work, stages, numbers, incremen
                 out[node] = src[node] + (out[node] - src[node]) * damp_after[i] - scale * damp_leak[i] * src[node]
                 if increments:
                     base[node] = out[node] - src[node]
-            fill(out, slots, memory, work, blocks, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember)
         phase = (phase + 1) % stages.shape[0]
     return phase
