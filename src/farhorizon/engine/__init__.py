@@ -15,7 +15,9 @@ __all__ = ["Engine", "Layer", "Layout", "available_threads"]
 
 RULES = ("both", "arithmetic", "harmonic")
 _UNROLLED_LIMIT = 1200  # products in straight-line code beyond which compiling takes longer than a run
-_GROUPS = ((2, 4), (1, 8), (2, 2), (1, 4), (1, 1))  # rows swept together, the fastest first
+_GROUPS = ((2, 4), (1, 8), (8, 1), (2, 2), (1, 4), (4, 1), (1, 1))  # rows swept together, the fastest first
+_STREAMED = ((1, 6),)  # the same for levels beyond any cache: eight rows are more streams than the hardware follows
+_STREAMED_NODES = 2_500_000
 _PARALLEL_NODES = 160_000  # fewer nodes than this finish before a second thread has started
 
 
@@ -105,7 +107,7 @@ class Engine:
         self.slots = _zeros(self.layout.slots, self.dtype)
         self.memory = _zeros(self.layout.memory if self.remember else LINES, self.dtype)
         self.phase = 0
-        self._work = np.zeros((self.threads, columns + 2, 2 * max(self.layout.reach) + 1, LINES), self.dtype)
+        self._work = np.zeros((self.threads, (columns + 2) * (2 * max(self.layout.reach) + 1) * LINES), self.dtype)
         self._coefficient = np.ones(1, self.dtype)
         self._rule = RULES.index(rule)
         self._collect_sweeps(coefficient is not None)
@@ -157,7 +159,8 @@ class Engine:
     def _group(self, block: Block, budget: int) -> tuple[int, int]:
         """Rows of a block to sweep together: neighbours along axes of the medium that the block does not stretch."""
         free = [self.layout.reach[a] > 0 and block.segment[a] == 0 for a in block.order[:2]]
-        return next(g for g in _GROUPS if g[0] * g[1] <= budget and all(f or n == 1 for f, n in zip(free, g, strict=True)))
+        preferred = _STREAMED if int(np.prod(block.nodes)) > _STREAMED_NODES and block.nodes[block.order[0]] == 1 else ()
+        return next(g for g in (*preferred, *_GROUPS) if g[0] * g[1] <= budget and all(f or n == 1 for f, n in zip(free, g, strict=True)))
 
     def _trees(self) -> np.ndarray:
         """Rows (axis, first block, last block + 1, first place) of the compiled loop, one a tree."""

@@ -199,7 +199,8 @@ class Layout:
         idle = [a for a in range(3) if self.reach[a] == 0]  # axes that 1D and 2D lack stay slowest
         stretched = [a for a in range(3) if segment[a]]
         free = [a for a in range(3) if not segment[a] and a not in idle]
-        order = tuple(idle + stretched[::-1] + free)
+        # Lines along the fastest axis; the slots of one line close together.
+        order = tuple(idle + free[:-1] + stretched[::-1] + free[-1:])
         nodes = tuple(self.layers[a, side][0] if side else self.core[a] for a, side in enumerate(segment))
         first = stretched[0] if stretched else 3
         pad = tuple(m if a < first else 0 for a, m in enumerate(self.reach))  # what later trees read beyond the nodes

@@ -9,16 +9,14 @@ import numpy as np
 from numba import njit, prange
 
 from farhorizon.engine.layout import LINES
-from farhorizon.engine.simd import call_sweep, stretch_lines
+from farhorizon.engine.simd import call_sweep, stretch_chain
 
 PARALLEL = False
 
 CHUNK = 64
 
-stretch_bundle = stretch_lines(LINES, True)
-stretch_bundle_memoryless = stretch_lines(LINES, False)
-stretch_line = stretch_lines(1, True)
-stretch_line_memoryless = stretch_lines(1, False)
+stretch_remembering = stretch_chain(LINES, True)
+stretch_memoryless = stretch_chain(LINES, False)
 
 
 @njit(error_model="numpy", inline="always")
@@ -117,78 +115,80 @@ def sweep_tree(slots, base, out, blocks, functions, groups, lanes, weights, offs
 
 
 @njit(error_model="numpy", cache=True)
-def stretch(work, far, near, here, diagonal, memory, r, e, f, single, remember):
-    """One value of every line from its three neighbours in the (p, k) plane, given by their places in `work`."""
-    size = work.itemsize
-    start, cell = work.ctypes.data, LINES * size
-    far, near, here, diagonal = start + far * cell, start + near * cell, start + here * cell, start + diagonal * cell
-    if single:
-        if remember:
-            stretch_line(far, near, here, diagonal, memory, r, e, f)
-        else:
-            stretch_line_memoryless(far, near, here, diagonal, memory, r, e, f)
-    elif remember:
-        stretch_bundle(far, near, here, diagonal, memory, r, e, f)
+def stretch(near, diagonal, here, far, step, memory, r, e, f, turn, n, count, like, remember):
+    """One more offset along a chain of columns, with the layer's memory or without."""
+    if remember:
+        stretch_remembering(near, diagonal, here, far, step, memory, r, e, f, turn, n, count, like)
     else:
-        stretch_bundle_memoryless(far, near, here, diagonal, memory, r, e, f)
+        stretch_memoryless(near, diagonal, here, far, step, memory, r, e, f, turn, n, count, like)
 
 
 @njit(error_model="numpy", cache=True)
-def continue_lines(work, memory, m, kmax, columns, r, e, f, single, remember):
-    """U(p, k) for all k from U(p, 0) and the core's edge: outer end inwards for k > 0, outwards for k < 0 (the mirror image)."""
-    row, next_cell = work.shape[1], LINES * work.itemsize
+def continue_lines(inner, inner_k, slot, slot_p, slot_k, zero, memory, cell, kmax, columns, r, e, f, count, remember):
+    """U(p, k) for all k from U(p, 0) and the core's edge: outer end inwards for k > 0, outwards for k < 0 (the mirror image).
+
+    Byte addresses of U(0, 0), of U(1, 0) and of zeros, and the distances between offsets k and between columns p.
+    """
+    like, size = r[0], r.itemsize
+    low = r.ctypes.data, e.ctypes.data, f.ctypes.data
+    high = low[0] + columns * size, low[1] + columns * size, low[2] + columns * size
     for k in range(kmax):
-        for p in range(columns, -1, -1):
-            here, diagonal = p * row + m + k, (p + 1) * row + m + k + 1
-            stretch(work, here + 1, diagonal - 1, here, diagonal, memory, r[p], e[p], f[p], single, remember)
-            memory += next_cell
+        here, far, last = slot + k * slot_k, slot + (k + 1) * slot_k, (columns - 1) * slot_p
+        stretch(zero, zero, here + last, far + last, -slot_p, memory, high[0], high[1], high[2], -1, columns, count, like, remember)
+        memory += columns * cell
+        edge = inner + k * inner_k
+        stretch(here, far, edge, edge + inner_k, 0, memory, low[0], low[1], low[2], 1, 1, count, like, remember)
+        memory += cell
     for k in range(kmax):
-        for p in range(columns):
-            here, diagonal = (p + 1) * row + m - k, p * row + m - k - 1
-            stretch(work, here - 1, diagonal + 1, here, diagonal, memory, r[p], e[p], f[p], single, remember)
-            memory += next_cell
+        here, edge = slot - k * slot_k, inner - k * inner_k
+        stretch(edge, edge - inner_k, here, here - slot_k, slot_p, memory, low[0], low[1], low[2], 1, columns, count, like, remember)
+        memory += columns * cell
 
 
-@njit(error_model="numpy", inline="always")
-def move(array, at, step, work, p, q, count, out):
-    """Values of a bundle of lines from an array into the work space, or back."""
-    if step == 1:
-        line = array[at : at + count]
-        if out:
-            for i in range(count):
-                line[i] = work[p, q, i]
-        else:
-            for i in range(count):
-                work[p, q, i] = line[i]
-    elif out:
-        for i in range(count):
-            array[at + i * step] = work[p, q, i]
-    else:
-        for i in range(count):
-            work[p, q, i] = array[at + i * step]
+@njit(error_model="numpy", cache=True)
+def move(to, at, step, source, start, source_step, count):
+    """`count` values from one array to another."""
+    for i in range(count):
+        to[at + i * step] = source[start + i * source_step]
 
 
 @njit(error_model="numpy", cache=True)
 def fill_task(level, slots, memory, work, task, m, r, e, f, remember):
-    """Continue one bundle of lines into a layer: read the edge of what lies inside, write its halo and the layer's slots."""
+    """Continue one bundle of lines into a layer: read the edge of what lies inside, write its halo and the layer's slots.
+
+    work[0] holds zeros; lines whose values are not neighbours in memory pass through the rest of it.
+    """
     inner, inner_k, inner_line, node, node_p, node_line = task[0], task[1], task[2], task[3], task[4], task[5]
     slot, slot_p, slot_k, slot_line = task[6], task[7], task[8], task[9]
-    count, store, kmax, columns, first = task[10], task[11], task[12], task[14], task[15]
+    count, kmax, columns, first = task[10], task[12], task[14], task[15]
     source = level if first else slots
-    if count < LINES:  # idle lanes stay zero, so that the memory is a function of the state alone
-        work[:, :, count:] = 0
-    work[columns + 1] = 0
-    for k in range(kmax + 1):
-        move(source, inner - k * inner_k, inner_line, work, 0, m - k, count, False)
-    for p in range(1, columns + 1):
-        move(source, node + (p - 1) * node_p, node_line, work, p, m, count, False)
-    continue_lines(work, memory.ctypes.data + store * memory.itemsize, m, kmax, columns, r, e, f, count == 1, remember)
-    for k in range(1, kmax + 1):
-        move(source, inner + k * inner_k, inner_line, work, 0, m + k, count, True)
-    for k in range(-kmax, kmax + 1):
-        if k != 0 or first:
-            for p in range(1, columns + 1):
-                move(slots, slot + (p - 1) * slot_p + k * slot_k, slot_line, work, p, m + k, count, True)
+    size = work.itemsize
+    zero, cell = work.ctypes.data, LINES * size
+    row, middle = (2 * m + 1) * LINES, m * LINES  # values of one column in the work space; place of k = 0
+    inside, outside = inner_line == 1, slot_line == 1  # in place
+    edge, edge_k = source.ctypes.data + inner * size, inner_k * size
+    if not inside:
+        edge, edge_k = zero + (row + middle) * size, cell
+        for k in range(kmax + 1):
+            move(work, row + middle - k * LINES, 1, source, inner - k * inner_k, inner_line, count)
+    begin, p_step, k_step = slots.ctypes.data + slot * size, slot_p * size, slot_k * size
+    if outside:
+        if first:
+            for p in range(columns):
+                move(slots, slot + p * slot_p, 1, level, node + p * node_p, node_line, count)
+    else:
+        begin, p_step, k_step = zero + (2 * row + middle) * size, row * size, cell
+        for p in range(columns):
+            move(work, (p + 2) * row + middle, 1, source, node + p * node_p, node_line, count)
+    continue_lines(edge, edge_k, begin, p_step, k_step, zero, memory.ctypes.data + task[11] * size, cell, kmax, columns, r, e, f, count, remember)
+    if not inside:
+        for k in range(1, kmax + 1):
+            move(source, inner + k * inner_k, inner_line, work, row + middle + k * LINES, 1, count)
+    if not outside:
+        for k in range(-kmax, kmax + 1):
+            if k != 0 or first:
+                for p in range(columns):
+                    move(slots, slot + p * slot_p + k * slot_k, slot_line, work, (p + 2) * row + middle + k * LINES, 1, count)
 
 
 @njit(error_model="numpy", parallel=PARALLEL, cache=True)

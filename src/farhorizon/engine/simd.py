@@ -1,4 +1,4 @@
-"""Explicit SIMD: two Numba intrinsics that emit vector instructions, and a third that calls a function by its address.
+"""Explicit SIMD: Numba intrinsics that emit vector instructions, and one that calls a function by its address.
 
 Numba's vectoriser loses most of the speed on loops of this kind, so the vector instructions are emitted here. Products
 carry the ``contract`` flag only: a fixed order of summation keeps results deterministic and the registers few.
@@ -199,31 +199,70 @@ def call_sweep(typingctx, function, src, base, out, weights, a, b, n, s0, s1, s2
     return signature, codegen
 
 
-def stretch_lines(lines: int, remember: bool) -> Any:
-    """Make the intrinsic ``stretch(far, near, here, diagonal, memory, r, e, f)`` for `lines` values side by side.
+def stretch_chain(lines: int, remember: bool) -> Any:
+    """Make the intrinsic that continues a bundle of lines by one offset along a chain of columns.
 
-    ``d = here - diagonal; far = near + r*d - memory; memory = e*memory + f*d``, without the memory unless `remember`.
-    Takes byte addresses and three numbers.
+    ``stretch(near, diagonal, here, far, step, memory, r, e, f, turn, n, count, like)``: at each of `n` columns, `step` bytes apart,
+    ``d = here - diagonal; far = near + r*d - memory; memory = e*memory + f*d`` on the first `count` of `lines` values side by
+    side (without the memory unless `remember`), where `near` and `diagonal` are `here` and `far` of the column before.
+
+    All but `turn` (+1 or -1: direction in which the tables r, e, f are read), `n`, `count` and `like` (a number of the wanted
+    precision) are byte addresses; n > 0. Reads up to `lines` values from each address, writes `count`. A whole bundle has plain
+    stores: what a masked store wrote cannot be read back before it has reached the cache.
     """
 
+    def chain(builder: ir.IRBuilder, args: tuple[Any, ...], vectors: _Vectors, stores: list[Any]) -> None:
+        near, diagonal, here, far, step, memory, r, e, f, turn, n, _, like = args
+        parts = range(len(stores))
+
+        def at(address: Any, part: int) -> Any:
+            return builder.add(address, _I64(part * vectors.lanes * vectors.size))
+
+        start = [vectors.load(at(address, part)) for address in (near, diagonal) for part in parts]
+        before, body, after = builder.block, builder.append_basic_block("columns"), builder.append_basic_block("done")
+        builder.branch(body)
+        builder.position_at_end(body)
+        column = builder.phi(_I64)
+        carried = [builder.phi(vectors.type) for _ in start]
+        for phi, first in zip([column, *carried], [_I64(0), *start], strict=True):
+            phi.add_incoming(first, before)
+        move, turned = builder.mul(column, step), builder.mul(builder.mul(column, turn), _I64(vectors.size))
+        kept = builder.add(memory, builder.mul(column, _I64(lines * vectors.size)))
+        r_all, e_all, f_all = (vectors.splat(builder.load(vectors.pointer(builder.add(table, turned), like.type))) for table in (r, e, f))
+        heres, news = [], []
+        for part, store in enumerate(stores):
+            value = vectors.load(at(builder.add(here, move), part))
+            d = builder.fsub(value, carried[len(parts) + part])
+            new = vectors.multiply_add(carried[part], r_all, d)
+            if remember:
+                old = vectors.load(at(kept, part))
+                new = builder.fsub(new, old)
+                store(vectors.multiply_add(builder.fmul(e_all, old, flags=_CONTRACT), f_all, d), at(kept, part))
+            store(new, at(builder.add(far, move), part))
+            heres.append(value)
+            news.append(new)
+        following = builder.add(column, _I64(1))
+        for phi, value in zip([column, *carried], [following, *heres, *news], strict=True):
+            phi.add_incoming(value, builder.block)
+        builder.cbranch(builder.icmp_signed("<", following, n), body, after)
+        builder.position_at_end(after)
+
     @intrinsic
-    def stretch(typingctx, far, near, here, diagonal, memory, r, e, f):  # type: ignore[no-untyped-def]
+    def stretch(typingctx, near, diagonal, here, far, step, memory, r, e, f, turn, n, count, like):  # type: ignore[no-untyped-def]
         def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-            scalar = args[5].type
-            lanes = min(lines, 8 if isinstance(scalar, ir.DoubleType) else 16)
-            vectors = _Vectors(builder, scalar, lanes)
-            factors = [vectors.splat(number) for number in args[5:]]
-            for first in range(0, lines, lanes):
-                far, near, here, diagonal, memory = (builder.add(address, _I64(first * vectors.size)) for address in args[:5])
-                d = builder.fsub(vectors.load(here), vectors.load(diagonal))
-                new = vectors.multiply_add(vectors.load(near), factors[0], d)
-                if remember:
-                    old = vectors.load(memory)
-                    new = builder.fsub(new, old)
-                    vectors.store(vectors.multiply_add(builder.fmul(factors[1], old, flags=_CONTRACT), factors[2], d), memory)
-                vectors.store(new, far)
+            count, like = args[-2:]
+            full = 8 if isinstance(like.type, ir.DoubleType) else 16
+            one, many = _Vectors(builder, like.type, 1), _Vectors(builder, like.type, full)
+            with builder.if_else(builder.icmp_signed("==", count, _I64(lines))) as (whole, part):
+                with whole:
+                    chain(builder, args, many, [many.store] * (lines // full))
+                with part, builder.if_else(builder.icmp_signed("==", count, _I64(1))) as (single, several):
+                    with single:
+                        chain(builder, args, one, [one.store])
+                    with several:
+                        chain(builder, args, many, [many.store_first(builder.sub(count, _I64(first))) for first in range(0, lines, full)])
             return context.get_dummy_value()
 
-        return types.void(*[types.int64] * 5, r, r, r), codegen
+        return types.void(*[types.int64] * 12, like), codegen
 
     return stretch
