@@ -17,7 +17,7 @@ RULES = ("both", "arithmetic", "harmonic")
 _UNROLLED_LIMIT = 1200  # products in straight-line code beyond which compiling takes longer than a run
 _GROUPS = ((2, 4), (1, 8), (8, 1), (2, 2), (1, 4), (4, 1), (1, 1))  # rows swept together, the fastest first
 _STREAMED = ((1, 6),)  # the same for levels beyond any cache: eight rows are more streams than the hardware follows
-_STREAMED_NODES = 2_500_000
+_STREAMED_NODES = 500_000
 _PARALLEL_NODES = 160_000  # fewer nodes than this finish before a second thread has started
 
 
@@ -280,7 +280,7 @@ class Engine:
         law = (general, *numbers[:3], self.stages.increments, self._rule)
         self._driver.sweep_core(level, base, out, blocks[0], functions[0], groups[0], False, weights[0], offsets[0], self._coefficient, law)
         ranges, *cuts = self._cuts
-        self._driver.cut(level, level, base, out, numbers[3], *(part[ranges[-1] :] for part in cuts), self.stages.increments)
+        self._driver.cut(level, level, base, out, numbers[3], ranges[-1], len(cuts[0]), *cuts, self.stages.increments)
         return (base if self.stages.increments else out) / numbers[3]
 
     def _plain(self, level: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

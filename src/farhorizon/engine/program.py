@@ -106,10 +106,10 @@ def sweep_core(src, base, out, block, functions, group, backward, weights, offse
 
 
 @njit(error_model="numpy", parallel=PARALLEL, cache=True)
-def sweep_tree(slots, base, out, blocks, functions, groups, lanes, weights, offsets, coefficient, law):
-    """All blocks of a tree."""
+def sweep_tree(slots, base, out, first, last, blocks, functions, groups, lanes, weights, offsets, coefficient, law):
+    """The blocks of a tree."""
     for lane in prange(lanes):
-        for k in range(blocks.shape[0]):
+        for k in range(first, last):
             for number in range(lane, count_groups(blocks[k], groups[k]), lanes):
                 sweep_group(slots, base, out, blocks[k], number, groups[k], functions[k], weights[k], offsets[k], coefficient, law)
 
@@ -192,46 +192,46 @@ def fill_task(level, slots, memory, work, task, m, r, e, f, remember):
 
 
 @njit(error_model="numpy", parallel=PARALLEL, cache=True)
-def fill_tasks(level, slots, memory, work, tasks, reach, r, e, f, remember):
-    """All tasks of one tree and axis."""
+def fill_tasks(level, slots, memory, work, first, last, tasks, reach, r, e, f, remember):
+    """The tasks of one tree and axis."""
     lanes = work.shape[0]
     for lane in prange(lanes):
-        for t in range(lane, tasks.shape[0], lanes):
+        for t in range(first + lane, last, lanes):
             profile = tasks[t, 13]
             fill_task(level, slots, memory, work[lane], tasks[t], reach, r[profile], e[profile], f[profile], remember)
 
 
 @njit(error_model="numpy", cache=True)
-def copy(array, pairs):
+def copy(array, copies, bounds):
     """Periodic copies."""
-    for i in range(pairs.shape[1]):
-        array[pairs[0, i]] = array[pairs[1, i]]
+    for i in range(bounds[0], bounds[1]):
+        array[copies[0, i]] = array[copies[1, i]]
 
 
 @njit(error_model="numpy", cache=True)
 def fill_tree(tree, level, slots, memory, work, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember):
     """Halo and slots of one tree, axis by axis."""
     for axis in range(3):
-        copy(slots, copies[:, copy_ranges[tree, axis, 0] : copy_ranges[tree, axis, 1]])
+        copy(slots, copies, copy_ranges[tree, axis])
         first, last = task_ranges[tree, axis, 0], task_ranges[tree, axis, 1]
         if first < last:
-            fill_tasks(level, slots, memory, work, tasks[first:last], reach[axis], r, e, f, remember)
+            fill_tasks(level, slots, memory, work, first, last, tasks, reach[axis], r, e, f, remember)
 
 
 @njit(error_model="numpy", cache=True)
 def fill(level, slots, memory, work, trees, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember):
     """Fill all halos of one level and advance the layers' memory to its time."""
     for axis in range(3):
-        copy(level, copies[:, copy_ranges[-1, axis, 0] : copy_ranges[-1, axis, 1]])
+        copy(level, copies, copy_ranges[-1, axis])
         for tree in range(trees.shape[0]):
             if trees[tree, 0] == axis:
                 fill_tree(tree, level, slots, memory, work, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember)
 
 
 @njit(error_model="numpy", cache=True)
-def cut(src, values, base, out, scale, nodes, neighbours, weights, increments):
+def cut(src, values, base, out, scale, first, last, nodes, neighbours, weights, increments):
     """Take back the absent bonds from `nodes` to `neighbours` among `values`."""
-    for i in range(nodes.size):
+    for i in range(first, last):
         lost = scale * weights[i] * (values[neighbours[i]] - src[nodes[i]])
         out[nodes[i]] -= lost
         if increments:
@@ -249,19 +249,16 @@ def stage(src, base, out, numbers, increments, backward, slots, memory, work, tr
     scale = numbers[3]
     law = (general, numbers[0], numbers[1], numbers[2], increments, rule)
     for axis in range(3):
-        copy(src, copies[:, copy_ranges[-1, axis, 0] : copy_ranges[-1, axis, 1]])
+        copy(src, copies, copy_ranges[-1, axis])
         for tree in range(trees.shape[0]):
             if trees[tree, 0] == axis:
                 fill_tree(tree, src, slots, memory, work, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember)
                 first, last = trees[tree, 1], trees[tree, 2]
                 material = coefficient[trees[tree, 3] :] if coefficient.size > 1 else coefficient
-                sweep_tree(slots, base, out, blocks[first:last], functions[first:last], groups[first:last], work.shape[0], weights[first:last],
-                           offsets[first:last], material, law)  # fmt: skip
-                first, last = cut_ranges[tree], cut_ranges[tree + 1]
-                cut(src, slots, base, out, scale, cut_nodes[first:last], cut_neighbours[first:last], cut_weights[first:last], increments)
+                sweep_tree(slots, base, out, first, last, blocks, functions, groups, work.shape[0], weights, offsets, material, law)
+                cut(src, slots, base, out, scale, cut_ranges[tree], cut_ranges[tree + 1], cut_nodes, cut_neighbours, cut_weights, increments)
     sweep_core(src, base, out, blocks[0], functions[0], groups[0], backward, weights[0], offsets[0], coefficient, law)
-    first = cut_ranges[trees.shape[0]]
-    cut(src, src, base, out, scale, cut_nodes[first:], cut_neighbours[first:], cut_weights[first:], increments)
+    cut(src, src, base, out, scale, cut_ranges[trees.shape[0]], cut_nodes.size, cut_nodes, cut_neighbours, cut_weights, increments)
 
 
 @njit(error_model="numpy", cache=True)
