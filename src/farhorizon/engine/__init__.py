@@ -13,12 +13,13 @@ from farhorizon.engine.layout import ALIGN, LINES, TASK_FIELDS, Block, Layout
 
 __all__ = ["Engine", "Layer", "Layout", "available_threads"]
 
+_ALONE = np.zeros(1, np.int64)  # what threads share when there is one
 RULES = ("both", "arithmetic", "harmonic")
 _UNROLLED_LIMIT = 1200  # products in straight-line code beyond which compiling takes longer than a run
 _GROUPS = ((2, 4), (1, 8), (8, 1), (2, 2), (1, 4), (4, 1), (1, 1))  # rows swept together, the fastest first
 _STREAMED = ((1, 6),)  # the same for levels beyond any cache: eight rows are more streams than the hardware follows
 _STREAMED_NODES = 500_000
-_PARALLEL_NODES = 160_000  # fewer nodes than this finish before a second thread has started
+_PARALLEL_NODES = 40_000  # fewer nodes than this finish before a second thread has started
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,7 @@ class Engine:
         names = list(self.layers)
         self.threads = threads if int(np.prod(core)) >= _PARALLEL_NODES else 1
         sides = {name: (self.layers[name].columns, i) for i, name in enumerate(names)}
-        self.layout = Layout(tuple(core), self.offsets, sides, frozenset(periodic), apart=self.threads == 1)
+        self.layout = Layout(tuple(core), self.offsets, sides, frozenset(periodic))
         self.core = self.layout.blocks[0, 0, 0]
         columns = max((layer.columns for layer in self.layers.values()), default=0)
         self._recursion = np.zeros((3, max(len(names), 1), columns + 1), self.dtype)
@@ -116,7 +117,7 @@ class Engine:
             self._coefficient = self.spread(coefficient)
         self.set_cuts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
         self.set_damping(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros(0))
-        self._driver = load_driver(self.threads > 1)
+        self._driver = load_driver()
 
     # --- tables of the compiled loop ---------------------------------------------------------------------------
 
@@ -250,37 +251,28 @@ class Engine:
         rotation = self._rotation[self.phase, 0]
         return self.levels[rotation[2]]
 
-    def _set_threads(self) -> None:
-        if self.threads > 1:
-            import numba
-
-            numba.set_num_threads(self.threads)
-
     def fill(self, level: np.ndarray, advance: bool = False) -> None:
         """Fill the halo of a level; with `advance` the layers' memory moves on to its time."""
-        self._set_threads()
         memory = self.memory if advance else self.memory.copy()
         self._driver.fill(level, self.slots, memory, self._work, self._sweeps[0], *self._fills, *self._recursion, self.remember)
 
     def apply(self, level: np.ndarray) -> np.ndarray:
         """The operator L on a level, as a level (its nodes only are meaningful); fills the halo of `level`."""
-        self._set_threads()
         out, base, numbers = self._plain(level)
         self._driver.stage(
-            level, base, out, numbers, self.stages.increments, False, self.slots, self.memory.copy(), self._work, *self._last_sweeps, *self._fills,
-            *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
+            0, 1, _ALONE, level, base, out, numbers, self.stages.increments, False, self.slots, self.memory.copy(), self._work,
+            *self._last_sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
         )  # fmt: skip
         return (base if self.stages.increments else out) / numbers[3]
 
     def apply_core(self, level: np.ndarray) -> np.ndarray:
         """The operator L on the core of a level with whatever its halo holds."""
-        self._set_threads()
         out, base, numbers = self._plain(level)
         _, blocks, functions, groups, weights, offsets, general = self._last_sweeps
         law = (general, *numbers[:3], self.stages.increments, self._rule)
-        self._driver.sweep_core(level, base, out, blocks[0], functions[0], groups[0], False, weights[0], offsets[0], self._coefficient, law)
+        self._driver.sweep_core(0, 1, level, base, out, blocks[0], functions[0], groups[0], False, weights[0], offsets[0], self._coefficient, law)
         ranges, *cuts = self._cuts
-        self._driver.cut(level, level, base, out, numbers[3], ranges[-1], len(cuts[0]), *cuts, self.stages.increments)
+        self._driver.cut(0, 1, _ALONE, level, level, base, out, numbers[3], ranges[-1], len(cuts[0]), *cuts, self.stages.increments)
         return (base if self.stages.increments else out) / numbers[3]
 
     def _plain(self, level: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -294,13 +286,16 @@ class Engine:
         return trees, blocks, functions, groups, weights[-1], offsets, general[-1]
 
     def advance(self, steps: int, source_nodes: np.ndarray, source_fields: np.ndarray, source_times: np.ndarray) -> None:
-        """Run steps without returning to Python; sources as in `program.advance`."""
-        self._set_threads()
-        self.phase = self._driver.advance(
-            steps, self.phase, self.levels, self._rotation, self._numbers, self.stages.increments, self.slots, self.memory, self._work,
+        """Run steps without returning to Python; sources as in `program.run`."""
+        state = (
+            self.phase, self.levels, self._rotation, self._numbers, self.stages.increments, self.slots, self.memory, self._work,
             *self._sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts, *self._damping,
             source_nodes, source_fields, source_times,
         )  # fmt: skip
+        from farhorizon.engine.threads import side_by_side
+
+        side_by_side(lambda lane, lanes, sync: self._driver.run(lane, lanes, sync, steps, *state), self.threads)
+        self.phase = (self.phase + steps) % len(self._rotation)
 
     @property
     def absent_bonds(self) -> int:

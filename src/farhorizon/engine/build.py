@@ -36,9 +36,9 @@ def cache_folder() -> Path:
     return Path(tempfile.mkdtemp(prefix="farhorizon-"))
 
 
-def load_driver(parallel: bool) -> ModuleType:
-    """The compiled time loop for one thread, or for several."""
-    return _load("program", PARALLEL=parallel)
+def load_driver() -> ModuleType:
+    """The compiled time loop."""
+    return _load("program")
 
 
 def load_rows(shape: tuple[tuple[int, int, int], ...], classes: tuple[int, ...], group: tuple[int, int], real: str, increments: bool) -> int:
@@ -58,7 +58,9 @@ def _load(name: str, **settings: Any) -> ModuleType:
         assert count == 1, f"the template has no setting {key}"
     import numba
 
-    mark = "\n".join([template, *((_HERE / f"{part}.py").read_text() for part in ("simd", "layout")), numba.__version__, platform.machine()])
+    mark = "\n".join(
+        [template, *((_HERE / f"{part}.py").read_text() for part in ("simd", "layout", "threads")), numba.__version__, platform.machine()]
+    )
     name = f"{name}_" + hashlib.sha256(mark.encode()).hexdigest()[:20]
     if name in sys.modules:
         return sys.modules[name]

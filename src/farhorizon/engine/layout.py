@@ -5,7 +5,7 @@ stretched axis also needs the continued values U(p, k) for k = -m..m, its *slots
 node's neighbours along the axis are ``columns`` apart and its nodes are neighbours in memory, so the plain stencil applies to
 layer nodes as it does to core nodes; only the distances differ.
 
-Slots are wanted for one sweep only. The blocks whose first stretched axis is the same form a *tree*: it is filled axis by axis
+Slots are wanted for one sweep only. The blocks that share their first stretched axis and its side form a *tree*: it is filled axis by axis
 from the planes, swept, and its slots are given to the next tree, so that they hardly leave the cache.
 """
 
@@ -120,8 +120,6 @@ class Layout:
         Sides that carry a layer; side is -1 or +1.
     periodic : set of int
         Axes that close on themselves.
-    apart : bool
-        Trees of the two sides of an axis one after the other: less memory at a time, for one thread.
 
     Attributes
     ----------
@@ -143,7 +141,6 @@ class Layout:
     offsets: np.ndarray
     layers: Mapping[tuple[int, int], tuple[int, int]]
     periodic: frozenset[int]
-    apart: bool = False
     blocks: dict[tuple[int, ...], Block] = field(init=False)
     size: int = field(init=False)
     places: int = field(init=False)
@@ -168,7 +165,7 @@ class Layout:
         return self._tree_keys.index(self._tree_key(block)) if any(block.segment) else -1
 
     def _tree_key(self, block: Block) -> tuple[int, int]:
-        return (block.first, block.segment[block.first] if self.apart else 0)
+        return (block.first, block.segment[block.first])
 
     def _place_blocks(self) -> None:
         sides = [[s for s in (0, -1, 1) if s == 0 or (a, s) in self.layers] for a in range(3)]

@@ -1,17 +1,18 @@
-"""The compiled time loop. This text is a template: `engine.build` writes it out once for one thread and once for several.
+"""The compiled time loop.
 
-`advance` runs many steps without returning to Python. A step is one or more *stages*; a stage goes through the trees of the
+`run` goes through many steps without returning to Python. A step is one or more *stages*; a stage goes through the trees of the
 layers, fills and sweeps each (``out = a*in + b*base + weights * neighbours``), then sweeps the core, whose halo is now complete.
 Arrays named ``levels[l]`` are flat time levels laid out by `engine.layout`, ``slots`` the continued values of one tree.
+
+Several threads go through the same loop, each with its share (`lane` of `lanes`) of every part, and meet at barriers.
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from farhorizon.engine.layout import LINES
 from farhorizon.engine.simd import call_sweep, stretch_chain
-
-PARALLEL = False
+from farhorizon.engine.threads import barrier
 
 CHUNK = 64
 
@@ -82,12 +83,11 @@ def sweep_group(src, base, out, block, number, group, functions, weights, offset
     g0, g1 = group
     n1 = (block[2] + g1 - 1) // g1
     i0, i1 = (number // n1) * g0, (number % n1) * g1
-    if i0 + g0 <= block[1] and i1 + g1 <= block[2]:
-        sweep_at(src, base, out, block, i0, i1, functions[0], weights, offsets, coefficient, law)
-        return
-    for j0 in range(i0, min(i0 + g0, block[1])):
-        for j1 in range(i1, min(i1 + g1, block[2])):
-            sweep_at(src, base, out, block, j0, j1, functions[1], weights, offsets, coefficient, law)
+    whole = i0 + g0 <= block[1] and i1 + g1 <= block[2]
+    step0, step1, function = (g0, g1, functions[0]) if whole else (1, 1, functions[1])
+    for j0 in range(i0, min(i0 + g0, block[1]), step0):
+        for j1 in range(i1, min(i1 + g1, block[2]), step1):
+            sweep_at(src, base, out, block, j0, j1, function, weights, offsets, coefficient, law)
 
 
 @njit(error_model="numpy", cache=True)
@@ -96,22 +96,22 @@ def count_groups(block, group):
     return ((block[1] + group[0] - 1) // group[0]) * ((block[2] + group[1] - 1) // group[1])
 
 
-@njit(error_model="numpy", parallel=PARALLEL, cache=True)
-def sweep_core(src, base, out, block, functions, group, backward, weights, offsets, coefficient, law):
+@njit(error_model="numpy", cache=True)
+def sweep_core(lane, lanes, src, base, out, block, functions, group, backward, weights, offsets, coefficient, law):
     """All groups of rows of the core; in every other stage the last first: it meets what the last stage left in the cache."""
     count = count_groups(block, group)
-    first, move = (count - 1, -1) if backward else (0, 1)
-    for i in prange(count):
-        sweep_group(src, base, out, block, first + move * i, group, functions, weights, offsets, coefficient, law)
+    first, last = count * lane // lanes, count * (lane + 1) // lanes
+    for i in range(first, last):
+        number = first + last - 1 - i if backward else i
+        sweep_group(src, base, out, block, number, group, functions, weights, offsets, coefficient, law)
 
 
-@njit(error_model="numpy", parallel=PARALLEL, cache=True)
-def sweep_tree(slots, base, out, first, last, blocks, functions, groups, lanes, weights, offsets, coefficient, law):
+@njit(error_model="numpy", cache=True)
+def sweep_tree(lane, lanes, slots, base, out, first, last, blocks, functions, groups, weights, offsets, coefficient, law):
     """The blocks of a tree."""
-    for lane in prange(lanes):
-        for k in range(first, last):
-            for number in range(lane, count_groups(blocks[k], groups[k]), lanes):
-                sweep_group(slots, base, out, blocks[k], number, groups[k], functions[k], weights[k], offsets[k], coefficient, law)
+    for k in range(first, last):
+        for number in range(lane, count_groups(blocks[k], groups[k]), lanes):
+            sweep_group(slots, base, out, blocks[k], number, groups[k], functions[k], weights[k], offsets[k], coefficient, law)
 
 
 @njit(error_model="numpy", cache=True)
@@ -130,18 +130,19 @@ def continue_lines(inner, inner_k, slot, slot_p, slot_k, zero, memory, cell, kma
     Byte addresses of U(0, 0), of U(1, 0) and of zeros, and the distances between offsets k and between columns p.
     """
     like, size = r[0], r.itemsize
-    low = r.ctypes.data, e.ctypes.data, f.ctypes.data
+    low = np.int64(r.ctypes.data), np.int64(e.ctypes.data), np.int64(f.ctypes.data)
     high = low[0] + columns * size, low[1] + columns * size, low[2] + columns * size
+    none, one = np.int64(0), np.int64(1)
     for k in range(kmax):
         here, far, last = slot + k * slot_k, slot + (k + 1) * slot_k, (columns - 1) * slot_p
-        stretch(zero, zero, here + last, far + last, -slot_p, memory, high[0], high[1], high[2], -1, columns, count, like, remember)
+        stretch(zero, zero, here + last, far + last, -slot_p, memory, high[0], high[1], high[2], -one, columns, count, like, remember)
         memory += columns * cell
         edge = inner + k * inner_k
-        stretch(here, far, edge, edge + inner_k, 0, memory, low[0], low[1], low[2], 1, 1, count, like, remember)
+        stretch(here, far, edge, edge + inner_k, none, memory, low[0], low[1], low[2], one, one, count, like, remember)
         memory += cell
     for k in range(kmax):
         here, edge = slot - k * slot_k, inner - k * inner_k
-        stretch(edge, edge - inner_k, here, here - slot_k, slot_p, memory, low[0], low[1], low[2], 1, columns, count, like, remember)
+        stretch(edge, edge - inner_k, here, here - slot_k, slot_p, memory, low[0], low[1], low[2], one, columns, count, like, remember)
         memory += columns * cell
 
 
@@ -163,42 +164,34 @@ def fill_task(level, slots, memory, work, task, m, r, e, f, remember):
     count, kmax, columns, first = task[10], task[12], task[14], task[15]
     source = level if first else slots
     size = work.itemsize
-    zero, cell = work.ctypes.data, LINES * size
+    zero, cell, one = np.int64(work.ctypes.data), LINES * size, np.int64(1)
     row, middle = (2 * m + 1) * LINES, m * LINES  # values of one column in the work space; place of k = 0
     inside, outside = inner_line == 1, slot_line == 1  # in place
-    edge, edge_k = source.ctypes.data + inner * size, inner_k * size
+    edge, edge_k = np.int64(source.ctypes.data) + inner * size, inner_k * size
     if not inside:
         edge, edge_k = zero + (row + middle) * size, cell
         for k in range(kmax + 1):
-            move(work, row + middle - k * LINES, 1, source, inner - k * inner_k, inner_line, count)
-    begin, p_step, k_step = slots.ctypes.data + slot * size, slot_p * size, slot_k * size
+            move(work, row + middle - k * LINES, one, source, inner - k * inner_k, inner_line, count)
+    begin, p_step, k_step = np.int64(slots.ctypes.data) + slot * size, slot_p * size, slot_k * size
     if outside:
         if first:
             for p in range(columns):
-                move(slots, slot + p * slot_p, 1, level, node + p * node_p, node_line, count)
+                move(slots, slot + p * slot_p, one, level, node + p * node_p, node_line, count)
     else:
         begin, p_step, k_step = zero + (2 * row + middle) * size, row * size, cell
         for p in range(columns):
-            move(work, (p + 2) * row + middle, 1, source, node + p * node_p, node_line, count)
-    continue_lines(edge, edge_k, begin, p_step, k_step, zero, memory.ctypes.data + task[11] * size, cell, kmax, columns, r, e, f, count, remember)
+            move(work, (p + 2) * row + middle, one, source, node + p * node_p, node_line, count)
+    continue_lines(
+        edge, edge_k, begin, p_step, k_step, zero, np.int64(memory.ctypes.data) + task[11] * size, cell, kmax, columns, r, e, f, count, remember
+    )
     if not inside:
         for k in range(1, kmax + 1):
-            move(source, inner + k * inner_k, inner_line, work, row + middle + k * LINES, 1, count)
+            move(source, inner + k * inner_k, inner_line, work, row + middle + k * LINES, one, count)
     if not outside:
         for k in range(-kmax, kmax + 1):
             if k != 0 or first:
                 for p in range(columns):
-                    move(slots, slot + p * slot_p + k * slot_k, slot_line, work, (p + 2) * row + middle + k * LINES, 1, count)
-
-
-@njit(error_model="numpy", parallel=PARALLEL, cache=True)
-def fill_tasks(level, slots, memory, work, first, last, tasks, reach, r, e, f, remember):
-    """The tasks of one tree and axis."""
-    lanes = work.shape[0]
-    for lane in prange(lanes):
-        for t in range(first + lane, last, lanes):
-            profile = tasks[t, 13]
-            fill_task(level, slots, memory, work[lane], tasks[t], reach, r[profile], e[profile], f[profile], remember)
+                    move(slots, slot + p * slot_p + k * slot_k, slot_line, work, (p + 2) * row + middle + k * LINES, one, count)
 
 
 @njit(error_model="numpy", cache=True)
@@ -209,38 +202,51 @@ def copy(array, copies, bounds):
 
 
 @njit(error_model="numpy", cache=True)
-def fill_tree(tree, level, slots, memory, work, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember):
+def fill_tree(lane, lanes, sync, tree, level, slots, memory, work, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember):
     """Halo and slots of one tree, axis by axis."""
     for axis in range(3):
-        copy(slots, copies, copy_ranges[tree, axis])
+        bounds = copy_ranges[tree, axis]
+        if bounds[0] < bounds[1]:
+            if lane == 0:
+                copy(slots, copies, bounds)
+            barrier(sync, lanes)
         first, last = task_ranges[tree, axis, 0], task_ranges[tree, axis, 1]
         if first < last:
-            fill_tasks(level, slots, memory, work, first, last, tasks, reach[axis], r, e, f, remember)
+            for t in range(first + lane, last, lanes):
+                profile = tasks[t, 13]
+                fill_task(level, slots, memory, work[lane], tasks[t], reach[axis], r[profile], e[profile], f[profile], remember)
+            barrier(sync, lanes)
 
 
 @njit(error_model="numpy", cache=True)
 def fill(level, slots, memory, work, trees, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember):
     """Fill all halos of one level and advance the layers' memory to its time."""
+    sync = np.zeros(1, np.int64)
+    lane, lanes = np.int64(0), np.int64(1)
     for axis in range(3):
         copy(level, copies, copy_ranges[-1, axis])
         for tree in range(trees.shape[0]):
             if trees[tree, 0] == axis:
-                fill_tree(tree, level, slots, memory, work, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember)
+                fill_tree(lane, lanes, sync, tree, level, slots, memory, work, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember)
 
 
 @njit(error_model="numpy", cache=True)
-def cut(src, values, base, out, scale, first, last, nodes, neighbours, weights, increments):
+def cut(lane, lanes, sync, src, values, base, out, scale, first, last, nodes, neighbours, weights, increments):
     """Take back the absent bonds from `nodes` to `neighbours` among `values`."""
-    for i in range(first, last):
-        lost = scale * weights[i] * (values[neighbours[i]] - src[nodes[i]])
-        out[nodes[i]] -= lost
-        if increments:
-            base[nodes[i]] -= lost
+    if first == last:
+        return
+    if lane == 0:
+        for i in range(first, last):
+            lost = scale * weights[i] * (values[neighbours[i]] - src[nodes[i]])
+            out[nodes[i]] -= lost
+            if increments:
+                base[nodes[i]] -= lost
+    barrier(sync, lanes)
 
 
 @njit(error_model="numpy", cache=True)
-def stage(src, base, out, numbers, increments, backward, slots, memory, work, trees, blocks, functions, groups, weights, offsets, general,
-          copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
+def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slots, memory, work, trees, blocks, functions, groups, weights,
+          offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
           cut_ranges, cut_nodes, cut_neighbours, cut_weights):  # fmt: skip
     """``out = a*src + b*base + scale*L(src)`` everywhere; fills the halo of `src` and advances the layers' memory to its time.
 
@@ -249,27 +255,34 @@ def stage(src, base, out, numbers, increments, backward, slots, memory, work, tr
     scale = numbers[3]
     law = (general, numbers[0], numbers[1], numbers[2], increments, rule)
     for axis in range(3):
-        copy(src, copies, copy_ranges[-1, axis])
+        bounds = copy_ranges[-1, axis]
+        if bounds[0] < bounds[1]:
+            if lane == 0:
+                copy(src, copies, bounds)
+            barrier(sync, lanes)
         for tree in range(trees.shape[0]):
             if trees[tree, 0] == axis:
-                fill_tree(tree, src, slots, memory, work, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember)
+                fill_tree(lane, lanes, sync, tree, src, slots, memory, work, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember)
                 first, last = trees[tree, 1], trees[tree, 2]
                 material = coefficient[trees[tree, 3] :] if coefficient.size > 1 else coefficient
-                sweep_tree(slots, base, out, first, last, blocks, functions, groups, work.shape[0], weights, offsets, material, law)
-                cut(src, slots, base, out, scale, cut_ranges[tree], cut_ranges[tree + 1], cut_nodes, cut_neighbours, cut_weights, increments)
-    sweep_core(src, base, out, blocks[0], functions[0], groups[0], backward, weights[0], offsets[0], coefficient, law)
-    cut(src, src, base, out, scale, cut_ranges[trees.shape[0]], cut_nodes.size, cut_nodes, cut_neighbours, cut_weights, increments)
+                sweep_tree(lane, lanes, slots, base, out, first, last, blocks, functions, groups, weights, offsets, material, law)
+                barrier(sync, lanes)
+                cut(lane, lanes, sync, src, slots, base, out, scale, cut_ranges[tree], cut_ranges[tree + 1], cut_nodes, cut_neighbours, cut_weights,
+                    increments)  # fmt: skip
+    sweep_core(lane, lanes, src, base, out, blocks[0], functions[0], groups[0], backward, weights[0], offsets[0], coefficient, law)
+    barrier(sync, lanes)
+    cut(lane, lanes, sync, src, src, base, out, scale, cut_ranges[trees.shape[0]], cut_nodes.size, cut_nodes, cut_neighbours, cut_weights, increments)
 
 
-@njit(error_model="numpy", cache=True)
-def advance(steps, phase, levels, stages, numbers, increments, slots, memory, work, trees, blocks, functions, groups, weights, offsets, general,
-            copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
-            cut_ranges, cut_nodes, cut_neighbours, cut_weights, damped, damp_before, damp_after, damp_leak,
-            source_nodes, source_fields, source_times):  # fmt: skip
-    """Run `steps` steps from the rotation `phase`; the level that then holds the state is ``stages[phase', 0, 0]``.
+@njit(error_model="numpy", nogil=True, cache=True)
+def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, slots, memory, work, trees, blocks, functions, groups, weights,
+        offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
+        cut_ranges, cut_nodes, cut_neighbours, cut_weights, damped, damp_before, damp_after, damp_leak,
+        source_nodes, source_fields, source_times):  # fmt: skip
+    """One lane's share of `steps` steps from the rotation `phase`.
 
-    stages[phase, stage] = (in, base, out) levels; numbers[stage] as in `stage`.
-    source_times[step, stage, j] multiplies source_fields[j] on source_nodes.
+    After them the level ``stages[(phase + steps) % rotations, 0, 0]`` holds the state, where stages[phase, stage] = (in, base, out)
+    are level numbers; numbers[stage] as in `stage`. source_times[step, stage, j] multiplies source_fields[j] on source_nodes.
     """
     per_step = stages.shape[1]
     for step in range(steps):
@@ -278,27 +291,32 @@ def advance(steps, phase, levels, stages, numbers, increments, slots, memory, wo
             base = levels[stages[phase, part, 1]]
             out = levels[stages[phase, part, 2]]
             scale, source_scale = numbers[part, 3], numbers[part, 4]
-            for i in range(damped.size):
-                node = damped[i]
-                if increments:
-                    base[node] *= damp_before[i]
-                else:
-                    base[node] = src[node] - (src[node] - base[node]) * damp_before[i]
-            stage(src, base, out, numbers[part], increments, (phase + part) % 2 == 1, slots, memory, work, trees, blocks, functions, groups,
-                  weights[part], offsets, general[part], copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
-                  cut_ranges, cut_nodes, cut_neighbours, cut_weights)  # fmt: skip
-            for j in range(source_fields.shape[0]):
-                amplitude = source_scale * source_times[step, part, j]
-                if amplitude != 0:
-                    for i in range(source_nodes.size):
-                        gain = amplitude * source_fields[j, i]
-                        out[source_nodes[i]] += gain
-                        if increments:
-                            base[source_nodes[i]] += gain
-            for i in range(damped.size):
-                node = damped[i]
-                out[node] = src[node] + (out[node] - src[node]) * damp_after[i] - scale * damp_leak[i] * src[node]
-                if increments:
-                    base[node] = out[node] - src[node]
+            if damped.size:
+                for i in range(lane, damped.size, lanes):
+                    node = damped[i]
+                    if increments:
+                        base[node] *= damp_before[i]
+                    else:
+                        base[node] = src[node] - (src[node] - base[node]) * damp_before[i]
+                barrier(sync, lanes)
+            stage(lane, lanes, sync, src, base, out, numbers[part], increments, (phase + part) % 2 == 1, slots, memory, work, trees, blocks,
+                  functions, groups, weights[part], offsets, general[part], copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember,
+                  coefficient, rule, cut_ranges, cut_nodes, cut_neighbours, cut_weights)  # fmt: skip
+            if source_fields.shape[0]:
+                for j in range(source_fields.shape[0]):
+                    amplitude = source_scale * source_times[step, part, j]
+                    if amplitude != 0:
+                        for i in range(lane, source_nodes.size, lanes):
+                            gain = amplitude * source_fields[j, i]
+                            out[source_nodes[i]] += gain
+                            if increments:
+                                base[source_nodes[i]] += gain
+                barrier(sync, lanes)
+            if damped.size:
+                for i in range(lane, damped.size, lanes):
+                    node = damped[i]
+                    out[node] = src[node] + (out[node] - src[node]) * damp_after[i] - scale * damp_leak[i] * src[node]
+                    if increments:
+                        base[node] = out[node] - src[node]
+                barrier(sync, lanes)
         phase = (phase + 1) % stages.shape[0]
-    return phase
