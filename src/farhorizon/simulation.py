@@ -166,15 +166,18 @@ class Simulation:
                              remedy="a coarser or smaller lattice, thinner layers, or float32")  # fmt: skip
 
     def _memory_needed(self, itemsize: int) -> float:
-        """Bytes at the peak, in setting up: time levels and layer memory twice, and about seven fields of data besides coordinates."""
-        nodes = float(np.prod(np.array(self.lattice.shape, float)))
-        slots = 1.0
-        for axis, (n, m) in enumerate(zip(self.lattice.shape, self.stencil.reach, strict=True)):
-            columns = sum(layer.columns for (a, _), layer in self._layers.items() if a == axis)
-            sponge = sum(b.nodes for (a, _), b in self.sides.items() if a == axis and isinstance(b, Sponge))
-            slots *= n + 2 * m + sponge + columns * (2 * m + 1)
+        """Bytes at the peak, in setting up: three levels and the layers' memory once more, and about seven fields besides coordinates."""
+        reach = self.stencil.reach
+        shape = [
+            n + sum(b.nodes for (a, _), b in self.sides.items() if a == axis and isinstance(b, Sponge)) for axis, n in enumerate(self.lattice.shape)
+        ]
+        columns = [sum(layer.columns for (a, _), layer in self._layers.items() if a == axis) for axis in range(self.lattice.dim)]
+        nodes = [float(n + 2 * m + c) for n, m, c in zip(shape, reach, columns, strict=True)]
+        slots = [float(n + 2 * m + c * (2 * m + 1)) for n, m, c in zip(shape, reach, columns, strict=True)]
+        tree = max(c * (2 * m + 1) / (2 if c else 1) * np.prod(slots) / s for c, m, s in zip(columns, reach, slots, strict=True))
+        memory = sum(2 * m * c * np.prod(slots[:a]) * np.prod(nodes[a + 1 :]) for a, (c, m) in enumerate(zip(columns, reach, strict=True)))
         levels = self.model.integrator.stages(1.0, 0.0, self.lattice.dim == 1).levels
-        return 2 * itemsize * ((levels + 1) * slots - nodes) + 8 * (self.lattice.dim + 7) * nodes
+        return float(itemsize * ((levels + 3) * np.prod(nodes) + tree + 2 * memory) + 8 * (self.lattice.dim + 7) * np.prod(self.lattice.shape))
 
     def _choose_step(self, dt: float | None) -> float:
         if dt is None:
@@ -378,8 +381,8 @@ class Simulation:
         layer = self.engine.layout.blocks[tuple(side if a == lead + axis else 0 for a in range(3))]
         table = np.array(sorted(found[0]), int).reshape(-1, self.lattice.dim + 1)
         at = table[:, :-1].T
-        columns = [np.arange(layer.nodes[lead + axis])[:, None] if a == axis else at[a] for a in range(self.lattice.dim)]
-        index = (*[0] * lead, *columns)
+        normal = np.arange(layer.nodes[lead + axis])[:, None]
+        index: tuple[Any, ...] = (*[0] * lead, *(normal if a == axis else at[a] for a in range(self.lattice.dim)))
         flat = layer.node_indices()[index]
         other = layer.slot_indices()[index] + self.engine.offsets[table[:, -1]] @ np.array(layer.stride)
         return flat.ravel(), other.ravel(), np.broadcast_to(self.engine.weights[table[:, -1]], flat.shape).ravel()

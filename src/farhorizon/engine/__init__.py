@@ -144,7 +144,7 @@ class Engine:
         budget = _UNROLLED_LIMIT // max(len(shape or ()), 1)
         if shape and fits.any() and budget:
             numbers, classes = _weight_classes(rows)
-            for number in np.flatnonzero(fits):
+            for number in np.flatnonzero(fits).tolist():
                 groups[number] = group = self._group(blocks[number], budget)
                 functions[number] = [load_rows(shape, numbers, g, self.dtype.name, self.stages.increments) for g in (group, (1, 1))]
         scale = np.array([n[2] for n in self.stages.numbers])
