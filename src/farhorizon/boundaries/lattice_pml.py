@@ -108,9 +108,10 @@ def _wave_nodes(target: float, reach: int) -> int:
 
 
 def _wave_layer(nodes: int, speed: float, spacing: float, reach: int, dim: int) -> Layer:
-    """Linear ramp of sigma up to 1 (1D: 1.5) times 2c/spacing; wide stencils need a gentler entrance."""
+    """Ramp of sigma up to 1 (1D: 1.5) times 2c/spacing: linear, but a strong entrance makes wide stencils grow."""
     depth = (np.arange(nodes + 1) + 0.5) / (nodes + 1)
-    peak, power = (0.5, 3) if reach >= 6 else (1.5 if dim == 1 else 1.0, 1)
+    power = 1 if reach < 4 else 2 if reach < 6 else 3
+    peak = 0.5 if reach > 7 else 1.5 if dim == 1 and power == 1 else 1.0
     sigma = peak * 2 * speed / spacing * depth**power
     return Layer(np.ones(nodes + 1), sigma, np.full(nodes + 1, _SHIFT * speed / spacing))
 
