@@ -45,6 +45,11 @@ def wave(dim, operator, nodes, half=6.0, centre=(2.0, -1.0, 0.5)):
 KERNELS = [(1, "constant"), (2, "constant"), (3, "constant"), (3, "gaussian")]
 
 
+def slow(*cases):
+    """Cases of a table that run in the slow tier."""
+    return [pytest.param(*case, marks=pytest.mark.slow) for case in cases]
+
+
 @pytest.mark.parametrize("reach, influence", KERNELS)
 @pytest.mark.parametrize("nodes, limit", [(12, 3e-8), (16, 3e-9), (20, 1e-10)])
 def test_waves_in_the_plane(reach, influence, nodes, limit):
@@ -134,7 +139,7 @@ def test_diffusion(dim, operator, nodes, limit, integrator):
     """To 10 R^2 / diffusivity, relative to the maximum at that time."""
     half = {1: 4.0, 2: 3.0, 3: 1.5}[dim]
     lattice = box(half, dim)
-    until = {1: 10, 2: 10, 3: 4}[dim] * half**2
+    until = 10 * half**2
     narrow = 1 / (0.3 * half) ** 2
     setup = {
         "lattice": lattice, "model": fh.Diffusion(operator, integrator=integrator), "boundary": fh.LatticePML(nodes=nodes),
@@ -149,11 +154,11 @@ def cut_off(lattice, function):
     return np.where(values > 1e-4, values, 0.0)
 
 
-@pytest.mark.parametrize("reach", [1, 2, 3])
-def test_white_noise_decays(reach):
+@pytest.mark.parametrize(("dim", "reach"), [(1, 1), (1, 2), (1, 3), (2, 1), (2, 2), (2, 3), (2, 4), (2, 5), (2, 6), *slow((3, 1), (3, 2))])
+def test_white_noise_decays(dim, reach):
     """20 crossing times of white noise: the norm of the whole state does not grow over the last third."""
     rng = np.random.default_rng(1)
-    lattice = box(3.0, 2)
+    lattice = box(3.0, dim)
     sim = fh.Simulation(lattice, fh.Wave(kernel(reach)), fh.LatticePML(), initial={"u": rng.standard_normal(lattice.shape)})
     until = 20 * 6.0
     sim.run(2 * until / 3)
