@@ -12,8 +12,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-
 GOOD, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 _CHECKPOINT_SECONDS = 30.0
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from farhorizon import Diffusion, Fixed, Free, InputError, Periodic, Simulation, Source, Stencil, Wave
+from farhorizon import Diffusion, Fixed, Free, InputError, LatticePML, Periodic, Simulation, Source, Sponge, Stencil, Wave
 from farhorizon.integrators import Euler, RungeKutta4, Verlet
 from helpers import RULES, dense_operator, engine_apply, kernel_stencil, lattice_of, periodic_engine, roll_apply
 
@@ -99,18 +99,6 @@ def test_row_groups_in_3d(shape):
     check_apply(shape, kernel_stencil(3, 1))
 
 
-@pytest.mark.parametrize("kind", ["even", "skewed"])
-def test_two_threads(kind):
-    """Above 160000 nodes the rows are shared between threads; a serial engine does the same arithmetic."""
-    shape = (403, 401)
-    stencil = kernel_stencil(2, 3, 1) if kind == "even" else SKEWED[2]
-    two = check_apply(shape, stencil, threads=2)
-    assert two.threads == 2
-    one = periodic_engine(shape, stencil, EULER, 0.1, threads=1)
-    u = RANDOM.normal(size=shape)
-    np.testing.assert_array_equal(engine_apply(two, u), engine_apply(one, u))
-
-
 def test_small_lattices_run_on_one_thread():
     """A second thread costs more than it saves."""
     assert periodic_engine((30, 30), kernel_stencil(2, 2), EULER, 0.1, threads=2).threads == 1
@@ -128,10 +116,10 @@ def test_bond_coefficients(stencil, shape, rule):
     check_apply(shape, stencil, coefficient=coefficient, rule=rule)
 
 
-def test_bond_coefficients_in_single_precision_and_two_threads():
-    """The same in float32 and in parallel."""
-    coefficient = np.random.default_rng(5).uniform(0.1, 3, (401, 405))
-    check_apply((401, 405), kernel_stencil(2, 1), real="float32", coefficient=coefficient, rule="harmonic", threads=2)
+def test_bond_coefficients_in_single_precision():
+    """The same in float32, on more nodes than one chunk of a row."""
+    coefficient = np.random.default_rng(5).uniform(0.1, 3, (41, 405))
+    check_apply((41, 405), kernel_stencil(2, 1), real="float32", coefficient=coefficient, rule="harmonic")
 
 
 @pytest.mark.parametrize("rule", RULES)
@@ -252,15 +240,32 @@ def test_time_loop(dim, make, heterogeneous):
     np.testing.assert_allclose(sim.fields["u"].ravel(), expected, rtol=0, atol=1e-13 * max(1, np.abs(expected).max()))
 
 
-def test_time_loop_on_two_threads_is_bitwise_the_serial_one():
-    """The order of summation does not depend on the threads."""
-    lattice = lattice_of((403, 401))
-    u = np.random.default_rng(17).normal(size=lattice.shape)
-    runs = [Simulation(lattice, Wave(kernel_stencil(2, 3, 1)), Periodic(), {"u": u}, threads=n) for n in (1, 2)]
+THREADED = {
+    "layers, crack, source": (
+        (213, 201), Wave(kernel_stencil(2, 3, 1), damping=0.1), LatticePML(nodes=7),
+        {"cracks": [[(60.5, 80.5), (70.5, 120.5)]], "sources": [Source(lambda x, y, t: np.exp(-((x - 90) ** 2 + (y - 99) ** 2)) * np.sin(t))]},
+    ),
+    "skewed": ((213, 201), Wave(SKEWED[2]), LatticePML(nodes=5), {}),
+    "periodic and layers": ((213, 201), Wave(kernel_stencil(2, 2, 1)), {"x": LatticePML(nodes=6), "y": Periodic()}, {}),
+    "sponge, free": ((213, 201), Wave(kernel_stencil(2, 2, 1)), {"x": Sponge(nodes=20), "y": Free()}, {}),
+    "diffusion, RK4": ((40, 35, 33), Diffusion(kernel_stencil(3, 1), integrator="rk4"), LatticePML(nodes=4), {}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("threads", [2, 5])
+@pytest.mark.parametrize(("shape", "model", "boundary", "rest"), THREADED.values(), ids=THREADED)
+def test_threads_share_every_part_of_a_step(shape, model, boundary, rest, threads, monkeypatch):
+    """As many threads as cores or more: bitwise the serial run, boundary memory included, since the order of summation does not change."""
+    monkeypatch.setattr("farhorizon.simulation.available_threads", lambda: threads)
+    lattice = lattice_of(shape)
+    u = np.pad(np.random.default_rng(17).normal(size=[n - 16 for n in shape]), 8)
+    runs = [Simulation(lattice, model, boundary, {"u": u}, threads=n, **rest) for n in (1, threads)]
     for sim in runs:
-        sim.step(7)
-    assert [sim.engine.threads for sim in runs] == [1, 2]
-    np.testing.assert_array_equal(*[sim.fields["u"] for sim in runs])
+        sim.step(11)
+        sim.step(2)
+    assert [sim.engine.threads for sim in runs] == [1, threads]
+    np.testing.assert_array_equal(*[sim.engine.levels for sim in runs])
+    np.testing.assert_array_equal(*[sim.engine.memory for sim in runs])
 
 
 def test_single_precision_run_follows_double():

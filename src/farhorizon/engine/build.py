@@ -1,4 +1,4 @@
-"""Writes the compiled program of one stencil shape to disk and imports it, so that Numba's cache finds it again."""
+"""Writes compiled programs to disk, the time loop and the rows of each stencil, and imports them, so that Numba's cache finds them again."""
 
 from __future__ import annotations
 
@@ -12,9 +12,6 @@ import tempfile
 from pathlib import Path
 from types import ModuleType
 from typing import Any
-
-# The OpenMP layer of Numba busy-waits between parallel loops unless told otherwise before its first use.
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 _HERE = Path(__file__).parent
 
