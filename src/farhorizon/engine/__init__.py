@@ -270,7 +270,8 @@ class Engine:
         out, base, numbers = self._plain(level)
         _, blocks, functions, groups, weights, offsets, general = self._last_sweeps
         law = (general, *numbers[:3], self.stages.increments, self._rule)
-        self._driver.sweep_core(0, 1, level, base, out, blocks[0], functions[0], groups[0], False, weights[0], offsets[0], self._coefficient, law)
+        first = blocks[0], functions[0], groups[0], False, weights[0], offsets[0]
+        self._driver.sweep_core(1, _ALONE, level, base, out, *first, self._coefficient, law)
         ranges, *cuts = self._cuts
         self._driver.cut(0, 1, _ALONE, level, level, base, out, numbers[3], ranges[-1], len(cuts[0]), *cuts, self.stages.increments)
         return (base if self.stages.increments else out) / numbers[3]

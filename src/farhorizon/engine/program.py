@@ -12,7 +12,7 @@ from numba import njit
 
 from farhorizon.engine.layout import LINES
 from farhorizon.engine.simd import call_sweep, stretch_chain
-from farhorizon.engine.threads import barrier
+from farhorizon.engine.threads import barrier, claim
 
 CHUNK = 64
 
@@ -97,13 +97,19 @@ def count_groups(block, group):
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_core(lane, lanes, src, base, out, block, functions, group, backward, weights, offsets, coefficient, law):
-    """All groups of rows of the core; in every other stage the last first: it meets what the last stage left in the cache."""
+def sweep_core(lanes, sync, src, base, out, block, functions, group, backward, weights, offsets, coefficient, law):
+    """All groups of rows of the core; in every other stage the last first: it meets what the last stage left in the cache.
+
+    Lanes claim parts as they go, so that one whose core is busy otherwise does less.
+    """
     count = count_groups(block, group)
-    first, last = count * lane // lanes, count * (lane + 1) // lanes
-    for i in range(first, last):
-        number = first + last - 1 - i if backward else i
-        sweep_group(src, base, out, block, number, group, functions, weights, offsets, coefficient, law)
+    size = max(1, count // (8 * lanes)) if lanes > 1 else count
+    part = claim(sync) if lanes > 1 else 0
+    while part * size < count:
+        for i in range(part * size, min(count, (part + 1) * size)):
+            number = count - 1 - i if backward else i
+            sweep_group(src, base, out, block, number, group, functions, weights, offsets, coefficient, law)
+        part = claim(sync) if lanes > 1 else 1
 
 
 @njit(error_model="numpy", cache=True)
@@ -269,7 +275,7 @@ def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slot
                 barrier(sync, lanes)
                 cut(lane, lanes, sync, src, slots, base, out, scale, cut_ranges[tree], cut_ranges[tree + 1], cut_nodes, cut_neighbours, cut_weights,
                     increments)  # fmt: skip
-    sweep_core(lane, lanes, src, base, out, blocks[0], functions[0], groups[0], backward, weights[0], offsets[0], coefficient, law)
+    sweep_core(lanes, sync, src, base, out, blocks[0], functions[0], groups[0], backward, weights[0], offsets[0], coefficient, law)
     barrier(sync, lanes)
     cut(lane, lanes, sync, src, src, base, out, scale, cut_ranges[trees.shape[0]], cut_nodes.size, cut_nodes, cut_neighbours, cut_weights, increments)
 
