@@ -97,7 +97,8 @@ def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None =
     times : sequence of float, optional
         When to compare; 40 even times unless given.
     shown : float, optional
-        Time of the fields kept for a picture; the last one unless given.
+        Time of the fields kept for a picture; unless given that at which the smaller of the medium's field and the largest error
+        is largest, so that the picture shows both.
     beside : bool
         Run a fixed and a free edge too.
 
@@ -112,7 +113,8 @@ def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None =
     ours = Simulation(**setup)
     ours.check_sources(until)
     steps = sorted({max(1, round(t / ours.dt)) for t in wanted})
-    shown_step = min(steps, key=lambda n: abs(n * ours.dt - (wanted[-1] if shown is None else shown)))
+    shown_step = None if shown is None else min(steps, key=lambda n: abs(n * ours.dt - shown))
+    most = -1.0
     runs = {_name(ours): ours}
     for rim in ("fixed", "free") if beside else ():
         runs[f"{rim} edge"] = _ended(setup, ours, rim)
@@ -125,7 +127,7 @@ def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None =
                                    ours.start_u, ours.start_v, ours.model.damping)  # fmt: skip
     how = "exact solution on the infinite lattice by FFT" if far is None else f"domain of {' x '.join(map(str, far.lattice.shape))} nodes"
     peak = float(np.nanmax(np.abs(ours.start_u), initial=0.0))
-    result = Comparison(how, peak, [n * ours.dt for n in steps], shown_time=shown_step * ours.dt)
+    result = Comparison(how, peak, [n * ours.dt for n in steps])
     if beside:
         result.edges = "on the outline of the window" if ours.lattice.window is not None else "at the absorbing sides of the near field"
     errors: dict[str, list[float]] = {name: [] for name in runs}
@@ -139,14 +141,14 @@ def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None =
         if ours.lattice.mask is not None:
             exact = np.where(ours.lattice.mask, exact, np.nan)
         size.append(float(np.nanmax(np.abs(exact - ours.background))))
-        if step == shown_step:
-            result.fields["infinite medium"] = exact
+        now = {"infinite medium": exact}
         for name, sim in runs.items():
             sim.step(step - sim.step_count)
-            values = sim.fields["u"]
-            errors[name].append(float(np.nanmax(np.abs(values - exact))))
-            if step == shown_step:
-                result.fields[name] = values
+            now[name] = sim.fields["u"]
+            errors[name].append(float(np.nanmax(np.abs(now[name] - exact))))
+        worth = min(size[-1], max(error[-1] for error in errors.values()))
+        if step == shown_step or (shown_step is None and worth > most):
+            result.fields, result.shown_time, most = now, step * ours.dt, worth
     if result.initial == 0:  # driven by sources alone: the largest value of the run is the scale
         result.initial, result.scale = max(size), "largest value of the run"
     for name, error in errors.items():
