@@ -17,7 +17,7 @@ def pulse(x, y):
 def test_the_edge_of_a_disc_is_its_outline(edge):
     """The echo of a pulse in the middle comes back along the diagonal as soon as along the axes: the box's corners play no part."""
     lattice = fh.Lattice(0.25, window=fh.Disc(5.0))
-    result = compare({"lattice": lattice, "model": fh.Wave(KERNEL), "initial": {"u": pulse}}, 7.5)
+    result = compare({"lattice": lattice, "model": fh.Wave(KERNEL), "initial": {"u": pulse}}, 7.5, shown=7.5)
     assert "outline of the window" in result.table()
     x, y = lattice.coordinates()
     error = np.abs(result.fields[edge] - result.fields["infinite medium"])
@@ -26,6 +26,17 @@ def test_the_edge_of_a_disc_is_its_outline(edge):
     assert 0.7 < error[on_diagonal].max() / error[on_axis].max() < 1.4
     assert error[on_axis].max() > 0.02
     assert result.curves["lattice PML"]["error_max_over_run"] < 1e-7
+
+
+def test_fields_are_kept_while_there_is_something_to_see():
+    """Neither before the echo nor after the pulse has left: the medium and the worst error are both large at the moment shown."""
+    setup = {"lattice": fh.Lattice(0.25, (-3, -3), (3, 3)), "model": fh.Wave(KERNEL), "initial": {"u": pulse}}
+    result = compare(setup, 20.0)
+    number = result.times.index(result.shown_time)
+    edge, ours = (result.fields[name] - result.fields["infinite medium"] for name in ("fixed edge", "lattice PML"))
+    assert np.abs(edge).max() == result.curves["fixed edge"]["error"][number] > 0.02
+    assert np.abs(ours).max() < 1e-7
+    assert np.abs(result.fields["infinite medium"]).max() > 0.02
 
 
 def test_the_edge_of_a_box_is_where_its_layers_were():
