@@ -16,6 +16,9 @@ from scipy import fft
 
 from farhorizon.errors import InputError
 
+_NOISE = 1e-14  # eigenvalues of the Hankel matrix below this share of the largest are close to rounding
+_PATIENCE = 8  # orders tried among those without halving the error
+
 
 @dataclass(frozen=True)
 class ExponentialSum:
@@ -34,8 +37,7 @@ class ExponentialSum:
     steps : int
         The sum was fitted to, and holds for, so many steps.
     error : float
-        Largest error of the force that all drivers exert by a stay at 1 from any step to any other, relative to the boundary's stiffness.
-        The error of a run, relative to its largest value, is about the same.
+        `force_error` against the kernel.
     """
 
     poles: np.ndarray
@@ -106,14 +108,16 @@ def _poles(samples: np.ndarray, values: np.ndarray, vectors: np.ndarray, order: 
     shift = np.linalg.solve(np.eye(order) - last.T @ last, up.T @ down) * root / root[:, None]
     poles, modes = np.linalg.eig(shift)
     used = (poles.imag >= -1e-14) & (np.abs(poles) > 1e-12)
-    inputs = ((vectors[:reach, :order] * root) @ modes[:, used]).T
-    return poles[used], inputs / np.linalg.norm(inputs, axis=1)[:, None]
+    return poles[used], _unit(((vectors[:reach, :order] * root) @ modes[:, used]).T)
 
 
-def _fit_outputs(kernel: np.ndarray, lags: np.ndarray, poles: np.ndarray, inputs: np.ndarray) -> np.ndarray:
-    """Output vectors of least squared error over time, from samples at `lags`, each weighted with the lags it stands for."""
+def _fit_vectors(kernel: np.ndarray, lags: np.ndarray, poles: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Vectors b_p (P, K) of least squared error over time for poles and the vectors c_p at their other side.
+
+    Each of the samples at `lags` counts for the lags it stands for.
+    """
     weight = np.sqrt(np.gradient(lags.astype(float)))
-    modes = _powers(poles, lags)[:, None, :] * inputs.T * weight[:, None, None]
+    modes = _powers(poles, lags)[:, None, :] * other.T * weight[:, None, None]
     count = poles.size
     matrix = np.concatenate([modes.real, -modes.imag], 2).reshape(-1, 2 * count)
     target = (kernel[lags] * weight[:, None, None]).swapaxes(1, 2).reshape(len(matrix), -1)
@@ -121,16 +125,43 @@ def _fit_outputs(kernel: np.ndarray, lags: np.ndarray, poles: np.ndarray, inputs
     return found[:count] + 1j * found[count:]
 
 
-def _drift(kernel_sums: np.ndarray, found: ExponentialSum) -> float:
-    """Largest error of the force that all drivers exert by a stay at 1 from any step to any other, before division by the stiffness."""
-    steps, total = len(kernel_sums) - 1, np.zeros(kernel_sums.shape[1])
-    low, high = total, total
-    held = found.outputs * found.inputs.sum(1)[:, None]
-    for start in range(1, steps + 1, 8192):
-        lags = np.arange(start, min(start + 8192, steps + 1))
-        error = total + np.cumsum((_powers(found.poles, lags) @ held).real - kernel_sums[lags], 0)
-        total, low, high = error[-1], np.minimum(low, error.min(0)), np.maximum(high, error.max(0))
-    return float((high - low).max())
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    """Rows divided by their norms."""
+    size = np.linalg.norm(vectors, axis=1)[:, None]
+    return vectors / np.where(size > 0, size, 1.0)
+
+
+def _fit(kernel: np.ndarray, lags: np.ndarray, poles: np.ndarray, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Input and output vectors of all scales of time, by three fits in turn from those of the Hankel matrix.
+
+    The kernel is symmetric, so that each fit may take the vectors of one side for known and find those of the other.
+    """
+    for _ in range(2):
+        inputs = _unit(_fit_vectors(kernel, lags, poles, inputs))
+    return inputs, _fit_vectors(kernel, lags, poles, inputs)
+
+
+def force_error(kernel: np.ndarray, found: ExponentialSum, lags: np.ndarray | None = None) -> float:
+    """Largest error of the force on any driver over all histories within -1 .. 1, relative to the same of the kernel itself.
+
+    It is the sum over lags and drivers of the modulus of the difference.
+
+    Parameters
+    ----------
+    kernel : ndarray, shape (steps + 1, K, K)
+    found : ExponentialSum
+    lags : ndarray of int, optional
+        Estimate from these lags, each counted for those that it stands for; all lags unless given.
+    """
+    all_lags = np.arange(1, len(kernel)) if lags is None else lags
+    weight = np.ones(all_lags.size) if lags is None else np.gradient(lags.astype(float))
+    error, size = np.zeros((2, *kernel.shape[1:]))
+    for start in range(0, all_lags.size, 4096):
+        part = slice(start, start + 4096)
+        at = all_lags[part]
+        error += np.tensordot(weight[part], np.abs(found.kernel(at) - kernel[at]), 1)
+        size += np.tensordot(weight[part], np.abs(kernel[at]), 1)
+    return float(error.sum(1).max() / size.sum(1).max())
 
 
 def compress(kernel: np.ndarray, tolerance: float = 1e-12, band: float = np.pi, most: int = 64) -> ExponentialSum:
@@ -141,7 +172,7 @@ def compress(kernel: np.ndarray, tolerance: float = 1e-12, band: float = np.pi, 
     kernel : ndarray, shape (steps + 1, K, K)
         Force kernel M (`chain.force_form`).
     tolerance : float
-        Wanted `ExponentialSum.error`.
+        Wanted `ExponentialSum.error`, see `force_error`.
     band : float
         Largest angle a step of the kernel's oscillations (`chain.band`); the kernel is sampled as sparsely as it allows.
     most : int
@@ -159,38 +190,34 @@ def compress(kernel: np.ndarray, tolerance: float = 1e-12, band: float = np.pi, 
         raise InputError("the tolerance must be positive", value=tolerance, limit="> 0", key="compress")
     if steps < 8:
         raise InputError("too few steps to compress a kernel", value=steps, limit=">= 8", remedy="evaluate the convolution directly")
-    sums = kernel.sum(2)
-    stiffness = float(np.abs(np.cumsum(sums, 0)).max())
-    best: ExponentialSum | None = None
-    stride = max(1, min(int(0.8 / band), steps // 40))
-    while True:
-        found = _compress_sampled(kernel, sums, stiffness, tolerance, stride, most)
-        if best is None or found.error < best.error:
-            best = found
-        if best.error <= tolerance or stride == 1:
-            return best
-        stride //= 2
-
-
-def _compress_sampled(kernel: np.ndarray, sums: np.ndarray, stiffness: float, tolerance: float, stride: int, most: int) -> ExponentialSum:
-    """`compress` for poles found on every stride-th sample."""
-    steps = len(kernel) - 1
+    stride = _stride(steps, band)
     samples = kernel[stride::stride]
     values, vectors = _hankel_eigenvectors(samples, 2 * most)
     lags = np.unique(np.concatenate([np.arange(1, min(steps, 8 * stride + 64) + 1), np.geomspace(1, steps, 800).round().astype(int)]))
     size = np.abs(values) / abs(values[0])
-    start = max(2, int((size > 100 * tolerance).sum()))
     best: ExponentialSum | None = None
-    for order in range(start, len(values) + 1):
+    better = 0  # the last order that halved the error
+    for order in range(max(2, int((size > 100 * tolerance).sum())), len(values) + 1):
+        if best is not None and size[order - 1] < _NOISE and order > better + _PATIENCE:
+            break
         poles, inputs = _poles(samples, values, vectors, order)
         poles = poles ** (1 / stride)
-        poles = poles / np.maximum(np.abs(poles), 1.0)  # one that would grow is put on the circle, and the outputs fitted to it
-        outputs = _fit_outputs(kernel, lags, poles, inputs)
+        poles = poles / np.maximum(np.abs(poles), 1.0)  # one that would grow is put on the circle before the vectors are fitted
+        inputs, outputs = _fit(kernel, lags, poles, inputs)
         found = ExponentialSum(poles, inputs, outputs, steps, np.inf)
-        found = ExponentialSum(poles, inputs, outputs, steps, _drift(sums, found) / stiffness)
-        if best is None or found.error < best.error:
-            best = found
-        if best.error <= tolerance or size[order - 1] < 1e-15:
-            break
+        error = force_error(kernel, found, lags)
+        if error <= tolerance:
+            error = force_error(kernel, found)
+        found = ExponentialSum(poles, inputs, outputs, steps, error)
+        if error <= tolerance:
+            return found
+        if best is None or error < best.error / 2:
+            best, better = found, order
     assert best is not None
-    return best
+    return ExponentialSum(best.poles, best.inputs, best.outputs, steps, force_error(kernel, best))
+
+
+def _stride(steps: int, band: float) -> int:
+    """Lags between two samples of the Hankel matrix: up to an eighth of a period of the fastest oscillation in long kernels."""
+    finest, coarsest = int(0.4 / band), int(0.8 / band)
+    return max(1, min(max(finest, steps // 20_000), coarsest, steps // 40))

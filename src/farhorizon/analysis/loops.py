@@ -113,3 +113,43 @@ def bar_steps(
             d[held[i]] = held_values[step - offset, i] - u[held[i]]
         for i in range(size):
             u[i] += d[i]
+
+
+@njit(cache=True, error_model="numpy")
+def _recursion_slope(state: np.ndarray, weights: np.ndarray, t: float, g: np.ndarray, out: np.ndarray) -> None:
+    """Time derivative of (g_0 .. g_(2K-1), their derivatives), closed by Ji et al. (2021), eq 27, at both ends; g is work space of 3K."""
+    reach = weights.size
+    size = 2 * reach
+    last = reach * weights[reach - 1]
+    g[:size] = state[0]
+    for m in range(size, 3 * reach):
+        total = g[m - size]
+        for k in range(1, reach):
+            total -= k * weights[k - 1] / last * (g[m - reach + k] - g[m - reach - k])
+        g[m] = total - 2 * (m - reach) / (last * t) * state[1, m - reach] if t > 0 else 0.0
+    for m in range(size):
+        out[0, m] = state[1, m]
+        total = 0.0
+        for k in range(1, reach + 1):
+            total += weights[k - 1] * (g[m + k] + g[abs(m - k)] - 2 * g[m])
+        out[1, m] = total
+
+
+@njit(cache=True, error_model="numpy")
+def recursive_impulse(weights: np.ndarray, dt: float, steps: int) -> np.ndarray:
+    """g_0 .. g_(2K-1) at 0, dt, .. by Runge-Kutta 4 and the recursion of Ji et al. (2021), eqs 23 to 27; shape (steps + 1, 2K)."""
+    size = 2 * weights.size
+    g = np.zeros((steps + 1, size))
+    state, trial, work = np.zeros((2, size)), np.zeros((2, size)), np.zeros(3 * weights.size)
+    slopes = np.zeros((4, 2, size))
+    state[1, 0] = 1
+    for step in range(steps):
+        t = step * dt
+        _recursion_slope(state, weights, t, work, slopes[0])
+        for stage in range(1, 4):
+            share = dt if stage == 3 else dt / 2
+            trial[:] = state + share * slopes[stage - 1]
+            _recursion_slope(trial, weights, t + share, work, slopes[stage])
+        state += dt / 6 * (slopes[0] + 2 * slopes[1] + 2 * slopes[2] + slopes[3])
+        g[step + 1] = state[0]
+    return g
