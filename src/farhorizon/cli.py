@@ -1,4 +1,4 @@
-"""The command line: run, check, compare, plot, demo, info."""
+"""The command line: run, check, compare, plot, reproduce, demo, info."""
 
 from __future__ import annotations
 
@@ -64,10 +64,13 @@ def _parser() -> argparse.ArgumentParser:
     plot.add_argument("result", help="results file (NAME.h5)")
     plot.add_argument("--out", metavar="DIR", help="folder of the pictures (default: beside the file, its name without .h5)")
     plot.add_argument("--times", type=float, nargs="+", metavar="T", help="times to draw (default: four even ones)")
+    reproduce = add("reproduce", _reproduce, "compute a published table or figure anew, ours beside theirs; without a name, list them")
+    reproduce.add_argument("name", nargs="?", help="name of the table or figure")
+    reproduce.add_argument("--out", metavar="DIR", default=".", help="folder of the pictures (default: here)")
     demo = add("demo", _demo, "two notches in an infinite membrane: run, compare and draw, in under a minute")
     demo.add_argument("--out", metavar="DIR", default="farhorizon-demo", help="folder of the picture (default: farhorizon-demo)")
     add("info", _info, "versions, threads, caches")
-    for sub in (run, check, compare, demo):
+    for sub in (run, check, compare, reproduce, demo):
         sub.add_argument("--json", metavar="FILE", help="write the figures as JSON too")
     return parser
 
@@ -212,6 +215,26 @@ def _plot(options: argparse.Namespace) -> int:
     folder = Path(options.out) if options.out else path.with_suffix("")
     for picture in plot_results(open_results(path), folder, options.times):
         print(picture)
+    return GOOD
+
+
+def _reproduce(options: argparse.Namespace) -> int:
+    from farhorizon.papers import find, reproductions, table
+
+    if options.name is None:
+        known = reproductions()
+        width = max(map(len, known))
+        for name, entry in known.items():
+            print(f"{name:{width}}  {entry.title}")
+        _write_json(options.json, {name: {"paper": entry.paper, "title": entry.title} for name, entry in known.items()})
+        return GOOD
+    entry = find(options.name)
+    print(f"{entry.paper}\n{entry.name}: {entry.title}")
+    outcome = entry.function(_folder(options.out))
+    print(table(outcome))
+    if outcome.pictures:
+        print(f"pictures: {', '.join(str(p) for p in outcome.pictures)}")
+    _write_json(options.json, entry.as_json(outcome))
     return GOOD
 
 
