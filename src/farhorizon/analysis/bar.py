@@ -82,6 +82,15 @@ class Bar:
         self._block = min(lengths, default=_CHUNK)
         heads = [h.head if h is not None else np.zeros((self._block if lengths else 1, reach, reach)) for h in self.histories]
         self._heads = np.array(heads)
+        self._set_modes()
+        self._past, self._samples = np.zeros((2, self._block, reach)), np.zeros((2, self._block, reach))
+        self.d = np.zeros(u.size)
+        if recursion.keep:
+            self._set_velocity(np.zeros(u.size) if increment is None else increment)
+
+    def _set_modes(self) -> None:
+        """Poles, vectors and states of both ends as arrays of one shape, filled up with zeros."""
+        reach = self.grounds.shape[1]
         most = max((s.modes for s in self.sums if s is not None), default=0)
         self._poles, self._states = np.zeros((2, most), complex), np.zeros((2, most), complex)
         self._inputs, self._outputs = np.zeros((2, most, reach), complex), np.zeros((2, most, reach), complex)
@@ -89,10 +98,6 @@ class Bar:
             if found is not None:
                 used = slice(found.modes)
                 self._poles[side, used], self._inputs[side, used], self._outputs[side, used] = found.poles, found.inputs, found.outputs
-        self._past, self._samples = np.zeros((2, self._block, reach)), np.zeros((2, self._block, reach))
-        self.d = np.zeros(u.size)
-        if recursion.keep:
-            self._set_velocity(np.zeros(u.size) if increment is None else increment)
 
     def acceleration(self) -> np.ndarray:
         """A u without the past beyond the ends, shape (N,)."""
@@ -107,6 +112,21 @@ class Bar:
         """Increment of step 0 such that the first step is ``u + (1 - d dt) dt v + dt^2/2 A u``."""
         r = self.recursion
         self.d = 2 * r.first * increment + (r.first - 1) * r.scale / r.keep * self.acceleration()
+
+    def exchange(self, sums: Sequence[ExponentialSum | None], histories: Sequence[np.ndarray]) -> None:
+        """Go on with sums of more steps, given what the drivers did until now.
+
+        Parameters
+        ----------
+        sums : pair of ExponentialSum or None
+        histories : pair of ndarray, shape (step, K)
+            Values at steps 0 .. step - 1, counted from the end inwards; the first times its weight.
+        """
+        self.sums = list(sums)
+        self._set_modes()
+        for side, found in enumerate(self.sums):
+            if found is not None:
+                self._states[side, : found.modes] = found.replay(histories[side])
 
     def release(self, node: int, increment: float) -> None:
         """Let a held node that is no driver go, with a velocity given times dt."""

@@ -200,12 +200,12 @@ def _reduce(eigenvalue: np.ndarray, inner: np.ndarray, toward: np.ndarray) -> np
 
 
 def band(weights: np.ndarray, recursion: Recursion) -> float:
-    """Largest angle of the scheme's factors z in the complex plane; pi where they fill the circle or come near -1."""
+    """Largest angle of the scheme's oscillating factors z in the complex plane; pi for forward Euler and where all modes are overdamped."""
     if recursion.keep == 0:
         return np.pi
     largest = float(symbol(weights, np.linspace(0, np.pi, 4097)).max())
     half = (1 + recursion.keep - recursion.scale * largest) / (2 * np.sqrt(recursion.keep))
-    return float(np.arccos(np.clip(half, -1, 1)))
+    return float(np.arccos(max(half, -1.0))) if half < 1 else np.pi
 
 
 def transform_kernel(weights: np.ndarray, recursion: Recursion, steps: int, oversampling: int = _OVERSAMPLING) -> np.ndarray:

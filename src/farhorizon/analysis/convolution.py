@@ -82,3 +82,12 @@ class BlockConvolution:
         result = fft.irfft(np.matmul(self._spectrum(length), source[:, :, None])[:, :, 0], 2 * length, axis=0)[length:]
         kept = min(length, len(self._force) - end)
         self._force[end : end + kept] += result[:kept]
+
+    def extended(self, kernel: np.ndarray) -> BlockConvolution:
+        """The same history with a kernel of more steps, at the same step of the same block."""
+        longer = BlockConvolution(kernel, self.block)
+        for number in range(self._number):
+            longer.samples[:] = self._history[number * self.block : (number + 1) * self.block]
+            longer.next_block()
+        longer.samples[:] = self.samples
+        return longer

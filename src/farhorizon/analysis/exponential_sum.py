@@ -64,6 +64,26 @@ class ExponentialSum:
         """``Re sum_p b_p y_p``, acceleration of the drivers 1 .. K; shape (K,)."""
         return (state @ self.outputs).real
 
+    def replay(self, samples: np.ndarray) -> np.ndarray:
+        """States after a history, with which a run goes on when its sum is exchanged for one of more steps.
+
+        Parameters
+        ----------
+        samples : ndarray, shape (n, K)
+            The drivers' values at steps 0 .. n - 1, the first times its weight.
+
+        Returns
+        -------
+        ndarray of complex, shape (P,)
+            States at step n.
+        """
+        state = np.zeros(self.modes, complex)
+        for start in range(0, len(samples), 1024):
+            part = samples[start : start + 1024]
+            powers = _powers(self.poles, np.arange(len(part), 0, -1))
+            state = powers[0] * state + (powers * (part @ self.inputs.T)).sum(0)
+        return state
+
 
 def _powers(poles: np.ndarray, lags: np.ndarray) -> np.ndarray:
     """poles ** lags, shape (lags, P)."""
