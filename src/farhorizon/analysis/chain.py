@@ -23,8 +23,8 @@ from farhorizon.integrators import Integrator, RungeKutta4, Verlet
 from farhorizon.stencil import Stencil
 
 _ROUNDING = 42.0  # what is smaller than exp(-42) = 6e-19 of the impulse is taken for nothing
-_CHAIN_FLOPS = 5e9  # up to here (a few seconds) the chain is run, since it is the more accurate of the two
-_POINT_COST = 700  # what a point of the transform costs, in steps of one node; measured at K = 2, 7, 25: 1200, 650, 720
+_CHAIN_FLOPS = 3e10  # up to here (a few seconds) the chain is run, since it is the more accurate of the two
+_POINT_COST = 3000  # what a point of the transform costs, in steps of one node; measured at K = 2, 7, 25: 1600, 2900, 3100
 _OVERSAMPLING = 16
 
 
@@ -254,12 +254,12 @@ def transform_kernel(weights: np.ndarray, recursion: Recursion, steps: int, over
 
 
 def ghost_kernel(weights: np.ndarray, recursion: Recursion, steps: int) -> np.ndarray:
-    """Ghost kernel F by the chain, or by the transform where the chain takes more than a few seconds and four times as long.
+    """Ghost kernel F by the chain, or by the transform where the chain takes more than a few seconds and twice as long.
 
     The chain is preferred because it keeps rigid motions to rounding. Parameters and result as in `run_kernel`.
     """
     front = fronts(weights, recursion, steps)
     node_steps = float(np.minimum(front, front[::-1]).sum())
     points = _OVERSAMPLING / 2 * steps * min(1.0, 4 * band(weights, recursion) / np.pi)
-    cheap = 4 * weights.size**2 * node_steps < _CHAIN_FLOPS or node_steps < 4 * _POINT_COST * points
+    cheap = 4 * weights.size**2 * node_steps < _CHAIN_FLOPS or node_steps < 2 * _POINT_COST * points
     return run_kernel(weights, recursion, steps) if cheap else transform_kernel(weights, recursion, steps)

@@ -17,6 +17,7 @@ from scipy import fft
 from farhorizon.errors import InputError
 
 _NOISE = 1e-14  # eigenvalues of the Hankel matrix below this share of the largest are close to rounding
+_FIRST_RANK = 64  # eigenvectors that are computed first; all of them only where these do not do
 _PATIENCE = 8  # orders tried among those without halving the error
 
 
@@ -210,15 +211,25 @@ def compress(kernel: np.ndarray, tolerance: float = 1e-12, band: float = np.pi, 
         raise InputError("the tolerance must be positive", value=tolerance, limit="> 0", key="compress")
     if steps < 8:
         raise InputError("too few steps to compress a kernel", value=steps, limit=">= 8", remedy="evaluate the convolution directly")
+    best, complete = _search(kernel, tolerance, band, min(most, _FIRST_RANK // 2))
+    if best.error > tolerance and not complete:
+        best, _ = _search(kernel, tolerance, band, most)
+    return best
+
+
+def _search(kernel: np.ndarray, tolerance: float, band: float, most: int) -> tuple[ExponentialSum, bool]:
+    """`compress` with orders up to 2 `most`, and whether a higher order would be of no use."""
+    steps = len(kernel) - 1
     stride = _stride(steps, band)
     samples = kernel[stride::stride]
     values, vectors = _hankel_eigenvectors(samples, 2 * most)
     lags = np.unique(np.concatenate([np.arange(1, min(steps, 8 * stride + 64) + 1), np.geomspace(1, steps, 800).round().astype(int)]))
     size = np.abs(values) / abs(values[0])
     best: ExponentialSum | None = None
-    better = 0  # the last order that halved the error
-    for order in range(max(2, int((size > 100 * tolerance).sum())), len(values) + 1):
-        if best is not None and size[order - 1] < _NOISE and order > better + _PATIENCE:
+    better, complete = 0, False  # the last order that halved the error
+    for order in range(min(max(2, int((size > 100 * tolerance).sum())), len(values)), len(values) + 1):
+        complete = best is not None and bool(size[order - 1] < _NOISE) and order > better + _PATIENCE
+        if complete:
             break
         poles, inputs = _poles(samples, values, vectors, order)
         poles = poles ** (1 / stride)
@@ -230,11 +241,11 @@ def compress(kernel: np.ndarray, tolerance: float = 1e-12, band: float = np.pi, 
             error = force_error(kernel, found)
         found = ExponentialSum(poles, inputs, outputs, steps, error)
         if error <= tolerance:
-            return found
+            return found, True
         if best is None or error < best.error / 2:
             best, better = found, order
     assert best is not None
-    return ExponentialSum(best.poles, best.inputs, best.outputs, steps, force_error(kernel, best))
+    return ExponentialSum(best.poles, best.inputs, best.outputs, steps, force_error(kernel, best)), complete
 
 
 def _stride(steps: int, band: float) -> int:
