@@ -4,7 +4,7 @@
 
 The half-infinite chain has one wave that propagates, so each exponential has one input and one output vector (rank 1). The poles are found by
 the eigensystem realisation algorithm (Juang and Pappa, J. Guidance 8 (1985) 620) on samples of the kernel as far apart as its band of frequencies
-allows; the output vectors are fitted anew to all scales of time, from the first steps to the last.
+allows; both vectors are fitted anew to all scales of time, from the first steps to the last.
 """
 
 from __future__ import annotations
