@@ -105,6 +105,16 @@ def test_weight_of_the_first_sample_matters():
     assert np.abs(Bar(BAR, recursion, u, ends=(kernel, kernel), first=1.0).run(200) - expected).max() > 1e-3
 
 
+def test_damping_beyond_one_a_step():
+    """d dt = 1.5: a step reverses the increment (keep < 0)."""
+    recursion = Recursion.of(Verlet(), 0.1, 15.0)
+    assert recursion.keep < 0
+    u = np.random.default_rng(11).uniform(-1, 1, 20)
+    kernel = kernel_of(BAR, recursion, 400)
+    infinite, near = long_chain(BAR, recursion, u, 400)
+    assert np.abs(Bar(BAR, recursion, u, ends=(kernel, kernel)).run(400) - infinite.run(400)[near]).max() <= 1e-12
+
+
 def test_first_step_is_the_integrator():
     """``u + (1 - d dt) dt v + dt^2/2 A u`` (Verlet), ``u + dt A u`` (Euler)."""
     rng = np.random.default_rng(9)

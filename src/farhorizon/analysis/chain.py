@@ -201,7 +201,7 @@ def _reduce(eigenvalue: np.ndarray, inner: np.ndarray, toward: np.ndarray) -> np
 
 def band(weights: np.ndarray, recursion: Recursion) -> float:
     """Largest angle of the scheme's oscillating factors z in the complex plane; pi for forward Euler and where all modes are overdamped."""
-    if recursion.keep == 0:
+    if recursion.keep <= 0:  # forward Euler, or damping so strong that d dt >= 1
         return np.pi
     largest = float(symbol(weights, np.linspace(0, np.pi, 4097)).max())
     half = (1 + recursion.keep - recursion.scale * largest) / (2 * np.sqrt(recursion.keep))

@@ -188,6 +188,8 @@ def force_error(kernel: np.ndarray, found: ExponentialSum, lags: np.ndarray | No
 def compress(kernel: np.ndarray, tolerance: float = 1e-12, band: float = np.pi, most: int = 64) -> ExponentialSum:
     """The shortest sum of exponentials that meets a tolerance, or the best one if none does (its `error` says so).
 
+    Too few samples do not determine the poles: for a run of less than a hundred steps, make the kernel of a hundred or more.
+
     Parameters
     ----------
     kernel : ndarray, shape (steps + 1, K, K)
