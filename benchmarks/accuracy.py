@@ -25,7 +25,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from common import arguments, save, table, verdict
+from common import run_parts, verdict
 from scipy import fft
 
 from farhorizon import Diffusion, Kernel, Lattice, LatticePML, Simulation, Stencil, Wave
@@ -146,23 +146,12 @@ def diffusion(cases: tuple[tuple[int, int], ...], nodes: tuple[int, ...]) -> lis
     return rows
 
 
-def main() -> None:
-    """Run the wanted parts."""
-    parts: dict[str, Callable[[], list[dict[str, Any]]]] = {
-        "waves1d": waves1d,
-        "waves2d": waves2d,
-        "waves3d": waves3d,
-        "diffusion": lambda: diffusion(((1, 201), (2, 24)), (12, 20)),
-        "diffusion3d": lambda: diffusion(((3, 12),), (12,)),
-    }
-    given = arguments(__doc__, *parts)
-    results = []
-    for name in given.parts:
-        rows = parts[name]()
-        table(f"{name}: largest error over the near field, relative to the initial and to the current maximum", rows)
-        results += [{"part": name, **row} for row in rows]
-    save(given.json, results)
-
-
 if __name__ == "__main__":
-    main()
+    title = "largest error over the near field, relative to the initial and to the current maximum"
+    run_parts(__doc__, {
+        "waves1d": (f"waves1d: {title}", lambda given: waves1d()),
+        "waves2d": (f"waves2d: {title}", lambda given: waves2d()),
+        "waves3d": (f"waves3d: {title}", lambda given: waves3d()),
+        "diffusion": (f"diffusion: {title}", lambda given: diffusion(((1, 201), (2, 24)), (12, 20))),
+        "diffusion3d": (f"diffusion3d: {title}", lambda given: diffusion(((3, 12),), (12,))),
+    })  # fmt: skip

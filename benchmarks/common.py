@@ -34,6 +34,21 @@ def arguments(doc: str | None, *choices: str) -> argparse.Namespace:
     return given
 
 
+def run_parts(doc: str | None, parts: Mapping[str, tuple[str, Callable[[argparse.Namespace], list[dict[str, Any]]]]]) -> None:
+    """The main function of a benchmark: runs the parts that the command line names, prints a table of each, writes the JSON file.
+
+    A part is a title and a function of the command line's options that returns rows.
+    """
+    given = arguments(doc, *parts)
+    results: list[dict[str, Any]] = []
+    for name in given.parts:
+        title, measure = parts[name]
+        rows = measure(given)
+        table(title, rows)
+        results += [{"part": name, **row} for row in rows]
+    save(given.json, results)
+
+
 def machine() -> dict[str, Any]:
     """What a reader needs to place absolute numbers, which mean little by themselves."""
     return {"cpus": os.cpu_count(), "load": os.getloadavg()[0], "python": platform.python_version(), "machine": platform.machine()}

@@ -35,7 +35,7 @@ def fill_case(engine: Engine) -> Callable[[int], None]:
 
     def run(count: int) -> None:
         for _ in range(count):
-            engine.fill(engine.current)
+            engine.fill(engine.current, advance=True)
 
     return run
 

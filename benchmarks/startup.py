@@ -21,7 +21,7 @@ import sys
 import tempfile
 from typing import Any
 
-from common import arguments, save, table, verdict
+from common import run_parts, verdict
 
 TARGET = 5.0  # seconds from a new stencil to its first step
 
@@ -78,21 +78,9 @@ def compile_time(repeats: int) -> list[dict[str, Any]]:
     return rows
 
 
-def main() -> None:
-    """Run the wanted parts."""
-    given = arguments(__doc__, "import", "compile")
-    repeats = max(1, given.repeats // 9)  # compiling is slow and steady
-    parts = {
-        "import": ("Import time in a fresh process", lambda: import_time(given.repeats)),
-        "compile": ("From a new stencil to its first step, import not counted", lambda: compile_time(repeats)),
-    }
-    results = []
-    for name in given.parts:
-        rows = parts[name][1]()
-        table(parts[name][0], rows)
-        results += [{"part": name, **row} for row in rows]
-    save(given.json, results)
-
-
 if __name__ == "__main__":
-    main()
+    run_parts(__doc__, {
+        "import": ("Import time in a fresh process", lambda given: import_time(given.repeats)),
+        # compiling is slow and steady: fewer repeats
+        "compile": ("From a new stencil to its first step, import not counted", lambda given: compile_time(max(1, given.repeats // 9))),
+    })  # fmt: skip

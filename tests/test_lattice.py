@@ -121,3 +121,9 @@ def test_bad_lattices_are_refused(options, match):
     """Before any work, with the reason."""
     with pytest.raises(InputError, match=match):
         Lattice(**options)
+
+
+def test_a_window_that_does_not_fit_into_memory_is_refused():
+    """Before its mask is made: 2e11 nodes."""
+    with pytest.raises(InputError, match=r"lattice\.spacing.*memory.*GiB.*remedy"):
+        Lattice(1e-4, window=Disc(20.0))

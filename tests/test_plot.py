@@ -65,6 +65,38 @@ def test_color_range():
     assert plot._color_range([np.array([300.0, 310.0])]) == {"cmap": "viridis", "vmin": 300, "vmax": 310}
 
 
+def test_one_color_map_in_all_panels():
+    """With scales of their own, panels of a wave keep its diverging map, also where the field has one sign only, or is zero."""
+    assert plot._color_range([np.array([0.0, 3.0])], signed=True) == {"cmap": "RdBu_r", "vmin": -3, "vmax": 3}
+    assert plot._color_range([np.zeros(2)], signed=True) == {"cmap": "RdBu_r", "vmin": -1, "vmax": 1}
+
+
+def test_panels_share_a_scale_unless_some_would_be_empty(tmp_path, monkeypatch):
+    """A wave that leaves is still seen; a field that stays alike, or starts from nothing, is compared on one scale."""
+    seen = []
+    monkeypatch.setattr(plot, "field_panels", lambda _fields, *_args, **names: seen.append(names["shared_scale"]))
+    for run, amplitudes in enumerate(([1.0, 0.5, 0.3], [1.0, 0.01, 0.001], [0.0, 1.0, 0.5], [0.0, 0.0, 0.0])):
+        path = tmp_path / f"{run}.h5"
+        writer = ResultsWriter.create(path, dim=1, shape=(5,), spacing=1.0, lower=(0.0,), fields=("u",), dtype="float64")
+        for k, amplitude in enumerate(amplitudes):
+            writer.append(k, float(k), {"u": np.full(5, amplitude)})
+        plot.plot_results(open_results(path), tmp_path)
+    assert seen == [True, False, True, True]
+
+
+def test_neighbouring_curves_differ_in_colour_and_dashes(tmp_path, monkeypatch):
+    """Curves that coincide, as ours and the infinite medium, are both seen."""
+    from matplotlib.axes import Axes
+
+    lines = []
+    monkeypatch.setattr(Axes, "legend", lambda *_a, **_k: None)
+    original = Axes.plot
+    monkeypatch.setattr(Axes, "plot", lambda *a, **k: lines.extend(drawn := original(*a, **k)) or drawn)
+    axes = axes_of(1)
+    plot.field_panels([(f"{k}", wave(axes, k)) for k in range(4)], axes, tmp_path / "u.png")
+    assert len({line.get_color() for line in lines}) == len({line.get_linestyle() for line in lines}) == 4
+
+
 def test_field_panels_refuses(tmp_path):
     axes = axes_of(2)
     field = wave(axes, 0)

@@ -1,6 +1,7 @@
 """Simulation: state, guard, observers, refusals."""
 
 import itertools
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -57,6 +58,7 @@ RESTORED = [
     },
     {"lattice": fh.Lattice(0.25, window=fh.Disc(3.0)), "cracks": [[(-1.0, 0.1), (1.0, 0.6)]], "background": 2.0, "initial": {"u": 2.0}},
     {"lattice": fh.Lattice(0.25, (-3, -3), (3, 3), body=fh.Box((-3, -3), (3, 3)) - fh.Disc(0.8, (1, 1))), "boundary": fh.Free()},
+    {"lattice": fh.Lattice(0.25, (-3, -3), (3, 3), body=fh.Disc(2.5)), "boundary": fh.Free(), "rim": "fixed"},
     {"boundary": {"x": fh.LatticePML(nodes=8), "y-": fh.Sponge(5), "y+": fh.Fixed()}, "coefficient": 1 + 0.5 * np.sign(LATTICE.coordinates()[1])},
     {"model": fh.Wave(fh.Stencil.finite_element(2)), "boundary": fh.Periodic(), "dtype": "float32"},
 ]
@@ -129,6 +131,34 @@ def test_total_is_conserved_by_diffusion():
     assert np.isnan(sim.fields["u"][LATTICE.index((1.0, 1.0))])
 
 
+@pytest.mark.parametrize("dim", [1, 2])
+@pytest.mark.parametrize("make", [fh.Wave, fh.Diffusion, lambda k: fh.Diffusion(k, integrator="rk4")], ids=["Verlet", "Euler", "RK4"])
+def test_a_fixed_rim_is_the_medium_with_zeros_outside(make, dim):
+    """Nodes outside the body stay at the background, and bonds to them remain: eigenmodes of the operator cut to the body's nodes."""
+    n = 17
+    body = fh.Box(-1.0, 1.1) if dim == 1 else fh.Disc(1.0, (0.1, 0.0))
+    lattice = fh.Lattice(0.25, (-2.0,) * dim, (2.0,) * dim, body=body)
+    inside = np.flatnonzero(lattice.mask.ravel())
+    model = make(fh.Kernel(0.5))
+    stencil = model.stencil(0.25, dim)
+    number = np.arange(n**dim).reshape((n,) * dim)
+    matrix = np.zeros((n**dim, n**dim))
+    for o, w in zip(stencil.offsets, stencil.weights * model.coefficient / 0.25**2, strict=True):
+        matrix[number.ravel(), np.roll(number, tuple(-o), tuple(range(dim))).ravel()] += w
+        matrix[number.ravel(), number.ravel()] -= w
+    rates, modes = np.linalg.eigh(matrix[np.ix_(inside, inside)])
+    u = np.zeros(n**dim)
+    u[inside] = modes[:, -3]
+    sim = fh.Simulation(lattice, model, fh.Fixed(1.5), {"u": u.reshape(lattice.shape) + 1.5}, background=1.5, rim="fixed")
+    sim.step(20)
+    if model.order == 2:
+        factor = np.cos(20 * 2 * np.arcsin(sim.dt * np.sqrt(-rates[-3]) / 2))  # Verlet's discrete frequency
+    else:
+        factor = model.integrator.growth(-rates[-3], sim.dt) ** 20
+    np.testing.assert_allclose(sim.fields["u"].ravel()[inside], 1.5 + factor * modes[:, -3], atol=1e-12)
+    assert np.isnan(np.delete(sim.fields["u"].ravel(), inside)).all()
+
+
 def test_fixed_sides_reach_the_linear_profile():
     """Steady diffusion between two fixed sides, periodic along them: linear up to the boundary layer of width one horizon."""
     sides = {"x-": fh.Fixed(0.0), "x+": fh.Fixed(1.0), "y": fh.Periodic()}
@@ -184,6 +214,20 @@ def test_backward_waves_grow_and_the_program_says_so():
     assert 0 < rate < sim.stencil.backward_waves().growth * sigma
 
 
+@pytest.mark.parametrize("dim, n", [(1, 5000), (2, 400), (3, 40)])
+def test_the_memory_estimate_is_that_of_the_set_up(dim, n):
+    """What is refused for memory is what would not fit: the peak is traced, tables of a small layout and Python's own aside."""
+    lattice = fh.Lattice(0.25, (0.0,) * dim, ((n - 1) * 0.25,) * dim)
+    u = lambda *x: np.exp(-4 * sum((a - n / 8) ** 2 for a in x))  # noqa: E731
+    fh.Simulation(lattice, fh.Wave(KERNEL), initial={"u": u}, threads=1).step(1)
+    tracemalloc.start()
+    sim = fh.Simulation(lattice, fh.Wave(KERNEL), initial={"u": u}, threads=1)
+    sim.step(1)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert 0.5 < sim._memory_needed(8) / peak < 2  # an estimate: data and sources of many terms need more, none less
+
+
 BAD = [
     ({"dt": 1.0}, "above the stable limit"),
     ({"dt": -1.0}, "positive"),
@@ -199,11 +243,15 @@ BAD = [
     ({"model": fh.Wave(fh.Kernel(0.1))}, "horizon is smaller"),
     ({"lattice": fh.Lattice(0.25, (0, 0), (1, 5))}, "thinner than the stencil"),
     ({"lattice": fh.Lattice(1e-5, (0, 0), (3, 3)), "model": fh.Wave(fh.Stencil.finite_difference(2))}, "memory"),
+    ({"model": fh.Wave(fh.Kernel(100.0))}, "spans too many nodes"),
+    ({"lattice": fh.Lattice(0.25, (0, 0), (40_000, 40_000)), "model": fh.Wave(KERNEL)}, "memory; value: about .* GiB for 25600320001 nodes"),
     ({"cracks": [[(-5, 0.1), (5, 1.1)]]}, "across the absorbing side"),
     ({"cracks": [[(-5, 0.1), (-3.1, 0.1)]]}, "across the absorbing side"),
     ({"cracks": [[(-5, 0.1), (5, 0.1)]], "boundary": fh.Periodic()}, "cannot continue it"),
     ({"coefficient": -np.ones(LATTICE.shape)}, "negative"),
     ({"rule": "geometric"}, "bond rule"),
+    ({"rim": "clamped"}, "unknown rim"),
+    ({"rim": "fixed"}, "only a body has a rim"),
     ({"boundary": {"x": fh.LatticePML()}}, "no boundary given"),
     ({"boundary": {"all": fh.LatticePML(), "w": fh.Free()}}, "unknown side"),
     ({"boundary": {"all": fh.LatticePML(), "x-": fh.Periodic()}}, "both sides"),

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import difflib
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -46,11 +48,17 @@ class RegionPart(_Part):
     without: list[RegionPart] = []
 
     def build(self, key: str) -> fh.shapes.Shape:
-        """The shape itself."""
+        """The shape itself; InputError names the key."""
+        try:
+            return self._shape(key)
+        except InputError as error:
+            raise error if error.key else InputError(f"{key}: {error}") from None
+
+    def _shape(self, key: str) -> fh.shapes.Shape:
         shapes: list[fh.shapes.Shape] = []
         for kind, part in ((fh.Disc, self.disc), (fh.Ball, self.ball)):
             if part is not None:
-                shapes.append(kind(part.radius) if part.centre is None else kind(part.radius, part.centre))
+                shapes.append(kind(part.radius, part.centre))
         if self.box is not None:
             shapes.append(fh.Box(self.box.lower, self.box.upper))
         if self.polygon is not None:
@@ -160,6 +168,7 @@ class CasePart(_Part):
     source: list[SourcePart] = []
     coefficient: str | Number | None = None
     rule: str = "both"
+    rim: str = "free"
     background: Number = 0.0
     run: RunPart
     output: OutputPart = OutputPart()
@@ -191,13 +200,11 @@ class Case:
             self.parts = CasePart.model_validate(data)
         except ValidationError as error:
             raise InputError(f"{self.path}: " + _explain(error)) from None
-        try:
+        with self.naming():
             self.lattice = self._lattice()
             self.model = self._model()
             self.setup = self._setup()
             self._check_output()
-        except InputError as error:
-            raise InputError(f"{self.path}: {error}") from None
 
     @classmethod
     def read(cls, path: str | Path) -> Case:
@@ -222,10 +229,16 @@ class Case:
 
     def simulation(self, **changes: Any) -> fh.Simulation:
         """A new simulation of the case."""
-        try:
+        with self.naming():
             return fh.Simulation(**{**self.setup, **changes})
+
+    @contextmanager
+    def naming(self) -> Iterator[None]:
+        """Within it an InputError names the case file."""
+        try:
+            yield
         except InputError as error:
-            raise InputError(f"{self.path}: {error}") from None
+            raise type(error)(f"{self.path}: {error}") from None
 
     def _lattice(self) -> fh.Lattice:
         part = self.parts.lattice
@@ -253,7 +266,7 @@ class Case:
         try:
             return fh.Expression(value, self.lattice.dim)
         except InputError as error:
-            raise InputError(f"{key}: {error}") from None
+            raise InputError(f"{key}: {error}; value: {value!r}") from None
 
     def _setup(self) -> dict[str, Any]:
         parts, dim = self.parts, self.lattice.dim
@@ -281,7 +294,7 @@ class Case:
             "initial": {k: self._expression(v, f"initial.{k}") for k, v in parts.initial.items()},
             "sources": [self._expression(s.value, "source.value") for s in parts.source],
             "cracks": [self._crack(c) for c in parts.crack],
-            "coefficient": coefficient, "rule": parts.rule, "background": parts.background,
+            "coefficient": coefficient, "rule": parts.rule, "rim": parts.rim, "background": parts.background,
             "dt": parts.run.dt, "dtype": parts.run.dtype, "threads": parts.run.threads,
         }  # fmt: skip
 
@@ -337,7 +350,8 @@ def _known(location: tuple[Any, ...]) -> list[str]:
 def _explain(error: ValidationError) -> str:
     """The first problem in one line: key, value, what is wrong, the nearest known key."""
     messages = []
-    for problem in error.errors()[:3]:
+    problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")  # a misspelt key is why another is missing
+    for problem in problems[:3]:
         location = tuple(problem["loc"])
         tags = {"wave", "diffusion", "lattice-pml", "fixed", "free", "periodic", "sponge", "float", "str", "int", "[key]"}
         key = ".".join(str(s) for s in location if s not in tags)

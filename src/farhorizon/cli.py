@@ -24,6 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from farhorizon.errors import FarhorizonError, InputError
 
     try:
+        _check_json(getattr(options, "json", None))
         return int(options.command(options) or GOOD)
     except InputError as error:
         print(f"farhorizon: {error}", file=sys.stderr)
@@ -34,6 +35,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("farhorizon: interrupted", file=sys.stderr)
         return INTERRUPTED
+    except BrokenPipeError:  # the reader of our output, such as head, has gone
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nothing more is written at the exit
+        return FAILED
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -80,6 +84,23 @@ def _write_json(path: str | None, content: dict[str, Any]) -> None:
         Path(path).write_text(json.dumps(content, indent=1) + "\n")
 
 
+def _check_json(name: str | None) -> None:
+    """Refuse a JSON file that cannot be written, before any work."""
+    from farhorizon.errors import InputError
+
+    if name and (Path(name).is_dir() or not os.access(Path(name).parent, os.W_OK)):
+        raise InputError("cannot write this file", value=name, key="--json", remedy="a file in a folder that exists and may be written")
+
+
+def _check_folder(name: str) -> None:
+    """Refuse a folder that cannot be made, without making it."""
+    from farhorizon.errors import InputError
+
+    there = next(p for p in (Path(name).resolve(), *Path(name).resolve().parents) if p.exists())
+    if not (there.is_dir() and os.access(there, os.W_OK)):
+        raise InputError("cannot make the folder", value=name, key="--out", remedy=f"{there} is no folder that may be written: choose another")
+
+
 def _folder(name: str) -> Path:
     from farhorizon.errors import InputError
 
@@ -111,13 +132,11 @@ def _run(options: argparse.Namespace) -> int:
     if options.resume and not checkpoint.exists():
         raise InputError(f"no checkpoint {checkpoint}", key="--resume", remedy="run without --resume")
     sim = case.simulation()
-    for warning in sim.check().warnings:
-        print(f"warning: {warning}", file=sys.stderr)
-    print(f"{case.name}: {case.lattice.nodes} nodes, dt = {sim.dt:.6g}, {int(np.ceil(until / sim.dt))} steps to t = {until:g}")
+    with case.naming():
+        sim.check_sources(until)
     if options.resume:
         kept = sim.load(checkpoint)
         writer = ResultsWriter.resume(result, int(kept["outputs"]), int(kept["rows"]))
-        print(f"resumed at step {sim.step_count}, t = {sim.time:g}")
     else:
         _folder(options.out)
         writer = ResultsWriter.create(
@@ -125,6 +144,12 @@ def _run(options: argparse.Namespace) -> int:
             fields=tuple(case.parts.output.fields), dtype=sim.engine.dtype, probes=probes, case=case.text, program=f"farhorizon {fh.__version__}",
         )  # fmt: skip
         checkpoint.unlink(missing_ok=True)
+    report = sim.check()
+    for line in [f"warning: {w}" for w in report.warnings] + [f"note: {n}" for n in report.notes]:
+        print(line, file=sys.stderr)
+    print(f"{case.name}: {case.lattice.nodes} nodes, dt = {sim.dt:.6g}, {int(np.ceil(until / sim.dt))} steps to t = {until:g}")
+    if options.resume:
+        print(f"resumed at step {sim.step_count}, t = {sim.time:g}")
     saved = [time.monotonic()]
 
     def record(sim: fh.Simulation) -> None:
@@ -164,7 +189,7 @@ def _run(options: argparse.Namespace) -> int:
         signal.signal(signal.SIGINT, before)
     keep(sim)
     results = open_results(result)
-    pictures = plot_results(results, folder / case.name, case.parts.output.pictures)
+    pictures = plot_results(results, folder / case.name, case.parts.output.pictures, _polylines(case))
     print(f"results: {result} ({len(results.times)} outputs); pictures: {', '.join(str(p) for p in pictures)}")
     _write_json(options.json, {"name": case.name, "steps": sim.step_count, "time": sim.time, "dt": sim.dt, "energy": sim.energy(),
                                "results": str(result), "pictures": [str(p) for p in pictures]})  # fmt: skip
@@ -174,46 +199,65 @@ def _run(options: argparse.Namespace) -> int:
 def _check(options: argparse.Namespace) -> int:
     from farhorizon.case import Case
 
-    report = Case.read(options.case).simulation().check()
+    case = Case.read(options.case)
+    sim = case.simulation()
+    with case.naming():
+        sim.check_sources(case.parts.run.until)
+    report = sim.check()
     print(report)
-    _write_json(options.json, {"facts": dict(report.rows), "warnings": report.warnings})
+    _write_json(options.json, {"facts": dict(report.rows), "warnings": report.warnings, "notes": report.notes})
     return GOOD
 
 
-def _compare_case(case: Any, folder: Path, times: Sequence[float] | None, shown: float | None, json_file: str | None) -> None:
+def _polylines(case: Any) -> list[Any]:
+    """Cracks that a picture can show: points and polylines."""
     import numpy as np
 
+    return [np.asarray(c.points, float).reshape(-1, case.lattice.dim) for c in case.parts.crack if c.points is not None]
+
+
+def _compare_case(case: Any, folder: Path, times: Sequence[float] | None, shown: float | None, json_file: str | None) -> None:
     from farhorizon.compare import compare
     from farhorizon.plot import error_history, field_panels
 
-    result = compare(case.setup, case.parts.run.until, times, shown)
+    with case.naming():
+        result = compare(case.setup, case.parts.run.until, times, shown)
     print(result.table())
-    cracks = [np.asarray(c.points, float) for c in case.parts.crack if c.points is not None]
+    cracks = _polylines(case)
     fields = [(f"{name}, t = {result.shown_time:.3g}", value) for name, value in result.fields.items() if name != "free edge"]
     folder.mkdir(parents=True, exist_ok=True)
     picture, history = folder / "compare.png", folder / "error.png"
     field_panels(fields, case.lattice.axes, picture, cracks=cracks)
     curves = {name: (c["times"], c["error_rel_initial"]) for name, c in result.curves.items()}
-    error_history(curves, history, "max error / initial maximum", "Error against the infinite medium")
+    error_history(curves, history, f"max error / {result.scale}", "Error against the infinite medium")
     print(f"pictures: {picture}, {history}")
-    _write_json(json_file, result.curves)
+    curves_and_growth = {n: {**c, "growth_rate": result.growth[n]} if n in result.growth else c for n, c in result.curves.items()}
+    _write_json(json_file, curves_and_growth)
 
 
 def _compare(options: argparse.Namespace) -> int:
     from farhorizon.case import Case
 
+    _check_folder(options.out)
     case = Case.read(options.case)
-    _compare_case(case, _folder(options.out) / case.name, options.times, None, options.json)
+    _compare_case(case, Path(options.out) / case.name, options.times, None, options.json)
     return GOOD
 
 
 def _plot(options: argparse.Namespace) -> int:
+    from farhorizon.case import Case
+    from farhorizon.errors import InputError
     from farhorizon.plot import plot_results
     from farhorizon.results import open_results
 
     path = Path(options.result)
     folder = Path(options.out) if options.out else path.with_suffix("")
-    for picture in plot_results(open_results(path), folder, options.times):
+    results = open_results(path)
+    try:
+        cracks = _polylines(Case(results.case, path))
+    except InputError:  # written from Python, or by a program with other keys: a picture without cracks
+        cracks = []
+    for picture in plot_results(results, folder, options.times, cracks):
         print(picture)
     return GOOD
 
@@ -239,6 +283,7 @@ def _reproduce(options: argparse.Namespace) -> int:
 
 
 def _demo(options: argparse.Namespace) -> int:
+    _check_folder(options.out)
     from importlib.resources import files
 
     from farhorizon.case import Case
@@ -246,7 +291,7 @@ def _demo(options: argparse.Namespace) -> int:
     case = Case(files("farhorizon").joinpath("demo.toml").read_text(encoding="utf-8"), "two_notches.toml")
     print("An infinite membrane with two notches, seen through a disc of radius 26 (example 3 of Hermann et al. 2023).")
     print("Running it with the lattice PML, with a fixed and a free edge, and on a domain from which nothing returns ...")
-    _compare_case(case, _folder(options.out), None, 30.0, options.json)
+    _compare_case(case, Path(options.out), None, 30.0, options.json)
     return GOOD
 
 

@@ -11,6 +11,8 @@ import numpy as np
 from farhorizon.analysis import InfiniteLattice, largest_speed
 from farhorizon.boundaries import Fixed, Free, LatticePML, Sponge
 from farhorizon.cracks import as_cut
+from farhorizon.errors import InputError
+from farhorizon.lattice import Lattice
 from farhorizon.simulation import Simulation
 from farhorizon.sources import Source
 
@@ -28,6 +30,15 @@ class Comparison:
         Per boundary: "times", "error", "error_rel_current", "error_rel_initial", "error_max_over_run".
     fields : dict of str to ndarray
         The field at `shown_time`: "infinite medium" and each boundary.
+    edges : str
+        Where the fixed and the free edge lie.
+    scale : str
+        What the relative errors refer to: with zero initial values the largest value of the run.
+    growth : dict of str to float
+        With layers and backward waves: the measured rate at which the error of each boundary grows (per unit time) over the
+        second half of the run.
+    growth_bound : float
+        Growth of backward waves in the layer to first order in its strength.
     """
 
     reference: str
@@ -36,6 +47,10 @@ class Comparison:
     curves: dict[str, dict[str, Any]] = field(default_factory=dict)
     fields: dict[str, np.ndarray] = field(default_factory=dict)
     shown_time: float = 0.0
+    edges: str = ""
+    scale: str = "initial maximum"
+    growth: dict[str, float] = field(default_factory=dict)
+    growth_bound: float = 0.0
 
     def table(self) -> str:
         """Errors at up to eight times, one row a time, relative to the initial maximum."""
@@ -44,11 +59,35 @@ class Comparison:
         some = sorted({round(i) for i in np.linspace(0, len(self.times) - 1, 8)})
         rows += [f"{self.times[i]:>10.4g}" + "".join(f"{self.curves[n]['error_rel_initial'][i]:>16.2e}" for n in names) for i in some]
         rows.append(f"{'max':>10}" + "".join(f"{self.curves[n]['error_max_over_run'] / self.initial:>16.2e}" for n in names))
-        return "\n".join(["error max|u - u_infinite| over the near field / initial maximum; " + self.reference, *rows])
+        rows += self._growth_lines()
+        head = [f"error max|u - u_infinite| over the near field / {self.scale}", f"infinite medium: {self.reference}"]
+        return "\n".join(head + ([f"fixed and free edge: {self.edges}"] if self.edges else []) + rows)
+
+    def _growth_lines(self) -> list[str]:
+        if not self.growth:
+            return []
+        lines = [f"backward waves grow in the layer, to first order by up to {self.growth_bound:.3g} per unit time; measured over the second half:"]
+        for name, rate in self.growth.items():
+            size = f"to {self.curves[name]['error'][-1] / self.initial:.2g} of the {self.scale}"
+            tenfold = f"grows by {rate:.3g} per unit time (tenfold in {np.log(10) / rate:.3g}) {size}"
+            lines.append(f"  error of the {name} " + (tenfold if rate > 0 else f"does not grow (rate {rate:.2g})"))
+        ours, edge = next(iter(self.curves)), self.curves.get("fixed edge")
+        if edge is not None and self.curves[ours]["error_max_over_run"] > edge["error_max_over_run"]:
+            lines.append(f"warning: the {ours} is worse than a fixed edge here; use a sponge, a shorter run or another kernel")
+        return lines
+
+
+def growth_rate(times: Sequence[float], values: Sequence[float]) -> float:
+    """Slope of the logarithm of positive values over the second half of the times, by least squares; 0 with fewer than two."""
+    t, v = np.asarray(times, float), np.asarray(values, float)
+    late = (t >= 0.5 * t[-1]) & (v > 0) & np.isfinite(v)
+    return float(np.polyfit(t[late], np.log(v[late]), 1)[0]) if late.sum() > 1 else 0.0
 
 
 def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None = None, shown: float | None = None, beside: bool = True) -> Comparison:
     """Run a set-up, the same with a fixed and with a free edge, and the infinite medium, at the same time step.
+
+    The edges lie where the near field ends: at the absorbing sides, or on the outline of a window.
 
     Parameters
     ----------
@@ -61,15 +100,22 @@ def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None =
         Time of the fields kept for a picture; the last one unless given.
     beside : bool
         Run a fixed and a free edge too.
+
+    Raises
+    ------
+    InputError
+        What `Simulation` refuses, times that are not positive, an infinite medium that does not fit into memory.
     """
+    if times is not None and not (np.size(times) and np.isfinite(times).all() and np.min(times) > 0):
+        raise InputError("the times of a comparison must be positive", value=list(times), limit="> 0", key="times")
     wanted = np.linspace(0, until, 41)[1:] if times is None else np.sort(np.asarray(times, float))
     ours = Simulation(**setup)
+    ours.check_sources(until)
     steps = sorted({max(1, round(t / ours.dt)) for t in wanted})
     shown_step = min(steps, key=lambda n: abs(n * ours.dt - (wanted[-1] if shown is None else shown)))
     runs = {_name(ours): ours}
-    for label, edge in (("fixed edge", Fixed(ours.background)), ("free edge", Free())) if beside else ():
-        boundary = {k: edge if isinstance(b, LatticePML | Sponge) else b for k, b in _by_name(ours).items()}
-        runs[label] = Simulation(**{**setup, "boundary": boundary, "dt": ours.dt})
+    for rim in ("fixed", "free") if beside else ():
+        runs[f"{rim} edge"] = _ended(setup, ours, rim)
     homogeneous = all(isinstance(b, LatticePML | Sponge) for b in ours.sides.values()) and ours.lattice.body is None
     homogeneous &= not setup.get("cracks") and setup.get("coefficient") is None and not ours.sources
     far = None if homogeneous else _extended(setup, ours, steps[-1] * ours.dt)
@@ -80,6 +126,8 @@ def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None =
     how = "exact solution on the infinite lattice by FFT" if far is None else f"domain of {' x '.join(map(str, far.lattice.shape))} nodes"
     peak = float(np.nanmax(np.abs(ours.start_u), initial=0.0))
     result = Comparison(how, peak, [n * ours.dt for n in steps], shown_time=shown_step * ours.dt)
+    if beside:
+        result.edges = "on the outline of the window" if ours.lattice.window is not None else "at the absorbing sides of the near field"
     errors: dict[str, list[float]] = {name: [] for name in runs}
     size: list[float] = []
     for step in steps:
@@ -100,13 +148,27 @@ def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None =
             if step == shown_step:
                 result.fields[name] = values
     if result.initial == 0:  # driven by sources alone: the largest value of the run is the scale
-        result.initial = max(size)
+        result.initial, result.scale = max(size), "largest value of the run"
     for name, error in errors.items():
         result.curves[name] = {
             "times": result.times, "error": error, "error_rel_current": [e / max(s, 1e-300) for e, s in zip(error, size, strict=True)],
             "error_rel_initial": [e / max(result.initial, 1e-300) for e in error], "error_max_over_run": max(error),
         }  # fmt: skip
+    backward = ours.stencil.backward_waves() if ours.engine.layers and ours.model.order == 2 else None
+    if backward:
+        result.growth_bound = backward.growth * max(float(layer.sigma.max()) for layer in ours.engine.layers.values())
+        result.growth[_name(ours)] = growth_rate(result.times, errors[_name(ours)])
     return result
+
+
+def _ended(setup: dict[str, Any], ours: Simulation, rim: str) -> Simulation:
+    """The same set-up in a medium that ends where the near field does, at a fixed or a free edge: on the outline of a window, if it is one."""
+    edge = Fixed(ours.background) if rim == "fixed" else Free()
+    changes: dict[str, Any] = {"boundary": {k: edge if isinstance(b, LatticePML | Sponge) else b for k, b in _by_name(ours).items()}, "dt": ours.dt}
+    lattice = ours.lattice
+    if lattice.window is not None:
+        changes |= {"lattice": Lattice(lattice.spacing, lattice.lower, lattice.upper, body=lattice.window), "rim": rim}
+    return Simulation(**{**setup, **changes})
 
 
 def _by_name(sim: Simulation) -> dict[str, Any]:

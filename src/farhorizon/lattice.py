@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from farhorizon.errors import InputError
+from farhorizon.machine import available_memory
 from farhorizon.shapes import Shape
 
 AXES = ("x", "y", "z")
@@ -66,6 +67,12 @@ class Lattice:
         if region is not None:
             if region.dim != self.dim:
                 raise InputError("shape and lattice differ in dimension", value=region.dim, limit=self.dim, key="lattice")
+            need = 8 * (3 * self.dim + 2) * float(np.prod(np.array(self.shape, float)))
+            if need > available_memory():
+                size = f"about {need / 2**30:.3g} GiB for {' x '.join(map(str, self.shape))} nodes"
+                raise InputError("the lattice does not fit into memory", value=size,
+                                 limit=f"{available_memory() / 2**30:.3g} GiB available", key="lattice.spacing",
+                                 remedy="a larger spacing or a smaller window")  # fmt: skip
             self.mask = region.contains(np.stack(self.coordinates(), axis=-1))
             if not self.mask.any():
                 raise InputError("no node lies in the window or body", key="lattice", remedy="a smaller spacing or a larger shape")
@@ -101,7 +108,7 @@ class Lattice:
         """Index of the node nearest to a point; InputError beyond the near field or outside the window."""
         at = np.asarray(point, float)
         if at.shape != (self.dim,) or not np.isfinite(at).all():
-            raise InputError("a point needs one finite coordinate an axis", value=list(np.atleast_1d(at)), limit=self.dim)
+            raise InputError("a point needs one finite coordinate an axis", value=np.atleast_1d(at).tolist(), limit=f"{self.dim} coordinates")
         node = tuple(int(i) for i in np.round((at - self.lower) / self.spacing))
         inside = all(0 <= i < n for i, n in zip(node, self.shape, strict=True))
         if not inside or (self.mask is not None and not self.mask[node]):

@@ -39,6 +39,7 @@ _COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 _DASHES = ("-", "--", "-.", ":")
 # A logarithmic axis shows at most so many decades below its maximum; double precision resolves 16.
 _DECADES = 20
+_SHARED = 0.2  # panels whose largest values differ by more than this factor have colour scales of their own
 
 
 @contextmanager
@@ -51,7 +52,9 @@ def _figure(path: str | Path, size: tuple[float, float], layout: str = "constrai
     path = Path(path)
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no directory {path.parent}", remedy="create it first")
-    settings: dict[Any, Any] = {**_STYLE, "axes.prop_cycle": cycler(linestyle=_DASHES) * cycler(color=_COLORS)}
+    styles = [(_DASHES[i % len(_DASHES)], _COLORS[i % len(_COLORS)]) for i in range(len(_DASHES) * len(_COLORS))]  # coprime: all combinations
+    cycle = cycler(linestyle=[dash for dash, _ in styles]) + cycler(color=[color for _, color in styles])
+    settings: dict[Any, Any] = {**_STYLE, "axes.prop_cycle": cycle}
     with matplotlib.rc_context(settings):
         figure = Figure(figsize=size, layout=layout)  # type: ignore[arg-type]
         yield figure
@@ -94,16 +97,16 @@ def _number(value: float, scale: float) -> str:
     return f"{value if abs(value) > 1e-9 * scale else 0.0:g}".replace("-", "\N{MINUS SIGN}")
 
 
-def _color_range(fields: Sequence[np.ndarray]) -> dict[str, Any]:
+def _color_range(fields: Sequence[np.ndarray], signed: bool | None = None) -> dict[str, Any]:
     """Colour map and limits of some fields: symmetric and diverging if they have both signs, sequential otherwise.
 
-    Negative values below a hundredth of the largest value are taken for undershoot, not for a sign.
+    Negative values below a hundredth of the largest value are taken for undershoot, not for a sign, unless `signed` is given.
     """
     values = np.concatenate([field[np.isfinite(field)].ravel() for field in fields])
     low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
     largest = max(-low, high)
-    if low < -0.01 * largest:
-        return {"cmap": "RdBu_r", "vmin": -largest, "vmax": largest}
+    if low < -0.01 * largest if signed is None else signed:
+        return {"cmap": "RdBu_r", "vmin": -largest or -1.0, "vmax": largest or 1.0}
     if high == low:
         return {"cmap": "viridis", "vmin": min(low, 0.0), "vmax": max(high, 0.0) or 1.0}
     return {"cmap": "viridis", "vmin": low if low > 0.5 * high else 0.0, "vmax": high}
@@ -197,16 +200,18 @@ def _images(
         for empty in panels[len(arrays) :]:
             empty.remove()
         scale = _color_range(arrays)
+        signed = any(_color_range([array])["cmap"] == "RdBu_r" for array in arrays)  # one colour map for all panels, whatever the scales
         for number, (array, title) in enumerate(zip(arrays, titles, strict=True)):
             panel = panels[number]
             if not shared_scale:
-                scale = _color_range([array])
+                scale = _color_range([array], signed)
             image = panel.imshow(array.T, origin="lower", extent=(left, right, bottom, top), aspect="equal", **scale)
             outside = np.isnan(array)
             if outside.any() and not outside.all() and min(array.shape) > 1:
                 panel.contour(*axes, outside.T, levels=[0.5], colors="0.6", linewidths=0.6)
             for points in cracks:
-                panel.plot(points[:, 0], points[:, 1], color="0.1", linewidth=0.9, linestyle="-", scalex=False, scaley=False)
+                for color, width_of_line in (("white", 2.2), ("0.1", 0.9)):  # a light rim shows it on dark colours
+                    panel.plot(points[:, 0], points[:, 1], color=color, linewidth=width_of_line, linestyle="-", scalex=False, scaley=False)
             panel.set_title(title)
             lowest = number + columns >= len(arrays)
             panel.tick_params(labelbottom=lowest, labelleft=number % columns == 0)
@@ -218,8 +223,16 @@ def _images(
             figure.colorbar(image, ax=list(panels[: len(arrays)]), label=label, pad=0.02)
 
 
-def plot_results(results: Results, out_dir: str | Path, times: Sequence[float] | None = None) -> list[Path]:
+def _comparable(fields: Sequence[np.ndarray]) -> bool:
+    """Whether one colour scale shows something in every panel: the largest values of the fields that are not zero are alike."""
+    peaks = [peak for peak in (float(np.nanmax(np.abs(f), initial=0.0)) for f in fields) if peak > 0]
+    return not peaks or min(peaks) >= _SHARED * max(peaks)
+
+
+def plot_results(results: Results, out_dir: str | Path, times: Sequence[float] | None = None, cracks: Sequence[np.ndarray] = ()) -> list[Path]:
     """Draw a results file: each field at some times, the probes and the energy.
+
+    The pictures of a field share one colour scale unless its largest value changes more than fivefold between them.
 
     Parameters
     ----------
@@ -228,6 +241,8 @@ def plot_results(results: Results, out_dir: str | Path, times: Sequence[float] |
         Directory of the pictures; made if there is none.
     times : sequence of float, optional
         The nearest outputs are drawn; up to four evenly spaced ones unless given.
+    cracks : sequence of ndarray, each of shape (n, dim)
+        Polylines, drawn over the fields.
 
     Returns
     -------
@@ -256,7 +271,7 @@ def plot_results(results: Results, out_dir: str | Path, times: Sequence[float] |
         for name in results.field_names:
             fields = [(f"t = {outputs[k]:.4g}", results.field(name, int(k))) for k in chosen]
             written.append(directory / f"{name}.png")
-            field_panels(fields, results.axes, written[-1], label=name)
+            field_panels(fields, results.axes, written[-1], shared_scale=_comparable([f for _, f in fields]), cracks=cracks, label=name)
     history, values, energy = results.history_times, results.probe_values, results.energy
     if np.isfinite(values).any():
         names = [", ".join(f"{axis} = {_number(x, results.spacing)}" for axis, x in zip("xyz", place, strict=False)) for place in results.probes]

@@ -22,10 +22,13 @@ class Report:
     rows : list of (str, str)
         Name and value.
     warnings : list of str
+    notes : list of str
+        Not wrong, but to be known.
     """
 
     rows: list[tuple[str, str]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
 
     @classmethod
     def of(cls, sim: Simulation) -> Report:
@@ -52,7 +55,7 @@ class Report:
         extra = sum(int(np.prod(b.nodes)) for b in engine.layout.blocks.values()) - int(np.prod(lattice.shape))
         say("nodes computed", f"{total} in the core, {extra} beyond the near field")
         say("memory", f"{engine.nbytes / 2**20:.3g} MiB = {engine.nbytes / (np.prod(lattice.shape) * engine.dtype.itemsize):.3g} near fields")
-        say("absent bonds", str(len(engine._cuts[0])))
+        say("absent bonds", str(engine.absent_bonds))
         backward = stencil.backward_waves()
         say("backward waves", f"{100 * backward.fraction:.3g} % of the Brillouin zone from |k| spacing = {backward.first_wavenumber:.3g}"
             if backward else "none")  # fmt: skip
@@ -66,9 +69,10 @@ class Report:
             report.warnings.append("stability of wide stencils (reach above 3 nodes) is not certified: watch the energy")
         if any(isinstance(b, Fixed) for b in sim.sides.values()) and engine.layers:
             report.warnings.append("a Fixed side reflects")
+        report.notes = sim.notes
         return report
 
     def __str__(self) -> str:
         width = max(len(name) for name, _ in self.rows)
         lines = [f"{name:<{width}}  {value}" for name, value in self.rows]
-        return "\n".join(lines + [f"warning: {w}" for w in self.warnings])
+        return "\n".join(lines + [f"warning: {w}" for w in self.warnings] + [f"note: {n}" for n in self.notes])

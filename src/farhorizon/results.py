@@ -128,6 +128,11 @@ def _chunk(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
     return tuple(chunk)
 
 
+def _growing(group: Any, name: str, dtype: str) -> None:
+    """Make an empty column that grows by rows."""
+    group.create_dataset(name, (0,), dtype, maxshape=(None,), chunks=(_CHUNK_ROWS,))
+
+
 def _put(dataset: Any, start: int, values: Any) -> None:
     """Write `values` from row `start` on; rows that stood there or beyond are replaced."""
     stop = start + len(values)
@@ -255,12 +260,12 @@ class ResultsWriter:
             vtk.attrs["Direction"] = np.eye(3).ravel()
             steps, data = vtk.create_group("Steps"), vtk.create_group("PointData")
             steps.attrs["NSteps"] = 0
-            steps.create_dataset("Values", (0,), "f8", maxshape=(None,), chunks=(_CHUNK_ROWS,))
+            _growing(steps, "Values", "f8")
             offsets = steps.create_group("PointDataOffsets")
             for name in fields:
                 chunk = _chunk(stored, dtype.itemsize)
                 data.create_dataset(name, (0, *stored), dtype, maxshape=(None, *stored), chunks=chunk)
-                offsets.create_dataset(name, (0,), "i8", maxshape=(None,), chunks=(_CHUNK_ROWS,))
+                _growing(offsets, name, "i8")
             data.attrs["Scalars"] = fields[0]
             group = file.create_group("farhorizon")
             group.attrs["format"], group.attrs["version"], group.attrs["program"] = FORMAT, VERSION, program
@@ -269,12 +274,12 @@ class ResultsWriter:
             group.create_dataset("case", data=case, dtype=h5py.string_dtype())
             group.create_dataset("fields", data=list(fields), dtype=h5py.string_dtype())
             group.create_dataset("probes", data=places)
-            group.create_dataset("steps", (0,), "i8", maxshape=(None,), chunks=(_CHUNK_ROWS,))
-            group.create_dataset("history_rows", (0,), "i8", maxshape=(None,), chunks=(_CHUNK_ROWS,))
+            _growing(group, "steps", "i8")
+            _growing(group, "history_rows", "i8")
             history = group.create_group("history")
             history.attrs["rows"] = 0
-            history.create_dataset("times", (0,), "f8", maxshape=(None,), chunks=(_CHUNK_ROWS,))
-            history.create_dataset("energy", (0,), "f8", maxshape=(None,), chunks=(_CHUNK_ROWS,))
+            _growing(history, "times", "f8")
+            _growing(history, "energy", "f8")
             if len(places):
                 history.create_dataset("values", (0, len(places)), "f8", maxshape=(None, len(places)), chunks=(_CHUNK_ROWS, min(len(places), 64)))
         return cls(path)

@@ -157,9 +157,9 @@ class Shape(_Described):
 class _Round(Shape):
     _shown = ("radius", "centre")
 
-    def __init__(self, radius: float, centre: ArrayLike) -> None:
+    def __init__(self, radius: float, centre: ArrayLike | None = None) -> None:
         self.radius = _positive("radius", radius)
-        self.centre = _vector("centre", centre, self.dim)
+        self.centre = _vector("centre", np.zeros(self.dim) if centre is None else centre, self.dim)
 
     def bounds(self) -> tuple[Array, Array]:
         return self.centre - self.radius, self.centre + self.radius
@@ -186,9 +186,6 @@ class Disc(_Round):
 
     dim = 2
 
-    def __init__(self, radius: float, centre: ArrayLike = (0.0, 0.0)) -> None:
-        super().__init__(radius, centre)
-
 
 class Ball(_Round):
     """A closed ball in space; its size is the radius.
@@ -207,9 +204,6 @@ class Ball(_Round):
     """
 
     dim = 3
-
-    def __init__(self, radius: float, centre: ArrayLike = (0.0, 0.0, 0.0)) -> None:
-        super().__init__(radius, centre)
 
 
 class Box(Shape):

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from farhorizon.beyond import Beyond
 from farhorizon.boundaries import Boundary, Fixed, Free, LatticePML, Periodic, Sponge, sides
 from farhorizon.cracks import as_cut, cut_bonds
 from farhorizon.describe import describe, rebuild
@@ -22,7 +23,7 @@ from farhorizon.models import ScalarModel
 from farhorizon.report import Report
 from farhorizon.results import read_checkpoint, write_checkpoint
 from farhorizon.shapes import Cut
-from farhorizon.sources import checked, split
+from farhorizon.sources import checked, parts, split
 
 _GUARD_STEPS = 200  # steps between two looks of the instability guard, at most; fewer on lattices above
 _GUARD_NODES = 1_000_000  # this many nodes, so that an interrupt is heard within seconds
@@ -50,6 +51,8 @@ class Simulation:
         Factor on bonds, given on the nodes.
     rule : {"both", "arithmetic", "harmonic"}
         How the coefficients of a bond's ends combine; "both" is the smaller one.
+    rim : {"free", "fixed"}
+        What the outline of a body is: bonds across it are absent, or the field is held at the background outside.
     background : float
         Uniform state of the infinite medium.
     dt : float, optional
@@ -91,6 +94,7 @@ class Simulation:
         dtype: str = "float64",
         threads: int | None = None,
         rule: str = "both",
+        rim: str = "free",
     ) -> None:
         self.lattice, self.model, self.background = lattice, model, float(background)
         self.observers = list(observe)
@@ -100,10 +104,16 @@ class Simulation:
         if threads is not None and not 1 <= threads <= available_threads():
             raise InputError("so many threads are not to be had", value=threads, limit=f"1 to {available_threads()}", key="threads",
                              remedy="leave it out, or set NUMBA_NUM_THREADS before the program starts")  # fmt: skip
+        if rim not in ("free", "fixed"):
+            raise InputError("unknown rim of a body", value=rim, limit="free, fixed", key="rim")
+        if rim == "fixed" and lattice.body is None:
+            raise InputError("only a body has a rim", value=rim, key="rim", remedy="give the lattice a body, or fix the sides: Fixed(...)")
+        self.rim = rim
         if not np.isfinite(self.background):
             raise InputError("the background must be finite", value=background, key="background")
         self.stencil = model.stencil(lattice.spacing, lattice.dim)
-        self._check_size()
+        self._layers = self._make_layers()
+        self._check_size(dtype)
         factor = None if coefficient is None else checked(coefficient, lattice, "coefficient")
         if factor is not None and (factor < 0).any():
             raise InputError("a coefficient must not be negative", value=float(factor.min()), limit=">= 0", key="coefficient")
@@ -115,39 +125,56 @@ class Simulation:
         self.stop_requested = False
         self._guard_steps = max(1, min(_GUARD_STEPS, _GUARD_STEPS * _GUARD_NODES // max(int(np.prod(lattice.shape)), 1)))
 
+        self._beyond = Beyond(lattice, self.sides, model.order, self._depth())
         u = self._initial("u", initial or {})
         v = self._initial("v", initial or {}) if "v" in (initial or {}) and model.order == 2 else np.broadcast_to(0.0, lattice.shape)
         for name in set(initial or {}) - ({"u", "v"} if model.order == 2 else {"u"}):
             raise InputError("unknown initial field", value=name, limit="u, v" if model.order == 2 else "u", key="initial")
         self.start_u, self.start_v = u, v
         cuts = [as_cut(c, lattice.dim) for c in cracks]
+        self._beyond.check_cracks(cuts, self.stencil.reach)
+        self._unsplit: list[Callable[..., Any]] = []
+        self._source_peaks: dict[int, float] = {}
+        self._looked = 0.0  # up to this time
+        self.sources = [self._split_source(s, f"source[{i}]" if len(sources) > 1 else "source") for i, s in enumerate(sources)]
         self._margins = self._choose_margins(u, v, factor, cuts)
         self._make_engine(factor, rule, dtype, threads)
         self._cut(cuts)
-        self._damp()
-        self.sources = [split(s, lattice) for s in sources]
+        self._hold_and_damp()
         held = [abs(b.value - self.background) for b in self.sides.values() if isinstance(b, Fixed)]
         self._setup = {
             "lattice": lattice, "model": model, "boundary": {AXES[a] + "-+"[side > 0]: b for (a, side), b in self.sides.items()},
             "sources": list(sources), "cracks": cuts, "coefficient": factor, "background": self.background, "dt": self.dt,
-            "dtype": dtype, "threads": threads, "rule": rule,
+            "dtype": dtype, "threads": threads, "rule": rule, "rim": rim,
         }  # fmt: skip
         self._scale = max([float(np.abs(u).max()), float(np.abs(v).max()) * self.dt, 1e-300, *held])
         self._start(u, v)
 
     # --- set-up ------------------------------------------------------------------------------------------------
 
-    def _check_size(self) -> None:
+    def _check_size(self, dtype: str) -> None:
         for axis, (n, m) in enumerate(zip(self.lattice.shape, self.stencil.reach, strict=True)):
             if n < 2 * m + 1:
                 raise InputError(
                     "the near field is thinner than the stencil", value=f"{n} nodes along {AXES[axis]}", limit=f">= {2 * m + 1}",
                     key="lattice", remedy="enlarge the lattice or refine it",
                 )  # fmt: skip
-        need = 8 * 4 * int(np.prod(self.lattice.shape))
+        need = self._memory_needed(np.dtype(dtype).itemsize)
         if need > available_memory():
-            raise InputError("the run does not fit into memory", value=f"{need / 2**30:.1f} GiB",
-                             limit=f"{available_memory() / 2**30:.1f} GiB", key="lattice", remedy="a coarser or smaller lattice")  # fmt: skip
+            raise InputError("the run does not fit into memory", value=f"about {need / 2**30:.3g} GiB for {int(np.prod(self.lattice.shape))} nodes",
+                             limit=f"{available_memory() / 2**30:.3g} GiB available", key="lattice",
+                             remedy="a coarser or smaller lattice, thinner layers, or float32")  # fmt: skip
+
+    def _memory_needed(self, itemsize: int) -> float:
+        """Bytes at the peak, in setting up: time levels and layer memory twice, and about seven fields of data besides coordinates."""
+        nodes = float(np.prod(np.array(self.lattice.shape, float)))
+        slots = 1.0
+        for axis, (n, m) in enumerate(zip(self.lattice.shape, self.stencil.reach, strict=True)):
+            columns = sum(layer.columns for (a, _), layer in self._layers.items() if a == axis)
+            sponge = sum(b.nodes for (a, _), b in self.sides.items() if a == axis and isinstance(b, Sponge))
+            slots *= n + 2 * m + sponge + columns * (2 * m + 1)
+        levels = self.model.integrator.stages(1.0, 0.0, self.lattice.dim == 1).levels
+        return 2 * itemsize * ((levels + 1) * slots - nodes) + 8 * (self.lattice.dim + 7) * nodes
 
     def _choose_step(self, dt: float | None) -> float:
         if dt is None:
@@ -161,34 +188,68 @@ class Simulation:
 
     def _initial(self, name: str, initial: Mapping[str, Any]) -> np.ndarray:
         """Initial values less the background; refuses data that the infinite medium would have beyond the near field."""
-        value = initial.get(name, self.background if name == "u" else 0.0)
         level = self.background if name == "u" else 0.0
-        key = f"initial.{name}"
-        if not callable(value):
-            values = checked(value, self.lattice, key) - level
+        value, key = initial.get(name, level), f"initial.{name}"
+        values = self._inside(checked(value(*self.lattice.coordinates()) if callable(value) else value, self.lattice, key) - level)
+        if np.ndim(value):
+            self._beyond.check_values(values, key)
+        elif name in initial:
+            function = value if callable(value) else lambda *_: value
+            self._beyond.check_function(function, float(np.abs(values).max(initial=0)), key, level, "initial value")
+        return values
+
+    def _split_source(self, source: Any, key: str) -> tuple[np.ndarray | None, Callable[..., Any]]:
+        """A source as a function of space times one of time if it splits; refuses what the near field would miss."""
+        space, time = parts(source)
+        found = split(source, self.lattice)
+        values = found[0]
+        if space is None or values is None:
+            self._unsplit.append(time)
+        elif np.ndim(space):
+            self._beyond.check_values(values, key)
         else:
-            values = checked(value(*self.lattice.coordinates()), self.lattice, key) - level
-        peak = float(np.abs(values).max(initial=0))
-        if not callable(value) and np.ndim(value):
-            return self._inside(values)
-        for (axis, side), boundary in self.sides.items():
-            if isinstance(boundary, LatticePML) and self.lattice.body is None:
-                shell = self.lattice.coordinates()
-                strip = [np.take(c, [0 if side < 0 else -1], axis) for c in shell]
-                strip[axis] = strip[axis] + side * self.lattice.spacing
-                beyond = value(*strip) if callable(value) else np.asarray(value)
-                worst = float(np.abs(np.asarray(beyond) - level).max(initial=0))
-                target = boundary.wanted(self.model.order)
-                if peak > 0 and not worst <= target * peak:
-                    raise InputError(
-                        f"initial data are not zero beyond {AXES[axis]}{'-+'[side > 0]}; the run would miss them", value=f"{worst:.3g}",
-                        limit=f"{target * peak:.3g}", key=key, remedy="enlarge the near field, narrow the data, or set background",
-                    )  # fmt: skip
-        return self._inside(values)
+            function = space if callable(space) else lambda *_: space
+            self._beyond.check_function(function, float(np.abs(values).max(initial=0)), key, missed="source value")
+        return found
+
+    def check_sources(self, until: float) -> None:
+        """Look beyond the absorbing sides at sources that do not split into space and time, at up to 64 even times; `run` calls it.
+
+        Parameters
+        ----------
+        until : float
+            End of the run. What was looked at before is not looked at again.
+
+        Raises
+        ------
+        InputError
+            The near field would miss more of a source than the side's target.
+        """
+        if self._unsplit and until > self._looked:
+            times = np.linspace(self._looked, until, min(64, int(np.ceil((until - self._looked) / self.dt))) + 1)
+            for number, source in enumerate(self._unsplit):
+                self._source_peaks[number] = self._beyond.check_moving(source, times, self._source_peaks.get(number, 0.0))
+            self._looked = until
 
     def _inside(self, values: np.ndarray) -> np.ndarray:
         """Zero outside a body, where there are no nodes."""
         return np.where(self.lattice.mask, values, 0.0) if self.lattice.body is not None and self.lattice.mask is not None else values
+
+    def _make_layers(self) -> dict[tuple[int, int], Layer]:
+        """The stretch of each layer, by (axis, side)."""
+        lattice, model = self.lattice, self.model
+        half_width = max(float((lattice.upper - lattice.lower).max()) / 2, lattice.spacing)
+        return {
+            (axis, side): boundary.layer(model.order, model.coefficient, lattice.spacing, self.stencil.reach[axis], half_width, lattice.dim)
+            for (axis, side), boundary in self.sides.items()
+            if isinstance(boundary, LatticePML)
+        }
+
+    def _depth(self) -> dict[tuple[int, int], int]:
+        """Nodes beyond each absorbing side at which data and sources are looked at: its layer or sponge, or one reach if that is more."""
+        nodes = {key: layer.columns for key, layer in self._layers.items()}
+        nodes |= {key: b.nodes for key, b in self.sides.items() if isinstance(b, Sponge)}
+        return {key: max(n, self.stencil.reach[key[0]]) for key, n in nodes.items()}
 
     def _choose_margins(self, u: np.ndarray, v: np.ndarray, factor: np.ndarray | None, cuts: Sequence[Cut]) -> dict[tuple[int, int], int]:
         """Nodes of the core beyond the near field: a sponge, or unstretched nodes in front of a layer.
@@ -221,12 +282,7 @@ class Simulation:
         offsets[:, lead:] = self.stencil.offsets
         if rule not in ("both", "arithmetic", "harmonic"):
             raise InputError("unknown bond rule", value=rule, limit="both, arithmetic, harmonic", key="rule")
-        half_width = max(float((lattice.upper - lattice.lower).max()) / 2, lattice.spacing)
-        layers: dict[tuple[int, int], Layer] = {}
-        for (axis, side), boundary in self.sides.items():
-            if isinstance(boundary, LatticePML):
-                layers[lead + axis, side] = boundary.layer(model.order, model.coefficient, lattice.spacing, self.stencil.reach[axis],
-                                                           half_width, lattice.dim)  # fmt: skip
+        layers = {(lead + axis, side): layer for (axis, side), layer in self._layers.items()}
         periodic = frozenset(lead + a for (a, side), b in self.sides.items() if side < 0 and isinstance(b, Periodic))
         stages = model.integrator.stages(self.dt, model.damping, lattice.dim == 1)
         grown = None
@@ -263,12 +319,11 @@ class Simulation:
                 "a Fixed value beside a LatticePML must equal the background: the layer would have to absorb a state that never decays",
                 value=value + self.background, limit=self.background, key="boundary", remedy="set background, or use Periodic or Free",
             )  # fmt: skip
-        for block in self.engine.layout.blocks.values():
-            if block.segment[axis] == 0:
-                m = block.reach[axis]
-                strip = tuple((slice(0, m) if side < 0 else slice(-m, None)) if a == axis else slice(None) for a in range(3))
-                for level in self.engine.levels[: 3 - self.engine.stages.increments]:
-                    block.slots(level)[strip] = value
+        block = self.engine.core
+        m = block.reach[axis]
+        strip = tuple((slice(0, m) if side < 0 else slice(-m, None)) if a == axis else slice(None) for a in range(3))
+        for level in self.engine.levels[: 3 - self.engine.stages.increments]:
+            block.plane.all(level)[strip] = value
 
     def _cut(self, cuts: Sequence[Cut]) -> None:
         """Absent bonds: cut by cracks, across a free side, or to nodes outside a body."""
@@ -280,17 +335,17 @@ class Simulation:
         for cut in cuts:
             crossed = self._crossed(cut)
             nodes, bonds = cut_bonds(cut, self._origin, self.lattice.spacing, shape, self.stencil.offsets)
-            flat = block.origin + nodes @ np.array(block.step[lead:])
+            flat = block.plane.origin + nodes @ np.array(block.stride[lead:])
             found.append((flat, flat + offsets[bonds] @ np.array(block.stride), engine.weights[bonds]))
             found += [self._continue_crack(cut, nodes, bonds, axis, side) for axis, side in crossed]
-        if any(isinstance(b, Free) for b in self.sides.values()) or self.lattice.body is not None:
-            exists = self._existing()
+        if any(isinstance(b, Free) for b in self.sides.values()) or (self.lattice.body is not None and self.rim == "free"):
+            exists = self._existing(self.rim == "free")
             for part in engine.layout.blocks.values():
                 found += self._absent(part, exists)
         if not found:
             return
         nodes, neighbours, weights = (np.concatenate([f[i] for f in found]) for i in range(3))
-        _, first = np.unique(nodes * engine.layout.size + neighbours, return_index=True)
+        _, first = np.unique(nodes * engine.layout.places + neighbours, return_index=True)
         engine.set_cuts(nodes[first], neighbours[first], weights[first] * engine.bond_factors(nodes[first], neighbours[first]))
 
     def _crossed(self, cut: Cut) -> list[tuple[int, int]]:
@@ -318,23 +373,44 @@ class Simulation:
             rest[:, axis] = 0
             found.append({(*r, b) for r, b in zip(rest.tolist(), bonds[at].tolist(), strict=True)})
         if any(f != found[0] for f in found):
-            raise InputError(
-                f"a crack may run across the absorbing side {AXES[axis]}{'-+'[side > 0]} only straight along its normal, and beyond its first nodes",
-                key="crack", value=[b.tolist() for b in cut.bounds()], limit=f"{self.lattice.lower.tolist()} to {self.lattice.upper.tolist()}",
-                remedy="end it inside, turn it, or enlarge the near field",
-            )  # fmt: skip
+            raise self._oblique(cut, axis, side)
+        self._check_straight(cut, found[0], axis, side)
         layer = self.engine.layout.blocks[tuple(side if a == lead + axis else 0 for a in range(3))]
         table = np.array(sorted(found[0]), int).reshape(-1, self.lattice.dim + 1)
-        start = layer.origin + table[:, :-1] @ np.array(layer.step[lead:])
-        flat = np.add.outer(np.arange(layer.nodes[lead + axis]) * layer.step[lead + axis], start)
-        other = flat + self.engine.offsets[table[:, -1]] @ np.array(layer.stride)
+        at = table[:, :-1].T
+        columns = [np.arange(layer.nodes[lead + axis])[:, None] if a == axis else at[a] for a in range(self.lattice.dim)]
+        index = (*[0] * lead, *columns)
+        flat = layer.node_indices()[index]
+        other = layer.slot_indices()[index] + self.engine.offsets[table[:, -1]] @ np.array(layer.stride)
         return flat.ravel(), other.ravel(), np.broadcast_to(self.engine.weights[table[:, -1]], flat.shape).ravel()
 
-    def _existing(self) -> np.ndarray:
-        """Flat level: 1 where a node of the medium is, 0 beyond free sides and outside a body."""
+    def _check_straight(self, cut: Cut, continued: set[tuple[int, ...]], axis: int, side: int) -> None:
+        """Beyond the core a crack may end, but cut nothing that its straight continuation does not cut."""
+        columns = self._layers[axis, side].columns
+        shape = list(self.engine.core.nodes[3 - self.lattice.dim :])
+        origin = self._origin.copy()
+        origin[axis] += self.lattice.spacing * (shape[axis] if side > 0 else -columns)
+        shape[axis] = columns
+        nodes, bonds = cut_bonds(cut, origin, self.lattice.spacing, tuple(shape), self.stencil.offsets)
+        nodes[:, axis] = 0
+        if not {(*r, b) for r, b in zip(nodes.tolist(), bonds.tolist(), strict=True)} <= continued:
+            raise self._oblique(cut, axis, side)
+        if not continued:
+            return
+        self._beyond.notes.append(f"the crack that runs into the layer at {AXES[axis]}{'-+'[side > 0]} is taken to go on straight without end")
+
+    def _oblique(self, cut: Cut, axis: int, side: int) -> InputError:
+        return InputError(
+            f"a crack may run across the absorbing side {AXES[axis]}{'-+'[side > 0]} only straight along its normal, and beyond its first nodes",
+            key="crack", value=[b.tolist() for b in cut.bounds()], limit=f"{self.lattice.lower.tolist()} to {self.lattice.upper.tolist()}",
+            remedy="end it inside, turn it, or enlarge the near field",
+        )  # fmt: skip
+
+    def _existing(self, body: bool) -> np.ndarray:
+        """True where a node of the medium is, False beyond free sides and, if wanted, outside the body; over a level and the slots."""
         lead = 3 - self.lattice.dim
         core = np.ones(self.engine.core.nodes)
-        if self.lattice.body is not None and self.lattice.mask is not None:
+        if body and self.lattice.body is not None and self.lattice.mask is not None:
             pads = [(self._margins[a, -1], self._margins[a, 1]) for a in range(self.lattice.dim)]
             core = np.pad(self.lattice.mask.astype(float), pads, mode="edge").reshape(core.shape)
             self._check_material(core, lead)
@@ -342,22 +418,33 @@ class Simulation:
         return self.engine.spread(core, beyond) > 0.5
 
     def _absent(self, block: Block, exists: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        if exists[block.base : block.base + int(np.prod(block.extent))].all():
+        if block.slots.all(exists).all():
             return []
-        flat = block.node_indices()
-        here = exists[flat]
+        flat, slots = block.node_indices(), block.slot_indices()
+        here = exists[slots]
         rows = []
         for offset, weight in zip(self.engine.offsets, self.engine.weights, strict=True):
-            other = flat + int(offset @ np.array(block.stride))
+            other = slots + int(offset @ np.array(block.stride))
             cut = here != exists[other]
             rows.append((flat[cut], other[cut], np.full(int(cut.sum()), weight)))
         return rows
 
-    def _damp(self) -> None:
-        """Nodal damping of the sponges, in the core and in the layers of other axes that run along it."""
+    def _hold_and_damp(self) -> None:
+        """Nodal factors: damping of the sponges, in the core and in the layers along it; nodes outside a fixed rim never move."""
+        tables = []
+        if any(isinstance(b, Sponge) for b in self.sides.values()):
+            tables.append(self._damped())
+        self._held = np.zeros(0, np.int64)
+        if self.rim == "fixed":
+            exists = self._existing(True)
+            self._held = np.concatenate([b.node_indices()[~exists[b.slot_indices()]] for b in self.engine.layout.blocks.values()])
+            tables.append((self._held, *np.zeros((3, len(self._held)))))
+        if tables:
+            self.engine.set_damping(*(np.concatenate(columns) for columns in zip(*tables, strict=True)))
+
+    def _damped(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Nodes of the sponges, and their factors on the old and on the new increment and their loss rate."""
         lead = 3 - self.lattice.dim
-        if not any(isinstance(b, Sponge) for b in self.sides.values()):
-            return
         nodes, rates = [], []
         for block in self.engine.layout.blocks.values():
             rate = np.zeros(block.nodes)
@@ -368,20 +455,18 @@ class Simulation:
                     line[: len(values)] = values[::-1]
                     rate = rate + (line if side < 0 else line[::-1]).reshape([-1 if a == lead + axis else 1 for a in range(3)])
             where = np.nonzero(rate)
-            nodes.append(block.origin + np.array(block.step) @ np.array(where))
+            nodes.append(block.node_indices()[where])
             rates.append(rate[where])
         rate = np.concatenate(rates)
         index = np.concatenate(nodes)
         if self.model.order == 1:
-            self.engine.set_damping(index, np.ones_like(rate), np.ones_like(rate), rate)
-            return
+            return index, np.ones_like(rate), np.ones_like(rate), rate
         share, total = self.model.damping * self.dt, (self.model.damping + rate) * self.dt
-        self.engine.set_damping(index, (1 - total) / (1 - share), (1 + share) / (1 + total), np.zeros_like(rate))
+        return index, (1 - total) / (1 - share), (1 + share) / (1 + total), np.zeros_like(rate)
 
     def _start(self, u: np.ndarray, v: np.ndarray) -> None:
         engine = self.engine
         engine.core.view(engine.levels[0])[self._near] = u.reshape(engine.core.view(engine.levels[0])[self._near].shape)
-        engine.fill(engine.levels[0])
         self._source_nodes = self._near_indices() if self.sources else np.zeros(0, np.int64)
         if self.model.order == 1:
             return
@@ -391,13 +476,13 @@ class Simulation:
         change = -(self.dt**2) / 2 * acceleration
         rate = engine.core.view(change)[self._near]
         rate += (self.dt * (1 + self.model.damping * self.dt) * v).reshape(rate.shape)
+        change[self._held] = 0
         if engine.stages.increments:
             engine.levels[2][:] = change
         for block in engine.layout.blocks.values():
             block.view(engine.levels[1])[...] = block.view(engine.levels[0]) - block.view(change)
         engine.memory[:] = 0  # the layers are at rest one step before the start
-        engine.fill(engine.levels[1])
-        engine.fill(engine.levels[0])
+        engine.fill(engine.levels[1], advance=True)
 
     def _near_indices(self) -> np.ndarray:
         return np.ascontiguousarray(self.engine.core.node_indices()[self._near].ravel())
@@ -493,6 +578,7 @@ class Simulation:
 
         if not np.isfinite(until):
             raise InputError("the end of the run must be finite", value=until, key="run.until")
+        self.check_sources(until)
         last = int(np.ceil(until / self.dt - 1e-9))
         show = sys.stderr.isatty() if progress is None else progress
         with tqdm(total=max(last - self.step_count, 0), disable=not show, unit="step", leave=False) as bar:
@@ -536,22 +622,27 @@ class Simulation:
         undamped scheme conserves exactly. Diffusion: ``1/2 integral (u - background)^2``.
         """
         engine, cell = self.engine, self.lattice.spacing**self.lattice.dim
-        u = engine.current.astype(float)
 
         def near(level: np.ndarray) -> np.ndarray:
             part = engine.core.view(np.ascontiguousarray(level))[self._near].reshape(self.lattice.shape)
             return part if self.lattice.mask is None else part[self.lattice.mask]
 
         if self.model.order == 1:
-            return float(0.5 * cell * (near(u) ** 2).sum())
-        old = engine.older.astype(float)
-        apply = lambda level: engine.apply(level.astype(engine.dtype)).astype(float)  # noqa: E731
+            return float(0.5 * cell * (near(engine.current).astype(float) ** 2).sum())
+        engine.fill(engine.current)
+        u, old = engine.current.astype(float), engine.older.astype(float)
+        apply = lambda level: engine.apply_core(level.astype(engine.dtype)).astype(float)  # noqa: E731
         strain = apply(u * old) - u * apply(old) - old * apply(u)
         kinetic = ((near(u) - near(old)) / self.dt) ** 2
         return float(cell * (0.5 * kinetic + 0.25 * near(strain)).sum())
 
+    @property
+    def notes(self) -> list[str]:
+        """What lies beyond the near field and is missed, but within the sides' targets, or cannot be known."""
+        return list(self._beyond.notes)
+
     def check(self) -> Report:
-        """Step limit, memory, nodes, layer thickness, backward waves and warnings, before running."""
+        """Step limit, memory, nodes, layer thickness, backward waves, warnings and notes, before running."""
         return Report.of(self)
 
     # --- state -------------------------------------------------------------------------------------------------
@@ -562,13 +653,19 @@ class Simulation:
             "levels": list(engine.levels.shape), "memory": int(engine.memory.size), "dtype": engine.dtype.name, "dt": self.dt,
             "shape": list(self.lattice.shape), "spacing": self.lattice.spacing, "lower": self.lattice.lower.tolist(),
             "model": type(self.model).__name__, "coefficient": self.model.coefficient, "damping": self.model.damping,
-            "weights": float(self.stencil.weights.sum()), "neighbours": len(self.stencil.weights), "cuts": len(engine._cuts[0]),
+            "weights": float(self.stencil.weights.sum()), "neighbours": len(self.stencil.weights), "cuts": engine.absent_bonds,
+            "held": len(self._held),
         }  # fmt: skip
 
     def save(self, path: str | Path, **extra: Any) -> None:
         """Write the complete state, boundary memory included, under a temporary name and rename it."""
         meta = {"fingerprint": self._fingerprint(), "step": self.step_count, "phase": int(self.engine.phase), "scale": self._scale, "extra": extra}
-        arrays = {"levels": self.engine.levels, "memory": self.engine.memory, "start_u": self.start_u, "start_v": self.start_v}
+        arrays = {
+            "levels": self.engine.levels,
+            "memory": self.engine.memory,
+            "start_u": self.start_u,
+            "start_v": self.start_v,
+        }
         meta["setup"] = describe(self._setup, arrays)
         write_checkpoint(path, arrays, meta)
 

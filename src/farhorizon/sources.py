@@ -30,6 +30,23 @@ class Source:
     time: Callable[[float], float] | None = None
 
 
+def parts(source: Any) -> tuple[Any, Callable[..., Any]]:
+    """(space, time) with ``s = space * time(t)``, space a callable of the coordinates, an array or a number; or (None, s(*coordinates, t))."""
+    if not isinstance(source, Source):
+        source = Source(source)
+    value, time = source.value, source.time
+    if isinstance(value, Expression):
+        both = value.separate()
+        factor = time or (lambda t: 1.0)
+        if both is None:
+            return None, lambda *at: value(*at[:-1], t=at[-1]) * factor(at[-1])
+        space, own = both
+        return space, lambda t: float(own(t=t)) * factor(t)
+    if callable(value) and time is None:
+        return None, value
+    return value, time or (lambda t: 1.0)
+
+
 def split(source: Any, lattice: Lattice) -> tuple[np.ndarray | None, Callable[..., Any]]:
     """(space, time) with ``s = space * time(t)``, or (None, s) with ``s(t)`` an array of the lattice's shape.
 
@@ -38,23 +55,11 @@ def split(source: Any, lattice: Lattice) -> tuple[np.ndarray | None, Callable[..
     InputError
         An array of another shape, or values that are not finite.
     """
-    if not isinstance(source, Source):
-        source = Source(source)
-    value, time = source.value, source.time
+    space, time = parts(source)
     coordinates = lattice.coordinates()
-    if isinstance(value, Expression):
-        parts = value.separate()
-        if parts is not None:
-            space, factor = parts
-            own = lambda t: float(factor(t=t))  # noqa: E731
-            both = own if time is None else lambda t: own(t) * time(t)
-            return checked(space(*coordinates), lattice), both
-        return None, lambda t: checked(value(*coordinates, t=t), lattice) * (1.0 if time is None else time(t))
-    if callable(value):
-        if time is None:
-            return None, lambda t: checked(value(*coordinates, t), lattice)
-        return checked(value(*coordinates), lattice), time
-    return checked(value, lattice), time or (lambda t: 1.0)
+    if space is None:
+        return None, lambda t: checked(time(*coordinates, t), lattice)
+    return checked(space(*coordinates) if callable(space) else space, lattice), time
 
 
 def checked(value: Any, lattice: Lattice, key: str = "source") -> np.ndarray:

@@ -11,6 +11,8 @@ import numpy as np
 from farhorizon.errors import InputError
 from farhorizon.kernel import Kernel
 
+_MOST_NEIGHBOURS = 100_000  # of a kernel's stencil: far beyond use, and soon built
+
 
 @dataclass(frozen=True)
 class BackwardWaves:
@@ -74,7 +76,7 @@ class Stencil:
         Raises
         ------
         InputError
-            A horizon below the spacing (no neighbours).
+            A horizon below the spacing (no neighbours), or so many spacings wide that the stencil has above 100 000 neighbours.
         """
         if kernel.horizon < spacing * (1 - 1e-9):
             raise InputError(
@@ -86,6 +88,10 @@ class Stencil:
             )
         delta = kernel.horizon / spacing
         reach = int(np.floor(delta + (0.5 if kernel.volume == "ramp" else 0.0) + 1e-9))
+        if (2 * reach + 1) ** dim > _MOST_NEIGHBOURS:
+            most = int((_MOST_NEIGHBOURS ** (1 / dim) - 1) / 2)
+            raise InputError("the horizon spans too many nodes", value=f"{reach} nodes", limit=f"{most} nodes in {dim}D", key="kernel.horizon",
+                             remedy=f"horizon = {3 * spacing:g} (three spacings) or a coarser lattice")  # fmt: skip
         grid = np.array([o for o in itertools.product(range(-reach, reach + 1), repeat=dim) if any(o)])
         r = np.sqrt((grid**2).sum(1))
         share = np.clip(delta + 0.5 - r, 0.0, 1.0) if kernel.volume == "ramp" else (r <= delta + 1e-9).astype(float)

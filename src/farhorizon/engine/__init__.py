@@ -8,14 +8,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from farhorizon.engine.build import load_program
-from farhorizon.engine.layout import LINES, Block, Layout
+from farhorizon.engine.build import load_driver, load_rows
+from farhorizon.engine.layout import ALIGN, LINES, TASK_FIELDS, Block, Layout
 
 __all__ = ["Engine", "Layer", "Layout", "available_threads"]
 
+_ALONE = np.zeros(1, np.int64)  # what threads share when there is one
 RULES = ("both", "arithmetic", "harmonic")
-_UNROLLED_LIMIT = 160  # pairs in one row body beyond which straight-line code spills registers
-_PARALLEL_NODES = 160_000  # fewer nodes than this finish before a second thread has started
+_UNROLLED_LIMIT = 1200  # products in straight-line code beyond which compiling takes longer than a run
+_GROUPS = ((2, 4), (1, 8), (8, 1), (2, 2), (1, 4), (4, 1), (1, 1))  # rows swept together, the fastest first
+_STREAMED = ((1, 6),)  # the same for levels beyond any cache: eight rows are more streams than the hardware follows
+_STREAMED_NODES = 500_000
+_PARALLEL_NODES = 40_000  # fewer nodes than this finish before a second thread has started
 
 
 @dataclass(frozen=True)
@@ -47,6 +51,22 @@ def available_threads() -> int:
     return min(cores, int(getattr(numba.config, "NUMBA_NUM_THREADS", cores)))
 
 
+def _weight_classes(weights: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
+    """Class of each column of `weights`, numbered by first appearance, and one column a class."""
+    _, first, inverse = np.unique(weights, axis=1, return_index=True, return_inverse=True)
+    rank = np.argsort(np.argsort(first))
+    return tuple(rank[inverse.ravel()].tolist()), np.ascontiguousarray(weights[:, np.sort(first)])
+
+
+def _zeros(count: int, dtype: np.dtype, rows: int = 0) -> np.ndarray:
+    """Zeros that begin on a cache line, shape (rows, count) or (count,)."""
+    total = max(rows, 1) * count
+    raw = np.zeros(total + ALIGN, dtype)
+    first = -raw.ctypes.data // dtype.itemsize % ALIGN
+    values = raw[first : first + total]
+    return values.reshape(rows, count) if rows else values
+
+
 class Engine:
     """Time levels of one scalar field and the compiled loop that advances them.
 
@@ -74,31 +94,30 @@ class Engine:
         self.offsets, self.weights = np.asarray(offsets, np.int64), np.asarray(weights, float)
         self.layers = dict(layers)
         names = list(self.layers)
-        self.layout = Layout(tuple(core), self.offsets, {n: (self.layers[n].columns, i) for i, n in enumerate(names)}, frozenset(periodic))
-        self.core = self.layout.blocks[0, 0, 0]
         self.threads = threads if int(np.prod(core)) >= _PARALLEL_NODES else 1
+        sides = {name: (self.layers[name].columns, i) for i, name in enumerate(names)}
+        self.layout = Layout(tuple(core), self.offsets, sides, frozenset(periodic))
+        self.core = self.layout.blocks[0, 0, 0]
         columns = max((layer.columns for layer in self.layers.values()), default=0)
         self._recursion = np.zeros((3, max(len(names), 1), columns + 1), self.dtype)
         for i, name in enumerate(names):
             for row, values in zip(self._recursion, self.layers[name].recursion(dt), strict=True):
                 row[i, : len(values)] = values
         self.remember = any(np.any(layer.sigma) for layer in self.layers.values())
-        self.levels = np.zeros((stages.levels, self.layout.size), self.dtype)
-        self.memory = np.zeros(self.layout.memory if self.remember else LINES, self.dtype)
+        self.levels = _zeros(self.layout.size, self.dtype, stages.levels)
+        self.slots = _zeros(self.layout.slots, self.dtype)
+        self.memory = _zeros(self.layout.memory if self.remember else LINES, self.dtype)
         self.phase = 0
-        self._work = np.zeros((self.threads, columns + 2, 2 * max(self.layout.reach) + 1, LINES), self.dtype)
-        self._coefficient = np.zeros(1, self.dtype)
+        self._work = np.zeros((self.threads, (columns + 2) * (2 * max(self.layout.reach) + 1) * LINES), self.dtype)
+        self._coefficient = np.ones(1, self.dtype)
         self._rule = RULES.index(rule)
-        self._split_blocks(coefficient is not None)
+        self._collect_sweeps(coefficient is not None)
         self._collect_fills()
         if coefficient is not None:
             self._coefficient = self.spread(coefficient)
         self.set_cuts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
         self.set_damping(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros(0))
-        self.program = load_program(
-            SHAPE=self._shape, REAL=self.dtype.name, INCREMENTS=stages.increments, PARALLEL=self.threads > 1,
-            HETEROGENEOUS=coefficient is not None, GROUP=self._group, USE_SIMD=bool(self._simd),
-        )  # fmt: skip
+        self._driver = load_driver()
 
     # --- tables of the compiled loop ---------------------------------------------------------------------------
 
@@ -108,57 +127,73 @@ class Engine:
         even = all((a, b, -c) in table and table[a, b, -c] == w for (a, b, c), w in table.items())
         return tuple(sorted(o for o in table if o[2] >= 0)) if even else None
 
-    def _split_blocks(self, heterogeneous: bool) -> None:
-        """Decide which blocks the SIMD sweep serves (unit step along the fastest axis, the core's stencil shape)."""
-        shape = self._half_shape()
-        dim = sum(m > 0 for m in self.layout.reach)
-        rows = {1: (1, 1), 2: (1, 4), 3: (2, 2)}[dim]
+    def _collect_sweeps(self, heterogeneous: bool) -> None:
+        """Tables of the sweeps: which blocks have compiled rows (the stencil looks alike along all their axes), weights, offsets."""
+        shape = None if heterogeneous else self._half_shape()
         blocks = list(self.layout.blocks.values())
-        self._simd: list[Block] = []
-        simd_weights = []
         table = {tuple(o): w for o, w in zip(self.offsets.tolist(), self.weights, strict=True)}
-        if shape is not None and not heterogeneous and len(shape) <= _UNROLLED_LIMIT:
-            for block in blocks:
-                physical = [tuple(int(o[block.order.index(a)]) for a in range(3)) for o in shape]
-                mirrored = [tuple(-i if a == block.order[2] else i for a, i in enumerate(o)) for o in physical]
-                fits = block.step[block.order[2]] == 1 and all(
-                    o in table and table.get(n) == table[o] for o, n in zip(physical, mirrored, strict=True)
-                )
-                if fits:
-                    self._simd.append(block)
-                    simd_weights.append([table[o] for o in physical])
-        general = [b for b in blocks if not any(b is s for s in self._simd)]
-        self._shape = shape if self._simd and shape is not None else ((0, 0, 1),)
-        self._group = rows if self._simd else (1, 1)
-        self._general_blocks = self._block_table(general)
-        self._general_offsets = np.array([self.offsets @ np.array(b.stride) for b in general], np.int64).reshape(-1, len(self.weights))
-        self._simd_blocks = self._block_table(self._simd)
+        rows = np.zeros((len(blocks), len(shape or ())))
+        fits = np.zeros(len(blocks), bool)
+        for number, block in enumerate(blocks if shape else ()):
+            physical = [tuple(int(o[block.order.index(a)]) for a in range(3)) for o in shape or ()]
+            mirrored = [tuple(-i if a == block.order[2] else i for a, i in enumerate(o)) for o in physical]
+            fits[number] = all(o in table and table.get(n) == table[o] for o, n in zip(physical, mirrored, strict=True))
+            if fits[number]:
+                rows[number] = [table[o] for o in physical]
+        functions, groups, classes = np.zeros((len(blocks), 2), np.int64), np.ones((len(blocks), 2), np.int64), rows[:, :1]
+        budget = _UNROLLED_LIMIT // max(len(shape or ()), 1)
+        if shape and fits.any() and budget:
+            numbers, classes = _weight_classes(rows)
+            for number in np.flatnonzero(fits):
+                groups[number] = group = self._group(blocks[number], budget)
+                functions[number] = [load_rows(shape, numbers, g, self.dtype.name, self.stages.increments) for g in (group, (1, 1))]
         scale = np.array([n[2] for n in self.stages.numbers])
-        weights = np.array(simd_weights, float).reshape(len(self._simd), len(self._shape))
-        self._simd_weights = (scale[:, None, None] * weights).astype(self.dtype)
-        self._general_weights = (scale[:, None] * self.weights).astype(self.dtype)
+        offsets = np.array([self.offsets @ np.array(b.stride) for b in blocks], np.int64)
+        self._sweeps = (
+            self._trees(), self.layout.table(), functions, groups, (scale[:, None, None] * classes).astype(self.dtype), offsets,
+            (scale[:, None] * self.weights).astype(self.dtype),
+        )  # fmt: skip
         total = self.weights.sum()
         self._numbers = np.array([(a - s * total, a, b, s, g) for a, b, s, g in self.stages.numbers]).astype(self.dtype)
         self._rotation = np.array(self.stages.rotation, np.int64)
 
-    @staticmethod
-    def _block_table(blocks: list[Block]) -> np.ndarray:
-        rows = [[b.origin, *(b.nodes[a] for a in b.order), b.stride[b.order[0]], b.stride[b.order[1]], *(b.step[a] for a in b.order)] for b in blocks]
-        return np.array(rows, np.int64).reshape(-1, 9)
+    def _group(self, block: Block, budget: int) -> tuple[int, int]:
+        """Rows of a block to sweep together: neighbours along axes of the medium that the block does not stretch."""
+        free = [self.layout.reach[a] > 0 and block.segment[a] == 0 for a in block.order[:2]]
+        preferred = _STREAMED if int(np.prod(block.nodes)) > _STREAMED_NODES and block.nodes[block.order[0]] == 1 else ()
+        return next(g for g in (*preferred, *_GROUPS) if g[0] * g[1] <= budget and all(f or n == 1 for f, n in zip(free, g, strict=True)))
+
+    def _trees(self) -> np.ndarray:
+        """Rows (axis, first block, last block + 1, first place) of the compiled loop, one a tree."""
+        blocks = list(self.layout.blocks.values())
+        rows = []
+        for tree, (start, _) in enumerate(self.layout.trees):
+            numbers = [i for i, block in enumerate(blocks) if self.layout.tree(block) == tree]
+            rows.append((blocks[numbers[0]].first, numbers[0], numbers[-1] + 1, start))
+        return np.array(rows, np.int64).reshape(-1, 4)
 
     def _collect_fills(self) -> None:
-        fills = self.layout.fills
-        self._copies = np.array([np.concatenate([f.copy_to for f in fills]), np.concatenate([f.copy_from for f in fills])])
-        self._copy_ranges = np.cumsum([0] + [len(f.copy_to) for f in fills])
-        self._tasks = np.concatenate([f.tasks for f in fills])
-        self._task_ranges = np.cumsum([0] + [len(f.tasks) for f in fills])
+        """Halo tables in one piece each, with the range of every tree (level: last) and axis."""
+        layout = self.layout
+        trees = len(layout.trees)
+        parts: list[np.ndarray] = []
+        ranges = []
+        for found, empty, axis_of in ((layout.copies, np.zeros((2, 0), np.int64), 1), (layout.tasks, np.zeros((0, len(TASK_FIELDS)), np.int64), 0)):
+            pieces, bounds, end = [empty], np.zeros((trees + 1, 3, 2), np.int64), 0
+            for (tree, axis), piece in found.items():
+                pieces.append(piece)
+                bounds[tree, axis] = end, end + piece.shape[axis_of]
+                end += piece.shape[axis_of]
+            parts.append(np.ascontiguousarray(np.concatenate(pieces, axis=axis_of)))
+            ranges.append(bounds)
+        self._fills = parts[0], ranges[0], parts[1], ranges[1], np.array(layout.reach)
 
     def spread(self, core: np.ndarray, beyond: Mapping[tuple[int, int], float] | None = None) -> np.ndarray:
-        """Nodal values of the core on every slot: constant along each normal from the core's edge on.
+        """Nodal values of the core on every place of a level and of the slots: constant along each normal from the core's edge on.
 
         `beyond` gives the value beyond a side (axis, side) where it is not that of the edge.
         """
-        level = np.zeros(self.layout.size, self.dtype)
+        values = np.zeros(self.layout.places, self.dtype)
         padded = np.asarray(core, float)
         for axis, m in enumerate(self.layout.reach):
             mode = "wrap" if axis in self.layout.periodic else "edge"
@@ -172,16 +207,22 @@ class Engine:
             for axis, side in enumerate(block.segment):
                 if side:
                     edge = 0 if side < 0 else -1
-                    view = np.repeat(np.take(view, [edge], axis), block.extent[axis], axis)
-            block.slots(level)[...] = view
-        return level
+                    view = np.repeat(np.take(view, [edge], axis), block.slots.extent[axis], axis)
+            block.slots.all(values)[...] = view
+        return values
 
     # --- parts that may be set after construction --------------------------------------------------------------
 
     def set_cuts(self, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray) -> None:
-        """Bonds that are absent, as flat indices of both ends (one row a direction) and their weights."""
-        order = np.lexsort((neighbours, nodes))
-        self._cuts = nodes[order].astype(np.int64), neighbours[order].astype(np.int64), weights[order].astype(self.dtype)
+        """Bonds that are absent: their node in a level, its neighbour's place, and their weights; one row a direction."""
+        tree = np.full(len(nodes), len(self.layout.trees))  # the core comes last
+        local = neighbours.astype(np.int64)
+        for number, (first, last) in enumerate(self.layout.trees):
+            inside = (first <= neighbours) & (neighbours < last)
+            tree[inside], local[inside] = number, local[inside] - first
+        order = np.lexsort((local, nodes, tree))
+        ranges = np.searchsorted(tree[order], np.arange(len(self.layout.trees) + 1))
+        self._cuts = ranges, nodes[order].astype(np.int64), local[order], weights[order].astype(self.dtype)
 
     def set_damping(self, nodes: np.ndarray, before: np.ndarray, after: np.ndarray, leak: np.ndarray) -> None:
         """Nodal factors of an absorbing zone: on the old increment, on the new increment, and a loss rate."""
@@ -210,43 +251,58 @@ class Engine:
         rotation = self._rotation[self.phase, 0]
         return self.levels[rotation[2]]
 
-    def _set_threads(self) -> None:
-        if self.threads > 1:
-            import numba
-
-            numba.set_num_threads(self.threads)
-
-    def fill(self, level: np.ndarray) -> None:
-        """Fill every halo of a level and advance the layers' memory to its time."""
-        self._set_threads()
-        self.program.fill(level, self.memory, self._work, self._copies, self._copy_ranges, self._tasks, self._task_ranges,
-                          np.array(self.layout.reach), *self._recursion, self.remember)  # fmt: skip
+    def fill(self, level: np.ndarray, advance: bool = False) -> None:
+        """Fill the halo of a level; with `advance` the layers' memory moves on to its time."""
+        memory = self.memory if advance else self.memory.copy()
+        self._driver.fill(level, self.slots, memory, self._work, self._sweeps[0], *self._fills, *self._recursion, self.remember)
 
     def apply(self, level: np.ndarray) -> np.ndarray:
-        """The operator L on a filled level, as a flat level (its nodes only are meaningful)."""
-        self._set_threads()
+        """The operator L on a level, as a level (its nodes only are meaningful); fills the halo of `level`."""
+        out, base, numbers = self._plain(level)
+        self._driver.stage(
+            0, 1, _ALONE, level, base, out, numbers, self.stages.increments, False, self.slots, self.memory.copy(), self._work,
+            *self._last_sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
+        )  # fmt: skip
+        return (base if self.stages.increments else out) / numbers[3]
+
+    def apply_core(self, level: np.ndarray) -> np.ndarray:
+        """The operator L on the core of a level with whatever its halo holds."""
+        out, base, numbers = self._plain(level)
+        _, blocks, functions, groups, weights, offsets, general = self._last_sweeps
+        law = (general, *numbers[:3], self.stages.increments, self._rule)
+        self._driver.sweep_core(0, 1, level, base, out, blocks[0], functions[0], groups[0], False, weights[0], offsets[0], self._coefficient, law)
+        ranges, *cuts = self._cuts
+        self._driver.cut(0, 1, _ALONE, level, level, base, out, numbers[3], ranges[-1], len(cuts[0]), *cuts, self.stages.increments)
+        return (base if self.stages.increments else out) / numbers[3]
+
+    def _plain(self, level: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Empty output and base, and the numbers of a stage that writes ``scale * L``."""
         scale = self.stages.numbers[-1][2]
-        out, base = np.zeros_like(level), np.zeros_like(level)
-        zero = self.dtype.type(0)
-        total = self.dtype.type(-scale * self.weights.sum())
-        self.program.sweep(level, base, out, self._simd_blocks, self._simd_weights[-1], self._general_blocks, self._general_offsets,
-                           self._general_weights[-1], total, zero, zero, self._coefficient, self._rule)  # fmt: skip
-        result = (base if self.stages.increments else out) / scale
-        nodes, neighbours, weights = self._cuts
-        np.subtract.at(result, nodes, weights * (level[neighbours] - level[nodes]))
-        return result
+        return np.zeros_like(level), np.zeros_like(level), np.array([-scale * self.weights.sum(), 0, 0, scale, 0], self.dtype)
+
+    @property
+    def _last_sweeps(self) -> tuple[np.ndarray, ...]:
+        trees, blocks, functions, groups, weights, offsets, general = self._sweeps
+        return trees, blocks, functions, groups, weights[-1], offsets, general[-1]
 
     def advance(self, steps: int, source_nodes: np.ndarray, source_fields: np.ndarray, source_times: np.ndarray) -> None:
-        """Run steps without returning to Python; sources as in `program.advance`."""
-        self._set_threads()
-        self.phase = self.program.advance(
-            steps, self.phase, self.levels, self.memory, self._work, self._rotation, self._numbers, self._simd_blocks, self._simd_weights,
-            self._general_blocks, self._general_offsets, self._general_weights, self._copies, self._copy_ranges, self._tasks,
-            self._task_ranges, np.array(self.layout.reach), *self._recursion, self.remember, self._coefficient, self._rule,
-            *self._cuts, *self._damping, source_nodes, source_fields, source_times,
+        """Run steps without returning to Python; sources as in `program.run`."""
+        state = (
+            self.phase, self.levels, self._rotation, self._numbers, self.stages.increments, self.slots, self.memory, self._work,
+            *self._sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts, *self._damping,
+            source_nodes, source_fields, source_times,
         )  # fmt: skip
+        from farhorizon.engine.threads import side_by_side
+
+        side_by_side(lambda lane, lanes, sync: self._driver.run(lane, lanes, sync, steps, *state), self.threads)
+        self.phase = (self.phase + steps) % len(self._rotation)
+
+    @property
+    def absent_bonds(self) -> int:
+        """Bonds cut, each counted from both ends."""
+        return len(self._cuts[1])
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all time levels and layer memory."""
-        return self.levels.nbytes + self.memory.nbytes + self._coefficient.nbytes
+        """Bytes of all time levels, slots and layer memory."""
+        return self.levels.nbytes + self.slots.nbytes + self.memory.nbytes + self._coefficient.nbytes

@@ -36,20 +36,32 @@ def cache_folder() -> Path:
     return Path(tempfile.mkdtemp(prefix="farhorizon-"))
 
 
-def load_program(**settings: Any) -> ModuleType:
-    """Module of compiled functions with the template's upper-case names set to `settings`.
+def load_driver() -> ModuleType:
+    """The compiled time loop."""
+    return _load("program")
 
-    The file's name holds a hash of the template, the generator and the settings: Numba's own cache does not see
+
+def load_rows(shape: tuple[tuple[int, int, int], ...], classes: tuple[int, ...], group: tuple[int, int], real: str, increments: bool) -> int:
+    """Address of the compiled row group of a stencil shape (see `engine.simd.row_group_sweep`)."""
+    return int(_load("rows", SHAPE=shape, CLASSES=classes, GROUP=group, REAL=real, INCREMENTS=increments).rows.address)
+
+
+def _load(name: str, **settings: Any) -> ModuleType:
+    """Module of compiled functions: a template with its upper-case names set to `settings`.
+
+    The file's name holds a hash of the templates, the generator and the settings: Numba's own cache does not see
     a change of the generator.
     """
-    template = (_HERE / "program.py").read_text()
-    for name, value in settings.items():
-        template, count = re.subn(rf"(?m)^{name} = .*$", f"{name} = {value!r}", template)
-        assert count == 1, f"the template has no setting {name}"
+    template = (_HERE / f"{name}.py").read_text()
+    for key, value in settings.items():
+        template, count = re.subn(rf"(?m)^{key} = .*$", f"{key} = {value!r}", template)
+        assert count == 1, f"the template has no setting {key}"
     import numba
 
-    mark = "\n".join([template, (_HERE / "simd.py").read_text(), numba.__version__, platform.machine()])
-    name = "program_" + hashlib.sha256(mark.encode()).hexdigest()[:20]
+    mark = "\n".join(
+        [template, *((_HERE / f"{part}.py").read_text() for part in ("simd", "layout", "threads")), numba.__version__, platform.machine()]
+    )
+    name = f"{name}_" + hashlib.sha256(mark.encode()).hexdigest()[:20]
     if name in sys.modules:
         return sys.modules[name]
     path = cache_folder() / f"{name}.py"

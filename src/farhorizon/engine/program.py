@@ -1,30 +1,23 @@
-"""The compiled time loop. This text is a template: `engine.build` writes it out once per stencil shape and number type.
+"""The compiled time loop.
 
-`advance` runs many steps without returning to Python. A step is one or more *stages*; a stage sweeps every block
-(``out = a*in + b*base + weights * neighbours``), applies the sparse corrections, and fills the halo of what it wrote.
-Arrays named ``levels[l]`` are flat time levels laid out by `engine.layout`.
+`run` goes through many steps without returning to Python. A step is one or more *stages*; a stage goes through the trees of the
+layers, fills and sweeps each (``out = a*in + b*base + weights * neighbours``), then sweeps the core, whose halo is now complete.
+Arrays named ``levels[l]`` are flat time levels laid out by `engine.layout`, ``slots`` the continued values of one tree.
+
+Several threads go through the same loop, each with its share (`lane` of `lanes`) of every part, and meet at barriers.
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
-from farhorizon.engine.simd import row_group_sweep
+from farhorizon.engine.layout import LINES
+from farhorizon.engine.simd import call_sweep, stretch_chain
+from farhorizon.engine.threads import barrier
 
-SHAPE = ((0, 0, 1),)
-REAL = "float64"
-INCREMENTS = False
-PARALLEL = False
-HETEROGENEOUS = False
-GROUP = (1, 1)
-USE_SIMD = True
-
-LINES = 32
 CHUNK = 64
-DTYPE = np.float64 if REAL == "float64" else np.float32
-SIZE = 8 if REAL == "float64" else 4
 
-sweep_group = row_group_sweep(SHAPE if USE_SIMD else SHAPE[:1], GROUP, REAL, INCREMENTS)
-sweep_row = row_group_sweep(SHAPE if USE_SIMD else SHAPE[:1], (1, 1), REAL, INCREMENTS)
+stretch_remembering = stretch_chain(LINES, True)
+stretch_memoryless = stretch_chain(LINES, False)
 
 
 @njit(error_model="numpy", inline="always")
@@ -32,215 +25,298 @@ def bond_factor(rule, mine, other):
     """Coefficient of a bond from those of its ends: 0 both (min), 1 arithmetic, 2 harmonic."""
     if rule == 0:
         return min(mine, other)
-    if rule == 1:
-        return DTYPE(0.5) * (mine + other)
     total = mine + other
-    return DTYPE(2.0) * mine * other / total if total > 0 else DTYPE(0.0)
+    if rule == 1:
+        return total / 2
+    return 2 * mine * other / total if total > 0 else 0 * total
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_general(src, base, out, block, offsets, weights, a, b, row, coefficient, rule):
-    """One row of any block with run-time offsets; the sum runs over differences."""
-    i0, i1 = row // block[2], row % block[2]
-    start = block[0] + i0 * block[6] + i1 * block[7]
-    step = block[8]
+def sweep_general(src, base, out, start, to, count, offsets, weights, a, b, increments, coefficient, rule):
+    """One row of any stencil with run-time offsets; the sum runs over differences."""
     acc = np.empty(CHUNK, src.dtype)
-    for first in range(0, block[3], CHUNK):
-        n = min(CHUNK, block[3] - first)
-        origin = start + first * step
+    for first in range(0, count, CHUNK):
+        n = min(CHUNK, count - first)
+        origin = start + first
+        here = src[origin : origin + n]
         acc[:n] = 0
         for k in range(offsets.size):
             w = weights[k]
             at = origin + offsets[k]
-            if step == 1:
-                here, there = src[origin : origin + n], src[at : at + n]
-                if HETEROGENEOUS:
-                    c_here, c_there = coefficient[origin : origin + n], coefficient[at : at + n]
-                    for i in range(n):
-                        acc[i] += w * bond_factor(rule, c_here[i], c_there[i]) * (there[i] - here[i])
-                else:
-                    for i in range(n):
-                        acc[i] += w * (there[i] - here[i])
+            there = src[at : at + n]
+            if coefficient.size > 1:
+                c_here, c_there = coefficient[origin : origin + n], coefficient[at : at + n]
+                for i in range(n):
+                    acc[i] += w * bond_factor(rule, c_here[i], c_there[i]) * (there[i] - here[i])
             else:
                 for i in range(n):
-                    mine, other = origin + i * step, at + i * step
-                    factor = bond_factor(rule, coefficient[mine], coefficient[other]) if HETEROGENEOUS else DTYPE(1.0)
-                    acc[i] += w * factor * (src[other] - src[mine])
-        for i in range(n):
-            node = origin + i * step
-            if INCREMENTS:
-                base[node] = b * base[node] + acc[i]
-                out[node] = src[node] + base[node]
-            else:
-                out[node] = a * src[node] + b * base[node] + acc[i]
-
-
-@njit(error_model="numpy", cache=True)
-def sweep_lines(src, base, out, block, weights, a, b, group):
-    """One row group of a SIMD block, or the single rows left over at its edges."""
-    groups1 = (block[2] + GROUP[1] - 1) // GROUP[1]
-    i0, i1 = (group // groups1) * GROUP[0], (group % groups1) * GROUP[1]
-    whole = block[6] == block[4] and block[7] == block[5] and i0 + GROUP[0] <= block[1] and i1 + GROUP[1] <= block[2]
-    s0, s1, n, w = block[4], block[5], block[3], weights.ctypes.data
-    if whole:
-        shift = (block[0] + i0 * block[6] + i1 * block[7]) * SIZE
-        sweep_group(src.ctypes.data + shift, base.ctypes.data + shift, out.ctypes.data + shift, w, a, b, n, s0, s1)
-        return
-    for j0 in range(i0, min(i0 + GROUP[0], block[1])):
-        for j1 in range(i1, min(i1 + GROUP[1], block[2])):
-            shift = (block[0] + j0 * block[6] + j1 * block[7]) * SIZE
-            sweep_row(src.ctypes.data + shift, base.ctypes.data + shift, out.ctypes.data + shift, w, a, b, n, s0, s1)
-
-
-@njit(error_model="numpy", inline="always")
-def stretch(work, far, near, here, diagonal, memory, number, lines, r, e, f, remember):
-    """One value of every line from its three neighbours in the (p, k) plane; the memory advances in place."""
-    if remember:
-        for i in range(lines):
-            d = work[here[0], here[1], i] - work[diagonal[0], diagonal[1], i]
-            n = memory[number + i]
-            work[far[0], far[1], i] = work[near[0], near[1], i] + r * d - n
-            memory[number + i] = e * n + f * d
-    else:
-        for i in range(lines):
-            d = work[here[0], here[1], i] - work[diagonal[0], diagonal[1], i]
-            work[far[0], far[1], i] = work[near[0], near[1], i] + r * d
-
-
-@njit(error_model="numpy", inline="always")
-def continue_lines(work, memory, store, m, kmax, columns, lines, r, e, f, remember):
-    """U(p, k) for all k from U(p, 0) and the core's edge: outer end inwards for k > 0, outwards for k < 0 (the mirror image)."""
-    number = store
-    for k in range(kmax):
-        for p in range(columns, -1, -1):
-            stretch(work, (p, m + k + 1), (p + 1, m + k), (p, m + k), (p + 1, m + k + 1), memory, number, lines, r[p], e[p], f[p], remember)
-            number += LINES
-    for k in range(kmax):
-        for p in range(columns):
-            stretch(work, (p + 1, m - k - 1), (p, m - k), (p + 1, m - k), (p, m - k - 1), memory, number, lines, r[p], e[p], f[p], remember)
-            number += LINES
-
-
-@njit(error_model="numpy", inline="always")
-def move(level, at, step, work, p, q, count, out):
-    """Values of a bundle of lines from the level into the work space, or back."""
-    if step == 1:
-        line = level[at : at + count]
-        if out:
-            for i in range(count):
-                line[i] = work[p, q, i]
+                    acc[i] += w * (there[i] - here[i])
+        node = to + first
+        if increments:
+            for i in range(n):
+                base[node + i] = b * base[node + i] + acc[i]
+                out[node + i] = here[i] + base[node + i]
         else:
-            for i in range(count):
-                work[p, q, i] = line[i]
-    elif out:
-        for i in range(count):
-            level[at + i * step] = work[p, q, i]
-    else:
-        for i in range(count):
-            work[p, q, i] = level[at + i * step]
+            for i in range(n):
+                out[node + i] = a * here[i] + b * base[node + i] + acc[i]
+
+
+# What all rows of a stage share: law = (weights of the general sweep, a, a for differences, b, increments, rule).
 
 
 @njit(error_model="numpy", cache=True)
-def fill_task(level, memory, work, task, reach, r, e, f, remember):
-    """Continue one bundle of lines into a layer: read the core's edge, write the core's halo and the layer's slots."""
-    inner, inner_k, inner_line = task[0], task[1], task[2]
-    layer, layer_p, layer_k, layer_line = task[3], task[4], task[5], task[6]
-    count, store, kmax, columns = task[7], task[8], task[9], task[11]
-    m = reach
-    if count < LINES:  # idle lanes stay zero, so that the memory is a function of the state alone
-        work[:, :, count:] = 0
-    work[columns + 1] = 0
-    for k in range(kmax + 1):
-        move(level, inner - k * inner_k, inner_line, work, 0, m - k, count, False)
-    for p in range(1, columns + 1):
-        move(level, layer + (p - 1) * layer_p, layer_line, work, p, m, count, False)
-    if count == 1:
-        continue_lines(work, memory, store, m, kmax, columns, 1, r, e, f, remember)
+def sweep_at(src, base, out, block, i0, i1, function, weights, offsets, coefficient, law):
+    """The row, or the group of rows, of a block that begins at (i0, i1); a stencil without compiled rows has function 0."""
+    general, a, a_difference, b, increments, rule = law
+    start, to = block[0] + i0 * block[4] + i1 * block[5], block[9] + i0 * block[10] + i1 * block[11]
+    if function != 0:
+        size = src.itemsize
+        call_sweep(function, src.ctypes.data + start * size, base.ctypes.data + to * size, out.ctypes.data + to * size, weights.ctypes.data,
+                   a, b, block[3], block[6], block[7], block[8], block[10], block[11])  # fmt: skip
     else:
-        continue_lines(work, memory, store, m, kmax, columns, LINES, r, e, f, remember)
-    for k in range(1, kmax + 1):
-        move(level, inner + k * inner_k, inner_line, work, 0, m + k, count, True)
-    for p in range(1, columns + 1):
+        sweep_general(src, base, out, start, to, block[3], offsets, general, a_difference, b, increments, coefficient, rule)
+
+
+@njit(error_model="numpy", cache=True)
+def sweep_group(src, base, out, block, number, group, functions, weights, offsets, coefficient, law):
+    """A whole group of rows, or one by one the rows left over at the edge of a block."""
+    g0, g1 = group
+    n1 = (block[2] + g1 - 1) // g1
+    i0, i1 = (number // n1) * g0, (number % n1) * g1
+    whole = i0 + g0 <= block[1] and i1 + g1 <= block[2]
+    step0, step1, function = (g0, g1, functions[0]) if whole else (1, 1, functions[1])
+    for j0 in range(i0, min(i0 + g0, block[1]), step0):
+        for j1 in range(i1, min(i1 + g1, block[2]), step1):
+            sweep_at(src, base, out, block, j0, j1, function, weights, offsets, coefficient, law)
+
+
+@njit(error_model="numpy", cache=True)
+def count_groups(block, group):
+    """Groups of rows in a block, those at its edge included."""
+    return ((block[1] + group[0] - 1) // group[0]) * ((block[2] + group[1] - 1) // group[1])
+
+
+@njit(error_model="numpy", cache=True)
+def sweep_core(lane, lanes, src, base, out, block, functions, group, backward, weights, offsets, coefficient, law):
+    """All groups of rows of the core; in every other stage the last first: it meets what the last stage left in the cache."""
+    count = count_groups(block, group)
+    first, last = count * lane // lanes, count * (lane + 1) // lanes
+    for i in range(first, last):
+        number = first + last - 1 - i if backward else i
+        sweep_group(src, base, out, block, number, group, functions, weights, offsets, coefficient, law)
+
+
+@njit(error_model="numpy", cache=True)
+def sweep_tree(lane, lanes, slots, base, out, first, last, blocks, functions, groups, weights, offsets, coefficient, law):
+    """The blocks of a tree."""
+    for k in range(first, last):
+        for number in range(lane, count_groups(blocks[k], groups[k]), lanes):
+            sweep_group(slots, base, out, blocks[k], number, groups[k], functions[k], weights[k], offsets[k], coefficient, law)
+
+
+@njit(error_model="numpy", cache=True)
+def stretch(near, diagonal, here, far, step, memory, r, e, f, turn, n, count, like, remember):
+    """One more offset along a chain of columns, with the layer's memory or without."""
+    if remember:
+        stretch_remembering(near, diagonal, here, far, step, memory, r, e, f, turn, n, count, like)
+    else:
+        stretch_memoryless(near, diagonal, here, far, step, memory, r, e, f, turn, n, count, like)
+
+
+@njit(error_model="numpy", cache=True)
+def continue_lines(inner, inner_k, slot, slot_p, slot_k, zero, memory, cell, kmax, columns, r, e, f, count, remember):
+    """U(p, k) for all k from U(p, 0) and the core's edge: outer end inwards for k > 0, outwards for k < 0 (the mirror image).
+
+    Byte addresses of U(0, 0), of U(1, 0) and of zeros, and the distances between offsets k and between columns p.
+    """
+    like, size = r[0], r.itemsize
+    low = np.int64(r.ctypes.data), np.int64(e.ctypes.data), np.int64(f.ctypes.data)
+    high = low[0] + columns * size, low[1] + columns * size, low[2] + columns * size
+    none, one = np.int64(0), np.int64(1)
+    for k in range(kmax):
+        here, far, last = slot + k * slot_k, slot + (k + 1) * slot_k, (columns - 1) * slot_p
+        stretch(zero, zero, here + last, far + last, -slot_p, memory, high[0], high[1], high[2], -one, columns, count, like, remember)
+        memory += columns * cell
+        edge = inner + k * inner_k
+        stretch(here, far, edge, edge + inner_k, none, memory, low[0], low[1], low[2], one, one, count, like, remember)
+        memory += cell
+    for k in range(kmax):
+        here, edge = slot - k * slot_k, inner - k * inner_k
+        stretch(edge, edge - inner_k, here, here - slot_k, slot_p, memory, low[0], low[1], low[2], one, columns, count, like, remember)
+        memory += columns * cell
+
+
+@njit(error_model="numpy", cache=True)
+def move(to, at, step, source, start, source_step, count):
+    """`count` values from one array to another."""
+    for i in range(count):
+        to[at + i * step] = source[start + i * source_step]
+
+
+@njit(error_model="numpy", cache=True)
+def fill_task(level, slots, memory, work, task, m, r, e, f, remember):
+    """Continue one bundle of lines into a layer: read the edge of what lies inside, write its halo and the layer's slots.
+
+    work[0] holds zeros; lines whose values are not neighbours in memory pass through the rest of it.
+    """
+    inner, inner_k, inner_line, node, node_p, node_line = task[0], task[1], task[2], task[3], task[4], task[5]
+    slot, slot_p, slot_k, slot_line = task[6], task[7], task[8], task[9]
+    count, kmax, columns, first = task[10], task[12], task[14], task[15]
+    source = level if first else slots
+    size = work.itemsize
+    zero, cell, one = np.int64(work.ctypes.data), LINES * size, np.int64(1)
+    row, middle = (2 * m + 1) * LINES, m * LINES  # values of one column in the work space; place of k = 0
+    inside, outside = inner_line == 1, slot_line == 1  # in place
+    edge, edge_k = np.int64(source.ctypes.data) + inner * size, inner_k * size
+    if not inside:
+        edge, edge_k = zero + (row + middle) * size, cell
+        for k in range(kmax + 1):
+            move(work, row + middle - k * LINES, one, source, inner - k * inner_k, inner_line, count)
+    begin, p_step, k_step = np.int64(slots.ctypes.data) + slot * size, slot_p * size, slot_k * size
+    if outside:
+        if first:
+            for p in range(columns):
+                move(slots, slot + p * slot_p, one, level, node + p * node_p, node_line, count)
+    else:
+        begin, p_step, k_step = zero + (2 * row + middle) * size, row * size, cell
+        for p in range(columns):
+            move(work, (p + 2) * row + middle, one, source, node + p * node_p, node_line, count)
+    continue_lines(
+        edge, edge_k, begin, p_step, k_step, zero, np.int64(memory.ctypes.data) + task[11] * size, cell, kmax, columns, r, e, f, count, remember
+    )
+    if not inside:
         for k in range(1, kmax + 1):
-            move(level, layer + (p - 1) * layer_p + k * layer_k, layer_line, work, p, m + k, count, True)
-            move(level, layer + (p - 1) * layer_p - k * layer_k, layer_line, work, p, m - k, count, True)
-
-
-@njit(error_model="numpy", parallel=PARALLEL, cache=True)
-def fill(level, memory, work, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember):
-    """Fill all halos of one level, axis by axis."""
-    for axis in range(3):
-        for i in range(copy_ranges[axis], copy_ranges[axis + 1]):
-            level[copies[0, i]] = level[copies[1, i]]
-        first, last = task_ranges[axis], task_ranges[axis + 1]
-        lanes = work.shape[0]
-        for lane in prange(lanes):
-            for t in range(first + lane, last, lanes):
-                profile = tasks[t, 10]
-                fill_task(level, memory, work[lane], tasks[t], reach[axis], r[profile], e[profile], f[profile], remember)
-
-
-@njit(error_model="numpy", parallel=PARALLEL, cache=True)
-def sweep(src, base, out, simd_blocks, simd_weights, general_blocks, general_offsets, general_weights, a, a_difference, b,
-          coefficient, rule):  # fmt: skip
-    """One stage on every block."""
-    for number in range(simd_blocks.shape[0]):
-        block = simd_blocks[number]
-        groups = ((block[1] + GROUP[0] - 1) // GROUP[0]) * ((block[2] + GROUP[1] - 1) // GROUP[1])
-        for group in prange(groups):
-            sweep_lines(src, base, out, simd_blocks[number], simd_weights[number], a, b, group)
-    for number in range(general_blocks.shape[0]):
-        block = general_blocks[number]
-        for row in prange(block[1] * block[2]):
-            sweep_general(src, base, out, general_blocks[number], general_offsets[number], general_weights, a_difference, b,
-                          row, coefficient, rule)  # fmt: skip
+            move(source, inner + k * inner_k, inner_line, work, row + middle + k * LINES, one, count)
+    if not outside:
+        for k in range(-kmax, kmax + 1):
+            if k != 0 or first:
+                for p in range(columns):
+                    move(slots, slot + p * slot_p + k * slot_k, slot_line, work, (p + 2) * row + middle + k * LINES, one, count)
 
 
 @njit(error_model="numpy", cache=True)
-def advance(steps, phase, levels, memory, work, stages, numbers, simd_blocks, simd_weights, general_blocks, general_offsets,
-            general_weights, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
-            cut_nodes, cut_neighbours, cut_weights, damped, damp_before, damp_after, damp_leak,
-            source_nodes, source_fields, source_times):  # fmt: skip
-    """Run `steps` steps from the rotation `phase`; the level that then holds the state is ``stages[phase', 0, 0]``.
+def copy(array, copies, bounds):
+    """Periodic copies."""
+    for i in range(bounds[0], bounds[1]):
+        array[copies[0, i]] = array[copies[1, i]]
 
-    stages[phase, stage] = (in, base, out) levels; numbers[stage] = (a, a for differences, b, weight scale, source scale).
-    source_times[step, stage, j] multiplies source_fields[j] on source_nodes.
+
+@njit(error_model="numpy", cache=True)
+def fill_tree(lane, lanes, sync, tree, level, slots, memory, work, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember):
+    """Halo and slots of one tree, axis by axis."""
+    for axis in range(3):
+        bounds = copy_ranges[tree, axis]
+        if bounds[0] < bounds[1]:
+            if lane == 0:
+                copy(slots, copies, bounds)
+            barrier(sync, lanes)
+        first, last = task_ranges[tree, axis, 0], task_ranges[tree, axis, 1]
+        if first < last:
+            for t in range(first + lane, last, lanes):
+                profile = tasks[t, 13]
+                fill_task(level, slots, memory, work[lane], tasks[t], reach[axis], r[profile], e[profile], f[profile], remember)
+            barrier(sync, lanes)
+
+
+@njit(error_model="numpy", cache=True)
+def fill(level, slots, memory, work, trees, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember):
+    """Fill all halos of one level and advance the layers' memory to its time."""
+    sync = np.zeros(1, np.int64)
+    lane, lanes = np.int64(0), np.int64(1)
+    for axis in range(3):
+        copy(level, copies, copy_ranges[-1, axis])
+        for tree in range(trees.shape[0]):
+            if trees[tree, 0] == axis:
+                fill_tree(lane, lanes, sync, tree, level, slots, memory, work, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember)
+
+
+@njit(error_model="numpy", cache=True)
+def cut(lane, lanes, sync, src, values, base, out, scale, first, last, nodes, neighbours, weights, increments):
+    """Take back the absent bonds from `nodes` to `neighbours` among `values`."""
+    if first == last:
+        return
+    if lane == 0:
+        for i in range(first, last):
+            lost = scale * weights[i] * (values[neighbours[i]] - src[nodes[i]])
+            out[nodes[i]] -= lost
+            if increments:
+                base[nodes[i]] -= lost
+    barrier(sync, lanes)
+
+
+@njit(error_model="numpy", cache=True)
+def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slots, memory, work, trees, blocks, functions, groups, weights,
+          offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
+          cut_ranges, cut_nodes, cut_neighbours, cut_weights):  # fmt: skip
+    """``out = a*src + b*base + scale*L(src)`` everywhere; fills the halo of `src` and advances the layers' memory to its time.
+
+    trees[tree] = (axis, first block, last block + 1, first coefficient); numbers = (a, a for differences, b, scale, source scale).
+    """
+    scale = numbers[3]
+    law = (general, numbers[0], numbers[1], numbers[2], increments, rule)
+    for axis in range(3):
+        bounds = copy_ranges[-1, axis]
+        if bounds[0] < bounds[1]:
+            if lane == 0:
+                copy(src, copies, bounds)
+            barrier(sync, lanes)
+        for tree in range(trees.shape[0]):
+            if trees[tree, 0] == axis:
+                fill_tree(lane, lanes, sync, tree, src, slots, memory, work, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember)
+                first, last = trees[tree, 1], trees[tree, 2]
+                material = coefficient[trees[tree, 3] :] if coefficient.size > 1 else coefficient
+                sweep_tree(lane, lanes, slots, base, out, first, last, blocks, functions, groups, weights, offsets, material, law)
+                barrier(sync, lanes)
+                cut(lane, lanes, sync, src, slots, base, out, scale, cut_ranges[tree], cut_ranges[tree + 1], cut_nodes, cut_neighbours, cut_weights,
+                    increments)  # fmt: skip
+    sweep_core(lane, lanes, src, base, out, blocks[0], functions[0], groups[0], backward, weights[0], offsets[0], coefficient, law)
+    barrier(sync, lanes)
+    cut(lane, lanes, sync, src, src, base, out, scale, cut_ranges[trees.shape[0]], cut_nodes.size, cut_nodes, cut_neighbours, cut_weights, increments)
+
+
+@njit(error_model="numpy", nogil=True, cache=True)
+def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, slots, memory, work, trees, blocks, functions, groups, weights,
+        offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
+        cut_ranges, cut_nodes, cut_neighbours, cut_weights, damped, damp_before, damp_after, damp_leak,
+        source_nodes, source_fields, source_times):  # fmt: skip
+    """One lane's share of `steps` steps from the rotation `phase`.
+
+    After them the level ``stages[(phase + steps) % rotations, 0, 0]`` holds the state, where stages[phase, stage] = (in, base, out)
+    are level numbers; numbers[stage] as in `stage`. source_times[step, stage, j] multiplies source_fields[j] on source_nodes.
     """
     per_step = stages.shape[1]
     for step in range(steps):
-        for stage in range(per_step):
-            src = levels[stages[phase, stage, 0]]
-            base = levels[stages[phase, stage, 1]]
-            out = levels[stages[phase, stage, 2]]
-            a, a_difference, b, scale, source_scale = (numbers[stage, 0], numbers[stage, 1], numbers[stage, 2], numbers[stage, 3],
-                                                       numbers[stage, 4])  # fmt: skip
-            for i in range(damped.size):
-                node = damped[i]
-                if INCREMENTS:
-                    base[node] *= damp_before[i]
-                else:
-                    base[node] = src[node] - (src[node] - base[node]) * damp_before[i]
-            sweep(src, base, out, simd_blocks, simd_weights[stage], general_blocks, general_offsets, general_weights[stage],
-                  a, a_difference, b, coefficient, rule)  # fmt: skip
-            for i in range(cut_nodes.size):
-                node = cut_nodes[i]
-                lost = scale * cut_weights[i] * (src[cut_neighbours[i]] - src[node])
-                out[node] -= lost
-                if INCREMENTS:
-                    base[node] -= lost
-            for j in range(source_fields.shape[0]):
-                amplitude = source_scale * source_times[step, stage, j]
-                if amplitude != 0:
-                    for i in range(source_nodes.size):
-                        gain = amplitude * source_fields[j, i]
-                        out[source_nodes[i]] += gain
-                        if INCREMENTS:
-                            base[source_nodes[i]] += gain
-            for i in range(damped.size):
-                node = damped[i]
-                out[node] = src[node] + (out[node] - src[node]) * damp_after[i] - scale * damp_leak[i] * src[node]
-                if INCREMENTS:
-                    base[node] = out[node] - src[node]
-            fill(out, memory, work, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember)
+        for part in range(per_step):
+            src = levels[stages[phase, part, 0]]
+            base = levels[stages[phase, part, 1]]
+            out = levels[stages[phase, part, 2]]
+            scale, source_scale = numbers[part, 3], numbers[part, 4]
+            if damped.size:
+                for i in range(lane, damped.size, lanes):
+                    node = damped[i]
+                    if increments:
+                        base[node] *= damp_before[i]
+                    else:
+                        base[node] = src[node] - (src[node] - base[node]) * damp_before[i]
+                barrier(sync, lanes)
+            stage(lane, lanes, sync, src, base, out, numbers[part], increments, (phase + part) % 2 == 1, slots, memory, work, trees, blocks,
+                  functions, groups, weights[part], offsets, general[part], copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember,
+                  coefficient, rule, cut_ranges, cut_nodes, cut_neighbours, cut_weights)  # fmt: skip
+            if source_fields.shape[0]:
+                for j in range(source_fields.shape[0]):
+                    amplitude = source_scale * source_times[step, part, j]
+                    if amplitude != 0:
+                        for i in range(lane, source_nodes.size, lanes):
+                            gain = amplitude * source_fields[j, i]
+                            out[source_nodes[i]] += gain
+                            if increments:
+                                base[source_nodes[i]] += gain
+                barrier(sync, lanes)
+            if damped.size:
+                for i in range(lane, damped.size, lanes):
+                    node = damped[i]
+                    out[node] = src[node] + (out[node] - src[node]) * damp_after[i] - scale * damp_leak[i] * src[node]
+                    if increments:
+                        base[node] = out[node] - src[node]
+                barrier(sync, lanes)
         phase = (phase + 1) % stages.shape[0]
-    return phase

@@ -1,0 +1,79 @@
+"""Threads that go through the time loop side by side, and the points where they meet.
+
+A step has several parts; to start threads for each would cost more than a part does. So they are started once for many
+steps, and wait for each other at barriers: a short while busily, then offering their core to others.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import njit, types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+SYNC = 32  # elements that threads share, for two words on cache lines of their own
+_ARRIVED, _ROUND = 0, SYNC // 2
+
+_SPINS = 2000  # some ten microseconds; then the thread offers its core to others
+_I64 = ir.IntType(64)
+
+_yield = types.ExternalFunction("SwitchToThread" if os.name == "nt" else "sched_yield", types.int32())
+
+
+@intrinsic
+def _add(typingctx, address, value):  # type: ignore[no-untyped-def]
+    """Add to a word, return what it was."""
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        return builder.atomic_rmw("add", builder.inttoptr(args[0], _I64.as_pointer()), args[1], "seq_cst")
+
+    return types.int64(types.int64, types.int64), codegen
+
+
+@intrinsic
+def _read(typingctx, address):  # type: ignore[no-untyped-def]
+    """A word as other threads left it."""
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        if platform.machine() in ("x86_64", "AMD64"):
+            pause = cgutils.get_or_insert_function(builder.module, ir.FunctionType(ir.VoidType(), []), "llvm.x86.sse2.pause")
+            builder.call(pause, [])
+        return builder.load_atomic(builder.inttoptr(args[0], _I64.as_pointer()), "acquire", 8)
+
+    return types.int64(types.int64), codegen
+
+
+@njit(cache=True)
+def barrier(sync, lanes):  # type: ignore[no-untyped-def]
+    """Wait until all lanes are here; `sync` is an int64 array of `SYNC` zeros that they share."""
+    if lanes == 1:
+        return
+    word = np.int64(sync.ctypes.data)
+    now = _read(word + 8 * _ROUND)
+    if _add(word + 8 * _ARRIVED, 1) == lanes - 1:
+        _add(word + 8 * _ARRIVED, -lanes)
+        _add(word + 8 * _ROUND, 1)
+        return
+    spins = 0
+    while _read(word + 8 * _ROUND) == now:
+        spins += 1
+        if spins > _SPINS:
+            _yield()
+
+
+def side_by_side(work: Callable[[int, int, np.ndarray], None], lanes: int) -> None:
+    """Call ``work(lane, lanes, sync)``, which must release the interpreter's lock, for every lane at the same time."""
+    sync = np.zeros(SYNC, np.int64)
+    others = [threading.Thread(target=work, args=(lane, lanes, sync), daemon=True) for lane in range(1, lanes)]
+    for thread in others:
+        thread.start()
+    work(0, lanes, sync)
+    for thread in others:
+        thread.join()

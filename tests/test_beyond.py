@@ -1,0 +1,138 @@
+"""What lies beyond the near field: refused above the side's target, noted below it, not asked where the medium ends."""
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+
+LATTICE = fh.Lattice(0.25, (-3, -3), (3, 3))
+KERNEL = fh.Kernel(0.75)
+X, Y = LATTICE.coordinates()
+
+
+def pulse(steepness, x0=0.0, y0=0.0):
+    return lambda x, y: np.exp(-steepness * ((x - x0) ** 2 + (y - y0) ** 2))
+
+
+def simulation(**changes):
+    setup = {"lattice": LATTICE, "model": fh.Wave(KERNEL), "boundary": fh.LatticePML(), "initial": {"u": pulse(4)}}
+    return fh.Simulation(**{**setup, **changes})
+
+
+def travelling(x, y, t):
+    """Leaves the near field at about t = 3."""
+    return np.exp(-4 * ((x - t) ** 2 + y**2))
+
+
+BEYOND = {
+    "pulse too wide": {"initial": {"u": pulse(1)}},  # exp(-3.25^2) = 3e-5 just beyond
+    "pulse centred beyond": {"initial": {"u": pulse(4, 5.0)}},
+    "pulse near a corner": {"initial": {"u": pulse(4, 2.9, 2.9)}},
+    "velocity": {"initial": {"v": pulse(1)}},
+    "expression": {"initial": {"u": fh.Expression("exp(-x**2)", 2)}},
+    "starts within the layer": {"initial": {"u": lambda x, y: pulse(4)(x, y) + (np.abs(x - 5) < 0.3)}},
+    "only in the corner of two layers": {"initial": {"u": lambda x, y: pulse(4)(x, y) + (x > 4) * (y > 4)}},
+    "far beyond, nothing inside": {"initial": {"u": lambda x, y: 1.0 * (np.abs(x - 8) < 0.3)}},
+    "undefined beyond": {"initial": {"u": lambda x, y: pulse(4)(x, y) / (x < 3.1)}},
+    "number": {"initial": {"u": 1.0}},
+    "sponge": {"initial": {"u": pulse(1)}, "boundary": fh.Sponge()},
+    "source too wide": {"sources": [fh.Source(pulse(1), np.sin)]},
+    "source beyond": {"sources": [fh.Expression("exp(-4*(x-5)**2-4*y**2)*sin(t)", 2)]},
+    "point source far beyond": {"sources": [fh.Expression("(abs(x-8) < 0.1)*(abs(y) < 0.1)*sin(t)", 2)]},
+    "uniform source": {"sources": [1.0]},
+}
+
+
+@pytest.mark.parametrize("changes", BEYOND.values(), ids=BEYOND)
+def test_beyond_an_absorbing_side_is_refused(changes):
+    """With the key, the value and where, the limit, and a remedy."""
+    with pytest.raises(fh.InputError, match="beyond") as error:
+        simulation(**changes)
+    assert error.value.key.split(".")[0] in ("initial", "source")
+    assert error.value.value is not None and error.value.limit is not None and "near field" in error.value.remedy
+
+
+def test_the_error_that_it_would_cause_is_named():
+    """The largest value just beyond is exp(-3.25^2) = 2.6e-5 of the maximum."""
+    with pytest.raises(fh.InputError, match=r"error of about 2\.6e-05 of the largest initial value.*limit: 1e-08"):
+        simulation(initial={"u": pulse(1)})
+
+
+@pytest.mark.parametrize("end", [fh.Fixed(), fh.Free(), fh.Periodic()])
+def test_where_the_medium_ends_nothing_lies_beyond(end):
+    """A pulse cut off by a wall, and a uniform source in a channel between walls."""
+    sim = simulation(boundary={"x": fh.LatticePML(), "y": end}, initial={"u": pulse(4, 0.0, 2.9)})
+    assert sim.notes == []
+    assert simulation(boundary=end, initial={"u": 1.0 if not isinstance(end, fh.Fixed) else 0.0}, sources=[1.0]).notes == []
+
+
+def test_a_body_has_no_data_where_it_has_no_nodes():
+    """A half-space x, y < 0 in a square with absorbing sides: what is given outside of it does not count."""
+    body = fh.Box((-3, -3), (3, 0))
+    lattice = fh.Lattice(0.25, (-3, -3), (3, 3), body=body)
+    sides = {"all": fh.LatticePML(), "y+": fh.Free()}
+    sim = fh.Simulation(lattice, fh.Wave(KERNEL), sides, {"u": lambda x, y: pulse(9, 0, -1)(x, y) + 1.0 * (y > 1)})
+    assert sim.notes == []
+
+
+def test_below_the_target_it_is_noted():
+    """exp(-1.5 * 3.25^2) = 1.3e-7 is above 1e-8 and below 1e-6; exp(-4 * 3.25^2) is below rounding."""
+    (note,) = simulation(boundary=fh.LatticePML(target=1e-6), initial={"u": pulse(1.5)}).notes
+    assert "1.3e-07" in note and "x-, x+, y-, y+" in note
+    assert simulation().notes == []
+
+
+def test_an_array_at_the_edge_is_noted():
+    """Nobody knows what an array would be beyond its edge: no error, a note that says so."""
+    assert simulation(initial={"u": np.exp(-4 * (X**2 + Y**2))}).notes == []
+    sim = simulation(initial={"u": np.exp(-(X**2)) * np.exp(-4 * Y**2)})  # exp(-9) at x = 3
+    assert len(sim.notes) == 1 and "(x-, x+)" in sim.notes[0] and "cannot be checked" in sim.notes[0]
+    assert any("cannot be checked" in line for line in str(sim.check()).splitlines())
+    assert "x-, x+, y-, y+" in simulation(sources=[np.ones(LATTICE.shape)]).notes[0]
+    assert simulation(boundary=fh.Free(), initial={"u": np.ones(LATTICE.shape)}).notes == []
+
+
+def test_a_source_that_moves_out_is_refused_before_the_run():
+    """Known when the end of the run is: at t = 1 all of it is inside, at t = 3 half of it."""
+    sim = simulation(sources=[travelling])
+    sim.run(0.5)
+    with pytest.raises(fh.InputError, match=r"source.*beyond the absorbing side x\+"):
+        sim.run(3.0)
+    assert sim.time < 0.8
+    simulation(sources=[fh.Source(fh.Expression("exp(-4*x**2-4*y**2+0*t)", 2), np.sin)]).run(1.0)
+
+
+def test_what_vanishes_everywhere_is_noted():
+    assert simulation(initial={"u": lambda x, y: 0 * x}).notes == ["initial.u is zero on every node of the near field"]
+
+
+CRACKS = {
+    "wholly beyond": [(5, 0), (6, 1)],
+    "wholly beyond, along a side": [(-2, 4.5), (2, 4.5)],
+    "far away": [(50, 0), (60, 0)],
+    "oblique": [(0, 0.1), (5, 2.6)],
+    "turns in the layer": [(0, 0.1), (5, 0.1), (5, 2.1)],
+}
+
+
+@pytest.mark.parametrize("points", CRACKS.values(), ids=CRACKS)
+def test_cracks_beyond_are_refused(points):
+    with pytest.raises(fh.InputError, match="crack") as error:
+        simulation(cracks=[points])
+    assert error.value.value is not None and error.value.limit is not None and error.value.remedy
+
+
+def test_a_crack_straight_into_a_layer_is_continued():
+    """Along the normal: allowed, and noted that it goes on without end; where it ends beyond does not matter."""
+    short, long = simulation(cracks=[[(0, 0.1), (4.5, 0.1)]]), simulation(cracks=[[(0, 0.1), (50.0, 0.1)]])
+    assert len(long.notes) == 1 and "without end" in long.notes[0]
+    short.step(40)
+    long.step(40)
+    np.testing.assert_array_equal(short.fields["u"], long.fields["u"])
+
+
+@pytest.mark.parametrize("dim", [1, 3])
+def test_cracks_beyond_in_1d_and_3d(dim):
+    crack = 5.0 if dim == 1 else fh.DiscCut((5, 0, 0), (1, 0, 0), 0.5)
+    with pytest.raises(fh.InputError, match="beyond the near field"):
+        fh.Simulation(fh.Lattice(0.5, (-2,) * dim, (2,) * dim), fh.Wave(fh.Kernel(1.0)), cracks=[crack])

@@ -1,0 +1,54 @@
+"""Comparison with the infinite medium: where the edges beside it lie, and what is measured."""
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.compare import compare, growth_rate
+
+KERNEL = fh.Kernel(0.5)
+
+
+def pulse(x, y):
+    return np.exp(-8 * (x**2 + y**2))
+
+
+@pytest.mark.parametrize("edge", ["fixed edge", "free edge"])
+def test_the_edge_of_a_disc_is_its_outline(edge):
+    """The echo of a pulse in the middle comes back along the diagonal as soon as along the axes: the box's corners play no part."""
+    lattice = fh.Lattice(0.25, window=fh.Disc(5.0))
+    result = compare({"lattice": lattice, "model": fh.Wave(KERNEL), "initial": {"u": pulse}}, 7.5)
+    assert "outline of the window" in result.table()
+    x, y = lattice.coordinates()
+    error = np.abs(result.fields[edge] - result.fields["infinite medium"])
+    on_diagonal = (np.abs(x - y) < 0.01) & (np.hypot(x, y) > 2) & (np.hypot(x, y) < 4)
+    on_axis = (np.abs(y) < 0.01) & (np.hypot(x, y) > 2) & (np.hypot(x, y) < 4)
+    assert 0.7 < error[on_diagonal].max() / error[on_axis].max() < 1.4
+    assert error[on_axis].max() > 0.02
+    assert result.curves["lattice PML"]["error_max_over_run"] < 1e-7
+
+
+def test_the_edge_of_a_box_is_where_its_layers_were():
+    lattice = fh.Lattice(0.25, (-3, -3), (3, 3))
+    result = compare({"lattice": lattice, "model": fh.Wave(KERNEL), "initial": {"u": pulse}, "boundary": fh.LatticePML()}, 4.0)
+    same = fh.Simulation(lattice, fh.Wave(KERNEL), fh.Fixed(), {"u": pulse})
+    same.run(result.shown_time - 1e-9)
+    np.testing.assert_array_equal(result.fields["fixed edge"], same.fields["u"])
+    assert "absorbing sides" in result.table()
+    assert "edge" not in compare({"lattice": lattice, "model": fh.Wave(KERNEL), "initial": {"u": pulse}}, 1.0, beside=False).table()
+
+
+def test_growth_rate_of_an_exponential():
+    """Fitted over the second half: what happens before does not count; gaps and zeros are left out."""
+    times = np.linspace(0, 10, 21)
+    values = np.where(times < 5, 7.0, 1e-9 * np.exp(1.3 * times))
+    values[15] = 0.0
+    assert growth_rate(times, values) == pytest.approx(1.3)
+    assert growth_rate([1.0], [1.0]) == 0
+
+
+def test_growth_is_measured_with_backward_waves_only():
+    setup = {"lattice": fh.Lattice(0.25, -3, 3), "initial": {"u": lambda x: np.exp(-8 * x**2)}}
+    with_them = compare({**setup, "model": fh.Wave(fh.Kernel(0.75, 0))}, 24.0)  # four crossings: the fastest growing mode alone is left
+    assert with_them.growth["lattice PML"] < with_them.growth_bound and "backward waves grow" in with_them.table()
+    assert compare({**setup, "model": fh.Wave(fh.Kernel(0.75, 2))}, 8.0).growth == {}
