@@ -1,6 +1,7 @@
 """farhorizon: peridynamic and classical waves and diffusion in an unbounded medium, on a small grid."""
 
-from farhorizon.boundaries import Fixed, Free, LatticePML, Periodic, Sponge
+from farhorizon.boundaries import Exact, Fixed, Free, LatticePML, Periodic, Sponge
+from farhorizon.constraints import Prescribed
 from farhorizon.errors import FarhorizonError, FileFormatError, InputError, UnstableError
 from farhorizon.expressions import Expression
 from farhorizon.kernel import Kernel
@@ -15,7 +16,7 @@ from farhorizon.stencil import Stencil
 __version__ = "0.1.0"
 
 __all__ = [
-    "Ball", "Box", "Diffusion", "Disc", "DiscCut", "Expression", "FarhorizonError", "FileFormatError", "Fixed", "Free", "InputError",
-    "Kernel", "Lattice", "LatticePML", "Periodic", "PointCut", "Polygon", "Polyline", "Rectangle", "Simulation", "Source", "Sponge",
+    "Ball", "Box", "Diffusion", "Disc", "DiscCut", "Exact", "Expression", "FarhorizonError", "FileFormatError", "Fixed", "Free", "InputError",
+    "Kernel", "Lattice", "LatticePML", "Periodic", "PointCut", "Polygon", "Polyline", "Prescribed", "Rectangle", "Simulation", "Source", "Sponge",
     "Stencil", "UnstableError", "Wave", "open_results",
 ]  # fmt: skip

@@ -111,6 +111,11 @@ class LatticePMLPart(_Part):
     profile: dict[str, Number | list[Number]] | None = None
 
 
+class ExactPart(_Part):
+    type: Literal["exact"]
+    compress: Literal[False] | Number = 1e-12
+
+
 class FixedPart(_Part):
     type: Literal["fixed"]
     value: Number = 0.0
@@ -130,8 +135,8 @@ class SpongePart(_Part):
     strength: Number | None = None
 
 
-BoundaryPart = Annotated[LatticePMLPart | FixedPart | FreePart | PeriodicPart | SpongePart, Field(discriminator="type")]
-_BOUNDARIES = {"lattice-pml": fh.LatticePML, "fixed": fh.Fixed, "free": fh.Free, "periodic": fh.Periodic, "sponge": fh.Sponge}
+BoundaryPart = Annotated[LatticePMLPart | ExactPart | FixedPart | FreePart | PeriodicPart | SpongePart, Field(discriminator="type")]
+_BOUNDARIES = {"lattice-pml": fh.LatticePML, "exact": fh.Exact, "fixed": fh.Fixed, "free": fh.Free, "periodic": fh.Periodic, "sponge": fh.Sponge}
 
 
 class CrackPart(_Part):
@@ -332,7 +337,8 @@ def _nearest(word: str, words: list[str]) -> str:
 _PARTS: dict[str, type[_Part]] = {
     "lattice": LatticePart, "window": RegionPart, "body": RegionPart, "without": RegionPart, "box": BoxPart, "polygon": PolygonPart, "ball": DiscPart,
     "wave": WavePart, "diffusion": DiffusionPart, "kernel": KernelPart, "lattice-pml": LatticePMLPart, "fixed": FixedPart, "free": FreePart,
-    "periodic": PeriodicPart, "sponge": SpongePart, "crack": CrackPart, "source": SourcePart, "run": RunPart, "output": OutputPart,
+    "exact": ExactPart, "periodic": PeriodicPart, "sponge": SpongePart, "crack": CrackPart, "source": SourcePart, "run": RunPart,
+    "output": OutputPart,
 }  # fmt: skip
 
 
@@ -353,7 +359,7 @@ def _explain(error: ValidationError) -> str:
     problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")  # a misspelt key is why another is missing
     for problem in problems[:3]:
         location = tuple(problem["loc"])
-        tags = {"wave", "diffusion", "lattice-pml", "fixed", "free", "periodic", "sponge", "float", "str", "int", "[key]"}
+        tags = {"wave", "diffusion", "lattice-pml", "exact", "fixed", "free", "periodic", "sponge", "float", "str", "int", "[key]"}
         key = ".".join(str(s) for s in location if s not in tags)
         if problem["type"] == "extra_forbidden":
             messages.append(f"unknown key {key}; {_nearest(str(location[-1]), _known(location[:-1]))}")

@@ -133,7 +133,7 @@ def _run(options: argparse.Namespace) -> int:
         raise InputError(f"no checkpoint {checkpoint}", key="--resume", remedy="run without --resume")
     sim = case.simulation()
     with case.naming():
-        sim.check_sources(until)
+        sim.prepare(until)
     if options.resume:
         kept = sim.load(checkpoint)
         writer = ResultsWriter.resume(result, int(kept["outputs"]), int(kept["rows"]))
@@ -202,7 +202,7 @@ def _check(options: argparse.Namespace) -> int:
     case = Case.read(options.case)
     sim = case.simulation()
     with case.naming():
-        sim.check_sources(case.parts.run.until)
+        sim.prepare(case.parts.run.until)
     report = sim.check()
     print(report)
     _write_json(options.json, {"facts": dict(report.rows), "warnings": report.warnings, "notes": report.notes})

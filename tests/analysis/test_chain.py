@@ -20,7 +20,7 @@ from farhorizon.analysis.chain import (
     symbol,
     transform_kernel,
 )
-from farhorizon.analysis.loops import chain_responses
+from farhorizon.engine.chain import chain_responses
 from farhorizon.integrators import Euler, RungeKutta4, Verlet
 
 KINDS = [("wave", 0.2), ("wave", 0.95), ("wave", 0.02), ("damped", 0.2), ("diffusion", 0.45), ("diffusion", 0.95)]

@@ -12,7 +12,7 @@ import numpy as np
 from farhorizon.analysis.chain import Recursion, ground
 from farhorizon.analysis.convolution import BlockConvolution
 from farhorizon.analysis.exponential_sum import ExponentialSum
-from farhorizon.analysis.loops import bar_acceleration, bar_steps
+from farhorizon.engine.chain import bar_acceleration, bar_steps
 from farhorizon.errors import InputError
 
 _CHUNK = 1024  # steps between two returns to Python without a convolution

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft, special
 
-from farhorizon.analysis.loops import chain_responses
+from farhorizon.engine.chain import chain_responses
 from farhorizon.errors import InputError
 from farhorizon.integrators import Integrator, RungeKutta4, Verlet
 from farhorizon.stencil import Stencil

@@ -20,7 +20,7 @@ from scipy.linalg import eigh
 
 from farhorizon.analysis.bar import Bar, bonds_of
 from farhorizon.analysis.chain import Recursion, force_form, fronts, ghost_kernel, symbol
-from farhorizon.analysis.loops import bar_acceleration, recursive_impulse
+from farhorizon.engine.chain import bar_acceleration, recursive_impulse
 from farhorizon.integrators import Verlet
 from farhorizon.papers import Outcome, Row, reproduction
 
