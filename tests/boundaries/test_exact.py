@@ -282,7 +282,7 @@ def test_case_files():
 
 def test_bad_input():
     pulse = {"u": lambda x: np.exp(-((x - 20) ** 2) / 9)}
-    with pytest.raises(fh.InputError, match="one dimension.*LatticePML"):
+    with pytest.raises(fh.InputError, match=r"one dimension.*LatticePML"):
         fh.Simulation(fh.Lattice(0.25, (-3, -3), (3, 3)), fh.Wave(fh.Kernel(0.5)), COMPRESSED)
     with pytest.raises(fh.InputError, match="one stage only"):
         fh.Simulation(line(40), fh.Diffusion(stencil_of(BAR), integrator="rk4"), COMPRESSED)

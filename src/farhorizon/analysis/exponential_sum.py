@@ -92,6 +92,15 @@ def _powers(poles: np.ndarray, lags: np.ndarray) -> np.ndarray:
         return np.exp(np.multiply.outer(lags, np.log(poles.astype(complex))))
 
 
+def _sums(poles: np.ndarray, count: int) -> np.ndarray:
+    """``sum over a = 1 .. count of poles^a``, shape (P,)."""
+    rate = np.log(np.where(poles == 0, 1e-300, poles).astype(complex))
+    still = np.abs(rate) < 1e-12
+    rate = np.where(still, -1.0, rate)
+    with np.errstate(under="ignore"):
+        return np.where(still, count, poles * np.expm1(count * rate) / np.expm1(rate))
+
+
 def _hankel_times(spectrum: np.ndarray, columns: np.ndarray, length: int) -> np.ndarray:
     """Block Hankel matrix of samples 1 .. 2 n - 1 (transformed: `spectrum`) times columns of shape (n, K, r)."""
     n = len(columns)
@@ -135,13 +144,15 @@ def _poles(samples: np.ndarray, values: np.ndarray, vectors: np.ndarray, order: 
 def _fit_vectors(kernel: np.ndarray, lags: np.ndarray, poles: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Vectors b_p (P, K) of least squared error over time for poles and the vectors c_p at their other side.
 
-    Each of the samples at `lags` counts for the lags it stands for.
+    Each of the samples at `lags` counts for the lags it stands for. The sum over all lags, the force of a history at rest, counts as a sample of
+    its own: the field adds up its error from step to step.
     """
     weight = np.sqrt(np.gradient(lags.astype(float)))
-    modes = _powers(poles, lags)[:, None, :] * other.T * weight[:, None, None]
+    modes = np.concatenate([_powers(poles, lags) * weight[:, None], _sums(poles, len(kernel) - 1)[None]])[:, None, :] * other.T
     count = poles.size
     matrix = np.concatenate([modes.real, -modes.imag], 2).reshape(-1, 2 * count)
-    target = (kernel[lags] * weight[:, None, None]).swapaxes(1, 2).reshape(len(matrix), -1)
+    samples = np.concatenate([kernel[lags] * weight[:, None, None], kernel[1:].sum(0)[None]])
+    target = samples.swapaxes(1, 2).reshape(len(matrix), -1)
     found = np.linalg.lstsq(matrix, target, rcond=1e-15)[0]
     return found[:count] + 1j * found[count:]
 
