@@ -1,4 +1,7 @@
-"""Comparison of a truncated run with the infinite medium, for the given boundary and, beside it, a fixed and a free edge."""
+"""Comparison of a truncated run with the infinite medium, for the given boundary and, beside it, a fixed and a free edge.
+
+In one dimension exact ends stand beside layers, and layers beside exact ends.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from farhorizon.analysis import InfiniteLattice, largest_speed
-from farhorizon.boundaries import Fixed, Free, LatticePML, Sponge
+from farhorizon.boundaries import Absorbing, Exact, Fixed, Free, LatticePML, Sponge
 from farhorizon.cracks import as_cut
 from farhorizon.errors import InputError
 from farhorizon.lattice import Lattice
@@ -87,6 +90,8 @@ def growth_rate(times: Sequence[float], values: Sequence[float]) -> float:
 def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None = None, shown: float | None = None, beside: bool = True) -> Comparison:
     """Run a set-up, the same with a fixed and with a free edge, and the infinite medium, at the same time step.
 
+    In one dimension the set-up is run with exact ends as well as with layers, where both serve.
+
     The edges lie where the near field ends: at the absorbing sides, or on the outline of a window.
 
     Parameters
@@ -99,7 +104,7 @@ def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None =
     shown : float, optional
         Time of the fields kept for a picture; the last one unless given.
     beside : bool
-        Run a fixed and a free edge too.
+        Run a fixed and a free edge too, and the other absorber in one dimension.
 
     Raises
     ------
@@ -114,10 +119,11 @@ def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None =
     steps = sorted({max(1, round(t / ours.dt)) for t in wanted})
     shown_step = min(steps, key=lambda n: abs(n * ours.dt - (wanted[-1] if shown is None else shown)))
     runs = {_name(ours): ours}
-    for rim in ("fixed", "free") if beside else ():
-        runs[f"{rim} edge"] = _ended(setup, ours, rim)
-    homogeneous = all(isinstance(b, LatticePML | Sponge) for b in ours.sides.values()) and ours.lattice.body is None
-    homogeneous &= not setup.get("cracks") and setup.get("coefficient") is None and not ours.sources
+    if beside:
+        runs |= _other_absorber(setup, ours)
+        runs |= {f"{rim} edge": _ended(setup, ours, rim) for rim in ("fixed", "free") if not ours.model.sides or rim.title() in ours.model.sides}
+    homogeneous = all(isinstance(b, Absorbing) for b in ours.sides.values()) and ours.lattice.body is None
+    homogeneous &= not setup.get("cracks") and not setup.get("constraints") and setup.get("coefficient") is None and not ours.sources
     far = None if homogeneous else _extended(setup, ours, steps[-1] * ours.dt)
     infinite = None
     if homogeneous:
@@ -161,10 +167,24 @@ def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None =
     return result
 
 
+def _other_absorber(setup: dict[str, Any], ours: Simulation) -> dict[str, Simulation]:
+    """In one dimension, where layers and exact ends both serve: the set-up with the one in place of the other."""
+    for old, new in ((LatticePML, Exact()), (Exact, LatticePML())):
+        if ours.lattice.dim == 1 and any(isinstance(b, old) for b in ours.sides.values()):
+            boundary = {name: new if isinstance(b, old) else b for name, b in _by_name(ours).items()}
+            try:
+                other = Simulation(**{**setup, "boundary": boundary, "dt": ours.dt})
+                other.check_sources(0.0)
+            except InputError:  # a model, an integrator or data for which the other one does not serve
+                continue
+            return {_name(other): other}
+    return {}
+
+
 def _ended(setup: dict[str, Any], ours: Simulation, rim: str) -> Simulation:
     """The same set-up in a medium that ends where the near field does, at a fixed or a free edge: on the outline of a window, if it is one."""
     edge = Fixed(ours.background) if rim == "fixed" else Free()
-    changes: dict[str, Any] = {"boundary": {k: edge if isinstance(b, LatticePML | Sponge) else b for k, b in _by_name(ours).items()}, "dt": ours.dt}
+    changes: dict[str, Any] = {"boundary": {k: edge if isinstance(b, Absorbing) else b for k, b in _by_name(ours).items()}, "dt": ours.dt}
     lattice = ours.lattice
     if lattice.window is not None:
         changes |= {"lattice": Lattice(lattice.spacing, lattice.lower, lattice.upper, body=lattice.window), "rim": rim}
@@ -176,7 +196,7 @@ def _by_name(sim: Simulation) -> dict[str, Any]:
 
 
 def _name(sim: Simulation) -> str:
-    labels: dict[type, str] = {LatticePML: "lattice PML", Sponge: "sponge"}
+    labels: dict[type, str] = {LatticePML: "lattice PML", Exact: "exact", Sponge: "sponge"}
     used: set[type] = {type(b) for b in sim.sides.values()}
     kinds = used & set(labels) or used
     return " + ".join(sorted(labels.get(k, k.__name__.lower()) for k in kinds))
@@ -196,7 +216,7 @@ def _extended(setup: dict[str, Any], ours: Simulation, until: float) -> Simulati
     else:
         distance = 6 * np.sqrt(ours.rate_limit / ours.stencil.symbol_maximum * until) * dx
     more = int(np.ceil(distance / dx)) + 10 * max(ours.stencil.reach) + int(5 * np.cbrt(distance / dx))
-    open_sides = {key: more for key, b in ours.sides.items() if isinstance(b, LatticePML | Sponge)}
+    open_sides = {key: more for key, b in ours.sides.items() if isinstance(b, Absorbing)}
     grown = lattice.extended(open_sides)
     pads = [(open_sides.get((a, -1), 0), open_sides.get((a, 1), 0)) for a in range(lattice.dim)]
 
@@ -205,7 +225,7 @@ def _extended(setup: dict[str, Any], ours: Simulation, until: float) -> Simulati
             return Source(widen(value.value), value.time)
         return value if callable(value) or np.ndim(value) == 0 else np.pad(np.asarray(value, float), pads, mode=mode)  # type: ignore[call-overload]
 
-    boundary = {name: Fixed(ours.background) if isinstance(b, LatticePML | Sponge) else b for name, b in _by_name(ours).items()}
+    boundary = {name: Fixed(ours.background) if isinstance(b, Absorbing) else b for name, b in _by_name(ours).items()}
     changed = {
         "lattice": grown, "boundary": boundary, "dt": ours.dt,
         "initial": {k: widen(v) for k, v in (setup.get("initial") or {}).items()},

@@ -13,7 +13,7 @@ from farhorizon.errors import InputError
 from farhorizon.expressions import Expression
 from farhorizon.kernel import Kernel
 from farhorizon.lattice import Lattice
-from farhorizon.models import Diffusion, Wave
+from farhorizon.models import Beam, Diffusion, Wave
 from farhorizon.models.scalar import INTEGRATORS
 from farhorizon.sources import Source
 from farhorizon.stencil import Stencil
@@ -24,7 +24,7 @@ _TYPES = {
         *(getattr(boundaries, n) for n in ("LatticePML", "Exact", "Fixed", "Free", "Periodic", "Sponge")),
         *(getattr(shapes, n) for n in ("Disc", "Ball", "Box", "Polygon", "Union", "Intersection", "Difference")),
         *(getattr(shapes, n) for n in ("PointCut", "Polyline", "Rectangle", "DiscCut")),
-        *(Diffusion, Expression, Kernel, Lattice, Prescribed, Source, Stencil, Wave),
+        *(Beam, Diffusion, Expression, Kernel, Lattice, Prescribed, Source, Stencil, Wave),
     )
 }
 

@@ -40,7 +40,7 @@ class Simulation:
     ----------
     lattice : Lattice
         The near field.
-    model : Wave or Diffusion
+    model : Wave, Diffusion or Beam
     boundary : Boundary or mapping
         One for all sides, or ``{"x-": ..., "x+": ..., "y": ..., "all": ...}``.
     initial : mapping
@@ -103,6 +103,7 @@ class Simulation:
         self.lattice, self.model, self.background = lattice, model, float(background)
         self.observers = list(observe)
         self.sides = sides(LatticePML() if boundary is None else boundary, lattice.dim)
+        self._check_model(cracks, coefficient)
         if dtype not in ("float64", "float32"):
             raise InputError("unknown number type", value=dtype, limit="float64, float32", key="dtype")
         if threads is not None and not 1 <= threads <= available_threads():
@@ -159,6 +160,17 @@ class Simulation:
         self._start(u, v)
 
     # --- set-up ------------------------------------------------------------------------------------------------
+
+    def _check_model(self, cracks: Sequence[Any], coefficient: Any) -> None:
+        """Sides and bonds that the model does not have."""
+        model = self.model
+        for (axis, side), boundary in self.sides.items():
+            if model.sides and type(boundary).__name__ not in model.sides:
+                raise InputError(f"{type(model).__name__} has no such side", value=type(boundary).__name__, limit=", ".join(model.sides),
+                                 key=f"boundary.{AXES[axis]}{'-+'[side > 0]}", remedy=model.sides[0])  # fmt: skip
+        if not model.bonds and (len(cracks) or coefficient is not None or self.lattice.body is not None):
+            key = "crack" if len(cracks) else "coefficient" if coefficient is not None else "lattice.body"
+            raise InputError(f"the bonds of a {type(model).__name__} cannot be cut or weakened one by one", key=key, remedy="leave it out")
 
     def _check_size(self, dtype: str) -> None:
         for axis, (n, m) in enumerate(zip(self.lattice.shape, self.stencil.reach, strict=True)):
