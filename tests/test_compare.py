@@ -50,6 +50,16 @@ def test_exact_ends_and_layers_stand_beside_each_other():
     assert "exact" not in compare({**rk4, "boundary": fh.LatticePML()}, 1.0).curves
 
 
+def test_prescribed_nodes():
+    """Points and masks are found again on the extended domain; errors refer to the largest value of the run."""
+    lattice = fh.Lattice(0.25, -4, 4)
+    for where in ([0.5], np.arange(33) == 18):
+        result = compare(
+            {"lattice": lattice, "model": fh.Wave(KERNEL), "boundary": fh.Exact(), "constraints": [fh.Prescribed(where, np.sin, 4.0)]}, 10.0
+        )
+        assert result.curves["exact"]["error_max_over_run"] < 1e-11 and result.scale == "largest value of the run"
+
+
 def test_growth_rate_of_an_exponential():
     """Fitted over the second half: what happens before does not count; gaps and zeros are left out."""
     times = np.linspace(0, 10, 21)

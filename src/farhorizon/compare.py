@@ -6,7 +6,7 @@ In one dimension exact ends stand beside layers, and layers beside exact ends.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -117,7 +117,7 @@ def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None =
         raise InputError("the times of a comparison must be positive", value=list(times), limit="> 0", key="times")
     wanted = np.linspace(0, until, 41)[1:] if times is None else np.sort(np.asarray(times, float))
     ours = Simulation(**setup)
-    ours.check_sources(until)
+    ours.prepare(until)
     steps = sorted({max(1, round(t / ours.dt)) for t in wanted})
     shown_step = min(steps, key=lambda n: abs(n * ours.dt - (wanted[-1] if shown is None else shown)))
     runs = {_name(ours): ours}
@@ -180,7 +180,7 @@ def _other_absorber(setup: dict[str, Any], ours: Simulation, steps: int) -> dict
             boundary = {name: new if isinstance(b, old) else b for name, b in _by_name(ours).items()}
             try:
                 other = Simulation(**{**setup, "boundary": boundary, "dt": ours.dt})
-                other.check_sources(0.0)
+                other.prepare(steps * ours.dt)
             except InputError:  # a model, an integrator or data for which the other one does not serve
                 continue
             return {_name(other): other}
@@ -229,13 +229,14 @@ def _extended(setup: dict[str, Any], ours: Simulation, until: float) -> Simulati
     def widen(value: Any, mode: str = "constant") -> Any:
         if isinstance(value, Source):
             return Source(widen(value.value), value.time)
-        return value if callable(value) or np.ndim(value) == 0 else np.pad(np.asarray(value, float), pads, mode=mode)  # type: ignore[call-overload]
+        return value if callable(value) or np.ndim(value) == 0 else np.pad(np.asarray(value), pads, mode=mode)  # type: ignore[call-overload]
 
     boundary = {name: Fixed(ours.background) if isinstance(b, Absorbing) else b for name, b in _by_name(ours).items()}
     changed = {
         "lattice": grown, "boundary": boundary, "dt": ours.dt,
         "initial": {k: widen(v) for k, v in (setup.get("initial") or {}).items()},
         "sources": [widen(s) for s in setup.get("sources", ())],
+        "constraints": [replace(c, where=widen(c.where)) if np.asarray(c.where).dtype == bool else c for c in setup.get("constraints", ())],
         "cracks": [as_cut(c, lattice.dim) for c in setup.get("cracks", ())],
         "coefficient": widen(setup["coefficient"], "edge") if setup.get("coefficient") is not None else None,
     }  # fmt: skip

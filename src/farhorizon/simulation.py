@@ -753,7 +753,8 @@ class Simulation:
             "shape": list(self.lattice.shape), "spacing": self.lattice.spacing, "lower": self.lattice.lower.tolist(),
             "model": type(self.model).__name__, "coefficient": self.model.coefficient, "damping": self.model.damping,
             "weights": float(self.stencil.weights.sum()), "neighbours": len(self.stencil.weights), "cuts": engine.absent_bonds,
-            "exact": [] if self._ends is None else self._ends.names, "held": len(self._held),
+            "held": len(self._held), **({} if self._ends is None else {"exact": self._ends.names}),
+            **({"constraints": len(self._holds.constraints)} if self._holds.constraints else {}),
         }  # fmt: skip
 
     def save(self, path: str | Path, **extra: Any) -> None:
@@ -812,7 +813,7 @@ class Simulation:
         arrays, meta = read_checkpoint(path)
         mine = json.loads(json.dumps(self._fingerprint()))
         theirs = meta.get("fingerprint", {})
-        different = sorted(k for k in mine if mine[k] != theirs.get(k))
+        different = sorted(k for k in {*mine, *theirs} if mine.get(k) != theirs.get(k))
         if different:
             raise FileFormatError("the checkpoint belongs to another set-up", value=str(path), limit=f"same {', '.join(different)}",
                                   remedy="resume with the case that wrote it")  # fmt: skip

@@ -202,6 +202,24 @@ def test_single_precision():
     assert np.abs(runs[0].fields["u"] - runs[1].fields["u"]).max() < 1e-5
 
 
+def test_threads():
+    """A bar so long that threads share it: the ends are the work of one."""
+    u = np.random.default_rng(9).uniform(-1, 1, 50_001)
+    runs = [fh.Simulation(line(50_001), wave(), COMPRESSED, {"u": u}, dt=0.1, threads=n) for n in (1, 2)]
+    for sim in runs:
+        sim.step(40)
+    np.testing.assert_array_equal(runs[0].fields["u"], runs[1].fields["u"])
+
+
+def test_a_checkpoint_of_other_sides_is_refused(tmp_path):
+    setup = {"lattice": line(40), "model": wave(), "initial": {"u": np.zeros(40)}, "dt": 0.1}
+    ours, other = fh.Simulation(**setup, boundary=COMPRESSED), fh.Simulation(**setup, boundary=fh.Fixed())
+    for sim, wrong in ((ours, other), (other, ours)):
+        sim.save(tmp_path / "c")
+        with pytest.raises(fh.InputError, match="another set-up"):
+            wrong.load(tmp_path / "c")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-9, 1e-12])
 def test_bounded_over_a_million_steps(tolerance, monkeypatch):

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft, special
 
-from farhorizon.engine.chain import chain_responses
 from farhorizon.errors import InputError
 from farhorizon.integrators import Integrator, RungeKutta4, Verlet
 from farhorizon.stencil import Stencil
@@ -142,6 +141,8 @@ def run_kernel(weights: np.ndarray, recursion: Recursion, steps: int) -> np.ndar
     -------
     ndarray, shape (steps + 1, K, K)
     """
+    from farhorizon.engine.chain import chain_responses  # late: Numba is slow to import
+
     front = fronts(weights, recursion, steps)
     return chain_responses(weights, recursion.keep, recursion.scale, np.minimum(front, front[::-1]))
 

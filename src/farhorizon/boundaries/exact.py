@@ -72,15 +72,17 @@ def _steps_of_kernel(steps: int) -> int:
     return max(_SHORTEST, int(np.ceil(2 ** (np.ceil(2 * np.log2(max(steps, 1))) / 2))))
 
 
-def _make_kernel(weights: np.ndarray, recursion: Recursion, steps: int) -> np.ndarray:
+@lru_cache(maxsize=1)  # for the other end, and where no sum meets the tolerance; `ExactEnds.cover` lets go of it
+def _make_kernel(weights: tuple[float, ...], recursion: Recursion, steps: int) -> np.ndarray:
     """Force kernel of the chain, shape (steps + 1, K, K)."""
-    need = 6 * 8.0 * (steps + 1) * weights.size**2  # F, M, and what transforms and convolutions hold beside them
+    a = np.array(weights)
+    need = 6 * 8.0 * (steps + 1) * a.size**2  # F, M, and what transforms and convolutions hold beside them
     if need > available_memory():
         raise InputError("the kernel of so many steps does not fit into memory", value=f"about {need / 2**30:.3g} GiB for {steps} steps",
                          limit=f"{available_memory() / 2**30:.3g} GiB available", key="boundary", remedy="a shorter run or LatticePML")  # fmt: skip
-    if steps * weights.size**2 > _SLOW and sys.stderr.isatty():
+    if steps * a.size**2 > _SLOW and sys.stderr.isatty():
         print(f"exact boundary: kernel of {steps} steps ...", file=sys.stderr)
-    return chain.force_form(chain.ghost_kernel(weights, recursion, steps), weights)
+    return chain.force_form(chain.ghost_kernel(a, recursion, steps), a)
 
 
 def _cache_file(weights: np.ndarray, recursion: Recursion, steps: int, tolerance: float) -> Path:
@@ -100,7 +102,7 @@ def _compressed(weights: tuple[float, ...], recursion: Recursion, steps: int, to
             return ExponentialSum(found["poles"], found["inputs"], found["outputs"], steps, float(found["error"]))
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         pass  # not there, or damaged: made anew
-    made = exponential_sum.compress(_make_kernel(a, recursion, steps), tolerance, chain.band(a, recursion))
+    made = exponential_sum.compress(_make_kernel(weights, recursion, steps), tolerance, chain.band(a, recursion))
     with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
         np.savez(file, poles=made.poles, inputs=made.inputs, outputs=made.outputs, error=made.error)
     os.replace(file.name, path)
@@ -157,6 +159,7 @@ class ExactEnds:
         steps = _steps_of_kernel(max(last, 2 * self.steps if self.step else 0))
         sums = [self._sum_of(i, steps) for i in range(len(self.names))]
         self._take(sums, steps)
+        _make_kernel.cache_clear()
 
     def _sum_of(self, end: int, steps: int) -> ExponentialSum | None:
         """The sum of an end, or None if it is to be convolved: because it is wanted, or because no sum meets the tolerance."""
@@ -171,7 +174,7 @@ class ExactEnds:
         engine = self.engine
         history, forces = engine.history[:, : self.step] if history is None else history, engine.forces
         count = history.shape[1]
-        kernels = {w.tobytes(): _make_kernel(w, self.recursion, steps) for w, s in zip(self.weights, sums, strict=True) if s is None}
+        kernels = {w.tobytes(): _make_kernel(tuple(w.tolist()), self.recursion, steps) for w, s in zip(self.weights, sums, strict=True) if s is None}
         poles = [None if s is None else (s.poles, s.inputs, s.outputs) for s in sums]
         engine.set_ends(self.nodes, self.recursion.first, poles, BLOCK if kernels else 0)
         engine.clock[0], engine.history, engine.forces[...] = count, np.array(history), forces
