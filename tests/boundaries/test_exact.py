@@ -10,6 +10,7 @@ from chains import BAR, BEAM, gaussian_weights, long_chain
 from farhorizon.analysis.chain import Recursion
 from farhorizon.boundaries import exact
 from farhorizon.case import Case
+from farhorizon.engine import available_threads
 from farhorizon.papers.ji2021 import PULSE_END, Example, ricker, ricker_rate
 
 COMPRESSED, CONVOLVED = fh.Exact(), fh.Exact(compress=None)
@@ -192,6 +193,34 @@ def test_sources_and_background():
     assert np.abs(sim.fields["u"] - long.fields["u"][400:430]).max() < 1e-12
 
 
+@BOTH
+def test_a_driver_that_is_held_and_let_go(end):
+    """At the release the force of the chain counts, too."""
+    weights = gaussian_weights(3)
+    sim, long = (
+        fh.Simulation(line(n), wave(weights), side, constraints=[fh.Prescribed([at], np.sin, 2.0)], dt=0.1)
+        for n, side, at in ((30, end, 1.0), (830, fh.Fixed(), 401.0))
+    )
+    for each in (sim, long):
+        each.run(60.0)
+    assert np.abs(sim.fields["u"] - long.fields["u"][400:430]).max() < 1e-12
+
+
+def test_one_end_compressed_the_other_convolved():
+    u = np.random.default_rng(10).uniform(-1, 1, 30)
+    sim = fh.Simulation(line(30), wave(), {"x-": COMPRESSED, "x+": CONVOLVED}, {"u": u}, dt=0.1)
+    infinite, near = long_chain(BAR, Recursion.of(wave().integrator, 0.1), u, 700)
+    sim.step(700)
+    assert np.abs(sim.fields["u"] - infinite.run(700)[near]).max() < 1e-11
+
+
+def test_a_kernel_that_takes_long_is_announced(monkeypatch, capsys):
+    monkeypatch.setattr(exact, "_SLOW", 0)
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    fh.Simulation(line(40), wave(), CONVOLVED, dt=0.1).step(1)
+    assert "kernel of 1024 steps" in capsys.readouterr().err
+
+
 def test_single_precision():
     """The near field in single precision, the ends in double."""
     u = np.exp(-((np.arange(40) - 20.0) ** 2) / 9)
@@ -205,7 +234,7 @@ def test_single_precision():
 def test_threads():
     """A bar so long that threads share it: the ends are the work of one."""
     u = np.random.default_rng(9).uniform(-1, 1, 50_001)
-    runs = [fh.Simulation(line(50_001), wave(), COMPRESSED, {"u": u}, dt=0.1, threads=n) for n in (1, 2)]
+    runs = [fh.Simulation(line(50_001), wave(), COMPRESSED, {"u": u}, dt=0.1, threads=n) for n in (1, available_threads())]
     for sim in runs:
         sim.step(40)
     np.testing.assert_array_equal(runs[0].fields["u"], runs[1].fields["u"])

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
+from farhorizon.case import Case
 from farhorizon.compare import compare
 from helpers import fitted_rate
 
@@ -70,6 +71,16 @@ def test_energy_is_conserved():
     before = sim.energy()
     sim.step(3000)
     assert sim.energy() == pytest.approx(before, rel=1e-11)
+
+
+def test_case_file():
+    text = '[lattice]\nspacing = 0.25\nlower = [-5]\nupper = [5]\n[model]\ntype = "beam"\nstiffness = 2.0\n[initial]\nu = "exp(-4*x**2)"\n'
+    sim = Case(text + '[boundary]\nall = { type = "exact" }\n[run]\nuntil = 1.0\n').simulation()
+    assert sim.model.stiffness == 2.0
+    sim.run(1.0)
+    other = fh.Simulation(sim.lattice, fh.Beam(2.0), fh.Exact(), {"u": lambda x: np.exp(-4 * x**2)})
+    other.run(1.0)
+    np.testing.assert_allclose(sim.fields["u"], other.fields["u"], atol=1e-12)
 
 
 def test_bad_input(tmp_path):
