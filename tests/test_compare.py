@@ -49,6 +49,28 @@ def test_the_edge_of_a_box_is_where_its_layers_were():
     assert "edge" not in compare({"lattice": lattice, "model": fh.Wave(KERNEL), "initial": {"u": pulse}}, 1.0, beside=False).table()
 
 
+def test_exact_ends_and_layers_stand_beside_each_other():
+    """In one dimension, where both serve, and where the kernel of the exact ends is soon made."""
+    setup = {"lattice": fh.Lattice(0.25, -4, 4), "model": fh.Wave(KERNEL), "initial": {"u": lambda x: np.exp(-8 * x**2)}}
+    for boundary, first in ((fh.Exact(), "exact"), (fh.LatticePML(), "lattice PML"), ({"x-": fh.Exact(), "x+": fh.Free()}, "exact")):
+        result = compare({**setup, "boundary": boundary}, 10.0)
+        assert next(iter(result.curves)) == first and {"exact", "lattice PML"} <= set(result.curves)
+        assert result.curves["exact"]["error_max_over_run"] < 1e-11
+        assert 0 < result.curves["lattice PML"]["error_max_over_run"] < 1e-6
+    rk4 = {**setup, "model": fh.Diffusion(KERNEL, integrator="rk4")}
+    assert "exact" not in compare({**rk4, "boundary": fh.LatticePML()}, 1.0).curves
+
+
+def test_prescribed_nodes():
+    """Points and masks are found again on the extended domain; errors refer to the largest value of the run."""
+    lattice = fh.Lattice(0.25, -4, 4)
+    for where in ([0.5], np.arange(33) == 18):
+        result = compare(
+            {"lattice": lattice, "model": fh.Wave(KERNEL), "boundary": fh.Exact(), "constraints": [fh.Prescribed(where, np.sin, 4.0)]}, 10.0
+        )
+        assert result.curves["exact"]["error_max_over_run"] < 1e-11 and result.scale == "largest value of the run"
+
+
 def test_growth_rate_of_an_exponential():
     """Fitted over the second half: what happens before does not count; gaps and zeros are left out."""
     times = np.linspace(0, 10, 21)

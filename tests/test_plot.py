@@ -196,3 +196,18 @@ def test_pictures_leave_matplotlib_as_it_was(tmp_path):
     before = dict(matplotlib.rcParams)
     plot.field_panels([("", wave(axes_of(2), 0))], axes_of(2), tmp_path / "u.png")
     assert dict(matplotlib.rcParams) == before
+
+
+@pytest.mark.parametrize("number", [1, 2, 4])
+def test_curve_panels(tmp_path, number):
+    """One, two or four panels; a panel of one curve has no legend."""
+    x = np.linspace(0, 1, 20)
+    panels = [(f"panel {n}", [("one", x, x), ("other", x, x**2), ("third", x, x**3)][: 3 - n % 3]) for n in range(number)]
+    plot.curve_panels(panels, tmp_path / "c.png", xlabel="x", ylabel="y")
+    assert is_picture(tmp_path / "c.png")
+
+
+@pytest.mark.parametrize("panels", [[], [("empty", [])]])
+def test_no_curves_are_refused(tmp_path, panels):
+    with pytest.raises(InputError, match="each with a curve"):
+        plot.curve_panels(panels, tmp_path / "c.png", xlabel="x", ylabel="y")

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.boundaries import Boundary, LatticePML, Sponge
+from farhorizon.boundaries import Absorbing, Boundary, Sponge
 from farhorizon.boundaries.lattice_pml import DEFAULT_TARGET
 from farhorizon.errors import InputError
 from farhorizon.lattice import AXES, Lattice
@@ -41,8 +41,8 @@ class Beyond:
 
     def __init__(self, lattice: Lattice, sides: dict[tuple[int, int], Boundary], order: int, depth: dict[tuple[int, int], int]) -> None:
         self.lattice, self.depth = lattice, depth
-        absorbing = {key: b for key, b in sides.items() if isinstance(b, LatticePML | Sponge)}
-        self.targets = {key: b.wanted(order) if isinstance(b, LatticePML) else DEFAULT_TARGET[order] for key, b in absorbing.items()}
+        absorbing = {key: b for key, b in sides.items() if isinstance(b, Absorbing)}
+        self.targets = {key: DEFAULT_TARGET[order] if isinstance(b, Sponge) else b.wanted(order) for key, b in absorbing.items()}
         self.notes: list[str] = []
 
     def check_values(self, values: np.ndarray, key: str) -> None:

@@ -96,6 +96,12 @@ class WavePart(_Part):
     stencil: Literal["finite-difference", "finite-element"] | None = None
 
 
+class BeamPart(_Part):
+    type: Literal["beam"]
+    stiffness: Number = 1.0
+    damping: Number = 0.0
+
+
 class DiffusionPart(_Part):
     type: Literal["diffusion"]
     diffusivity: Number = 1.0
@@ -109,6 +115,11 @@ class LatticePMLPart(_Part):
     target: Number | None = None
     nodes: int | None = None
     profile: dict[str, Number | list[Number]] | None = None
+
+
+class ExactPart(_Part):
+    type: Literal["exact"]
+    compress: Literal[False] | Number = 1e-12
 
 
 class FixedPart(_Part):
@@ -130,8 +141,8 @@ class SpongePart(_Part):
     strength: Number | None = None
 
 
-BoundaryPart = Annotated[LatticePMLPart | FixedPart | FreePart | PeriodicPart | SpongePart, Field(discriminator="type")]
-_BOUNDARIES = {"lattice-pml": fh.LatticePML, "fixed": fh.Fixed, "free": fh.Free, "periodic": fh.Periodic, "sponge": fh.Sponge}
+BoundaryPart = Annotated[LatticePMLPart | ExactPart | FixedPart | FreePart | PeriodicPart | SpongePart, Field(discriminator="type")]
+_BOUNDARIES = {"lattice-pml": fh.LatticePML, "exact": fh.Exact, "fixed": fh.Fixed, "free": fh.Free, "periodic": fh.Periodic, "sponge": fh.Sponge}
 
 
 class CrackPart(_Part):
@@ -143,6 +154,15 @@ class CrackPart(_Part):
 class SourcePart(_Part):
     field: Literal["u"] = "u"
     value: str | Number
+
+
+class ConstraintPart(_Part):
+    type: Literal["prescribed"]
+    points: list[list[Number]] | None = None
+    region: RegionPart | None = None
+    value: str | Number
+    until: Number | None = None
+    rate: str | Number | None = None
 
 
 class RunPart(_Part):
@@ -161,11 +181,12 @@ class OutputPart(_Part):
 
 class CasePart(_Part):
     lattice: LatticePart
-    model: Annotated[WavePart | DiffusionPart, Field(discriminator="type")]
+    model: Annotated[WavePart | DiffusionPart | BeamPart, Field(discriminator="type")]
     initial: dict[Literal["u", "v"], str | Number] = {}
     boundary: dict[str, BoundaryPart] = {}
     crack: list[CrackPart] = []
     source: list[SourcePart] = []
+    constraint: list[ConstraintPart] = []
     coefficient: str | Number | None = None
     rule: str = "both"
     rim: str = "free"
@@ -246,8 +267,10 @@ class Case:
         body = part.body.build("lattice.body") if part.body else None
         return fh.Lattice(part.spacing, part.lower, part.upper, window=window, body=body)
 
-    def _model(self) -> fh.Wave | fh.Diffusion:
+    def _model(self) -> fh.Wave | fh.Diffusion | fh.Beam:
         part = self.parts.model
+        if isinstance(part, BeamPart):
+            return fh.Beam(part.stiffness, part.damping)
         if (part.kernel is None) == (part.stencil is None):
             raise InputError("give either [model.kernel] or stencil", key="model")
         operator: fh.Kernel | fh.Stencil
@@ -293,10 +316,17 @@ class Case:
             "lattice": self.lattice, "model": self.model, "boundary": boundary or fh.LatticePML(),
             "initial": {k: self._expression(v, f"initial.{k}") for k, v in parts.initial.items()},
             "sources": [self._expression(s.value, "source.value") for s in parts.source],
-            "cracks": [self._crack(c) for c in parts.crack],
+            "cracks": [self._crack(c) for c in parts.crack], "constraints": [self._constraint(c) for c in parts.constraint],
             "coefficient": coefficient, "rule": parts.rule, "rim": parts.rim, "background": parts.background,
             "dt": parts.run.dt, "dtype": parts.run.dtype, "threads": parts.run.threads,
         }  # fmt: skip
+
+    def _constraint(self, part: ConstraintPart) -> fh.Prescribed:
+        if (part.points is None) == (part.region is None):
+            raise InputError("give either points or region", key="constraint")
+        where = part.points if part.region is None else part.region.build("constraint.region")
+        rate = None if part.rate is None else self._expression(part.rate, "constraint.rate")
+        return fh.Prescribed(where, self._expression(part.value, "constraint.value"), part.until, rate)
 
     def _crack(self, part: CrackPart) -> Any:
         given = [p for p in (part.points, part.rectangle, part.disc) if p is not None]
@@ -330,9 +360,10 @@ def _nearest(word: str, words: list[str]) -> str:
 
 
 _PARTS: dict[str, type[_Part]] = {
-    "lattice": LatticePart, "window": RegionPart, "body": RegionPart, "without": RegionPart, "box": BoxPart, "polygon": PolygonPart, "ball": DiscPart,
-    "wave": WavePart, "diffusion": DiffusionPart, "kernel": KernelPart, "lattice-pml": LatticePMLPart, "fixed": FixedPart, "free": FreePart,
-    "periodic": PeriodicPart, "sponge": SpongePart, "crack": CrackPart, "source": SourcePart, "run": RunPart, "output": OutputPart,
+    "lattice": LatticePart, "window": RegionPart, "body": RegionPart, "without": RegionPart, "region": RegionPart, "box": BoxPart, "ball": DiscPart,
+    "polygon": PolygonPart, "wave": WavePart, "beam": BeamPart, "diffusion": DiffusionPart, "kernel": KernelPart, "lattice-pml": LatticePMLPart,
+    "exact": ExactPart, "fixed": FixedPart, "free": FreePart, "periodic": PeriodicPart, "sponge": SpongePart, "crack": CrackPart,
+    "source": SourcePart, "constraint": ConstraintPart, "run": RunPart, "output": OutputPart,
 }  # fmt: skip
 
 
@@ -353,7 +384,7 @@ def _explain(error: ValidationError) -> str:
     problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")  # a misspelt key is why another is missing
     for problem in problems[:3]:
         location = tuple(problem["loc"])
-        tags = {"wave", "diffusion", "lattice-pml", "fixed", "free", "periodic", "sponge", "float", "str", "int", "[key]"}
+        tags = {"wave", "beam", "diffusion", "lattice-pml", "exact", "fixed", "free", "periodic", "sponge", "float", "str", "int", "[key]"}
         key = ".".join(str(s) for s in location if s not in tags)
         if problem["type"] == "extra_forbidden":
             messages.append(f"unknown key {key}; {_nearest(str(location[-1]), _known(location[:-1]))}")

@@ -1,4 +1,4 @@
-"""The command line: run, check, compare, plot, demo, info."""
+"""The command line: run, check, compare, plot, reproduce, demo, info."""
 
 from __future__ import annotations
 
@@ -66,10 +66,13 @@ def _parser() -> argparse.ArgumentParser:
     plot.add_argument("result", help="results file (NAME.h5)")
     plot.add_argument("--out", metavar="DIR", help="folder of the pictures (default: beside the file, its name without .h5)")
     plot.add_argument("--times", type=float, nargs="+", metavar="T", help="times to draw (default: four even ones)")
+    reproduce = add("reproduce", _reproduce, "compute a published table or figure anew, ours beside theirs; without a name, list them")
+    reproduce.add_argument("name", nargs="?", help="name of the table or figure")
+    reproduce.add_argument("--out", metavar="DIR", default=".", help="folder of the pictures (default: here)")
     demo = add("demo", _demo, "two notches in an infinite membrane: run, compare and draw, in under a minute")
     demo.add_argument("--out", metavar="DIR", default="farhorizon-demo", help="folder of the picture (default: farhorizon-demo)")
     add("info", _info, "versions, threads, caches")
-    for sub in (run, check, compare, demo):
+    for sub in (run, check, compare, reproduce, demo):
         sub.add_argument("--json", metavar="FILE", help="write the figures as JSON too")
     return parser
 
@@ -128,7 +131,7 @@ def _run(options: argparse.Namespace) -> int:
         raise InputError(f"no checkpoint {checkpoint}", key="--resume", remedy="run without --resume")
     sim = case.simulation()
     with case.naming():
-        sim.check_sources(until)
+        sim.prepare(until)
     if options.resume:
         kept = sim.load(checkpoint)
         writer = ResultsWriter.resume(result, int(kept["outputs"]), int(kept["rows"]))
@@ -197,7 +200,7 @@ def _check(options: argparse.Namespace) -> int:
     case = Case.read(options.case)
     sim = case.simulation()
     with case.naming():
-        sim.check_sources(case.parts.run.until)
+        sim.prepare(case.parts.run.until)
     report = sim.check()
     print(report)
     _write_json(options.json, {"facts": dict(report.rows), "warnings": report.warnings, "notes": report.notes})
@@ -254,6 +257,26 @@ def _plot(options: argparse.Namespace) -> int:
         cracks = []
     for picture in plot_results(results, folder, options.times, cracks):
         print(picture)
+    return GOOD
+
+
+def _reproduce(options: argparse.Namespace) -> int:
+    from farhorizon.papers import find, reproductions, table
+
+    if options.name is None:
+        known = reproductions()
+        width = max(map(len, known))
+        for name, entry in known.items():
+            print(f"{name:{width}}  {entry.title}")
+        _write_json(options.json, {name: {"paper": entry.paper, "title": entry.title} for name, entry in known.items()})
+        return GOOD
+    entry = find(options.name)
+    print(f"{entry.paper}\n{entry.name}: {entry.title}")
+    outcome = entry.function(_folder(options.out))
+    print(table(outcome))
+    if outcome.pictures:
+        print(f"pictures: {', '.join(str(p) for p in outcome.pictures)}")
+    _write_json(options.json, entry.as_json(outcome))
     return GOOD
 
 

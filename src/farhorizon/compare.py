@@ -1,20 +1,25 @@
-"""Comparison of a truncated run with the infinite medium, for the given boundary and, beside it, a fixed and a free edge."""
+"""Comparison of a truncated run with the infinite medium, for the given boundary and, beside it, a fixed and a free edge.
+
+In one dimension exact ends stand beside layers, and layers beside exact ends.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from farhorizon.analysis import InfiniteLattice, largest_speed
-from farhorizon.boundaries import Fixed, Free, LatticePML, Sponge
+from farhorizon.boundaries import Absorbing, Exact, Fixed, Free, LatticePML, Sponge
 from farhorizon.cracks import as_cut
 from farhorizon.errors import InputError
 from farhorizon.lattice import Lattice
 from farhorizon.simulation import Simulation
 from farhorizon.sources import Source
+
+_KERNEL = 1e7  # steps times reach squared of an exact end whose kernel takes half a minute
 
 
 @dataclass
@@ -33,7 +38,7 @@ class Comparison:
     edges : str
         Where the fixed and the free edge lie.
     scale : str
-        What the relative errors refer to: with zero initial values the largest value of the run.
+        What the relative errors refer to: with zero initial values, and with constraints, the largest value of the run.
     growth : dict of str to float
         With layers and backward waves: the measured rate at which the error of each boundary grows (per unit time) over the
         second half of the run.
@@ -87,6 +92,8 @@ def growth_rate(times: Sequence[float], values: Sequence[float]) -> float:
 def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None = None, shown: float | None = None, beside: bool = True) -> Comparison:
     """Run a set-up, the same with a fixed and with a free edge, and the infinite medium, at the same time step.
 
+    In one dimension the set-up is run with exact ends as well as with layers, where both serve.
+
     The edges lie where the near field ends: at the absorbing sides, or on the outline of a window.
 
     Parameters
@@ -100,7 +107,7 @@ def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None =
         Time of the fields kept for a picture; unless given that at which the smaller of the medium's field and the largest error
         is largest, so that the picture shows both.
     beside : bool
-        Run a fixed and a free edge too.
+        Run a fixed and a free edge too, and the other absorber in one dimension.
 
     Raises
     ------
@@ -111,15 +118,16 @@ def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None =
         raise InputError("the times of a comparison must be positive", value=list(times), limit="> 0", key="times")
     wanted = np.linspace(0, until, 41)[1:] if times is None else np.sort(np.asarray(times, float))
     ours = Simulation(**setup)
-    ours.check_sources(until)
+    ours.prepare(until)
     steps = sorted({max(1, round(t / ours.dt)) for t in wanted})
     shown_step = None if shown is None else min(steps, key=lambda n: abs(n * ours.dt - shown))
     most = -1.0
     runs = {_name(ours): ours}
-    for rim in ("fixed", "free") if beside else ():
-        runs[f"{rim} edge"] = _ended(setup, ours, rim)
-    homogeneous = all(isinstance(b, LatticePML | Sponge) for b in ours.sides.values()) and ours.lattice.body is None
-    homogeneous &= not setup.get("cracks") and setup.get("coefficient") is None and not ours.sources
+    if beside:
+        runs |= _other_absorber(setup, ours, steps[-1])
+        runs |= {f"{rim} edge": _ended(setup, ours, rim) for rim in ("fixed", "free") if not ours.model.sides or rim.title() in ours.model.sides}
+    homogeneous = all(isinstance(b, Absorbing) for b in ours.sides.values()) and ours.lattice.body is None
+    homogeneous &= not setup.get("cracks") and not setup.get("constraints") and setup.get("coefficient") is None and not ours.sources
     far = None if homogeneous else _extended(setup, ours, steps[-1] * ours.dt)
     infinite = None
     if homogeneous:
@@ -149,7 +157,7 @@ def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None =
         worth = min(size[-1], max(error[-1] for error in errors.values()))
         if step == shown_step or (shown_step is None and worth > most):
             result.fields, result.shown_time, most = now, step * ours.dt, worth
-    if result.initial == 0:  # driven by sources alone: the largest value of the run is the scale
+    if result.initial == 0 or setup.get("constraints"):  # driven by sources or prescribed values: the largest value of the run is the scale
         result.initial, result.scale = max(size), "largest value of the run"
     for name, error in errors.items():
         result.curves[name] = {
@@ -163,10 +171,28 @@ def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None =
     return result
 
 
+def _other_absorber(setup: dict[str, Any], ours: Simulation, steps: int) -> dict[str, Simulation]:
+    """In one dimension, where layers and exact ends both serve: the set-up with the one in place of the other.
+
+    Exact ends whose kernel would take minutes are left out.
+    """
+    short = steps * ours.stencil.reach[0] ** 2 <= _KERNEL
+    for old, new in ((LatticePML, Exact() if short else None), (Exact, LatticePML())):
+        if new is not None and ours.lattice.dim == 1 and any(isinstance(b, old) for b in ours.sides.values()):
+            boundary = {name: new if isinstance(b, old) else b for name, b in _by_name(ours).items()}
+            try:
+                other = Simulation(**{**setup, "boundary": boundary, "dt": ours.dt})
+                other.prepare(steps * ours.dt)
+            except InputError:  # a model, an integrator or data for which the other one does not serve
+                continue
+            return {_name(other): other}
+    return {}
+
+
 def _ended(setup: dict[str, Any], ours: Simulation, rim: str) -> Simulation:
     """The same set-up in a medium that ends where the near field does, at a fixed or a free edge: on the outline of a window, if it is one."""
     edge = Fixed(ours.background) if rim == "fixed" else Free()
-    changes: dict[str, Any] = {"boundary": {k: edge if isinstance(b, LatticePML | Sponge) else b for k, b in _by_name(ours).items()}, "dt": ours.dt}
+    changes: dict[str, Any] = {"boundary": {k: edge if isinstance(b, Absorbing) else b for k, b in _by_name(ours).items()}, "dt": ours.dt}
     lattice = ours.lattice
     if lattice.window is not None:
         changes |= {"lattice": Lattice(lattice.spacing, lattice.lower, lattice.upper, body=lattice.window), "rim": rim}
@@ -178,7 +204,7 @@ def _by_name(sim: Simulation) -> dict[str, Any]:
 
 
 def _name(sim: Simulation) -> str:
-    labels: dict[type, str] = {LatticePML: "lattice PML", Sponge: "sponge"}
+    labels: dict[type, str] = {LatticePML: "lattice PML", Exact: "exact", Sponge: "sponge"}
     used: set[type] = {type(b) for b in sim.sides.values()}
     kinds = used & set(labels) or used
     return " + ".join(sorted(labels.get(k, k.__name__.lower()) for k in kinds))
@@ -198,20 +224,21 @@ def _extended(setup: dict[str, Any], ours: Simulation, until: float) -> Simulati
     else:
         distance = 6 * np.sqrt(ours.rate_limit / ours.stencil.symbol_maximum * until) * dx
     more = int(np.ceil(distance / dx)) + 10 * max(ours.stencil.reach) + int(5 * np.cbrt(distance / dx))
-    open_sides = {key: more for key, b in ours.sides.items() if isinstance(b, LatticePML | Sponge)}
+    open_sides = {key: more for key, b in ours.sides.items() if isinstance(b, Absorbing)}
     grown = lattice.extended(open_sides)
     pads = [(open_sides.get((a, -1), 0), open_sides.get((a, 1), 0)) for a in range(lattice.dim)]
 
     def widen(value: Any, mode: str = "constant") -> Any:
         if isinstance(value, Source):
             return Source(widen(value.value), value.time)
-        return value if callable(value) or np.ndim(value) == 0 else np.pad(np.asarray(value, float), pads, mode=mode)  # type: ignore[call-overload]
+        return value if callable(value) or np.ndim(value) == 0 else np.pad(np.asarray(value), pads, mode=mode)  # type: ignore[call-overload]
 
-    boundary = {name: Fixed(ours.background) if isinstance(b, LatticePML | Sponge) else b for name, b in _by_name(ours).items()}
+    boundary = {name: Fixed(ours.background) if isinstance(b, Absorbing) else b for name, b in _by_name(ours).items()}
     changed = {
         "lattice": grown, "boundary": boundary, "dt": ours.dt,
         "initial": {k: widen(v) for k, v in (setup.get("initial") or {}).items()},
         "sources": [widen(s) for s in setup.get("sources", ())],
+        "constraints": [replace(c, where=widen(c.where)) if np.asarray(c.where).dtype == bool else c for c in setup.get("constraints", ())],
         "cracks": [as_cut(c, lattice.dim) for c in setup.get("cracks", ())],
         "coefficient": widen(setup["coefficient"], "edge") if setup.get("coefficient") is not None else None,
     }  # fmt: skip

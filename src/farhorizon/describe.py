@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from farhorizon import boundaries, shapes
+from farhorizon.constraints import Prescribed
 from farhorizon.errors import InputError
 from farhorizon.expressions import Expression
 from farhorizon.kernel import Kernel
 from farhorizon.lattice import Lattice
-from farhorizon.models import Diffusion, Wave
+from farhorizon.models import Beam, Diffusion, Wave
 from farhorizon.models.scalar import INTEGRATORS
 from farhorizon.sources import Source
 from farhorizon.stencil import Stencil
@@ -20,10 +21,10 @@ from farhorizon.stencil import Stencil
 _TYPES = {
     t.__name__: t
     for t in (
-        *(getattr(boundaries, n) for n in ("LatticePML", "Fixed", "Free", "Periodic", "Sponge")),
+        *(getattr(boundaries, n) for n in ("LatticePML", "Exact", "Fixed", "Free", "Periodic", "Sponge")),
         *(getattr(shapes, n) for n in ("Disc", "Ball", "Box", "Polygon", "Union", "Intersection", "Difference")),
         *(getattr(shapes, n) for n in ("PointCut", "Polyline", "Rectangle", "DiscCut")),
-        *(Diffusion, Expression, Kernel, Lattice, Source, Stencil, Wave),
+        *(Beam, Diffusion, Expression, Kernel, Lattice, Prescribed, Source, Stencil, Wave),
     )
 }
 

@@ -322,3 +322,46 @@ def error_history(curves: Mapping[str, tuple[np.ndarray, np.ndarray]], path: str
         drawn.append((name + mark, x, np.where((y > 0) & np.isfinite(y), y, np.nan)))
     log = any(np.isfinite(y).any() for _, _, y in drawn)
     _lines(drawn, path, xlabel="t", ylabel=ylabel, title=title, log=log)
+
+
+def curve_panels(panels: Sequence[tuple[str, Sequence[tuple[str, np.ndarray, np.ndarray]]]], path: str | Path, *, xlabel: str, ylabel: str) -> None:
+    """Draw panels of curves that are to be compared: the first of each a broad pale line, the others thin ones on top of it.
+
+    Parameters
+    ----------
+    panels : sequence of (title, curves)
+        Curves are (name, x, y). A single curve is named at its axis, several in one legend for all panels.
+    path : str or Path
+        The PNG file.
+    xlabel, ylabel : str
+
+    Raises
+    ------
+    InputError
+        There are no panels, a panel without curves, or no such directory.
+    """
+    if not panels or not all(curves for _, curves in panels):
+        raise InputError("a picture of curves needs one panel or more, each with a curve")
+    columns = 1 if len(panels) < 3 else 2
+    rows = -(-len(panels) // columns)
+    styles = [
+        {"color": _COLORS[5], "linewidth": 3.4},
+        {"color": _COLORS[1], "linewidth": 1.1},
+        {"color": _COLORS[6], "linewidth": 0.9, "dashes": (3, 3)},
+    ]
+    with _figure(path, (6.4, 0.7 + 2.0 * rows)) as figure:
+        legend: dict[str, Any] = {}
+        for number, (title, curves) in enumerate(panels):
+            axes = figure.add_subplot(rows, columns, number + 1)
+            for place, (name, x, y) in enumerate(curves):
+                style = {"color": _COLORS[0], "linewidth": 1.1} if len(curves) == 1 else styles[place % len(styles)]
+                (line,) = axes.plot(x, y, **{"linestyle": "-", **style})
+                if len(curves) > 1:
+                    legend.setdefault(name, line)
+            label = curves[0][0] if len(curves) == 1 else ylabel if number % columns == 0 else ""
+            axes.set(title=title, xlabel=xlabel if number >= len(panels) - columns else "", ylabel=label)
+            axes.margins(x=0.01)
+            axes.grid(True)
+            axes.set_axisbelow(True)
+        if legend:
+            figure.legend(legend.values(), legend.keys(), loc="outside upper center", ncols=len(legend))

@@ -33,7 +33,7 @@ class Report:
     @classmethod
     def of(cls, sim: Simulation) -> Report:
         """Examine a simulation."""
-        from farhorizon.boundaries import Fixed, LatticePML
+        from farhorizon.boundaries import Exact, Fixed, LatticePML
 
         lattice, stencil, engine = sim.lattice, sim.stencil, sim.engine
         report = cls()
@@ -49,8 +49,10 @@ class Report:
             say(f"layer {name}", f"{layer.columns} nodes = {layer.columns / stencil.reach[axis - lead]:.3g} horizons, "
                 f"length {layer.columns * lattice.spacing:g}, target {boundary.wanted(sim.model.order):g}")  # fmt: skip
         for (axis, side), boundary in sim.sides.items():
-            if not isinstance(boundary, LatticePML):
+            if not isinstance(boundary, LatticePML | Exact):
                 say(f"side {AXES[axis]}{'-+'[side > 0]}", repr(boundary))
+        for name, serves in sim.ends.items():
+            say(f"exact end {name}", serves)
         total = int(np.prod(engine.core.nodes))
         extra = sum(int(np.prod(b.nodes)) for b in engine.layout.blocks.values()) - int(np.prod(lattice.shape))
         say("nodes computed", f"{total} in the core, {extra} beyond the near field")

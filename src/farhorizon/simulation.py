@@ -10,8 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from farhorizon.analysis.chain import Recursion, half_weights
 from farhorizon.beyond import Beyond
-from farhorizon.boundaries import Boundary, Fixed, Free, LatticePML, Periodic, Sponge, sides
+from farhorizon.boundaries import Boundary, Exact, ExactEnds, Fixed, Free, LatticePML, Periodic, Sponge, sides
+from farhorizon.constraints import Holds, Prescribed
 from farhorizon.cracks import as_cut, cut_bonds
 from farhorizon.describe import describe, rebuild
 from farhorizon.engine import Engine, Layer, available_threads
@@ -38,7 +40,7 @@ class Simulation:
     ----------
     lattice : Lattice
         The near field.
-    model : Wave or Diffusion
+    model : Wave, Diffusion or Beam
     boundary : Boundary or mapping
         One for all sides, or ``{"x-": ..., "x+": ..., "y": ..., "all": ...}``.
     initial : mapping
@@ -53,6 +55,7 @@ class Simulation:
         How the coefficients of a bond's ends combine; "both" is the smaller one.
     rim : {"free", "fixed"}
         What the outline of a body is: bonds across it are absent, or the field is held at the background outside.
+    constraints : sequence of Prescribed
     background : float
         Uniform state of the infinite medium.
     dt : float, optional
@@ -95,10 +98,12 @@ class Simulation:
         threads: int | None = None,
         rule: str = "both",
         rim: str = "free",
+        constraints: Sequence[Prescribed] = (),
     ) -> None:
         self.lattice, self.model, self.background = lattice, model, float(background)
         self.observers = list(observe)
         self.sides = sides(LatticePML() if boundary is None else boundary, lattice.dim)
+        self._check_model(cracks, coefficient)
         if dtype not in ("float64", "float32"):
             raise InputError("unknown number type", value=dtype, limit="float64, float32", key="dtype")
         if threads is not None and not 1 <= threads <= available_threads():
@@ -130,6 +135,8 @@ class Simulation:
         v = self._initial("v", initial or {}) if "v" in (initial or {}) and model.order == 2 else np.broadcast_to(0.0, lattice.shape)
         for name in set(initial or {}) - ({"u", "v"} if model.order == 2 else {"u"}):
             raise InputError("unknown initial field", value=name, limit="u, v" if model.order == 2 else "u", key="initial")
+        self._holds = Holds(tuple(constraints), lattice, model.integrator, self.dt, self.background)
+        u = self._holds.start(u)
         self.start_u, self.start_v = u, v
         cuts = [as_cut(c, lattice.dim) for c in cracks]
         self._beyond.check_cracks(cuts, self.stencil.reach)
@@ -141,16 +148,29 @@ class Simulation:
         self._make_engine(factor, rule, dtype, threads)
         self._cut(cuts)
         self._hold_and_damp()
+        self._ends = self._make_ends(factor)
         held = [abs(b.value - self.background) for b in self.sides.values() if isinstance(b, Fixed)]
         self._setup = {
             "lattice": lattice, "model": model, "boundary": {AXES[a] + "-+"[side > 0]: b for (a, side), b in self.sides.items()},
             "sources": list(sources), "cracks": cuts, "coefficient": factor, "background": self.background, "dt": self.dt,
             "dtype": dtype, "threads": threads, "rule": rule, "rim": rim,
+            "constraints": list(constraints),
         }  # fmt: skip
         self._scale = max([float(np.abs(u).max()), float(np.abs(v).max()) * self.dt, 1e-300, *held])
         self._start(u, v)
 
     # --- set-up ------------------------------------------------------------------------------------------------
+
+    def _check_model(self, cracks: Sequence[Any], coefficient: Any) -> None:
+        """Sides and bonds that the model does not have."""
+        model = self.model
+        for (axis, side), boundary in self.sides.items():
+            if model.sides and type(boundary).__name__ not in model.sides:
+                raise InputError(f"{type(model).__name__} has no such side", value=type(boundary).__name__, limit=", ".join(model.sides),
+                                 key=f"boundary.{AXES[axis]}{'-+'[side > 0]}", remedy=model.sides[0])  # fmt: skip
+        if not model.bonds and (len(cracks) or coefficient is not None or self.lattice.body is not None):
+            key = "crack" if len(cracks) else "coefficient" if coefficient is not None else "lattice.body"
+            raise InputError(f"the bonds of a {type(model).__name__} cannot be cut or weakened one by one", key=key, remedy="leave it out")
 
     def _check_size(self, dtype: str) -> None:
         for axis, (n, m) in enumerate(zip(self.lattice.shape, self.stencil.reach, strict=True)):
@@ -234,6 +254,20 @@ class Simulation:
                 self._source_peaks[number] = self._beyond.check_moving(source, times, self._source_peaks.get(number, 0.0))
             self._looked = until
 
+    def prepare(self, until: float) -> int:
+        """What `run` does first: `check_sources`, and kernels of exact ends that last to the end of the run; returns the number of the last step.
+
+        Raises
+        ------
+        InputError
+            As `check_sources`; a kernel that does not fit into memory.
+        """
+        self.check_sources(until)
+        last = int(np.ceil(until / self.dt - 1e-9))
+        if self._ends is not None:
+            self._ends.cover(last)
+        return last
+
     def _inside(self, values: np.ndarray) -> np.ndarray:
         """Zero outside a body, where there are no nodes."""
         return np.where(self.lattice.mask, values, 0.0) if self.lattice.body is not None and self.lattice.mask is not None else values
@@ -249,8 +283,12 @@ class Simulation:
         }
 
     def _depth(self) -> dict[tuple[int, int], int]:
-        """Nodes beyond each absorbing side at which data and sources are looked at: its layer or sponge, or one reach if that is more."""
+        """Nodes beyond each absorbing side at which data and sources are looked at: its layer or sponge, or one reach if that is more.
+
+        Beyond an exact end, where there is no layer, as many as the near field has.
+        """
         nodes = {key: layer.columns for key, layer in self._layers.items()}
+        nodes |= {key: self.lattice.shape[key[0]] for key, b in self.sides.items() if isinstance(b, Exact)}
         nodes |= {key: b.nodes for key, b in self.sides.items() if isinstance(b, Sponge)}
         return {key: max(n, self.stencil.reach[key[0]]) for key, n in nodes.items()}
 
@@ -258,21 +296,22 @@ class Simulation:
         """Nodes of the core beyond the near field: a sponge, or unstretched nodes in front of a layer.
 
         A layer's entrance must be free of sources, data, cracks and changes of the material. One node keeps sources
-        out; the others need as many more as the stencil reaches.
+        out; the others need as many more as the stencil reaches. An exact end must be free of cracks and changes of the material.
         """
         margins = {}
         for (axis, side), boundary in self.sides.items():
             if isinstance(boundary, Sponge):
                 margins[axis, side] = boundary.nodes
-            elif isinstance(boundary, LatticePML):
+            elif isinstance(boundary, LatticePML | Exact):
                 m = self.stencil.reach[axis]
                 last = np.arange(m + 1) if side < 0 else self.lattice.shape[axis] - 1 - np.arange(m + 1)
+                least = int(isinstance(boundary, LatticePML))
                 faint = 1e-3 * boundary.wanted(self.model.order)
-                busy = any(np.abs(np.take(f, last, axis)).max() > faint * np.abs(f).max() for f in (u, v))
+                busy = bool(least) and any(np.abs(np.take(f, last, axis)).max() > faint * np.abs(f).max() for f in (u, v))
                 busy |= factor is not None and bool(np.ptp(np.take(factor, last, axis), axis=axis).any())
                 edge = (self.lattice.lower if side < 0 else self.lattice.upper)[axis]
                 near = [side * (edge - cut.bounds()[(side + 1) // 2][axis]) < (m + 1) * self.lattice.spacing for cut in cuts]
-                margins[axis, side] = 1 + m if busy or any(near) else 1
+                margins[axis, side] = 1 + m if busy or any(near) else least
             else:
                 margins[axis, side] = 0
         return margins
@@ -303,10 +342,26 @@ class Simulation:
             if isinstance(boundary, Fixed) and boundary.value != self.background:
                 self._fix(lead + axis, side, boundary.value - self.background)
 
+    def _make_ends(self, factor: np.ndarray | None) -> ExactEnds | None:
+        """The exact ends, whose chains have the bonds of the last nodes; None without."""
+        found = [(side, b) for (_, side), b in self.sides.items() if isinstance(b, Exact)]
+        if not found:
+            return None
+        if factor is not None and any(factor[0 if side < 0 else -1] == 0 for side, _ in found):
+            raise InputError("the medium beyond an exact end needs bonds", value=0.0, limit="positive at the end", key="coefficient", remedy="Free")
+        recursion = Recursion.of(self.model.integrator, self.dt, self.model.damping)
+        bonds = half_weights(self.stencil, self.model.coefficient / self.lattice.spacing**2)
+        line = self.engine.core.node_indices().ravel()
+        return ExactEnds(
+            self.engine, ["x-" if side < 0 else "x+" for side, _ in found], [b for _, b in found],
+            [bonds * (1.0 if factor is None else factor[0 if side < 0 else -1]) for side, _ in found], recursion,
+            np.array([line[0] + np.arange(bonds.size) if side < 0 else line[-1] - np.arange(bonds.size) for side, _ in found]),
+        )  # fmt: skip
+
     def _check_material(self, core: np.ndarray, lead: int) -> None:
-        """A layer continues the material along its normal: it must not vary there within one reach."""
+        """A layer, and an exact end, continue the material along the normal: it must not vary there within one reach."""
         for (axis, side), boundary in self.sides.items():
-            if isinstance(boundary, LatticePML):
+            if isinstance(boundary, LatticePML | Exact):
                 n, m = core.shape[lead + axis], self.stencil.reach[axis]
                 last = np.take(core, np.arange(m + 1) if side < 0 else np.arange(n - m - 1, n), lead + axis)
                 if np.any(np.ptp(last, axis=lead + axis) > 0):
@@ -368,9 +423,9 @@ class Simulation:
         block = self.engine.core
         lead = 3 - self.lattice.dim
         count, m = block.nodes[lead + axis], self.stencil.reach[axis]
-        columns = [count - 1 - j if side > 0 else j for j in range(m + 1)]
+        last = [count - 1 - j if side > 0 else j for j in range(m + 1)]
         found = []
-        for column in columns:
+        for column in last:
             at = nodes[:, axis] == column
             rest = nodes[at].copy()
             rest[:, axis] = 0
@@ -471,11 +526,10 @@ class Simulation:
         engine = self.engine
         engine.core.view(engine.levels[0])[self._near] = u.reshape(engine.core.view(engine.levels[0])[self._near].shape)
         self._source_nodes = self._near_indices() if self.sources else np.zeros(0, np.int64)
+        self._hold()
         if self.model.order == 1:
             return
-        acceleration = engine.apply(engine.levels[0])
-        near = engine.core.view(acceleration)[self._near]
-        near += self._source_now(0.0).reshape(near.shape)
+        acceleration = self._acceleration()
         change = -(self.dt**2) / 2 * acceleration
         rate = engine.core.view(change)[self._near]
         rate += (self.dt * (1 + self.model.damping * self.dt) * v).reshape(rate.shape)
@@ -486,6 +540,30 @@ class Simulation:
             block.view(engine.levels[1])[...] = block.view(engine.levels[0]) - block.view(change)
         engine.memory[:] = 0  # the layers are at rest one step before the start
         engine.fill(engine.levels[1], advance=True)
+
+    def _acceleration(self) -> np.ndarray:
+        """What the medium, what lies beyond exact ends and the sources do to the present state, as a level."""
+        acceleration = self.engine.apply(self.engine.current)
+        if self._ends is not None:
+            acceleration[self._ends.nodes] += self._ends.forces()
+        near = self.engine.core.view(acceleration)[self._near]
+        near += self._source_now(self.time).reshape(near.shape)
+        return acceleration
+
+    def _hold(self) -> None:
+        """Tell the engine which nodes are held from now on."""
+        self.engine.hold(self._near_indices()[self._holds.held(self.step_count)])
+
+    def _release(self) -> None:
+        """Let nodes go whose constraint ends now: the next step is their first, as the start is of all."""
+        engine = self.engine
+        for nodes, rate in self._holds.released(self.step_count) if self.model.order == 2 else ():
+            at = self._near_indices()[nodes]
+            change = self.dt * (1 + self.model.damping * self.dt) * rate - self.dt**2 / 2 * self._acceleration()[at]
+            engine.older[at] = engine.current[at] - change
+            if engine.stages.increments:
+                engine.levels[2][at] = change
+        self._hold()
 
     def _near_indices(self) -> np.ndarray:
         return np.ascontiguousarray(self.engine.core.node_indices()[self._near].ravel())
@@ -509,7 +587,13 @@ class Simulation:
         done = 0
         while done < count:
             steps = min(count - done, self._guard_steps)
+            if self._holds.constraints:
+                steps = self._holds.allow(self.step_count, steps)
+            if self._ends is not None:
+                steps = self._ends.allow(steps)
             self._advance(steps)
+            if self._holds.constraints:
+                self._release()
             done += steps
             self._guard()
 
@@ -518,7 +602,7 @@ class Simulation:
         dtype = engine.dtype
         stages = len(engine.stages.numbers)
         if not self.sources:
-            engine.advance(steps, np.zeros(0, np.int64), np.zeros((0, 0), dtype), np.zeros((steps, stages, 0), dtype))
+            engine.advance(steps, np.zeros(0, np.int64), np.zeros((0, 0), dtype), np.zeros((steps, stages, 0), dtype), self._prescribed(steps))
             self._tick(steps)
             return
         samples, weights = self.model.integrator.source_samples(self.dt)
@@ -540,11 +624,20 @@ class Simulation:
             if not np.isfinite(amplitudes).all():
                 raise InputError("a source is not finite", value=f"t = {times[0]:g}", key="source")
             used = np.any(strength, axis=0)
-            engine.advance(n, self._source_nodes[used], np.ascontiguousarray(strength[:, used], dtype), amplitudes.astype(dtype))
+            engine.advance(n, self._source_nodes[used], np.ascontiguousarray(strength[:, used], dtype), amplitudes.astype(dtype),
+                           self._prescribed(n))  # fmt: skip
             explained = float(np.abs(strength).max(initial=0) * np.abs(amplitudes).max(initial=0)) * n * self.dt
             self._scale += explained * (max(1.0, self.time) if self.model.order == 2 else 1.0)
             self._tick(n)
             done += n
+
+    def _prescribed(self, steps: int) -> np.ndarray | None:
+        """Values of the held nodes after each of the next steps."""
+        if not self._holds.constraints:
+            return None
+        values = self._holds.table(self.step_count, steps)
+        self._scale = max(self._scale, float(np.abs(values).max(initial=0)))
+        return values
 
     def _tick(self, steps: int) -> None:
         self.step_count += steps
@@ -581,8 +674,7 @@ class Simulation:
 
         if not np.isfinite(until):
             raise InputError("the end of the run must be finite", value=until, key="run.until")
-        self.check_sources(until)
-        last = int(np.ceil(until / self.dt - 1e-9))
+        last = self.prepare(until)
         show = sys.stderr.isatty() if progress is None else progress
         with tqdm(total=max(last - self.step_count, 0), disable=not show, unit="step", leave=False) as bar:
             while self.step_count < last:
@@ -634,6 +726,8 @@ class Simulation:
             return float(0.5 * cell * (near(engine.current).astype(float) ** 2).sum())
         engine.fill(engine.current)
         u, old = engine.current.astype(float), engine.older.astype(float)
+        if self._ends is not None:
+            self._ends.fill(u, old)
         apply = lambda level: engine.apply_core(level.astype(engine.dtype)).astype(float)  # noqa: E731
         strain = apply(u * old) - u * apply(old) - old * apply(u)
         kinetic = ((near(u) - near(old)) / self.dt) ** 2
@@ -642,7 +736,12 @@ class Simulation:
     @property
     def notes(self) -> list[str]:
         """What lies beyond the near field and is missed, but within the sides' targets, or cannot be known."""
-        return list(self._beyond.notes)
+        return self._beyond.notes + (self._ends.notes() if self._ends is not None else [])
+
+    @property
+    def ends(self) -> dict[str, str]:
+        """What serves each exact end: modes and error bound of its sum, and for how many steps."""
+        return {} if self._ends is None else {name: self._ends.describe(i, self.dt) for i, name in enumerate(self._ends.names)}
 
     def check(self) -> Report:
         """Step limit, memory, nodes, layer thickness, backward waves, warnings and notes, before running."""
@@ -657,7 +756,8 @@ class Simulation:
             "shape": list(self.lattice.shape), "spacing": self.lattice.spacing, "lower": self.lattice.lower.tolist(),
             "model": type(self.model).__name__, "coefficient": self.model.coefficient, "damping": self.model.damping,
             "weights": float(self.stencil.weights.sum()), "neighbours": len(self.stencil.weights), "cuts": engine.absent_bonds,
-            "held": len(self._held),
+            "held": len(self._held), **({} if self._ends is None else {"exact": self._ends.names}),
+            **({"constraints": len(self._holds.constraints)} if self._holds.constraints else {}),
         }  # fmt: skip
 
     def save(self, path: str | Path, **extra: Any) -> None:
@@ -669,6 +769,9 @@ class Simulation:
             "start_u": self.start_u,
             "start_v": self.start_v,
         }
+        if self._ends is not None:
+            more, meta["exact"] = self._ends.save()
+            arrays |= more
         meta["setup"] = describe(self._setup, arrays)
         write_checkpoint(path, arrays, meta)
 
@@ -713,13 +816,16 @@ class Simulation:
         arrays, meta = read_checkpoint(path)
         mine = json.loads(json.dumps(self._fingerprint()))
         theirs = meta.get("fingerprint", {})
-        different = sorted(k for k in mine if mine[k] != theirs.get(k))
+        different = sorted(k for k in {*mine, *theirs} if mine.get(k) != theirs.get(k))
         if different:
             raise FileFormatError("the checkpoint belongs to another set-up", value=str(path), limit=f"same {', '.join(different)}",
                                   remedy="resume with the case that wrote it")  # fmt: skip
         self.engine.levels[...] = arrays["levels"]
         self.engine.memory[...] = arrays["memory"]
+        if self._ends is not None:
+            self._ends.load(arrays, meta["exact"])
         self.engine.phase, self._scale = int(meta["phase"]), float(meta["scale"])
         self.step_count = 0
         self._tick(int(meta["step"]))
+        self._hold()
         return dict(meta["extra"])

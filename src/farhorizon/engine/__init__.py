@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +13,8 @@ from farhorizon.engine.layout import ALIGN, LINES, TASK_FIELDS, Block, Layout
 
 __all__ = ["Engine", "Layer", "Layout", "available_threads"]
 
+_NOTHING = np.zeros((0, 0))
+_MODES = 8  # modes of an exact end are filled up to whole vectors
 _ALONE = np.zeros(1, np.int64)  # what threads share when there is one
 RULES = ("both", "arithmetic", "harmonic")
 _UNROLLED_LIMIT = 1200  # products in straight-line code beyond which compiling takes longer than a run
@@ -20,6 +22,9 @@ _GROUPS = ((2, 4), (1, 8), (8, 1), (2, 2), (1, 4), (4, 1), (1, 1))  # rows swept
 _STREAMED = ((1, 6),)  # the same for levels beyond any cache: eight rows are more streams than the hardware follows
 _STREAMED_NODES = 500_000
 _PARALLEL_NODES = 40_000  # fewer nodes than this finish before a second thread has started
+
+
+Poles = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -117,6 +122,8 @@ class Engine:
             self._coefficient = self.spread(coefficient)
         self.set_cuts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
         self.set_damping(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros(0))
+        self.set_ends(np.zeros((0, 0), np.int64), 1.0)
+        self.hold(np.zeros(0, np.int64))
         self._driver = load_driver()
 
     # --- tables of the compiled loop ---------------------------------------------------------------------------
@@ -228,6 +235,48 @@ class Engine:
         """Nodal factors of an absorbing zone: on the old increment, on the new increment, and a loss rate."""
         self._damping = (nodes.astype(np.int64), before.astype(self.dtype), after.astype(self.dtype), leak.astype(self.dtype))
 
+    def hold(self, nodes: np.ndarray) -> None:
+        """Nodes with prescribed values: those of the columns of `held_values` in `advance`."""
+        self._held = nodes.astype(np.int64)
+
+    def set_ends(self, nodes: np.ndarray, first: float, sums: Sequence[Poles | None] = (), block: int = 0) -> None:
+        """Exact ends of a bar, their states zero: `states`, `forces`, `heads`, `past` and `history` are theirs to read and to fill.
+
+        Parameters
+        ----------
+        nodes : ndarray of int, shape (ends, K)
+            Drivers in a level, from each end inwards.
+        first : float
+            Weight of the sample at step 0.
+        sums : sequence of (poles, inputs, outputs), or None
+            Complex arrays of shapes (P,), (P, K), (P, K) for each end that is a sum of exponentials.
+        block : int
+            Steps in a block of convolutions, 0 without.
+        """
+        ends, reach = nodes.shape
+        rows = -(-reach // 4) * 4
+        most = max((len(s[0]) for s in sums if s is not None), default=0)
+        count = -(-most // _MODES) * _MODES
+        poles, inputs, outputs = np.zeros((ends, 2, count)), np.zeros((ends, rows, 2 * count)), np.zeros((ends, rows, 2 * count))
+        for end, found in enumerate(sums):
+            if found is not None:
+                z, c, b = found
+                used, imaginary = slice(len(z)), slice(count, count + len(z))
+                poles[end, 0, used], poles[end, 1, used] = z.real, z.imag
+                inputs[end, :reach, used], inputs[end, :reach, imaginary] = c.real.T, c.imag.T
+                outputs[end, :reach, used], outputs[end, :reach, imaginary] = b.real.T, -b.imag.T
+        self.clock = np.zeros(1, np.int64)
+        self.states, self.forces = np.zeros((ends, 2 * count)), np.zeros((ends, rows))
+        self.heads, self.past, self.history = np.zeros((ends, block, reach, reach)), np.zeros((ends, block, reach)), np.zeros((ends, 0, reach))
+        self._ends = self.clock, float(first), nodes.astype(np.int64), poles, inputs, outputs, self.states, np.zeros(rows), self.forces
+
+    def _lengthen_history(self, steps: int) -> None:
+        """Room for the drivers' values of some steps more."""
+        ends, length, reach = self.history.shape
+        if ends and length < self.clock[0] + steps:
+            more = max(int(self.clock[0]) + steps - length, min(length, 1 << 20), 256)
+            self.history = np.concatenate([self.history, np.zeros((ends, more, reach))], axis=1)
+
     def bond_factors(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
         """Factor of each bond from the coefficients of its ends (flat indices)."""
         if self._coefficient.size == 1:
@@ -286,12 +335,15 @@ class Engine:
         trees, blocks, functions, groups, weights, offsets, general = self._sweeps
         return trees, blocks, functions, groups, weights[-1], offsets, general[-1]
 
-    def advance(self, steps: int, source_nodes: np.ndarray, source_fields: np.ndarray, source_times: np.ndarray) -> None:
-        """Run steps without returning to Python; sources as in `program.run`."""
+    def advance(self, steps: int, source_nodes: np.ndarray, source_fields: np.ndarray, source_times: np.ndarray,
+                held_values: np.ndarray | None = None) -> None:  # fmt: skip
+        """Run steps without returning to Python; sources and held values as in `program.run`."""
+        self._lengthen_history(steps)
         state = (
             self.phase, self.levels, self._rotation, self._numbers, self.stages.increments, self.slots, self.memory, self._work,
             *self._sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts, *self._damping,
-            source_nodes, source_fields, source_times,
+            (*self._ends, self.heads, self.past, self.history), source_nodes, source_fields, source_times, self._held,
+            _NOTHING if held_values is None else held_values,
         )  # fmt: skip
         from farhorizon.engine.threads import side_by_side
 
@@ -305,5 +357,6 @@ class Engine:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all time levels, slots and layer memory."""
-        return self.levels.nbytes + self.slots.nbytes + self.memory.nbytes + self._coefficient.nbytes
+        """Bytes of all time levels, slots, layer memory and the memory of exact ends."""
+        ends = self.heads.nbytes + self.past.nbytes + self.history.nbytes + sum(np.asarray(a).nbytes for a in self._ends)
+        return self.levels.nbytes + self.slots.nbytes + self.memory.nbytes + self._coefficient.nbytes + ends

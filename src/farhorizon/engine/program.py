@@ -10,6 +10,7 @@ Several threads go through the same loop, each with its share (`lane` of `lanes`
 import numpy as np
 from numba import njit
 
+from farhorizon.engine.ends import exact_ends
 from farhorizon.engine.layout import LINES
 from farhorizon.engine.simd import call_sweep, stretch_chain
 from farhorizon.engine.threads import barrier, claim
@@ -283,14 +284,16 @@ def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slot
 @njit(error_model="numpy", nogil=True, cache=True)
 def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, slots, memory, work, trees, blocks, functions, groups, weights,
         offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
-        cut_ranges, cut_nodes, cut_neighbours, cut_weights, damped, damp_before, damp_after, damp_leak,
-        source_nodes, source_fields, source_times):  # fmt: skip
+        cut_ranges, cut_nodes, cut_neighbours, cut_weights, damped, damp_before, damp_after, damp_leak, ends,
+        source_nodes, source_fields, source_times, held, held_times):  # fmt: skip
     """One lane's share of `steps` steps from the rotation `phase`.
 
     After them the level ``stages[(phase + steps) % rotations, 0, 0]`` holds the state, where stages[phase, stage] = (in, base, out)
-    are level numbers; numbers[stage] as in `stage`. source_times[step, stage, j] multiplies source_fields[j] on source_nodes.
+    are level numbers; numbers[stage] as in `stage`. source_times[step, stage, j] multiplies source_fields[j] on source_nodes. `ends`: the last
+    arguments of `ends.exact_ends`. After each step the nodes `held` have the values ``held_times[step]``.
     """
     per_step = stages.shape[1]
+    bounded = ends[2].shape[0] > 0
     for step in range(steps):
         for part in range(per_step):
             src = levels[stages[phase, part, 0]]
@@ -308,6 +311,10 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
             stage(lane, lanes, sync, src, base, out, numbers[part], increments, (phase + part) % 2 == 1, slots, memory, work, trees, blocks,
                   functions, groups, weights[part], offsets, general[part], copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember,
                   coefficient, rule, cut_ranges, cut_nodes, cut_neighbours, cut_weights)  # fmt: skip
+            if bounded:
+                if lane == 0:
+                    exact_ends(src, base, out, scale, increments, *ends)
+                barrier(sync, lanes)
             if source_fields.shape[0]:
                 for j in range(source_fields.shape[0]):
                     amplitude = source_scale * source_times[step, part, j]
@@ -322,6 +329,13 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                 for i in range(lane, damped.size, lanes):
                     node = damped[i]
                     out[node] = src[node] + (out[node] - src[node]) * damp_after[i] - scale * damp_leak[i] * src[node]
+                    if increments:
+                        base[node] = out[node] - src[node]
+                barrier(sync, lanes)
+            if held.size:
+                for i in range(lane, held.size, lanes):
+                    node = held[i]
+                    out[node] = held_times[step, i]
                     if increments:
                         base[node] = out[node] - src[node]
                 barrier(sync, lanes)

@@ -14,6 +14,6 @@ sweep = row_group_sweep(SHAPE, CLASSES, GROUP, REAL, INCREMENTS)
 
 
 @cfunc(sweep_signature(REAL), cache=True)
-def rows(src, base, out, weights, a, b, n, s0, s1, s2, t0, t1):  # type: ignore[no-untyped-def]
+def rows(src, base, out, weights, a, b, n, s0, s1, s2, t0, t1):
     """One row, or a group of neighbouring rows whose nodes along a row are neighbours in memory."""
     sweep(src, base, out, weights, a, b, n, s0, s1, s2 if GROUP == (1, 1) else 1, t0, t1)

@@ -20,11 +20,17 @@ class ScalarModel:
     damping : float
         d in ``2 d u_t`` (1/time), second-order models only.
     integrator : Verlet, Euler or RungeKutta4
+    sides : tuple of str
+        Names of the boundaries that serve it; empty: all.
+    bonds : bool
+        Whether bonds may be cut and weakened one by one.
     """
 
     coefficient: float
     damping: float = 0.0
     integrator: Integrator
+    sides: tuple[str, ...] = ()
+    bonds: bool = True
 
     def __init__(self, operator: Kernel | Stencil) -> None:
         if not isinstance(operator, Kernel | Stencil):

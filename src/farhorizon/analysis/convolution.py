@@ -1,0 +1,93 @@
+"""Online convolution with a matrix kernel whose result decides the next sample: block by block, the past by FFT, exact."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import fft
+
+from farhorizon.errors import InputError
+
+
+class BlockConvolution:
+    """``sum over a = 1 .. n of kernel[a] x[n - a]`` while the samples x arrive, at a cost of steps log^2 steps.
+
+    Steps are counted in blocks. Within a block the caller adds the products with the block's own samples, ``kernel[1] .. kernel[block - 1]``
+    (`head`); what all earlier blocks give is in `past`. At the end of block n the last L samples, L the largest power of two that divides n,
+    act by FFT on the L steps to come (Hairer, Lubich and Schlichte, SIAM J. Sci. Stat. Comput. 6 (1985) 532), so that every pair of steps is
+    met once and nothing is approximated.
+
+    Parameters
+    ----------
+    kernel : ndarray, shape (steps + 1, K, M)
+        Its entry 0 is not used: the scheme is explicit.
+    block : int, optional
+        Steps in a block; None: one block for all, which is the direct sum.
+
+    Attributes
+    ----------
+    head : ndarray, shape (block, K, M)
+    past : ndarray, shape (block, K)
+        Share of all earlier blocks in each step of the current one.
+    samples : ndarray, shape (block, M)
+        Samples of the current block, written by the caller.
+    """
+
+    def __init__(self, kernel: np.ndarray, block: int | None = 64) -> None:
+        steps = len(kernel) - 1
+        self.steps, self.block = steps, steps + 1 if block is None else block
+        if self.block < 1 or kernel.ndim != 3:
+            raise InputError("a convolution needs a kernel of shape (steps + 1, K, M) and a block of one step or more", value=(kernel.shape, block))
+        self.kernel = kernel
+        blocks = -(-(steps + 1) // self.block)
+        self.head = np.zeros((self.block, *kernel.shape[1:]))
+        known = min(self.block, steps + 1)
+        self.head[1:known] = kernel[1:known]
+        self._history = np.zeros((blocks * self.block, kernel.shape[2]))
+        self._force = np.zeros((blocks * self.block, kernel.shape[1]))
+        self._spectra: dict[int, np.ndarray] = {}
+        self._number = 0
+
+    @property
+    def past(self) -> np.ndarray:
+        """Share of all earlier blocks in the current one, shape (block, K)."""
+        return self._force[self._number * self.block : (self._number + 1) * self.block]
+
+    @property
+    def samples(self) -> np.ndarray:
+        """Samples of the current block, shape (block, M), to be written by the caller."""
+        return self._history[self._number * self.block : (self._number + 1) * self.block]
+
+    def _spectrum(self, length: int) -> np.ndarray:
+        if length not in self._spectra:
+            part = np.zeros((2 * length, *self.kernel.shape[1:]))
+            known = min(2 * length, self.steps + 1)
+            part[1:known] = self.kernel[1:known]
+            self._spectra[length] = fft.rfft(part, axis=0)
+        return self._spectra[length]
+
+    def next_block(self) -> None:
+        """Close the current block, of which all samples are written, and make `past` of the next one.
+
+        Raises
+        ------
+        InputError
+            The kernel ends here.
+        """
+        self._number += 1
+        end = self._number * self.block
+        if end >= len(self._history):
+            raise InputError("the run outlives its kernel", value=end, limit=f"{self.steps} steps", remedy="a kernel of more steps")
+        length = (self._number & -self._number) * self.block
+        source = fft.rfft(self._history[end - length : end], 2 * length, axis=0)
+        result = fft.irfft(np.matmul(self._spectrum(length), source[:, :, None])[:, :, 0], 2 * length, axis=0)[length:]
+        kept = min(length, len(self._force) - end)
+        self._force[end : end + kept] += result[:kept]
+
+    def extended(self, kernel: np.ndarray) -> BlockConvolution:
+        """The same history with a kernel of more steps, at the same step of the same block."""
+        longer = BlockConvolution(kernel, self.block)
+        for number in range(self._number):
+            longer.samples[:] = self._history[number * self.block : (number + 1) * self.block]
+            longer.next_block()
+        longer.samples[:] = self.samples
+        return longer

@@ -1,0 +1,271 @@
+"""The exact boundary in one dimension: the half-infinite chain beyond an end, fully discrete in time.
+
+The chain takes the same steps as the near field, so that nothing is left over: see `farhorizon.analysis.chain`. What it does to the K nodes next
+to it (K the reach of the stencil) depends on their whole past; a sum of exponentials makes the cost of a step the same at all times.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+import tempfile
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from farhorizon.analysis import chain, exponential_sum
+from farhorizon.analysis.chain import Recursion
+from farhorizon.analysis.convolution import BlockConvolution
+from farhorizon.analysis.exponential_sum import ExponentialSum
+from farhorizon.engine import Engine
+from farhorizon.engine.build import cache_folder
+from farhorizon.errors import InputError
+from farhorizon.machine import available_memory
+
+BLOCK = 64  # steps of a convolution between two returns to Python
+_SHORTEST = 1024  # steps that a kernel is made for, at least
+_SLOW = 1e6  # steps times reach squared from which on making a kernel takes seconds, and is announced
+
+
+@dataclass(frozen=True)
+class Exact:
+    """End of a bar beyond which the medium goes on without end, exactly; one dimension only.
+
+    Serves every symmetric stencil, waves with and without damping and diffusion by forward Euler. Beyond the end everything is zero
+    (the background) at the start, the bonds are those of the last nodes, and there are no sources.
+
+    Parameters
+    ----------
+    compress : float or None
+        Bound of the error of the force on the last nodes over all histories, relative to the same of the force itself, within which the
+        past is compressed to a sum of exponentials. The error of the field is of the same size for smooth data; noise that fills the near
+        field adds up to some times as much. None, and where no sum meets the bound: the past is kept and convolved, exact to rounding, at
+        a cost of a step that grows with its number's logarithm squared.
+
+    Raises
+    ------
+    InputError
+        A tolerance outside 1e-15..0.1.
+    """
+
+    compress: float | None = 1e-12
+
+    def __post_init__(self) -> None:
+        if self.compress is False:
+            object.__setattr__(self, "compress", None)
+        if self.compress is not None and not 1e-15 <= self.compress <= 0.1:
+            raise InputError("the tolerance is out of range", value=self.compress, limit="1e-15 to 0.1, or none", key="boundary.compress")
+
+    def wanted(self, order: int) -> float:
+        """What may be missed beyond the end, as a part of the largest value."""
+        return 1e-15 if self.compress is None else self.compress
+
+
+def _steps_of_kernel(steps: int) -> int:
+    """Steps that a kernel for `steps` steps is made for: powers of the root of two, so that it serves other runs, too."""
+    return max(_SHORTEST, int(np.ceil(2 ** (np.ceil(2 * np.log2(max(steps, 1))) / 2))))
+
+
+@lru_cache(maxsize=1)  # for the other end, and where no sum meets the tolerance; `ExactEnds.cover` lets go of it
+def _make_kernel(weights: tuple[float, ...], recursion: Recursion, steps: int) -> np.ndarray:
+    """Force kernel of the chain, shape (steps + 1, K, K)."""
+    a = np.array(weights)
+    need = 6 * 8.0 * (steps + 1) * a.size**2  # F, M, and what transforms and convolutions hold beside them
+    if need > available_memory():
+        raise InputError("the kernel of so many steps does not fit into memory", value=f"about {need / 2**30:.3g} GiB for {steps} steps",
+                         limit=f"{available_memory() / 2**30:.3g} GiB available", key="boundary", remedy="a shorter run or LatticePML")  # fmt: skip
+    if steps * a.size**2 > _SLOW and sys.stderr.isatty():
+        print(f"exact boundary: kernel of {steps} steps ...", file=sys.stderr)
+    return chain.force_form(chain.ghost_kernel(a, recursion, steps), a)
+
+
+def _cache_file(weights: np.ndarray, recursion: Recursion, steps: int, tolerance: float) -> Path:
+    mark = hashlib.sha256("".join(Path(str(m.__file__)).read_text() for m in (chain, exponential_sum)).encode())
+    mark.update(np.ascontiguousarray(weights).tobytes())
+    mark.update(repr((recursion, steps, tolerance)).encode())
+    return cache_folder() / f"exact_{mark.hexdigest()[:24]}.npz"
+
+
+@lru_cache(maxsize=16)
+def _compressed(weights: tuple[float, ...], recursion: Recursion, steps: int, tolerance: float) -> ExponentialSum:
+    """The kernel as a sum of exponentials, from the cache folder if it was made before."""
+    a = np.array(weights)
+    path = _cache_file(a, recursion, steps, tolerance)
+    try:
+        with np.load(path) as found:
+            return ExponentialSum(found["poles"], found["inputs"], found["outputs"], steps, float(found["error"]))
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        pass  # not there, or damaged: made anew
+    made = exponential_sum.compress(_make_kernel(weights, recursion, steps), tolerance, chain.band(a, recursion))
+    with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
+        np.savez(file, poles=made.poles, inputs=made.inputs, outputs=made.outputs, error=made.error)
+    os.replace(file.name, path)
+    return made
+
+
+class ExactEnds:
+    """The exact ends of one run: their sums and kernels, made when the run needs them and again when it outlives them.
+
+    Parameters
+    ----------
+    engine : Engine
+        Its ends are set.
+    names : sequence of str
+        "x-" or "x+".
+    boundaries : sequence of Exact
+    weights : sequence of ndarray, shape (K,)
+        Bonds beyond each end.
+    recursion : Recursion
+    nodes : ndarray of int, shape (ends, K)
+        Drivers in a level of the engine, from each end inwards.
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        names: Sequence[str],
+        boundaries: Sequence[Exact],
+        weights: Sequence[np.ndarray],
+        recursion: Recursion,
+        nodes: np.ndarray,
+    ) -> None:
+        self.engine, self.names, self.boundaries, self.weights, self.nodes = engine, list(names), list(boundaries), list(weights), nodes
+        self.recursion, self.steps = recursion, 0
+        engine.set_ends(nodes, recursion.first)
+        self.sums: list[ExponentialSum | None] = [None] * len(self.names)
+        self.convolutions: list[BlockConvolution | None] = [None] * len(self.names)
+
+    @property
+    def step(self) -> int:
+        """Number of the next step."""
+        return int(self.engine.clock[0])
+
+    def cover(self, last: int) -> None:
+        """Make the ends good for `last` steps; a run under way goes on from its drivers' history.
+
+        Raises
+        ------
+        InputError
+            A kernel that does not fit into memory.
+        """
+        if last <= self.steps:
+            return
+        steps = _steps_of_kernel(max(last, 2 * self.steps if self.step else 0))
+        sums = [self._sum_of(i, steps) for i in range(len(self.names))]
+        self._take(sums, steps)
+        _make_kernel.cache_clear()
+
+    def _sum_of(self, end: int, steps: int) -> ExponentialSum | None:
+        """The sum of an end, or None if it is to be convolved: because it is wanted, or because no sum meets the tolerance."""
+        tolerance = self.boundaries[end].compress
+        if tolerance is None:
+            return None
+        found = _compressed(tuple(self.weights[end].tolist()), self.recursion, steps, tolerance)
+        return found if found.error <= tolerance else None
+
+    def _take(self, sums: list[ExponentialSum | None], steps: int, history: np.ndarray | None = None) -> None:
+        """Go on with these sums, and with convolutions where there is none, from a history (ends, n, K), the engine's own unless given."""
+        engine = self.engine
+        history, forces = engine.history[:, : self.step] if history is None else history, engine.forces
+        count = history.shape[1]
+        kernels = {w.tobytes(): _make_kernel(tuple(w.tolist()), self.recursion, steps) for w, s in zip(self.weights, sums, strict=True) if s is None}
+        poles = [None if s is None else (s.poles, s.inputs, s.outputs) for s in sums]
+        engine.set_ends(self.nodes, self.recursion.first, poles, BLOCK if kernels else 0)
+        engine.clock[0], engine.history, engine.forces[...] = count, np.array(history), forces
+        self.sums, self.steps = list(sums), steps
+        for end, found in enumerate(sums):
+            if found is None:
+                self.convolutions[end] = self._convolution(end, kernels[self.weights[end].tobytes()])
+            else:
+                self.convolutions[end] = None
+                state, half = found.replay(history[end]), engine.states.shape[1] // 2
+                engine.states[end, : found.modes], engine.states[end, half : half + found.modes] = state.real, state.imag
+
+    def _convolution(self, end: int, kernel: np.ndarray) -> BlockConvolution:
+        """A convolution that has seen the history but for the current block, which the engine holds."""
+        made = BlockConvolution(kernel, BLOCK)
+        for start in range(0, self.step - BLOCK + 1, BLOCK):
+            made.samples[:] = self.engine.history[end, start : start + BLOCK]
+            if start + BLOCK < self.step:
+                made.next_block()
+        self.engine.heads[end], self.engine.past[end] = made.head, made.past
+        return made
+
+    def allow(self, wanted: int) -> int:
+        """Prepare the next steps; returns how many of the `wanted` ones may be run at once."""
+        self.cover(self.step + wanted)
+        if not self.engine.heads.shape[1]:
+            return wanted
+        place = self.step % BLOCK
+        if place == 0 and self.step:
+            for end, found in enumerate(self.convolutions):
+                if found is not None:
+                    found.samples[:] = self.engine.history[end, self.step - BLOCK : self.step]
+                    found.next_block()
+                    self.engine.past[end] = found.past
+        return min(wanted, BLOCK - place)
+
+    def describe(self, end: int, dt: float) -> str:
+        """What serves an end, for the report."""
+        tolerance, found = self.boundaries[end].compress, self.sums[end]
+        until = f"to step {self.steps} (t = {self.steps * dt:.4g}), then made anew"
+        if not self.steps:
+            return "past convolved" if tolerance is None else f"past compressed to {tolerance:g} when the run begins"
+        if found is not None:
+            return f"{found.modes} modes, error of the force <= {found.error:.2g}, {until}"
+        return f"past convolved, exact to rounding, {until}"
+
+    def notes(self) -> list[str]:
+        """Where no sum meets the tolerance."""
+        missed = [
+            (name, b.compress) for name, b, s in zip(self.names, self.boundaries, self.sums, strict=True) if b.compress is not None and s is None
+        ]
+        return [f"no sum of exponentials meets {c:g} at {name}: the past is convolved there" for name, c in missed if self.steps]
+
+    def forces(self) -> np.ndarray:
+        """Force of each chain on its drivers at the present step, as an acceleration; shape (ends, K)."""
+        engine, step = self.engine, self.step
+        out = np.zeros(self.nodes.shape)
+        for end, (found, convolution) in enumerate(zip(self.sums, self.convolutions, strict=True)):
+            half = engine.states.shape[1] // 2
+            if found is not None:
+                out[end] = found.force(engine.states[end, : found.modes] + 1j * engine.states[end, half : half + found.modes])
+            elif convolution is not None:
+                out[end] = np.einsum("aim,am->i", convolution.kernel[1 : step + 1], engine.history[end, :step][::-1])
+        return out
+
+    def fill(self, level: np.ndarray, older: np.ndarray) -> None:
+        """Values of the chains' first nodes, from their forces, in the halos of the present level and of the one before."""
+        reach = self.nodes.shape[1]
+        for values, forces in ((level, self.forces()), (older, self.engine.forces[:, :reach])):
+            for weights, nodes, force, name in zip(self.weights, self.nodes, forces, self.names, strict=True):
+                ghosts = np.linalg.lstsq(chain.driver_matrix(weights).T, force, rcond=None)[0]
+                values[nodes[0] + (1 if name == "x+" else -1) * np.arange(1, reach + 1)] = ghosts
+
+    # --- state -------------------------------------------------------------------------------------------------
+
+    def save(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Arrays and numbers of a checkpoint."""
+        arrays = {"exact_history": self.engine.history[:, : self.step], "exact_states": self.engine.states, "exact_forces": self.engine.forces}
+        meta: dict[str, Any] = {"steps": self.steps, "errors": [None if s is None else s.error for s in self.sums]}
+        for end, found in enumerate(self.sums):
+            if found is not None:
+                arrays |= {f"exact{end}_{name}": getattr(found, name) for name in ("poles", "inputs", "outputs")}
+        return arrays, meta
+
+    def load(self, arrays: dict[str, np.ndarray], meta: dict[str, Any]) -> None:
+        """The state that `save` gave."""
+        steps = int(meta["steps"])
+        sums: list[ExponentialSum | None] = []
+        for end, error in enumerate(meta["errors"]):
+            poles, inputs, outputs = (arrays.get(f"exact{end}_{name}", np.zeros(0)) for name in ("poles", "inputs", "outputs"))
+            sums.append(None if error is None else ExponentialSum(poles, inputs, outputs, steps, error))
+        if steps:
+            self._take(sums, steps, arrays["exact_history"])
+            self.engine.states[...], self.engine.forces[...] = arrays["exact_states"], arrays["exact_forces"]

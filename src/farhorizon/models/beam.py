@@ -1,0 +1,44 @@
+"""Bending of a beam."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from farhorizon.errors import InputError
+from farhorizon.integrators import Verlet
+from farhorizon.models.scalar import ScalarModel, positive
+from farhorizon.stencil import Stencil
+
+
+class Beam(ScalarModel):
+    r"""Semi-discrete Euler-Bernoulli beam, :math:`u_{tt} + 2 d\,u_t = -\beta\,u_{xxxx} + s`, by velocity Verlet; one dimension.
+
+    The fourth difference is the stencil of reach 2 with the weights 4 and -1 over spacing^4. Its bonds cannot be cut or weakened one by one,
+    and their absence is not the mechanical free end, so that the sides are `Exact`, `Fixed` (clamped) or `Periodic`.
+
+    Parameters
+    ----------
+    stiffness : float
+        :math:`\beta = EI/(\rho A)` (length^4 / time^2).
+    damping : float
+        Viscous damping d (1 / time).
+
+    Notes
+    -----
+    Ji, Pang, Zhang, Yang and Perdikaris (2021), eq 29. The stable step is ``spacing^2 / (2 sqrt(stiffness))``.
+    """
+
+    sides = ("Exact", "Fixed", "Periodic")
+    bonds = False
+
+    def __init__(self, stiffness: float = 1.0, damping: float = 0.0) -> None:
+        self.stiffness = positive(stiffness, "model.stiffness")
+        self.damping = positive(damping, "model.damping", zero=True)
+        self.coefficient = self.stiffness
+        self.integrator = Verlet()
+
+    def stencil(self, spacing: float, dim: int) -> Stencil:
+        """The fourth difference, over spacing^2: the other two powers are those of all models."""
+        if dim != 1:
+            raise InputError("a beam has one dimension", value=f"{dim} dimensions", key="lattice", remedy="a lattice with one axis")
+        return Stencil(np.array([[1], [-1], [2], [-2]]), np.array([4.0, 4.0, -1.0, -1.0]) / spacing**2)

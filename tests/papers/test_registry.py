@@ -1,0 +1,58 @@
+"""The list of reproductions, and `farhorizon reproduce`."""
+
+import json
+
+import pytest
+
+from farhorizon import InputError
+from farhorizon.cli import main
+from farhorizon.papers import Outcome, Row, find, reproductions, table
+
+
+def test_rows():
+    """A misprint is compared with its correction; without a printed number there is no deviation."""
+    assert Row("a", 1.01, 1.0).deviation == pytest.approx(0.01)
+    assert Row("a", 1.01, 10.0, 1.0, "why").deviation == pytest.approx(0.01)
+    assert Row("a", 1.01).deviation is None
+    text = table(Outcome([Row("a", 1.01, 10.0, 1.0, "why"), Row("bb", 2.0)], {"PML": 1e-9}))
+    assert "misprint, read 1: why" in text and "+1.0 %" in text and "PML: 1.0e-09" in text
+
+
+def test_all_published_items_are_there():
+    assert {f"ji2021-table{n}" for n in range(1, 7)} | {"ji2021-fig2", "ji2021-fig3"} <= set(reproductions())
+
+
+def test_unknown_name():
+    with pytest.raises(InputError, match="did you mean 'ji2021-table4'"):
+        find("ji2021-tabel4")
+
+
+def test_command_lists(capsys, tmp_path):
+    assert main(["reproduce", "--json", str(tmp_path / "list.json")]) == 0
+    printed = capsys.readouterr().out
+    assert all(name in printed for name in reproductions())
+    assert set(json.loads((tmp_path / "list.json").read_text())) == set(reproductions())
+
+
+def test_command_refuses_an_unknown_name(capsys):
+    assert main(["reproduce", "ji2021-figure3"]) == 2
+    assert "ji2021-fig3" in capsys.readouterr().err
+
+
+def test_command_draws_and_writes(capsys, tmp_path):
+    """Figure 3: picture, rows, the keys of the JSON file."""
+    assert main(["reproduce", "ji2021-fig3", "--out", str(tmp_path), "--json", str(tmp_path / "f.json")]) == 0
+    assert "fully discrete kernel" in capsys.readouterr().out
+    assert (tmp_path / "ji2021-fig3.png").stat().st_size > 20_000
+    found = json.loads((tmp_path / "f.json").read_text())
+    assert set(found) == {"name", "paper", "rows", "infinite_error"}
+    assert all(set(row) == {"what", "ours", "printed", "corrected", "note"} for row in found["rows"])
+    assert found["infinite_error"]["fully discrete kernel"] < 1e-13
+
+
+@pytest.mark.slow
+def test_figure_2(tmp_path):
+    """The numerical kernel is on the analytical one: 1e-8 of 1e-6 (table 1 at 3000 pi: 9e-9 for all four)."""
+    outcome = find("ji2021-fig2").function(tmp_path)
+    assert outcome.pictures[0].exists()
+    assert outcome.rows[-1].ours < 1e-8 < 1e-6 < outcome.rows[0].ours
