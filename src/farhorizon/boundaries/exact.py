@@ -29,6 +29,7 @@ from farhorizon.errors import InputError
 from farhorizon.machine import available_memory
 
 BLOCK = 64  # steps of a convolution between two returns to Python
+_AIM = 0.25  # a sum is sought to this share of its tolerance: the field adds up the errors of the force
 _SHORTEST = 1024  # steps that a kernel is made for, at least
 _SLOW = 1e6  # steps times reach squared from which on making a kernel takes seconds, and is announced
 
@@ -166,7 +167,7 @@ class ExactEnds:
         tolerance = self.boundaries[end].compress
         if tolerance is None:
             return None
-        found = _compressed(tuple(self.weights[end].tolist()), self.recursion, steps, tolerance)
+        found = _compressed(tuple(self.weights[end].tolist()), self.recursion, steps, _AIM * tolerance)
         return found if found.error <= tolerance else None
 
     def _take(self, sums: list[ExponentialSum | None], steps: int, history: np.ndarray | None = None) -> None:
