@@ -1,11 +1,14 @@
 """farhorizon: peridynamic and classical waves and diffusion in an unbounded medium, on a small grid."""
 
 from farhorizon.boundaries import Fixed, Free, LatticePML, Periodic, Sponge
+from farhorizon.constraints import Convection, Flux, Insulated, Temperature
+from farhorizon.cracks import Crack
 from farhorizon.errors import FarhorizonError, FileFormatError, InputError, UnstableError
 from farhorizon.expressions import Expression
+from farhorizon.integrators import RungeKuttaChebyshev
 from farhorizon.kernel import Kernel
 from farhorizon.lattice import Lattice
-from farhorizon.models import Diffusion, Wave
+from farhorizon.models import Diffusion, Heat, Wave
 from farhorizon.results import open_results
 from farhorizon.shapes import Ball, Box, Disc, DiscCut, PointCut, Polygon, Polyline, Rectangle
 from farhorizon.simulation import Simulation
@@ -15,7 +18,7 @@ from farhorizon.stencil import Stencil
 __version__ = "0.1.0"
 
 __all__ = [
-    "Ball", "Box", "Diffusion", "Disc", "DiscCut", "Expression", "FarhorizonError", "FileFormatError", "Fixed", "Free", "InputError",
-    "Kernel", "Lattice", "LatticePML", "Periodic", "PointCut", "Polygon", "Polyline", "Rectangle", "Simulation", "Source", "Sponge",
-    "Stencil", "UnstableError", "Wave", "open_results",
+    "Ball", "Box", "Convection", "Crack", "Diffusion", "Disc", "DiscCut", "Expression", "FarhorizonError", "FileFormatError", "Fixed",
+    "Flux", "Free", "Heat", "InputError", "Insulated", "Kernel", "Lattice", "LatticePML", "Periodic", "PointCut", "Polygon", "Polyline",
+    "Rectangle", "RungeKuttaChebyshev", "Simulation", "Source", "Sponge", "Stencil", "Temperature", "UnstableError", "Wave", "open_results",
 ]  # fmt: skip

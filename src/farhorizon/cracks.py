@@ -2,12 +2,49 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from farhorizon.errors import InputError
 from farhorizon.shapes import Cut, PointCut, Polyline
+
+
+@dataclass(frozen=True)
+class Crack:
+    """A cut that conducts a little, or that opens later.
+
+    Parameters
+    ----------
+    cut : Cut, sequence of points (2D) or position (1D)
+    factor : float
+        What is left of the bonds that it crosses: 0 insulates, 1 does nothing.
+    opens : float
+        Time from which on it is there; the first step that begins at or after it knows it.
+
+    Raises
+    ------
+    InputError
+        A factor outside 0..1, a time that is not finite.
+    """
+
+    cut: Any
+    factor: float = 0.0
+    opens: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.factor <= 1:
+            raise InputError("what a crack leaves of its bonds is a factor from 0 to 1", value=self.factor, limit="0 to 1", key="crack.factor")
+        if not np.isfinite(self.opens):
+            raise InputError("the time at which a crack opens must be finite", value=self.opens, key="crack.opens")
+
+
+def as_crack(crack: Any, dim: int) -> Crack:
+    """A crack as a `Crack` whose cut is a `Cut`; errors as of `as_cut`."""
+    if isinstance(crack, Crack):
+        return Crack(as_cut(crack.cut, dim), crack.factor, crack.opens)
+    return Crack(as_cut(crack, dim))
 
 
 def as_cut(crack: Any, dim: int) -> Cut:

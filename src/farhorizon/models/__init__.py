@@ -1,7 +1,8 @@
 """The physics, one file each."""
 
 from farhorizon.models.diffusion import Diffusion
+from farhorizon.models.heat import Heat
 from farhorizon.models.scalar import ScalarModel
 from farhorizon.models.wave import Wave
 
-__all__ = ["Diffusion", "ScalarModel", "Wave"]
+__all__ = ["Diffusion", "Heat", "ScalarModel", "Wave"]
