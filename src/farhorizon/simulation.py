@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from farhorizon.analysis.flux import nodal_flux, power_across
 from farhorizon.beyond import Beyond
 from farhorizon.boundaries import Boundary, Fixed, Free, LatticePML, Periodic, Sponge, sides
 from farhorizon.constraints import Conditions, Constraint, resolve
@@ -221,18 +222,25 @@ class Simulation:
         return values
 
     def _resolve(self, constraints: Sequence[Constraint], factor: np.ndarray | None) -> Conditions:
+        if not constraints:
+            return resolve((), self.lattice, self.stencil.reach)
         conductivity = self.model.coefficient / self.model.source_factor * (1.0 if factor is None else factor)
         return resolve(constraints, self.lattice, self.stencil.reach, conductivity, self.background)
 
     def _leak(self) -> np.ndarray:
-        """Rate at which each node loses its value to what surrounds the body; of the lattice's shape."""
-        return self.model.source_factor * sum((leak for _, leak in self.conditions.leaks), np.zeros(self.lattice.shape))
+        """Rate at which each node loses its value to what surrounds the body; of the lattice's shape, empty without."""
+        leaks = [leak for _, leak in self.conditions.leaks]
+        return self.model.source_factor * sum(leaks[1:], leaks[0]) if leaks else np.zeros(0)
 
     def _check_conditions(self) -> None:
         """The layer beyond an absorbing side continues the medium, not a condition on its nodes."""
+        leak = self._leak()
+        if not self.conditions.nodes.size and not leak.any():
+            return
         busy = np.zeros(self.lattice.shape, bool)
         busy.ravel()[self.conditions.nodes] = True
-        busy |= self._leak() > 0
+        if leak.size:
+            busy |= leak > 0
         for (axis, side), boundary in self.sides.items():
             m = self.stencil.reach[axis] - self._margins[axis, side] + 1
             if isinstance(boundary, LatticePML | Sponge) and m > 0:
@@ -832,6 +840,63 @@ class Simulation:
             inflow[name] = inflow.get(name, 0.0) + unit * float(power)
         stored = unit * (self._heat() - self._first_heat)
         return {"stored": stored, **inflow, "residual": stored - math.fsum(inflow.values())}
+
+    # --- flux --------------------------------------------------------------------------------------------------
+
+    def _bonds(self) -> np.ndarray:
+        """Factor of the bond from each node of the near field along each offset, 0 where there is none within it."""
+        engine = self.engine
+        block = engine.core
+        flat, slots = block.node_indices(), block.slot_indices()
+        inside = np.zeros(engine.layout.places, bool)
+        inside[flat[self._near]] = True
+        bonds = np.zeros((len(engine.offsets), *self.lattice.shape))
+        for number, (offset, weight) in enumerate(zip(engine.offsets, engine.weights, strict=True)):
+            nodes, other = flat[self._near].ravel(), (slots[self._near] + int(offset @ np.array(block.stride))).ravel()
+            factor = engine.bond_factors(nodes, other) - engine.lost(nodes, other) / weight
+            bonds[number] = np.where(inside[other] & (factor > 1e-12), factor, 0.0).reshape(self.lattice.shape)
+        return bonds
+
+    def _flux_tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        u = self.engine.core.view(self.engine.current)[self._near].reshape(self.lattice.shape).astype(float)
+        return u, self.stencil.offsets, self.stencil.weights * self.model.coefficient / self.model.source_factor, self._bonds()
+
+    def flux(self) -> np.ndarray:
+        """Heat flux (or that of a diffusing field) at the nodes along each axis, positive towards larger coordinates.
+
+        One-sided sums over the bonds ahead of a node, over those behind it where bonds ahead are missing, exact for a linear field at every
+        node; nan where the bonds left do not determine it. See `farhorizon.analysis.flux`.
+
+        Returns
+        -------
+        ndarray, shape (dim, n..)
+        """
+        found = nodal_flux(*self._flux_tables(), self.lattice.spacing)
+        return found if self.lattice.mask is None else np.where(self.lattice.mask, found, np.nan)
+
+    def power_across(self, axis: str, position: float) -> float:
+        """Power that crosses a plane, towards larger coordinates: the sum over the bonds of the near field that cross it.
+
+        Parameters
+        ----------
+        axis : {"x", "y", "z"}
+            Normal of the plane.
+        position : float
+            Coordinate of the plane, taken to the nearest middle between two nodes.
+
+        Raises
+        ------
+        InputError
+            An axis that the lattice has not, a plane outside it.
+        """
+        if axis not in AXES[: self.lattice.dim]:
+            raise InputError("the lattice has no such axis", value=axis, limit=", ".join(AXES[: self.lattice.dim]), key="axis")
+        number = AXES.index(axis)
+        row = int(np.floor((position - self.lattice.lower[number]) / self.lattice.spacing + 1e-9))
+        if not 0 <= row < self.lattice.shape[number] - 1:
+            raise InputError("the plane lies outside the near field", value=position, key="position",
+                             limit=f"{self.lattice.lower[number]} to {self.lattice.upper[number]}")  # fmt: skip
+        return power_across(*self._flux_tables(), self.lattice.spacing, number, row)
 
     @property
     def notes(self) -> list[str]:
