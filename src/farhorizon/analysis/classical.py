@@ -137,9 +137,14 @@ class Slab:
             count = int(count * 1.2) + 1
         raise InputError("so early that the series is useless", value=t, key="t", remedy="half_space: no end has noticed the other")
 
+    def _beyond(self, x: np.ndarray, place: float) -> np.ndarray:
+        """1 beyond a place, 0 before it, 1/2 on it (to rounding)."""
+        gap = x - place
+        return np.heaviside(np.where(np.abs(gap) < 1e-12 * self.length, 0.0, gap), 0.5)
+
     def _sum(self, x: np.ndarray, t: float, error: float, derivative: int) -> np.ndarray:
         if t <= 0:
-            return sum((value * (np.heaviside(x - low, 0.5) - np.heaviside(x - high, 0.5)) for low, high, value in self.pieces), np.zeros_like(x))
+            return sum((value * (self._beyond(x, low) - self._beyond(x, high)) for low, high, value in self.pieces), np.zeros_like(x))
         polynomial, drift = self._steady
         c0, c1, c2 = polynomial
         total = c0 + drift * t + x * (c1 + c2 * x) if derivative == 0 else c1 + 2 * c2 * x

@@ -14,7 +14,7 @@ from typing import Any
 
 from farhorizon.errors import InputError
 
-_MODULES = ("ji2021",)
+_MODULES = ("bobaru2010", "ji2021")
 
 
 @dataclass(frozen=True)
