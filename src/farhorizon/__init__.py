@@ -10,7 +10,7 @@ from farhorizon.kernel import Kernel
 from farhorizon.lattice import Lattice
 from farhorizon.models import Diffusion, Heat, Wave
 from farhorizon.results import open_results
-from farhorizon.shapes import Ball, Box, Disc, DiscCut, PointCut, Polygon, Polyline, Rectangle
+from farhorizon.shapes import Ball, Box, Disc, DiscCut, PointCut, Polygon, PolygonCut, Polyline, Rectangle
 from farhorizon.simulation import Simulation
 from farhorizon.sources import Source
 from farhorizon.stencil import Stencil
@@ -19,6 +19,6 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Ball", "Box", "Convection", "Crack", "Diffusion", "Disc", "DiscCut", "Expression", "FarhorizonError", "FileFormatError", "Fixed",
-    "Flux", "Free", "Heat", "InputError", "Insulated", "Kernel", "Lattice", "LatticePML", "Periodic", "PointCut", "Polygon", "Polyline",
+    "Flux", "Free", "Heat", "InputError", "Insulated", "Kernel", "Lattice", "LatticePML", "Periodic", "PointCut", "Polygon", "PolygonCut", "Polyline",
     "Rectangle", "RungeKuttaChebyshev", "Simulation", "Source", "Sponge", "Stencil", "Temperature", "UnstableError", "Wave", "open_results",
 ]  # fmt: skip

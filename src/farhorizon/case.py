@@ -104,6 +104,18 @@ class DiffusionPart(_Part):
     stencil: Literal["finite-difference", "finite-element"] | None = None
 
 
+class HeatPart(_Part):
+    type: Literal["heat"]
+    density: Number = 1.0
+    specific_heat: Number = 1.0
+    conductivity: Number = 1.0
+    integrator: str = "euler"
+    stages: int | None = None
+    self_term: str = "centre"
+    kernel: KernelPart | None = None
+    stencil: Literal["finite-difference", "finite-element"] | None = None
+
+
 class LatticePMLPart(_Part):
     type: Literal["lattice-pml"]
     target: Number | None = None
@@ -138,6 +150,20 @@ class CrackPart(_Part):
     points: list[list[Number]] | None = None
     rectangle: dict[Literal["corner", "edge1", "edge2"], list[Number]] | None = None
     disc: dict[Literal["centre", "normal", "radius"], list[Number] | Number] | None = None
+    factor: Number = 0.0
+    opens: Number = 0.0
+
+
+class ConstraintPart(_Part):
+    """A condition on a side, or in a region."""
+
+    type: Literal["temperature", "flux", "insulated", "convection"]
+    side: str | None = None
+    region: RegionPart | None = None
+    value: str | Number | None = None
+    kind: str | None = None
+    transfer: Number | None = None
+    within: RegionPart | None = None
 
 
 class SourcePart(_Part):
@@ -161,11 +187,12 @@ class OutputPart(_Part):
 
 class CasePart(_Part):
     lattice: LatticePart
-    model: Annotated[WavePart | DiffusionPart, Field(discriminator="type")]
+    model: Annotated[WavePart | DiffusionPart | HeatPart, Field(discriminator="type")]
     initial: dict[Literal["u", "v"], str | Number] = {}
     boundary: dict[str, BoundaryPart] = {}
     crack: list[CrackPart] = []
     source: list[SourcePart] = []
+    constraint: list[ConstraintPart] = []
     coefficient: str | Number | None = None
     rule: str = "both"
     rim: str = "free"
@@ -246,7 +273,7 @@ class Case:
         body = part.body.build("lattice.body") if part.body else None
         return fh.Lattice(part.spacing, part.lower, part.upper, window=window, body=body)
 
-    def _model(self) -> fh.Wave | fh.Diffusion:
+    def _model(self) -> fh.Wave | fh.Diffusion | fh.Heat:
         part = self.parts.model
         if (part.kernel is None) == (part.stencil is None):
             raise InputError("give either [model.kernel] or stencil", key="model")
@@ -258,7 +285,12 @@ class Case:
             operator = make(self.lattice.dim)
         if isinstance(part, WavePart):
             return fh.Wave(operator, part.speed, part.damping)
-        return fh.Diffusion(operator, part.diffusivity, part.integrator)
+        if isinstance(part, DiffusionPart):
+            return fh.Diffusion(operator, part.diffusivity, part.integrator)
+        if part.stages is not None and part.integrator != "rkc":
+            raise InputError("only Runge-Kutta-Chebyshev has stages to choose", value=part.integrator, limit="rkc", key="model.stages")
+        integrator = part.integrator if part.stages is None else fh.RungeKuttaChebyshev(part.stages)
+        return fh.Heat(operator, part.density, part.specific_heat, part.conductivity, integrator, part.self_term)
 
     def _expression(self, value: str | float, key: str) -> Any:
         if not isinstance(value, str):
@@ -294,6 +326,7 @@ class Case:
             "initial": {k: self._expression(v, f"initial.{k}") for k, v in parts.initial.items()},
             "sources": [self._expression(s.value, "source.value") for s in parts.source],
             "cracks": [self._crack(c) for c in parts.crack],
+            "constraints": [self._constraint(c, f"constraint[{i}]") for i, c in enumerate(parts.constraint)],
             "coefficient": coefficient, "rule": parts.rule, "rim": parts.rim, "background": parts.background,
             "dt": parts.run.dt, "dtype": parts.run.dtype, "threads": parts.run.threads,
         }  # fmt: skip
@@ -302,12 +335,37 @@ class Case:
         given = [p for p in (part.points, part.rectangle, part.disc) if p is not None]
         if len(given) != 1:
             raise InputError("give exactly one of points, rectangle, disc", key="crack")
-        if part.points is not None:
-            return part.points
+        cut: Any = part.points
         try:
-            return fh.Rectangle(**part.rectangle) if part.rectangle is not None else fh.DiscCut(**part.disc)  # type: ignore[arg-type]
+            if part.points is None:
+                cut = fh.Rectangle(**part.rectangle) if part.rectangle is not None else fh.DiscCut(**part.disc)
         except TypeError:
             raise InputError("a rectangle needs corner, edge1 and edge2; a disc needs centre, normal and radius", key="crack") from None
+        return fh.Crack(cut, part.factor, part.opens) if part.factor or part.opens else cut
+
+    def _constraint(self, part: ConstraintPart, key: str) -> Any:
+        if (part.side is None) == (part.region is None):
+            raise InputError("give either a side or a region", key=key)
+        options: dict[str, Any] = {}
+        takes = {"temperature": {"value", "kind"}, "flux": {"value", "kind"}, "insulated": {"kind"}, "convection": {"value", "transfer"}}[part.type]
+        for name in ("value", "kind", "transfer"):
+            value = getattr(part, name)
+            if value is not None and name not in takes:
+                raise InputError(f"a condition of type {part.type} has no such key", value=value, limit=", ".join(sorted(takes)), key=f"{key}.{name}")
+            if value is None and name in takes and name != "kind":
+                raise InputError(f"a condition of type {part.type} needs it", key=f"{key}.{name}")
+            if value is not None:
+                options[name] = self._expression(value, f"{key}.{name}") if name == "value" else value
+        if part.type == "convection":
+            options["ambient"] = options.pop("value")
+        if part.within is not None:
+            options["within"] = part.within.build(f"{key}.within")
+        where: Any = part.side if part.region is None else part.region.build(f"{key}.region")
+        make = {"temperature": fh.Temperature, "flux": fh.Flux, "insulated": fh.Insulated, "convection": fh.Convection}[part.type]
+        try:
+            return make(where, **options)  # type: ignore[operator]
+        except InputError as error:
+            raise InputError(f"{key}: {error}") from None
 
     def _check_output(self) -> None:
         out = self.parts.output
@@ -315,7 +373,7 @@ class Case:
             raise InputError("must be positive", value=out.every, key="output.every")
         if self.parts.run.until <= 0:
             raise InputError("must be positive", value=self.parts.run.until, key="run.until")
-        if "v" in out.fields and isinstance(self.model, fh.Diffusion):
+        if "v" in out.fields and self.model.order == 1:
             raise InputError("diffusion has no velocity", value="v", limit="u", key="output.fields")
         for point in out.probes:
             try:
@@ -331,7 +389,8 @@ def _nearest(word: str, words: list[str]) -> str:
 
 _PARTS: dict[str, type[_Part]] = {
     "lattice": LatticePart, "window": RegionPart, "body": RegionPart, "without": RegionPart, "box": BoxPart, "polygon": PolygonPart, "ball": DiscPart,
-    "wave": WavePart, "diffusion": DiffusionPart, "kernel": KernelPart, "lattice-pml": LatticePMLPart, "fixed": FixedPart, "free": FreePart,
+    "wave": WavePart, "diffusion": DiffusionPart, "heat": HeatPart, "constraint": ConstraintPart, "region": RegionPart, "within": RegionPart,
+    "kernel": KernelPart, "lattice-pml": LatticePMLPart, "fixed": FixedPart, "free": FreePart,
     "periodic": PeriodicPart, "sponge": SpongePart, "crack": CrackPart, "source": SourcePart, "run": RunPart, "output": OutputPart,
 }  # fmt: skip
 
@@ -353,7 +412,7 @@ def _explain(error: ValidationError) -> str:
     problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")  # a misspelt key is why another is missing
     for problem in problems[:3]:
         location = tuple(problem["loc"])
-        tags = {"wave", "diffusion", "lattice-pml", "fixed", "free", "periodic", "sponge", "float", "str", "int", "[key]"}
+        tags = {"wave", "diffusion", "heat", "lattice-pml", "fixed", "free", "periodic", "sponge", "float", "str", "int", "[key]"}
         key = ".".join(str(s) for s in location if s not in tags)
         if problem["type"] == "extra_forbidden":
             messages.append(f"unknown key {key}; {_nearest(str(location[-1]), _known(location[:-1]))}")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from farhorizon.errors import InputError
-from farhorizon.shapes import Cut, PointCut, Polyline
+from farhorizon.shapes import Cut, PointCut, PolygonCut, Polyline
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,7 @@ class Crack:
 
     Parameters
     ----------
-    cut : Cut, sequence of points (2D) or position (1D)
+    cut : Cut, sequence of points (2D, 3D) or position (1D)
     factor : float
         What is left of the bonds that it crosses: 0 insulates, 1 does nothing.
     opens : float
@@ -48,7 +48,7 @@ def as_crack(crack: Any, dim: int) -> Crack:
 
 
 def as_cut(crack: Any, dim: int) -> Cut:
-    """A crack as a `Cut`: itself, a position (1D), or points of a polyline (2D).
+    """A crack as a `Cut`: itself, a position (1D), points of a polyline (2D), or the corners of a polygon (3D).
 
     Raises
     ------
@@ -61,8 +61,11 @@ def as_cut(crack: Any, dim: int) -> Cut:
         cut = PointCut(float(np.ravel(crack)[0]))
     elif dim == 2:
         cut = Polyline(crack)
+    elif np.ndim(crack) == 2 and len(crack) >= 3:
+        cut = PolygonCut(crack)
     else:
-        raise InputError("a crack in 3D is a surface", value=repr(crack), key="crack", remedy="use Rectangle(...) or DiscCut(...)")
+        raise InputError("a crack in 3D is a surface", value=repr(crack), key="crack",
+                         remedy="use Rectangle(...), DiscCut(...) or the corners of a polygon")  # fmt: skip
     if cut.dim != dim:
         raise InputError("crack and lattice differ in dimension", value=cut.dim, limit=dim, key="crack")
     return cut

@@ -25,7 +25,7 @@ _TYPES = {
     for t in (
         *(getattr(boundaries, n) for n in ("LatticePML", "Fixed", "Free", "Periodic", "Sponge")),
         *(getattr(shapes, n) for n in ("Disc", "Ball", "Box", "Polygon", "Union", "Intersection", "Difference")),
-        *(getattr(shapes, n) for n in ("PointCut", "Polyline", "Rectangle", "DiscCut")),
+        *(getattr(shapes, n) for n in ("PointCut", "Polyline", "Rectangle", "DiscCut", "PolygonCut")),
         *(Convection, Crack, Diffusion, Expression, Flux, Heat, Insulated, Kernel, Lattice, RungeKuttaChebyshev, Source, Stencil, Temperature, Wave),
     )
 }

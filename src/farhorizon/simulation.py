@@ -50,7 +50,7 @@ class Simulation:
     sources : sequence
         `Source`, array, callable of the coordinates and t, or expression.
     cracks : sequence
-        Cuts, points of polylines (2D) or positions (1D); `Crack` for one that conducts a little or opens later.
+        Cuts, points of polylines (2D), of polygons (3D) or positions (1D); `Crack` for one that conducts a little or opens later.
     constraints : sequence
         `Temperature`, `Flux`, `Insulated`, `Convection`: conditions on nodes of the body.
     balance : bool
@@ -786,7 +786,7 @@ class Simulation:
         books, nodes, neighbours, weights = (np.concatenate([f[i] for f in found]) for i in range(4))
         weights = weights * engine.bond_factors(nodes, neighbours) - engine.lost(nodes, neighbours)
         for number, leak in self.conditions.leaks:
-            lossy = np.flatnonzero(leak)
+            lossy = np.flatnonzero((leak > 0) & self._free)
             books = np.append(books, np.full(lossy.size, number))
             nodes, neighbours = np.append(nodes, self._near_indices()[lossy]), np.append(neighbours, np.full(lossy.size, -1))
             weights = np.append(weights, self.model.source_factor * leak.ravel()[lossy])
