@@ -338,7 +338,7 @@ class Case:
         cut: Any = part.points
         try:
             if part.points is None:
-                cut = fh.Rectangle(**part.rectangle) if part.rectangle is not None else fh.DiscCut(**part.disc)
+                cut = fh.Rectangle(**part.rectangle) if part.rectangle is not None else fh.DiscCut(**part.disc)  # type: ignore[arg-type]
         except TypeError:
             raise InputError("a rectangle needs corner, edge1 and edge2; a disc needs centre, normal and radius", key="crack") from None
         return fh.Crack(cut, part.factor, part.opens) if part.factor or part.opens else cut
@@ -363,7 +363,7 @@ class Case:
         where: Any = part.side if part.region is None else part.region.build(f"{key}.region")
         make = {"temperature": fh.Temperature, "flux": fh.Flux, "insulated": fh.Insulated, "convection": fh.Convection}[part.type]
         try:
-            return make(where, **options)  # type: ignore[operator]
+            return make(where, **options)
         except InputError as error:
             raise InputError(f"{key}: {error}") from None
 
