@@ -5,7 +5,8 @@ flux. At t = 0.1 a crack of radius 0.5 opens in the middle plane; a tenth of the
 falls, and the faces of the crack part in temperature.
 
 Prints the power through the middle plane before and after, the heat balance, and the jump at the centre beside ``4 radius gradient / pi``, that
-of an insulating penny in an infinite body (the harmonic function of an elliptic disc); here the sides of the block are near and add to it.
+of an insulating penny in an infinite body (the harmonic function of an elliptic disc); here the sides of the block and the horizon change
+it by some per cent.
 
 Run: ``python examples/penny_crack.py``; about 10 seconds.
 """

@@ -92,7 +92,8 @@ def test_a_body_has_its_own_outermost_nodes():
 
 CONTRADICTIONS = {
     "two temperatures": [Temperature("x-", 0.0, "node"), Temperature("y-", 1.0, "node")],
-    "temperature and flux": [Temperature("x-", 0.0, "node"), Flux("y-", 1.0, "layer")],
+    "temperature and flux": [Temperature("x-", 0.0, "node"), Flux("x-", 1.0, "layer")],
+    "mirror and region": [Temperature(Disc(2.0, (0, 0)), 1.0), Temperature("y-", 0.0, "mirror")],
     "region and side": [Temperature(Disc(2.0, (0, 0)), 1.0), Temperature("x-", 0.0, "volume")],
     "time": [Temperature("x-", lambda x, y, t: t, "node"), Temperature("y-", lambda x, y, t: t, "node")],
 }
@@ -104,6 +105,23 @@ def test_contradictions(constraints):
         InputError, match=r"two conditions on one node contradict each other; value: constraint\[0\] and constraint\[1\] near \[0.0, 0.0\]"
     ):
         resolve(constraints, PLATE, [2, 2])
+
+
+def test_corners_of_layers_are_images_of_images():
+    """Mirror conditions on two sides: in the corner 2 b - (2 a - T) of the node across it; beside a plain layer that layer's value."""
+    table = resolve([Temperature("y-", 5.0, "mirror"), Temperature("x-", 2.0, "mirror")], PLATE, [2, 2])
+    u = np.arange(80.0).reshape(10, 8)
+    exact = u.copy()
+    exact[:2] = 4 - exact[3:1:-1]
+    exact[:, :2] = 10 - exact[:, 3:1:-1]
+    flat = u.ravel()
+    for i, node in enumerate(table.nodes):
+        part = slice(table.starts[i], table.starts[i + 1])
+        flat[node] = table.weights[part] @ flat[table.references[part]] + sum(space[i] for space, _ in table.drives)
+    np.testing.assert_allclose(u, exact)
+    assert len(set(table.nodes.tolist())) == len(table.nodes) == 2 * 8 + 2 * 8
+    both = resolve([Insulated("y-"), Temperature("x-", 2.0, "volume")], PLATE, [2, 2])
+    assert both.owner[np.isin(both.nodes, [0, 1, 8, 9])].tolist() == [1] * 4
 
 
 def test_what_agrees_is_no_contradiction():

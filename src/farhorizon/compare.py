@@ -117,7 +117,7 @@ def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None =
     for rim in ("fixed", "free") if beside else ():
         runs[f"{rim} edge"] = _ended(setup, ours, rim)
     homogeneous = all(isinstance(b, LatticePML | Sponge) for b in ours.sides.values()) and ours.lattice.body is None
-    homogeneous &= not setup.get("cracks") and setup.get("coefficient") is None and not ours.sources
+    homogeneous &= not setup.get("cracks") and setup.get("coefficient") is None and not ours.sources and not setup.get("constraints")
     far = None if homogeneous else _extended(setup, ours, steps[-1] * ours.dt)
     infinite = None
     if homogeneous:

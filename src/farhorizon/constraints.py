@@ -224,6 +224,7 @@ class _Held:
     weight: float
     drives: list[Drive]
     plain: Any  # the number that all nodes take, or None
+    axis: int | None = None  # normal of the side
 
 
 class _Face:
@@ -348,7 +349,7 @@ def _on_face(
         if background:
             drives.append((np.full(len(nodes), -(1 - weight) * background), parts(0.0)[1]))
         plain = constraint.value if not mirror and np.isscalar(constraint.value) else None
-        return _Held(number, nodes, np.concatenate(inner), weight, drives, plain)
+        return _Held(number, nodes, np.concatenate(inner), weight, drives, plain, face.axis)
     distance = np.array([2 * (layers - depth) - 1 if mirror else layers - depth for depth in range(layers)]) * lattice.spacing
     references = np.concatenate(inner)
     drives = []  # an insulated layer follows from the inside alone
@@ -357,7 +358,7 @@ def _on_face(
         if (material <= 0).any():
             raise InputError("a flux needs a conductivity above 0 on its side", value=float(material.min()), limit="> 0", key=key)
         drives = [_scaled(face.values(constraint.value, layers - 0.5), 1.0, lambda v: repeat(v) * np.repeat(distance, len(v)) / material)]
-    return _Held(number, nodes, references, 1.0, drives, None)
+    return _Held(number, nodes, references, 1.0, drives, None, face.axis)
 
 
 def _in_region(number: int, constraint: Constraint, lattice: Lattice, background: float, key: str) -> _Held:
@@ -395,29 +396,39 @@ def _in_region(number: int, constraint: Constraint, lattice: Lattice, background
 
 
 def _join(out: Conditions, found: Sequence[_Held], lattice: Lattice) -> None:
-    """One table of all: plain values first, then what follows from others; a node with two conditions must have the same number from both."""
-    owner = np.full(int(np.prod(lattice.shape)), -1)
-    order = sorted(found, key=lambda h: h.weight != 0)
+    """One table of all: plain values first, then what follows from others, axis by axis.
+
+    A node with two conditions must have the same number from both. Only in the edges and corners where layers of different axes meet, one
+    wins: a plain value, else the layer of the later axis, which reads that of the earlier one (the mirror image of a mirror image).
+    """
+    shape = lattice.shape
+    owner = np.full(int(np.prod(shape)), -1)
     by_number = {h.number: h for h in found}
-    kept: list[tuple[_Held, np.ndarray]] = []
+    order = sorted(found, key=lambda h: (h.weight != 0, -1 if h.axis is None else h.axis))
     for held in order:
         taken = owner[held.nodes]
-        keep = taken < 0
-        for other in np.unique(taken[~keep]):
+        for other in np.unique(taken[taken >= 0]):
             rival = by_number[int(other)]
-            if held.plain is None or held.plain != rival.plain:
-                at = np.array(np.unravel_index(held.nodes[taken == other][0], lattice.shape))
+            corner = None not in (held.axis, rival.axis) and held.axis != rival.axis and bool(held.weight)
+            if not corner and (held.plain is None or held.plain != rival.plain):
+                at = np.array(np.unravel_index(held.nodes[taken == other][0], shape))
                 raise InputError("two conditions on one node contradict each other", value=f"constraint[{min(other, held.number)}] and "
                                  f"constraint[{max(other, held.number)}] near {(lattice.lower + at * lattice.spacing).tolist()}", key="constraints",
                                  remedy="restrict one of them by `within`")  # fmt: skip
-        if held.weight:
-            behind = owner[held.references[keep]] < 0
-            late = np.isin(held.references[keep], np.concatenate([h.nodes for h in order[order.index(held) :]])) & behind
-            if late.any():
+            if corner and rival.weight:
+                owner[held.nodes[taken == other]] = held.number
+        owner[held.nodes[taken < 0]] = held.number
+    kept = [(held, owner[held.nodes] == held.number) for held in order]
+    place = np.full(owner.shape, -1)  # when a node is set
+    start = 0
+    for held, keep in kept:
+        place[held.nodes[keep]] = start + np.arange(keep.sum())
+        start += int(keep.sum())
+        if held.weight and (place[held.references[keep]] < 0).any():
+            loose = held.references[keep][place[held.references[keep]] < 0]
+            if (owner[loose] >= 0).any():
                 raise InputError("a condition follows from nodes that a later one prescribes", value=f"constraint[{held.number}]", key="constraints",
-                                 remedy="restrict one of them by `within`, or list the other first")  # fmt: skip
-        owner[held.nodes[keep]] = held.number
-        kept.append((held, keep))
+                                 remedy="restrict one of them by `within`")  # fmt: skip
     sizes = [int(keep.sum()) for _, keep in kept]
     total, start = sum(sizes), 0
     if not total:
@@ -430,10 +441,10 @@ def _join(out: Conditions, found: Sequence[_Held], lattice: Lattice) -> None:
     out.weights = np.repeat([h.weight for h, _ in kept], sizes)[follows]
     for (held, keep), size in zip(kept, sizes, strict=True):
 
-        def place(values: np.ndarray, keep: np.ndarray = keep, first: int = start, size: int = size) -> np.ndarray:
+        def put(values: np.ndarray, keep: np.ndarray = keep, first: int = start, size: int = size) -> np.ndarray:
             field = np.zeros(total)
             field[first : first + size] = values[keep]
             return field
 
-        out.drives += [_scaled(drive, 1.0, place) for drive in held.drives]
+        out.drives += [_scaled(drive, 1.0, put) for drive in held.drives]
         start += size

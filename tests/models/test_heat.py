@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from farhorizon import Free, Heat, InputError, Kernel, Lattice, Periodic, RungeKuttaChebyshev, Simulation, Source, Stencil, Temperature
-from farhorizon.analysis.classical import Slab
+from farhorizon import Free, Heat, InputError, Insulated, Kernel, Lattice, Periodic, RungeKuttaChebyshev, Simulation, Source, Stencil, Temperature
+from farhorizon.analysis.classical import End, Slab, box
 from farhorizon.models.heat import self_weight
 from helpers import dense_operator, fitted_rate
 
@@ -169,6 +169,29 @@ def test_quenched_bar_converges(reach):
         errors.append(np.abs(sim.fields["u"][inside] - exact).max())
         spacings.append(spacing)
     assert fitted_rate(spacings, errors) == pytest.approx(2, abs=0.15)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_quenched_block_is_the_product_of_slabs(dim):
+    """A square and a cube from 1 to 0 on all sides by mirror conditions, a quarter of it: insulated where it is cut. Second order."""
+    counts, errors = ([16, 32] if dim == 3 else [16, 32, 64]), []
+    slab = Slab(1.0, 1.0, [(0, 1, 1.0)], End(0.0, slope=True), End(0.0))
+    for nodes in counts:
+        spacing = 1 / nodes
+        kernel = Kernel(2 * spacing, influence="linear")
+        beyond = Heat(kernel).stencil(spacing, dim).reach[0]
+        lattice = Lattice(spacing, ((0.5 - beyond) * spacing,) * dim, (1 + (beyond - 0.5) * spacing,) * dim)
+        held = []
+        for axis in "xyz"[:dim]:
+            held += [Insulated(axis + "-"), Temperature(axis + "+", 0.0, "mirror")]
+        rate = Heat(kernel).stencil(spacing, dim).symbol_maximum / spacing**2
+        model = Heat(kernel, integrator=RungeKuttaChebyshev.for_step(5e-4, rate))
+        sim = Simulation(lattice, model, Free(), {"u": 1.0}, constraints=held, dt=5e-4)
+        sim.run(0.1, progress=False)
+        inside = (slice(beyond, beyond + nodes),) * dim
+        exact = box([slab] * dim, [lattice.axes[0][beyond:-beyond]] * dim, 0.1)
+        errors.append(np.abs(sim.fields["u"][inside] - exact).max())
+    assert fitted_rate(1 / np.array(counts), errors) == pytest.approx(2, abs=0.15)
 
 
 def test_bad_input():
