@@ -200,8 +200,9 @@ def figure10(folder: Path) -> Outcome:
             at, value = study.crossing()
             rows.append(Row(f"example {number}, {kernel}, m where the curves cross", at, note="paper: between 3 and 5, larger for the triangle"))
             rows.append(Row(f"example {number}, {kernel}, value there", value, printed[number]))
-            panels.append((f"example {number}, {kernel}", [(f"$3L/{d}$", study.ratios, v) for d, v in zip(DIVISIONS, study.values, strict=True)]
-                           + [("classical", study.ratios, np.full(len(RATIOS), exact))]))  # fmt: skip
+            curves = [("classical", study.ratios, np.full(len(RATIOS), exact))]
+            curves += [(f"$3L/{d}$", study.ratios, v) for d, v in zip(DIVISIONS, study.values, strict=True)]
+            panels.append((f"example {number}, {kernel}", curves))
     for kernel in KERNELS:
         curves = []
         for kind, words in (("node", "one node held"), ("volume", "a layer held")):
@@ -210,7 +211,7 @@ def figure10(folder: Path) -> Outcome:
             note = "does not go to zero: no limit" if kind == "node" else "halves each time: a limit"
             rows += [Row(f"example 1, {kernel}, 3L/100, {words}, change from m = {m // 2} to {m}", float(v), note=note)
                      for m, v in zip(study.ratios[1:], study.increments()[0], strict=True)]  # fmt: skip
-        panels.append((f"example 1, {kernel}, $3L/100$, over $\\log_2 m$", curves))
+        panels.append((f"{kernel}, $3L/100$, over $\\log_2 m$", curves))
     curve_panels(panels, folder / "bobaru2010-fig10.png", xlabel="$m$", ylabel="temperature in the middle (C)")
     return Outcome(rows, pictures=[folder / "bobaru2010-fig10.png"])
 
