@@ -843,21 +843,22 @@ class Simulation:
 
     # --- flux --------------------------------------------------------------------------------------------------
 
-    def _bonds(self) -> np.ndarray:
-        """Factor of the bond from each node of the near field along each offset, 0 where there is none within it."""
+    def _bonds(self) -> Callable[[int], np.ndarray]:
+        """Factor of the bond from each node of the near field along an offset, given by its number; 0 where there is none within it."""
         engine = self.engine
         block = engine.core
-        flat, slots = block.node_indices(), block.slot_indices()
+        nodes, slots = block.node_indices()[self._near].ravel(), block.slot_indices()[self._near].ravel()
         inside = np.zeros(engine.layout.places, bool)
-        inside[flat[self._near]] = True
-        bonds = np.zeros((len(engine.offsets), *self.lattice.shape))
-        for number, (offset, weight) in enumerate(zip(engine.offsets, engine.weights, strict=True)):
-            nodes, other = flat[self._near].ravel(), (slots[self._near] + int(offset @ np.array(block.stride))).ravel()
-            factor = engine.bond_factors(nodes, other) - engine.lost(nodes, other) / weight
-            bonds[number] = np.where(inside[other] & (factor > 1e-12), factor, 0.0).reshape(self.lattice.shape)
-        return bonds
+        inside[nodes] = True
 
-    def _flux_tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        def factor(number: int) -> np.ndarray:
+            other = slots + int(engine.offsets[number] @ np.array(block.stride))
+            left = engine.bond_factors(nodes, other) - engine.lost(nodes, other) / engine.weights[number]
+            return np.where(inside[other] & (left > 1e-12), left, 0.0).reshape(self.lattice.shape)
+
+        return factor
+
+    def _flux_tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, Callable[[int], np.ndarray]]:
         u = self.engine.core.view(self.engine.current)[self._near].reshape(self.lattice.shape).astype(float)
         return u, self.stencil.offsets, self.stencil.weights * self.model.coefficient / self.model.source_factor, self._bonds()
 

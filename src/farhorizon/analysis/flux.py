@@ -7,8 +7,11 @@ where they do not, the other side's bonds serve, and where neither side is whole
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
+Bonds = Callable[[int], np.ndarray]
 _SINGULAR = 1e-8  # second moments of the bonds left, relative to those of all
 
 
@@ -19,7 +22,7 @@ def shifted(values: np.ndarray, offset: np.ndarray) -> tuple[tuple[slice, ...], 
     return near, far
 
 
-def nodal_flux(u: np.ndarray, offsets: np.ndarray, weights: np.ndarray, bonds: np.ndarray, spacing: float) -> np.ndarray:
+def nodal_flux(u: np.ndarray, offsets: np.ndarray, weights: np.ndarray, bonds: Bonds, spacing: float) -> np.ndarray:
     """Flux at every node, along each axis.
 
     Parameters
@@ -29,8 +32,9 @@ def nodal_flux(u: np.ndarray, offsets: np.ndarray, weights: np.ndarray, bonds: n
     offsets : ndarray of int, shape (K, dim)
     weights : ndarray, shape (K,)
         Conductivity times the dimensionless weights: half their second moment along an axis is the conductivity.
-    bonds : ndarray, shape (K, n..)
-        Factor of each node's bond along each offset: 0 where it is absent, the ratio of the conductivities in composites.
+    bonds : callable
+        Takes the number of an offset, gives the factor of each node's bond along it, shape (n..): 0 where it is absent, the ratio of the
+        conductivities in composites.
     spacing : float
 
     Returns
@@ -39,33 +43,45 @@ def nodal_flux(u: np.ndarray, offsets: np.ndarray, weights: np.ndarray, bonds: n
         nan where the bonds left do not determine the gradient.
     """
     dim = u.ndim
-    whole = 0.5 * (weights[:, None] * offsets**2).sum(0)
-    flux = np.full((dim, *u.shape), np.nan)
-    steps = np.zeros((len(weights), *u.shape))
+    sums, whole = np.zeros((2, dim, *u.shape)), np.ones((2, dim, *u.shape), bool)  # over the bonds ahead and behind
     for number, offset in enumerate(offsets):
-        near, far = shifted(u, offset)
-        steps[number][near] = u[far] - u[near]
-    steps = np.where(bonds > 0, steps, 0.0)
-    for axis in range(dim):
-        for side in (1, -1):  # bonds ahead where they are whole, else those behind
-            half = offsets[:, axis] * side > 0
-            ready = (bonds[half] > 0).all(axis=0) & np.isnan(flux[axis])
-            along = (weights[half] * offsets[half, axis]).reshape(-1, *[1] * dim)
-            flux[axis][ready] = -((along * bonds[half] * steps[half]).sum(0) / spacing)[ready]
-    left = np.argwhere(np.isnan(flux).any(axis=0))
-    for node in map(tuple, left):
-        here = (slice(None), *node)
-        there = bonds[here] > 0
-        arms = offsets[there].astype(float)
-        moment = (weights[there][:, None, None] * arms[:, :, None] * arms[:, None, :]).sum(0)
-        if there.any() and np.linalg.svd(moment, compute_uv=False)[-1] > _SINGULAR * whole.max():
-            slope = np.linalg.solve(moment, (weights[there] * bonds[here][there] * steps[here][there]) @ arms) / spacing
-            values = -whole * slope
-            flux[here] = np.where(np.isnan(flux[here]), values, flux[here])
+        factor = bonds(number)
+        gain = weights[number] * _gains(u, offset, factor) / spacing
+        for axis in np.flatnonzero(offset):
+            side = 0 if offset[axis] > 0 else 1
+            sums[side, axis] -= offset[axis] * gain
+            whole[side, axis] &= factor > 0
+    flux = np.where(whole[0], sums[0], np.where(whole[1], sums[1], np.nan))
+    left = np.asarray(np.isnan(flux).any(axis=0))
+    if left.any():
+        flux[:, left] = np.where(np.isnan(flux[:, left]), _fitted(u, offsets, weights, bonds, spacing, left), flux[:, left])
     return flux
 
 
-def power_across(u: np.ndarray, offsets: np.ndarray, weights: np.ndarray, bonds: np.ndarray, spacing: float, axis: int, row: int) -> float:
+def _gains(u: np.ndarray, offset: np.ndarray, factor: np.ndarray) -> np.ndarray:
+    """``factor (T' - T)`` along an offset, 0 where there is no bond."""
+    near, far = shifted(u, offset)
+    gain = np.zeros(u.shape)
+    gain[near] = u[far] - u[near]
+    return np.where(factor > 0, factor * gain, 0.0)
+
+
+def _fitted(u: np.ndarray, offsets: np.ndarray, weights: np.ndarray, bonds: Bonds, spacing: float, where: np.ndarray) -> np.ndarray:
+    """Flux at the nodes of a mask from all bonds that exist, normalised by their second moments; shape (dim, nodes)."""
+    dim, count = u.ndim, int(where.sum())
+    moment, drive = np.zeros((count, dim, dim)), np.zeros((count, dim))
+    for number, offset in enumerate(offsets):
+        factor = bonds(number)
+        moment += (weights[number] * (factor[where] > 0))[:, None, None] * np.outer(offset, offset)
+        drive += (weights[number] * _gains(u, offset, factor)[where])[:, None] * offset
+    conductivity = 0.5 * (weights[:, None] * offsets**2).sum(0)
+    sound = np.linalg.svd(moment, compute_uv=False)[:, -1] > _SINGULAR * conductivity.max()
+    slope = np.full((count, dim), np.nan)
+    slope[sound] = np.linalg.solve(moment[sound], drive[sound][..., None])[..., 0] / spacing
+    return -(conductivity * slope).T
+
+
+def power_across(u: np.ndarray, offsets: np.ndarray, weights: np.ndarray, bonds: Bonds, spacing: float, axis: int, row: int) -> float:
     """Power that crosses, towards larger coordinates, the plane half-way between the nodes `row` and `row + 1` along an axis.
 
     The sum over all bonds that cross it: what leaves one part of the body and enters the other, exactly.
@@ -89,7 +105,7 @@ def power_across(u: np.ndarray, offsets: np.ndarray, weights: np.ndarray, bonds:
         start = max(0, row - int(offset[axis]) + 1)
         crossing = tuple(slice(start, row + 1) if a == axis else s for a, s in enumerate(near))
         beyond = tuple(slice(start + int(offset[axis]), row + 1 + int(offset[axis])) if a == axis else s for a, s in enumerate(far))
-        factor = bonds[number][crossing]
+        factor = bonds(number)[crossing]
         ends = u[beyond]
         count = min(factor.shape[axis], ends.shape[axis])
         cut = tuple(slice(0, count) if a == axis else slice(None) for a in range(u.ndim))
