@@ -1,7 +1,7 @@
 """farhorizon: peridynamic and classical waves and diffusion in an unbounded medium, on a small grid."""
 
 from farhorizon.boundaries import Fixed, Free, LatticePML, Periodic, Sponge
-from farhorizon.constraints import Convection, Flux, Insulated, Temperature
+from farhorizon.conditions import Convection, Flux, Insulated, Temperature
 from farhorizon.cracks import Crack
 from farhorizon.errors import FarhorizonError, FileFormatError, InputError, UnstableError
 from farhorizon.expressions import Expression

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from farhorizon import boundaries, shapes
-from farhorizon.constraints import Convection, Flux, Insulated, Temperature
+from farhorizon.conditions import Convection, Flux, Insulated, Temperature
 from farhorizon.cracks import Crack
 from farhorizon.errors import InputError
 from farhorizon.expressions import Expression

@@ -69,7 +69,7 @@ class Verlet:
         return (0.0,), np.ones((1, 1))
 
     @staticmethod
-    def held_samples(dt: float) -> tuple[tuple[float, ...], np.ndarray]:
+    def tied_samples(dt: float) -> tuple[tuple[float, ...], np.ndarray]:
         """Times within a step, and their weights in the value that a prescribed node takes after each stage, shape (stages, times)."""
         return (dt,), np.ones((1, 1))
 
@@ -112,7 +112,7 @@ class Euler:
         return (0.0,), np.ones((1, 1))
 
     @staticmethod
-    def held_samples(dt: float) -> tuple[tuple[float, ...], np.ndarray]:
+    def tied_samples(dt: float) -> tuple[tuple[float, ...], np.ndarray]:
         """Times within a step, and their weights in the value that a prescribed node takes after each stage, shape (stages, times)."""
         return (dt,), np.ones((1, 1))
 
@@ -149,7 +149,7 @@ class RungeKutta4:
         return (0.0, dt / 2, dt), np.array([[1 / 4, 0, 0], [1 / 6, 1 / 6, 0], [1 / 6, 2 / 6, 0], [1 / 6, 4 / 6, 1 / 6]])
 
     @staticmethod
-    def held_samples(dt: float) -> tuple[tuple[float, ...], np.ndarray]:
+    def tied_samples(dt: float) -> tuple[tuple[float, ...], np.ndarray]:
         """Times within a step, and their weights in the value that a prescribed node takes after each stage, shape (stages, times).
 
         Stage j multiplies its operator by dt/j, so that these are j times the weights of a source: a prescribed node acts on its
@@ -251,7 +251,7 @@ class RungeKuttaChebyshev:
         times = np.append(self._times()[:-1], 0.0)
         return (0.0, dt), np.stack([1 - times, times], axis=1)
 
-    def held_samples(self, dt: float) -> tuple[tuple[float, ...], np.ndarray]:
+    def tied_samples(self, dt: float) -> tuple[tuple[float, ...], np.ndarray]:
         """Times within a step, and their weights in the value that a prescribed node takes after each stage, shape (stages, times)."""
         times = np.append(self._times()[1:], 1.0)
         return (0.0, dt), np.stack([1 - times, times], axis=1)

@@ -14,7 +14,7 @@ import numpy as np
 from farhorizon.analysis.flux import nodal_flux, power_across
 from farhorizon.beyond import Beyond
 from farhorizon.boundaries import Boundary, Fixed, Free, LatticePML, Periodic, Sponge, sides
-from farhorizon.constraints import Conditions, Constraint, resolve
+from farhorizon.conditions import Conditions, Constraint, resolve
 from farhorizon.cracks import Crack, as_crack, cut_bonds
 from farhorizon.describe import describe, rebuild
 from farhorizon.engine import Engine, Layer, available_threads
@@ -549,11 +549,11 @@ class Simulation:
         near = self._near_indices()
         self._source_nodes = near if self._drives else np.zeros(0, np.int64)
         table = self.conditions
-        engine.set_held(near[table.nodes], table.starts, near[table.references], table.weights)
+        engine.set_tied(near[table.nodes], table.starts, near[table.references], table.weights)
         if table.nodes.size:
             fields, amplitudes = self._tables(table.drives, table.nodes.shape, (0.0,), np.ones((1, 1)), 1)
             self._scale = max(self._scale, float(np.abs(fields).max(initial=0) * np.abs(amplitudes).max(initial=0)))
-            engine.hold(amplitudes[0, 0] @ fields)
+            engine.tie(amplitudes[0, 0] @ fields)
         if self.model.order == 1:
             return
         acceleration = engine.apply(engine.levels[0])
@@ -605,7 +605,7 @@ class Simulation:
             self._tick(steps)
             return
         samples, weights = self.model.integrator.source_samples(self.dt)
-        held_samples, held_weights = self.model.integrator.held_samples(self.dt)
+        tied_samples, held_weights = self.model.integrator.tied_samples(self.dt)
         weights = weights * self.model.source_factor
         drives = self._drives + held.drives
         general = any(space is None for space, _ in drives)
@@ -614,7 +614,7 @@ class Simulation:
         while done < steps:
             n = min(batch, steps - done)
             strength, amplitudes = self._tables(self._drives, self.lattice.shape, samples, weights, n)
-            values, times = self._tables(held.drives, held.nodes.shape, held_samples, held_weights, n)
+            values, times = self._tables(held.drives, held.nodes.shape, tied_samples, held_weights, n)
             used = np.any(strength, axis=0)
             engine.advance(n, self._source_nodes[used] if self._drives else self._source_nodes, np.ascontiguousarray(strength[:, used], dtype),
                            amplitudes.astype(dtype), values.astype(dtype), times.astype(dtype))  # fmt: skip

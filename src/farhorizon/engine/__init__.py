@@ -117,7 +117,7 @@ class Engine:
             self._coefficient = self.spread(coefficient)
         self.set_cuts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
         self.set_damping(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros(0))
-        self.set_held(np.zeros(0, np.int64), np.zeros(1, np.int64), np.zeros(0, np.int64), np.zeros(0))
+        self.set_tied(np.zeros(0, np.int64), np.zeros(1, np.int64), np.zeros(0, np.int64), np.zeros(0))
         none = np.zeros(0, np.int64)
         self.set_books(none, none, none, np.zeros(0), np.zeros(len(stages.numbers)), 0)
         self._driver = load_driver()
@@ -231,10 +231,10 @@ class Engine:
         """Nodal factors of an absorbing zone: on the old increment, on the new increment, and a loss rate."""
         self._damping = (nodes.astype(np.int64), before.astype(self.dtype), after.astype(self.dtype), leak.astype(self.dtype))
 
-    def set_held(self, nodes: np.ndarray, starts: np.ndarray, sources: np.ndarray, weights: np.ndarray) -> None:
+    def set_tied(self, nodes: np.ndarray, starts: np.ndarray, sources: np.ndarray, weights: np.ndarray) -> None:
         """Nodes with prescribed values: node i is the sum of weights[k] times node sources[k], k from starts[i] to starts[i + 1], plus what
         `advance` is told. They are set in this order after each stage."""
-        self._held = nodes.astype(np.int64), starts.astype(np.int64), sources.astype(np.int64), weights.astype(self.dtype)
+        self._tied = nodes.astype(np.int64), starts.astype(np.int64), sources.astype(np.int64), weights.astype(self.dtype)
 
     def set_books(
         self, books: np.ndarray, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray, effects: np.ndarray, count: int
@@ -246,10 +246,10 @@ class Engine:
         self.flows = np.zeros((2, count))
         self._books = books.astype(np.int64), nodes.astype(np.int64), neighbours.astype(np.int64), weights.astype(float), effects.astype(float)
 
-    def hold(self, values: np.ndarray) -> None:
+    def tie(self, values: np.ndarray) -> None:
         """Set the prescribed nodes of the current level; `values` has what is added to the combinations, one a prescribed node."""
         level = self.current
-        self._driver.hold(level, level, level, False, *self._held, np.asarray(values, self.dtype)[None], np.ones(1, self.dtype))
+        self._driver.tie(level, level, level, False, *self._tied, np.asarray(values, self.dtype)[None], np.ones(1, self.dtype))
 
     def bond_factors(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
         """Factor of each bond from the coefficients of its ends (flat indices)."""
@@ -321,16 +321,16 @@ class Engine:
         return trees, blocks, functions, groups, weights[0], offsets, general[0]
 
     def advance(
-        self, steps: int, source_nodes: np.ndarray, source_fields: np.ndarray, source_times: np.ndarray, held_fields: np.ndarray | None = None,
-        held_times: np.ndarray | None = None,
+        self, steps: int, source_nodes: np.ndarray, source_fields: np.ndarray, source_times: np.ndarray, tied_fields: np.ndarray | None = None,
+        tied_times: np.ndarray | None = None,
     ) -> None:  # fmt: skip
         """Run steps without returning to Python; sources and prescribed values as in `program.run`."""
-        if held_fields is None or held_times is None:
-            held_fields, held_times = np.zeros((0, 0), self.dtype), np.zeros((steps, len(self.stages.numbers), 0), self.dtype)
+        if tied_fields is None or tied_times is None:
+            tied_fields, tied_times = np.zeros((0, 0), self.dtype), np.zeros((steps, len(self.stages.numbers), 0), self.dtype)
         state = (
             self.phase, self.levels, self._rotation, self._numbers, self.stages.increments, self.slots, self.memory, self._work,
             *self._sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts, *self._damping,
-            *self._held, *self._books, self.flows, source_nodes, source_fields, source_times, held_fields, held_times,
+            *self._tied, *self._books, self.flows, source_nodes, source_fields, source_times, tied_fields, tied_times,
         )  # fmt: skip
         from farhorizon.engine.threads import side_by_side
 

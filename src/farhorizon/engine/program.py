@@ -275,17 +275,17 @@ def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slot
 
 
 @njit(error_model="numpy", cache=True)
-def hold(src, base, out, increments, held, starts, sources, weights, fields, times):
+def tie(src, base, out, increments, tied, starts, sources, weights, fields, times):
     """Prescribed nodes: a combination of other nodes, those from `starts` on, plus fields times amplitudes; in order."""
-    for i in range(held.size):
-        total = out[held[i]] * 0
+    for i in range(tied.size):
+        total = out[tied[i]] * 0
         for k in range(starts[i], starts[i + 1]):
             total += weights[k] * out[sources[k]]
         for j in range(fields.shape[0]):
             total += times[j] * fields[j, i]
-        out[held[i]] = total
+        out[tied[i]] = total
         if increments:
-            base[held[i]] = total - src[held[i]]
+            base[tied[i]] = total - src[tied[i]]
 
 
 @njit(error_model="numpy", cache=True)
@@ -307,8 +307,8 @@ def book(src, books, nodes, neighbours, weights, effect, flows):
 def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, slots, memory, work, trees, blocks, functions, groups, weights,
         offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
         cut_ranges, cut_nodes, cut_neighbours, cut_weights, damped, damp_before, damp_after, damp_leak,
-        held, held_starts, held_sources, held_weights, books, book_nodes, book_neighbours, book_weights, book_effects, flows,
-        source_nodes, source_fields, source_times, held_fields, held_times):  # fmt: skip
+        tied, tied_starts, tied_sources, tied_weights, books, book_nodes, book_neighbours, book_weights, book_effects, flows,
+        source_nodes, source_fields, source_times, tied_fields, tied_times):  # fmt: skip
     """One lane's share of `steps` steps from the rotation `phase`.
 
     After them the level ``stages[(phase + steps) % rotations, 0, 0]`` holds the state, where stages[phase, stage] = (in, base, out)
@@ -349,11 +349,11 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                     if increments:
                         base[node] = out[node] - src[node]
                 barrier(sync, lanes)
-            if books.size or held.size:
+            if books.size or tied.size:
                 if lane == 0:
                     if books.size and book_effects[part] != 0:
                         book(src, books, book_nodes, book_neighbours, book_weights, book_effects[part], flows)
-                    if held.size:
-                        hold(src, base, out, increments, held, held_starts, held_sources, held_weights, held_fields, held_times[step, part])
+                    if tied.size:
+                        tie(src, base, out, increments, tied, tied_starts, tied_sources, tied_weights, tied_fields, tied_times[step, part])
                 barrier(sync, lanes)
         phase = (phase + 1) % stages.shape[0]

@@ -25,7 +25,7 @@ import numpy as np
 
 from farhorizon.analysis.classical import End, Slab
 from farhorizon.boundaries import Free
-from farhorizon.constraints import Constraint, Flux, Insulated, Temperature
+from farhorizon.conditions import Constraint, Flux, Insulated, Temperature
 from farhorizon.integrators import Integrator, RungeKuttaChebyshev
 from farhorizon.kernel import Kernel
 from farhorizon.lattice import Lattice

@@ -26,7 +26,7 @@ from farhorizon import (
 )  # fmt: skip
 from farhorizon.analysis import classical
 from farhorizon.analysis.classical import End, Slab
-from farhorizon.constraints import resolve
+from farhorizon.conditions import resolve
 from helpers import fitted_rate
 
 BAR = Lattice(1.0, 0.0, 9.0)
