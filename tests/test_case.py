@@ -65,3 +65,70 @@ def test_mistakes_are_named(old, new, message):
     with pytest.raises(fh.InputError, match=message) as error:
         Case(GOOD.replace(old, new)).simulation()
     assert "case.toml" in str(error.value)
+
+
+HEAT = """
+[lattice]
+spacing = 0.1
+lower = [0.0, 0.0]
+upper = [2.0, 1.0]
+[model]
+type = "heat"
+conductivity = 2.0
+specific_heat = 4.0
+integrator = "rkc"
+stages = 12
+[model.kernel]
+horizon = 0.3
+influence = "linear"
+[boundary]
+all = { type = "free" }
+[[crack]]
+points = [[1.0, 0.3], [1.0, 0.7]]
+factor = 0.1
+opens = 0.02
+[[constraint]]
+type = "temperature"
+side = "x-"
+kind = "mirror"
+value = "sin(t)"
+[[constraint]]
+type = "convection"
+side = "x+"
+transfer = 3.0
+value = 5.0
+[[constraint]]
+type = "temperature"
+region = { disc = { radius = 0.15, centre = [1.5, 0.5] } }
+value = 1.0
+[run]
+until = 0.05
+"""
+
+
+def test_heat_case():
+    """Model, conditions and cracks with their options are those of the Python interface."""
+    case = fh.case.Case(HEAT)
+    model = case.model
+    assert isinstance(model, fh.Heat) and model.coefficient == 0.5 and model.integrator == fh.RungeKuttaChebyshev(12)
+    assert case.setup["cracks"] == [fh.Crack([[1.0, 0.3], [1.0, 0.7]], 0.1, 0.02)]
+    left, right, inside = case.setup["constraints"]
+    assert isinstance(left.value, fh.Expression) and left.kind == "mirror" and right.transfer == 3.0 and isinstance(inside.where, fh.Disc)
+    case.simulation().run(0.05, progress=False)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('side = "x-"', 'side = "left"', r"constraint\[0\].*x-, x\+"),
+        ("transfer = 3.0", "", r"constraint\[1\].transfer"),
+        ('type = "convection"\nside = "x+"', 'type = "insulated"\nside = "x+"', r"constraint\[1\].value"),
+        ("conductivity = 2.0", "conductivity = -2.0", "model.conductivity: must be finite and positive"),
+        ("stages = 12", "stages = 1", "2 to 1000 stages"),
+        ("factor = 0.1", "factor = 2.0", "crack.factor"),
+        ("transfer = 3.0", "transfr = 3.0", "did you mean 'transfer'"),
+    ],
+)
+def test_bad_heat_case(old, new, message):
+    with pytest.raises(fh.InputError, match=message):
+        fh.case.Case(HEAT.replace(old, new)).simulation()

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from farhorizon import (
+    Crack,
     Diffusion,
     Disc,
     DiscCut,
@@ -13,6 +14,7 @@ from farhorizon import (
     LatticePML,
     Periodic,
     PointCut,
+    PolygonCut,
     Polyline,
     Rectangle,
     Simulation,
@@ -198,3 +200,77 @@ def test_bad_cracks_are_refused(crack, dim, match):
     """Another dimension, points where a surface is needed, too few points."""
     with pytest.raises(InputError, match=match):
         as_cut(crack, dim)
+
+
+# Cracks that conduct a little, that open later, and polygons in space
+
+
+def steps_apart(cracks, dt=0.05, steps=20, boundary=None):
+    """White noise on a free plate after some steps of forward Euler."""
+    lattice = lattice_of((13, 15), SPACING)
+    noise = np.random.default_rng(3).standard_normal(lattice.shape)
+    sim = Simulation(lattice, Diffusion(kernel_stencil(2, 2)), boundary or Free(), {"u": noise}, cracks=cracks, dt=dt * SPACING**2)
+    sim.step(steps)
+    return sim
+
+
+LINE = [(3.2, 1.613), (3.2, 4.887)]
+
+
+@pytest.mark.parametrize("factor", [0.0, 0.25, 1.0])
+def test_a_partly_conducting_crack_scales_its_bonds(factor):
+    """Against the dense matrix: factor times the cut bonds; 1 is no crack."""
+    stencil, lattice = kernel_stencil(2, 2), lattice_of((13, 15), SPACING)
+    whole = dense_operator(lattice.shape, stencil.offsets, stencil.weights)
+    cut = dense_operator(lattice.shape, stencil.offsets, stencil.weights, crossing(0, 6.4, [3.226], [9.774]))
+    matrix = factor * whole + (1 - factor) * cut
+    sim = steps_apart([Crack(LINE, factor)], steps=1)
+    expected = sim.start_u.ravel() + sim.dt / SPACING**2 * matrix @ sim.start_u.ravel()
+    np.testing.assert_allclose(sim.fields["u"].ravel(), expected, atol=1e-13)
+
+
+def test_of_two_cracks_across_a_bond_the_tighter_counts():
+    both = steps_apart([Crack(LINE, 0.5), Crack(LINE, 0.2)])
+    assert (both.fields["u"] == steps_apart([Crack(LINE, 0.2)]).fields["u"]).all()
+
+
+def test_a_crack_opens_at_its_time():
+    """Seven steps without, thirteen with it: the same as two runs, whatever the lengths of the calls."""
+    dt = 0.05 * SPACING**2
+    late = steps_apart([Crack(LINE, opens=7 * dt)])
+    first = steps_apart([], steps=7)
+    lattice = lattice_of((13, 15), SPACING)
+    second = Simulation(lattice, Diffusion(kernel_stencil(2, 2)), Free(), {"u": first.fields["u"]}, cracks=[LINE], dt=dt)
+    second.step(13)
+    np.testing.assert_allclose(late.fields["u"], second.fields["u"], atol=1e-14)
+    by_steps = Simulation(lattice, Diffusion(kernel_stencil(2, 2)), Free(), {"u": late.start_u}, cracks=[Crack(LINE, opens=7 * dt)], dt=dt)
+    for _ in range(20):
+        by_steps.step()
+    assert (by_steps.fields["u"] == late.fields["u"]).all()
+
+
+def test_polygon_in_space():
+    """A rectangle as a polygon, either way round; a triangle cuts what lies in it; corners out of the plane are refused."""
+    corner, one, other = np.array([1.613, 1.713, 2.2]), np.array([1.137, 0, 0]), np.array([0, 1.337, 0])
+    points = np.array([corner, corner + one, corner + one + other, corner + other])
+    rng = np.random.default_rng(5)
+    start, end = rng.uniform(1, 4, (2, 20000, 3))
+    expected = Rectangle(corner, one, other).cuts(start, end)
+    assert expected.sum() > 100
+    for shape in (points, points[::-1], np.concatenate([points, points[:1]])):
+        assert (PolygonCut(shape).cuts(start, end) == expected).all()
+    turned = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    assert (PolygonCut(points @ turned).cuts(start @ turned, end @ turned) == expected).all()
+    triangle = as_cut([[0, 0, 0], [1, 0, 0], [0, 1, 0]], 3)
+    place = np.array([[0.2, 0.2, 0.0], [0.6, 0.6, 0.0], [0.49, 0.49, 0.0]])
+    up = np.array([0.01, 0.02, 0.3])
+    assert triangle.cuts(place - up, place + up).tolist() == [True, False, True]
+    with pytest.raises(InputError, match="do not lie in one plane"):
+        PolygonCut([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0.1]])
+
+
+def test_bad_cracks_with_factor_and_time():
+    with pytest.raises(InputError, match="0 to 1"):
+        Crack(LINE, 1.5)
+    with pytest.raises(InputError, match="finite"):
+        Crack(LINE, 0.0, np.inf)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from farhorizon import Diffusion, Periodic, Simulation, Source, Wave
-from farhorizon.integrators import RK4_REAL_LIMIT, Euler, RungeKutta4, Verlet
+from farhorizon import Diffusion, InputError, Periodic, Simulation, Source, Wave
+from farhorizon.integrators import RK4_REAL_LIMIT, Euler, RungeKutta4, RungeKuttaChebyshev, Verlet, stage_effects
 from helpers import fitted_rate, kernel_stencil, lattice_of
 
 
@@ -81,6 +81,45 @@ def test_runge_kutta_limit_is_the_root_of_its_polynomial():
     assert roots[np.abs(roots.imag) < 1e-9].real == pytest.approx([RK4_REAL_LIMIT], rel=1e-12)
 
 
+@pytest.mark.parametrize("stages", [2, 3, 10, 57])
+def test_chebyshev_polynomial(stages):
+    """It agrees with exp(z) to second order, stays below 1 on the whole stable interval, and leaves it beyond."""
+    integrator = RungeKuttaChebyshev(stages)
+    z = np.array([1e-3, 2e-3])
+    errors = np.abs(integrator.growth(z, 1.0) - np.exp(-z))
+    assert np.log2(errors[1] / errors[0]) == pytest.approx(3, abs=0.1)
+    limit = integrator.step_limit(1.0)
+    assert (np.abs(integrator.growth(np.linspace(0.01, 1, 2001), limit)) <= 1).all()
+    if stages % 2 == 0:  # an odd polynomial falls beyond, and is small for a while
+        assert abs(integrator.growth(1.0, 1.02 * limit)) > 1
+    # Verwer's bound 2/3 (s^2 - 1) (1 - 2/15 eps) with eps = 2/13 (Sommeijer et al. 1998, section 2.1) is of leading order in eps
+    assert limit == pytest.approx(2 / 3 * (stages**2 - 1) * (1 - 4 / 195), rel=0.02)
+
+
+@pytest.mark.parametrize("integrator", [Euler(), RungeKutta4(), RungeKuttaChebyshev(2), RungeKuttaChebyshev(9)], ids=repr)
+def test_stage_effects_add_up_to_the_step(integrator):
+    """A constant flow into every stage adds dt times itself; the sources' scales are the operator's."""
+    stages = integrator.stages(0.3)
+    scales = np.array([n[2] for n in stages.numbers])
+    assert stage_effects(stages) @ scales == pytest.approx(0.3, rel=1e-12)
+
+
+@pytest.mark.parametrize("integrator", [Euler(), RungeKutta4(), RungeKuttaChebyshev(7)], ids=repr)
+def test_samples_of_prescribed_nodes(integrator):
+    """After the last stage a prescribed node has its value at the end of the step; the weights of every stage add up to 1."""
+    times, weights = integrator.tied_samples(0.2)
+    assert weights[-1] @ np.array(times) == pytest.approx(0.2, rel=1e-14)
+    assert weights.shape == (len(integrator.stages(0.2).numbers), len(times))
+    assert weights.sum(1) == pytest.approx(1.0, rel=1e-14)
+
+
+def test_bad_stages():
+    with pytest.raises(InputError, match="2 to 1000"):
+        RungeKuttaChebyshev(1)
+    with pytest.raises(InputError, match="unknown integrator"):
+        Diffusion(kernel_stencil(1, 2), 1.0, "leapfrog")
+
+
 def test_step_limit_of_verlet():
     """Just below the limit 2/omega a wave stays bounded, just above it grows exponentially."""
     limit = Verlet.step_limit(9.0)
@@ -143,11 +182,13 @@ SOURCES = {
         (lambda s: Diffusion(s, COEFFICIENT), decay, 1, (64, 128, 256, 512)),
         (lambda s: Wave(s, np.sqrt(COEFFICIENT)), oscillation, 2, (32, 64, 128, 256)),
         (lambda s: Diffusion(s, COEFFICIENT, "rk4"), decay, 4, (32, 48, 64, 96)),
+        (lambda s: Diffusion(s, COEFFICIENT, RungeKuttaChebyshev(5)), decay, 2, (64, 128, 256, 512)),
+        (lambda s: Diffusion(s, COEFFICIENT, RungeKuttaChebyshev(12)), decay, 2, (16, 32, 64, 128)),
     ],
-    ids=["Euler", "Verlet", "RK4"],
+    ids=["Euler", "Verlet", "RK4", "RKC 5", "RKC 12"],
 )
 def test_order_in_time(make_model, solution, order, counts, dim, sources):
-    """Euler 1, velocity Verlet 2, Runge-Kutta 4, with a time-dependent source too; space is exact in an eigenmode."""
+    """Euler 1, velocity Verlet 2, Runge-Kutta 4, Runge-Kutta-Chebyshev 2, with a time-dependent source too; space is exact in an eigenmode."""
     _, _, _, rate = eigenmode(dim)
     until = 0.6
     exact = solution(rate, forced=bool(sources))
@@ -155,7 +196,10 @@ def test_order_in_time(make_model, solution, order, counts, dim, sources):
     assert fitted_rate(until / np.array(counts), errors) == pytest.approx(order, abs=0.12)
 
 
-@pytest.mark.parametrize(("name", "integrator"), [("euler", Euler), ("rk4", RungeKutta4)])
+@pytest.mark.parametrize(
+    ("name", "integrator"),
+    [("euler", Euler), ("rk4", RungeKutta4), ("rkc", RungeKuttaChebyshev()), *((RungeKuttaChebyshev(s),) * 2 for s in (2, 3, 51))],
+)
 def test_a_run_multiplies_an_eigenmode_by_the_growth_factor(name, integrator):
     """The compiled stages are the method whose growth factor the analysis uses."""
     stencil, lattice, mode, rate = eigenmode(2)

@@ -1,14 +1,17 @@
 """farhorizon: peridynamic and classical waves and diffusion in an unbounded medium, on a small grid."""
 
 from farhorizon.boundaries import Exact, Fixed, Free, LatticePML, Periodic, Sponge
+from farhorizon.conditions import Convection, Flux, Insulated, Temperature
 from farhorizon.constraints import Prescribed
+from farhorizon.cracks import Crack
 from farhorizon.errors import FarhorizonError, FileFormatError, InputError, UnstableError
 from farhorizon.expressions import Expression
+from farhorizon.integrators import RungeKuttaChebyshev
 from farhorizon.kernel import Kernel
 from farhorizon.lattice import Lattice
-from farhorizon.models import Beam, Diffusion, Wave
+from farhorizon.models import Beam, Diffusion, Heat, Wave
 from farhorizon.results import open_results
-from farhorizon.shapes import Ball, Box, Disc, DiscCut, PointCut, Polygon, Polyline, Rectangle
+from farhorizon.shapes import Ball, Box, Disc, DiscCut, PointCut, Polygon, PolygonCut, Polyline, Rectangle
 from farhorizon.simulation import Simulation
 from farhorizon.sources import Source
 from farhorizon.stencil import Stencil
@@ -16,7 +19,8 @@ from farhorizon.stencil import Stencil
 __version__ = "0.1.0"
 
 __all__ = [
-    "Ball", "Beam", "Box", "Diffusion", "Disc", "DiscCut", "Exact", "Expression", "FarhorizonError", "FileFormatError", "Fixed", "Free", "InputError",
-    "Kernel", "Lattice", "LatticePML", "Periodic", "PointCut", "Polygon", "Polyline", "Prescribed", "Rectangle", "Simulation", "Source", "Sponge",
-    "Stencil", "UnstableError", "Wave", "open_results",
+    "Ball", "Beam", "Box", "Convection", "Crack", "Diffusion", "Disc", "DiscCut", "Exact", "Expression", "FarhorizonError", "FileFormatError",
+    "Fixed", "Flux", "Free", "Heat", "InputError", "Insulated", "Kernel", "Lattice", "LatticePML", "Periodic", "PointCut", "Polygon", "PolygonCut",
+    "Polyline", "Prescribed", "Rectangle", "RungeKuttaChebyshev", "Simulation", "Source", "Sponge", "Stencil", "Temperature", "UnstableError", "Wave",
+    "open_results",
 ]  # fmt: skip

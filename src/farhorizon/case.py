@@ -110,6 +110,18 @@ class DiffusionPart(_Part):
     stencil: Literal["finite-difference", "finite-element"] | None = None
 
 
+class HeatPart(_Part):
+    type: Literal["heat"]
+    density: Number = 1.0
+    specific_heat: Number = 1.0
+    conductivity: Number = 1.0
+    integrator: str = "euler"
+    stages: int | None = None
+    self_term: str = "centre"
+    kernel: KernelPart | None = None
+    stencil: Literal["finite-difference", "finite-element"] | None = None
+
+
 class LatticePMLPart(_Part):
     type: Literal["lattice-pml"]
     target: Number | None = None
@@ -149,6 +161,20 @@ class CrackPart(_Part):
     points: list[list[Number]] | None = None
     rectangle: dict[Literal["corner", "edge1", "edge2"], list[Number]] | None = None
     disc: dict[Literal["centre", "normal", "radius"], list[Number] | Number] | None = None
+    factor: Number = 0.0
+    opens: Number = 0.0
+
+
+class ConstraintPart(_Part):
+    """A condition on a side, or in a region."""
+
+    type: Literal["temperature", "flux", "insulated", "convection"]
+    side: str | None = None
+    region: RegionPart | None = None
+    value: str | Number | None = None
+    kind: str | None = None
+    transfer: Number | None = None
+    within: RegionPart | None = None
 
 
 class SourcePart(_Part):
@@ -156,7 +182,9 @@ class SourcePart(_Part):
     value: str | Number
 
 
-class ConstraintPart(_Part):
+class PrescribedPart(_Part):
+    """Nodes that follow a value for a while."""
+
     type: Literal["prescribed"]
     points: list[list[Number]] | None = None
     region: RegionPart | None = None
@@ -181,12 +209,12 @@ class OutputPart(_Part):
 
 class CasePart(_Part):
     lattice: LatticePart
-    model: Annotated[WavePart | DiffusionPart | BeamPart, Field(discriminator="type")]
+    model: Annotated[WavePart | DiffusionPart | HeatPart | BeamPart, Field(discriminator="type")]
     initial: dict[Literal["u", "v"], str | Number] = {}
     boundary: dict[str, BoundaryPart] = {}
     crack: list[CrackPart] = []
     source: list[SourcePart] = []
-    constraint: list[ConstraintPart] = []
+    constraint: list[Annotated[ConstraintPart | PrescribedPart, Field(discriminator="type")]] = []
     coefficient: str | Number | None = None
     rule: str = "both"
     rim: str = "free"
@@ -267,7 +295,7 @@ class Case:
         body = part.body.build("lattice.body") if part.body else None
         return fh.Lattice(part.spacing, part.lower, part.upper, window=window, body=body)
 
-    def _model(self) -> fh.Wave | fh.Diffusion | fh.Beam:
+    def _model(self) -> fh.Wave | fh.Diffusion | fh.Heat | fh.Beam:
         part = self.parts.model
         if isinstance(part, BeamPart):
             return fh.Beam(part.stiffness, part.damping)
@@ -281,7 +309,12 @@ class Case:
             operator = make(self.lattice.dim)
         if isinstance(part, WavePart):
             return fh.Wave(operator, part.speed, part.damping)
-        return fh.Diffusion(operator, part.diffusivity, part.integrator)
+        if isinstance(part, DiffusionPart):
+            return fh.Diffusion(operator, part.diffusivity, part.integrator)
+        if part.stages is not None and part.integrator != "rkc":
+            raise InputError("only Runge-Kutta-Chebyshev has stages to choose", value=part.integrator, limit="rkc", key="model.stages")
+        integrator = part.integrator if part.stages is None else fh.RungeKuttaChebyshev(part.stages)
+        return fh.Heat(operator, part.density, part.specific_heat, part.conductivity, integrator, part.self_term)
 
     def _expression(self, value: str | float, key: str) -> Any:
         if not isinstance(value, str):
@@ -316,28 +349,57 @@ class Case:
             "lattice": self.lattice, "model": self.model, "boundary": boundary or fh.LatticePML(),
             "initial": {k: self._expression(v, f"initial.{k}") for k, v in parts.initial.items()},
             "sources": [self._expression(s.value, "source.value") for s in parts.source],
-            "cracks": [self._crack(c) for c in parts.crack], "constraints": [self._constraint(c) for c in parts.constraint],
+            "cracks": [self._crack(c) for c in parts.crack],
+            "constraints": [self._constraint(c, f"constraint[{i}]") for i, c in enumerate(parts.constraint)],
             "coefficient": coefficient, "rule": parts.rule, "rim": parts.rim, "background": parts.background,
             "dt": parts.run.dt, "dtype": parts.run.dtype, "threads": parts.run.threads,
         }  # fmt: skip
 
-    def _constraint(self, part: ConstraintPart) -> fh.Prescribed:
+    def _prescribed(self, part: PrescribedPart, key: str) -> fh.Prescribed:
         if (part.points is None) == (part.region is None):
-            raise InputError("give either points or region", key="constraint")
-        where = part.points if part.region is None else part.region.build("constraint.region")
-        rate = None if part.rate is None else self._expression(part.rate, "constraint.rate")
-        return fh.Prescribed(where, self._expression(part.value, "constraint.value"), part.until, rate)
+            raise InputError("give either points or region", key=key)
+        where = part.points if part.region is None else part.region.build(f"{key}.region")
+        rate = None if part.rate is None else self._expression(part.rate, f"{key}.rate")
+        return fh.Prescribed(where, self._expression(part.value, f"{key}.value"), part.until, rate)
 
     def _crack(self, part: CrackPart) -> Any:
         given = [p for p in (part.points, part.rectangle, part.disc) if p is not None]
         if len(given) != 1:
             raise InputError("give exactly one of points, rectangle, disc", key="crack")
-        if part.points is not None:
-            return part.points
+        cut: Any = part.points
         try:
-            return fh.Rectangle(**part.rectangle) if part.rectangle is not None else fh.DiscCut(**part.disc)  # type: ignore[arg-type]
+            if part.points is None:
+                cut = fh.Rectangle(**part.rectangle) if part.rectangle is not None else fh.DiscCut(**part.disc)  # type: ignore[arg-type]
         except TypeError:
             raise InputError("a rectangle needs corner, edge1 and edge2; a disc needs centre, normal and radius", key="crack") from None
+        return fh.Crack(cut, part.factor, part.opens) if part.factor or part.opens else cut
+
+    def _constraint(self, part: ConstraintPart | PrescribedPart, key: str) -> Any:
+        return self._prescribed(part, key) if isinstance(part, PrescribedPart) else self._condition(part, key)
+
+    def _condition(self, part: ConstraintPart, key: str) -> Any:
+        if (part.side is None) == (part.region is None):
+            raise InputError("give either a side or a region", key=key)
+        options: dict[str, Any] = {}
+        takes = {"temperature": {"value", "kind"}, "flux": {"value", "kind"}, "insulated": {"kind"}, "convection": {"value", "transfer"}}[part.type]
+        for name in ("value", "kind", "transfer"):
+            value = getattr(part, name)
+            if value is not None and name not in takes:
+                raise InputError(f"a condition of type {part.type} has no such key", value=value, limit=", ".join(sorted(takes)), key=f"{key}.{name}")
+            if value is None and name in takes and name != "kind":
+                raise InputError(f"a condition of type {part.type} needs it", key=f"{key}.{name}")
+            if value is not None:
+                options[name] = self._expression(value, f"{key}.{name}") if name == "value" else value
+        if part.type == "convection":
+            options["ambient"] = options.pop("value")
+        if part.within is not None:
+            options["within"] = part.within.build(f"{key}.within")
+        where: Any = part.side if part.region is None else part.region.build(f"{key}.region")
+        make = {"temperature": fh.Temperature, "flux": fh.Flux, "insulated": fh.Insulated, "convection": fh.Convection}[part.type]
+        try:
+            return make(where, **options)
+        except InputError as error:
+            raise InputError(f"{key}: {error}") from None
 
     def _check_output(self) -> None:
         out = self.parts.output
@@ -345,7 +407,7 @@ class Case:
             raise InputError("must be positive", value=out.every, key="output.every")
         if self.parts.run.until <= 0:
             raise InputError("must be positive", value=self.parts.run.until, key="run.until")
-        if "v" in out.fields and isinstance(self.model, fh.Diffusion):
+        if "v" in out.fields and self.model.order == 1:
             raise InputError("diffusion has no velocity", value="v", limit="u", key="output.fields")
         for point in out.probes:
             try:
@@ -360,10 +422,12 @@ def _nearest(word: str, words: list[str]) -> str:
 
 
 _PARTS: dict[str, type[_Part]] = {
-    "lattice": LatticePart, "window": RegionPart, "body": RegionPart, "without": RegionPart, "region": RegionPart, "box": BoxPart, "ball": DiscPart,
-    "polygon": PolygonPart, "wave": WavePart, "beam": BeamPart, "diffusion": DiffusionPart, "kernel": KernelPart, "lattice-pml": LatticePMLPart,
-    "exact": ExactPart, "fixed": FixedPart, "free": FreePart, "periodic": PeriodicPart, "sponge": SpongePart, "crack": CrackPart,
-    "source": SourcePart, "constraint": ConstraintPart, "run": RunPart, "output": OutputPart,
+    "lattice": LatticePart, "window": RegionPart, "body": RegionPart, "without": RegionPart, "region": RegionPart, "within": RegionPart,
+    "box": BoxPart, "ball": DiscPart, "polygon": PolygonPart, "wave": WavePart, "beam": BeamPart, "diffusion": DiffusionPart, "heat": HeatPart,
+    "kernel": KernelPart, "lattice-pml": LatticePMLPart, "exact": ExactPart, "fixed": FixedPart, "free": FreePart, "periodic": PeriodicPart,
+    "sponge": SpongePart, "crack": CrackPart, "source": SourcePart, "constraint": ConstraintPart,
+    "temperature": ConstraintPart, "flux": ConstraintPart, "insulated": ConstraintPart, "convection": ConstraintPart, "prescribed": PrescribedPart,
+    "run": RunPart, "output": OutputPart,
 }  # fmt: skip
 
 
@@ -384,7 +448,8 @@ def _explain(error: ValidationError) -> str:
     problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")  # a misspelt key is why another is missing
     for problem in problems[:3]:
         location = tuple(problem["loc"])
-        tags = {"wave", "beam", "diffusion", "lattice-pml", "exact", "fixed", "free", "periodic", "sponge", "float", "str", "int", "[key]"}
+        tags = {"wave", "beam", "diffusion", "heat", "lattice-pml", "exact", "fixed", "free", "periodic", "sponge", "float", "str", "int", "[key]"}
+        tags |= {"temperature", "flux", "insulated", "convection", "prescribed"}
         key = ".".join(str(s) for s in location if s not in tags)
         if problem["type"] == "extra_forbidden":
             messages.append(f"unknown key {key}; {_nearest(str(location[-1]), _known(location[:-1]))}")

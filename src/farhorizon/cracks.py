@@ -2,16 +2,53 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from farhorizon.errors import InputError
-from farhorizon.shapes import Cut, PointCut, Polyline
+from farhorizon.shapes import Cut, PointCut, PolygonCut, Polyline
+
+
+@dataclass(frozen=True)
+class Crack:
+    """A cut that conducts a little, or that opens later.
+
+    Parameters
+    ----------
+    cut : Cut, sequence of points (2D, 3D) or position (1D)
+    factor : float
+        What is left of the bonds that it crosses: 0 insulates, 1 does nothing.
+    opens : float
+        Time from which on it is there; the first step that begins at or after it knows it.
+
+    Raises
+    ------
+    InputError
+        A factor outside 0..1, a time that is not finite.
+    """
+
+    cut: Any
+    factor: float = 0.0
+    opens: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.factor <= 1:
+            raise InputError("what a crack leaves of its bonds is a factor from 0 to 1", value=self.factor, limit="0 to 1", key="crack.factor")
+        if not np.isfinite(self.opens):
+            raise InputError("the time at which a crack opens must be finite", value=self.opens, key="crack.opens")
+
+
+def as_crack(crack: Any, dim: int) -> Crack:
+    """A crack as a `Crack` whose cut is a `Cut`; errors as of `as_cut`."""
+    if isinstance(crack, Crack):
+        return Crack(as_cut(crack.cut, dim), crack.factor, crack.opens)
+    return Crack(as_cut(crack, dim))
 
 
 def as_cut(crack: Any, dim: int) -> Cut:
-    """A crack as a `Cut`: itself, a position (1D), or points of a polyline (2D).
+    """A crack as a `Cut`: itself, a position (1D), points of a polyline (2D), or the corners of a polygon (3D).
 
     Raises
     ------
@@ -24,8 +61,11 @@ def as_cut(crack: Any, dim: int) -> Cut:
         cut = PointCut(float(np.ravel(crack)[0]))
     elif dim == 2:
         cut = Polyline(crack)
+    elif np.ndim(crack) == 2 and len(crack) >= 3:
+        cut = PolygonCut(crack)
     else:
-        raise InputError("a crack in 3D is a surface", value=repr(crack), key="crack", remedy="use Rectangle(...) or DiscCut(...)")
+        raise InputError("a crack in 3D is a surface", value=repr(crack), key="crack",
+                         remedy="use Rectangle(...), DiscCut(...) or the corners of a polygon")  # fmt: skip
     if cut.dim != dim:
         raise InputError("crack and lattice differ in dimension", value=cut.dim, limit=dim, key="crack")
     return cut

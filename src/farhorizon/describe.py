@@ -8,12 +8,15 @@ from typing import Any
 import numpy as np
 
 from farhorizon import boundaries, shapes
+from farhorizon.conditions import Convection, Flux, Insulated, Temperature
 from farhorizon.constraints import Prescribed
+from farhorizon.cracks import Crack
 from farhorizon.errors import InputError
 from farhorizon.expressions import Expression
+from farhorizon.integrators import RungeKuttaChebyshev
 from farhorizon.kernel import Kernel
 from farhorizon.lattice import Lattice
-from farhorizon.models import Beam, Diffusion, Wave
+from farhorizon.models import Beam, Diffusion, Heat, Wave
 from farhorizon.models.scalar import INTEGRATORS
 from farhorizon.sources import Source
 from farhorizon.stencil import Stencil
@@ -23,8 +26,9 @@ _TYPES = {
     for t in (
         *(getattr(boundaries, n) for n in ("LatticePML", "Exact", "Fixed", "Free", "Periodic", "Sponge")),
         *(getattr(shapes, n) for n in ("Disc", "Ball", "Box", "Polygon", "Union", "Intersection", "Difference")),
-        *(getattr(shapes, n) for n in ("PointCut", "Polyline", "Rectangle", "DiscCut")),
-        *(Beam, Diffusion, Expression, Kernel, Lattice, Prescribed, Source, Stencil, Wave),
+        *(getattr(shapes, n) for n in ("PointCut", "Polyline", "Rectangle", "DiscCut", "PolygonCut")),
+        *(Beam, Convection, Crack, Diffusion, Expression, Flux, Heat, Insulated, Kernel, Lattice, Prescribed, RungeKuttaChebyshev, Source, Stencil),
+        *(Temperature, Wave),
     )
 }
 
@@ -41,14 +45,14 @@ def describe(value: Any, arrays: dict[str, np.ndarray]) -> Any:
         return {"array": name}
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
+    for name, integrator in INTEGRATORS.items():
+        if value is integrator:
+            return name
     if type(value).__name__ in _TYPES:
         names = list(inspect.signature(type(value)).parameters)
         if isinstance(value, Lattice) and value.window is not None:
             names = ["spacing", "window"]
         return {"type": type(value).__name__, "arguments": {n: describe(getattr(value, n), arrays) for n in names}}
-    for name, integrator in INTEGRATORS.items():
-        if value is integrator:
-            return name
     if isinstance(value, dict):
         return {"dict": {k: describe(v, arrays) for k, v in value.items()}}
     if isinstance(value, list | tuple):

@@ -348,6 +348,8 @@ def curve_panels(panels: Sequence[tuple[str, Sequence[tuple[str, np.ndarray, np.
         {"color": _COLORS[5], "linewidth": 3.4},
         {"color": _COLORS[1], "linewidth": 1.1},
         {"color": _COLORS[6], "linewidth": 0.9, "dashes": (3, 3)},
+        {"color": _COLORS[2], "linewidth": 1.1},
+        {"color": _COLORS[3], "linewidth": 1.1, "dashes": (6, 2)},
     ]
     with _figure(path, (6.4, 0.7 + 2.0 * rows)) as figure:
         legend: dict[str, Any] = {}
@@ -364,4 +366,4 @@ def curve_panels(panels: Sequence[tuple[str, Sequence[tuple[str, np.ndarray, np.
             axes.grid(True)
             axes.set_axisbelow(True)
         if legend:
-            figure.legend(legend.values(), legend.keys(), loc="outside upper center", ncols=len(legend))
+            figure.legend(legend.values(), legend.keys(), loc="outside upper center", ncols=min(len(legend), 4))

@@ -645,3 +645,51 @@ class DiscCut(Cut):
 
     def _region(self, crossing: Array, shift: Array, slack: Array) -> Mask:
         return _norm(crossing) <= self.radius + slack
+
+
+class PolygonCut(Cut):
+    """A crack in space whose outline is a polygon in a plane.
+
+    A node in its plane lies on the side from which the corners run anticlockwise; for a polygon that crosses itself, which way is open.
+
+    Parameters
+    ----------
+    points : array_like, shape (n, 3)
+        The corners in order, n >= 3, in one plane to 1e-9 of the size; the last may repeat the first. Inside as of `Polygon`.
+
+    Raises
+    ------
+    InputError
+        For fewer than 3 corners, corners on one line or not in one plane, or values that are not finite or of the wrong length.
+    """
+
+    dim = 3
+    _shown = ("points",)
+
+    def __init__(self, points: ArrayLike) -> None:
+        corners = _array("points", points)
+        if corners.ndim != 2 or corners.shape[1] != 3 or len(corners) < 3:
+            raise InputError("a polygon in space needs at least 3 corners of 3 coordinates", value=corners.shape, limit="(n, 3)")
+        self.points = corners[:-1] if (corners[0] == corners[-1]).all() else corners
+        self._origin = self.points.mean(axis=0)
+        arms = self.points - self._origin
+        _, sizes, axes = np.linalg.svd(arms, full_matrices=False)
+        if len(sizes) == 3 and sizes[2] > TOLERANCE * sizes[0]:
+            raise InputError("the corners of the polygon do not lie in one plane", value=f"{sizes[2]:.3g} off", limit=f"{TOLERANCE * sizes[0]:.3g}")
+        turn = np.cross(arms, np.roll(arms, -1, axis=0)).sum(axis=0)  # twice the area, along the normal
+        normal = np.cross(axes[0], axes[1])
+        self._normal = -normal if _dot(turn, normal) < 0 else normal
+        self._tangents = axes[0], np.cross(self._normal, axes[0])
+        self._outline = Polygon(self._flat(arms))
+
+    def _flat(self, arms: Array) -> Array:
+        return np.stack([_dot(arms, tangent) for tangent in self._tangents], axis=-1)
+
+    def bounds(self) -> tuple[Array, Array]:
+        return self.points.min(axis=0), self.points.max(axis=0)
+
+    def _cuts(self, start: Array, end: Array) -> Mask:
+        return _planar_cut(start, end, self._origin, self._normal, self._region)
+
+    def _region(self, crossing: Array, shift: Array, slack: Array) -> Mask:
+        return self._outline.contains(self._flat(crossing))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -11,21 +12,24 @@ from typing import Any
 import numpy as np
 
 from farhorizon.analysis.chain import Recursion, half_weights
+from farhorizon.analysis.flux import nodal_flux, power_across
 from farhorizon.beyond import Beyond
 from farhorizon.boundaries import Boundary, Exact, ExactEnds, Fixed, Free, LatticePML, Periodic, Sponge, sides
+from farhorizon.conditions import Conditions, Constraint, resolve
 from farhorizon.constraints import Holds, Prescribed
-from farhorizon.cracks import as_cut, cut_bonds
+from farhorizon.cracks import Crack, as_crack, cut_bonds
 from farhorizon.describe import describe, rebuild
 from farhorizon.engine import Engine, Layer, available_threads
 from farhorizon.engine.layout import Block
 from farhorizon.errors import FileFormatError, InputError, UnstableError
+from farhorizon.integrators import stage_effects
 from farhorizon.lattice import AXES, Lattice
 from farhorizon.machine import available_memory
 from farhorizon.models import ScalarModel
 from farhorizon.report import Report
 from farhorizon.results import read_checkpoint, write_checkpoint
 from farhorizon.shapes import Cut
-from farhorizon.sources import checked, parts, split
+from farhorizon.sources import checked, parts, split, steady
 
 _GUARD_STEPS = 200  # steps between two looks of the instability guard, at most; fewer on lattices above
 _GUARD_NODES = 1_000_000  # this many nodes, so that an interrupt is heard within seconds
@@ -40,7 +44,7 @@ class Simulation:
     ----------
     lattice : Lattice
         The near field.
-    model : Wave, Diffusion or Beam
+    model : Wave, Diffusion, Heat or Beam
     boundary : Boundary or mapping
         One for all sides, or ``{"x-": ..., "x+": ..., "y": ..., "all": ...}``.
     initial : mapping
@@ -48,14 +52,17 @@ class Simulation:
     sources : sequence
         `Source`, array, callable of the coordinates and t, or expression.
     cracks : sequence
-        Cuts, or points of polylines (2D) or positions (1D).
+        Cuts, points of polylines (2D), of polygons (3D) or positions (1D); `Crack` for one that conducts a little or opens later.
+    constraints : sequence
+        `Temperature`, `Flux`, `Insulated`, `Convection`: conditions on nodes of the body; `Prescribed`: nodes that follow a value for a while.
+    balance : bool
+        Record what flows into the near field, for `balance`.
     coefficient : array_like, optional
         Factor on bonds, given on the nodes.
     rule : {"both", "arithmetic", "harmonic"}
         How the coefficients of a bond's ends combine; "both" is the smaller one.
     rim : {"free", "fixed"}
         What the outline of a body is: bonds across it are absent, or the field is held at the background outside.
-    constraints : sequence of Prescribed
     background : float
         Uniform state of the infinite medium.
     dt : float, optional
@@ -98,7 +105,8 @@ class Simulation:
         threads: int | None = None,
         rule: str = "both",
         rim: str = "free",
-        constraints: Sequence[Prescribed] = (),
+        constraints: Sequence[Constraint | Prescribed] = (),
+        balance: bool = False,
     ) -> None:
         self.lattice, self.model, self.background = lattice, model, float(background)
         self.observers = list(observe)
@@ -123,7 +131,9 @@ class Simulation:
         if factor is not None and (factor < 0).any():
             raise InputError("a coefficient must not be negative", value=float(factor.min()), limit=">= 0", key="coefficient")
         strongest = 1.0 if factor is None else float(factor.max())
+        self.conditions = self._resolve(constraints, factor)
         self.rate_limit = self.stencil.symbol_maximum * model.coefficient / lattice.spacing**2 * max(strongest, 1e-300)
+        self.rate_limit += float(self._leak().max(initial=0))
         self.step_limit = model.integrator.step_limit(self.rate_limit)
         self.dt = self._choose_step(dt)
         self.time, self.step_count = 0.0, 0
@@ -135,29 +145,39 @@ class Simulation:
         v = self._initial("v", initial or {}) if "v" in (initial or {}) and model.order == 2 else np.broadcast_to(0.0, lattice.shape)
         for name in set(initial or {}) - ({"u", "v"} if model.order == 2 else {"u"}):
             raise InputError("unknown initial field", value=name, limit="u, v" if model.order == 2 else "u", key="initial")
-        self._holds = Holds(tuple(constraints), lattice, model.integrator, self.dt, self.background)
+        self._holds = Holds(tuple(c for c in constraints if isinstance(c, Prescribed)), lattice, model.integrator, self.dt, self.background)
         u = self._holds.start(u)
         self.start_u, self.start_v = u, v
-        cuts = [as_cut(c, lattice.dim) for c in cracks]
+        self._cracks = [as_crack(c, lattice.dim) for c in cracks]
+        cuts = [c.cut for c in self._cracks]
         self._beyond.check_cracks(cuts, self.stencil.reach)
         self._unsplit: list[Callable[..., Any]] = []
         self._source_peaks: dict[int, float] = {}
         self._looked = 0.0  # up to this time
         self.sources = [self._split_source(s, f"source[{i}]" if len(sources) > 1 else "source") for i, s in enumerate(sources)]
+        self._drives = self.sources + [drive for _, drive in self.conditions.sources]
+        self._balance = False
         self._margins = self._choose_margins(u, v, factor, cuts)
+        self._check_conditions()
         self._make_engine(factor, rule, dtype, threads)
-        self._cut(cuts)
+        self._cut(self._cracks)
+        self._opened = len(self._cracks)
+        self._open_cracks()
+        self._first_cuts = self.engine.absent_bonds
         self._hold_and_damp()
         self._ends = self._make_ends(factor)
         held = [abs(b.value - self.background) for b in self.sides.values() if isinstance(b, Fixed)]
-        self._setup = {
+        self._setup: dict[str, Any] = {
             "lattice": lattice, "model": model, "boundary": {AXES[a] + "-+"[side > 0]: b for (a, side), b in self.sides.items()},
-            "sources": list(sources), "cracks": cuts, "coefficient": factor, "background": self.background, "dt": self.dt,
+            "sources": list(sources), "cracks": self._cracks, "constraints": list(constraints), "balance": balance,
+            "coefficient": factor, "background": self.background, "dt": self.dt,
             "dtype": dtype, "threads": threads, "rule": rule, "rim": rim,
-            "constraints": list(constraints),
         }  # fmt: skip
         self._scale = max([float(np.abs(u).max()), float(np.abs(v).max()) * self.dt, 1e-300, *held])
+        self._balance = balance
         self._start(u, v)
+        if balance:
+            self._open_books()
 
     # --- set-up ------------------------------------------------------------------------------------------------
 
@@ -220,6 +240,36 @@ class Simulation:
             function = value if callable(value) else lambda *_: value
             self._beyond.check_function(function, float(np.abs(values).max(initial=0)), key, level, "initial value")
         return values
+
+    def _resolve(self, constraints: Sequence[Constraint | Prescribed], factor: np.ndarray | None) -> Conditions:
+        if not constraints:
+            return resolve((), self.lattice, self.stencil.reach)
+        conductivity = self.model.coefficient / self.model.source_factor * (1.0 if factor is None else factor)
+        return resolve(constraints, self.lattice, self.stencil.reach, conductivity, self.background)
+
+    def _leak(self) -> np.ndarray:
+        """Rate at which each node loses its value to what surrounds the body; of the lattice's shape, empty without."""
+        leaks = [leak for _, leak in self.conditions.leaks]
+        return self.model.source_factor * sum(leaks[1:], leaks[0]) if leaks else np.zeros(0)
+
+    def _check_conditions(self) -> None:
+        """The layer beyond an absorbing side continues the medium, not a condition on its nodes."""
+        leak = self._leak()
+        if not self.conditions.nodes.size and not leak.any():
+            return
+        busy = np.zeros(self.lattice.shape, bool)
+        busy.ravel()[self.conditions.nodes] = True
+        if leak.size:
+            busy |= leak > 0
+        for (axis, side), boundary in self.sides.items():
+            m = self.stencil.reach[axis] - self._margins[axis, side] + 1
+            if isinstance(boundary, LatticePML | Sponge) and m > 0:
+                last = np.arange(m) if side < 0 else self.lattice.shape[axis] - 1 - np.arange(m)
+                if np.take(busy, last, axis).any():
+                    raise InputError(
+                        f"a condition holds on nodes within one reach of the absorbing side {AXES[axis]}{'-+'[side > 0]}", key="constraints",
+                        limit=f"none on the last {m} nodes", remedy="a Free side there, or restrict the condition by `within`",
+                    )  # fmt: skip
 
     def _split_source(self, source: Any, key: str) -> tuple[np.ndarray | None, Callable[..., Any]]:
         """A source as a function of space times one of time if it splits; refuses what the near field would miss."""
@@ -383,26 +433,46 @@ class Simulation:
         for level in self.engine.levels[: 3 - self.engine.stages.increments]:
             block.plane.all(level)[strip] = value
 
-    def _cut(self, cuts: Sequence[Cut]) -> None:
+    def _open_cracks(self) -> None:
+        """Cut what has opened by now."""
+        due = [crack for crack in self._cracks if crack.opens <= self.time + 1e-9 * self.dt]
+        if len(due) != self._opened:
+            self._cut(due)
+            self._opened = len(due)
+            if self._balance and self.step_count:
+                self._open_books()
+
+    def _until_opening(self) -> int:
+        """Steps until the next crack opens; very many without."""
+        waits = [int(np.ceil(c.opens / self.dt - 1e-9)) - self.step_count for c in self._cracks]
+        return min((w for w in waits if w > 0), default=sys.maxsize)
+
+    def _cut(self, cracks: Sequence[Crack]) -> None:
         """Absent bonds: cut by cracks, across a free side, or to nodes outside a body."""
         engine, lead = self.engine, 3 - self.lattice.dim
         block = engine.core
         offsets = engine.offsets
         found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
         shape = block.nodes[lead:]
-        for cut in cuts:
+        for crack in cracks:
+            cut, lost = crack.cut, 1 - crack.factor
             crossed = self._crossed(cut)
             nodes, bonds = cut_bonds(cut, self._origin, self.lattice.spacing, shape, self.stencil.offsets)
             flat = block.plane.origin + nodes @ np.array(block.stride[lead:])
-            found.append((flat, flat + offsets[bonds] @ np.array(block.stride), engine.weights[bonds]))
-            found += [self._continue_crack(cut, nodes, bonds, axis, side) for axis, side in crossed]
+            found.append((flat, flat + offsets[bonds] @ np.array(block.stride), lost * engine.weights[bonds]))
+            for axis, side in crossed:
+                *ends, weights = self._continue_crack(cut, nodes, bonds, axis, side)
+                found.append((ends[0], ends[1], lost * weights))
         if any(isinstance(b, Free) for b in self.sides.values()) or (self.lattice.body is not None and self.rim == "free"):
             exists = self._existing(self.rim == "free")
             for part in engine.layout.blocks.values():
                 found += self._absent(part, exists)
         if not found:
+            engine.set_cuts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
             return
         nodes, neighbours, weights = (np.concatenate([f[i] for f in found]) for i in range(3))
+        order = np.argsort(-np.abs(weights), kind="stable")  # of two cracks across a bond the one that takes more counts
+        nodes, neighbours, weights = nodes[order], neighbours[order], weights[order]
         _, first = np.unique(nodes * engine.layout.places + neighbours, return_index=True)
         engine.set_cuts(nodes[first], neighbours[first], weights[first] * engine.bond_factors(nodes[first], neighbours[first]))
 
@@ -455,7 +525,9 @@ class Simulation:
             raise self._oblique(cut, axis, side)
         if not continued:
             return
-        self._beyond.notes.append(f"the crack that runs into the layer at {AXES[axis]}{'-+'[side > 0]} is taken to go on straight without end")
+        note = f"the crack that runs into the layer at {AXES[axis]}{'-+'[side > 0]} is taken to go on straight without end"
+        if note not in self._beyond.notes:
+            self._beyond.notes.append(note)
 
     def _oblique(self, cut: Cut, axis: int, side: int) -> InputError:
         return InputError(
@@ -497,6 +569,10 @@ class Simulation:
             exists = self._existing(True)
             self._held = np.concatenate([b.node_indices()[~exists[b.slot_indices()]] for b in self.engine.layout.blocks.values()])
             tables.append((self._held, *np.zeros((3, len(self._held)))))
+        leak = self._leak().ravel()
+        lossy = np.flatnonzero(leak)
+        if lossy.size:
+            tables.append((self._near_indices()[lossy], *np.ones((2, lossy.size)), leak[lossy]))
         if tables:
             self.engine.set_damping(*(np.concatenate(columns) for columns in zip(*tables, strict=True)))
 
@@ -525,7 +601,14 @@ class Simulation:
     def _start(self, u: np.ndarray, v: np.ndarray) -> None:
         engine = self.engine
         engine.core.view(engine.levels[0])[self._near] = u.reshape(engine.core.view(engine.levels[0])[self._near].shape)
-        self._source_nodes = self._near_indices() if self.sources else np.zeros(0, np.int64)
+        near = self._near_indices()
+        self._source_nodes = near if self._drives else np.zeros(0, np.int64)
+        table = self.conditions
+        engine.set_tied(near[table.nodes], table.starts, near[table.references], table.weights)
+        if table.nodes.size:
+            fields, amplitudes = self._tables(table.drives, table.nodes.shape, (0.0,), np.ones((1, 1)), 1)
+            self._scale = max(self._scale, float(np.abs(fields).max(initial=0) * np.abs(amplitudes).max(initial=0)))
+            engine.tie(amplitudes[0, 0] @ fields)
         self._hold()
         if self.model.order == 1:
             return
@@ -572,9 +655,9 @@ class Simulation:
 
     def _source_now(self, t: float) -> np.ndarray:
         total = np.zeros(self.lattice.shape)
-        for space, time in self.sources:
+        for space, time in self._drives:
             total += time(t) if space is None else space * time(t)
-        return total
+        return total * self.model.source_factor
 
     def step(self, count: int = 1) -> None:
         """Advance by `count` steps; the compiled loop runs them without returning to Python.
@@ -586,7 +669,8 @@ class Simulation:
         """
         done = 0
         while done < count:
-            steps = min(count - done, self._guard_steps)
+            self._open_cracks()
+            steps = min(count - done, self._guard_steps, self._until_opening())
             if self._holds.constraints:
                 steps = self._holds.allow(self.step_count, steps)
             if self._ends is not None:
@@ -599,35 +683,30 @@ class Simulation:
 
     def _advance(self, steps: int) -> None:
         engine = self.engine
-        dtype = engine.dtype
-        stages = len(engine.stages.numbers)
-        if not self.sources:
+        dtype, stages, held = engine.dtype, len(engine.stages.numbers), self.conditions
+        if not self._drives and not held.nodes.size:
             engine.advance(steps, np.zeros(0, np.int64), np.zeros((0, 0), dtype), np.zeros((steps, stages, 0), dtype), self._prescribed(steps))
             self._tick(steps)
             return
         samples, weights = self.model.integrator.source_samples(self.dt)
-        fixed = [(space, time) for space, time in self.sources if space is not None]
-        free = [time for space, time in self.sources if space is None]
-        batch = 1 if free else max(1, min(steps, _TABLE // max(stages * len(fixed), 1)))
+        tied_samples, held_weights = self.model.integrator.tied_samples(self.dt)
+        weights = weights * self.model.source_factor
+        drives = self._drives + held.drives
+        general = any(space is None for space, _ in drives)
+        batch = 1 if general else max(1, min(steps, _TABLE // max(stages * len(drives), 1)))
         done = 0
         while done < steps:
             n = min(batch, steps - done)
-            times = self.dt * (self.step_count + np.arange(n))
-            fields = [np.asarray(space, float).ravel() for space, _ in fixed]
-            table = [np.array([[time(t + s) for s in samples] for t in times]) @ weights.T for _, time in fixed]
-            if free:
-                now = [sum(np.asarray(time(times[0] + s), float) for time in free) for s in samples]
-                fields += [np.broadcast_to(f, self.lattice.shape).ravel() for f in now]
-                table += [np.broadcast_to(weights[:, i], (1, stages)) for i in range(len(samples))]
-            strength = np.stack(fields)
-            amplitudes = np.stack(table, axis=-1)
-            if not np.isfinite(amplitudes).all():
-                raise InputError("a source is not finite", value=f"t = {times[0]:g}", key="source")
+            strength, amplitudes = self._tables(self._drives, self.lattice.shape, samples, weights, n)
+            values, times = self._tables(held.drives, held.nodes.shape, tied_samples, held_weights, n)
             used = np.any(strength, axis=0)
-            engine.advance(n, self._source_nodes[used], np.ascontiguousarray(strength[:, used], dtype), amplitudes.astype(dtype),
-                           self._prescribed(n))  # fmt: skip
+            engine.advance(n, self._source_nodes[used] if self._drives else self._source_nodes, np.ascontiguousarray(strength[:, used], dtype),
+                           amplitudes.astype(dtype), self._prescribed(n), values.astype(dtype), times.astype(dtype))  # fmt: skip
+            if self._balance:
+                self._book_sources(strength, amplitudes)
             explained = float(np.abs(strength).max(initial=0) * np.abs(amplitudes).max(initial=0)) * n * self.dt
             self._scale += explained * (max(1.0, self.time) if self.model.order == 2 else 1.0)
+            self._scale = max(self._scale, float(np.abs(values).max(initial=0) * np.abs(times).max(initial=0)))
             self._tick(n)
             done += n
 
@@ -638,6 +717,37 @@ class Simulation:
         values = self._holds.table(self.step_count, steps)
         self._scale = max(self._scale, float(np.abs(values).max(initial=0)))
         return values
+
+    def _tables(
+        self,
+        drives: Sequence[tuple[np.ndarray | None, Callable[..., Any]]],
+        shape: tuple[int, ...],
+        samples: Sequence[float],
+        weights: np.ndarray,
+        count: int,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Fields over nodes, shape (j, nodes), and their amplitudes in each stage of the next `count` steps, shape (count, stages, j).
+
+        What does not split into space and time takes one field for each sample time of the next step.
+        """
+        times = self.dt * (self.step_count + np.arange(count))
+        fields, table = [], []
+        for space, time in drives:
+            if space is None:
+                fields += [np.broadcast_to(np.asarray(time(times[0] + s), float), shape).ravel() for s in samples]
+                table += [np.broadcast_to(weights[:, i], (1, len(weights))) for i in range(len(samples))]
+            else:
+                fields.append(np.asarray(space, float).ravel())
+                if time is steady:
+                    table.append(np.broadcast_to(weights.sum(1), (count, len(weights))))
+                else:
+                    table.append(np.array([[time(t + s) for s in samples] for t in times], float) @ weights.T)
+        if not fields:
+            return np.zeros((0, int(np.prod(shape)))), np.zeros((count, len(weights), 0))
+        amplitudes = np.stack(table, axis=-1)
+        if not np.isfinite(amplitudes).all():
+            raise InputError("a source or condition is not finite", value=f"t = {times[0]:g}", key="source")
+        return np.stack(fields), amplitudes
 
     def _tick(self, steps: int) -> None:
         self.step_count += steps
@@ -733,6 +843,155 @@ class Simulation:
         kinetic = ((near(u) - near(old)) / self.dt) ** 2
         return float(cell * (0.5 * kinetic + 0.25 * near(strain)).sum())
 
+    # --- heat balance ------------------------------------------------------------------------------------------
+
+    def _open_books(self) -> None:
+        """One book for each condition, each side that the field flows through, and the fixed rim: bonds from there into free nodes."""
+        if self.model.order != 1:
+            raise InputError("a balance is recorded for equations of first order in time", value=type(self.model).__name__, key="balance")
+        engine, lead = self.engine, 3 - self.lattice.dim
+        self._book_names = [f"constraint[{i}]" for i in range(len(self._setup["constraints"]))]
+        core = np.zeros(engine.core.nodes)
+        beyond = {}
+        for (axis, side), boundary in self.sides.items():
+            if isinstance(boundary, Periodic):
+                continue
+            self._book_names.append(AXES[axis] + "-+"[side > 0])
+            beyond[lead + axis, side] = float(len(self._book_names))
+            width = self._margins[axis, side]
+            strip = slice(0, width) if side < 0 else slice(core.shape[lead + axis] - width, None)
+            core[tuple(strip if a == lead + axis else slice(None) for a in range(3))] = len(self._book_names)
+        near = core[self._near].reshape(self.lattice.shape)
+        near.ravel()[self.conditions.nodes] = self.conditions.owner + 1
+        if self.rim == "fixed" and self.lattice.mask is not None:
+            self._book_names.append("rim")
+            near[~self.lattice.mask] = len(self._book_names)
+        core[self._near] = near.reshape(core[self._near].shape)
+        self._free = near == 0
+        where = np.round(engine.spread(core, beyond)).astype(int)
+        block = engine.core
+        flat, slots = block.node_indices(), block.slot_indices()
+        found = []
+        for offset, weight in zip(engine.offsets, engine.weights, strict=True):
+            other = slots + int(offset @ np.array(block.stride))
+            flows = (where[slots] == 0) & (where[other] != 0)
+            found.append((where[other[flows]] - 1, flat[flows], other[flows], np.full(int(flows.sum()), weight)))
+        books, nodes, neighbours, weights = (np.concatenate([f[i] for f in found]) for i in range(4))
+        weights = weights * engine.bond_factors(nodes, neighbours) - engine.lost(nodes, neighbours)
+        for number, leak in self.conditions.leaks:
+            lossy = np.flatnonzero((leak > 0) & self._free)
+            books = np.append(books, np.full(lossy.size, number))
+            nodes, neighbours = np.append(nodes, self._near_indices()[lossy]), np.append(neighbours, np.full(lossy.size, -1))
+            weights = np.append(weights, self.model.source_factor * leak.ravel()[lossy])
+        kept = weights != 0
+        flows_so_far = engine.flows
+        effects = stage_effects(engine.stages) * np.array([n[2] for n in engine.stages.numbers])
+        engine.set_books(books[kept], nodes[kept], neighbours[kept], weights[kept], effects, len(self._book_names))
+        if flows_so_far.shape == engine.flows.shape:
+            engine.flows[...] = flows_so_far
+        else:
+            self._powers = np.zeros(len(self._drives))
+            self._first_heat = self._heat()
+
+    def _heat(self) -> float:
+        """Sum of the field over the free nodes of the near field."""
+        near = self.engine.core.view(self.engine.current)[self._near].reshape(self.lattice.shape)
+        return math.fsum(near[self._free].astype(float))
+
+    def _book_sources(self, fields: np.ndarray, amplitudes: np.ndarray) -> None:
+        effects = stage_effects(self.engine.stages) * np.array([n[3] for n in self.engine.stages.numbers])
+        totals = np.einsum("p,npj->j", effects, amplitudes) * fields[:, self._free.ravel()].sum(1)
+        row, samples = 0, len(self.model.integrator.source_samples(self.dt)[0])
+        for number, (space, _) in enumerate(self._drives):
+            count = samples if space is None else 1
+            self._powers[number] += totals[row : row + count].sum()
+            row += count
+
+    def balance(self) -> dict[str, float]:
+        """What the near field has gained since the start, and from where, for simulations with ``balance=True``.
+
+        Free nodes count: those that no condition prescribes. Every entry is heat (the field's integral for a diffusion): heat capacity
+        times cell volume times temperature.
+
+        Returns
+        -------
+        dict
+            "stored", the gain; "source[i]", "constraint[i]", "x-", .. and "rim": what came in from there; "residual": "stored" less all
+            that came in, which is rounding.
+
+        Raises
+        ------
+        InputError
+            The simulation does not record it.
+        """
+        if not self._balance:
+            raise InputError("this simulation records no balance", key="balance", remedy="Simulation(..., balance=True)")
+        unit = self.lattice.spacing**self.lattice.dim / self.model.source_factor
+        inflow = {name: unit * float(value) for name, value in zip(self._book_names, self.engine.flows.sum(0), strict=True)}
+        owners = [f"source[{i}]" for i in range(len(self.sources))] + [f"constraint[{i}]" for i, _ in self.conditions.sources]
+        for name, power in zip(owners, self._powers, strict=True):
+            inflow[name] = inflow.get(name, 0.0) + unit * float(power)
+        stored = unit * (self._heat() - self._first_heat)
+        return {"stored": stored, **inflow, "residual": stored - math.fsum(inflow.values())}
+
+    # --- flux --------------------------------------------------------------------------------------------------
+
+    def _bonds(self) -> Callable[[int], np.ndarray]:
+        """Factor of the bond from each node of the near field along an offset, given by its number; 0 where there is none within it."""
+        engine = self.engine
+        block = engine.core
+        nodes, slots = block.node_indices()[self._near].ravel(), block.slot_indices()[self._near].ravel()
+        inside = np.zeros(engine.layout.places, bool)
+        inside[nodes] = True
+
+        def factor(number: int) -> np.ndarray:
+            other = slots + int(engine.offsets[number] @ np.array(block.stride))
+            left = engine.bond_factors(nodes, other) - engine.lost(nodes, other) / engine.weights[number]
+            return np.where(inside[other] & (left > 1e-12), left, 0.0).reshape(self.lattice.shape)
+
+        return factor
+
+    def _flux_tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, Callable[[int], np.ndarray]]:
+        u = self.engine.core.view(self.engine.current)[self._near].reshape(self.lattice.shape).astype(float)
+        return u, self.stencil.offsets, self.stencil.weights * self.model.coefficient / self.model.source_factor, self._bonds()
+
+    def flux(self) -> np.ndarray:
+        """Heat flux (or that of a diffusing field) at the nodes along each axis, positive towards larger coordinates.
+
+        One-sided sums over the bonds ahead of a node, over those behind it where bonds ahead are missing, exact for a linear field at every
+        node; nan where the bonds left do not determine it. See `farhorizon.analysis.flux`.
+
+        Returns
+        -------
+        ndarray, shape (dim, n..)
+        """
+        found = nodal_flux(*self._flux_tables(), self.lattice.spacing)
+        return found if self.lattice.mask is None else np.where(self.lattice.mask, found, np.nan)
+
+    def power_across(self, axis: str, position: float) -> float:
+        """Power that crosses a plane, towards larger coordinates: the sum over the bonds of the near field that cross it.
+
+        Parameters
+        ----------
+        axis : {"x", "y", "z"}
+            Normal of the plane.
+        position : float
+            Coordinate of the plane, taken to the nearest middle between two nodes.
+
+        Raises
+        ------
+        InputError
+            An axis that the lattice has not, a plane outside it.
+        """
+        if axis not in AXES[: self.lattice.dim]:
+            raise InputError("the lattice has no such axis", value=axis, limit=", ".join(AXES[: self.lattice.dim]), key="axis")
+        number = AXES.index(axis)
+        row = int(np.floor((position - self.lattice.lower[number]) / self.lattice.spacing + 1e-9))
+        if not 0 <= row < self.lattice.shape[number] - 1:
+            raise InputError("the plane lies outside the near field", value=position, key="position",
+                             limit=f"{self.lattice.lower[number]} to {self.lattice.upper[number]}")  # fmt: skip
+        return power_across(*self._flux_tables(), self.lattice.spacing, number, row)
+
     @property
     def notes(self) -> list[str]:
         """What lies beyond the near field and is missed, but within the sides' targets, or cannot be known."""
@@ -755,8 +1014,9 @@ class Simulation:
             "levels": list(engine.levels.shape), "memory": int(engine.memory.size), "dtype": engine.dtype.name, "dt": self.dt,
             "shape": list(self.lattice.shape), "spacing": self.lattice.spacing, "lower": self.lattice.lower.tolist(),
             "model": type(self.model).__name__, "coefficient": self.model.coefficient, "damping": self.model.damping,
-            "weights": float(self.stencil.weights.sum()), "neighbours": len(self.stencil.weights), "cuts": engine.absent_bonds,
-            "held": len(self._held), **({} if self._ends is None else {"exact": self._ends.names}),
+            "weights": float(self.stencil.weights.sum()), "neighbours": len(self.stencil.weights), "cuts": self._first_cuts,
+            "held": len(self._held), "conditions": len(self.conditions.nodes), "opens": [c.opens for c in self._cracks],
+            **({} if self._ends is None else {"exact": self._ends.names}),
             **({"constraints": len(self._holds.constraints)} if self._holds.constraints else {}),
         }  # fmt: skip
 
@@ -772,6 +1032,9 @@ class Simulation:
         if self._ends is not None:
             more, meta["exact"] = self._ends.save()
             arrays |= more
+        if self._balance:
+            arrays |= {"flows": self.engine.flows, "powers": self._powers}
+            meta["first_heat"] = self._first_heat
         meta["setup"] = describe(self._setup, arrays)
         write_checkpoint(path, arrays, meta)
 
@@ -828,4 +1091,8 @@ class Simulation:
         self.step_count = 0
         self._tick(int(meta["step"]))
         self._hold()
+        self._open_cracks()
+        if self._balance:
+            self.engine.flows[...], self._powers[...] = arrays["flows"], arrays["powers"]
+            self._first_heat = float(meta["first_heat"])
         return dict(meta["extra"])

@@ -30,6 +30,11 @@ class Source:
     time: Callable[[float], float] | None = None
 
 
+def steady(t: float) -> float:
+    """The factor 1 of what does not depend on time."""
+    return 1.0
+
+
 def parts(source: Any) -> tuple[Any, Callable[..., Any]]:
     """(space, time) with ``s = space * time(t)``, space a callable of the coordinates, an array or a number; or (None, s(*coordinates, t))."""
     if not isinstance(source, Source):
@@ -37,14 +42,14 @@ def parts(source: Any) -> tuple[Any, Callable[..., Any]]:
     value, time = source.value, source.time
     if isinstance(value, Expression):
         both = value.separate()
-        factor = time or (lambda t: 1.0)
+        factor = time or steady
         if both is None:
             return None, lambda *at: value(*at[:-1], t=at[-1]) * factor(at[-1])
         space, own = both
         return space, lambda t: float(own(t=t)) * factor(t)
     if callable(value) and time is None:
         return None, value
-    return value, time or (lambda t: 1.0)
+    return value, time or steady
 
 
 def split(source: Any, lattice: Lattice) -> tuple[np.ndarray | None, Callable[..., Any]]:

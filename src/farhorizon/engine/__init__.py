@@ -124,6 +124,9 @@ class Engine:
         self.set_damping(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros(0))
         self.set_ends(np.zeros((0, 0), np.int64), 1.0)
         self.hold(np.zeros(0, np.int64))
+        self.set_tied(np.zeros(0, np.int64), np.zeros(1, np.int64), np.zeros(0, np.int64), np.zeros(0))
+        none = np.zeros(0, np.int64)
+        self.set_books(none, none, none, np.zeros(0), np.zeros(len(stages.numbers)), 0)
         self._driver = load_driver()
 
     # --- tables of the compiled loop ---------------------------------------------------------------------------
@@ -277,6 +280,26 @@ class Engine:
             more = max(int(self.clock[0]) + steps - length, min(length, 1 << 20), 256)
             self.history = np.concatenate([self.history, np.zeros((ends, more, reach))], axis=1)
 
+    def set_tied(self, nodes: np.ndarray, starts: np.ndarray, sources: np.ndarray, weights: np.ndarray) -> None:
+        """Nodes with prescribed values: node i is the sum of weights[k] times node sources[k], k from starts[i] to starts[i + 1], plus what
+        `advance` is told. They are set in this order after each stage."""
+        self._tied = nodes.astype(np.int64), starts.astype(np.int64), sources.astype(np.int64), weights.astype(self.dtype)
+
+    def set_books(
+        self, books: np.ndarray, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray, effects: np.ndarray, count: int
+    ) -> None:  # fmt: skip
+        """Bonds whose flow into their node is summed over time, in `count` books, and what each stage's flow adds to a step's.
+
+        Places in a level, weights as those of the engine. First-order equations only.
+        """
+        self.flows = np.zeros((2, count))
+        self._books = books.astype(np.int64), nodes.astype(np.int64), neighbours.astype(np.int64), weights.astype(float), effects.astype(float)
+
+    def tie(self, values: np.ndarray) -> None:
+        """Set the prescribed nodes of the current level; `values` has what is added to the combinations, one a prescribed node."""
+        level = self.current
+        self._driver.tie(level, level, level, False, *self._tied, np.asarray(values, self.dtype)[None], np.ones(1, self.dtype))
+
     def bond_factors(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
         """Factor of each bond from the coefficients of its ends (flat indices)."""
         if self._coefficient.size == 1:
@@ -286,6 +309,18 @@ class Engine:
             return np.minimum(mine, other)
         total = mine + other
         return 0.5 * total if self._rule == 1 else 2 * mine * other / np.where(total > 0, total, 1.0)
+
+    def lost(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
+        """What cuts take of the weights of bonds of the core (places)."""
+        ranges, cut_nodes, cut_neighbours, weights = self._cuts
+        first = ranges[-1]
+        keys = cut_nodes[first:] * self.layout.places + cut_neighbours[first:]
+        if not keys.size:
+            return np.zeros(len(nodes))
+        order = np.argsort(keys)
+        wanted = nodes * self.layout.places + neighbours
+        at = np.minimum(np.searchsorted(keys[order], wanted), keys.size - 1)
+        return np.where(keys[order][at] == wanted, weights[first:][order][at].astype(float), 0.0)
 
     # --- the work ----------------------------------------------------------------------------------------------
 
@@ -310,14 +345,14 @@ class Engine:
         out, base, numbers = self._plain(level)
         self._driver.stage(
             0, 1, _ALONE, level, base, out, numbers, self.stages.increments, False, self.slots, self.memory.copy(), self._work,
-            *self._last_sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
+            *self._first_sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
         )  # fmt: skip
         return (base if self.stages.increments else out) / numbers[3]
 
     def apply_core(self, level: np.ndarray) -> np.ndarray:
         """The operator L on the core of a level with whatever its halo holds."""
         out, base, numbers = self._plain(level)
-        _, blocks, functions, groups, weights, offsets, general = self._last_sweeps
+        _, blocks, functions, groups, weights, offsets, general = self._first_sweeps
         law = (general, *numbers[:3], self.stages.increments, self._rule)
         first = blocks[0], functions[0], groups[0], False, weights[0], offsets[0]
         self._driver.sweep_core(1, _ALONE, level, base, out, *first, self._coefficient, law)
@@ -327,23 +362,27 @@ class Engine:
 
     def _plain(self, level: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Empty output and base, and the numbers of a stage that writes ``scale * L``."""
-        scale = self.stages.numbers[-1][2]
+        scale = self.stages.numbers[0][2]  # the last stage may be without operator
         return np.zeros_like(level), np.zeros_like(level), np.array([-scale * self.weights.sum(), 0, 0, scale, 0], self.dtype)
 
     @property
-    def _last_sweeps(self) -> tuple[np.ndarray, ...]:
+    def _first_sweeps(self) -> tuple[np.ndarray, ...]:
         trees, blocks, functions, groups, weights, offsets, general = self._sweeps
-        return trees, blocks, functions, groups, weights[-1], offsets, general[-1]
+        return trees, blocks, functions, groups, weights[0], offsets, general[0]
 
-    def advance(self, steps: int, source_nodes: np.ndarray, source_fields: np.ndarray, source_times: np.ndarray,
-                held_values: np.ndarray | None = None) -> None:  # fmt: skip
-        """Run steps without returning to Python; sources and held values as in `program.run`."""
+    def advance(
+        self, steps: int, source_nodes: np.ndarray, source_fields: np.ndarray, source_times: np.ndarray, held_values: np.ndarray | None = None,
+        tied_fields: np.ndarray | None = None, tied_times: np.ndarray | None = None,
+    ) -> None:  # fmt: skip
+        """Run steps without returning to Python; sources, held and tied values as in `program.run`."""
         self._lengthen_history(steps)
+        if tied_fields is None or tied_times is None:
+            tied_fields, tied_times = np.zeros((0, 0), self.dtype), np.zeros((steps, len(self.stages.numbers), 0), self.dtype)
         state = (
             self.phase, self.levels, self._rotation, self._numbers, self.stages.increments, self.slots, self.memory, self._work,
             *self._sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts, *self._damping,
-            (*self._ends, self.heads, self.past, self.history), source_nodes, source_fields, source_times, self._held,
-            _NOTHING if held_values is None else held_values,
+            (*self._ends, self.heads, self.past, self.history), *self._tied, *self._books, self.flows, source_nodes, source_fields, source_times,
+            self._held, _NOTHING if held_values is None else held_values, tied_fields, tied_times,
         )  # fmt: skip
         from farhorizon.engine.threads import side_by_side
 

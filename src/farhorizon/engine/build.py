@@ -9,11 +9,13 @@ import platform
 import re
 import sys
 import tempfile
+import threading
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 _HERE = Path(__file__).parent
+_LOADING = threading.RLock()  # simulations may be made side by side
 
 
 def cache_folder() -> Path:
@@ -59,8 +61,11 @@ def _load(name: str, **settings: Any) -> ModuleType:
         [template, *((_HERE / f"{part}.py").read_text() for part in ("ends", "simd", "layout", "threads")), numba.__version__, platform.machine()]
     )
     name = f"{name}_" + hashlib.sha256(mark.encode()).hexdigest()[:20]
-    if name in sys.modules:
-        return sys.modules[name]
+    with _LOADING:
+        return sys.modules[name] if name in sys.modules else _load_file(name, template)
+
+
+def _load_file(name: str, template: str) -> ModuleType:
     path = cache_folder() / f"{name}.py"
     if not path.exists():
         with tempfile.NamedTemporaryFile("w", dir=path.parent, suffix=".tmp", delete=False) as file:

@@ -281,11 +281,41 @@ def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slot
     cut(lane, lanes, sync, src, src, base, out, scale, cut_ranges[trees.shape[0]], cut_nodes.size, cut_nodes, cut_neighbours, cut_weights, increments)
 
 
+@njit(error_model="numpy", cache=True)
+def tie(src, base, out, increments, tied, starts, sources, weights, fields, times):
+    """Prescribed nodes: a combination of other nodes, those from `starts` on, plus fields times amplitudes; in order."""
+    for i in range(tied.size):
+        total = out[tied[i]] * 0
+        for k in range(starts[i], starts[i + 1]):
+            total += weights[k] * out[sources[k]]
+        for j in range(fields.shape[0]):
+            total += times[j] * fields[j, i]
+        out[tied[i]] = total
+        if increments:
+            base[tied[i]] = total - src[tied[i]]
+
+
+@njit(error_model="numpy", cache=True)
+def book(src, books, nodes, neighbours, weights, effect, flows):
+    """Add what flows along bonds into `nodes` to flows[0], book by book; flows[1] holds the rounding of the sums (Neumaier).
+
+    A neighbour below 0 is at zero.
+    """
+    for i in range(books.size):
+        row = books[i]
+        other = np.float64(src[neighbours[i]]) if neighbours[i] >= 0 else 0.0
+        gain = effect * weights[i] * (other - np.float64(src[nodes[i]]))
+        total = flows[0, row] + gain
+        flows[1, row] += (flows[0, row] - total) + gain if abs(flows[0, row]) >= abs(gain) else (gain - total) + flows[0, row]
+        flows[0, row] = total
+
+
 @njit(error_model="numpy", nogil=True, cache=True)
 def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, slots, memory, work, trees, blocks, functions, groups, weights,
         offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
         cut_ranges, cut_nodes, cut_neighbours, cut_weights, damped, damp_before, damp_after, damp_leak, ends,
-        source_nodes, source_fields, source_times, held, held_times):  # fmt: skip
+        tied, tied_starts, tied_sources, tied_weights, books, book_nodes, book_neighbours, book_weights, book_effects, flows,
+        source_nodes, source_fields, source_times, held, held_times, tied_fields, tied_times):  # fmt: skip
     """One lane's share of `steps` steps from the rotation `phase`.
 
     After them the level ``stages[(phase + steps) % rotations, 0, 0]`` holds the state, where stages[phase, stage] = (in, base, out)
@@ -338,5 +368,12 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                     out[node] = held_times[step, i]
                     if increments:
                         base[node] = out[node] - src[node]
+                barrier(sync, lanes)
+            if books.size or tied.size:
+                if lane == 0:
+                    if books.size and book_effects[part] != 0:
+                        book(src, books, book_nodes, book_neighbours, book_weights, book_effects[part], flows)
+                    if tied.size:
+                        tie(src, base, out, increments, tied, tied_starts, tied_sources, tied_weights, tied_fields, tied_times[step, part])
                 barrier(sync, lanes)
         phase = (phase + 1) % stages.shape[0]

@@ -2,7 +2,8 @@
 
 from farhorizon.models.beam import Beam
 from farhorizon.models.diffusion import Diffusion
+from farhorizon.models.heat import Heat
 from farhorizon.models.scalar import ScalarModel
 from farhorizon.models.wave import Wave
 
-__all__ = ["Beam", "Diffusion", "ScalarModel", "Wave"]
+__all__ = ["Beam", "Diffusion", "Heat", "ScalarModel", "Wave"]

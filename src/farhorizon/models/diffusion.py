@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from farhorizon.errors import InputError
+from farhorizon.integrators import Integrator
 from farhorizon.kernel import Kernel
-from farhorizon.models.scalar import INTEGRATORS, ScalarModel, positive
+from farhorizon.models.scalar import ScalarModel, first_order, positive
 from farhorizon.stencil import Stencil
 
 
@@ -16,17 +16,15 @@ class Diffusion(ScalarModel):
     operator : Kernel or Stencil
     diffusivity : float
         :math:`\chi^2` (length^2 / time) of long waves.
-    integrator : {"euler", "rk4"}
-        Forward Euler or the classical Runge-Kutta method of fourth order.
+    integrator : {"euler", "rk4", "rkc"} or RungeKuttaChebyshev
+        Forward Euler, the classical Runge-Kutta method of fourth order, or the stabilised one of second order for long runs.
 
     Notes
     -----
     Shojaei, Hermann, Seleson and Cyron (2020), eqs 1 to 5.
     """
 
-    def __init__(self, operator: Kernel | Stencil, diffusivity: float = 1.0, integrator: str = "euler") -> None:
+    def __init__(self, operator: Kernel | Stencil, diffusivity: float = 1.0, integrator: str | Integrator = "euler") -> None:
         super().__init__(operator)
         self.coefficient = self.diffusivity = positive(diffusivity, "model.diffusivity")
-        if integrator not in INTEGRATORS:
-            raise InputError("unknown integrator", value=integrator, limit=", ".join(INTEGRATORS), key="model.integrator")
-        self.integrator = INTEGRATORS[integrator]
+        self.integrator = first_order(integrator)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from farhorizon.errors import InputError
-from farhorizon.integrators import Euler, Integrator, RungeKutta4, Verlet
+from farhorizon.integrators import Euler, Integrator, RungeKutta4, RungeKuttaChebyshev, Verlet
 from farhorizon.kernel import Kernel
 from farhorizon.stencil import Stencil
 
@@ -19,7 +19,9 @@ class ScalarModel:
         Squared speed or diffusivity.
     damping : float
         d in ``2 d u_t`` (1/time), second-order models only.
-    integrator : Verlet, Euler or RungeKutta4
+    integrator : Verlet, Euler, RungeKutta4 or RungeKuttaChebyshev
+    source_factor : float
+        Factor on sources: 1, or what turns power into a rate of temperature.
     sides : tuple of str
         Names of the boundaries that serve it; empty: all.
     bonds : bool
@@ -29,6 +31,7 @@ class ScalarModel:
     coefficient: float
     damping: float = 0.0
     integrator: Integrator
+    source_factor: float = 1.0
     sides: tuple[str, ...] = ()
     bonds: bool = True
 
@@ -58,4 +61,18 @@ def positive(value: float, key: str, *, zero: bool = False) -> float:
     return float(value)
 
 
-INTEGRATORS: dict[str, Integrator] = {"euler": Euler(), "rk4": RungeKutta4()}
+INTEGRATORS: dict[str, Integrator] = {"euler": Euler(), "rk4": RungeKutta4(), "rkc": RungeKuttaChebyshev()}
+
+
+def first_order(integrator: str | Integrator) -> Integrator:
+    """The integrator of a name, or one for equations of first order itself.
+
+    Raises
+    ------
+    InputError
+        An unknown name, or an integrator for waves.
+    """
+    found = INTEGRATORS.get(integrator) if isinstance(integrator, str) else integrator
+    if not isinstance(found, Euler | RungeKutta4 | RungeKuttaChebyshev):
+        raise InputError("unknown integrator", value=integrator, limit=", ".join(INTEGRATORS), key="model.integrator")
+    return found

@@ -14,7 +14,7 @@ from typing import Any
 
 from farhorizon.errors import InputError
 
-_MODULES = ("ji2021",)
+_MODULES = ("bobaru2010", "ji2021")
 
 
 @dataclass(frozen=True)
@@ -131,10 +131,10 @@ def table(outcome: Outcome) -> str:
     width = max(len(row.what) for row in outcome.rows)
     lines = [f"{'':{width}}  {'ours':>10}  {'printed':>10}  {'deviation':>9}  note"]
     for row in outcome.rows:
-        printed = "" if row.printed is None else f"{row.printed:.3g}"
+        printed = "" if row.printed is None else f"{row.printed:.5g}"
         deviation = "" if row.deviation is None else f"{100 * row.deviation:+.1f} %"
         note = row.note if row.corrected is None else f"misprint, read {row.corrected:.3g}: {row.note}"
-        lines.append(f"{row.what:{width}}  {row.ours:>10.3g}  {printed:>10}  {deviation:>9}  {note}".rstrip())
+        lines.append(f"{row.what:{width}}  {row.ours:>10.5g}  {printed:>10}  {deviation:>9}  {note}".rstrip())
     for name, value in outcome.infinite_error.items():
         lines.append(f"error against the infinite medium at the same time step, {name}: {value:.1e}")
     return "\n".join(lines)

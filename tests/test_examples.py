@@ -1,0 +1,62 @@
+"""The scripts among the examples: what they print is right."""
+
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+
+
+def script(name):
+    """Names of an example script, not run."""
+    return runpy.run_path(str(EXAMPLES / f"{name}.py"))
+
+
+def test_borehole_from_the_first_horizon_crossing_on():
+    """Within 0.1 % of the exact line source at every probe; the near field's own diffusion time is reached in the slow test."""
+    example = script("heated_borehole")
+    dt, times = example["EARLY"]
+    assert np.abs(example["errors"](dt, times[:5])).max() < 1e-3
+
+
+@pytest.mark.slow
+def test_borehole_for_a_hundred_diffusion_times():
+    example = script("heated_borehole")
+    for dt, times in (example["EARLY"], example["LATE"]):
+        assert np.abs(example["errors"](dt, times)).max() < 1e-3
+
+
+def test_plate_with_an_insulating_crack_converges():
+    """To refined finite elements; both numbers fall, the one far from the tips by more than half in two halvings."""
+    differences = script("insulating_crack")["differences"]
+    found = np.array([differences(h) for h in (0.12, 0.06, 0.03)])
+    assert (found[1:] < found[:-1]).all()
+    assert found[-1, 1] < 0.5 * found[0, 1]
+    assert found[-1, 1] < 0.01
+
+
+@pytest.mark.slow
+def test_plate_with_an_insulating_crack_within_one_percent():
+    """Two horizons and more from the tips, at a horizon of 0.015."""
+    assert script("insulating_crack")["differences"](0.015)[0] < 0.01
+
+
+def test_block_with_a_penny_crack():
+    """The power falls when the crack opens, more for the insulating one, whose jump is about 4 radius / pi; the balance closes."""
+    example = script("penny_crack")
+    powers, jumps = [], []
+    for factor in (0.1, 0.0):
+        sim = example["block"](factor)
+        sim.run(example["OPENS"], progress=False)
+        before = example["middle"](sim)[0]
+        sim.run(2.0, progress=False)
+        after, jump = example["middle"](sim)
+        assert after < 0.98 * before
+        balance = sim.balance()
+        assert abs(balance["residual"]) < 1e-12 * abs(balance["constraint[1]"])
+        powers.append(after)
+        jumps.append(jump)
+    assert powers[1] < powers[0] and jumps[1] > jumps[0]
+    assert jumps[1] == pytest.approx(4 * example["RADIUS"] / np.pi, rel=0.1)  # a horizon is a fifth of the radius
