@@ -838,7 +838,10 @@ class Simulation:
         u, old = engine.current.astype(float), engine.older.astype(float)
         if self._ends is not None:
             self._ends.fill(u, old)
-        apply = lambda level: engine.apply_core(level.astype(engine.dtype)).astype(float)  # noqa: E731
+
+        def apply(level: np.ndarray) -> np.ndarray:
+            return engine.apply_core(level.astype(engine.dtype)).astype(float)
+
         strain = apply(u * old) - u * apply(old) - old * apply(u)
         kinetic = ((near(u) - near(old)) / self.dt) ** 2
         return float(cell * (0.5 * kinetic + 0.25 * near(strain)).sum())

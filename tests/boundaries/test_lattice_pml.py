@@ -173,6 +173,26 @@ def test_white_noise_decays(dim, reach):
     assert after <= before
 
 
+def entrance(setup, nodes, **stretch):
+    """The set-up with layers by hand: a linear ramp to 2c/h, and what is given in its place, in units of c/h."""
+    profile = {"sigma": 2.0 * (np.arange(nodes + 1) + 0.5) / (nodes + 1), "alpha": 1e-3} | stretch
+    return {**setup, "boundary": fh.LatticePML(nodes=nodes, profile={name: np.asarray(value) / STEP for name, value in profile.items()})}
+
+
+def test_a_strong_entrance_makes_wide_stencils_grow():
+    """Why the ramp is a square beyond a reach of 3: the linear one is worse by orders with 20 nodes, and gets worse with time."""
+    setup = wave(2, kernel(5), 20)
+    assert worst(entrance(setup, 20), 60) > 1e3 * worst(setup, 60)
+
+
+def test_a_large_shift_lets_long_waves_through():
+    """Why alpha is small: thirty times as much costs a layer four digits of a pulse of 12 nodes on a wide stencil."""
+    setup = wave(1, kernel(7), 30)
+    depth = (np.arange(31) + 0.5) / 31
+    large, small = (worst(entrance(setup, 30, sigma=2.0 * depth**3, alpha=alpha), 60) for alpha in (3e-2, 1e-3))
+    assert large > 1e4 * small
+
+
 def test_single_precision():
     """float32: rounding sets the error of waves (1e-5 allowed; the medium holds 265 steps of single rounding)."""
     setup = wave(2, kernel(3), 12)

@@ -240,10 +240,15 @@ def test_time_loop(dim, make, heterogeneous):
     np.testing.assert_allclose(sim.fields["u"].ravel(), expected, rtol=0, atol=1e-13 * max(1, np.abs(expected).max()))
 
 
+BANDS = np.broadcast_to(np.where(np.arange(201) < 90, 1.0, 0.3), (213, 201)).copy()
+BANDS[:, :20] = BANDS[:, -20:] = 1.0
 THREADED = {
     "layers, crack, source": (
         (213, 201), Wave(kernel_stencil(2, 3, 1), damping=0.1), LatticePML(nodes=7),
         {"cracks": [[(60.5, 80.5), (70.5, 120.5)]], "sources": [Source(lambda x, y, t: np.exp(-((x - 90) ** 2 + (y - 99) ** 2)) * np.sin(t))]},
+    ),
+    "coefficient, crack": (
+        (213, 201), Wave(kernel_stencil(2, 2, 1)), LatticePML(nodes=5), {"cracks": [[(60.5, 80.5), (70.5, 120.5)]], "coefficient": BANDS},
     ),
     "skewed": ((213, 201), Wave(SKEWED[2]), LatticePML(nodes=5), {}),
     "periodic and layers": ((213, 201), Wave(kernel_stencil(2, 2, 1)), {"x": LatticePML(nodes=6), "y": Periodic()}, {}),
