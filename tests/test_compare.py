@@ -85,3 +85,12 @@ def test_growth_is_measured_with_backward_waves_only():
     with_them = compare({**setup, "model": fh.Wave(fh.Kernel(0.75, 0))}, 24.0)  # four crossings: the fastest growing mode alone is left
     assert with_them.growth["lattice PML"] < with_them.growth_bound and "backward waves grow" in with_them.table()
     assert compare({**setup, "model": fh.Wave(fh.Kernel(0.75, 2))}, 8.0).growth == {}
+
+
+def test_exact_ends_that_are_left_out_are_named(monkeypatch):
+    """Beside a layer in one dimension exact ends are run, or the table says why not."""
+    setup = {"lattice": fh.Lattice(0.25, -3, 3), "model": fh.Wave(KERNEL), "initial": {"u": lambda x: np.exp(-8 * x**2)}}
+    assert "left out" not in compare(setup, 1.0).table()
+    monkeypatch.setattr("farhorizon.compare._KERNEL", 1.0)
+    result = compare(setup, 1.0)
+    assert "left out: exact ends" in result.table() and not any("exact" in name for name in result.curves)

@@ -37,7 +37,10 @@ class Report:
 
         lattice, stencil, engine = sim.lattice, sim.stencil, sim.engine
         report = cls()
-        say = lambda name, value: report.rows.append((name, value))  # noqa: E731
+
+        def say(name: str, value: str) -> None:
+            report.rows.append((name, value))
+
         say("near field", f"{' x '.join(map(str, lattice.shape))} nodes, {lattice.nodes} shown, spacing {lattice.spacing:g}")
         say("stencil", f"{len(stencil.weights)} neighbours, reach {' x '.join(map(str, stencil.reach))} nodes")
         say("time step", f"{sim.dt:.6g}, {sim.dt / sim.step_limit:.3g} of the stable limit {sim.step_limit:.6g} ({sim.model.integrator.name})")
