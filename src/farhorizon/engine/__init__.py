@@ -126,6 +126,7 @@ class Engine:
         self.hold(np.zeros(0, np.int64))
         self.set_tied(np.zeros(0, np.int64), np.zeros(1, np.int64), np.zeros(0, np.int64), np.zeros(0))
         none = np.zeros(0, np.int64)
+        self.set_strip(none, 1, np.zeros(1, np.int64), none, np.zeros(1, np.int64), none, np.zeros(0), none)
         self.set_books(none, none, none, np.zeros(0), np.zeros(len(stages.numbers)), 0)
         self._driver = load_driver()
 
@@ -285,6 +286,15 @@ class Engine:
         `advance` is told. They are set in this order after each stage."""
         self._tied = nodes.astype(np.int64), starts.astype(np.int64), sources.astype(np.int64), weights.astype(self.dtype)
 
+    def set_strip(
+        self, nodes: np.ndarray, levels: int, fronts: np.ndarray, rows: np.ndarray, starts: np.ndarray, columns: np.ndarray, weights: np.ndarray,
+        outside: np.ndarray,
+    ) -> None:  # fmt: skip
+        """Halo nodes along an outline that are sums over a strip of nodes, as `strip.close_strip` has it; `levels` rows of `history` a node."""
+        self.strip_history = np.zeros((levels, nodes.size))
+        whole = [a.astype(np.int64) for a in (fronts, rows, starts, columns)]
+        self._strip = nodes.astype(np.int64), self.strip_history, *whole, weights.astype(float), outside.astype(np.int64)
+
     def set_books(
         self, books: np.ndarray, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray, effects: np.ndarray, count: int
     ) -> None:  # fmt: skip
@@ -381,7 +391,8 @@ class Engine:
         state = (
             self.phase, self.levels, self._rotation, self._numbers, self.stages.increments, self.slots, self.memory, self._work,
             *self._sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts, *self._damping,
-            (*self._ends, self.heads, self.past, self.history), *self._tied, *self._books, self.flows, source_nodes, source_fields, source_times,
+            (*self._ends, self.heads, self.past, self.history), *self._tied, *self._books, self.flows, self._strip,
+            source_nodes, source_fields, source_times,
             self._held, _NOTHING if held_values is None else held_values, tied_fields, tied_times,
         )  # fmt: skip
         from farhorizon.engine.threads import side_by_side
@@ -396,6 +407,7 @@ class Engine:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all time levels, slots, layer memory and the memory of exact ends."""
+        """Bytes of all time levels, slots, layer memory, the memory of exact ends and of strips."""
         ends = self.heads.nbytes + self.past.nbytes + self.history.nbytes + sum(np.asarray(a).nbytes for a in self._ends)
-        return self.levels.nbytes + self.slots.nbytes + self.memory.nbytes + self._coefficient.nbytes + ends
+        strip = sum(a.nbytes for a in self._strip)
+        return self.levels.nbytes + self.slots.nbytes + self.memory.nbytes + self._coefficient.nbytes + ends + strip

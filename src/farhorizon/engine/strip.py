@@ -1,0 +1,64 @@
+"""The strip along an outline in the compiled loop: halo nodes whose values are sums over near nodes at this and at earlier steps."""
+
+from numba import njit
+
+from farhorizon.engine.threads import barrier
+
+_ANY_ORDER = {"reassoc", "contract"}  # sums may be taken in vectors
+
+
+@njit(error_model="numpy", fastmath=_ANY_ORDER, cache=True)
+def combination(first, last, columns, weights, values):
+    """Sum of some values with weights."""
+    total = 0.0
+    for k in range(first, last):
+        total += weights[k] * values[columns[k]]
+    return total
+
+
+@njit(error_model="numpy", cache=True)
+def close_strip(lane, lanes, sync, src, base, out, increments, nodes, history, fronts, rows, starts, columns, weights, outside):
+    """Give the halo nodes of a step's new level `out` their values; one lane's share.
+
+    Parameters
+    ----------
+    lane, lanes, sync
+        Threads that share the work, and where they meet.
+    src, base, out : ndarray
+        Levels of the stage.
+    increments : bool
+    nodes : ndarray of int, shape (S,)
+        Nodes of the strip in a level: all that any sum reads, and those with sums.
+    history : ndarray, shape (L, S)
+        Their values at the new step (first row), at the present one and before; moved on by one step.
+    fronts : ndarray of int, shape (F + 1,)
+        Rows of one front, fronts[f] to fronts[f + 1], read new values of earlier fronts only.
+    rows : ndarray of int, shape (R,)
+        Place in the strip of the node that a sum is for.
+    starts, columns, weights : ndarray
+        Sums over places in `history`, as compressed rows.
+    outside : ndarray of int
+        Nodes beyond the halo, which stay at zero.
+    """
+    levels, size = history.shape
+    first, last = lane * size // lanes, (lane + 1) * size // lanes
+    for level in range(levels - 1, 0, -1):
+        for i in range(first, last):
+            history[level, i] = history[level - 1, i]
+    for i in range(first, last):
+        history[0, i] = out[nodes[i]]
+    for i in range(lane * outside.size // lanes, (lane + 1) * outside.size // lanes):
+        out[outside[i]] = 0
+        if increments:
+            base[outside[i]] = 0
+    barrier(sync, lanes)
+    values = history.ravel()
+    for front in range(fronts.size - 1):
+        for row in range(fronts[front] + lane, fronts[front + 1], lanes):
+            place = rows[row]
+            history[0, place] = combination(starts[row], starts[row + 1], columns, weights, values)
+            node = nodes[place]
+            out[node] = history[0, place]
+            if increments:
+                base[node] = out[node] - src[node]
+        barrier(sync, lanes)
