@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -61,6 +62,22 @@ def _weight_classes(weights: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
     _, first, inverse = np.unique(weights, axis=1, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))
     return tuple(rank[inverse.ravel()].tolist()), np.ascontiguousarray(weights[:, np.sort(first)])
+
+
+def _shared_rows(starts: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First weight of each compressed row in a list where equal rows stand once, and that list."""
+    places: dict[bytes, int] = {}
+    pieces: list[np.ndarray] = [np.zeros(0)]
+    kinds, end = np.zeros(len(starts) - 1, np.int64), 0
+    for row, (start, stop) in enumerate(itertools.pairwise(starts)):
+        piece = np.asarray(weights[start:stop], float)
+        key = piece.tobytes()
+        if key not in places:
+            places[key] = end
+            pieces.append(piece)
+            end += piece.size
+        kinds[row] = places[key]
+    return kinds, np.concatenate(pieces)
 
 
 def _zeros(count: int, dtype: np.dtype, rows: int = 0) -> np.ndarray:
@@ -292,8 +309,13 @@ class Engine:
     ) -> None:  # fmt: skip
         """Halo nodes along an outline that are sums over a strip of nodes, as `strip.close_strip` has it; `levels` rows of `history` a node."""
         self.strip_history = np.zeros((levels, nodes.size))
-        whole = [a.astype(np.int64) for a in (fronts, rows, starts, columns)]
-        self._strip = nodes.astype(np.int64), self.strip_history, *whole, weights.astype(float), outside.astype(np.int64)
+        kinds, shared = _shared_rows(starts, weights)
+        edges = np.flatnonzero(np.diff(np.sort(outside), prepend=-2, append=-2) != 1)
+        runs = np.stack([np.sort(outside)[edges[:-1]], np.sort(outside)[edges[1:] - 1] + 1], axis=1) if outside.size else np.zeros((0, 2))
+        self._strip = (
+            nodes.astype(np.int64), self.strip_history, fronts.astype(np.int64), rows.astype(np.int64), starts.astype(np.int64),
+            columns.astype(np.uint32), kinds, shared, runs.astype(np.int64),
+        )  # fmt: skip
 
     def set_books(
         self, books: np.ndarray, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray, effects: np.ndarray, count: int

@@ -4,20 +4,20 @@ from numba import njit
 
 from farhorizon.engine.threads import barrier
 
-_ANY_ORDER = {"reassoc", "contract"}  # sums may be taken in vectors
+_ANY_ORDER = {"reassoc", "contract", "nsz"}  # sums may be taken in vectors
 
 
 @njit(error_model="numpy", fastmath=_ANY_ORDER, cache=True)
-def combination(first, last, columns, weights, values):
-    """Sum of some values with weights."""
+def combination(first, last, columns, kind, weights, values):
+    """Sum of the values at columns[first:last], with the weights from `kind` on."""
     total = 0.0
-    for k in range(first, last):
-        total += weights[k] * values[columns[k]]
+    for k in range(last - first):
+        total += weights[kind + k] * values[columns[first + k]]
     return total
 
 
 @njit(error_model="numpy", cache=True)
-def close_strip(lane, lanes, sync, src, base, out, increments, nodes, history, fronts, rows, starts, columns, weights, outside):
+def close_strip(lane, lanes, sync, src, base, out, increments, nodes, history, fronts, rows, starts, columns, kinds, weights, outside):
     """Give the halo nodes of a step's new level `out` their values; one lane's share.
 
     Parameters
@@ -35,10 +35,13 @@ def close_strip(lane, lanes, sync, src, base, out, increments, nodes, history, f
         Rows of one front, fronts[f] to fronts[f + 1], read new values of earlier fronts only.
     rows : ndarray of int, shape (R,)
         Place in the strip of the node that a sum is for.
-    starts, columns, weights : ndarray
-        Sums over places in `history`, as compressed rows.
-    outside : ndarray of int
-        Nodes beyond the halo, which stay at zero.
+    starts, columns : ndarray of int
+        Sums over places in `history`, as compressed rows; columns without sign, which saves looking for negative ones.
+    kinds : ndarray of int, shape (R,)
+        First of a row's weights in `weights`: rows that are alike share them, which keeps them in the cache.
+    weights : ndarray
+    outside : ndarray of int, shape (N, 2)
+        First and last + 1 of neighbouring nodes beyond the halo, which stay at zero.
     """
     levels, size = history.shape
     first, last = lane * size // lanes, (lane + 1) * size // lanes
@@ -47,18 +50,19 @@ def close_strip(lane, lanes, sync, src, base, out, increments, nodes, history, f
             history[level, i] = history[level - 1, i]
     for i in range(first, last):
         history[0, i] = out[nodes[i]]
-    for i in range(lane * outside.size // lanes, (lane + 1) * outside.size // lanes):
-        out[outside[i]] = 0
+    for i in range(lane, outside.shape[0], lanes):
+        out[outside[i, 0] : outside[i, 1]] = 0
         if increments:
-            base[outside[i]] = 0
+            base[outside[i, 0] : outside[i, 1]] = 0
     barrier(sync, lanes)
     values = history.ravel()
     for front in range(fronts.size - 1):
         for row in range(fronts[front] + lane, fronts[front + 1], lanes):
             place = rows[row]
-            history[0, place] = combination(starts[row], starts[row + 1], columns, weights, values)
             node = nodes[place]
-            out[node] = history[0, place]
+            total = combination(starts[row], starts[row + 1], columns, kinds[row], weights, values)
+            history[0, place] = total
+            out[node] = total
             if increments:
                 base[node] = out[node] - src[node]
         barrier(sync, lanes)
