@@ -8,11 +8,11 @@ _ANY_ORDER = {"reassoc", "contract", "nsz"}  # sums may be taken in vectors
 
 
 @njit(error_model="numpy", fastmath=_ANY_ORDER, cache=True)
-def combination(first, last, columns, kind, weights, values):
-    """Sum of the values at columns[first:last], with the weights from `kind` on."""
+def combination(columns, weights, values):
+    """Sum of some values with weights."""
     total = 0.0
-    for k in range(last - first):
-        total += weights[kind + k] * values[columns[first + k]]
+    for k in range(columns.size):
+        total += weights[k] * values[columns[k]]
     return total
 
 
@@ -60,7 +60,7 @@ def close_strip(lane, lanes, sync, src, base, out, increments, nodes, history, f
         for row in range(fronts[front] + lane, fronts[front + 1], lanes):
             place = rows[row]
             node = nodes[place]
-            total = combination(starts[row], starts[row + 1], columns, kinds[row], weights, values)
+            total = combination(columns[starts[row] : starts[row + 1]], weights[kinds[row] :], values)
             history[0, place] = total
             out[node] = total
             if increments:
