@@ -366,4 +366,5 @@ def curve_panels(panels: Sequence[tuple[str, Sequence[tuple[str, np.ndarray, np.
             axes.grid(True)
             axes.set_axisbelow(True)
         if legend:
-            figure.legend(legend.values(), legend.keys(), loc="outside upper center", ncols=min(len(legend), 4))
+            fit = max(1, 100 // (max(map(len, legend)) + 7))  # characters across the figure, and those that a line's sample takes
+            figure.legend(legend.values(), legend.keys(), loc="outside upper center", ncols=min(len(legend), fit, 4))
