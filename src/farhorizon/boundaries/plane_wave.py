@@ -276,21 +276,20 @@ def update_matrix(
     if recipe.snapped:
         units = _snapped(units)
     near = tree.query_ball_point(points[absorbing], recipe.radius * (1 + 1e-9))
-    known: dict[tuple[bytes, bytes], tuple[np.ndarray, np.ndarray]] = {}
+    known: dict[tuple[bytes, bytes], np.ndarray] = {}
     rows, columns, weights = [], [], []
     for number, (centre, normal, found) in enumerate(zip(absorbing, units, near, strict=True)):
         members = np.array(found)
         steps = np.round((points[members] - points[centre]) / spacing, 6) + 0.0  # + 0: no negative zeros, clouds are known by their bytes
-        order = np.lexsort(steps.T)
-        members, steps = members[order], steps[order]
-        key = normal.tobytes(), steps.tobytes()
-        if key not in known:
-            known[key] = _fitted(recipe, medium, spacing, normal, steps * spacing)
-        chosen, fitted = known[key]
+        chosen = cloud(spacing * steps, normal, spacing, recipe)
         if chosen.size < 2:
             raise InputError("a cloud has no neighbours", value=points[centre].tolist(), limit="at least one node besides its centre",
                              key="boundary.radius", remedy=f"a radius above {recipe.radius:g}, or a wider cone")  # fmt: skip
-        for level, values in enumerate(fitted):
+        chosen = chosen[np.lexsort(steps[chosen].T)]
+        key = normal.tobytes(), steps[chosen].tobytes()
+        if key not in known:
+            known[key] = _fitted(recipe, medium, spacing, normal, spacing * steps[chosen])
+        for level, values in enumerate(known[key]):
             rows.append(np.full(chosen.size, number))
             columns.append(level * len(points) + members[chosen])
             weights.append(values)
@@ -334,20 +333,17 @@ def wavevectors(recipe: Recipe, normal: np.ndarray, order: int) -> np.ndarray:
     return k if order == 2 else 1j * k
 
 
-def _fitted(recipe: Recipe, medium: Medium, spacing: float, normal: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers of a cloud's nodes and their weights, shapes (J,) and (order, J)."""
-    chosen = cloud(places, normal, spacing, recipe)
-    if chosen.size < 2:
-        return chosen, np.zeros((medium.order, chosen.size))
+def _fitted(recipe: Recipe, medium: Medium, spacing: float, normal: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Weights of a cloud's nodes, shape (order, J)."""
     k = wavevectors(recipe, normal, medium.order)
     symbol = medium.symbol(k, recipe.dispersion)
     factor = modes.factors(symbol, medium.dt, medium.order, medium.damping, recipe.discrete)
-    shape = modes.phases(k, places[chosen])
+    shape = modes.phases(k, places)
     if not recipe.operator:
-        return chosen, modes.fit(shape, factor, medium.order, regularization=recipe.regularization, rcond=recipe.rcond)
-    centre = int(np.argmin(np.abs(places[chosen]).sum(1)))
+        return modes.fit(shape, factor, medium.order, regularization=recipe.regularization, rcond=recipe.rcond)
+    centre = int(np.argmin(np.abs(places).sum(1)))
     rate = medium.coefficient / spacing**2
-    return chosen, modes.fit_operator(shape, factor, symbol, centre, medium.dt, medium.order, rate, recipe.regularization or 0.0)
+    return modes.fit_operator(shape, factor, symbol, centre, medium.dt, medium.order, rate, recipe.regularization or 0.0)
 
 
 def _snapped(normals: np.ndarray) -> np.ndarray:

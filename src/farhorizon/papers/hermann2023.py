@@ -238,7 +238,8 @@ def appendix_b(folder: Path, full: bool = False) -> Outcome:
     conditions: dict[str, Boundary] = {
         "published, centre and 25 nodes": published(0.25, **line), "published, centre and 1 node": published(0.01, **line),
         "published, centre and 3 nodes": published(0.03, **line), "published, wavenumbers to 10": published(0.25, wavenumber=10.0, wavenumbers=10),
-        "repaired, operator fit, centre and 1 node": PlaneWave(wavenumber=10.0), "Higdon (0, 0)": Higdon((0, 0)), "sponge of 400 nodes": Sponge(400), "lattice PML": LatticePML(),
+        "repaired, operator fit, centre and 1 node": PlaneWave(wavenumber=10.0), "Higdon (0, 0)": Higdon((0, 0)),
+        "sponge of 400 nodes": Sponge(400), "lattice PML": LatticePML(),
     }  # fmt: skip
     counts = [Row("nodes between the absorbing ones", lattice.nodes, 2001), Row("absorbing nodes at each end", 25, 25)]
     shown = ("published, centre and 25 nodes", "published, centre and 3 nodes", "Higdon (0, 0)")

@@ -83,6 +83,22 @@ def growth(setup: Mapping[str, Any], boundary: Boundary, until: float) -> float:
     return float(np.polyfit(np.array(times)[late], np.log(np.maximum(norms, 1e-300))[late], 1)[0]) if late.sum() > 1 else np.inf
 
 
+def spectral_radius(setup: Mapping[str, Any], boundary: Boundary) -> float:
+    """Largest magnitude of an eigenvalue of one step of a diffusion on a line, fitted nodes included; dense, for some hundred nodes."""
+    sim = Simulation(**{**setup, "boundary": boundary})
+    engine, nothing = sim.engine, np.zeros((0, 0))
+    nodes = engine.core.node_indices().ravel()
+    matrix = np.empty((nodes.size, nodes.size))
+    for number, node in enumerate(nodes):
+        engine.current[nodes] = 0
+        engine.current[node] = 1
+        if sim.closure is not None:
+            sim.closure.start()
+        engine.advance(1, nodes[:0], nothing, np.zeros((1, 1, 0)))
+        matrix[:, number] = engine.current[nodes]
+    return float(np.abs(np.linalg.eigvals(matrix)).max())
+
+
 def pictures(
     name: str, folder: Path, axes: Sequence[np.ndarray], times: Sequence[float], exact: Sequence[np.ndarray], runs: Mapping[str, Measured],
     shown: Sequence[str], cracks: Sequence[np.ndarray] = (),
