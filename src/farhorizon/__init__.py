@@ -1,6 +1,6 @@
 """farhorizon: peridynamic and classical waves and diffusion in an unbounded medium, on a small grid."""
 
-from farhorizon.boundaries import Exact, Fixed, Free, LatticePML, Periodic, Sponge
+from farhorizon.boundaries import Exact, FirstOrder, Fixed, Free, Higdon, LatticePML, Periodic, PlaneWave, Sponge
 from farhorizon.conditions import Convection, Flux, Insulated, Temperature
 from farhorizon.constraints import Prescribed
 from farhorizon.cracks import Crack
@@ -20,7 +20,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Ball", "Beam", "Box", "Convection", "Crack", "Diffusion", "Disc", "DiscCut", "Exact", "Expression", "FarhorizonError", "FileFormatError",
-    "Fixed", "Flux", "Free", "Heat", "InputError", "Insulated", "Kernel", "Lattice", "LatticePML", "Periodic", "PointCut", "Polygon", "PolygonCut",
-    "Polyline", "Prescribed", "Rectangle", "RungeKuttaChebyshev", "Simulation", "Source", "Sponge", "Stencil", "Temperature", "UnstableError", "Wave",
-    "open_results",
+    "FirstOrder", "Fixed", "Flux", "Free", "Heat", "Higdon", "InputError", "Insulated", "Kernel", "Lattice", "LatticePML", "Periodic", "PlaneWave",
+    "PointCut", "Polygon", "PolygonCut", "Polyline", "Prescribed", "Rectangle", "RungeKuttaChebyshev", "Simulation", "Source", "Sponge", "Stencil",
+    "Temperature", "UnstableError", "Wave", "open_results",
 ]  # fmt: skip

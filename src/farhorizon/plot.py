@@ -377,4 +377,5 @@ def curve_panels(
         if shared:
             figure.supylabel(ylabel, fontsize=axes.yaxis.label.get_size())
         if legend:
-            figure.legend(legend.values(), legend.keys(), loc="outside upper center", ncols=min(len(legend), 4))
+            fit = max(1, 100 // (max(map(len, legend)) + 7))  # characters across the figure, and those that a line's sample takes
+            figure.legend(legend.values(), legend.keys(), loc="outside upper center", ncols=min(len(legend), fit, 4))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -59,6 +60,22 @@ def _weight_classes(weights: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
     _, first, inverse = np.unique(weights, axis=1, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))
     return tuple(rank[inverse.ravel()].tolist()), np.ascontiguousarray(weights[:, np.sort(first)])
+
+
+def _shared_rows(starts: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First weight of each compressed row in a list where equal rows stand once, and that list."""
+    places: dict[bytes, int] = {}
+    pieces: list[np.ndarray] = [np.zeros(0)]
+    kinds, end = np.zeros(len(starts) - 1, np.int64), 0
+    for row, (start, stop) in enumerate(itertools.pairwise(starts)):
+        piece = np.asarray(weights[start:stop], float)
+        key = piece.tobytes()
+        if key not in places:
+            places[key] = end
+            pieces.append(piece)
+            end += piece.size
+        kinds[row] = places[key]
+    return kinds, np.concatenate(pieces)
 
 
 def _zeros(count: int, dtype: np.dtype, rows: int = 0) -> np.ndarray:
@@ -124,6 +141,7 @@ class Engine:
         self.hold(np.zeros(0, np.int64))
         self.set_tied(np.zeros(0, np.int64), np.zeros(1, np.int64), np.zeros(0, np.int64), np.zeros(0))
         none = np.zeros(0, np.int64)
+        self.set_strip(none, 1, np.zeros(1, np.int64), none, np.zeros(1, np.int64), none, np.zeros(0), none)
         self.set_books(none, none, none, np.zeros(0), np.zeros(len(stages.numbers)), 0)
         self._driver = load_driver()
 
@@ -284,6 +302,20 @@ class Engine:
         `advance` is told. They are set in this order after each stage."""
         self._tied = nodes.astype(np.int64), starts.astype(np.int64), sources.astype(np.int64), weights.astype(self.dtype)
 
+    def set_strip(
+        self, nodes: np.ndarray, levels: int, fronts: np.ndarray, rows: np.ndarray, starts: np.ndarray, columns: np.ndarray, weights: np.ndarray,
+        outside: np.ndarray,
+    ) -> None:  # fmt: skip
+        """Halo nodes along an outline that are sums over a strip of nodes, as `strip.close_strip` has it; `levels` rows of `history` a node."""
+        self.strip_history = np.zeros((levels, nodes.size))
+        kinds, shared = _shared_rows(starts, weights)
+        edges = np.flatnonzero(np.diff(np.sort(outside), prepend=-2, append=-2) != 1)
+        runs = np.stack([np.sort(outside)[edges[:-1]], np.sort(outside)[edges[1:] - 1] + 1], axis=1) if outside.size else np.zeros((0, 2))
+        self._strip = (
+            nodes.astype(np.int64), self.strip_history, fronts.astype(np.int64), rows.astype(np.int64), starts.astype(np.int64),
+            columns.astype(np.uint32), kinds, shared, runs.astype(np.int64),
+        )  # fmt: skip
+
     def set_books(
         self, books: np.ndarray, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray, effects: np.ndarray, count: int
     ) -> None:  # fmt: skip
@@ -380,7 +412,8 @@ class Engine:
         state = (
             self.phase, self.levels, self._rotation, self._numbers, self.stages.increments, self.slots, self.memory, self._work,
             *self._sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts, *self._damping,
-            (*self._ends, self.heads, self.past, self.history), *self._tied, *self._books, self.flows, source_nodes, source_fields, source_times,
+            (*self._ends, self.heads, self.past, self.history), *self._tied, *self._books, self.flows, self._strip,
+            source_nodes, source_fields, source_times,
             self._held, _NOTHING if held_values is None else held_values, tied_fields, tied_times,
         )  # fmt: skip
         from farhorizon.engine.threads import side_by_side
@@ -395,6 +428,7 @@ class Engine:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all time levels, slots, layer memory and the memory of exact ends."""
+        """Bytes of all time levels, slots, layer memory, the memory of exact ends and of strips."""
         ends = self.heads.nbytes + self.past.nbytes + self.history.nbytes + sum(np.asarray(a).nbytes for a in self._ends)
-        return self.levels.nbytes + self.slots.nbytes + self.memory.nbytes + self._coefficient.nbytes + ends
+        strip = sum(a.nbytes for a in self._strip)
+        return self.levels.nbytes + self.slots.nbytes + self.memory.nbytes + self._coefficient.nbytes + ends + strip
