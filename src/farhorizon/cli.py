@@ -56,8 +56,10 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--out", metavar="DIR", default=".", help="folder of the results (default: here)")
     run.add_argument("--resume", action="store_true", help="go on from the checkpoint NAME.ckpt of an interrupted run")
     run.add_argument("--until", type=float, metavar="T", help="end time instead of the case's")
-    check = add("check", _check, "check a case without running it: step limit, layer, memory, backward waves")
+    run.add_argument("--allow-unstable", action="store_true", help="run although a mode grows")
+    check = add("check", _check, "check a case without running it: step limit, stability, layer, memory, time")
     check.add_argument("case", help="case file (TOML)")
+    check.add_argument("--out", metavar="DIR", help="draw pictures into this folder (default: none)")
     compare = add("compare", _compare, "compare a case with the infinite medium, beside a fixed and a free edge")
     compare.add_argument("case", help="case file (TOML)")
     compare.add_argument("--out", metavar="DIR", default=".", help="folder of the pictures (default: here)")
@@ -132,6 +134,7 @@ def _run(options: argparse.Namespace) -> int:
     sim = case.simulation()
     with case.naming():
         sim.prepare(until)
+    certificate = _certified(sim, until, options.allow_unstable)
     if options.resume:
         kept = sim.load(checkpoint)
         writer = ResultsWriter.resume(result, int(kept["outputs"]), int(kept["rows"]))
@@ -142,9 +145,8 @@ def _run(options: argparse.Namespace) -> int:
             fields=tuple(case.parts.output.fields), dtype=sim.engine.dtype, probes=probes, case=case.text, program=f"farhorizon {fh.__version__}",
         )  # fmt: skip
         checkpoint.unlink(missing_ok=True)
-    report = sim.check()
-    for line in [f"warning: {w}" for w in report.warnings] + [f"note: {n}" for n in report.notes]:
-        print(line, file=sys.stderr)
+    for note in sim.notes:
+        print(f"note: {note}", file=sys.stderr)
     print(f"{case.name}: {case.lattice.nodes} nodes, dt = {sim.dt:.6g}, {int(np.ceil(until / sim.dt))} steps to t = {until:g}")
     if options.resume:
         print(f"resumed at step {sim.step_count}, t = {sim.time:g}")
@@ -190,20 +192,43 @@ def _run(options: argparse.Namespace) -> int:
     pictures = plot_results(results, folder / case.name, case.parts.output.pictures, _polylines(case))
     print(f"results: {result} ({len(results.times)} outputs); pictures: {', '.join(str(p) for p in pictures)}")
     _write_json(options.json, {"name": case.name, "steps": sim.step_count, "time": sim.time, "dt": sim.dt, "energy": sim.energy(),
-                               "results": str(result), "pictures": [str(p) for p in pictures]})  # fmt: skip
+                               "results": str(result), "pictures": [str(p) for p in pictures], "certificate": certificate.as_json()})  # fmt: skip
     return GOOD
+
+
+def _certified(sim: Any, until: float, allowed: bool) -> Any:
+    """The stability certificate, in at most half the time of the run; refuses what grows unless that is allowed."""
+    from farhorizon.certificate import CERTIFIED, NOT_CERTIFIED
+    from farhorizon.errors import InputError
+
+    certificate = sim.certificate(0.5 * sim.seconds_per_step() * until / sim.dt)
+    if certificate.verdict == NOT_CERTIFIED and not allowed:
+        raise InputError("the run is not stable", value=certificate.reason, limit="1e-10 per unit time",
+                         remedy="see the warnings of farhorizon check, or run it with --allow-unstable")  # fmt: skip
+    if certificate.verdict != CERTIFIED:
+        print(f"warning: stability {certificate}", file=sys.stderr)
+    return certificate
 
 
 def _check(options: argparse.Namespace) -> int:
     from farhorizon.case import Case
 
+    if options.out:
+        _check_folder(options.out)
     case = Case.read(options.case)
     sim = case.simulation()
     with case.naming():
         sim.prepare(case.parts.run.until)
-    report = sim.check()
+    report = sim.check(case.parts.run.until)
     print(report)
-    _write_json(options.json, {"facts": dict(report.rows), "warnings": report.warnings, "notes": report.notes})
+    worst = report.certificate.worst if report.certificate is not None else None
+    if options.out and worst is not None and worst.field.size:
+        from farhorizon.plot import mode_picture
+
+        picture = _folder(options.out) / f"{case.name}-growing-mode.png"
+        mode_picture(worst.field, case.lattice.spacing, f"grows by {worst.growth.rate:.2g} per unit time", picture)
+        print(f"picture: {picture}")
+    _write_json(options.json, report.as_json())
     return GOOD
 
 

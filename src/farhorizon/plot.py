@@ -367,3 +367,27 @@ def curve_panels(panels: Sequence[tuple[str, Sequence[tuple[str, np.ndarray, np.
             axes.set_axisbelow(True)
         if legend:
             figure.legend(legend.values(), legend.keys(), loc="outside upper center", ncols=min(len(legend), 4))
+
+
+def mode_picture(mode: np.ndarray, spacing: float, title: str, path: str | Path) -> None:
+    """Draw a growing mode on the nodes of the near field, scaled to 1: its real and imaginary part.
+
+    Parameters
+    ----------
+    mode : ndarray of complex, shape (n,), (nx, ny) or (nx, ny, nz)
+        In one dimension it is a profile along the normal of the sides.
+    spacing : float
+    title : str
+    path : str or Path
+        The PNG file.
+
+    Raises
+    ------
+    InputError
+        There is no such directory.
+    """
+    values = np.squeeze(mode)
+    values = values / values.flat[np.argmax(np.abs(values))]
+    axes = [spacing * (np.arange(n) - (n - 1) / 2) for n in values.shape]
+    ending = f", {title}" if values.ndim == 1 else ""  # curves share one title
+    field_panels([("real part" + ending, values.real), ("imaginary part" + ending, values.imag)], axes, path, label="mode")

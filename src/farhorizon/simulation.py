@@ -7,6 +7,7 @@ import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from farhorizon.analysis.chain import Recursion, half_weights
 from farhorizon.analysis.flux import nodal_flux, power_across
 from farhorizon.beyond import Beyond
 from farhorizon.boundaries import Boundary, Exact, ExactEnds, Fixed, Free, LatticePML, Periodic, Sponge, sides
+from farhorizon.certificate import BUDGET, Certificate, certify
 from farhorizon.conditions import Conditions, Constraint, resolve
 from farhorizon.constraints import Holds, Prescribed
 from farhorizon.cracks import Crack, as_crack, cut_bonds
@@ -130,10 +132,11 @@ class Simulation:
         factor = None if coefficient is None else checked(coefficient, lattice, "coefficient")
         if factor is not None and (factor < 0).any():
             raise InputError("a coefficient must not be negative", value=float(factor.min()), limit=">= 0", key="coefficient")
-        strongest = 1.0 if factor is None else float(factor.max())
+        self.strongest = 1.0 if factor is None else float(factor.max())
+        self.varied = factor is not None and bool(np.ptp(factor) > 0)
         self.conditions = self._resolve(constraints, factor)
-        self.rate_limit = self.stencil.symbol_maximum * model.coefficient / lattice.spacing**2 * max(strongest, 1e-300)
-        self.rate_limit += float(self._leak().max(initial=0))
+        self.rate_limit = self.stencil.symbol_maximum * model.coefficient / lattice.spacing**2 * max(self.strongest, 1e-300)
+        self.rate_limit += float(self.leak().max(initial=0))
         self.step_limit = model.integrator.step_limit(self.rate_limit)
         self.dt = self._choose_step(dt)
         self.time, self.step_count = 0.0, 0
@@ -247,14 +250,9 @@ class Simulation:
         conductivity = self.model.coefficient / self.model.source_factor * (1.0 if factor is None else factor)
         return resolve(constraints, self.lattice, self.stencil.reach, conductivity, self.background)
 
-    def _leak(self) -> np.ndarray:
-        """Rate at which each node loses its value to what surrounds the body; of the lattice's shape, empty without."""
-        leaks = [leak for _, leak in self.conditions.leaks]
-        return self.model.source_factor * sum(leaks[1:], leaks[0]) if leaks else np.zeros(0)
-
     def _check_conditions(self) -> None:
         """The layer beyond an absorbing side continues the medium, not a condition on its nodes."""
-        leak = self._leak()
+        leak = self.leak()
         if not self.conditions.nodes.size and not leak.any():
             return
         busy = np.zeros(self.lattice.shape, bool)
@@ -569,7 +567,7 @@ class Simulation:
             exists = self._existing(True)
             self._held = np.concatenate([b.node_indices()[~exists[b.slot_indices()]] for b in self.engine.layout.blocks.values()])
             tables.append((self._held, *np.zeros((3, len(self._held)))))
-        leak = self._leak().ravel()
+        leak = self.leak().ravel()
         lossy = np.flatnonzero(leak)
         if lossy.size:
             tables.append((self._near_indices()[lossy], *np.ones((2, lossy.size)), leak[lossy]))
@@ -1005,9 +1003,62 @@ class Simulation:
         """What serves each exact end: modes and error bound of its sum, and for how many steps."""
         return {} if self._ends is None else {name: self._ends.describe(i, self.dt) for i, name in enumerate(self._ends.names)}
 
-    def check(self) -> Report:
-        """Step limit, memory, nodes, layer thickness, backward waves, warnings and notes, before running."""
-        return Report.of(self)
+    def remade(self, **changes: Any) -> Simulation:
+        """The same set-up at its start with some arguments changed; on another lattice nothing is there at the start."""
+        start: dict[str, Any] = {}
+        if "lattice" not in changes:
+            start["u"] = self.start_u + float(changes.get("background", self.background))
+            start |= {"v": self.start_v} if self.model.order == 2 else {}
+        return Simulation(**{**self._setup, "initial": start, **changes})
+
+    @property
+    def exact_ends(self) -> ExactEnds | None:
+        """The exact ends; None without."""
+        return self._ends
+
+    def leak(self) -> np.ndarray:
+        """Rate at which each node loses its value to what surrounds the body; of the lattice's shape, empty without."""
+        leaks = [leak for _, leak in self.conditions.leaks]
+        return self.model.source_factor * sum(leaks[1:], leaks[0]) if leaks else np.zeros(0)
+
+    def certificate(self, budget: float = BUDGET) -> Certificate:
+        """Whether the complete update, near field and all memory of the boundaries, is stable; see `farhorizon.certificate`.
+
+        Parameters
+        ----------
+        budget : float
+            Seconds that it may take; what is not examined in that time is named.
+        """
+        return certify(self, budget)
+
+    def seconds_per_step(self) -> float:
+        """Time of a step on this machine now, measured for a tenth of a second without sources; the state stays as it is."""
+        engine = self.engine
+        arrays = [engine.levels, engine.memory, engine.states, engine.forces, engine.clock, engine.flows]
+        kept, phase = [a.copy() for a in arrays], engine.phase
+        engine.advance_alone(1)  # the first one loads compiled programs
+        count, spent = 1, 0.0
+        while spent < 0.05 and count < 10_000:
+            count = count if spent == 0 else int(count * np.clip(0.1 / spent, 2, 50))
+            begin = perf_counter()
+            engine.advance_alone(count)
+            spent = perf_counter() - begin
+        for array, values in zip(arrays, kept, strict=True):
+            array[...] = values
+        engine.phase = phase
+        return spent / count
+
+    def check(self, until: float | None = None, budget: float | None = None) -> Report:
+        """Step limit, stability certificate, layer, memory, time, warnings and notes, before running.
+
+        Parameters
+        ----------
+        until : float, optional
+            End of the run, for its estimated time.
+        budget : float, optional
+            Seconds for the certificate; unless given, 30, and no longer than a run to `until` or 2 seconds.
+        """
+        return Report.of(self, until, budget)
 
     # --- state -------------------------------------------------------------------------------------------------
 
