@@ -9,7 +9,7 @@ import tempfile
 import time
 import zipfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +32,7 @@ CERTIFIED, NOT_CERTIFIED, UNDECIDED = "certified", "not certified", "undecided"
 BUDGET = 30.0  # seconds that a certificate may take
 _DENSE = 700  # numbers in a state up to which all eigenvalues are computed: a second
 _WIDE = 1500  # the same where a growing mode is looked at again
+_CROSSINGS = 200_000  # of a run from noise whose map is known as a matrix
 _MARGIN = 1 - 1e-9  # at the step limit itself the shortest wave grows linearly
 
 
@@ -97,7 +98,10 @@ class Certificate:
         def known(value: float) -> float | None:
             return float(value) if np.isfinite(value) else None
 
-        rows = [{"what": p.name, "rate": known(p.growth.rate), "error": known(p.growth.error), "angle": p.growth.angle} for p in self.parts]
+        rows = [
+            {"what": p.name, "rate": known(p.growth.rate), "error": known(p.growth.error), "angle": p.growth.angle, "hidden": p.growth.hidden}
+            for p in self.parts
+        ]
         return {"verdict": self.verdict, "reason": self.reason, "rate": known(self.rate), "error": known(self.error), "parts": rows,
                 "skipped": list(self.skipped), "seconds": self.seconds}  # fmt: skip
 
@@ -162,6 +166,11 @@ def _judge(parts: list[Part], skipped: list[str], seconds: float) -> Certificate
     if unclear:
         return Certificate(UNDECIDED, f"the fastest mode could not be told from a growing one ({', '.join(unclear)})", *found)
     looked = ", ".join(p.name for p in parts)
+    noisy = [p for p in parts if p.growth.hidden]
+    if noisy and not skipped:
+        rest = ", ".join(p.name for p in parts if p not in noisy)
+        known = ", ".join(f"{p.name}, where growth below {p.growth.hidden:.1g} per unit time would not show" for p in noisy)
+        return Certificate(CERTIFIED, f"no mode grows ({rest}); white noise decays ({known})" if rest else f"white noise decays ({known})", *found)
     if skipped:
         return Certificate(UNDECIDED, f"nothing grows as far as was examined ({looked})", *found)
     return Certificate(CERTIFIED, f"the slowest mode decays by {-growth.rate:.2g} per unit time ({looked})" if growth.rate < 0 else
@@ -188,7 +197,8 @@ def _recall(path: Path) -> Certificate | None:
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None  # not there, or damaged: made anew
     parts = [
-        Part(p["name"], Growth(p["rate"], p["error"], complex(*p["factor"]), np.zeros(0)), f) for p, f in zip(words["parts"], fields, strict=True)
+        Part(p["name"], Growth(p["rate"], p["error"], complex(*p["factor"]), np.zeros(0), p["hidden"]), f)
+        for p, f in zip(words["parts"], fields, strict=True)
     ]
     return Certificate(words["verdict"], words["reason"], words["rate"], words["error"], tuple(parts), (), words["seconds"])
 
@@ -196,7 +206,7 @@ def _recall(path: Path) -> Certificate | None:
 def _keep(path: Path, found: Certificate) -> None:
     growths = [p.growth for p in found.parts]
     rows = [
-        {"name": p.name, "rate": g.rate, "error": g.error, "factor": [g.factor.real, g.factor.imag]}
+        {"name": p.name, "rate": g.rate, "error": g.error, "factor": [g.factor.real, g.factor.imag], "hidden": g.hidden}
         for p, g in zip(found.parts, growths, strict=True)
     ]
     words = {"verdict": found.verdict, "reason": found.reason, "rate": found.rate, "error": found.error, "seconds": found.seconds, "parts": rows}
@@ -263,7 +273,21 @@ def _examinations(sim: Simulation) -> Iterator[tuple[str, Callable[[float], tupl
 def _dense_part(name: str, sim: Simulation, complete: State) -> Part:
     matrix = np.stack([complete.after(unit) for unit in np.eye(complete.size)], axis=1)
     growth = dense_growth(matrix, sim.dt)
+    if growth.stable and not _noise_decays(matrix, crossing_steps(sim)):
+        growth = replace(growth, error=np.inf)
+        name = f"white noise does not decay within {_CROSSINGS} crossing times: {name}"
     return Part(f"{name}, all {complete.size} modes", growth, complete.field(growth.mode))
+
+
+def _noise_decays(matrix: np.ndarray, crossing: int) -> bool:
+    """Whether noise decays over the last third of a run of 24 crossing times or, as modes that are nearly alike add up first, of a longer one."""
+    third, length = np.linalg.matrix_power(matrix, 8 * crossing), 24
+    while length <= _CROSSINGS:
+        before = third @ (third @ np.random.default_rng(0).standard_normal(len(matrix)))
+        if np.linalg.norm(third @ before) <= np.linalg.norm(before):
+            return True
+        third, length = third @ third, 2 * length
+    return False
 
 
 def _krylov_part(name: str, sim: Simulation, budget: float) -> Part:
@@ -309,7 +333,7 @@ def _climb(strip: Strip, angles: tuple[float, ...], found: dict[tuple[float, ...
         while step > np.pi / strip.coarse / 10 and time.monotonic() < end:
             here = angles
             for shift in (-step, step):
-                moved = (*here[:number], float(np.clip(here[number] + shift, 0, np.pi)), *here[number + 1 :])
+                moved = (*here[:number], float(np.clip(here[number] + shift, strip.longest, np.pi)), *here[number + 1 :])
                 if moved not in found:
                     found[moved] = strip.growth(*moved)
                 if found[moved].rate > found[angles].rate:
@@ -321,9 +345,16 @@ def _climb(strip: Strip, angles: tuple[float, ...], found: dict[tuple[float, ...
 def _same_sides(sim: Simulation, axis: int, other: int) -> bool:
     """Whether the sides of two axes pose the same problem: alike boundaries, extent and stencil."""
     table = {tuple(o): w for o, w in zip(sim.stencil.offsets.tolist(), sim.stencil.weights, strict=True)}
+    lead = 3 - sim.lattice.dim
 
     def swapped(o: tuple[int, ...]) -> tuple[int, ...]:
         return tuple(o[other if a == axis else axis if a == other else a] for a in range(len(o)))
 
-    alike = all(abs(table.get(swapped(o), np.inf) - w) <= 1e-12 * abs(w) for o, w in table.items())
-    return alike and sim.lattice.shape[axis] == sim.lattice.shape[other] and all(sim.sides[axis, s] == sim.sides[other, s] for s in (-1, 1))
+    def alike(side: int) -> bool:
+        one, two = (sim.engine.layers.get((lead + a, side)) for a in (axis, other))
+        if one is None or two is None:
+            return one is two and sim.sides[axis, side] == sim.sides[other, side]
+        return all(np.array_equal(getattr(one, name), getattr(two, name)) for name in ("kappa", "sigma", "alpha"))
+
+    symmetric = all(abs(table.get(swapped(o), np.inf) - w) <= 1e-12 * abs(w) for o, w in table.items())
+    return symmetric and sim.lattice.shape[axis] == sim.lattice.shape[other] and alike(-1) and alike(1)

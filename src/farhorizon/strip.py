@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from farhorizon.analysis.chain import Recursion
+from farhorizon.analysis.reflection import chain_modes, chain_weights, factor_of_wave, reflection
 from farhorizon.analysis.stability import Growth, dense_growth, fastest
-from farhorizon.boundaries import Boundary, Fixed, LatticePML, Periodic
+from farhorizon.boundaries import Boundary, Fixed, Free, LatticePML, Periodic
 from farhorizon.engine.state import State
 from farhorizon.lattice import AXES, Lattice
 from farhorizon.stencil import Stencil
@@ -79,6 +81,8 @@ class Strip:
         Numbers in the state of one row along the normal.
     coarse : int
         Tangential wavenumbers along each axis in `sample`.
+    longest : float
+        The smallest of them: 0 where the other sides let a wave be uniform along these.
     """
 
     def __init__(self, sim: Simulation, axis: int, width: int, sides: tuple[Boundary, Boundary] | None = None) -> None:
@@ -94,9 +98,12 @@ class Strip:
                               coefficient=None, rim="free", dtype="float64", threads=1, balance=False, background=0.0)  # fmt: skip
         self.width, self.dt = width, sim.dt
         self.state = State(self.sim.engine)
-        self.place, self._images = self.state.rows()
+        rows = self.state.rows()
+        self.place, self._images, self._near = rows.place, rows.images, rows.near
         self.size = len(self.place)
         self.coarse = 11 if dim == 2 else 6
+        endless = all(isinstance(b, Periodic | Free) for (a, _), b in sim.sides.items() if a != axis)
+        self.longest = 0.0 if endless else 0.01
         responses = np.empty((self.place.shape[1], self.size, self.size))
         for number in range(self.size):
             unit = np.zeros(self.state.size)
@@ -136,18 +143,46 @@ class Strip:
 
     def sample(self) -> Iterator[tuple[float, ...]]:
         """Tangential wavenumbers times spacing: a grid up to pi, and very long waves; of those that are mirror images one."""
-        line = np.linspace(0, np.pi, self.coarse + 1)[1:].tolist()
+        line = [self.longest, *np.linspace(0, np.pi, self.coarse + 1)[1:].tolist()]
         if self.sim.lattice.dim < 3:
-            yield from ((a,) for a in (0.005, 0.05, *line)) if self.sim.lattice.dim == 2 else ((),)
+            yield from ((a,) for a in (*line, 0.005, 0.05)) if self.sim.lattice.dim == 2 else ((),)
             return
         table = {tuple(o): w for o, w in zip(self.sim.stencil.offsets.tolist(), self.sim.stencil.weights, strict=True)}
         even = all(abs(table.get((x, -y, z), np.inf) - w) <= 1e-12 * abs(w) for (x, y, z), w in table.items())
         alike = even and all(abs(table.get((x, z, y), np.inf) - w) <= 1e-12 * abs(w) for (x, y, z), w in table.items())
-        for a, b in itertools.product((0.01, *line), repeat=2):
+        for a, b in itertools.product(line, repeat=2):
             if a <= b or not alike:
                 yield a, b
             if not even:
                 yield a, -b
+
+    def reflection(self, wavelength: float, angle: float, azimuth: float = 0.0) -> complex:
+        """Amplitude of the wave that the high side sends back for a plane wave of amplitude 1; second order in time.
+
+        Parameters
+        ----------
+        wavelength : float
+            Of the incoming wave.
+        angle : float
+            Of its wave vector against the normal, in degrees.
+        azimuth : float
+            In 3D, of its tangential part against the first axis along the side, in degrees.
+
+        Raises
+        ------
+        InputError
+            No such wave comes to the side: it is shorter than the lattice carries, or an integrator with several stages.
+        """
+        sim, spacing = self.sim, self.sim.lattice.spacing
+        recursion = Recursion.of(sim.model.integrator, self.dt, sim.model.damping)
+        number = 2 * np.pi * spacing / wavelength
+        along = number * np.sin(np.radians(angle)) * np.array([np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth))])[: sim.lattice.dim - 1]
+        normal = number * np.cos(np.radians(angle))
+        rate = sim.model.coefficient / spacing**2
+        factor = factor_of_wave(-rate * float(sim.stencil.symbol(normal, *along)), recursion)
+        modes = chain_modes(rate * chain_weights(sim.stencil, along), factor, recursion, np.exp(1j * normal))
+        levels = (1.0, 1 - 1 / factor if sim.engine.stages.increments else 1 / factor)[: len(self._near)]
+        return reflection(self.matrix(*along), self._near, levels, factor, modes)
 
     def profile(self, mode: np.ndarray) -> np.ndarray:
         """A mode on the nodes along the normal."""

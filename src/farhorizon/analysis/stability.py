@@ -15,9 +15,11 @@ from scipy import linalg
 
 #: Growth per unit time, (spectral radius - 1)/dt, up to which a map counts as stable.
 TOLERANCE = 1e-10
-_NOISE = 8  # crossing times of white noise before
-_LEAST = 12  # crossing times in Krylov vectors, at least: a mode that grows slowly may hide behind one that decays slowly
+_NOISE = 20  # crossing times of white noise before Krylov spaces
+_LONG = 120  # crossing times of noise where Krylov spaces do not tell
+_LEAST = 12  # Krylov vectors of the first power, at least: a mode that grows slowly may hide behind one that decays slowly
 _RAISE = 8  # factor from one power of the map to the next
+_POWERS = 3  # powers that are tried
 _EXPLODED = 1e6  # growth of white noise over a run that is no transient any more
 
 
@@ -35,12 +37,15 @@ class Growth:
         Factor that the mode gains in a step.
     mode : ndarray of complex
         The state that grows; empty where none was asked for.
+    hidden : float
+        Growth per unit time that could have gone unnoticed in a run from noise; 0 for a rate from eigenvalues.
     """
 
     rate: float
     error: float
     factor: complex
     mode: np.ndarray
+    hidden: float = 0.0
 
     @property
     def stable(self) -> bool | None:
@@ -108,8 +113,9 @@ def krylov_growth(
 ) -> Growth:
     """Fastest mode of a map that can only be applied, from white noise.
 
-    Noise runs for some crossing times; then Krylov spaces of powers of the map are built, of ever higher powers, until the largest eigenvalue has
-    settled inside or outside the unit circle: in a high power what decays has died out, and few vectors tell the rest apart.
+    Noise runs for 20 crossing times; then Krylov spaces of powers of the map are built, of ever higher powers: in a high power what decays has died
+    out, and few vectors tell the rest apart. Near the factor 1, modes that decay slowly may lie too close to each other for that. Then noise runs on
+    to 120 crossing times, and if its size falls over the last third of them that is what is known.
 
     Parameters
     ----------
@@ -120,7 +126,7 @@ def krylov_growth(
     dt : float
         Time step.
     crossing : int
-        Steps in which the fastest wave, or half of what diffuses, crosses the near field and the layers.
+        Steps in which the fastest wave, or a good part of what diffuses, crosses the near field and the layers.
     budget : float
         Seconds after which it gives up.
     seed : int
@@ -131,40 +137,77 @@ def krylov_growth(
     Returns
     -------
     Growth
-        The error is that of the eigenvalue problem's residual, and infinite if time ran out before anything was found.
+        The error is that of the eigenvalue problem's residual, 0 with `hidden` set where a long run decides, and infinite if time ran out.
     """
-    end = time.monotonic() + budget
-    start = np.random.default_rng(seed).standard_normal(size)
-    x, before = advance(start, crossing), 0.0
-    for _ in range(_NOISE):
-        before, x = float(np.linalg.norm(x)), advance(x, crossing)
-        now = float(np.linalg.norm(x))
-        if not now < _EXPLODED * np.linalg.norm(start):
-            rate = np.log(now / before) / (crossing * dt) if np.isfinite(now) else np.inf
-            return Growth(float(rate), 0.1 * abs(float(rate)) if np.isfinite(rate) else 0.0, complex(np.exp(min(rate, 1e3) * dt)), x / now)
-        if time.monotonic() > end:
-            return Growth(0.0, np.inf, 1.0, np.zeros(0))
-    power, best = crossing, Growth(0.0, np.inf, 1.0, np.zeros(0))
-    while time.monotonic() < end:
-        least = max(4, -(-_LEAST * crossing // power))
-        found, x = _arnoldi(lambda v: advance(v, power), x, power, dt, least, min(subspace, size), end)  # noqa: B023
-        if found is not None and (found.error < best.error or found.stable is not None):
-            best = found
-        if best.stable is not None:
+    begin = time.monotonic()
+    end, unknown = begin + budget, Growth(0.0, np.inf, 1.0, np.zeros(0))
+    noise = _Noise(advance, size, dt, crossing, seed)
+    if not noise.run(_NOISE, end):
+        return noise.explosion() or unknown
+    pace = (time.monotonic() - begin) / _NOISE
+    power, x = crossing, noise.state
+    for _ in range(_POWERS):
+        if time.monotonic() + (subspace * power / crossing + _LONG - _NOISE) * pace > end:  # the long run must follow
             break
+        least = max(4, _LEAST * crossing // power)
+        found, x = _arnoldi(lambda v: advance(v, power), x, power, dt, least, min(subspace, size))  # noqa: B023
+        if found.stable is not None:
+            return found
         power *= _RAISE
-    return best
+    until = _LONG
+    while noise.run(until, end):
+        found = noise.decay()
+        if found.stable is not None:
+            return found
+        until *= 2  # modes that are nearly alike add up before they decay
+    return noise.explosion() or unknown
+
+
+class _Noise:
+    """A run from white noise and the size of its state after each crossing time."""
+
+    def __init__(self, advance: Callable[[np.ndarray, int], np.ndarray], size: int, dt: float, crossing: int, seed: int) -> None:
+        self.advance, self.dt, self.crossing = advance, dt, crossing
+        self.state = np.random.default_rng(seed).standard_normal(size)
+        self.sizes = [float(np.linalg.norm(self.state))]
+
+    def run(self, until: int, end: float) -> bool:
+        """Go on to a number of crossing times; False if the state exploded or time ran out before."""
+        while len(self.sizes) <= until:
+            self.state = self.advance(self.state, self.crossing)
+            self.sizes.append(float(np.linalg.norm(self.state)))
+            if not self.sizes[-1] < _EXPLODED * self.sizes[0] or time.monotonic() > end:
+                return False
+        return True
+
+    def explosion(self) -> Growth | None:
+        """The growth of a state that exploded; None if it did not."""
+        if self.sizes[-1] < _EXPLODED * self.sizes[0]:
+            return None
+        finite = [s for s in self.sizes if np.isfinite(s)]
+        late = finite[len(finite) // 2 :] if len(finite) > 3 else finite
+        rate = np.log(late[-1] / late[0]) / ((len(late) - 1) * self.crossing * self.dt) if len(late) > 1 else np.inf
+        mode = self.state / self.sizes[-1] if np.isfinite(self.sizes[-1]) else np.zeros(0)
+        return Growth(float(rate), 0.0 if np.isinf(rate) else 0.1 * abs(float(rate)), complex(np.exp(min(rate, 1e3) * self.dt)), mode.astype(complex))
+
+    def decay(self) -> Growth:
+        """What the last third of the run tells."""
+        count = len(self.sizes) - 1
+        last = self.sizes[-1 - count // 3 :]
+        span = (len(last) - 1) * self.crossing * self.dt
+        rate = float(np.log(max(last[-1], 1e-300) / max(last[0], 1e-300)) / span)
+        hidden = 0.5 * np.log(len(self.state)) / (count * self.crossing * self.dt)
+        return Growth(rate, 0.0 if rate < 0 else np.inf, complex(np.exp(rate * self.dt)), np.zeros(0), hidden)
 
 
 def _arnoldi(
-    apply: Callable[[np.ndarray], np.ndarray], start: np.ndarray, power: int, dt: float, least: int, subspace: int, end: float
-) -> tuple[Growth | None, np.ndarray]:
+    apply: Callable[[np.ndarray], np.ndarray], start: np.ndarray, power: int, dt: float, least: int, subspace: int
+) -> tuple[Growth, np.ndarray]:
     """Leading eigenvalue of a power of a map in a Krylov space, which ends as soon as it is settled; and the vector to go on with."""
     length = float(np.linalg.norm(start))
     if length < 1e-200:  # noise has died out altogether
         return Growth(-1 / (power * dt), 0.0, 0.0, np.zeros(0)), start
     basis, projected = [start / length], np.zeros((subspace + 1, subspace))
-    found, ahead = None, start
     for k in range(subspace):
         image = apply(basis[k])
         for _ in range(2):  # twice, to be orthogonal to rounding
@@ -174,18 +217,22 @@ def _arnoldi(
                 image = image - share * b
         rest = float(np.linalg.norm(image))
         projected[k + 1, k] = rest
-        if k % 4 == 3 or k == subspace - 1 or rest < 1e-14 or time.monotonic() > end:
-            values, left, right = linalg.eig(projected[: k + 1, : k + 1], left=True, right=True)
-            i = int(np.argmax(np.abs(values)))
-            condition = np.linalg.norm(left[:, i]) * np.linalg.norm(right[:, i]) / max(abs(np.vdot(left[:, i], right[:, i])), 1e-300)
-            residual = rest * abs(right[k, i]) / np.linalg.norm(right[:, i])
-            growth = abs(values[i]) ** (1 / power)
-            error = 10 * condition * max(residual, 1e-15) / max(abs(values[i]), 1e-300)
-            mode = np.array(basis).T @ right[:, i]
-            ahead = mode.real if np.linalg.norm(mode.real) > np.linalg.norm(mode.imag) else mode.imag
-            rate = np.log(abs(values[i])) / (power * dt) if values[i] else -np.inf
-            found = Growth(float(rate), float(np.log1p(min(error, 1e300)) / (power * dt)), complex(growth), mode)
-            if (found.stable is not None and k + 1 >= least) or rest < 1e-14 or time.monotonic() > end:
+        last = k + 1 == subspace or rest < 1e-14
+        if last or (k % 4 == 3 and k + 1 >= least):
+            found = _leading(projected[: k + 1, : k + 1], rest, basis, power, dt)
+            if last or found.stable is not None:
                 break
         basis.append(image / rest)
-    return found, ahead
+    parts = found.mode.real, found.mode.imag
+    return found, max(parts, key=lambda p: float(np.linalg.norm(p)))
+
+
+def _leading(projected: np.ndarray, rest: float, basis: Sequence[np.ndarray], power: int, dt: float) -> Growth:
+    """The largest eigenvalue of a map's power in a Krylov space; ten times its residual and condition make the error."""
+    values, left, right = linalg.eig(projected, left=True, right=True)
+    i = int(np.argmax(np.abs(values)))
+    size, x, y = max(float(np.abs(values[i])), 1e-300), right[:, i], left[:, i]
+    condition = np.linalg.norm(x) * np.linalg.norm(y) / max(abs(np.vdot(y, x)), 1e-300)
+    residual = max(rest * abs(x[-1]) / np.linalg.norm(x), 1e-15)
+    error = np.log1p(min(10 * condition * residual / size, 1e300)) / (power * dt)
+    return Growth(float(np.log(size) / (power * dt)), float(error), complex(size ** (1 / power)), np.array(basis).T @ x)

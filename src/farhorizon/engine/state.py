@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from farhorizon.engine import Engine
@@ -79,11 +81,10 @@ class State:
         level[self._nodes] = values[: len(self._nodes)]
         return self.engine.core.view(level).copy()
 
-    def rows(self) -> tuple[np.ndarray, np.ndarray | None]:
+    def rows(self) -> Rows:
         """Places of the state by (entry of one row along the normal, row), for an engine whose layers all lie on its first axis.
 
-        The rows are its translations along the other axes, the last axis fastest. Beside them the number of each entry's mirror image in the middle
-        between the sides; None where the sides differ.
+        The rows are its translations along the other axes, the last axis fastest.
         """
         axis = next(a for a in range(3) if self.engine.layout.reach[a])
         place, names, start = [], [], 0
@@ -102,4 +103,24 @@ class State:
             names += [(-1, side, p, len(place[-1])) for p in range(len(place[-1]))]
         number = {name: i for i, name in enumerate(names)}
         images = [number.get((level, -side, p if side else n - 1 - p, n)) for level, side, p, n in names]
-        return np.concatenate(place), None if None in images else np.array(images)
+        near = [[number[level, 0, p, n] for p in range(n)] for level, n in {(name[0], name[3]) for name in names if name[1] == 0}]
+        return Rows(np.concatenate(place), None if None in images else np.array(images), np.array(sorted(near)))
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The state of rows along the normal of the layers.
+
+    Attributes
+    ----------
+    place : ndarray of int, shape (entries, rows)
+        Where the entries of each row stand in the state.
+    images : ndarray of int, shape (entries,), or None
+        Each entry's mirror image in the middle between the sides; None where the sides differ.
+    near : ndarray of int, shape (levels, nodes)
+        Entries of the core's nodes.
+    """
+
+    place: np.ndarray
+    images: np.ndarray | None
+    near: np.ndarray
