@@ -140,8 +140,11 @@ def certify(sim: Simulation, budget: float = BUDGET) -> Certificate:
                 skipped.append(f"{name} (no time left of {budget:.3g} s)")
                 continue
             part, left_out = examine(left)
-            parts.append(part)
             skipped += left_out
+            if part.growth.rate == 0 and np.isinf(part.growth.error):
+                skipped.append(f"{name} (not settled within {budget:.3g} s)")
+                continue
+            parts.append(part)
             if part.growth.stable is False:
                 break
     except InputError as error:
@@ -315,15 +318,16 @@ def _side_part(sim: Simulation, axis: int, budget: float) -> tuple[Part, list[st
         if found[angles].stable and time.monotonic() < end:
             _climb(strip, angles, found, end)
     worst = fastest(list(found.values()))
-    angles = next(a for a, g in found.items() if g is worst)
     if worst.stable is False and strip.width < real and strip.size < _WIDE:  # a wider near field can be stable where a narrow one is not
         strip = Strip(sim, axis, min(real, strip.width + (_WIDE - strip.size) // 2))
-        worst = strip.growth(*angles)
+        found |= {angles: strip.growth(*angles) for angles, growth in found.items() if growth.stable is False}
+        worst = fastest(list(found.values()))
         name = f"sides {AXES[axis]}, near field of {strip.width} nodes"
+    angles = next(a for a, g in found.items() if g is worst)
     if angles:
         name += f", tangential wavenumber times spacing {', '.join(f'{a:.3g}' for a in angles)}" if worst.stable is not True else (
-            f", {len(found)} tangential wavenumbers")  # fmt: skip
-    return Part(name, worst, strip.profile(worst.mode)), missed
+            f", {len(found)} tangential wavenumber{'s' * (len(found) > 1)}")  # fmt: skip
+    return Part(name, worst, strip.profile(worst.mode) if worst.stable is False else np.zeros(0)), missed
 
 
 def _climb(strip: Strip, angles: tuple[float, ...], found: dict[tuple[float, ...], Growth], end: float) -> None:

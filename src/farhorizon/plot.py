@@ -389,5 +389,31 @@ def mode_picture(mode: np.ndarray, spacing: float, title: str, path: str | Path)
     values = np.squeeze(mode)
     values = values / values.flat[np.argmax(np.abs(values))]
     axes = [spacing * (np.arange(n) - (n - 1) / 2) for n in values.shape]
-    ending = f", {title}" if values.ndim == 1 else ""  # curves share one title
-    field_panels([("real part" + ending, values.real), ("imaginary part" + ending, values.imag)], axes, path, label="mode")
+    if values.ndim == 1:
+        curves = [("real part", axes[0], values.real), ("imaginary part", axes[0], values.imag)]
+        _lines(curves, path, xlabel="distance along the normal", ylabel="mode", title=title)
+    else:
+        field_panels([("real part", values.real), ("imaginary part", values.imag)], axes, path, label=f"mode that {title}")
+
+
+def reflection_picture(angles: np.ndarray, curves: Sequence[tuple[str, np.ndarray]], title: str, path: str | Path) -> None:
+    """Draw predicted reflection in decibels over the angle of incidence.
+
+    Parameters
+    ----------
+    angles : ndarray, shape (n,)
+        In degrees.
+    curves : sequence of (name, amplitudes of shape (n,))
+    title : str
+    path : str or Path
+        The PNG file.
+
+    Raises
+    ------
+    InputError
+        There are no curves, or no such directory.
+    """
+    if not curves:
+        raise InputError("a picture of reflection needs one curve or more")
+    levels = [(name, angles, 20 * np.log10(np.maximum(values, 1e-16))) for name, values in curves]
+    _lines(levels, path, xlabel="angle of incidence (degrees)", ylabel="reflection (dB)", title=title)

@@ -1049,14 +1049,14 @@ class Simulation:
         return spent / count
 
     def check(self, until: float | None = None, budget: float | None = None) -> Report:
-        """Step limit, stability certificate, layer, memory, time, warnings and notes, before running.
+        """Step limit, stability certificate, predicted reflection, layer, memory, time, warnings and notes, before running.
 
         Parameters
         ----------
         until : float, optional
             End of the run, for its estimated time.
         budget : float, optional
-            Seconds for the certificate; unless given, 30, and no longer than a run to `until` or 2 seconds.
+            Seconds for the certificate; unless given as many as the run to `until`, from 2 to 30; 30 without `until`.
         """
         return Report.of(self, until, budget)
 

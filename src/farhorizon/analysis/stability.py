@@ -19,7 +19,7 @@ _NOISE = 20  # crossing times of white noise before Krylov spaces
 _LONG = 120  # crossing times of noise where Krylov spaces do not tell
 _LEAST = 12  # Krylov vectors of the first power, at least: a mode that grows slowly may hide behind one that decays slowly
 _RAISE = 8  # factor from one power of the map to the next
-_POWERS = 3  # powers that are tried
+_POWERS = 2  # powers that are tried
 _EXPLODED = 1e6  # growth of white noise over a run that is no transient any more
 
 
