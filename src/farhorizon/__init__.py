@@ -1,6 +1,7 @@
 """farhorizon: peridynamic and classical waves and diffusion in an unbounded medium, on a small grid."""
 
 from farhorizon.boundaries import Exact, Fixed, Free, LatticePML, Periodic, Sponge
+from farhorizon.certificate import Certificate
 from farhorizon.conditions import Convection, Flux, Insulated, Temperature
 from farhorizon.constraints import Prescribed
 from farhorizon.cracks import Crack
@@ -19,8 +20,8 @@ from farhorizon.stencil import Stencil
 __version__ = "0.1.0"
 
 __all__ = [
-    "Ball", "Beam", "Box", "Convection", "Crack", "Diffusion", "Disc", "DiscCut", "Exact", "Expression", "FarhorizonError", "FileFormatError",
-    "Fixed", "Flux", "Free", "Heat", "InputError", "Insulated", "Kernel", "Lattice", "LatticePML", "Periodic", "PointCut", "Polygon", "PolygonCut",
-    "Polyline", "Prescribed", "Rectangle", "RungeKuttaChebyshev", "Simulation", "Source", "Sponge", "Stencil", "Temperature", "UnstableError", "Wave",
-    "open_results",
+    "Ball", "Beam", "Box", "Certificate", "Convection", "Crack", "Diffusion", "Disc", "DiscCut", "Exact", "Expression", "FarhorizonError",
+    "FileFormatError", "Fixed", "Flux", "Free", "Heat", "InputError", "Insulated", "Kernel", "Lattice", "LatticePML", "Periodic", "PointCut",
+    "Polygon", "PolygonCut", "Polyline", "Prescribed", "Rectangle", "RungeKuttaChebyshev", "Simulation", "Source", "Sponge", "Stencil",
+    "Temperature", "UnstableError", "Wave", "open_results",
 ]  # fmt: skip

@@ -127,7 +127,10 @@ class Report:
             text = (
                 f"{layer.columns} nodes = {layer.columns / reach:.3g} horizons{share}, length {length:g}, target {boundary.wanted(sim.model.order):g}"
             )
-            layers.setdefault(text, []).append(AXES[axis - 3 + lattice.dim] + "-+"[side > 0])
+            name = AXES[axis - 3 + lattice.dim] + "-+"[side > 0]
+            if name in sim.choices:
+                text += f"; chosen up to {boundary.angle:g} degrees: {sim.choices[name]}"
+            layers.setdefault(text, []).append(name)
         for text, names in layers.items():
             say(f"layer {', '.join(names)}", text)
         for (axis, side), boundary in sim.sides.items():
@@ -172,7 +175,7 @@ class Report:
         if certificate.verdict == NOT_CERTIFIED:
             self.warnings.append(f"the run is not stable: {certificate.reason}. {_remedy(sim, backward)}")
         elif certificate.verdict == UNDECIDED:
-            self.warnings.append(f"stability is undecided: {certificate.reason}; watch the energy, or give the certificate more time")
+            self.warnings.append(f"stability is undecided: {certificate.reason}; watch the energy, or give the certificate more time (--budget 30)")
 
     def as_json(self) -> dict[str, Any]:
         """Facts, numbers, warnings, notes, the certificate and the reflections as plain data."""

@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 
 from farhorizon.analysis.chain import Recursion, half_weights
+from farhorizon.analysis.choice import Choice
 from farhorizon.analysis.flux import nodal_flux, power_across
+from farhorizon.analysis.spectrum import band
 from farhorizon.beyond import Beyond
 from farhorizon.boundaries import Boundary, Exact, ExactEnds, Fixed, Free, LatticePML, Periodic, Sponge, sides
 from farhorizon.certificate import BUDGET, Certificate, certify
@@ -32,6 +34,7 @@ from farhorizon.report import Report
 from farhorizon.results import read_checkpoint, write_checkpoint
 from farhorizon.shapes import Cut
 from farhorizon.sources import checked, parts, split, steady
+from farhorizon.stencil import Stencil
 
 _GUARD_STEPS = 200  # steps between two looks of the instability guard, at most; fewer on lattices above
 _GUARD_NODES = 1_000_000  # this many nodes, so that an interrupt is heard within seconds
@@ -78,6 +81,8 @@ class Simulation:
     time : float
     step_count : int
     dt : float
+    choices : dict of str to Choice
+        The layers that were chosen by angle, by side.
     stop_requested : bool
         Set it (from a signal handler, an observer) to end `run` with KeyboardInterrupt between two steps.
     start_u, start_v : ndarray
@@ -127,8 +132,7 @@ class Simulation:
         if not np.isfinite(self.background):
             raise InputError("the background must be finite", value=background, key="background")
         self.stencil = model.stencil(lattice.spacing, lattice.dim)
-        self._layers = self._make_layers()
-        self._check_size(dtype)
+        self._check_size()
         factor = None if coefficient is None else checked(coefficient, lattice, "coefficient")
         if factor is not None and (factor < 0).any():
             raise InputError("a coefficient must not be negative", value=float(factor.min()), limit=">= 0", key="coefficient")
@@ -139,6 +143,9 @@ class Simulation:
         self.rate_limit += float(self.leak().max(initial=0))
         self.step_limit = model.integrator.step_limit(self.rate_limit)
         self.dt = self._choose_step(dt)
+        self.choices: dict[str, Choice] = {}
+        self._layers = self._make_layers(initial or {}, sources)
+        self._check_memory(dtype)
         self.time, self.step_count = 0.0, 0
         self.stop_requested = False
         self._guard_steps = max(1, min(_GUARD_STEPS, _GUARD_STEPS * _GUARD_NODES // max(int(np.prod(lattice.shape)), 1)))
@@ -195,13 +202,15 @@ class Simulation:
             key = "crack" if len(cracks) else "coefficient" if coefficient is not None else "lattice.body"
             raise InputError(f"the bonds of a {type(model).__name__} cannot be cut or weakened one by one", key=key, remedy="leave it out")
 
-    def _check_size(self, dtype: str) -> None:
+    def _check_size(self) -> None:
         for axis, (n, m) in enumerate(zip(self.lattice.shape, self.stencil.reach, strict=True)):
             if n < 2 * m + 1:
                 raise InputError(
                     "the near field is thinner than the stencil", value=f"{n} nodes along {AXES[axis]}", limit=f">= {2 * m + 1}",
                     key="lattice", remedy="enlarge the lattice or refine it",
                 )  # fmt: skip
+
+    def _check_memory(self, dtype: str) -> None:
         need = self._memory_needed(np.dtype(dtype).itemsize)
         if need > available_memory():
             raise InputError("the run does not fit into memory", value=f"about {need / 2**30:.3g} GiB for {int(np.prod(self.lattice.shape))} nodes",
@@ -320,15 +329,48 @@ class Simulation:
         """Zero outside a body, where there are no nodes."""
         return np.where(self.lattice.mask, values, 0.0) if self.lattice.body is not None and self.lattice.mask is not None else values
 
-    def _make_layers(self) -> dict[tuple[int, int], Layer]:
+    def _make_layers(self, initial: Mapping[str, Any], sources: Sequence[Any]) -> dict[tuple[int, int], Layer]:
         """The stretch of each layer, by (axis, side)."""
         lattice, model = self.lattice, self.model
         half_width = max(float((lattice.upper - lattice.lower).max()) / 2, lattice.spacing)
-        return {
-            (axis, side): boundary.layer(model.order, model.coefficient, lattice.spacing, self.stencil.reach[axis], half_width, lattice.dim)
-            for (axis, side), boundary in self.sides.items()
-            if isinstance(boundary, LatticePML)
-        }
+        layers: dict[tuple[int, int], Layer] = {}
+        known: dict[Any, tuple[Layer, Choice]] = {}
+        for (axis, side), boundary in self.sides.items():
+            if isinstance(boundary, LatticePML) and boundary.angle is not None:
+                name, stencil = AXES[axis] + "-+"[side > 0], self.stencil.along(axis)
+                like = boundary, stencil.offsets.tobytes(), stencil.weights.tobytes()
+                if like not in known:
+                    known[like] = self._chosen(boundary, stencil, name, initial, sources)
+                layers[axis, side], self.choices[name] = known[like]
+            elif isinstance(boundary, LatticePML):
+                reach = self.stencil.reach[axis]
+                layers[axis, side] = boundary.layer(model.order, model.coefficient, lattice.spacing, reach, half_width, lattice.dim)
+        return layers
+
+    def _chosen(
+        self, boundary: LatticePML, stencil: Stencil, name: str, initial: Mapping[str, Any], sources: Sequence[Any]
+    ) -> tuple[Layer, Choice]:  # fmt: skip
+        """A layer chosen for the waves of the data, unless the boundary names them."""
+        if self.model.order != 2:
+            raise InputError("only for waves a layer is chosen by angle", value=boundary.angle, key=f"boundary.{name}.angle", remedy="leave it out")
+        waves = (0.0, 0.0) if boundary.wavelengths else self._data_band(initial, sources, f"boundary.{name}.wavelengths")
+        recursion = Recursion.of(self.model.integrator, self.dt, self.model.damping)
+        return boundary.chosen(stencil, self.model.coefficient, self.lattice.spacing, recursion, self.dt, waves)
+
+    def _data_band(self, initial: Mapping[str, Any], sources: Sequence[Any], key: str) -> tuple[float, float]:
+        """Shortest and longest wave of initial data and sources."""
+        fields = [np.zeros(self.lattice.shape)] * 2
+        for number, name in enumerate(("u", "v")):
+            value = initial.get(name, 0.0)
+            fields[number] = checked(value(*self.lattice.coordinates()) if callable(value) else value, self.lattice, f"initial.{name}")
+        fields[0] = fields[0] - (self.background if "u" in initial else 0.0)
+        found = [split(s, self.lattice)[0] for s in sources]
+        spaces = [f for f in found if f is not None]
+        waves = band([*fields, *spaces], self.lattice.spacing, [1, 0] + [0] * len(spaces)) if len(spaces) == len(found) else None
+        if waves is None:
+            raise InputError("the wavelengths cannot be read from data and sources", key=key, remedy="give wavelengths = [shortest, longest]",
+                             limit="initial data, or sources that split into space and time")  # fmt: skip
+        return waves.shortest, waves.longest
 
     def _depth(self) -> dict[tuple[int, int], int]:
         """Nodes beyond each absorbing side at which data and sources are looked at: its layer or sponge, or one reach if that is more.

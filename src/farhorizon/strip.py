@@ -15,7 +15,6 @@ from farhorizon.analysis.stability import Growth, dense_growth, fastest
 from farhorizon.boundaries import Boundary, Fixed, Free, LatticePML, Periodic
 from farhorizon.engine.state import State
 from farhorizon.lattice import AXES, Lattice
-from farhorizon.stencil import Stencil
 
 if TYPE_CHECKING:
     from farhorizon.simulation import Simulation
@@ -93,9 +92,10 @@ class Strip:
         lattice = Lattice(spacing, (0.0,) * dim, spacing * (np.array(shape) - 1))
         ends = sides or (pinned(sim)[axis, -1], pinned(sim)[axis, 1])
         boundary: dict[str, Boundary] = {"x-": ends[0], "x+": ends[1]} | {AXES[a]: Periodic() for a in range(1, dim)}
-        stencil = Stencil(sim.stencil.offsets[:, order], sim.stencil.weights)
-        self.sim = sim.remade(lattice=lattice, model=sim.model.with_stencil(stencil), boundary=boundary, sources=(), cracks=(), constraints=(),
-                              coefficient=None, rim="free", dtype="float64", threads=1, balance=False, background=0.0)  # fmt: skip
+        self.sim = sim.remade(
+            lattice=lattice, model=sim.model.with_stencil(sim.stencil.along(axis)), boundary=boundary, sources=(), cracks=(), constraints=(),
+            coefficient=None, rim="free", dtype="float64", threads=1, balance=False, background=0.0,
+        )  # fmt: skip
         self.width, self.dt = width, sim.dt
         self.state = State(self.sim.engine)
         rows = self.state.rows()
