@@ -40,7 +40,7 @@ def measured_rate(sim, steps):
 
 @pytest.mark.parametrize("dim, reach, exponent, influence, grows", [
     (1, 3, 0, "constant", True), (1, 3, 2, "constant", False), (2, 3, 2, "constant", False), (2, 3, 1, "constant", True),
-    (2, 8, 2, "constant", True), (3, 3, 2, "constant", True), (3, 3, 2, "linear", False),
+    (2, 8, 2, "constant", True), (3, 3, 2, "constant", True), pytest.param(3, 3, 2, "linear", False, marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_layers_that_grow_and_layers_that_do_not(dim, reach, exponent, influence, grows):
     """Backward waves: exponent 0 and 1 strongly, exponent 2 with the constant influence function weakly in 3D and in 2D from reach 4 on."""
@@ -111,6 +111,13 @@ def test_exact_ends():
     assert certificate.verdict == "certified" and certificate.parts
 
 
+def test_a_beam_with_exact_ends():
+    """It turns: a fourfold factor 1, which the error of the sums splits; they are made anew long before that shows."""
+    sim = fh.Simulation(box(41), fh.Beam(), boundary=fh.Exact())
+    sim.prepare(300.0)
+    assert certify(sim).verdict == "certified"
+
+
 def test_no_time_is_undecided_and_names_what_is_left():
     sim = fh.Simulation(box(60, 60), wave(3), boundary=fh.LatticePML(nodes=12))
     certificate = certify(sim, budget=0.0)
@@ -149,3 +156,26 @@ def test_run_refuses_what_grows(tmp_path, monkeypatch, capsys):
     assert main(["run", case]) == 2
     assert "--allow-unstable" in capsys.readouterr().err and sorted(tmp_path.iterdir()) == before
     assert main(["run", case, "--allow-unstable"]) == 0
+
+
+def test_check_prints_reflection_time_and_cost(tmp_path, monkeypatch, capsys):
+    """The page: predicted reflection by angle, time, the extended domain; the same as numbers, and a picture."""
+    monkeypatch.chdir(tmp_path)
+    text = (EXAMPLES / "waveguide.toml").read_text().replace("nodes = 20", "target = 1e-6, angle = 70")
+    Path("guide.toml").write_text(text)
+    assert main(["check", "guide.toml", "--json", "check.json", "--out", ".", "--budget", "1"]) == 0
+    page = capsys.readouterr().out
+    assert "predicted reflection by x-, x+" in page and "chosen up to 70 degrees" in page and "extended domain" in page
+    facts = json.loads(Path("check.json").read_text())
+    by_angle = {(r["wavelength"], r["angle"]): r["amplitude"] for r in facts["reflection"]}
+    assert len(by_angle) == 18 and all(a <= 1e-6 for (_, angle), a in by_angle.items() if angle <= 60)
+    assert facts["numbers"]["seconds"] > 0 and facts["numbers"]["extended_nodes"] > 81 * 25  # the near field
+    assert Path("guide-reflection.png").stat().st_size > 10_000
+
+
+def test_steps_between_sides_of_a_wide_stencil_and_a_narrow_near_field():
+    """A near field that is wider than what is looked at is looked at in its own width before it is refused."""
+    sim = fh.Simulation(box(120), wave(3, 0), boundary=fh.LatticePML(nodes=30))
+    certificate = certify(sim)
+    assert certificate.verdict == "not certified" and "near field of 120 nodes" in certificate.reason
+    assert certificate.rate == pytest.approx(measured_rate(sim, 8000), rel=0.05)
