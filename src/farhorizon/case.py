@@ -122,6 +122,16 @@ class HeatPart(_Part):
     stencil: Literal["finite-difference", "finite-element"] | None = None
 
 
+class CorrosionPart(_Part):
+    type: Literal["corrosion"]
+    diffusivity: Number = 1.0
+    saturation: Number
+    interface: Number = 0.1
+    integrator: str = "euler"
+    kernel: KernelPart | None = None
+    stencil: Literal["finite-difference", "finite-element"] | None = None
+
+
 class LatticePMLPart(_Part):
     type: Literal["lattice-pml"]
     target: Number | None = None
@@ -177,6 +187,11 @@ class ConstraintPart(_Part):
     within: RegionPart | None = None
 
 
+class SpecimenPart(_Part):
+    region: RegionPart
+    concentration: Number = 1.0
+
+
 class SourcePart(_Part):
     field: Literal["u"] = "u"
     value: str | Number
@@ -201,7 +216,7 @@ class RunPart(_Part):
 
 
 class OutputPart(_Part):
-    fields: list[Literal["u", "v"]] = ["u"]
+    fields: list[Literal["u", "v", "solid", "dissolved"]] = ["u"]
     every: Number | None = None
     probes: list[list[Number]] = []
     pictures: list[Number] | None = None
@@ -209,9 +224,10 @@ class OutputPart(_Part):
 
 class CasePart(_Part):
     lattice: LatticePart
-    model: Annotated[WavePart | DiffusionPart | HeatPart | BeamPart, Field(discriminator="type")]
+    model: Annotated[WavePart | DiffusionPart | HeatPart | CorrosionPart | BeamPart, Field(discriminator="type")]
     initial: dict[Literal["u", "v"], str | Number] = {}
     boundary: dict[str, BoundaryPart] = {}
+    specimen: list[SpecimenPart] = []
     crack: list[CrackPart] = []
     source: list[SourcePart] = []
     constraint: list[Annotated[ConstraintPart | PrescribedPart, Field(discriminator="type")]] = []
@@ -295,7 +311,7 @@ class Case:
         body = part.body.build("lattice.body") if part.body else None
         return fh.Lattice(part.spacing, part.lower, part.upper, window=window, body=body)
 
-    def _model(self) -> fh.Wave | fh.Diffusion | fh.Heat | fh.Beam:
+    def _model(self) -> fh.Wave | fh.Diffusion | fh.Heat | fh.Corrosion | fh.Beam:
         part = self.parts.model
         if isinstance(part, BeamPart):
             return fh.Beam(part.stiffness, part.damping)
@@ -311,6 +327,8 @@ class Case:
             return fh.Wave(operator, part.speed, part.damping)
         if isinstance(part, DiffusionPart):
             return fh.Diffusion(operator, part.diffusivity, part.integrator)
+        if isinstance(part, CorrosionPart):
+            return fh.Corrosion(operator, part.diffusivity, saturation=part.saturation, interface=part.interface, integrator=part.integrator)
         if part.stages is not None and part.integrator != "rkc":
             raise InputError("only Runge-Kutta-Chebyshev has stages to choose", value=part.integrator, limit="rkc", key="model.stages")
         integrator = part.integrator if part.stages is None else fh.RungeKuttaChebyshev(part.stages)
@@ -349,6 +367,7 @@ class Case:
             "lattice": self.lattice, "model": self.model, "boundary": boundary or fh.LatticePML(),
             "initial": {k: self._expression(v, f"initial.{k}") for k, v in parts.initial.items()},
             "sources": [self._expression(s.value, "source.value") for s in parts.source],
+            "specimens": [fh.Specimen(s.region.build(f"specimen[{i}].region"), s.concentration) for i, s in enumerate(parts.specimen)],
             "cracks": [self._crack(c) for c in parts.crack],
             "constraints": [self._constraint(c, f"constraint[{i}]") for i, c in enumerate(parts.constraint)],
             "coefficient": coefficient, "rule": parts.rule, "rim": parts.rim, "background": parts.background,
@@ -407,8 +426,10 @@ class Case:
             raise InputError("must be positive", value=out.every, key="output.every")
         if self.parts.run.until <= 0:
             raise InputError("must be positive", value=self.parts.run.until, key="run.until")
-        if "v" in out.fields and self.model.order == 1:
-            raise InputError("diffusion has no velocity", value="v", limit="u", key="output.fields")
+        known = ["u"] + (["v"] if self.model.order == 2 else []) + (["solid", "dissolved"] if isinstance(self.model, fh.Corrosion) else [])
+        for name in out.fields:
+            if name not in known:
+                raise InputError(f"a {self.parts.model.type} has no such field", value=name, limit=", ".join(known), key="output.fields")
         for point in out.probes:
             try:
                 self.lattice.index(point)
@@ -424,6 +445,7 @@ def _nearest(word: str, words: list[str]) -> str:
 _PARTS: dict[str, type[_Part]] = {
     "lattice": LatticePart, "window": RegionPart, "body": RegionPart, "without": RegionPart, "region": RegionPart, "within": RegionPart,
     "box": BoxPart, "ball": DiscPart, "polygon": PolygonPart, "wave": WavePart, "beam": BeamPart, "diffusion": DiffusionPart, "heat": HeatPart,
+    "corrosion": CorrosionPart, "specimen": SpecimenPart,
     "kernel": KernelPart, "lattice-pml": LatticePMLPart, "exact": ExactPart, "fixed": FixedPart, "free": FreePart, "periodic": PeriodicPart,
     "sponge": SpongePart, "crack": CrackPart, "source": SourcePart, "constraint": ConstraintPart,
     "temperature": ConstraintPart, "flux": ConstraintPart, "insulated": ConstraintPart, "convection": ConstraintPart, "prescribed": PrescribedPart,
@@ -448,7 +470,23 @@ def _explain(error: ValidationError) -> str:
     problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")  # a misspelt key is why another is missing
     for problem in problems[:3]:
         location = tuple(problem["loc"])
-        tags = {"wave", "beam", "diffusion", "heat", "lattice-pml", "exact", "fixed", "free", "periodic", "sponge", "float", "str", "int", "[key]"}
+        tags = {
+            "wave",
+            "beam",
+            "diffusion",
+            "heat",
+            "corrosion",
+            "lattice-pml",
+            "exact",
+            "fixed",
+            "free",
+            "periodic",
+            "sponge",
+            "float",
+            "str",
+            "int",
+            "[key]",
+        }
         tags |= {"temperature", "flux", "insulated", "convection", "prescribed"}
         key = ".".join(str(s) for s in location if s not in tags)
         if problem["type"] == "extra_forbidden":

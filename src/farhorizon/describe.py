@@ -16,9 +16,10 @@ from farhorizon.expressions import Expression
 from farhorizon.integrators import RungeKuttaChebyshev
 from farhorizon.kernel import Kernel
 from farhorizon.lattice import Lattice
-from farhorizon.models import Beam, Diffusion, Heat, Wave
+from farhorizon.models import Beam, Corrosion, Diffusion, Heat, Wave
 from farhorizon.models.scalar import INTEGRATORS
 from farhorizon.sources import Source
+from farhorizon.specimens import Specimen
 from farhorizon.stencil import Stencil
 
 _TYPES = {
@@ -28,7 +29,7 @@ _TYPES = {
         *(getattr(shapes, n) for n in ("Disc", "Ball", "Box", "Polygon", "Union", "Intersection", "Difference")),
         *(getattr(shapes, n) for n in ("PointCut", "Polyline", "Rectangle", "DiscCut", "PolygonCut")),
         *(Beam, Convection, Crack, Diffusion, Expression, Flux, Heat, Insulated, Kernel, Lattice, Prescribed, RungeKuttaChebyshev, Source, Stencil),
-        *(Temperature, Wave),
+        *(Corrosion, Specimen, Temperature, Wave),
     )
 }
 

@@ -58,7 +58,12 @@ def _load(name: str, **settings: Any) -> ModuleType:
     import numba
 
     mark = "\n".join(
-        [template, *((_HERE / f"{part}.py").read_text() for part in ("ends", "simd", "layout", "threads")), numba.__version__, platform.machine()]
+        [
+            template,
+            *((_HERE / f"{part}.py").read_text() for part in ("ends", "phases", "simd", "layout", "threads")),
+            numba.__version__,
+            platform.machine(),
+        ]
     )
     name = f"{name}_" + hashlib.sha256(mark.encode()).hexdigest()[:20]
     with _LOADING:

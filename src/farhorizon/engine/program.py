@@ -12,6 +12,7 @@ from numba import njit
 
 from farhorizon.engine.ends import exact_ends
 from farhorizon.engine.layout import LINES
+from farhorizon.engine.phases import TILE, dissolve
 from farhorizon.engine.simd import call_sweep, stretch_chain
 from farhorizon.engine.threads import barrier, claim
 
@@ -23,7 +24,12 @@ stretch_memoryless = stretch_chain(LINES, False)
 
 @njit(error_model="numpy", inline="always")
 def bond_factor(rule, mine, other):
-    """Coefficient of a bond from those of its ends: 0 both (min), 1 arithmetic, 2 harmonic."""
+    """Coefficient of a bond from those of its ends: 0 both (min), 1 arithmetic, 2 harmonic, 3 phases.
+
+    Phases: 1 between two liquid nodes, the solid's between it and a liquid one, 0 between two solid ones (see `engine.phases`).
+    """
+    if rule == 3:
+        return max(mine, other, 0 * mine) * abs(min(mine, other))
     if rule == 0:
         return min(mine, other)
     total = mine + other
@@ -66,29 +72,47 @@ def sweep_general(src, base, out, start, to, count, offsets, weights, a, b, incr
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_at(src, base, out, block, i0, i1, function, weights, offsets, coefficient, law):
-    """The row, or the group of rows, of a block that begins at (i0, i1); a stencil without compiled rows has function 0."""
+def sweep_at(src, base, out, block, i0, i1, i2, count, function, weights, offsets, coefficient, law):
+    """`count` nodes of the row, or of the group of rows, of a block from (i0, i1, i2) on; function 0: bond by bond."""
     general, a, a_difference, b, increments, rule = law
-    start, to = block[0] + i0 * block[4] + i1 * block[5], block[9] + i0 * block[10] + i1 * block[11]
+    start, to = block[0] + i0 * block[4] + i1 * block[5] + i2, block[9] + i0 * block[10] + i1 * block[11] + i2
     if function != 0:
         size = src.itemsize
         call_sweep(function, src.ctypes.data + start * size, base.ctypes.data + to * size, out.ctypes.data + to * size, weights.ctypes.data,
-                   a, b, block[3], block[6], block[7], block[8], block[10], block[11])  # fmt: skip
+                   a, b, count, block[6], block[7], block[8], block[10], block[11])  # fmt: skip
     else:
-        sweep_general(src, base, out, start, to, block[3], offsets, general, a_difference, b, increments, coefficient, rule)
+        sweep_general(src, base, out, start, to, count, offsets, general, a_difference, b, increments, coefficient, rule)
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_group(src, base, out, block, number, group, functions, weights, offsets, coefficient, law):
-    """A whole group of rows, or one by one the rows left over at the edge of a block."""
+def sweep_group(src, base, out, block, number, group, first, last, plain, functions, weights, offsets, coefficient, law):
+    """Nodes `first` to `last` of a group of rows: the whole group at once, or one by one the rows left over at the edge of a block.
+
+    Unless `plain`, bonds differ, and the compiled rows do not serve.
+    """
     g0, g1 = group
     n1 = (block[2] + g1 - 1) // g1
     i0, i1 = (number // n1) * g0, (number % n1) * g1
-    whole = i0 + g0 <= block[1] and i1 + g1 <= block[2]
-    step0, step1, function = (g0, g1, functions[0]) if whole else (1, 1, functions[1])
+    whole = plain and i0 + g0 <= block[1] and i1 + g1 <= block[2]
+    step0, step1, function = (g0, g1, functions[0]) if whole else (1, 1, functions[1] if plain else 0)
     for j0 in range(i0, min(i0 + g0, block[1]), step0):
         for j1 in range(i1, min(i1 + g1, block[2]), step1):
-            sweep_at(src, base, out, block, j0, j1, function, weights, offsets, coefficient, law)
+            sweep_at(src, base, out, block, j0, j1, first, last - first, function, weights, offsets, coefficient, law)
+
+
+@njit(error_model="numpy", cache=True)
+def sweep_tiles(src, base, out, block, number, group, functions, weights, offsets, coefficient, law, solids, volumes):
+    """A group of rows in two phases: stretches of liquid tiles at once, mixed tiles one by one, solid ones not at all."""
+    first, count = 0, solids.shape[1]
+    while first < count:
+        last = first + 1
+        liquid = solids[number, first] == 0
+        while liquid and last < count and solids[number, last] == 0:
+            last += 1
+        if solids[number, first] < volumes[number, first]:
+            sweep_group(src, base, out, block, number, group, first * TILE, min(last * TILE, block[3]), liquid, functions, weights, offsets,
+                        coefficient, law)  # fmt: skip
+        first = last
 
 
 @njit(error_model="numpy", cache=True)
@@ -98,7 +122,7 @@ def count_groups(block, group):
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_core(lanes, sync, src, base, out, block, functions, group, backward, weights, offsets, coefficient, law):
+def sweep_core(lanes, sync, src, base, out, block, functions, group, backward, weights, offsets, coefficient, law, solids, volumes):
     """All groups of rows of the core; in every other stage the last first: it meets what the last stage left in the cache.
 
     Lanes claim parts as they go, so that one whose core is busy otherwise does less.
@@ -109,7 +133,10 @@ def sweep_core(lanes, sync, src, base, out, block, functions, group, backward, w
     while part * size < count:
         for i in range(part * size, min(count, (part + 1) * size)):
             number = count - 1 - i if backward else i
-            sweep_group(src, base, out, block, number, group, functions, weights, offsets, coefficient, law)
+            if solids.size:
+                sweep_tiles(src, base, out, block, number, group, functions, weights, offsets, coefficient, law, solids, volumes)
+            else:
+                sweep_group(src, base, out, block, number, group, 0, block[3], True, functions, weights, offsets, coefficient, law)
         part = claim(sync) if lanes > 1 else 1
 
 
@@ -118,7 +145,7 @@ def sweep_tree(lane, lanes, slots, base, out, first, last, blocks, functions, gr
     """The blocks of a tree."""
     for k in range(first, last):
         for number in range(lane, count_groups(blocks[k], groups[k]), lanes):
-            sweep_group(slots, base, out, blocks[k], number, groups[k], functions[k], weights[k], offsets[k], coefficient, law)
+            sweep_group(slots, base, out, blocks[k], number, groups[k], 0, blocks[k, 3], True, functions[k], weights[k], offsets[k], coefficient, law)
 
 
 @njit(error_model="numpy", cache=True)
@@ -238,13 +265,15 @@ def fill(level, slots, memory, work, trees, copies, copy_ranges, tasks, task_ran
 
 
 @njit(error_model="numpy", cache=True)
-def cut(lane, lanes, sync, src, values, base, out, scale, first, last, nodes, neighbours, weights, increments):
-    """Take back the absent bonds from `nodes` to `neighbours` among `values`."""
+def cut(lane, lanes, sync, src, values, base, out, scale, first, last, nodes, neighbours, weights, increments, coefficient, material, rule):
+    """Take back the absent bonds from `nodes` to `neighbours` among `values`, whose coefficients are `material`."""
     if first == last:
         return
     if lane == 0:
         for i in range(first, last):
             lost = scale * weights[i] * (values[neighbours[i]] - src[nodes[i]])
+            if coefficient.size > 1:
+                lost *= bond_factor(rule, coefficient[nodes[i]], material[neighbours[i]])
             out[nodes[i]] -= lost
             if increments:
                 base[nodes[i]] -= lost
@@ -254,7 +283,7 @@ def cut(lane, lanes, sync, src, values, base, out, scale, first, last, nodes, ne
 @njit(error_model="numpy", cache=True)
 def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slots, memory, work, trees, blocks, functions, groups, weights,
           offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
-          cut_ranges, cut_nodes, cut_neighbours, cut_weights):  # fmt: skip
+          cut_ranges, cut_nodes, cut_neighbours, cut_weights, solids, volumes):  # fmt: skip
     """``out = a*src + b*base + scale*L(src)`` everywhere; fills the halo of `src` and advances the layers' memory to its time.
 
     trees[tree] = (axis, first block, last block + 1, first coefficient); numbers = (a, a for differences, b, scale, source scale).
@@ -275,10 +304,11 @@ def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slot
                 sweep_tree(lane, lanes, slots, base, out, first, last, blocks, functions, groups, weights, offsets, material, law)
                 barrier(sync, lanes)
                 cut(lane, lanes, sync, src, slots, base, out, scale, cut_ranges[tree], cut_ranges[tree + 1], cut_nodes, cut_neighbours, cut_weights,
-                    increments)  # fmt: skip
-    sweep_core(lanes, sync, src, base, out, blocks[0], functions[0], groups[0], backward, weights[0], offsets[0], coefficient, law)
+                    increments, coefficient, material, rule)  # fmt: skip
+    sweep_core(lanes, sync, src, base, out, blocks[0], functions[0], groups[0], backward, weights[0], offsets[0], coefficient, law, solids, volumes)
     barrier(sync, lanes)
-    cut(lane, lanes, sync, src, src, base, out, scale, cut_ranges[trees.shape[0]], cut_nodes.size, cut_nodes, cut_neighbours, cut_weights, increments)
+    cut(lane, lanes, sync, src, src, base, out, scale, cut_ranges[trees.shape[0]], cut_nodes.size, cut_nodes, cut_neighbours, cut_weights,
+        increments, coefficient, coefficient, rule)  # fmt: skip
 
 
 @njit(error_model="numpy", cache=True)
@@ -296,7 +326,7 @@ def tie(src, base, out, increments, tied, starts, sources, weights, fields, time
 
 
 @njit(error_model="numpy", cache=True)
-def book(src, books, nodes, neighbours, weights, effect, flows):
+def book(src, books, nodes, neighbours, weights, effect, flows, coefficient, rule):
     """Add what flows along bonds into `nodes` to flows[0], book by book; flows[1] holds the rounding of the sums (Neumaier).
 
     A neighbour below 0 is at zero.
@@ -305,6 +335,8 @@ def book(src, books, nodes, neighbours, weights, effect, flows):
         row = books[i]
         other = np.float64(src[neighbours[i]]) if neighbours[i] >= 0 else 0.0
         gain = effect * weights[i] * (other - np.float64(src[nodes[i]]))
+        if coefficient.size > 1 and neighbours[i] >= 0:
+            gain *= bond_factor(rule, coefficient[nodes[i]], coefficient[neighbours[i]])
         total = flows[0, row] + gain
         flows[1, row] += (flows[0, row] - total) + gain if abs(flows[0, row]) >= abs(gain) else (gain - total) + flows[0, row]
         flows[0, row] = total
@@ -313,7 +345,8 @@ def book(src, books, nodes, neighbours, weights, effect, flows):
 @njit(error_model="numpy", nogil=True, cache=True)
 def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, slots, memory, work, trees, blocks, functions, groups, weights,
         offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
-        cut_ranges, cut_nodes, cut_neighbours, cut_weights, damped, damp_before, damp_after, damp_leak, ends,
+        cut_ranges, cut_nodes, cut_neighbours, cut_weights, solids, volumes, dissolved, saturation, period, steps_before,
+        damped, damp_before, damp_after, damp_leak, ends,
         tied, tied_starts, tied_sources, tied_weights, books, book_nodes, book_neighbours, book_weights, book_effects, flows,
         source_nodes, source_fields, source_times, held, held_times, tied_fields, tied_times):  # fmt: skip
     """One lane's share of `steps` steps from the rotation `phase`.
@@ -321,6 +354,7 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
     After them the level ``stages[(phase + steps) % rotations, 0, 0]`` holds the state, where stages[phase, stage] = (in, base, out)
     are level numbers; numbers[stage] as in `stage`. source_times[step, stage, j] multiplies source_fields[j] on source_nodes. `ends`: the last
     arguments of `ends.exact_ends`. After each step the nodes `held` have the values ``held_times[step]``.
+    From solids to steps_before: see `engine.phases`.
     """
     per_step = stages.shape[1]
     bounded = ends[2].shape[0] > 0
@@ -340,7 +374,7 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                 barrier(sync, lanes)
             stage(lane, lanes, sync, src, base, out, numbers[part], increments, (phase + part) % 2 == 1, slots, memory, work, trees, blocks,
                   functions, groups, weights[part], offsets, general[part], copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember,
-                  coefficient, rule, cut_ranges, cut_nodes, cut_neighbours, cut_weights)  # fmt: skip
+                  coefficient, rule, cut_ranges, cut_nodes, cut_neighbours, cut_weights, solids, volumes)  # fmt: skip
             if bounded:
                 if lane == 0:
                     exact_ends(src, base, out, scale, increments, *ends)
@@ -372,8 +406,17 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
             if books.size or tied.size:
                 if lane == 0:
                     if books.size and book_effects[part] != 0:
-                        book(src, books, book_nodes, book_neighbours, book_weights, book_effects[part], flows)
+                        book(src, books, book_nodes, book_neighbours, book_weights, book_effects[part], flows, coefficient, rule)
                     if tied.size:
                         tie(src, base, out, increments, tied, tied_starts, tied_sources, tied_weights, tied_fields, tied_times[step, part])
                 barrier(sync, lanes)
+        if solids.size:
+            dissolve(lane, lanes, levels[stages[phase, per_step - 1, 2]], coefficient, dissolved, steps_before + step + 1, saturation,
+                     blocks[0], groups[0], solids, volumes, reach, period)  # fmt: skip
+            barrier(sync, lanes)
+            for axis in range(3):
+                if period[axis] > 0:
+                    if lane == 0:
+                        copy(coefficient, copies, copy_ranges[-1, axis])
+                    barrier(sync, lanes)
         phase = (phase + 1) % stages.shape[0]
