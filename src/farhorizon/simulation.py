@@ -168,7 +168,8 @@ class Simulation:
         self._check_conditions()
         self._make_engine(factor, rule, dtype, threads)
         self._set_phases(np.where(solid, NEVER, 0))
-        self._check_dry()
+        if solid.any():
+            self._check_dry()
         self._cut(self._cracks)
         self._opened = len(self._cracks)
         self._open_cracks()
@@ -303,7 +304,7 @@ class Simulation:
 
     @property
     def _solid(self) -> np.ndarray:
-        """The nodes of the near field that are solid now."""
+        """The nodes of the near field that are solid now, in a corrosion."""
         return (self.engine.dissolved[self._near] == NEVER).reshape(self.lattice.shape)
 
     def _check_conditions(self) -> None:

@@ -260,7 +260,7 @@ class Engine:
 
     def _set_tiles(self, solids: np.ndarray, volumes: np.ndarray, dissolved: np.ndarray, saturation: float) -> None:
         period = np.array([n if a in self.layout.periodic else 0 for a, n in enumerate(self.core.nodes)])
-        self._tiles, self._dissolution = (solids, volumes), (dissolved, float(saturation), period)
+        self._tiles, self._dissolution = (solids, volumes), (dissolved, np.zeros(1, np.int64), float(saturation), period)
 
     @property
     def dissolved(self) -> np.ndarray:

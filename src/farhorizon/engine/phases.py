@@ -13,7 +13,8 @@ from numba import njit
 
 from farhorizon.engine.threads import add
 
-TILE = 32
+TILE = 16
+LIQUID, MIXED, SOLID = 0, 1, 2
 #: Step of dissolution of a node that is still solid.
 NEVER = np.iinfo(np.int64).max
 
@@ -45,6 +46,12 @@ def count_solid(solid: np.ndarray, reach: tuple[int, ...], sizes: tuple[int, ...
     return solids.reshape(-1, solids.shape[2]), volumes.reshape(solids.shape).reshape(-1, solids.shape[2])
 
 
+@njit(error_model="numpy", inline="always")
+def phase_of(solid, volume):  # type: ignore[no-untyped-def]
+    """Kind of a tile that has so many solid nodes among those in it and around it."""
+    return LIQUID if solid == 0 else SOLID if solid == volume else MIXED
+
+
 @njit(error_model="numpy", cache=True)
 def uncount(at, nodes, group, reach, period, solids):  # type: ignore[no-untyped-def]
     """Take the node at the three coordinates `at`, and its periodic images, off the counts of all tiles around it."""
@@ -63,8 +70,8 @@ def uncount(at, nodes, group, reach, period, solids):  # type: ignore[no-untyped
 
 
 @njit(error_model="numpy", cache=True)
-def dissolve(lane, lanes, u, coefficient, dissolved, step, saturation, block, group, solids, volumes, reach, period):  # type: ignore[no-untyped-def]
-    """Solid nodes of mixed tiles whose value is below `saturation` become liquid; `dissolved` says at which step.
+def dissolve(lane, lanes, u, coefficient, dissolved, total, step, saturation, block, group, solids, volumes, reach, period):  # type: ignore[no-untyped-def]
+    """Solid nodes of mixed tiles whose value is below `saturation` become liquid; `dissolved` says at which step, `total` how many there were.
 
     Lanes share the tiles. The counts that they change beside each other concern tiles that hold no such node, or have been looked at.
     """
@@ -73,7 +80,7 @@ def dissolve(lane, lanes, u, coefficient, dissolved, step, saturation, block, gr
     for number in range(lane, solids.shape[0], lanes):
         first0, first1 = (number // n1) * group[0], (number % n1) * group[1]
         for column in range(solids.shape[1]):
-            if not 0 < solids[number, column] < volumes[number, column]:
+            if phase_of(solids[number, column], volumes[number, column]) != MIXED:
                 continue
             for i0 in range(first0, min(first0 + group[0], nodes[0])):
                 for i1 in range(first1, min(first1 + group[1], nodes[1])):
@@ -83,3 +90,4 @@ def dissolve(lane, lanes, u, coefficient, dissolved, step, saturation, block, gr
                             coefficient[row + i2] = 1
                             dissolved[row + i2] = step
                             uncount((i0, i1, i2), nodes, group, reach, period, solids)
+                            add(np.int64(total.ctypes.data), 1)

@@ -12,8 +12,8 @@ from numba import njit
 
 from farhorizon.engine.ends import exact_ends
 from farhorizon.engine.layout import LINES
-from farhorizon.engine.phases import TILE, dissolve
-from farhorizon.engine.simd import call_sweep, stretch_chain
+from farhorizon.engine.phases import LIQUID, MIXED, TILE, dissolve, phase_of
+from farhorizon.engine.simd import call_sweep, stretch_chain, sweep_phases
 from farhorizon.engine.threads import barrier, claim
 
 CHUNK = 64
@@ -85,33 +85,46 @@ def sweep_at(src, base, out, block, i0, i1, i2, count, function, weights, offset
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_group(src, base, out, block, number, group, first, last, plain, functions, weights, offsets, coefficient, law):
-    """Nodes `first` to `last` of a group of rows: the whole group at once, or one by one the rows left over at the edge of a block.
-
-    Unless `plain`, bonds differ, and the compiled rows do not serve.
-    """
+def sweep_group(src, base, out, block, number, group, first, last, functions, weights, offsets, coefficient, law):
+    """Nodes `first` to `last` of a group of rows: the whole group at once, or one by one the rows left over at the edge of a block."""
     g0, g1 = group
     n1 = (block[2] + g1 - 1) // g1
     i0, i1 = (number // n1) * g0, (number % n1) * g1
-    whole = plain and i0 + g0 <= block[1] and i1 + g1 <= block[2]
-    step0, step1, function = (g0, g1, functions[0]) if whole else (1, 1, functions[1] if plain else 0)
+    whole = i0 + g0 <= block[1] and i1 + g1 <= block[2]
+    step0, step1, function = (g0, g1, functions[0]) if whole else (1, 1, functions[1])
     for j0 in range(i0, min(i0 + g0, block[1]), step0):
         for j1 in range(i1, min(i1 + g1, block[2]), step1):
             sweep_at(src, base, out, block, j0, j1, first, last - first, function, weights, offsets, coefficient, law)
 
 
 @njit(error_model="numpy", cache=True)
+def sweep_mixed(src, base, out, block, number, group, first, last, offsets, coefficient, law):
+    """Nodes `first` to `last` of a group of rows in both phases."""
+    general, _, a, b, _, _ = law
+    n1 = (block[2] + group[1] - 1) // group[1]
+    i0, i1 = (number // n1) * group[0], (number % n1) * group[1]
+    size = src.itemsize
+    start = (block[0] + i0 * block[4] + i1 * block[5] + first) * size
+    to = (block[9] + i0 * block[10] + i1 * block[11] + first) * size
+    sweep_phases(src.ctypes.data + start, coefficient.ctypes.data + start, base.ctypes.data + to, out.ctypes.data + to, offsets.ctypes.data,
+                 general.ctypes.data, offsets.size, a, b, last - first, min(group[0], block[1] - i0), min(group[1], block[2] - i1),
+                 block[4], block[5], block[10], block[11])  # fmt: skip
+
+
+@njit(error_model="numpy", cache=True)
 def sweep_tiles(src, base, out, block, number, group, functions, weights, offsets, coefficient, law, solids, volumes):
-    """A group of rows in two phases: stretches of liquid tiles at once, mixed tiles one by one, solid ones not at all."""
+    """A group of rows in two phases: stretches of liquid tiles by the compiled rows, of mixed tiles bond by bond, of solid ones not at all."""
     first, count = 0, solids.shape[1]
     while first < count:
+        here = phase_of(solids[number, first], volumes[number, first])
         last = first + 1
-        liquid = solids[number, first] == 0
-        while liquid and last < count and solids[number, last] == 0:
+        while last < count and phase_of(solids[number, last], volumes[number, last]) == here:
             last += 1
-        if solids[number, first] < volumes[number, first]:
-            sweep_group(src, base, out, block, number, group, first * TILE, min(last * TILE, block[3]), liquid, functions, weights, offsets,
-                        coefficient, law)  # fmt: skip
+        start, stop = first * TILE, min(last * TILE, block[3])
+        if here == LIQUID:
+            sweep_group(src, base, out, block, number, group, start, stop, functions, weights, offsets, coefficient, law)
+        elif here == MIXED:
+            sweep_mixed(src, base, out, block, number, group, start, stop, offsets, coefficient, law)
         first = last
 
 
@@ -136,7 +149,7 @@ def sweep_core(lanes, sync, src, base, out, block, functions, group, backward, w
             if solids.size:
                 sweep_tiles(src, base, out, block, number, group, functions, weights, offsets, coefficient, law, solids, volumes)
             else:
-                sweep_group(src, base, out, block, number, group, 0, block[3], True, functions, weights, offsets, coefficient, law)
+                sweep_group(src, base, out, block, number, group, 0, block[3], functions, weights, offsets, coefficient, law)
         part = claim(sync) if lanes > 1 else 1
 
 
@@ -145,7 +158,7 @@ def sweep_tree(lane, lanes, slots, base, out, first, last, blocks, functions, gr
     """The blocks of a tree."""
     for k in range(first, last):
         for number in range(lane, count_groups(blocks[k], groups[k]), lanes):
-            sweep_group(slots, base, out, blocks[k], number, groups[k], 0, blocks[k, 3], True, functions[k], weights[k], offsets[k], coefficient, law)
+            sweep_group(slots, base, out, blocks[k], number, groups[k], 0, blocks[k, 3], functions[k], weights[k], offsets[k], coefficient, law)
 
 
 @njit(error_model="numpy", cache=True)
@@ -345,7 +358,7 @@ def book(src, books, nodes, neighbours, weights, effect, flows, coefficient, rul
 @njit(error_model="numpy", nogil=True, cache=True)
 def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, slots, memory, work, trees, blocks, functions, groups, weights,
         offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
-        cut_ranges, cut_nodes, cut_neighbours, cut_weights, solids, volumes, dissolved, saturation, period, steps_before,
+        cut_ranges, cut_nodes, cut_neighbours, cut_weights, solids, volumes, dissolved, total, saturation, period, steps_before,
         damped, damp_before, damp_after, damp_leak, ends,
         tied, tied_starts, tied_sources, tied_weights, books, book_nodes, book_neighbours, book_weights, book_effects, flows,
         source_nodes, source_fields, source_times, held, held_times, tied_fields, tied_times):  # fmt: skip
@@ -358,6 +371,7 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
     """
     per_step = stages.shape[1]
     bounded = ends[2].shape[0] > 0
+    known = total[0]
     for step in range(steps):
         for part in range(per_step):
             src = levels[stages[phase, part, 0]]
@@ -411,12 +425,14 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                         tie(src, base, out, increments, tied, tied_starts, tied_sources, tied_weights, tied_fields, tied_times[step, part])
                 barrier(sync, lanes)
         if solids.size:
-            dissolve(lane, lanes, levels[stages[phase, per_step - 1, 2]], coefficient, dissolved, steps_before + step + 1, saturation,
+            dissolve(lane, lanes, levels[stages[phase, per_step - 1, 2]], coefficient, dissolved, total, steps_before + step + 1, saturation,
                      blocks[0], groups[0], solids, volumes, reach, period)  # fmt: skip
             barrier(sync, lanes)
-            for axis in range(3):
-                if period[axis] > 0:
-                    if lane == 0:
-                        copy(coefficient, copies, copy_ranges[-1, axis])
-                    barrier(sync, lanes)
+            if total[0] != known:
+                known = total[0]
+                for axis in range(3):
+                    if period[axis] > 0:
+                        if lane == 0:
+                            copy(coefficient, copies, copy_ranges[-1, axis])
+                        barrier(sync, lanes)
         phase = (phase + 1) % stages.shape[0]
