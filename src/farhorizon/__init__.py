@@ -10,6 +10,7 @@ from farhorizon.integrators import RungeKuttaChebyshev
 from farhorizon.kernel import Kernel
 from farhorizon.lattice import Lattice
 from farhorizon.models import Beam, Corrosion, Diffusion, Heat, Wave
+from farhorizon.outlines import ImageMask, Text
 from farhorizon.results import open_results
 from farhorizon.shapes import Ball, Box, Disc, DiscCut, PointCut, Polygon, PolygonCut, Polyline, Rectangle
 from farhorizon.simulation import Simulation
@@ -21,7 +22,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Ball", "Beam", "Box", "Convection", "Corrosion", "Crack", "Diffusion", "Disc", "DiscCut", "Exact", "Expression", "FarhorizonError",
-    "FileFormatError", "Fixed", "Flux", "Free", "Heat", "InputError", "Insulated", "Kernel", "Lattice", "LatticePML", "Periodic", "PointCut",
-    "Polygon", "PolygonCut", "Polyline", "Prescribed", "Rectangle", "RungeKuttaChebyshev", "Simulation", "Source", "Specimen", "Sponge", "Stencil",
-    "Temperature", "UnstableError", "Wave", "open_results",
+    "FileFormatError", "Fixed", "Flux", "Free", "Heat", "ImageMask", "InputError", "Insulated", "Kernel", "Lattice", "LatticePML", "Periodic",
+    "PointCut", "Polygon", "PolygonCut", "Polyline", "Prescribed", "Rectangle", "RungeKuttaChebyshev", "Simulation", "Source", "Specimen", "Sponge",
+    "Stencil", "Temperature", "Text", "UnstableError", "Wave", "open_results",
 ]  # fmt: skip

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
 import farhorizon as fh
 from farhorizon.errors import FileFormatError, InputError
@@ -38,6 +38,26 @@ class PolygonPart(_Part):
     points: list[list[Number]]
 
 
+class TextPart(_Part):
+    text: str
+    height: Number
+    centre: list[Number] | None = None
+    font: str = "DejaVu Sans"
+    bold: bool = False
+
+
+class ImagePart(_Part):
+    file: str
+    width: Number
+    centre: list[Number] | None = None
+    threshold: Number = 0.5
+
+    @field_validator("file")
+    @classmethod
+    def _beside_the_case(cls, name: str, info: ValidationInfo) -> str:
+        return str((info.context or {}).get("folder", Path()) / name)
+
+
 class RegionPart(_Part):
     """One shape, with shapes taken out of it."""
 
@@ -45,6 +65,8 @@ class RegionPart(_Part):
     ball: DiscPart | None = None
     box: BoxPart | None = None
     polygon: PolygonPart | None = None
+    text: TextPart | None = None
+    image: ImagePart | None = None
     without: list[RegionPart] = []
 
     def build(self, key: str) -> fh.shapes.Shape:
@@ -63,8 +85,12 @@ class RegionPart(_Part):
             shapes.append(fh.Box(self.box.lower, self.box.upper))
         if self.polygon is not None:
             shapes.append(fh.Polygon(self.polygon.points))
+        if self.text is not None:
+            shapes.append(fh.Text(**self.text.model_dump()))
+        if self.image is not None:
+            shapes.append(fh.ImageMask(self.image.file, self.image.width, self.image.centre, self.image.threshold))
         if len(shapes) != 1:
-            raise InputError("give exactly one of disc, ball, box, polygon", key=key)
+            raise InputError("give exactly one of disc, ball, box, polygon, text, image", key=key)
         region = shapes[0]
         for hole in self.without:
             region = region - hole.build(key + ".without")
@@ -262,7 +288,7 @@ class Case:
         except tomllib.TOMLDecodeError as error:
             raise InputError(f"{self.path}: not valid TOML: {error}") from None
         try:
-            self.parts = CasePart.model_validate(data)
+            self.parts = CasePart.model_validate(data, context={"folder": self.path.parent})
         except ValidationError as error:
             raise InputError(f"{self.path}: " + _explain(error)) from None
         with self.naming():
@@ -444,7 +470,8 @@ def _nearest(word: str, words: list[str]) -> str:
 
 _PARTS: dict[str, type[_Part]] = {
     "lattice": LatticePart, "window": RegionPart, "body": RegionPart, "without": RegionPart, "region": RegionPart, "within": RegionPart,
-    "box": BoxPart, "ball": DiscPart, "polygon": PolygonPart, "wave": WavePart, "beam": BeamPart, "diffusion": DiffusionPart, "heat": HeatPart,
+    "box": BoxPart, "ball": DiscPart, "polygon": PolygonPart, "text": TextPart, "image": ImagePart,
+    "wave": WavePart, "beam": BeamPart, "diffusion": DiffusionPart, "heat": HeatPart,
     "corrosion": CorrosionPart, "specimen": SpecimenPart,
     "kernel": KernelPart, "lattice-pml": LatticePMLPart, "exact": ExactPart, "fixed": FixedPart, "free": FreePart, "periodic": PeriodicPart,
     "sponge": SpongePart, "crack": CrackPart, "source": SourcePart, "constraint": ConstraintPart,

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon import boundaries, shapes
+from farhorizon import boundaries, outlines, shapes
 from farhorizon.conditions import Convection, Flux, Insulated, Temperature
 from farhorizon.constraints import Prescribed
 from farhorizon.cracks import Crack
@@ -27,6 +27,7 @@ _TYPES = {
     for t in (
         *(getattr(boundaries, n) for n in ("LatticePML", "Exact", "Fixed", "Free", "Periodic", "Sponge")),
         *(getattr(shapes, n) for n in ("Disc", "Ball", "Box", "Polygon", "Union", "Intersection", "Difference")),
+        *(getattr(outlines, n) for n in ("ImageMask", "Text")),
         *(getattr(shapes, n) for n in ("PointCut", "Polyline", "Rectangle", "DiscCut", "PolygonCut")),
         *(Beam, Convection, Crack, Diffusion, Expression, Flux, Heat, Insulated, Kernel, Lattice, Prescribed, RungeKuttaChebyshev, Source, Stencil),
         *(Corrosion, Specimen, Temperature, Wave),

@@ -69,6 +69,15 @@ def uncount(at, nodes, group, reach, period, solids):  # type: ignore[no-untyped
                                 add(word + 8 * ((t0 * n1 + t1) * solids.shape[1] + t2), -1)
 
 
+@njit(error_model="numpy", inline="always")
+def any_below(coefficient, u, saturation):  # type: ignore[no-untyped-def]
+    """Whether a solid node has a value below the saturation; without branches, for it is asked of every mixed row in every step."""
+    found = 0
+    for i in range(u.size):
+        found += (coefficient[i] <= 0) & (u[i] < saturation)
+    return found > 0
+
+
 @njit(error_model="numpy", cache=True)
 def dissolve(lane, lanes, u, coefficient, dissolved, total, step, saturation, block, group, solids, volumes, reach, period):  # type: ignore[no-untyped-def]
     """Solid nodes of mixed tiles whose value is below `saturation` become liquid; `dissolved` says at which step, `total` how many there were.
@@ -85,6 +94,9 @@ def dissolve(lane, lanes, u, coefficient, dissolved, total, step, saturation, bl
             for i0 in range(first0, min(first0 + group[0], nodes[0])):
                 for i1 in range(first1, min(first1 + group[1], nodes[1])):
                     row = block[0] + i0 * block[4] + i1 * block[5]
+                    stretch = slice(row + column * TILE, row + min((column + 1) * TILE, nodes[2]))
+                    if not any_below(coefficient[stretch], u[stretch], saturation):
+                        continue
                     for i2 in range(column * TILE, min((column + 1) * TILE, nodes[2])):
                         if coefficient[row + i2] <= 0 and u[row + i2] < saturation:
                             coefficient[row + i2] = 1
