@@ -242,10 +242,11 @@ class RunPart(_Part):
 
 
 class OutputPart(_Part):
-    fields: list[Literal["u", "v", "solid", "dissolved"]] = ["u"]
+    fields: list[Literal["u", "v", "solid", "dissolved"]] | None = None
     every: Number | None = None
     probes: list[list[Number]] = []
     pictures: list[Number] | None = None
+    balance: bool = False
 
 
 class CasePart(_Part):
@@ -317,6 +318,12 @@ class Case:
     def every(self) -> float:
         """Time between two outputs; a fortieth of the run unless given."""
         return self.parts.output.every if self.parts.output.every is not None else self.parts.run.until / 40
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """What is written: u unless given, of a corrosion the times of dissolution too."""
+        default = ["u", "dissolved"] if isinstance(self.model, fh.Corrosion) else ["u"]
+        return tuple(default if self.parts.output.fields is None else self.parts.output.fields)
 
     def simulation(self, **changes: Any) -> fh.Simulation:
         """A new simulation of the case."""
@@ -397,7 +404,7 @@ class Case:
             "cracks": [self._crack(c) for c in parts.crack],
             "constraints": [self._constraint(c, f"constraint[{i}]") for i, c in enumerate(parts.constraint)],
             "coefficient": coefficient, "rule": parts.rule, "rim": parts.rim, "background": parts.background,
-            "dt": parts.run.dt, "dtype": parts.run.dtype, "threads": parts.run.threads,
+            "balance": parts.output.balance, "dt": parts.run.dt, "dtype": parts.run.dtype, "threads": parts.run.threads,
         }  # fmt: skip
 
     def _prescribed(self, part: PrescribedPart, key: str) -> fh.Prescribed:
@@ -453,7 +460,7 @@ class Case:
         if self.parts.run.until <= 0:
             raise InputError("must be positive", value=self.parts.run.until, key="run.until")
         known = ["u"] + (["v"] if self.model.order == 2 else []) + (["solid", "dissolved"] if isinstance(self.model, fh.Corrosion) else [])
-        for name in out.fields:
+        for name in self.fields:
             if name not in known:
                 raise InputError(f"a {self.parts.model.type} has no such field", value=name, limit=", ".join(known), key="output.fields")
         for point in out.probes:
