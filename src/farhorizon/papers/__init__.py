@@ -14,7 +14,7 @@ from typing import Any
 
 from farhorizon.errors import InputError
 
-_MODULES = ("bobaru2010", "ji2021")
+_MODULES = ("bobaru2010", "ji2021", "shojaei2020_corrosion")
 
 
 @dataclass(frozen=True)
