@@ -69,6 +69,7 @@ def _parser() -> argparse.ArgumentParser:
     reproduce = add("reproduce", _reproduce, "compute a published table or figure anew, ours beside theirs; without a name, list them")
     reproduce.add_argument("name", nargs="?", help="name of the table or figure")
     reproduce.add_argument("--out", metavar="DIR", default=".", help="folder of the pictures (default: here)")
+    reproduce.add_argument("--full", action="store_true", help="the published size, where the default is a smaller one; takes minutes")
     demo = add("demo", _demo, "two notches in an infinite membrane: run, compare and draw, in under a minute")
     demo.add_argument("--out", metavar="DIR", default="farhorizon-demo", help="folder of the picture (default: farhorizon-demo)")
     add("info", _info, "versions, threads, caches")
@@ -274,7 +275,7 @@ def _reproduce(options: argparse.Namespace) -> int:
         return GOOD
     entry = find(options.name)
     print(f"{entry.paper}\n{entry.name}: {entry.title}")
-    outcome = entry.function(_folder(options.out))
+    outcome = entry.run(_folder(options.out), options.full)
     print(table(outcome))
     if outcome.pictures:
         print(f"pictures: {', '.join(str(p) for p in outcome.pictures)}")
