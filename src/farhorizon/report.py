@@ -34,6 +34,7 @@ class Report:
     def of(cls, sim: Simulation) -> Report:
         """Examine a simulation."""
         from farhorizon.boundaries import Exact, Fixed, LatticePML
+        from farhorizon.models import Corrosion
 
         lattice, stencil, engine = sim.lattice, sim.stencil, sim.engine
         report = cls()
@@ -56,6 +57,9 @@ class Report:
                 say(f"side {AXES[axis]}{'-+'[side > 0]}", repr(boundary))
         for name, serves in sim.ends.items():
             say(f"exact end {name}", serves)
+        if isinstance(sim.model, Corrosion):
+            metal = int(np.nansum(sim.fields["solid"]))
+            say("metal", f"{metal} solid nodes shown, saturation {sim.model.saturation:g}, interface {sim.model.interface:g} of the liquid")
         total = int(np.prod(engine.core.nodes))
         extra = sum(int(np.prod(b.nodes)) for b in engine.layout.blocks.values()) - int(np.prod(lattice.shape))
         say("nodes computed", f"{total} in the core, {extra} beyond the near field")
