@@ -16,6 +16,7 @@ from farhorizon.boundaries import Absorbing, Exact, Fixed, Free, LatticePML, Spo
 from farhorizon.cracks import as_cut
 from farhorizon.errors import InputError
 from farhorizon.lattice import Lattice
+from farhorizon.shapes import Shape
 from farhorizon.simulation import Simulation
 from farhorizon.sources import Source
 
@@ -249,7 +250,7 @@ def _extended(setup: dict[str, Any], ours: Simulation, until: float) -> Simulati
         "initial": {k: widen(v) for k, v in (setup.get("initial") or {}).items()},
         "sources": [widen(s) for s in setup.get("sources", ())],
         "constraints": [replace(c, where=widen(c.where)) if np.asarray(c.where).dtype == bool else c for c in setup.get("constraints", ())],
-        "specimens": [replace(s, where=widen(s.where)) if isinstance(s.where, np.ndarray) else s for s in setup.get("specimens", ())],
+        "specimens": [replace(s, where=widen(s.where)) if not isinstance(s.where, Shape) else s for s in setup.get("specimens", ())],
         "cracks": [as_cut(c, lattice.dim) for c in setup.get("cracks", ())],
         "coefficient": widen(setup["coefficient"], "edge") if setup.get("coefficient") is not None else None,
     }  # fmt: skip

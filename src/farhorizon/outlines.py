@@ -109,7 +109,7 @@ class ImageMask(Shape):
             raise InputError("the threshold is out of range", value=threshold, limit="between 0 and 1", key="threshold")
         self.threshold, self.width = float(threshold), _positive("width", width)
         self.centre = _vector("centre", np.zeros(2) if centre is None else centre, 2)
-        self.image = image if isinstance(image, np.ndarray) else _brightness(Path(image)) < threshold
+        self.image = _brightness(Path(image)) < threshold if isinstance(image, str | Path) else np.asarray(image)
         if self.image.ndim != 2 or self.image.dtype != bool:
             raise InputError("an image is a file or a table of bool", value=f"{self.image.dtype}, shape {self.image.shape}", key="image")
         if not self.image.any():

@@ -963,11 +963,11 @@ class Simulation:
         """Sums of the field over the free nodes of the near field: "stored", and "metal" and "dissolved" of a corrosion."""
         near = self.engine.core.view(self.engine.current)[self._near].reshape(self.lattice.shape)
 
-        def total(where: np.ndarray) -> float:
-            return math.fsum(near[where].astype(float))
+        def total(where: np.ndarray, level: float = 0.0) -> float:
+            return math.fsum(near[self._free & where].astype(float) + level)
 
         phases = {"metal": self._solid, "dissolved": ~self._solid} if isinstance(self.model, Corrosion) else {}
-        return {"stored": total(self._free)} | {name: total(self._free & where) for name, where in phases.items()}
+        return {"stored": total(self._free)} | {name: total(where, self.background) for name, where in phases.items()}
 
     def _book_sources(self, fields: np.ndarray, amplitudes: np.ndarray) -> None:
         effects = stage_effects(self.engine.stages) * np.array([n[3] for n in self.engine.stages.numbers])

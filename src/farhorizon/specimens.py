@@ -34,7 +34,7 @@ class Specimen:
     concentration: float = 1.0
 
     def __post_init__(self) -> None:
-        if not isinstance(self.where, Shape) and not (isinstance(self.where, np.ndarray) and self.where.dtype == bool):
+        if not isinstance(self.where, Shape) and np.asarray(self.where).dtype != bool:
             raise InputError("a specimen is a shape or a mask", value=type(self.where).__name__, limit="Shape, array of bool", key="specimen.where")
         if not np.isfinite(self.concentration):
             raise InputError("the concentration must be finite", value=self.concentration, key="specimen.concentration")
@@ -45,15 +45,15 @@ class Specimen:
             if self.where.dim != lattice.dim:
                 raise InputError("shape and lattice differ in dimension", value=self.where.dim, limit=lattice.dim, key=f"{key}.where")
             found = self.where.contains(np.stack(lattice.coordinates(), axis=-1))
-        elif self.where.shape == lattice.shape:
-            found = self.where
         else:
-            raise InputError("a mask must have the lattice's shape", value=self.where.shape, limit=lattice.shape, key=f"{key}.where")
+            found = np.asarray(self.where)
+            if found.shape != lattice.shape:
+                raise InputError("a mask must have the lattice's shape", value=found.shape, limit=lattice.shape, key=f"{key}.where")
         if lattice.body is not None and lattice.mask is not None:
             found = found & lattice.mask
         if not found.any():
             raise InputError("a specimen holds no node", key=f"{key}.where", remedy="move it into the near field, enlarge it or refine the lattice")
-        return np.asarray(found)
+        return found
 
 
 def place(specimens: Sequence[Specimen], lattice: Lattice, saturation: float, background: float) -> tuple[np.ndarray, np.ndarray]:

@@ -167,6 +167,44 @@ def specimens(dim):
     return [fh.Specimen(fh.Box([-3.0] * dim, [3.0] * dim) - hole, METAL)]
 
 
+def test_only_differences_from_the_background_matter():
+    """All concentrations raised by the same: the same metal dissolves at the same steps, and the balance is that of the metal itself."""
+    lattice, runs = fh.Lattice(1.0, (-8.0, -8.0), (8.0, 8.0)), []
+    for level in (0.0, 0.25):
+        metal = fh.Specimen(specimens(2)[0].where, METAL + level)
+        corroding = model(kernel_stencil(2, 2), saturation=SATURATION + level)
+        runs.append(fh.Simulation(lattice, corroding, fh.LatticePML(nodes=8), {"u": level}, background=level, specimens=[metal], balance=True))
+        runs[-1].step(40)
+    low, high = (sim.fields for sim in runs)
+    np.testing.assert_allclose(high["u"], low["u"] + 0.25, rtol=1e-13)
+    assert np.array_equal(high["dissolved"], low["dissolved"], equal_nan=True)
+    gone = (high["dissolved"] > 0).sum()
+    assert runs[1].balance()["metal"] == pytest.approx(runs[0].balance()["metal"] - 0.25 * gone, rel=1e-12)
+
+
+@pytest.mark.parametrize("axis, position", [("x", -2.5), ("y", 0.5)])
+def test_power_across_a_plane(axis, position):
+    """What crosses a plane through metal, front and liquid is what the nodes beyond it gain in the next step."""
+    lattice = fh.Lattice(1.0, (-8.0, -8.0), (8.0, 8.0))
+    sim = fh.Simulation(lattice, model(kernel_stencil(2, 2)), fh.Free(), specimens=[fh.Specimen(fh.Disc(3.3, (-1.0, 2.0)), METAL)])
+    sim.step(20)
+    beyond = lattice.coordinates()["xy".index(axis)] > position
+    before, power = sim.fields["u"][beyond].sum(), sim.power_across(axis, position)
+    sim.step(1)
+    assert sim.fields["u"][beyond].sum() - before == pytest.approx(power * sim.dt, rel=1e-10)
+
+
+def test_exact_ends():
+    """A bar that dissolves between exact ends, against one so long that nothing returns."""
+    metal = [fh.Specimen(fh.Box(-6.0, 4.0), METAL)]
+    runs = [fh.Simulation(fh.Lattice(1.0, -n, n), model(kernel_stencil(1, 2)), side, specimens=metal, dt=0.2)
+            for n, side in ((10.0, fh.Exact()), (200.0, fh.Fixed(0.0)))]  # fmt: skip
+    for sim in runs:
+        sim.step(500)
+    assert 0 < runs[0].fields["solid"].sum() < 11
+    assert np.abs(runs[0].fields["u"] - runs[1].fields["u"][190:211]).max() < 1e-10
+
+
 @pytest.mark.parametrize("boundary", [fh.LatticePML(nodes=8), fh.Sponge(8), fh.Fixed(0.0), fh.Free(), fh.Periodic()], ids=lambda b: type(b).__name__)
 @pytest.mark.parametrize("dim", [1, 2, 3])
 def test_mass_balance(dim, boundary):

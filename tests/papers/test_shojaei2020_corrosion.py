@@ -76,7 +76,7 @@ def test_sphere(tmp_path):
 @pytest.mark.slow
 def test_full_sphere():
     """523 155 nodes with a layer: symmetric to 1e-12, and a mass balance, while a third of the metal dissolves."""
-    sim = SPHERE.closed()["LatticePML"]
+    sim = SPHERE.closed(1)["LatticePML"]
     sim.run(0.005, progress=False)
     assert asymmetry(sim.fields["u"]) < 1e-12
     balance = sim.balance()
