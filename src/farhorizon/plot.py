@@ -348,7 +348,8 @@ def plot_results(results: Results, out_dir: str | Path, times: Sequence[float] |
                 outside = np.isnan(results.field("u", 0)) if "u" in results.field_names else None
                 front(results.field(name, int(chosen[-1])), results.axes, written[-1], outside=outside, cracks=cracks)
                 continue
-            fields = [(f"t = {outputs[k]:.4g}", results.field(name, int(k))) for k in chosen]
+            drawn = chosen if name != "dissolved" else chosen[-1:]  # the last one tells all
+            fields = [(f"t = {outputs[k]:.4g}", results.field(name, int(k))) for k in drawn]
             written.append(directory / f"{name}.png")
             alike = _comparable([f for _, f in fields])
             field_panels(fields, results.axes, written[-1], shared_scale=alike, cracks=cracks, label=name, solids=solids)

@@ -950,9 +950,14 @@ class Simulation:
             nodes, neighbours = np.append(nodes, self._near_indices()[lossy]), np.append(neighbours, np.full(lossy.size, -1))
             weights = np.append(weights, self.model.source_factor * leak.ravel()[lossy])
         kept = weights != 0
+        if self._ends is None:
+            ends = np.zeros((0, 0), np.int64)
+        else:
+            numbers = np.array([[self._book_names.index(name)] for name in self._ends.names])
+            ends = np.where(where[self._ends.nodes] == 0, numbers, -1)
         flows_so_far = engine.flows
         effects = stage_effects(engine.stages) * np.array([n[2] for n in engine.stages.numbers])
-        engine.set_books(books[kept], nodes[kept], neighbours[kept], weights[kept], effects, len(self._book_names))
+        engine.set_books(books[kept], nodes[kept], neighbours[kept], weights[kept], effects, len(self._book_names), ends)
         if self.step_count:  # opened anew, as a crack has
             engine.flows[...] = flows_so_far
         else:

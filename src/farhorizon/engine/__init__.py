@@ -15,6 +15,7 @@ from farhorizon.engine.phases import NEVER, TILE, count_solid
 __all__ = ["NEVER", "Engine", "Layer", "Layout", "available_threads"]
 
 _NOTHING = np.zeros((0, 0))
+_NO_ENDS = np.zeros((0, 0), np.int64)
 _MODES = 8  # modes of an exact end are filled up to whole vectors
 _ALONE = np.zeros(1, np.int64)  # what threads share when there is one
 RULES = ("both", "arithmetic", "harmonic", "phases")
@@ -315,14 +316,16 @@ class Engine:
         self._tied = nodes.astype(np.int64), starts.astype(np.int64), sources.astype(np.int64), weights.astype(self.dtype)
 
     def set_books(
-        self, books: np.ndarray, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray, effects: np.ndarray, count: int
+        self, books: np.ndarray, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray, effects: np.ndarray, count: int,
+        ends: np.ndarray = _NO_ENDS,
     ) -> None:  # fmt: skip
         """Bonds whose flow into their node is summed over time, in `count` books, and what each stage's flow adds to a step's.
 
-        Places in a level, weights without coefficients; a neighbour below 0 is at zero. First-order equations only.
+        Places in a level, weights without coefficients; a neighbour below 0 is at zero. `ends`, shape (ends, K): the books of
+        the drivers of exact ends, -1 for none. First-order equations only.
         """
         self.flows = np.zeros((2, count))
-        self._books = books.astype(np.int64), nodes.astype(np.int64), neighbours.astype(np.int64), weights.astype(float), effects.astype(float)
+        self._books = books.astype(np.int64), nodes.astype(np.int64), neighbours.astype(np.int64), weights.astype(float), effects.astype(float), ends
 
     def tie(self, values: np.ndarray) -> None:
         """Set the prescribed nodes of the current level; `values` has what is added to the combinations, one a prescribed node."""

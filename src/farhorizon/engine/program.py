@@ -339,20 +339,31 @@ def tie(src, base, out, increments, tied, starts, sources, weights, fields, time
 
 
 @njit(error_model="numpy", cache=True)
-def book(src, books, nodes, neighbours, weights, effect, flows, coefficient, rule):
-    """Add what flows along bonds into `nodes` to flows[0], book by book; flows[1] holds the rounding of the sums (Neumaier).
+def add_to(flows, row, gain):
+    """Add to flows[0, row]; flows[1] holds the rounding of the sums (Neumaier)."""
+    total = flows[0, row] + gain
+    flows[1, row] += (flows[0, row] - total) + gain if abs(flows[0, row]) >= abs(gain) else (gain - total) + flows[0, row]
+    flows[0, row] = total
 
-    A neighbour below 0 is at zero.
-    """
+
+@njit(error_model="numpy", cache=True)
+def book(src, books, nodes, neighbours, weights, effect, flows, coefficient, rule):
+    """Add what flows along bonds into `nodes` to the flows, book by book; a neighbour below 0 is at zero."""
     for i in range(books.size):
-        row = books[i]
         other = np.float64(src[neighbours[i]]) if neighbours[i] >= 0 else 0.0
         gain = effect * weights[i] * (other - np.float64(src[nodes[i]]))
         if coefficient.size > 1 and neighbours[i] >= 0:
             gain *= bond_factor(rule, coefficient[nodes[i]], coefficient[neighbours[i]])
-        total = flows[0, row] + gain
-        flows[1, row] += (flows[0, row] - total) + gain if abs(flows[0, row]) >= abs(gain) else (gain - total) + flows[0, row]
-        flows[0, row] = total
+        add_to(flows, books[i], gain)
+
+
+@njit(error_model="numpy", cache=True)
+def book_ends(books, forces, effect, flows):
+    """Add what exact ends bring to their drivers, whose books are books[end, m], none below 0."""
+    for end in range(books.shape[0]):
+        for m in range(books.shape[1]):
+            if books[end, m] >= 0:
+                add_to(flows, books[end, m], effect * forces[end, m])
 
 
 @njit(error_model="numpy", nogil=True, cache=True)
@@ -360,7 +371,7 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
         offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
         cut_ranges, cut_nodes, cut_neighbours, cut_weights, solids, volumes, dissolved, total, saturation, period, steps_before,
         damped, damp_before, damp_after, damp_leak, ends,
-        tied, tied_starts, tied_sources, tied_weights, books, book_nodes, book_neighbours, book_weights, book_effects, flows,
+        tied, tied_starts, tied_sources, tied_weights, books, book_nodes, book_neighbours, book_weights, book_effects, end_books, flows,
         source_nodes, source_fields, source_times, held, held_times, tied_fields, tied_times):  # fmt: skip
     """One lane's share of `steps` steps from the rotation `phase`.
 
@@ -392,6 +403,7 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
             if bounded:
                 if lane == 0:
                     exact_ends(src, base, out, scale, increments, *ends)
+                    book_ends(end_books, ends[8], book_effects[part], flows)
                 barrier(sync, lanes)
             if source_fields.shape[0]:
                 for j in range(source_fields.shape[0]):
