@@ -1,6 +1,6 @@
 """farhorizon: peridynamic and classical waves and diffusion in an unbounded medium, on a small grid."""
 
-from farhorizon.boundaries import Exact, Fixed, Free, LatticePML, Periodic, Sponge
+from farhorizon.boundaries import Exact, FirstOrder, Fixed, Free, Higdon, LatticePML, Periodic, PlaneWave, Sponge
 from farhorizon.conditions import Convection, Flux, Insulated, Temperature
 from farhorizon.constraints import Prescribed
 from farhorizon.cracks import Crack
@@ -22,7 +22,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Ball", "Beam", "Box", "Convection", "Corrosion", "Crack", "Diffusion", "Disc", "DiscCut", "Exact", "Expression", "FarhorizonError",
-    "FileFormatError", "Fixed", "Flux", "Free", "Heat", "ImageMask", "InputError", "Insulated", "Kernel", "Lattice", "LatticePML", "Periodic",
-    "PointCut", "Polygon", "PolygonCut", "Polyline", "Prescribed", "Rectangle", "RungeKuttaChebyshev", "Simulation", "Source", "Specimen", "Sponge",
-    "Stencil", "Temperature", "Text", "UnstableError", "Wave", "open_results",
+    "FileFormatError", "FirstOrder", "Fixed", "Flux", "Free", "Heat", "Higdon", "ImageMask", "InputError", "Insulated", "Kernel", "Lattice",
+    "LatticePML", "Periodic", "PlaneWave", "PointCut", "Polygon", "PolygonCut", "Polyline", "Prescribed", "Rectangle", "RungeKuttaChebyshev",
+    "Simulation", "Source", "Specimen", "Sponge", "Stencil", "Temperature", "Text", "UnstableError", "Wave", "open_results",
 ]  # fmt: skip

@@ -189,8 +189,44 @@ class SpongePart(_Part):
     strength: Number | None = None
 
 
-BoundaryPart = Annotated[LatticePMLPart | ExactPart | FixedPart | FreePart | PeriodicPart | SpongePart, Field(discriminator="type")]
-_BOUNDARIES = {"lattice-pml": fh.LatticePML, "exact": fh.Exact, "fixed": fh.Fixed, "free": fh.Free, "periodic": fh.Periodic, "sponge": fh.Sponge}
+class PlaneWavePart(_Part):
+    type: Literal["plane-wave"]
+    fit: str | None = None
+    dispersion: str | None = None
+    time: str | None = None
+    layer: Number | None = None
+    radius: Number | None = None
+    cone: Number | None = None
+    thin: int | None = None
+    normals: str | None = None
+    angle: Number | None = None
+    angles: int = 11
+    wavenumber: Number | None = None
+    wavenumbers: int | None = None
+    smallest: Number | None = None
+    regularization: Number | None = None
+    rcond: Number = 1e-15
+    balanced: bool = True
+
+
+class HigdonPart(_Part):
+    type: Literal["higdon"]
+    angles: list[Number] = [0.0, 45.0]
+    shift: Number | None = None
+
+
+class FirstOrderPart(_Part):
+    type: Literal["first-order"]
+
+
+BoundaryPart = Annotated[
+    LatticePMLPart | ExactPart | FixedPart | FreePart | PeriodicPart | SpongePart | PlaneWavePart | HigdonPart | FirstOrderPart,
+    Field(discriminator="type"),
+]
+_BOUNDARIES = {
+    "lattice-pml": fh.LatticePML, "exact": fh.Exact, "fixed": fh.Fixed, "free": fh.Free, "periodic": fh.Periodic, "sponge": fh.Sponge,
+    "plane-wave": fh.PlaneWave, "higdon": fh.Higdon, "first-order": fh.FirstOrder,
+}  # fmt: skip
 
 
 class CrackPart(_Part):
@@ -481,7 +517,8 @@ _PARTS: dict[str, type[_Part]] = {
     "wave": WavePart, "beam": BeamPart, "diffusion": DiffusionPart, "heat": HeatPart,
     "corrosion": CorrosionPart, "specimen": SpecimenPart,
     "kernel": KernelPart, "lattice-pml": LatticePMLPart, "exact": ExactPart, "fixed": FixedPart, "free": FreePart, "periodic": PeriodicPart,
-    "sponge": SpongePart, "crack": CrackPart, "source": SourcePart, "constraint": ConstraintPart,
+    "sponge": SpongePart, "plane-wave": PlaneWavePart, "higdon": HigdonPart, "first-order": FirstOrderPart,
+    "crack": CrackPart, "source": SourcePart, "constraint": ConstraintPart,
     "temperature": ConstraintPart, "flux": ConstraintPart, "insulated": ConstraintPart, "convection": ConstraintPart, "prescribed": PrescribedPart,
     "run": RunPart, "output": OutputPart,
 }  # fmt: skip
@@ -504,23 +541,7 @@ def _explain(error: ValidationError) -> str:
     problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")  # a misspelt key is why another is missing
     for problem in problems[:3]:
         location = tuple(problem["loc"])
-        tags = {
-            "wave",
-            "beam",
-            "diffusion",
-            "heat",
-            "corrosion",
-            "lattice-pml",
-            "exact",
-            "fixed",
-            "free",
-            "periodic",
-            "sponge",
-            "float",
-            "str",
-            "int",
-            "[key]",
-        }
+        tags = {"wave", "beam", "diffusion", "heat", "corrosion", "float", "str", "int", "[key]", *_BOUNDARIES}
         tags |= {"temperature", "flux", "insulated", "convection", "prescribed"}
         key = ".".join(str(s) for s in location if s not in tags)
         if problem["type"] == "extra_forbidden":

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from farhorizon.analysis import InfiniteLattice, largest_speed
-from farhorizon.boundaries import Absorbing, Exact, Fixed, Free, LatticePML, Sponge
+from farhorizon.boundaries import Absorbing, Exact, FirstOrder, Fixed, Free, Higdon, LatticePML, PlaneWave, Sponge
 from farhorizon.cracks import as_cut
 from farhorizon.errors import InputError
 from farhorizon.lattice import Lattice
@@ -216,6 +216,7 @@ def _by_name(sim: Simulation) -> dict[str, Any]:
 
 def _name(sim: Simulation) -> str:
     labels: dict[type, str] = {LatticePML: "lattice PML", Exact: "exact", Sponge: "sponge"}
+    labels |= {PlaneWave: "plane wave", Higdon: "Higdon", FirstOrder: "first order"}
     used: set[type] = {type(b) for b in sim.sides.values()}
     kinds = used & set(labels) or used
     return " + ".join(sorted(labels.get(k, k.__name__.lower()) for k in kinds))

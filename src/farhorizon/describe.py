@@ -25,7 +25,7 @@ from farhorizon.stencil import Stencil
 _TYPES = {
     t.__name__: t
     for t in (
-        *(getattr(boundaries, n) for n in ("LatticePML", "Exact", "Fixed", "Free", "Periodic", "Sponge")),
+        *(getattr(boundaries, n) for n in ("LatticePML", "Exact", "FirstOrder", "Fixed", "Free", "Higdon", "Periodic", "PlaneWave", "Sponge")),
         *(getattr(shapes, n) for n in ("Disc", "Ball", "Box", "Polygon", "Union", "Intersection", "Difference")),
         *(getattr(outlines, n) for n in ("ImageMask", "Text")),
         *(getattr(shapes, n) for n in ("PointCut", "Polyline", "Rectangle", "DiscCut", "PolygonCut")),

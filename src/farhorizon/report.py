@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,6 +11,12 @@ from farhorizon.lattice import AXES
 
 if TYPE_CHECKING:
     from farhorizon.simulation import Simulation
+
+
+def shown(boundary: Any) -> str:
+    """A boundary with the options that were given."""
+    given = {f.name: getattr(boundary, f.name) for f in fields(boundary)}
+    return f"{type(boundary).__name__}({', '.join(f'{k}={v!r}' for k, v in given.items() if v is not None)})"
 
 
 @dataclass
@@ -54,7 +60,10 @@ class Report:
                 f"length {layer.columns * lattice.spacing:g}, target {boundary.wanted(sim.model.order):g}")  # fmt: skip
         for (axis, side), boundary in sim.sides.items():
             if not isinstance(boundary, LatticePML | Exact):
-                say(f"side {AXES[axis]}{'-+'[side > 0]}", repr(boundary))
+                say(f"side {AXES[axis]}{'-+'[side > 0]}", shown(boundary))
+        if sim.closure is not None:
+            say("outline", sim.closure.describe())
+            report.warnings += sim.closure.warnings()
         for name, serves in sim.ends.items():
             say(f"exact end {name}", serves)
         if isinstance(sim.model, Corrosion):

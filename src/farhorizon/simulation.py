@@ -14,7 +14,23 @@ import numpy as np
 from farhorizon.analysis.chain import Recursion, half_weights
 from farhorizon.analysis.flux import nodal_flux, power_across
 from farhorizon.beyond import Beyond
-from farhorizon.boundaries import Absorbing, Boundary, Exact, ExactEnds, Fixed, Free, LatticePML, Periodic, Sponge, sides
+from farhorizon.boundaries import (
+    Absorbing,
+    Boundary,
+    Closing,
+    Closure,
+    Exact,
+    ExactEnds,
+    Fixed,
+    Free,
+    LatticePML,
+    Outline,
+    Periodic,
+    PlaneWave,
+    Sponge,
+    sides,
+)  # fmt: skip
+from farhorizon.boundaries.plane_wave import SERIES, Medium
 from farhorizon.conditions import Conditions, Constraint, resolve
 from farhorizon.constraints import Holds, Prescribed
 from farhorizon.cracks import Crack, as_crack, cut_bonds
@@ -22,7 +38,8 @@ from farhorizon.describe import describe, rebuild
 from farhorizon.engine import NEVER, Engine, Layer, available_threads
 from farhorizon.engine.layout import Block
 from farhorizon.errors import FileFormatError, InputError, UnstableError
-from farhorizon.integrators import stage_effects
+from farhorizon.integrators import Euler, Verlet, stage_effects
+from farhorizon.kernel import Kernel
 from farhorizon.lattice import AXES, Lattice
 from farhorizon.machine import available_memory
 from farhorizon.models import Corrosion, ScalarModel
@@ -81,11 +98,14 @@ class Simulation:
     dt : float
     stop_requested : bool
         Set it (from a signal handler, an observer) to end `run` with KeyboardInterrupt between two steps.
+    closure : Closure or None
+        The conditions along the outline of the near field.
     start_u, start_v : ndarray
         Initial values less the background, and initial velocities.
     fields : dict of str to ndarray
-        The near field, "u", and for waves "v" (half a step late, (u(n) - u(n-1))/dt); nan outside a window. Of a corrosion "solid", 1 in the
-        metal and 0 in the liquid, and "dissolved", the time at which a node became liquid: 0 where it was from the start, nan in the metal.
+        The near field, "u", and for waves "v" (half a step late, (u(n) - u(n-1))/dt); nan outside a window or body, and on
+        the nodes beyond a wall that conditions set as images of those inside. Of a corrosion "solid", 1 in the metal and 0 in the liquid, and
+        "dissolved", the time at which a node became liquid: 0 where it was from the start, nan in the metal.
 
     Raises
     ------
@@ -130,6 +150,7 @@ class Simulation:
         if not np.isfinite(self.background):
             raise InputError("the background must be finite", value=background, key="background")
         self.stencil = model.stencil(lattice.spacing, lattice.dim)
+        self._check_closing()
         self._layers = self._make_layers()
         self._check_size(dtype)
         factor = None if coefficient is None else checked(coefficient, lattice, "coefficient")
@@ -137,6 +158,7 @@ class Simulation:
             raise InputError("a coefficient must not be negative", value=float(factor.min()), limit=">= 0", key="coefficient")
         strongest = model.strongest if factor is None else float(factor.max())
         self.conditions = self._resolve(constraints, factor)
+        self._hidden = self._hide()
         self.rate_limit = self.stencil.symbol_maximum * model.coefficient / lattice.spacing**2 * max(strongest, 1e-300)
         self.rate_limit += float(self._leak().max(initial=0))
         self.step_limit = model.integrator.step_limit(self.rate_limit)
@@ -145,7 +167,7 @@ class Simulation:
         self.stop_requested = False
         self._guard_steps = max(1, min(_GUARD_STEPS, _GUARD_STEPS * _GUARD_NODES // max(int(np.prod(lattice.shape)), 1)))
 
-        self._beyond = Beyond(lattice, self.sides, model.order, self._depth())
+        self._beyond = Beyond(lattice, self.sides, model.order, self._depth(), self._near_field)
         u = self._initial("u", initial or {})
         v = self._initial("v", initial or {}) if "v" in (initial or {}) and model.order == 2 else np.broadcast_to(0.0, lattice.shape)
         for name in set(initial or {}) - ({"u", "v"} if model.order == 2 else {"u"}):
@@ -170,6 +192,7 @@ class Simulation:
         self._set_phases(np.where(solid, NEVER, 0))
         if solid.any():
             self._check_dry()
+        self.closure = self._close(factor)
         self._cut(self._cracks)
         self._opened = len(self._cracks)
         self._open_cracks()
@@ -206,6 +229,66 @@ class Simulation:
         if len(specimens) and not isinstance(model, Corrosion):
             raise InputError("only a Corrosion has specimens", value=type(model).__name__, key="specimens", remedy="Corrosion(...)")
 
+    def _check_closing(self) -> None:
+        """Conditions along an outline: integrators of one stage, windows closed by one condition all around."""
+        closing = {key: b for key, b in self.sides.items() if isinstance(b, Closing)}
+        self._near_field: np.ndarray | None = None  # nodes of a window that a condition closes along its outline
+        if not closing:
+            return
+        name = type(next(iter(closing.values()))).__name__
+        if not isinstance(self.model.integrator, Euler | Verlet):
+            raise InputError(f"{name} goes along with one stage a step", value=self.model.integrator.name, key="model.integrator",
+                             limit="forward Euler, velocity Verlet", remedy='integrator="euler", or LatticePML')  # fmt: skip
+        if self.lattice.window is None:
+            return
+        if len(closing) < len(self.sides) or len({repr(b) for b in closing.values()}) > 1:
+            raise InputError(f"{name} closes a window along its outline, all around", key="boundary", remedy="the same condition on all sides")
+        self._near_field = self.lattice.mask
+
+    def _close(self, factor: np.ndarray | None) -> Closure | None:
+        """The conditions along the outline; None without."""
+        closing = {key: b for key, b in self.sides.items() if isinstance(b, Closing)}
+        if not closing:
+            return None
+        lattice, model, dx = self.lattice, self.model, self.lattice.spacing
+        shape = self.engine.core.nodes[3 - lattice.dim :]
+        near = np.zeros(shape, bool)
+        inside = self._near[3 - lattice.dim :]
+        near[inside] = True if self._near_field is None else self._near_field
+        outline = Outline(
+            self._origin, dx, near, lattice.window, closing, frozenset(a for (a, _), b in self.sides.items() if isinstance(b, Periodic)),
+            frozenset(key for key, b in self.sides.items() if isinstance(b, Free)), self.stencil.offsets,
+        )  # fmt: skip
+        scale = 1.0 if factor is None else float(factor[0 if self._near_field is None else tuple(np.argwhere(self._near_field)[0])].flat[0])
+        kernel = model.operator if isinstance(model.operator, Kernel) else None
+        medium = Medium(
+            model.order, model.coefficient * scale, self.dt, model.damping, dx * self.stencil.offsets,
+            self.stencil.weights * model.coefficient * scale / dx**2, 0.0 if kernel is None else kernel.horizon,
+            () if kernel is None else tuple(kernel.series(lattice.dim, SERIES)),
+        )  # fmt: skip
+        closure = Closure(outline, medium)
+        indices = self.engine.core.node_indices().reshape(shape)
+        closure.attach(self.engine, indices)
+        self._check_strip(closure, factor)
+        return closure
+
+    def _check_strip(self, closure: Closure, factor: np.ndarray | None) -> None:
+        """What a condition along the outline reads is the homogeneous medium: no other material, no body's end, no constraint."""
+        lattice = self.lattice
+        material = np.ones(lattice.shape) if factor is None else factor.copy()
+        if lattice.body is not None and lattice.mask is not None:
+            material[~lattice.mask] = np.nan
+        solid = self._solid if isinstance(self.model, Corrosion) else np.zeros(0)
+        for nodes in (*self._holds.nodes, self.conditions.nodes, np.flatnonzero(self._leak()), np.flatnonzero(solid)):
+            material.flat[nodes] = np.nan
+        pads = [(self._margins[a, -1], self._margins[a, 1]) for a in range(lattice.dim)]
+        read = np.pad(material, pads, mode="edge")[tuple(closure.strip.index.T)]
+        if not np.ptp(read) == 0:
+            raise InputError("a condition along the outline reads nodes where the material varies, the body ends, metal is, or a constraint "
+                             "holds",
+                             key="boundary", limit=f"uniform within {closure.strip.depth:g} of the outline",
+                             remedy="enlarge the near field, or use a LatticePML")  # fmt: skip
+
     def _check_size(self, dtype: str) -> None:
         for axis, (n, m) in enumerate(zip(self.lattice.shape, self.stencil.reach, strict=True)):
             if n < 2 * m + 1:
@@ -222,9 +305,8 @@ class Simulation:
     def _memory_needed(self, itemsize: int) -> float:
         """Bytes at the peak, in setting up: three levels and the layers' memory once more, and about seven fields besides coordinates."""
         reach = self.stencil.reach
-        shape = [
-            n + sum(b.nodes for (a, _), b in self.sides.items() if a == axis and isinstance(b, Sponge)) for axis, n in enumerate(self.lattice.shape)
-        ]
+        more = {key: self._width(key) for key, b in self.sides.items() if isinstance(b, Sponge | Closing)}
+        shape = [n + sum(width for (a, _), width in more.items() if a == axis) for axis, n in enumerate(self.lattice.shape)]
         columns = [sum(layer.columns for (a, _), layer in self._layers.items() if a == axis) for axis in range(self.lattice.dim)]
         nodes = [float(n + 2 * m + c) for n, m, c in zip(shape, reach, columns, strict=True)]
         slots = [float(n + 2 * m + c * (2 * m + 1)) for n, m, c in zip(shape, reach, columns, strict=True)]
@@ -235,7 +317,8 @@ class Simulation:
 
     def _choose_step(self, dt: float | None) -> float:
         if dt is None:
-            return 0.5 * self.step_limit
+            fitted = [b.step_limit(self.model, self.lattice.spacing, self.lattice.dim) for b in self.sides.values() if isinstance(b, PlaneWave)]
+            return 0.5 * min([self.step_limit, *fitted])
         if not (np.isfinite(dt) and 0 < dt):
             raise InputError("the time step must be positive", value=dt, key="run.dt")
         if dt > self.step_limit * (1 + 1e-12):
@@ -247,9 +330,10 @@ class Simulation:
         """Initial values less the background; refuses data that the infinite medium would have beyond the near field."""
         level = self.background if name == "u" else 0.0
         value, key = initial.get(name, level), f"initial.{name}"
-        values = self._inside(checked(value(*self.lattice.coordinates()) if callable(value) else value, self.lattice, key) - level)
+        given = checked(value(*self.lattice.coordinates()) if callable(value) else value, self.lattice, key) - level
+        values = self._inside(given)
         if np.ndim(value):
-            self._beyond.check_values(values, key)
+            self._beyond.check_values(given if self._near_field is not None else values, key)
         elif name in initial:
             function = value if callable(value) else lambda *_: value
             self._beyond.check_function(function, float(np.abs(values).max(initial=0)), key, level, "initial value")
@@ -260,6 +344,12 @@ class Simulation:
             return resolve((), self.lattice, self.stencil.reach)
         conductivity = self.model.coefficient / self.model.source_factor * (1.0 if factor is None else factor)
         return resolve(constraints, self.lattice, self.stencil.reach, conductivity, self.background)
+
+    def _hide(self) -> np.ndarray | None:
+        """Nodes of the lattice whose values are not of the body or window; None if there are none."""
+        hidden = np.zeros(self.lattice.shape, bool) if self.lattice.mask is None else ~self.lattice.mask
+        hidden.ravel()[self.conditions.images] = True
+        return hidden if hidden.any() else None
 
     def _leak(self) -> np.ndarray:
         """Rate at which each node loses its value to what surrounds the body; of the lattice's shape, empty without."""
@@ -331,13 +421,15 @@ class Simulation:
         space, time = parts(source)
         found = split(source, self.lattice)
         values = found[0]
+        inside = self._near_field
         if space is None or values is None:
             self._unsplit.append(time)
         elif np.ndim(space):
             self._beyond.check_values(values, key)
         else:
             function = space if callable(space) else lambda *_: space
-            self._beyond.check_function(function, float(np.abs(values).max(initial=0)), key, missed="source value")
+            peak = float(np.abs(values if inside is None else values[inside]).max(initial=0))
+            self._beyond.check_function(function, peak, key, missed="source value")
         return found
 
     def check_sources(self, until: float) -> None:
@@ -374,7 +466,9 @@ class Simulation:
         return last
 
     def _inside(self, values: np.ndarray) -> np.ndarray:
-        """Zero outside a body, where there are no nodes."""
+        """Zero outside a body, where there are no nodes, and beyond a window's outline if a condition closes it."""
+        if self._near_field is not None:
+            return np.where(self._near_field, values, 0.0)
         return np.where(self.lattice.mask, values, 0.0) if self.lattice.body is not None and self.lattice.mask is not None else values
 
     def _make_layers(self) -> dict[tuple[int, int], Layer]:
@@ -394,8 +488,16 @@ class Simulation:
         """
         nodes = {key: layer.columns for key, layer in self._layers.items()}
         nodes |= {key: self.lattice.shape[key[0]] for key, b in self.sides.items() if isinstance(b, Exact)}
-        nodes |= {key: b.nodes for key, b in self.sides.items() if isinstance(b, Sponge)}
+        nodes |= {key: self._width(key) for key, b in self.sides.items() if isinstance(b, Sponge | Closing)}
         return {key: max(n, self.stencil.reach[key[0]]) for key, n in nodes.items()}
+
+    def _width(self, key: tuple[int, int]) -> int:
+        """Nodes of the core beyond the near field that a sponge, or a condition along the outline, takes."""
+        boundary = self.sides[key]
+        if isinstance(boundary, Sponge):
+            return boundary.nodes
+        thick = boundary.layer if isinstance(boundary, PlaneWave) else None
+        return self.stencil.reach[key[0]] if thick is None else int(thick / self.lattice.spacing + 1e-9)
 
     def _choose_margins(self, u: np.ndarray, v: np.ndarray, factor: np.ndarray | None, cuts: Sequence[Cut]) -> dict[tuple[int, int], int]:
         """Nodes of the core beyond the near field: a sponge, or unstretched nodes in front of a layer.
@@ -405,8 +507,8 @@ class Simulation:
         """
         margins = {}
         for (axis, side), boundary in self.sides.items():
-            if isinstance(boundary, Sponge):
-                margins[axis, side] = boundary.nodes
+            if isinstance(boundary, Sponge | Closing):
+                margins[axis, side] = self._width((axis, side))
             elif isinstance(boundary, LatticePML | Exact):
                 m = self.stencil.reach[axis]
                 last = np.arange(m + 1) if side < 0 else self.lattice.shape[axis] - 1 - np.arange(m + 1)
@@ -515,6 +617,9 @@ class Simulation:
             nodes, bonds = cut_bonds(cut, self._origin, self.lattice.spacing, shape, self.stencil.offsets)
             flat = block.plane.origin + nodes @ np.array(block.stride[lead:])
             found.append((flat, flat + offsets[bonds] @ np.array(block.stride), lost * engine.weights[bonds]))
+            if self.closure is not None and np.isin(flat, self.closure.nodes).any():
+                raise InputError("a crack cuts bonds of nodes that a condition along the outline reads", key="crack",
+                                 value=[b.tolist() for b in cut.bounds()], remedy="enlarge the near field, or use a LatticePML")  # fmt: skip
             for axis, side in crossed:
                 *ends, weights = self._continue_crack(cut, nodes, bonds, axis, side)
                 found.append((ends[0], ends[1], lost * weights))
@@ -522,6 +627,8 @@ class Simulation:
             exists = self._existing(self.rim == "free")
             for part in engine.layout.blocks.values():
                 found += self._absent(part, exists)
+        if self.closure is not None:
+            found += self._beyond_halo(self.closure)
         if not found:
             engine.set_cuts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
             return
@@ -530,6 +637,19 @@ class Simulation:
         nodes, neighbours, weights = nodes[order], neighbours[order], weights[order]
         _, first = np.unique(nodes * engine.layout.places + neighbours, return_index=True)
         engine.set_cuts(nodes[first], neighbours[first], weights[first])
+
+    def _beyond_halo(self, closure: Closure) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Bonds of the near field beyond a halo that is thinner than the stencil reaches."""
+        engine, block = self.engine, self.engine.core
+        lead = 3 - self.lattice.dim
+        exists = engine.spread(np.reshape(~closure.outside, block.nodes), {(lead + a, side): 0.0 for a, side in closure.outline.sides}) > 0.5
+        near = block.node_indices().reshape(closure.halo.shape)[closure.outline.near]
+        rows = []
+        for offset, weight in zip(engine.offsets, engine.weights, strict=True):
+            other = near + int(offset @ np.array(block.stride))
+            lost = ~exists[other]
+            rows.append((near[lost], other[lost], np.full(int(lost.sum()), weight)))
+        return rows
 
     def _crossed(self, cut: Cut) -> list[tuple[int, int]]:
         """Sides (axis, side) with a layer that a crack runs into; InputError where it crosses a sponge or a periodic side."""
@@ -666,6 +786,13 @@ class Simulation:
             self._scale = max(self._scale, float(np.abs(fields).max(initial=0) * np.abs(amplitudes).max(initial=0)))
             engine.tie(amplitudes[0, 0] @ fields)
         self._hold()
+        self._step_back(v)
+        if self.closure is not None:
+            self.closure.start()
+
+    def _step_back(self, v: np.ndarray) -> None:
+        """The level one step before the start, for equations of second order."""
+        engine = self.engine
         if self.model.order == 1:
             return
         acceleration = self._acceleration()
@@ -673,6 +800,8 @@ class Simulation:
         rate = engine.core.view(change)[self._near]
         rate += (self.dt * (1 + self.model.damping * self.dt) * v).reshape(rate.shape)
         change[self._held] = 0
+        if self.closure is not None:
+            change[self.closure.unmoved] = 0  # the medium beyond the outline is at rest
         if engine.stages.increments:
             engine.levels[2][:] = change
         for block in engine.layout.blocks.values():
@@ -866,9 +995,11 @@ class Simulation:
 
     def _shown(self, level: np.ndarray, offset: float) -> np.ndarray:
         values = self.engine.core.view(level)[self._near].reshape(self.lattice.shape) + offset
-        if self.lattice.mask is not None:
-            values = np.where(self.lattice.mask, values, np.nan)
-        return values
+        return self._visible(values)
+
+    def _visible(self, values: np.ndarray) -> np.ndarray:
+        """The values, nan on nodes that are not shown."""
+        return values if self._hidden is None else np.where(self._hidden, np.nan, values)
 
     @property
     def fields(self) -> dict[str, np.ndarray]:
@@ -877,10 +1008,9 @@ class Simulation:
         if self.model.order == 2:
             out["v"] = (out["u"] - self._shown(self.engine.older, self.background)) / self.dt
         if isinstance(self.model, Corrosion):
-            out["solid"] = self._solid.astype(float)
-            out["dissolved"] = np.where(self._solid, np.nan, self.dt * self.engine.dissolved[self._near].reshape(self.lattice.shape))
-            if self.lattice.mask is not None:
-                out |= {name: np.where(self.lattice.mask, out[name], np.nan) for name in ("solid", "dissolved")}
+            steps = self.engine.dissolved[self._near].reshape(self.lattice.shape)
+            out["solid"] = self._visible(self._solid.astype(float))
+            out["dissolved"] = self._visible(np.where(self._solid, np.nan, self.dt * steps))
         return out
 
     def energy(self) -> float:
@@ -929,8 +1059,8 @@ class Simulation:
             core[tuple(strip if a == lead + axis else slice(None) for a in range(3))] = len(self._book_names)
         near = core[self._near].reshape(self.lattice.shape)
         near.ravel()[self.conditions.nodes] = self.conditions.owner + 1
-        if self.rim == "fixed" and self.lattice.mask is not None:
-            self._book_names.append("rim")
+        if self.lattice.mask is not None and (self.rim == "fixed" or self._near_field is not None):
+            self._book_names.append("rim" if self.rim == "fixed" else "outline")
             near[~self.lattice.mask] = len(self._book_names)
         core[self._near] = near.reshape(core[self._near].shape)
         self._free = near == 0
@@ -993,8 +1123,8 @@ class Simulation:
         -------
         dict
             "stored", the gain, of a corrosion the sum of the gains of "metal" (what it has lost, negative) and "dissolved" (of the liquid);
-            "source[i]", "constraint[i]", "x-", .. and "rim": what came in from there; "residual": "stored" less all that came in, which is
-            rounding.
+            "source[i]", "constraint[i]", "x-", .. and "rim" or "outline": what came in from there; "residual": "stored" less all that came in,
+            which is rounding.
 
         Raises
         ------
@@ -1094,6 +1224,7 @@ class Simulation:
             "weights": float(self.stencil.weights.sum()), "neighbours": len(self.stencil.weights), "cuts": self._first_cuts,
             "held": len(self._held), "conditions": len(self.conditions.nodes), "opens": [c.opens for c in self._cracks],
             **({} if self._ends is None else {"exact": self._ends.names}),
+            **({} if self.closure is None else {"strip": list(self.engine.strip_history.shape), "update": self.closure.mark()}),
             **({"constraints": len(self._holds.constraints)} if self._holds.constraints else {}),
             **({"solid": self._first_solid, "saturation": self.model.saturation, "interface": self.model.interface}
                if isinstance(self.model, Corrosion) else {}),
@@ -1113,6 +1244,8 @@ class Simulation:
             arrays |= more
         if isinstance(self.model, Corrosion):
             arrays["dissolved"] = np.ascontiguousarray(self.engine.dissolved[self._near])
+        if self.closure is not None:
+            arrays["strip"] = self.engine.strip_history
         if self._balance:
             arrays |= {"flows": self.engine.flows, "powers": self._powers}
             meta["first_amounts"] = self._first_amounts
@@ -1168,6 +1301,8 @@ class Simulation:
         self.engine.memory[...] = arrays["memory"]
         if self._ends is not None:
             self._ends.load(arrays, meta["exact"])
+        if self.closure is not None:
+            self.engine.strip_history[...] = arrays["strip"]
         self.engine.phase, self._scale = int(meta["phase"]), float(meta["scale"])
         self.step_count = 0
         self._tick(int(meta["step"]))

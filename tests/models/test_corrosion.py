@@ -8,7 +8,6 @@ from scipy.special import erfc
 import farhorizon as fh
 from farhorizon.case import Case
 from farhorizon.compare import compare
-from farhorizon.engine.phases import TILE, count_solid
 from helpers import kernel_stencil, lattice_of
 
 SATURATION, INTERFACE, METAL = 0.8, 0.1, 2.0
@@ -76,7 +75,7 @@ def check_counts(sim):
     """The tiles' counts are those of a new classification."""
     engine = sim.engine
     solids, volumes = engine._tiles
-    anew = count_solid(engine.core.plane.all(engine._coefficient) < 0, engine.layout.reach, (*engine._groups[0], TILE))
+    anew = engine._count_solid()
     np.testing.assert_array_equal(solids, anew[0])
     np.testing.assert_array_equal(volumes, anew[1])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ import numpy as np
 
 from farhorizon.engine.build import load_driver, load_rows
 from farhorizon.engine.layout import ALIGN, LINES, TASK_FIELDS, Block, Layout
-from farhorizon.engine.phases import NEVER, TILE, count_solid
+from farhorizon.engine.phases import NEVER, TILE, TILE_ROWS, count_solid
 
 __all__ = ["NEVER", "Engine", "Layer", "Layout", "available_threads"]
 
@@ -20,9 +21,7 @@ _MODES = 8  # modes of an exact end are filled up to whole vectors
 _ALONE = np.zeros(1, np.int64)  # what threads share when there is one
 RULES = ("both", "arithmetic", "harmonic", "phases")
 _UNROLLED_LIMIT = 1200  # products in straight-line code beyond which compiling takes longer than a run
-_GROUPS = ((2, 4), (1, 8), (8, 1), (2, 2), (1, 4), (4, 1), (1, 1))  # rows swept together, the fastest first
-_STREAMED = ((1, 6),)  # the same for levels beyond any cache: eight rows are more streams than the hardware follows
-_STREAMED_NODES = 500_000
+_SECOND_CACHE = 600_000  # bytes of the second cache that a part of the core may take
 _PARALLEL_NODES = 40_000  # fewer nodes than this finish before a second thread has started
 
 
@@ -63,6 +62,22 @@ def _weight_classes(weights: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
     _, first, inverse = np.unique(weights, axis=1, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))
     return tuple(rank[inverse.ravel()].tolist()), np.ascontiguousarray(weights[:, np.sort(first)])
+
+
+def _shared_rows(starts: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First weight of each compressed row in a list where equal rows stand once, and that list."""
+    places: dict[bytes, int] = {}
+    pieces: list[np.ndarray] = [np.zeros(0)]
+    kinds, end = np.zeros(len(starts) - 1, np.int64), 0
+    for row, (start, stop) in enumerate(itertools.pairwise(starts)):
+        piece = np.asarray(weights[start:stop], float)
+        key = piece.tobytes()
+        if key not in places:
+            places[key] = end
+            pieces.append(piece)
+            end += piece.size
+        kinds[row] = places[key]
+    return kinds, np.concatenate(pieces)
 
 
 def _zeros(count: int, dtype: np.dtype, rows: int = 0) -> np.ndarray:
@@ -129,6 +144,7 @@ class Engine:
         self.hold(np.zeros(0, np.int64))
         self.set_tied(np.zeros(0, np.int64), np.zeros(1, np.int64), np.zeros(0, np.int64), np.zeros(0))
         none = np.zeros(0, np.int64)
+        self.set_strip(none, 1, np.zeros(1, np.int64), none, np.zeros(1, np.int64), none, np.zeros(0), none)
         self.set_books(none, none, none, np.zeros(0), np.zeros(len(stages.numbers)), 0)
         self._driver = load_driver()
 
@@ -153,29 +169,29 @@ class Engine:
             fits[number] = all(o in table and table.get(n) == table[o] for o, n in zip(physical, mirrored, strict=True))
             if fits[number]:
                 rows[number] = [table[o] for o in physical]
-        functions, groups, classes = np.zeros((len(blocks), 2), np.int64), np.ones((len(blocks), 2), np.int64), rows[:, :1]
-        budget = _UNROLLED_LIMIT // max(len(shape or ()), 1)
-        if shape and fits.any() and budget:
+        functions, classes = np.zeros(len(blocks), np.int64), rows[:, :1]
+        if shape and fits.any() and len(shape) <= _UNROLLED_LIMIT:
             numbers, classes = _weight_classes(rows)
-            for number in np.flatnonzero(fits).tolist():
-                groups[number] = group = self._group(blocks[number], budget)
-                functions[number] = [load_rows(shape, numbers, g, self.dtype.name, self.stages.increments) for g in (group, (1, 1))]
+            functions[fits] = load_rows(shape, numbers, self.dtype.name, self.stages.increments)
+        depths = np.array([self._depth(block) for block in blocks])
         scale = np.array([n[2] for n in self.stages.numbers])
         offsets = np.array([self.offsets @ np.array(b.stride) for b in blocks], np.int64)
-        self._groups = groups
         self._sweeps = (
-            self._trees(), self.layout.table(), functions, groups, (scale[:, None, None] * classes).astype(self.dtype), offsets,
+            self._trees(), self.layout.table(), functions, depths, (scale[:, None, None] * classes).astype(self.dtype), offsets,
             (scale[:, None] * self.weights).astype(self.dtype),
         )  # fmt: skip
         total = self.weights.sum()
         self._numbers = np.array([(a - s * total, a, b, s, g) for a, b, s, g in self.stages.numbers]).astype(self.dtype)
         self._rotation = np.array(self.stages.rotation, np.int64)
 
-    def _group(self, block: Block, budget: int) -> tuple[int, int]:
-        """Rows of a block to sweep together: neighbours along axes of the medium that the block does not stretch."""
-        free = [self.layout.reach[a] > 0 and block.segment[a] == 0 for a in block.order[:2]]
-        preferred = _STREAMED if int(np.prod(block.nodes)) > _STREAMED_NODES and block.nodes[block.order[0]] == 1 else ()
-        return next(g for g in (*preferred, *_GROUPS) if g[0] * g[1] <= budget and all(f or n == 1 for f, n in zip(free, g, strict=True)))
+    def _depth(self, block: Block) -> int:
+        """Rows to sweep at a time: few enough that each thread gets some and that, in 3D, the planes they read stay in the second cache."""
+        first, second = block.order[:2]
+        rows, planes = block.nodes[second], 2 * self.layout.reach[first] + 1
+        most = min(64, -(-block.nodes[first] * rows // (8 * self.threads)))
+        if planes > 1:
+            most = min(most, _SECOND_CACHE // (block.slots.step[second] * self.dtype.itemsize * planes) - 2 * self.layout.reach[second])
+        return -(-rows // -(-rows // max(most, 8)))
 
     def _trees(self) -> np.ndarray:
         """Rows (axis, first block, last block + 1, first place) of the compiled loop, one a tree."""
@@ -257,7 +273,13 @@ class Engine:
         self._coefficient = self.spread(np.where(solid, -interface, 1.0), beyond)
         steps = np.zeros(self.layout.size, np.int64)
         self.core.view(steps)[...] = dissolved
-        self._set_tiles(*count_solid(self.core.plane.all(self._coefficient) < 0, self.layout.reach, (*self._groups[0], TILE)), steps, saturation)
+        depths = self._sweeps[3]
+        depths[0] = min(depths[0], TILE_ROWS)
+        self._set_tiles(*self._count_solid(), steps, saturation)
+
+    def _count_solid(self) -> tuple[np.ndarray, np.ndarray]:
+        """Solid nodes, and all nodes, of each tile and within one reach of it."""
+        return count_solid(self.core.plane.all(self._coefficient) < 0, self.layout.reach, (1, int(self._sweeps[3][0]), TILE))
 
     def _set_tiles(self, solids: np.ndarray, volumes: np.ndarray, dissolved: np.ndarray, saturation: float) -> None:
         period = np.array([n if a in self.layout.periodic else 0 for a, n in enumerate(self.core.nodes)])
@@ -265,7 +287,7 @@ class Engine:
 
     @property
     def dissolved(self) -> np.ndarray:
-        """Step at which each node of the core became liquid, `NEVER` for solid ones; shares memory."""
+        """Step at which each node of the core became liquid, `NEVER` for solid ones, where there are phases; shares memory."""
         return self.core.view(self._dissolution[0])
 
     def hold(self, nodes: np.ndarray) -> None:
@@ -314,6 +336,20 @@ class Engine:
         """Nodes with prescribed values: node i is the sum of weights[k] times node sources[k], k from starts[i] to starts[i + 1], plus what
         `advance` is told. They are set in this order after each stage."""
         self._tied = nodes.astype(np.int64), starts.astype(np.int64), sources.astype(np.int64), weights.astype(self.dtype)
+
+    def set_strip(
+        self, nodes: np.ndarray, levels: int, fronts: np.ndarray, rows: np.ndarray, starts: np.ndarray, columns: np.ndarray, weights: np.ndarray,
+        outside: np.ndarray,
+    ) -> None:  # fmt: skip
+        """Halo nodes along an outline that are sums over a strip of nodes, as `strip.close_strip` has it; `levels` rows of `history` a node."""
+        self.strip_history = np.zeros((levels, nodes.size))
+        kinds, shared = _shared_rows(starts, weights)
+        edges = np.flatnonzero(np.diff(np.sort(outside), prepend=-2, append=-2) != 1)
+        runs = np.stack([np.sort(outside)[edges[:-1]], np.sort(outside)[edges[1:] - 1] + 1], axis=1) if outside.size else np.zeros((0, 2))
+        self._strip = (
+            nodes.astype(np.int64), self.strip_history, fronts.astype(np.int64), rows.astype(np.int64), starts.astype(np.int64),
+            columns.astype(np.uint32), kinds, shared, runs.astype(np.int64),
+        )  # fmt: skip
 
     def set_books(
         self, books: np.ndarray, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray, effects: np.ndarray, count: int,
@@ -386,9 +422,9 @@ class Engine:
     def apply_core(self, level: np.ndarray) -> np.ndarray:
         """The operator L on the core of a level with whatever its halo holds."""
         out, base, numbers = self._plain(level)
-        _, blocks, functions, groups, weights, offsets, general = self._first_sweeps
+        _, blocks, functions, depths, weights, offsets, general = self._first_sweeps
         law = (general, *numbers[:3], self.stages.increments, self._rule)
-        first = blocks[0], functions[0], groups[0], False, weights[0], offsets[0]
+        first = blocks[0], functions[0], depths[0], False, weights[0], offsets[0]
         self._driver.sweep_core(1, _ALONE, level, base, out, *first, self._coefficient, law, *self._tiles)
         ranges, *cuts = self._cuts
         self._driver.cut(0, 1, _ALONE, level, level, base, out, numbers[3], ranges[-1], len(cuts[0]), *cuts, self.stages.increments,
@@ -402,8 +438,8 @@ class Engine:
 
     @property
     def _first_sweeps(self) -> tuple[np.ndarray, ...]:
-        trees, blocks, functions, groups, weights, offsets, general = self._sweeps
-        return trees, blocks, functions, groups, weights[0], offsets, general[0]
+        trees, blocks, functions, depths, weights, offsets, general = self._sweeps
+        return trees, blocks, functions, depths, weights[0], offsets, general[0]
 
     def advance(
         self, steps: int, source_nodes: np.ndarray, source_fields: np.ndarray, source_times: np.ndarray, held_values: np.ndarray | None = None,
@@ -417,7 +453,8 @@ class Engine:
             self.phase, self.levels, self._rotation, self._numbers, self.stages.increments, self.slots, self.memory, self._work,
             *self._sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
             *self._tiles, *self._dissolution, self.steps_done, *self._damping,
-            (*self._ends, self.heads, self.past, self.history), *self._tied, *self._books, self.flows, source_nodes, source_fields, source_times,
+            (*self._ends, self.heads, self.past, self.history), *self._tied, *self._books, self.flows, self._strip,
+            source_nodes, source_fields, source_times,
             self._held, _NOTHING if held_values is None else held_values, tied_fields, tied_times,
         )  # fmt: skip
         from farhorizon.engine.threads import side_by_side
@@ -433,6 +470,7 @@ class Engine:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all time levels, slots, layer memory and the memory of exact ends."""
+        """Bytes of all time levels, slots, layer memory, the memory of exact ends and of strips."""
         ends = self.heads.nbytes + self.past.nbytes + self.history.nbytes + sum(np.asarray(a).nbytes for a in self._ends)
-        return self.levels.nbytes + self.slots.nbytes + self.memory.nbytes + self._coefficient.nbytes + ends
+        strip = sum(a.nbytes for a in self._strip)
+        return self.levels.nbytes + self.slots.nbytes + self.memory.nbytes + self._coefficient.nbytes + ends + strip

@@ -14,6 +14,7 @@ from farhorizon.engine.ends import exact_ends
 from farhorizon.engine.layout import LINES
 from farhorizon.engine.phases import LIQUID, MIXED, TILE, dissolve, phase_of
 from farhorizon.engine.simd import call_sweep, stretch_chain, sweep_phases
+from farhorizon.engine.strip import close_strip
 from farhorizon.engine.threads import barrier, claim
 
 CHUNK = 64
@@ -72,48 +73,46 @@ def sweep_general(src, base, out, start, to, count, offsets, weights, a, b, incr
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_at(src, base, out, block, i0, i1, i2, count, function, weights, offsets, coefficient, law):
-    """`count` nodes of the row, or of the group of rows, of a block from (i0, i1, i2) on; function 0: bond by bond."""
+def count_parts(block, depth):
+    """Parts of a block: bundles of up to `depth` neighbouring rows."""
+    return block[1] * ((block[2] + depth - 1) // depth)
+
+
+@njit(error_model="numpy", cache=True)
+def sweep_part(src, base, out, block, number, depth, first, last, function, weights, offsets, coefficient, law):
+    """Nodes `first` to `last` of the rows of one part of a block: bundles one after the other along the slowest axis share most of what they read.
+
+    A stencil without compiled rows has function 0.
+    """
     general, a, a_difference, b, increments, rule = law
-    start, to = block[0] + i0 * block[4] + i1 * block[5] + i2, block[9] + i0 * block[10] + i1 * block[11] + i2
+    i0, i1 = number % block[1], (number // block[1]) * depth
+    count = min(depth, block[2] - i1)
+    start, to = block[0] + i0 * block[4] + i1 * block[5] + first, block[9] + i0 * block[10] + i1 * block[11] + first
     if function != 0:
         size = src.itemsize
         call_sweep(function, src.ctypes.data + start * size, base.ctypes.data + to * size, out.ctypes.data + to * size, weights.ctypes.data,
-                   a, b, count, block[6], block[7], block[8], block[10], block[11])  # fmt: skip
+                   a, b, last - first, count, block[6], block[7], block[8], block[5], block[11])  # fmt: skip
     else:
-        sweep_general(src, base, out, start, to, count, offsets, general, a_difference, b, increments, coefficient, rule)
+        for row in range(count):
+            sweep_general(src, base, out, start + row * block[5], to + row * block[11], last - first, offsets, general, a_difference, b,
+                          increments, coefficient, rule)  # fmt: skip
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_group(src, base, out, block, number, group, first, last, functions, weights, offsets, coefficient, law):
-    """Nodes `first` to `last` of a group of rows: the whole group at once, or one by one the rows left over at the edge of a block."""
-    g0, g1 = group
-    n1 = (block[2] + g1 - 1) // g1
-    i0, i1 = (number // n1) * g0, (number % n1) * g1
-    whole = i0 + g0 <= block[1] and i1 + g1 <= block[2]
-    step0, step1, function = (g0, g1, functions[0]) if whole else (1, 1, functions[1])
-    for j0 in range(i0, min(i0 + g0, block[1]), step0):
-        for j1 in range(i1, min(i1 + g1, block[2]), step1):
-            sweep_at(src, base, out, block, j0, j1, first, last - first, function, weights, offsets, coefficient, law)
-
-
-@njit(error_model="numpy", cache=True)
-def sweep_mixed(src, base, out, block, number, group, first, last, offsets, coefficient, law):
-    """Nodes `first` to `last` of a group of rows in both phases."""
+def sweep_mixed(src, base, out, block, number, depth, first, last, offsets, coefficient, law):
+    """Nodes `first` to `last` of the rows of one part of the core, in both phases."""
     general, _, a, b, _, _ = law
-    n1 = (block[2] + group[1] - 1) // group[1]
-    i0, i1 = (number // n1) * group[0], (number % n1) * group[1]
+    i0, i1 = number % block[1], (number // block[1]) * depth
     size = src.itemsize
     start = (block[0] + i0 * block[4] + i1 * block[5] + first) * size
     to = (block[9] + i0 * block[10] + i1 * block[11] + first) * size
     sweep_phases(src.ctypes.data + start, coefficient.ctypes.data + start, base.ctypes.data + to, out.ctypes.data + to, offsets.ctypes.data,
-                 general.ctypes.data, offsets.size, a, b, last - first, min(group[0], block[1] - i0), min(group[1], block[2] - i1),
-                 block[4], block[5], block[10], block[11])  # fmt: skip
+                 general.ctypes.data, offsets.size, a, b, last - first, min(depth, block[2] - i1), block[5], block[11])  # fmt: skip
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_tiles(src, base, out, block, number, group, functions, weights, offsets, coefficient, law, solids, volumes):
-    """A group of rows in two phases: stretches of liquid tiles by the compiled rows, of mixed tiles bond by bond, of solid ones not at all."""
+def sweep_tiles(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, solids, volumes):
+    """A part of the core in two phases: stretches of liquid tiles by the compiled rows, of mixed tiles bond by bond, of solid ones not at all."""
     first, count = 0, solids.shape[1]
     while first < count:
         here = phase_of(solids[number, first], volumes[number, first])
@@ -122,43 +121,37 @@ def sweep_tiles(src, base, out, block, number, group, functions, weights, offset
             last += 1
         start, stop = first * TILE, min(last * TILE, block[3])
         if here == LIQUID:
-            sweep_group(src, base, out, block, number, group, start, stop, functions, weights, offsets, coefficient, law)
+            sweep_part(src, base, out, block, number, depth, start, stop, function, weights, offsets, coefficient, law)
         elif here == MIXED:
-            sweep_mixed(src, base, out, block, number, group, start, stop, offsets, coefficient, law)
+            sweep_mixed(src, base, out, block, number, depth, start, stop, offsets, coefficient, law)
         first = last
 
 
 @njit(error_model="numpy", cache=True)
-def count_groups(block, group):
-    """Groups of rows in a block, those at its edge included."""
-    return ((block[1] + group[0] - 1) // group[0]) * ((block[2] + group[1] - 1) // group[1])
+def sweep_core(lanes, sync, src, base, out, block, function, depth, backward, weights, offsets, coefficient, law, solids, volumes):
+    """All parts of the core; in every other stage the last first: it meets what the last stage left in the cache.
 
-
-@njit(error_model="numpy", cache=True)
-def sweep_core(lanes, sync, src, base, out, block, functions, group, backward, weights, offsets, coefficient, law, solids, volumes):
-    """All groups of rows of the core; in every other stage the last first: it meets what the last stage left in the cache.
-
-    Lanes claim parts as they go, so that one whose core is busy otherwise does less.
+    Lanes claim some as they go, so that one whose processor is busy otherwise does less.
     """
-    count = count_groups(block, group)
+    count = count_parts(block, depth)
     size = max(1, count // (8 * lanes)) if lanes > 1 else count
-    part = claim(sync) if lanes > 1 else 0
-    while part * size < count:
-        for i in range(part * size, min(count, (part + 1) * size)):
+    claimed = claim(sync) if lanes > 1 else 0
+    while claimed * size < count:
+        for i in range(claimed * size, min(count, (claimed + 1) * size)):
             number = count - 1 - i if backward else i
             if solids.size:
-                sweep_tiles(src, base, out, block, number, group, functions, weights, offsets, coefficient, law, solids, volumes)
+                sweep_tiles(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, solids, volumes)
             else:
-                sweep_group(src, base, out, block, number, group, 0, block[3], functions, weights, offsets, coefficient, law)
-        part = claim(sync) if lanes > 1 else 1
+                sweep_part(src, base, out, block, number, depth, 0, block[3], function, weights, offsets, coefficient, law)
+        claimed = claim(sync) if lanes > 1 else 1
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_tree(lane, lanes, slots, base, out, first, last, blocks, functions, groups, weights, offsets, coefficient, law):
+def sweep_tree(lane, lanes, slots, base, out, first, last, blocks, functions, depths, weights, offsets, coefficient, law):
     """The blocks of a tree."""
     for k in range(first, last):
-        for number in range(lane, count_groups(blocks[k], groups[k]), lanes):
-            sweep_group(slots, base, out, blocks[k], number, groups[k], 0, blocks[k, 3], functions[k], weights[k], offsets[k], coefficient, law)
+        for number in range(lane, count_parts(blocks[k], depths[k]), lanes):
+            sweep_part(slots, base, out, blocks[k], number, depths[k], 0, blocks[k, 3], functions[k], weights[k], offsets[k], coefficient, law)
 
 
 @njit(error_model="numpy", cache=True)
@@ -294,7 +287,7 @@ def cut(lane, lanes, sync, src, values, base, out, scale, first, last, nodes, ne
 
 
 @njit(error_model="numpy", cache=True)
-def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slots, memory, work, trees, blocks, functions, groups, weights,
+def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slots, memory, work, trees, blocks, functions, depths, weights,
           offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
           cut_ranges, cut_nodes, cut_neighbours, cut_weights, solids, volumes):  # fmt: skip
     """``out = a*src + b*base + scale*L(src)`` everywhere; fills the halo of `src` and advances the layers' memory to its time.
@@ -314,11 +307,11 @@ def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slot
                 fill_tree(lane, lanes, sync, tree, src, slots, memory, work, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember)
                 first, last = trees[tree, 1], trees[tree, 2]
                 material = coefficient[trees[tree, 3] :] if coefficient.size > 1 else coefficient
-                sweep_tree(lane, lanes, slots, base, out, first, last, blocks, functions, groups, weights, offsets, material, law)
+                sweep_tree(lane, lanes, slots, base, out, first, last, blocks, functions, depths, weights, offsets, material, law)
                 barrier(sync, lanes)
                 cut(lane, lanes, sync, src, slots, base, out, scale, cut_ranges[tree], cut_ranges[tree + 1], cut_nodes, cut_neighbours, cut_weights,
                     increments, coefficient, material, rule)  # fmt: skip
-    sweep_core(lanes, sync, src, base, out, blocks[0], functions[0], groups[0], backward, weights[0], offsets[0], coefficient, law, solids, volumes)
+    sweep_core(lanes, sync, src, base, out, blocks[0], functions[0], depths[0], backward, weights[0], offsets[0], coefficient, law, solids, volumes)
     barrier(sync, lanes)
     cut(lane, lanes, sync, src, src, base, out, scale, cut_ranges[trees.shape[0]], cut_nodes.size, cut_nodes, cut_neighbours, cut_weights,
         increments, coefficient, coefficient, rule)  # fmt: skip
@@ -367,17 +360,17 @@ def book_ends(books, forces, effect, flows):
 
 
 @njit(error_model="numpy", nogil=True, cache=True)
-def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, slots, memory, work, trees, blocks, functions, groups, weights,
+def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, slots, memory, work, trees, blocks, functions, depths, weights,
         offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
         cut_ranges, cut_nodes, cut_neighbours, cut_weights, solids, volumes, dissolved, total, saturation, period, steps_before,
         damped, damp_before, damp_after, damp_leak, ends,
         tied, tied_starts, tied_sources, tied_weights, books, book_nodes, book_neighbours, book_weights, book_effects, end_books, flows,
-        source_nodes, source_fields, source_times, held, held_times, tied_fields, tied_times):  # fmt: skip
+        strip, source_nodes, source_fields, source_times, held, held_times, tied_fields, tied_times):  # fmt: skip
     """One lane's share of `steps` steps from the rotation `phase`.
 
     After them the level ``stages[(phase + steps) % rotations, 0, 0]`` holds the state, where stages[phase, stage] = (in, base, out)
     are level numbers; numbers[stage] as in `stage`. source_times[step, stage, j] multiplies source_fields[j] on source_nodes. `ends`: the last
-    arguments of `ends.exact_ends`. After each step the nodes `held` have the values ``held_times[step]``.
+    arguments of `ends.exact_ends`; `strip`: those of `strip.close_strip`. After each step the nodes `held` have the values ``held_times[step]``.
     From solids to steps_before: see `engine.phases`.
     """
     per_step = stages.shape[1]
@@ -398,7 +391,7 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                         base[node] = src[node] - (src[node] - base[node]) * damp_before[i]
                 barrier(sync, lanes)
             stage(lane, lanes, sync, src, base, out, numbers[part], increments, (phase + part) % 2 == 1, slots, memory, work, trees, blocks,
-                  functions, groups, weights[part], offsets, general[part], copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember,
+                  functions, depths, weights[part], offsets, general[part], copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember,
                   coefficient, rule, cut_ranges, cut_nodes, cut_neighbours, cut_weights, solids, volumes)  # fmt: skip
             if bounded:
                 if lane == 0:
@@ -436,9 +429,11 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                     if tied.size:
                         tie(src, base, out, increments, tied, tied_starts, tied_sources, tied_weights, tied_fields, tied_times[step, part])
                 barrier(sync, lanes)
+            if strip[0].size:
+                close_strip(lane, lanes, sync, src, base, out, increments, *strip)
         if solids.size:
             dissolve(lane, lanes, levels[stages[phase, per_step - 1, 2]], coefficient, dissolved, total, steps_before + step + 1, saturation,
-                     blocks[0], groups[0], solids, volumes, reach, period)  # fmt: skip
+                     blocks[0], depths[0], solids, volumes, reach, period)  # fmt: skip
             barrier(sync, lanes)
             if total[0] != known:
                 known = total[0]
