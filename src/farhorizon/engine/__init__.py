@@ -274,12 +274,12 @@ class Engine:
         steps = np.zeros(self.layout.size, np.int64)
         self.core.view(steps)[...] = dissolved
         depths = self._sweeps[3]
-        depths[0] = min(depths[0], TILE_ROWS)
+        depths[0] = -(-depths[0] // TILE_ROWS) * TILE_ROWS
         self._set_tiles(*self._count_solid(), steps, saturation)
 
     def _count_solid(self) -> tuple[np.ndarray, np.ndarray]:
         """Solid nodes, and all nodes, of each tile and within one reach of it."""
-        return count_solid(self.core.plane.all(self._coefficient) < 0, self.layout.reach, (1, int(self._sweeps[3][0]), TILE))
+        return count_solid(self.core.plane.all(self._coefficient) < 0, self.layout.reach, (1, TILE_ROWS, TILE))
 
     def _set_tiles(self, solids: np.ndarray, volumes: np.ndarray, dissolved: np.ndarray, saturation: float) -> None:
         period = np.array([n if a in self.layout.periodic else 0 for a, n in enumerate(self.core.nodes)])

@@ -1,7 +1,7 @@
 """Solid and liquid: tiles that are all liquid, all solid or mixed, and the solid nodes that become liquid.
 
 The coefficient of a node is its phase: 1 in the liquid, minus the factor of interface bonds in the solid (`program.bond_factor`, rule
-"phases"). A *tile* is a stretch of `TILE` nodes of up to `TILE_ROWS` rows that are swept together. It knows how many solid nodes
+"phases"). A *tile* is a stretch of `TILE` nodes of up to `TILE_ROWS` neighbouring rows. It knows how many solid nodes
 lie in it or within one reach of it: none, and the stencil's plain rows serve; all, and nothing changes there; else bonds are looked
 at one by one. A node that becomes liquid is taken off these counts, so that nothing is ever classified anew.
 """
@@ -30,11 +30,11 @@ def count_solid(solid: np.ndarray, reach: tuple[int, ...], sizes: tuple[int, ...
     reach : tuple of int
         Width of the halo along each axis.
     sizes : tuple of int
-        Nodes of a tile along each axis.
+        Nodes of a tile along each axis, one along the first.
 
     Returns
     -------
-    solids, volumes : ndarray of int64, shape (parts of the core as they are swept, tiles along a row)
+    solids, volumes : ndarray of int64, shape (rows of tiles, tiles in a row)
     """
     solids, volumes = solid.astype(np.int64), np.ones(1, np.int64)
     for axis, (m, size) in enumerate(zip(reach, sizes, strict=True)):
@@ -55,7 +55,7 @@ def phase_of(solid, volume):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy", cache=True)
-def uncount(at, nodes, depth, reach, period, solids):  # type: ignore[no-untyped-def]
+def uncount(at, nodes, reach, period, solids):  # type: ignore[no-untyped-def]
     """Take the node at the three coordinates `at`, and its periodic images, off the counts of all tiles around it."""
     word = np.int64(solids.ctypes.data)
     for i0 in range(at[0] - period[0], at[0] + period[0] + 1, max(period[0], 1)):
@@ -65,7 +65,7 @@ def uncount(at, nodes, depth, reach, period, solids):  # type: ignore[no-untyped
                     -reach[0] <= i0 < nodes[0] + reach[0] and -reach[1] <= i1 < nodes[1] + reach[1] and -reach[2] <= i2 < nodes[2] + reach[2]
                 ):  # fmt: skip
                     for t0 in range(max(i0 - reach[0], 0), min(i0 + reach[0], nodes[0] - 1) + 1):
-                        for t1 in range(max(i1 - reach[1], 0) // depth, min(i1 + reach[1], nodes[1] - 1) // depth + 1):
+                        for t1 in range(max(i1 - reach[1], 0) // TILE_ROWS, min(i1 + reach[1], nodes[1] - 1) // TILE_ROWS + 1):
                             for t2 in range(max(i2 - reach[2], 0) // TILE, min(i2 + reach[2], nodes[2] - 1) // TILE + 1):
                                 add(word + 8 * ((t1 * nodes[0] + t0) * solids.shape[1] + t2), -1)
 
@@ -80,18 +80,18 @@ def any_below(coefficient, u, saturation):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy", cache=True)
-def dissolve(lane, lanes, u, coefficient, dissolved, total, step, saturation, block, depth, solids, volumes, reach, period):  # type: ignore[no-untyped-def]
+def dissolve(lane, lanes, u, coefficient, dissolved, total, step, saturation, block, solids, volumes, reach, period):  # type: ignore[no-untyped-def]
     """Solid nodes of mixed tiles whose value is below `saturation` become liquid; `dissolved` says at which step, `total` how many there were.
 
     Lanes share the tiles. The counts that they change beside each other concern tiles that hold no such node, or have been looked at.
     """
     nodes = (block[1], block[2], block[3])
     for number in range(lane, solids.shape[0], lanes):
-        i0, first = number % nodes[0], (number // nodes[0]) * depth
+        i0, first = number % nodes[0], (number // nodes[0]) * TILE_ROWS
         for column in range(solids.shape[1]):
             if phase_of(solids[number, column], volumes[number, column]) != MIXED:
                 continue
-            for i1 in range(first, min(first + depth, nodes[1])):
+            for i1 in range(first, min(first + TILE_ROWS, nodes[1])):
                 row = block[0] + i0 * block[4] + i1 * block[5]
                 stretch = slice(row + column * TILE, row + min((column + 1) * TILE, nodes[2]))
                 if not any_below(coefficient[stretch], u[stretch], saturation):
@@ -100,5 +100,5 @@ def dissolve(lane, lanes, u, coefficient, dissolved, total, step, saturation, bl
                     if coefficient[row + i2] <= 0 and u[row + i2] < saturation:
                         coefficient[row + i2] = 1
                         dissolved[row + i2] = step
-                        uncount((i0, i1, i2), nodes, depth, reach, period, solids)
+                        uncount((i0, i1, i2), nodes, reach, period, solids)
                         add(np.int64(total.ctypes.data), 1)

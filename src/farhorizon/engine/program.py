@@ -12,7 +12,7 @@ from numba import njit
 
 from farhorizon.engine.ends import exact_ends
 from farhorizon.engine.layout import LINES
-from farhorizon.engine.phases import LIQUID, MIXED, TILE, dissolve, phase_of
+from farhorizon.engine.phases import LIQUID, MIXED, TILE, TILE_ROWS, dissolve, phase_of
 from farhorizon.engine.simd import call_sweep, stretch_chain, sweep_phases
 from farhorizon.engine.strip import close_strip
 from farhorizon.engine.threads import barrier, claim
@@ -99,20 +99,20 @@ def sweep_part(src, base, out, block, number, depth, first, last, function, weig
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_mixed(src, base, out, block, number, depth, first, last, offsets, coefficient, law):
-    """Nodes `first` to `last` of the rows of one part of the core, in both phases."""
+def sweep_mixed(src, base, out, block, number, first, last, offsets, coefficient, law):
+    """Nodes `first` to `last` of a row of tiles, in both phases."""
     general, _, a, b, _, _ = law
-    i0, i1 = number % block[1], (number // block[1]) * depth
+    i0, i1 = number % block[1], (number // block[1]) * TILE_ROWS
     size = src.itemsize
     start = (block[0] + i0 * block[4] + i1 * block[5] + first) * size
     to = (block[9] + i0 * block[10] + i1 * block[11] + first) * size
     sweep_phases(src.ctypes.data + start, coefficient.ctypes.data + start, base.ctypes.data + to, out.ctypes.data + to, offsets.ctypes.data,
-                 general.ctypes.data, offsets.size, a, b, last - first, min(depth, block[2] - i1), block[5], block[11])  # fmt: skip
+                 general.ctypes.data, offsets.size, a, b, last - first, min(TILE_ROWS, block[2] - i1), block[5], block[11])  # fmt: skip
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_tiles(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, solids, volumes):
-    """A part of the core in two phases: stretches of liquid tiles by the compiled rows, of mixed tiles bond by bond, of solid ones not at all."""
+def sweep_tiles(src, base, out, block, number, function, weights, offsets, coefficient, law, solids, volumes):
+    """A row of tiles: stretches of liquid ones by the compiled rows, of mixed ones bond by bond, of solid ones not at all."""
     first, count = 0, solids.shape[1]
     while first < count:
         here = phase_of(solids[number, first], volumes[number, first])
@@ -121,10 +121,25 @@ def sweep_tiles(src, base, out, block, number, depth, function, weights, offsets
             last += 1
         start, stop = first * TILE, min(last * TILE, block[3])
         if here == LIQUID:
-            sweep_part(src, base, out, block, number, depth, start, stop, function, weights, offsets, coefficient, law)
+            sweep_part(src, base, out, block, number, TILE_ROWS, start, stop, function, weights, offsets, coefficient, law)
         elif here == MIXED:
-            sweep_mixed(src, base, out, block, number, depth, start, stop, offsets, coefficient, law)
+            sweep_mixed(src, base, out, block, number, start, stop, offsets, coefficient, law)
         first = last
+
+
+@njit(error_model="numpy", cache=True)
+def sweep_two_phases(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, solids, volumes):
+    """A part of the core, several rows of tiles, in two phases."""
+    i0, first = number % block[1], (number // block[1]) * depth // TILE_ROWS
+    last = min(first + depth // TILE_ROWS, (block[2] + TILE_ROWS - 1) // TILE_ROWS)
+    metal = 0
+    for row in range(first, last):
+        metal += solids[row * block[1] + i0].sum()
+    if metal == 0:
+        sweep_part(src, base, out, block, number, depth, 0, block[3], function, weights, offsets, coefficient, law)
+        return
+    for row in range(first, last):
+        sweep_tiles(src, base, out, block, row * block[1] + i0, function, weights, offsets, coefficient, law, solids, volumes)
 
 
 @njit(error_model="numpy", cache=True)
@@ -140,7 +155,7 @@ def sweep_core(lanes, sync, src, base, out, block, function, depth, backward, we
         for i in range(claimed * size, min(count, (claimed + 1) * size)):
             number = count - 1 - i if backward else i
             if solids.size:
-                sweep_tiles(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, solids, volumes)
+                sweep_two_phases(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, solids, volumes)
             else:
                 sweep_part(src, base, out, block, number, depth, 0, block[3], function, weights, offsets, coefficient, law)
         claimed = claim(sync) if lanes > 1 else 1
@@ -433,7 +448,7 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                 close_strip(lane, lanes, sync, src, base, out, increments, *strip)
         if solids.size:
             dissolve(lane, lanes, levels[stages[phase, per_step - 1, 2]], coefficient, dissolved, total, steps_before + step + 1, saturation,
-                     blocks[0], depths[0], solids, volumes, reach, period)  # fmt: skip
+                     blocks[0], solids, volumes, reach, period)  # fmt: skip
             barrier(sync, lanes)
             if total[0] != known:
                 known = total[0]
