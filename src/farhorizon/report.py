@@ -14,6 +14,7 @@ from farhorizon.boundaries import Absorbing, Exact, Fixed, LatticePML, Sponge
 from farhorizon.certificate import BUDGET, NOT_CERTIFIED, UNDECIDED, Certificate
 from farhorizon.errors import InputError
 from farhorizon.lattice import AXES
+from farhorizon.models import Corrosion
 from farhorizon.stencil import BackwardWaves
 from farhorizon.strip import Strip, pinned
 
@@ -147,6 +148,9 @@ class Report:
             self.warnings += sim.closure.warnings()
         for name, serves in sim.ends.items():
             say(f"exact end {name}", serves)
+        if isinstance(sim.model, Corrosion):
+            metal = int(np.nansum(sim.fields["solid"]))
+            say("metal", f"{metal} solid nodes shown, saturation {sim.model.saturation:g}, interface {sim.model.interface:g} of the liquid")
         total = int(np.prod(engine.core.nodes))
         extra = sum(int(np.prod(b.nodes)) for b in engine.layout.blocks.values()) - int(np.prod(lattice.shape))
         say("nodes computed", f"{total} in the core, {extra} beyond the near field")
@@ -278,9 +282,7 @@ def _plain_seconds(sim: Simulation) -> float:
     wanted = max(1.0, (np.prod(lattice.shape) / _PROBED) ** (1 / lattice.dim))
     count = [max(int(n / wanted), 2 * m + 1) for n, m in zip(lattice.shape, sim.stencil.reach, strict=True)]
     box = Lattice(lattice.spacing, lattice.lower, lattice.lower + lattice.spacing * (np.array(count) - 1))
-    plain = sim.remade(
-        lattice=box, boundary=Fixed(sim.background), sources=(), cracks=(), constraints=(), coefficient=None, rim="free", balance=False
-    )
+    plain = sim.remade(lattice=box, boundary=Fixed(sim.background))
     return plain.seconds_per_step() / float(np.prod(count))
 
 
