@@ -118,11 +118,11 @@ def test_any_points():
 BAD_POINTS = [
     ({"absorbing": slice(0, 80), "normals": slice(0, 80)}, "do not enclose"),
     ({"condition": fh.PlaneWave(radius=0.001)}, "no neighbours"),
-    ({"condition": fh.PlaneWave(wavenumber=1e4)}, "too short"),
+    ({"condition": fh.PlaneWave(radius=0.2, wavenumber=1e4)}, "too short"),
     ({"medium": Medium(1, 1.0, 0.005), "condition": fh.PlaneWave(radius=0.2, wavenumber=1e3)}, "overflow"),
     ({"medium": Medium(1, 1.0, 1e-9), "condition": fh.PlaneWave(radius=0.2, wavenumber=1e4)}, "overflow within a cloud"),
-    ({"condition": fh.PlaneWave(dispersion="discrete")}, "no stencil"),
-    ({"condition": fh.PlaneWave(dispersion="taylor")}, "series"),
+    ({"condition": fh.PlaneWave(radius=0.2, dispersion="discrete")}, "no stencil"),
+    ({"condition": fh.PlaneWave(radius=0.2, dispersion="taylor")}, "series"),
     ({"normals": np.zeros((160, 2))}, "normal of some length"),
     ({"points": np.full((2000, 2), np.nan)}, "finite"),
 ]

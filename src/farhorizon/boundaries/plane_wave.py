@@ -121,8 +121,8 @@ class PlaneWave:
     layer : float, optional
         Thickness of the strip of fitted nodes; as much as the stencil reads unless given. Beyond a thinner one bonds are absent.
     radius : float, optional
-        Of a cloud. Waves: the reach of the stencil, at least three spacings; diffusion, and waves on a line by wide stencils: one spacing, for
-        wider clouds grow.
+        Of a cloud. Waves: the reach of the stencil, at least three spacings. One spacing for diffusion and for waves on a line by wide
+        stencils, one and a half among points without a lattice: wider clouds grow there.
     cone : float, optional
         Half the opening of a cloud about the inward normal, in degrees: 45 for waves, 180 (a whole ball) for diffusion.
     thin : int, optional
@@ -197,7 +197,7 @@ class PlaneWave:
         reach = float(np.abs(medium.offsets).max(initial=0.0))
         flat = lattice and medium.offsets.shape[1] == 1
         narrow = not waves or (flat and reach > 1.5 * spacing)
-        radius = self.radius or (spacing if narrow else max(reach, 3 * spacing))
+        radius = self.radius or (spacing if narrow else max(reach, 3 * spacing) if lattice else 1.5 * spacing)
         largest = self.wavenumber or (0.5 / spacing if operator else 0.25 / spacing if waves else min(6 / extent, 0.1 / spacing))
         count = self.wavenumbers or (10 if operator else 5)
         smallest = self.smallest or (largest / 40 if operator else largest / count)
