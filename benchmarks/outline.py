@@ -41,7 +41,7 @@ def measure(
     cases = {name: steps(sim.engine) for name, sim in sims.items()}
     bare = simulation(lattice, model, fh.Higdon() if model.order == 2 else fh.PlaneWave())  # all have margins of one reach
     none = np.zeros(0, np.int64)
-    bare.engine.set_strip(none, 1, np.zeros(1, np.int64), none, np.zeros(1, np.int64), none, np.zeros(0), none)
+    bare.engine.set_fringe(none, 1, np.zeros(1, np.int64), none, np.zeros(1, np.int64), none, np.zeros(0), none)
     times = interleaved({"bare": steps(bare.engine), **cases}, repeats)
     rows = []
     for name, sim in sims.items():

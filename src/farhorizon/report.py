@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
 
 def shown(boundary: Any) -> str:
-    """A boundary with the options that were given."""
-    given = {f.name: getattr(boundary, f.name) for f in fields(boundary)}
-    return f"{type(boundary).__name__}({', '.join(f'{k}={v!r}' for k, v in given.items() if v is not None)})"
+    """A boundary with the options that differ from their defaults."""
+    given = {f.name: getattr(boundary, f.name) for f in fields(boundary) if getattr(boundary, f.name) != f.default}
+    return f"{type(boundary).__name__}({', '.join(f'{k}={v!r}' for k, v in given.items())})"
 
 
 @dataclass
@@ -39,7 +39,7 @@ class Report:
     @classmethod
     def of(cls, sim: Simulation) -> Report:
         """Examine a simulation."""
-        from farhorizon.boundaries import Exact, Fixed, LatticePML
+        from farhorizon.boundaries import Closing, Exact, Fixed, LatticePML
 
         lattice, stencil, engine = sim.lattice, sim.stencil, sim.engine
         report = cls()
@@ -58,10 +58,12 @@ class Report:
             say(f"layer {name}", f"{layer.columns} nodes = {layer.columns / stencil.reach[axis - lead]:.3g} horizons, "
                 f"length {layer.columns * lattice.spacing:g}, target {boundary.wanted(sim.model.order):g}")  # fmt: skip
         for (axis, side), boundary in sim.sides.items():
-            if not isinstance(boundary, LatticePML | Exact):
+            if not isinstance(boundary, LatticePML | Exact) and not (isinstance(boundary, Closing) and lattice.window is not None):
                 say(f"side {AXES[axis]}{'-+'[side > 0]}", shown(boundary))
         if sim.closure is not None:
-            say("outline", sim.closure.describe())
+            if lattice.window is not None:
+                say("outline", shown(sim.sides[0, -1]))
+            say("fitted", sim.closure.describe())
             report.warnings += sim.closure.warnings()
         for name, serves in sim.ends.items():
             say(f"exact end {name}", serves)

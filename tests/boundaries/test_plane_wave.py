@@ -11,7 +11,7 @@ SPACING, DT, DAMPING, RADIUS = 0.25, 0.05, 0.0125, 26.0  # examples 2 and 3 of H
 
 
 def disc(reach, boundary, radius=RADIUS):
-    """Example 2: the strip of the paper, one horizon wide, lies within the radius."""
+    """Example 2: the fringe of the paper, one horizon wide, lies within the radius."""
     lattice = fh.Lattice(SPACING, window=fh.Disc(radius - reach * SPACING))
     model = fh.Wave(fh.Kernel(reach * SPACING, 2, calibrate=False), damping=DAMPING)
     return fh.Simulation(lattice, model, boundary, {"u": lambda x, y: np.exp(-np.log(2) * (x**2 + y**2))}, dt=DT)

@@ -18,7 +18,7 @@ from farhorizon.analysis import modes
 from farhorizon.errors import InputError
 
 if TYPE_CHECKING:
-    from farhorizon.boundaries.strip import Strip
+    from farhorizon.boundaries.fringe import Fringe
     from farhorizon.models import ScalarModel
 
 _CHOICES = {
@@ -119,7 +119,7 @@ class PlaneWave:
     time : {"discrete", "continuous"}, optional
         Factor of a step: the scheme's own, or the exponential.
     layer : float, optional
-        Thickness of the strip of fitted nodes; as much as the stencil reads unless given. Beyond a thinner one bonds are absent.
+        Thickness of the fringe of fitted nodes; as much as the stencil reads unless given. Beyond a thinner one bonds are absent.
     radius : float, optional
         Of a cloud. Waves: the reach of the stencil, at least three spacings. One spacing for diffusion and for waves on a line by wide
         stencils, one and a half among points without a lattice: wider clouds grow there.
@@ -220,13 +220,13 @@ class PlaneWave:
         """How far clouds reach."""
         return self.recipe(medium, spacing, extent).radius
 
-    def update(self, strip: Strip, halo: np.ndarray, medium: Medium) -> sparse.csr_array:
-        """Rows of halo nodes (places in the strip) over the new level and those before, shape (H, 3 S) for waves, (H, 2 S) for diffusion."""
-        points, places = strip.with_images(self.depth(medium, strip.spacing, strip.extent))
-        found = update_matrix(points, halo, strip.normals[halo], medium, self, spacing=strip.spacing, extent=strip.extent, enclosing=False).tocoo()
+    def update(self, fringe: Fringe, halo: np.ndarray, medium: Medium) -> sparse.csr_array:
+        """Rows of halo nodes (places in the fringe) over the new level and those before, shape (H, 3 S) for waves, (H, 2 S) for diffusion."""
+        points, places = fringe.with_images(self.depth(medium, fringe.spacing, fringe.extent))
+        found = update_matrix(points, halo, fringe.normals[halo], medium, self, spacing=fringe.spacing, extent=fringe.extent, enclosing=False).tocoo()
         level, column = np.divmod(found.col, len(points))
-        shape = (len(halo), (medium.order + 1) * len(strip.points))
-        return sparse.csr_array((found.data, (found.row, (level + 1) * len(strip.points) + places[column])), shape=shape)
+        shape = (len(halo), (medium.order + 1) * len(fringe.points))
+        return sparse.csr_array((found.data, (found.row, (level + 1) * len(fringe.points) + places[column])), shape=shape)
 
 
 def update_matrix(

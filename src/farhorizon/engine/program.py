@@ -11,9 +11,9 @@ import numpy as np
 from numba import njit
 
 from farhorizon.engine.ends import exact_ends
+from farhorizon.engine.fringe import close_fringe
 from farhorizon.engine.layout import LINES
 from farhorizon.engine.simd import call_sweep, stretch_chain
-from farhorizon.engine.strip import close_strip
 from farhorizon.engine.threads import barrier, claim
 
 CHUNK = 64
@@ -310,12 +310,12 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
         offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
         cut_ranges, cut_nodes, cut_neighbours, cut_weights, damped, damp_before, damp_after, damp_leak, ends,
         tied, tied_starts, tied_sources, tied_weights, books, book_nodes, book_neighbours, book_weights, book_effects, flows,
-        strip, source_nodes, source_fields, source_times, held, held_times, tied_fields, tied_times):  # fmt: skip
+        fringe, source_nodes, source_fields, source_times, held, held_times, tied_fields, tied_times):  # fmt: skip
     """One lane's share of `steps` steps from the rotation `phase`.
 
     After them the level ``stages[(phase + steps) % rotations, 0, 0]`` holds the state, where stages[phase, stage] = (in, base, out)
     are level numbers; numbers[stage] as in `stage`. source_times[step, stage, j] multiplies source_fields[j] on source_nodes. `ends`: the last
-    arguments of `ends.exact_ends`; `strip`: those of `strip.close_strip`. After each step the nodes `held` have the values ``held_times[step]``.
+    arguments of `ends.exact_ends`; `fringe`: those of `fringe.close_fringe`. After each step the nodes `held` have the values ``held_times[step]``.
     """
     per_step = stages.shape[1]
     bounded = ends[2].shape[0] > 0
@@ -371,6 +371,6 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                     if tied.size:
                         tie(src, base, out, increments, tied, tied_starts, tied_sources, tied_weights, tied_fields, tied_times[step, part])
                 barrier(sync, lanes)
-            if strip[0].size:
-                close_strip(lane, lanes, sync, src, base, out, increments, *strip)
+            if fringe[0].size:
+                close_fringe(lane, lanes, sync, src, base, out, increments, *fringe)
         phase = (phase + 1) % stages.shape[0]

@@ -1,7 +1,7 @@
-"""Conditions that close a near field along its outline: the strip of nodes that they read and fill, and their sparse update on the engine.
+"""Conditions that close a near field along its outline: the fringe of nodes that they read and fill, and their sparse update on the engine.
 
 The near field is a window on the medium, or a box. Its halo, the nodes beyond the outline that the operator reads, gets its values after each
-step from nodes of the strip at this step and before. Copies of those are the conditions' memory.
+step from nodes of the fringe at this step and before. Copies of those are the conditions' memory.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ class Outline:
         return index - np.clip(index, low, high)
 
 
-class Strip:
+class Fringe:
     """Nodes that conditions read or fill.
 
     Parameters
@@ -122,7 +122,7 @@ class Strip:
     points : ndarray, shape (S, dim)
         Their coordinates.
     filled : ndarray of int
-        Places of the halo nodes in the strip.
+        Places of the halo nodes in the fringe.
     normals : ndarray, shape (S, dim)
         Outward, at the halo nodes; others zero.
     axes : ndarray of int, shape (S, dim)
@@ -159,7 +159,7 @@ class Strip:
         self.extent = max(float((high - low).max()) / 2, 1.0) * outline.spacing
 
     def at(self, index: np.ndarray) -> np.ndarray:
-        """Places of nodes (N, dim) of the grid in the strip, -1 for others; periodic axes wrap."""
+        """Places of nodes (N, dim) of the grid in the fringe, -1 for others; periodic axes wrap."""
         shape = np.array(self._places.shape)
         wrapped = np.where([a in self.outline.periodic for a in range(len(shape))], index % shape, index)
         inside = ((wrapped >= 0) & (wrapped < shape)).all(1)
@@ -172,7 +172,7 @@ class Strip:
         return ~np.any(absent, axis=0) if absent else np.ones(len(index), bool)
 
     def with_images(self, distance: float) -> tuple[np.ndarray, np.ndarray]:
-        """All points, then their images within a distance beyond periodic sides, and the place in the strip of each."""
+        """All points, then their images within a distance beyond periodic sides, and the place in the fringe of each."""
         points, places = self.points, np.arange(len(self.points))
         for axis in sorted(self.outline.periodic):
             n = self._places.shape[axis]
@@ -206,9 +206,9 @@ class Closure:
     ----------
     halo, outside : ndarray of bool
         Over the grid: filled nodes, and those beyond, which do not exist.
-    strip : Strip
+    fringe : Fringe
     update : csr_array, shape (H, L S)
-        New values of the halo from the strip at the new step and at L - 1 before.
+        New values of the halo from the fringe at the new step and at L - 1 before.
 
     Raises
     ------
@@ -222,24 +222,24 @@ class Closure:
         self.outside = ~outline.near & ~self.halo
         low, high = outline.bounds()
         extent = max(float((high - low).max()) / 2, 1.0) * outline.spacing
-        self.strip = Strip(outline, self.halo, max(b.depth(medium, outline.spacing, extent) for b in outline.sides.values()))
-        parts = {key: outline.sides[key].update(self.strip, places, medium) for key, places in self.strip.owners().items()}
-        self.levels = max(part.shape[1] for part in parts.values()) // len(self.strip.points)
-        rows = np.concatenate([self.strip.owners()[key] for key in parts])
-        found = sparse.vstack([_widened(part, self.levels * len(self.strip.points)) for part in parts.values()]).tocsr()
-        self._order, self._fronts = fronts(found, rows, len(self.strip.points))
+        self.fringe = Fringe(outline, self.halo, max(b.depth(medium, outline.spacing, extent) for b in outline.sides.values()))
+        parts = {key: outline.sides[key].update(self.fringe, places, medium) for key, places in self.fringe.owners().items()}
+        self.levels = max(part.shape[1] for part in parts.values()) // len(self.fringe.points)
+        rows = np.concatenate([self.fringe.owners()[key] for key in parts])
+        found = sparse.vstack([_widened(part, self.levels * len(self.fringe.points)) for part in parts.values()]).tocsr()
+        self._order, self._fronts = fronts(found, rows, len(self.fringe.points))
         self.rows, self.update = rows[self._order], found[self._order]
 
     def attach(self, engine: Engine, indices: np.ndarray) -> None:
         """Give the engine the sparse update; `indices` are the places of the grid's nodes in a level."""
-        self.engine, self.nodes = engine, indices[tuple(self.strip.index.T)]
+        self.engine, self.nodes = engine, indices[tuple(self.fringe.index.T)]
         self.unmoved = np.concatenate([indices[self.halo], indices[self.outside]])
-        engine.set_strip(self.nodes, self.levels, self._fronts, self.rows, self.update.indptr, self.update.indices, self.update.data,
+        engine.set_fringe(self.nodes, self.levels, self._fronts, self.rows, self.update.indptr, self.update.indices, self.update.data,
                          indices[self.outside])  # fmt: skip
 
     def start(self) -> None:
         """The memory holds the present state and the one before; beyond that all was at rest."""
-        history = self.engine.strip_history
+        history = self.engine.fringe_history
         history[...] = 0
         history[0] = self.engine.current[self.nodes]
         if self.levels > 2:
@@ -254,7 +254,7 @@ class Closure:
         entries = np.diff(self.update.indptr)
         return (
             f"{len(self.rows)} halo nodes from {entries.min()} to {entries.max()} values each, {self.levels} levels of "
-            f"{len(self.strip.points)} nodes kept"
+            f"{len(self.fringe.points)} nodes kept"
         )
 
     def warnings(self) -> list[str]:
