@@ -79,7 +79,10 @@ def mesh(repeats: int) -> list[dict[str, Any]]:
 
 def bar(repeats: int) -> list[dict[str, Any]]:
     """A bar with a wide horizon."""
-    conditions: dict[str, Boundary] = {"PlaneWave, 26 nodes": fh.PlaneWave(fit="collocation", wavenumber=1.0), "Higdon (0, 0)": fh.Higdon((0, 0))}
+    conditions: dict[str, Boundary] = {
+        "PlaneWave, 26 nodes": fh.PlaneWave(fit="collocation", radius=0.25, wavenumber=1.0),
+        "Higdon (0, 0)": fh.Higdon((0, 0)),
+    }
     return measure("bar", fh.Lattice(0.01, (-10.0,), (10.0,)), fh.Wave(fh.Kernel(0.25, 0), np.sqrt(10)), conditions, repeats)
 
 
