@@ -276,6 +276,7 @@ def update_matrix(
     if recipe.snapped:
         units = _snapped(units)
     near = tree.query_ball_point(points[absorbing], recipe.radius * (1 + 1e-9))
+    outwards = wavevectors(recipe, points.shape[1], medium.order)
     known: dict[tuple[bytes, bytes], np.ndarray] = {}
     rows, columns, weights = [], [], []
     for number, (centre, normal, found) in enumerate(zip(absorbing, units, near, strict=True)):
@@ -288,7 +289,7 @@ def update_matrix(
         chosen = chosen[np.lexsort(steps[chosen].T)]
         key = normal.tobytes(), steps[chosen].tobytes()
         if key not in known:
-            known[key] = _fitted(recipe, medium, spacing, normal, spacing * steps[chosen])
+            known[key] = _fitted(recipe, medium, spacing, outwards @ modes.frame(normal), spacing * steps[chosen])
         for level, values in enumerate(known[key]):
             rows.append(np.full(chosen.size, number))
             columns.append(level * len(points) + members[chosen])
@@ -326,16 +327,14 @@ def cloud(places: np.ndarray, normal: np.ndarray, spacing: float, recipe: Recipe
     return np.unique(chosen[cKDTree(places[chosen]).query(targets)[1]])
 
 
-def wavevectors(recipe: Recipe, normal: np.ndarray, order: int) -> np.ndarray:
-    """Wavevectors about a unit normal, real for waves, imaginary for diffusion; shape (M, dim)."""
-    ways = modes.outward(normal.size, recipe.angle, recipe.angles, recipe.balanced) @ modes.frame(normal)
-    k = (recipe.wavenumbers[:, None, None] * ways).reshape(-1, normal.size)
+def wavevectors(recipe: Recipe, dim: int, order: int) -> np.ndarray:
+    """Wavevectors where the outward normal is the first axis, real for waves, imaginary for diffusion; shape (M, dim)."""
+    k = (recipe.wavenumbers[:, None, None] * modes.outward(dim, recipe.angle, recipe.angles, recipe.balanced)).reshape(-1, dim)
     return k if order == 2 else 1j * k
 
 
-def _fitted(recipe: Recipe, medium: Medium, spacing: float, normal: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Weights of a cloud's nodes, shape (order, J)."""
-    k = wavevectors(recipe, normal, medium.order)
+def _fitted(recipe: Recipe, medium: Medium, spacing: float, k: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Weights of a cloud's nodes for wavevectors k, shape (order, J)."""
     symbol = medium.symbol(k, recipe.dispersion)
     factor = modes.factors(symbol, medium.dt, medium.order, medium.damping, recipe.discrete)
     shape = modes.phases(k, places)
