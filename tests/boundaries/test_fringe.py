@@ -140,6 +140,17 @@ def test_different_conditions_on_the_sides_of_a_box():
     assert 10 * next(iter(curves.values()))["error_max_over_run"] < curves["fixed edge"]["error_max_over_run"]
 
 
+@pytest.mark.parametrize("boundary", [fh.PlaneWave(), fh.Higdon()])
+def test_window_that_is_a_box(boundary):
+    """The same as bounds."""
+    fields = []
+    for lattice in (fh.Lattice(SPACING, (-5.0, -5.0), (5.0, 5.0)), fh.Lattice(SPACING, window=fh.Box((-5.0, -5.0), (5.0, 5.0)))):
+        sim = fh.Simulation(lattice, fh.Wave(KERNEL), boundary, {"u": pulse}, dt=0.05)
+        sim.step(200)
+        fields.append(sim.fields["u"])
+    assert np.array_equal(*fields)
+
+
 def test_thin_layer_cuts_bonds():
     """A layer of one node where the stencil reaches three: the bonds beyond it are absent, two of the last near node's and one of the next's."""
     lattice = fh.Lattice(SPACING, (-5.0,), (5.0,))

@@ -17,7 +17,7 @@ from farhorizon.boundaries.higdon import Higdon
 from farhorizon.boundaries.plane_wave import Medium, PlaneWave, largest_update
 from farhorizon.engine import Engine
 from farhorizon.errors import InputError
-from farhorizon.shapes import Ball, Disc, Shape
+from farhorizon.shapes import Ball, Box, Disc, Shape
 
 #: Conditions that close an outline.
 Closing = PlaneWave | Higdon | FirstOrder
@@ -90,13 +90,18 @@ class Outline:
         """Outward unit normals at nodes (N, dim) beyond the outline: of a disc or ball radial, of a box away from its nearest point."""
         if isinstance(self.window, Disc | Ball):
             away = self.origin + self.spacing * index - self.window.centre
-        elif self.window is None:
+        elif self.flat:
             away = self.faces(index).astype(float)
         else:
             smooth = ndimage.gaussian_filter(self.near.astype(float), _SMOOTHING, mode="constant")
             away = -np.stack([g[tuple(index.T)] for g in np.atleast_2d(np.gradient(smooth))], axis=-1).reshape(index.shape)
         length = np.linalg.norm(away, axis=1, keepdims=True)
         return np.asarray(away / np.where(length > 0, length, 1.0))
+
+    @property
+    def flat(self) -> bool:
+        """Whether the outline is that of a box."""
+        return self.window is None or isinstance(self.window, Box)
 
     def faces(self, index: np.ndarray) -> np.ndarray:
         """Steps of nodes (N, dim) beyond the box along each axis."""
@@ -128,7 +133,7 @@ class Fringe:
     axes : ndarray of int, shape (S, dim)
         The grid axis nearest to the normal.
     faces : ndarray of int, shape (S, dim), or None
-        Outward directions of the box's sides on or beyond which halo nodes lie; None for windows.
+        Outward directions of the box's sides on or beyond which halo nodes lie; None for other outlines.
     extent : float
         Half the extent of the near field.
     spacing, depth : float
@@ -152,7 +157,7 @@ class Fringe:
         self.axes = np.zeros(self.index.shape, int)
         self.axes[np.arange(len(nearest)), nearest] = np.sign(self.normals[np.arange(len(nearest)), nearest])
         self.faces = None
-        if outline.window is None:
+        if outline.flat:
             self.faces = np.zeros(self.index.shape, int)
             self.faces[self.filled] = np.sign(outline.faces(self.index[self.filled]))
         low, high = outline.bounds()
