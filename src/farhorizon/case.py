@@ -127,6 +127,8 @@ class LatticePMLPart(_Part):
     target: Number | None = None
     nodes: int | None = None
     profile: dict[str, Number | list[Number]] | None = None
+    angle: Number | None = None
+    wavelengths: tuple[Number, Number] | None = None
 
 
 class ExactPart(_Part):

@@ -56,8 +56,11 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--out", metavar="DIR", default=".", help="folder of the results (default: here)")
     run.add_argument("--resume", action="store_true", help="go on from the checkpoint NAME.ckpt of an interrupted run")
     run.add_argument("--until", type=float, metavar="T", help="end time instead of the case's")
-    check = add("check", _check, "check a case without running it: step limit, layer, memory, backward waves")
+    run.add_argument("--allow-unstable", action="store_true", help="run although a mode grows")
+    check = add("check", _check, "check a case without running it: step limit, stability, reflection, layer, memory, time")
     check.add_argument("case", help="case file (TOML)")
+    check.add_argument("--out", metavar="DIR", help="draw reflection and a growing mode into this folder (default: no pictures)")
+    check.add_argument("--budget", type=float, metavar="SECONDS", help="time for the stability certificate (default: that of the run, 2 to 30 s)")
     compare = add("compare", _compare, "compare a case with the infinite medium, beside a fixed and a free edge")
     compare.add_argument("case", help="case file (TOML)")
     compare.add_argument("--out", metavar="DIR", default=".", help="folder of the pictures (default: here)")
@@ -133,6 +136,7 @@ def _run(options: argparse.Namespace) -> int:
     sim = case.simulation()
     with case.naming():
         sim.prepare(until)
+    certificate = _certified(sim, until, options.allow_unstable)
     if options.resume:
         kept = sim.load(checkpoint)
         writer = ResultsWriter.resume(result, int(kept["outputs"]), int(kept["rows"]))
@@ -143,9 +147,8 @@ def _run(options: argparse.Namespace) -> int:
             fields=tuple(case.parts.output.fields), dtype=sim.engine.dtype, probes=probes, case=case.text, program=f"farhorizon {fh.__version__}",
         )  # fmt: skip
         checkpoint.unlink(missing_ok=True)
-    report = sim.check()
-    for line in [f"warning: {w}" for w in report.warnings] + [f"note: {n}" for n in report.notes]:
-        print(line, file=sys.stderr)
+    for note in sim.notes:
+        print(f"note: {note}", file=sys.stderr)
     print(f"{case.name}: {case.lattice.nodes} nodes, dt = {sim.dt:.6g}, {int(np.ceil(until / sim.dt))} steps to t = {until:g}")
     if options.resume:
         print(f"resumed at step {sim.step_count}, t = {sim.time:g}")
@@ -191,20 +194,41 @@ def _run(options: argparse.Namespace) -> int:
     pictures = plot_results(results, folder / case.name, case.parts.output.pictures, _polylines(case))
     print(f"results: {result} ({len(results.times)} outputs); pictures: {', '.join(str(p) for p in pictures)}")
     _write_json(options.json, {"name": case.name, "steps": sim.step_count, "time": sim.time, "dt": sim.dt, "energy": sim.energy(),
-                               "results": str(result), "pictures": [str(p) for p in pictures]})  # fmt: skip
+                               "results": str(result), "pictures": [str(p) for p in pictures], "certificate": certificate.as_json()})  # fmt: skip
     return GOOD
+
+
+def _certified(sim: Any, until: float, allowed: bool) -> Any:
+    """The stability certificate, in at most half the time of the run or a second; refuses what grows unless that is allowed."""
+    from farhorizon.certificate import CERTIFIED, NOT_CERTIFIED, UNDECIDED
+    from farhorizon.errors import InputError
+
+    certificate = sim.certificate(max(1.0, 0.5 * sim.seconds_per_step() * until / sim.dt))
+    if certificate.verdict == NOT_CERTIFIED and not allowed:
+        raise InputError("the run is not stable", value=certificate.reason, limit="1e-10 per unit time",
+                         remedy="see the warnings of farhorizon check, or run it with --allow-unstable")  # fmt: skip
+    if certificate.verdict == UNDECIDED and certificate.skipped:
+        print(f"note: stability was not fully examined, to take no longer than the run ('farhorizon check' does): {certificate}", file=sys.stderr)
+    elif certificate.verdict != CERTIFIED:
+        print(f"warning: stability {certificate}", file=sys.stderr)
+    return certificate
 
 
 def _check(options: argparse.Namespace) -> int:
     from farhorizon.case import Case
 
+    if options.out:
+        _check_folder(options.out)
     case = Case.read(options.case)
     sim = case.simulation()
     with case.naming():
         sim.prepare(case.parts.run.until)
-    report = sim.check()
+    report = sim.check(case.parts.run.until, options.budget)
     print(report)
-    _write_json(options.json, {"facts": dict(report.rows), "warnings": report.warnings, "notes": report.notes})
+    if options.out:
+        for picture in report.draw(_folder(options.out), case.name, case.lattice.spacing):
+            print(f"picture: {picture}")
+    _write_json(options.json, report.as_json())
     return GOOD
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.analysis import InfiniteLattice, largest_speed
+from farhorizon.analysis import InfiniteLattice, undisturbed
 from farhorizon.boundaries import Absorbing, Exact, FirstOrder, Fixed, Free, Higdon, LatticePML, PlaneWave, Sponge
 from farhorizon.cracks import as_cut
 from farhorizon.errors import InputError
@@ -228,12 +228,8 @@ def far_slices(far: Simulation, ours: Simulation) -> tuple[slice, ...]:
 
 def _extended(setup: dict[str, Any], ours: Simulation, until: float) -> Simulation:
     """The same set-up on a domain so large that nothing returns from its ends."""
-    lattice, dx = ours.lattice, ours.lattice.spacing
-    if ours.model.order == 2:
-        distance = 0.5 * until * np.sqrt(ours.rate_limit / ours.stencil.symbol_maximum) * largest_speed(ours.stencil) * dx
-    else:
-        distance = 6 * np.sqrt(ours.rate_limit / ours.stencil.symbol_maximum * until) * dx
-    more = int(np.ceil(distance / dx)) + 10 * max(ours.stencil.reach) + int(5 * np.cbrt(distance / dx))
+    lattice = ours.lattice
+    more = undisturbed(ours.stencil, ours.rate_limit / ours.stencil.symbol_maximum, ours.model.order, until)
     open_sides = {key: more for key, b in ours.sides.items() if isinstance(b, Absorbing)}
     grown = lattice.extended(open_sides)
     pads = [(open_sides.get((a, -1), 0), open_sides.get((a, 1), 0)) for a in range(lattice.dim)]

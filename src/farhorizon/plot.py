@@ -379,3 +379,53 @@ def curve_panels(
         if legend:
             fit = max(1, 100 // (max(map(len, legend)) + 7))  # characters across the figure, and those that a line's sample takes
             figure.legend(legend.values(), legend.keys(), loc="outside upper center", ncols=min(len(legend), fit, 4))
+
+
+def mode_picture(mode: np.ndarray, spacing: float, title: str, path: str | Path) -> None:
+    """Draw a growing mode on the nodes of the near field, scaled to 1: its real and imaginary part.
+
+    Parameters
+    ----------
+    mode : ndarray of complex, shape (n,), (nx, ny) or (nx, ny, nz)
+        In one dimension it is a profile along the normal of the sides.
+    spacing : float
+    title : str
+    path : str or Path
+        The PNG file.
+
+    Raises
+    ------
+    InputError
+        There is no such directory.
+    """
+    values = np.squeeze(mode)
+    values = values / values.flat[np.argmax(np.abs(values))]
+    axes = [spacing * (np.arange(n) - (n - 1) / 2) for n in values.shape]
+    if values.ndim == 1:
+        curves = [("real part", axes[0], values.real), ("imaginary part", axes[0], values.imag)]
+        _lines(curves, path, xlabel="distance along the normal", ylabel="mode", title=title)
+    else:
+        field_panels([("real part", values.real), ("imaginary part", values.imag)], axes, path, label=f"mode that {title}")
+
+
+def reflection_picture(angles: np.ndarray, curves: Sequence[tuple[str, np.ndarray]], title: str, path: str | Path) -> None:
+    """Draw predicted reflection in decibels over the angle of incidence.
+
+    Parameters
+    ----------
+    angles : ndarray, shape (n,)
+        In degrees.
+    curves : sequence of (name, amplitudes of shape (n,))
+    title : str
+    path : str or Path
+        The PNG file.
+
+    Raises
+    ------
+    InputError
+        There are no curves, or no such directory.
+    """
+    if not curves:
+        raise InputError("a picture of reflection needs one curve or more")
+    levels = [(name, angles, 20 * np.log10(np.maximum(values, 1e-16))) for name, values in curves]
+    _lines(levels, path, xlabel="angle of incidence (degrees)", ylabel="reflection (dB)", title=title)

@@ -3,14 +3,62 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from farhorizon.analysis import undisturbed
+from farhorizon.analysis.spectrum import Band, band
+from farhorizon.boundaries import Absorbing, Closing, Exact, Fixed, LatticePML, Sponge
+from farhorizon.certificate import BUDGET, NOT_CERTIFIED, UNDECIDED, Certificate
+from farhorizon.errors import InputError
 from farhorizon.lattice import AXES
+from farhorizon.stencil import BackwardWaves
+from farhorizon.strip import Strip, pinned
 
 if TYPE_CHECKING:
     from farhorizon.simulation import Simulation
+
+ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)
+_FINE = tuple(np.linspace(0, 85, 35).tolist())  # angles of the picture
+_LEAST = 2.0  # seconds that a certificate may take whatever the run takes
+_EXACT = 1e-14  # less than this comes back: rounding
+_PROBED = 400_000  # nodes of a plain run that is timed, at most
+
+
+@dataclass(frozen=True)
+class Reflections:
+    """Predicted reflection of plane waves by a side.
+
+    Attributes
+    ----------
+    sides : str
+        Names of the sides that are alike.
+    wavelengths : tuple of float
+    strip : Strip
+        What computes it.
+    """
+
+    sides: str
+    wavelengths: tuple[float, ...]
+    strip: Strip
+
+    @property
+    def angles(self) -> tuple[float, ...]:
+        """Angles of the table; on a line there is one."""
+        return ANGLES if self.strip.sim.lattice.dim > 1 else ANGLES[:1]
+
+    def amplitudes(self, angles: tuple[float, ...]) -> np.ndarray:
+        """Amplitude of the reflected wave, shape (wavelengths, angles); nan where there is no such wave."""
+
+        def one(wavelength: float, angle: float) -> float:
+            try:
+                return abs(self.strip.reflection(wavelength, angle))
+            except InputError:
+                return np.nan
+
+        return np.array([[one(w, a) for a in angles] for w in self.wavelengths])
 
 
 def shown(boundary: Any) -> str:
@@ -21,7 +69,7 @@ def shown(boundary: Any) -> str:
 
 @dataclass
 class Report:
-    """Facts about a set-up; `str` gives them as a table.
+    """Facts about a set-up; `str` gives them as a page.
 
     Attributes
     ----------
@@ -30,33 +78,67 @@ class Report:
     warnings : list of str
     notes : list of str
         Not wrong, but to be known.
+    certificate : Certificate
+        Whether the complete update is stable.
+    reflections : list of Reflections
+        Of each kind of absorbing side, for waves.
+    numbers : dict of str to float
+        Those of the rows that a program may want: "dt", "step_limit", "seconds", "steps", "extended_nodes", "extended_cost", "memory".
     """
 
     rows: list[tuple[str, str]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    certificate: Certificate | None = None
+    reflections: list[Reflections] = field(default_factory=list)
+    numbers: dict[str, float] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, sim: Simulation) -> Report:
-        """Examine a simulation."""
-        from farhorizon.boundaries import Closing, Exact, Fixed, LatticePML
-
-        lattice, stencil, engine = sim.lattice, sim.stencil, sim.engine
+    def of(cls, sim: Simulation, until: float | None = None, budget: float | None = None) -> Report:
+        """Examine a simulation; see `Simulation.check`."""
         report = cls()
+        waves = content(sim)
+        report._describe(sim, waves)
+        if until is not None:
+            report._estimate(sim, until)
+        if budget is None:
+            budget = min(BUDGET, max(_LEAST, report.numbers.get("seconds", BUDGET)))
+        report._certify(sim, budget)
+        if sim.model.order == 2 and waves is not None:
+            wavelengths = tuple(dict.fromkeys((waves.longest, waves.typical, waves.shortest)))
+            report.reflections = [Reflections(names, wavelengths, strip) for names, strip in _sides(sim)]
+        if any(isinstance(b, Fixed) for b in sim.sides.values()) and sim.engine.layers:
+            report.warnings.append("a Fixed side reflects")
+        report.notes = sim.notes
+        return report
 
-        def say(name: str, value: str) -> None:
-            report.rows.append((name, value))
+    def _say(self, name: str, value: str) -> None:
+        self.rows.append((name, value))
 
+    def _describe(self, sim: Simulation, waves: Band | None) -> None:
+        """Sizes, step, layers and memory."""
+        lattice, stencil, engine, say = sim.lattice, sim.stencil, sim.engine, self._say
         say("near field", f"{' x '.join(map(str, lattice.shape))} nodes, {lattice.nodes} shown, spacing {lattice.spacing:g}")
         say("stencil", f"{len(stencil.weights)} neighbours, reach {' x '.join(map(str, stencil.reach))} nodes")
         say("time step", f"{sim.dt:.6g}, {sim.dt / sim.step_limit:.3g} of the stable limit {sim.step_limit:.6g} ({sim.model.integrator.name})")
-        lead = 3 - lattice.dim
+        if waves is not None:
+            say("wavelengths", f"{waves.shortest:.3g} to {waves.longest:.3g}, half of the energy below {waves.typical:.3g} = "
+                f"{waves.typical / lattice.spacing:.3g} nodes")  # fmt: skip
+        layers: dict[str, list[str]] = {}
         for (axis, side), layer in engine.layers.items():
-            boundary = sim.sides[axis - lead, side]
+            boundary = sim.sides[axis - 3 + lattice.dim, side]
             assert isinstance(boundary, LatticePML)
-            name = AXES[axis - lead] + "-+"[side > 0]
-            say(f"layer {name}", f"{layer.columns} nodes = {layer.columns / stencil.reach[axis - lead]:.3g} horizons, "
-                f"length {layer.columns * lattice.spacing:g}, target {boundary.wanted(sim.model.order):g}")  # fmt: skip
+            length, reach = layer.columns * lattice.spacing, stencil.reach[axis - 3 + lattice.dim]
+            share = "" if waves is None else f" = {length / waves.typical:.3g} wavelengths"
+            text = (
+                f"{layer.columns} nodes = {layer.columns / reach:.3g} horizons{share}, length {length:g}, target {boundary.wanted(sim.model.order):g}"
+            )
+            name = AXES[axis - 3 + lattice.dim] + "-+"[side > 0]
+            if name in sim.choices:
+                text += f"; chosen up to {boundary.angle:g} degrees: {sim.choices[name]}"
+            layers.setdefault(text, []).append(name)
+        for text, names in layers.items():
+            say(f"layer {', '.join(names)}", text)
         for (axis, side), boundary in sim.sides.items():
             if not isinstance(boundary, LatticePML | Exact) and not (isinstance(boundary, Closing) and lattice.window is not None):
                 say(f"side {AXES[axis]}{'-+'[side > 0]}", shown(boundary))
@@ -64,7 +146,7 @@ class Report:
             if lattice.window is not None:
                 say("outline", shown(sim.sides[0, -1]))
             say("fitted", sim.closure.describe())
-            report.warnings += sim.closure.warnings()
+            self.warnings += sim.closure.warnings()
         for name, serves in sim.ends.items():
             say(f"exact end {name}", serves)
         total = int(np.prod(engine.core.nodes))
@@ -72,23 +154,158 @@ class Report:
         say("nodes computed", f"{total} in the core, {extra} beyond the near field")
         say("memory", f"{engine.nbytes / 2**20:.3g} MiB = {engine.nbytes / (np.prod(lattice.shape) * engine.dtype.itemsize):.3g} near fields")
         say("absent bonds", str(engine.absent_bonds))
-        backward = stencil.backward_waves()
-        say("backward waves", f"{100 * backward.fraction:.3g} % of the Brillouin zone from |k| spacing = {backward.first_wavenumber:.3g}"
-            if backward else "none")  # fmt: skip
-        if backward and sim.model.order == 2 and engine.layers:
-            better = "exponent 2 with a reach of at most 3 nodes" if lattice.dim < 3 else "exponent 2 with the linear influence function"
-            report.warnings.append(
-                f"the stencil has backward waves: they grow in the layer, by up to {backward.growth:.2g} sigma per unit time, from rounding or "
-                f"noise. Keep the data smooth and the run short, or use {better}."
+        self.numbers |= {"dt": sim.dt, "step_limit": sim.step_limit, "memory": float(engine.nbytes)}
+
+    def _estimate(self, sim: Simulation, until: float) -> None:
+        """Time of the run, and of one on a domain so large that nothing returns."""
+        steps = int(np.ceil(until / sim.dt))
+        duration = sim.seconds_per_step() * steps
+        self._say("time", f"about {_seconds(duration)} for {steps} steps to t = {until:g}")
+        self.numbers |= {"steps": float(steps), "seconds": duration}
+        open_sides = [axis for (axis, _), b in sim.sides.items() if isinstance(b, Absorbing)]
+        if not open_sides:
+            return
+        more = undisturbed(sim.stencil, sim.rate_limit / sim.stencil.symbol_maximum, sim.model.order, until)
+        extended = float(np.prod([n + more * open_sides.count(axis) for axis, n in enumerate(sim.lattice.shape)]))
+        cost = extended * _plain_seconds(sim) * steps
+        ratio = cost / max(duration, 1e-300)
+        compared = f"{ratio:.2g} times the time of this run" if ratio >= 1 else f"only {ratio:.2g} of the time of this run"
+        self._say(
+            "extended domain", f"{extended:.3g} nodes until nothing returns, {extended / np.prod(sim.lattice.shape):.3g} near fields: {compared}"
+        )
+        self.numbers |= {"extended_nodes": extended, "extended_cost": ratio}
+        if ratio < 1:
+            self.notes.append("the extended domain would be faster than this run")
+
+    def _certify(self, sim: Simulation, budget: float) -> None:
+        backward = sim.stencil.backward_waves()
+        self._say("backward waves", f"{100 * backward.fraction:.3g} % of the Brillouin zone from |k| spacing = {backward.first_wavenumber:.3g}"
+                  if backward else "none")  # fmt: skip
+        self.certificate = certificate = sim.certificate(budget)
+        self._say("stability", str(certificate))
+        if certificate.verdict == NOT_CERTIFIED:
+            self.warnings.append(f"the run is not stable: {certificate.reason}. {_remedy(sim, backward)}")
+        elif certificate.verdict == UNDECIDED:
+            self.warnings.append(f"stability is undecided: {certificate.reason}; watch the energy, or give the certificate more time (--budget 30)")
+
+    def as_json(self) -> dict[str, Any]:
+        """Facts, numbers, warnings, notes, the certificate and the reflections as plain data."""
+        rows = []
+        for found in self.reflections:
+            for wavelength, amplitudes in zip(found.wavelengths, found.amplitudes(found.angles), strict=True):
+                rows += [
+                    {"sides": found.sides, "wavelength": wavelength, "angle": angle, "amplitude": float(value) if np.isfinite(value) else None}
+                    for angle, value in zip(found.angles, amplitudes, strict=True)
+                ]
+        certificate = {} if self.certificate is None else self.certificate.as_json()
+        return {"facts": dict(self.rows), "numbers": self.numbers, "warnings": self.warnings, "notes": self.notes, "certificate": certificate,
+                "reflection": rows}  # fmt: skip
+
+    def draw(self, folder: Path, name: str, spacing: float) -> list[Path]:
+        """Pictures into a folder: NAME-growing-mode.png where a mode grows, NAME-reflection.png where sides absorb waves."""
+        from farhorizon.plot import mode_picture, reflection_picture
+
+        made = []
+        worst = None if self.certificate is None else self.certificate.worst
+        if worst is not None and worst.field.size:
+            made.append(folder / f"{name}-growing-mode.png")
+            mode_picture(worst.field, spacing, f"grows by {worst.growth.rate:.2g} per unit time", made[-1])
+        curves = [
+            (f"wavelength {wavelength:.3g}" + f", {found.sides}" * (len(self.reflections) > 1), amplitudes)
+            for found in self.reflections
+            if len(found.angles) > 1
+            for wavelength, amplitudes in zip(found.wavelengths, found.amplitudes(_FINE), strict=True)
+        ]
+        if curves:
+            made.append(folder / f"{name}-reflection.png")
+            title = (
+                "plane waves sent back by an absorbing side" if len(self.reflections) > 1 else f"plane waves sent back by {self.reflections[0].sides}"
             )
-        if max(stencil.reach) > 3 and sim.model.order == 2 and engine.layers:
-            report.warnings.append("stability of wide stencils (reach above 3 nodes) is not certified: watch the energy")
-        if any(isinstance(b, Fixed) for b in sim.sides.values()) and engine.layers:
-            report.warnings.append("a Fixed side reflects")
-        report.notes = sim.notes
-        return report
+            reflection_picture(np.array(_FINE), curves, title, made[-1])
+        return made
+
+    def _reflection_lines(self) -> list[str]:
+        lines = []
+        for found in self.reflections:
+            lines.append(f"predicted reflection by {found.sides} in dB, of plane waves by their angle to the normal")
+            lines.append(f"{'wavelength':>12}" + "".join(f"{f'{a:g} deg':>9}" for a in found.angles))
+            for wavelength, amplitudes in zip(found.wavelengths, found.amplitudes(found.angles), strict=True):
+                lines.append(f"{wavelength:>12.3g}" + "".join(f"{_decibels(v):>9}" for v in amplitudes))
+        return lines
 
     def __str__(self) -> str:
         width = max(len(name) for name, _ in self.rows)
         lines = [f"{name:<{width}}  {value}" for name, value in self.rows]
-        return "\n".join(lines + [f"warning: {w}" for w in self.warnings] + [f"note: {n}" for n in self.notes])
+        return "\n".join(lines + self._reflection_lines() + [f"warning: {w}" for w in self.warnings] + [f"note: {n}" for n in self.notes])
+
+
+def content(sim: Simulation) -> Band | None:
+    """Wavelengths in initial data and in what sources add, as far as these split into space and time; None if there is nothing."""
+    fields, orders = [sim.start_u, sim.start_v], [sim.model.order - 1, 0]
+    for space, _ in sim.sources:
+        if space is not None:
+            fields.append(space)
+            orders.append(0)
+    return band(fields, sim.lattice.spacing, orders)
+
+
+def _sides(sim: Simulation) -> list[tuple[str, Strip]]:
+    """Absorbing sides of each kind, and a strip that ends in one of them."""
+    found: list[tuple[list[str], int, Any]] = []
+    fixed = pinned(sim)
+    for (axis, side), boundary in sim.sides.items():
+        if isinstance(boundary, LatticePML | Sponge):
+            layer = sim.engine.layers.get((3 - sim.lattice.dim + axis, side))
+            kind = (boundary if layer is None else (layer.kappa.tolist(), layer.sigma.tolist(), layer.alpha.tolist()), sim.stencil.reach[axis])
+            for names, _, other in found:
+                if other == kind:
+                    names.append(AXES[axis] + "-+"[side > 0])
+                    break
+            else:
+                found.append(([AXES[axis] + "-+"[side > 0]], axis, kind))
+    return [
+        (", ".join(names), Strip(sim, axis, 2 * sim.stencil.reach[axis] + 2, (Fixed(), _named(fixed, axis, names[0])))) for names, axis, _ in found
+    ]
+
+
+def _named(sides: dict[tuple[int, int], Any], axis: int, name: str) -> Any:
+    return sides[axis, 1 if name.endswith("+") else -1]
+
+
+def _plain_seconds(sim: Simulation) -> float:
+    """Time of a step a node without absorbing sides, on a lattice that is not too large."""
+    from farhorizon.lattice import Lattice
+
+    lattice = sim.lattice
+    wanted = max(1.0, (np.prod(lattice.shape) / _PROBED) ** (1 / lattice.dim))
+    count = [max(int(n / wanted), 2 * m + 1) for n, m in zip(lattice.shape, sim.stencil.reach, strict=True)]
+    box = Lattice(lattice.spacing, lattice.lower, lattice.lower + lattice.spacing * (np.array(count) - 1))
+    plain = sim.remade(
+        lattice=box, boundary=Fixed(sim.background), sources=(), cracks=(), constraints=(), coefficient=None, rim="free", balance=False
+    )
+    return plain.seconds_per_step() / float(np.prod(count))
+
+
+def _remedy(sim: Simulation, backward: BackwardWaves) -> str:
+    """What to do about growth in a layer."""
+    other = "Exact ends, or " if sim.lattice.dim == 1 else ""
+    if not backward:
+        return f"Use {other}a thicker layer or one with a gentler profile, a smaller step, or a Sponge."
+    kernel = "exponent 2 with a reach of at most 3 nodes" if sim.lattice.dim < 3 else "exponent 2 with the linear influence function"
+    return (f"The stencil has backward waves, which grow in the layer, by up to {backward.growth:.2g} sigma per unit time, from rounding or noise. "
+            f"Use {other}{kernel}; or keep the data smooth and the run short.")  # fmt: skip
+
+
+def _decibels(amplitude: float) -> str:
+    """An amplitude in decibels; "none" where there is no such wave."""
+    if not np.isfinite(amplitude):
+        return "none"
+    return f"{20 * np.log10(amplitude):.0f}" if amplitude > _EXACT else f"< {20 * np.log10(_EXACT):.0f}"
+
+
+def _seconds(duration: float) -> str:
+    """A duration in words."""
+    for unit, length in (("h", 3600.0), ("min", 60.0)):
+        if duration >= 2 * length:
+            return f"{duration / length:.2g} {unit}"
+    return f"{duration:.2g} s"

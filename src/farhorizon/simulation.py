@@ -7,15 +7,19 @@ import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 from farhorizon.analysis.chain import Recursion, half_weights
+from farhorizon.analysis.choice import Choice
 from farhorizon.analysis.flux import nodal_flux, power_across
+from farhorizon.analysis.spectrum import band
 from farhorizon.beyond import Beyond
 from farhorizon.boundaries import Boundary, Closing, Closure, Exact, ExactEnds, Fixed, Free, LatticePML, Outline, Periodic, PlaneWave, Sponge, sides
 from farhorizon.boundaries.plane_wave import SERIES, Medium
+from farhorizon.certificate import BUDGET, Certificate, certify
 from farhorizon.conditions import Conditions, Constraint, resolve
 from farhorizon.constraints import Holds, Prescribed
 from farhorizon.cracks import Crack, as_crack, cut_bonds
@@ -32,6 +36,7 @@ from farhorizon.report import Report
 from farhorizon.results import read_checkpoint, write_checkpoint
 from farhorizon.shapes import Cut
 from farhorizon.sources import checked, parts, split, steady
+from farhorizon.stencil import Stencil
 
 _GUARD_STEPS = 200  # steps between two looks of the instability guard, at most; fewer on lattices above
 _GUARD_NODES = 1_000_000  # this many nodes, so that an interrupt is heard within seconds
@@ -78,6 +83,8 @@ class Simulation:
     time : float
     step_count : int
     dt : float
+    choices : dict of str to Choice
+        The layers that were chosen by angle, by side.
     stop_requested : bool
         Set it (from a signal handler, an observer) to end `run` with KeyboardInterrupt between two steps.
     closure : Closure or None
@@ -131,18 +138,23 @@ class Simulation:
             raise InputError("the background must be finite", value=background, key="background")
         self.stencil = model.stencil(lattice.spacing, lattice.dim)
         self._check_closing()
-        self._layers = self._make_layers()
-        self._check_size(dtype)
+        self._check_size()
+        self._layers: dict[tuple[int, int], Layer] = {}
+        self._check_memory(dtype)  # first without layers, which are chosen from arrays as large as the lattice
         factor = None if coefficient is None else checked(coefficient, lattice, "coefficient")
         if factor is not None and (factor < 0).any():
             raise InputError("a coefficient must not be negative", value=float(factor.min()), limit=">= 0", key="coefficient")
-        strongest = 1.0 if factor is None else float(factor.max())
+        self.strongest = 1.0 if factor is None else float(factor.max())
+        self.varied = factor is not None and bool(np.ptp(factor) > 0)
         self.conditions = self._resolve(constraints, factor)
         self._hidden = self._hide()
-        self.rate_limit = self.stencil.symbol_maximum * model.coefficient / lattice.spacing**2 * max(strongest, 1e-300)
-        self.rate_limit += float(self._leak().max(initial=0))
+        self.rate_limit = self.stencil.symbol_maximum * model.coefficient / lattice.spacing**2 * max(self.strongest, 1e-300)
+        self.rate_limit += float(self.leak().max(initial=0))
         self.step_limit = model.integrator.step_limit(self.rate_limit)
         self.dt = self._choose_step(dt)
+        self.choices: dict[str, Choice] = {}
+        self._layers = self._make_layers(initial or {}, sources)
+        self._check_memory(dtype)
         self.time, self.step_count = 0.0, 0
         self.stop_requested = False
         self._guard_steps = max(1, min(_GUARD_STEPS, _GUARD_STEPS * _GUARD_NODES // max(int(np.prod(lattice.shape)), 1)))
@@ -249,7 +261,7 @@ class Simulation:
         material = np.ones(lattice.shape) if factor is None else factor.copy()
         if lattice.body is not None and lattice.mask is not None:
             material[~lattice.mask] = np.nan
-        for nodes in (*self._holds.nodes, self.conditions.nodes, np.flatnonzero(self._leak())):
+        for nodes in (*self._holds.nodes, self.conditions.nodes, np.flatnonzero(self.leak())):
             material.flat[nodes] = np.nan
         pads = [(self._margins[a, -1], self._margins[a, 1]) for a in range(lattice.dim)]
         read = np.pad(material, pads, mode="edge")[tuple(closure.fringe.index.T)]
@@ -258,13 +270,15 @@ class Simulation:
                              key="boundary", limit=f"uniform within {closure.fringe.depth:g} of the outline",
                              remedy="enlarge the near field, or use a LatticePML")  # fmt: skip
 
-    def _check_size(self, dtype: str) -> None:
+    def _check_size(self) -> None:
         for axis, (n, m) in enumerate(zip(self.lattice.shape, self.stencil.reach, strict=True)):
             if n < 2 * m + 1:
                 raise InputError(
                     "the near field is thinner than the stencil", value=f"{n} nodes along {AXES[axis]}", limit=f">= {2 * m + 1}",
                     key="lattice", remedy="enlarge the lattice or refine it",
                 )  # fmt: skip
+
+    def _check_memory(self, dtype: str) -> None:
         need = self._memory_needed(np.dtype(dtype).itemsize)
         if need > available_memory():
             raise InputError("the run does not fit into memory", value=f"about {need / 2**30:.3g} GiB for {int(np.prod(self.lattice.shape))} nodes",
@@ -320,14 +334,9 @@ class Simulation:
         hidden.ravel()[self.conditions.images] = True
         return hidden if hidden.any() else None
 
-    def _leak(self) -> np.ndarray:
-        """Rate at which each node loses its value to what surrounds the body; of the lattice's shape, empty without."""
-        leaks = [leak for _, leak in self.conditions.leaks]
-        return self.model.source_factor * sum(leaks[1:], leaks[0]) if leaks else np.zeros(0)
-
     def _check_conditions(self) -> None:
         """The layer beyond an absorbing side continues the medium, not a condition on its nodes."""
-        leak = self._leak()
+        leak = self.leak()
         if not self.conditions.nodes.size and not leak.any():
             return
         busy = np.zeros(self.lattice.shape, bool)
@@ -399,15 +408,48 @@ class Simulation:
             return np.where(self._near_field, values, 0.0)
         return np.where(self.lattice.mask, values, 0.0) if self.lattice.body is not None and self.lattice.mask is not None else values
 
-    def _make_layers(self) -> dict[tuple[int, int], Layer]:
+    def _make_layers(self, initial: Mapping[str, Any], sources: Sequence[Any]) -> dict[tuple[int, int], Layer]:
         """The stretch of each layer, by (axis, side)."""
         lattice, model = self.lattice, self.model
         half_width = max(float((lattice.upper - lattice.lower).max()) / 2, lattice.spacing)
-        return {
-            (axis, side): boundary.layer(model.order, model.coefficient, lattice.spacing, self.stencil.reach[axis], half_width, lattice.dim)
-            for (axis, side), boundary in self.sides.items()
-            if isinstance(boundary, LatticePML)
-        }
+        layers: dict[tuple[int, int], Layer] = {}
+        known: dict[Any, tuple[Layer, Choice]] = {}
+        for (axis, side), boundary in self.sides.items():
+            if isinstance(boundary, LatticePML) and boundary.angle is not None:
+                name, stencil = AXES[axis] + "-+"[side > 0], self.stencil.along(axis)
+                like = boundary, stencil.offsets.tobytes(), stencil.weights.tobytes()
+                if like not in known:
+                    known[like] = self._chosen(boundary, stencil, name, initial, sources)
+                layers[axis, side], self.choices[name] = known[like]
+            elif isinstance(boundary, LatticePML):
+                reach = self.stencil.reach[axis]
+                layers[axis, side] = boundary.layer(model.order, model.coefficient, lattice.spacing, reach, half_width, lattice.dim)
+        return layers
+
+    def _chosen(
+        self, boundary: LatticePML, stencil: Stencil, name: str, initial: Mapping[str, Any], sources: Sequence[Any]
+    ) -> tuple[Layer, Choice]:  # fmt: skip
+        """A layer chosen for the waves of the data, unless the boundary names them."""
+        if self.model.order != 2:
+            raise InputError("only for waves a layer is chosen by angle", value=boundary.angle, key=f"boundary.{name}.angle", remedy="leave it out")
+        waves = (0.0, 0.0) if boundary.wavelengths else self._data_band(initial, sources, f"boundary.{name}.wavelengths")
+        recursion = Recursion.of(self.model.integrator, self.dt, self.model.damping)
+        return boundary.chosen(stencil, self.model.coefficient, self.lattice.spacing, recursion, self.dt, waves)
+
+    def _data_band(self, initial: Mapping[str, Any], sources: Sequence[Any], key: str) -> tuple[float, float]:
+        """Shortest and longest wave of initial data and sources."""
+        fields = [np.zeros(self.lattice.shape)] * 2
+        for number, name in enumerate(("u", "v")):
+            value = initial.get(name, 0.0)
+            fields[number] = checked(value(*self.lattice.coordinates()) if callable(value) else value, self.lattice, f"initial.{name}")
+        fields[0] = fields[0] - (self.background if "u" in initial else 0.0)
+        found = [split(s, self.lattice)[0] for s in sources]
+        spaces = [f for f in found if f is not None]
+        waves = band([*fields, *spaces], self.lattice.spacing, [1, 0] + [0] * len(spaces)) if len(spaces) == len(found) else None
+        if waves is None:
+            raise InputError("the wavelengths cannot be read from data and sources", key=key, remedy="give wavelengths = [shortest, longest]",
+                             limit="initial data, or sources that split into space and time")  # fmt: skip
+        return waves.shortest, waves.longest
 
     def _depth(self) -> dict[tuple[int, int], int]:
         """Nodes beyond each absorbing side at which data and sources are looked at: its layer or sponge, or one reach if that is more.
@@ -672,7 +714,7 @@ class Simulation:
             exists = self._existing(True)
             self._held = np.concatenate([b.node_indices()[~exists[b.slot_indices()]] for b in self.engine.layout.blocks.values()])
             tables.append((self._held, *np.zeros((3, len(self._held)))))
-        leak = self._leak().ravel()
+        leak = self.leak().ravel()
         lossy = np.flatnonzero(leak)
         if lossy.size:
             tables.append((self._near_indices()[lossy], *np.ones((2, lossy.size)), leak[lossy]))
@@ -1115,9 +1157,62 @@ class Simulation:
         """What serves each exact end: modes and error bound of its sum, and for how many steps."""
         return {} if self._ends is None else {name: self._ends.describe(i, self.dt) for i, name in enumerate(self._ends.names)}
 
-    def check(self) -> Report:
-        """Step limit, memory, nodes, layer thickness, backward waves, warnings and notes, before running."""
-        return Report.of(self)
+    def remade(self, **changes: Any) -> Simulation:
+        """The same set-up at its start with some arguments changed; on another lattice nothing is there at the start."""
+        start: dict[str, Any] = {}
+        if "lattice" not in changes:
+            start["u"] = self.start_u + float(changes.get("background", self.background))
+            start |= {"v": self.start_v} if self.model.order == 2 else {}
+        return Simulation(**{**self._setup, "initial": start, **changes})
+
+    @property
+    def exact_ends(self) -> ExactEnds | None:
+        """The exact ends; None without."""
+        return self._ends
+
+    def leak(self) -> np.ndarray:
+        """Rate at which each node loses its value to what surrounds the body; of the lattice's shape, empty without."""
+        leaks = [leak for _, leak in self.conditions.leaks]
+        return self.model.source_factor * sum(leaks[1:], leaks[0]) if leaks else np.zeros(0)
+
+    def certificate(self, budget: float = BUDGET) -> Certificate:
+        """Whether the complete update, near field and all memory of the boundaries, is stable; see `farhorizon.certificate`.
+
+        Parameters
+        ----------
+        budget : float
+            Seconds that it may take; what is not examined in that time is named.
+        """
+        return certify(self, budget)
+
+    def seconds_per_step(self) -> float:
+        """Time of a step on this machine now, measured for a tenth of a second without sources; the state stays as it is."""
+        engine = self.engine
+        arrays = [engine.levels, engine.memory, engine.states, engine.forces, engine.clock, engine.flows, engine.fringe_history]
+        kept, phase = [a.copy() for a in arrays], engine.phase
+        engine.advance_alone(1)  # the first one loads compiled programs
+        count, spent = 1, 0.0
+        while spent < 0.05 and count < 10_000:
+            count = count if spent == 0 else int(count * np.clip(0.1 / spent, 2, 50))
+            begin = perf_counter()
+            engine.advance_alone(count)
+            spent = perf_counter() - begin
+        for array, values in zip(arrays, kept, strict=True):
+            array[...] = values
+        engine.phase = phase
+        return spent / count
+
+    def check(self, until: float | None = None, budget: float | None = None) -> Report:
+        """Step limit, stability certificate, predicted reflection, layer, memory, time, warnings and notes, before running.
+
+        Parameters
+        ----------
+        until : float, optional
+            End of the run, for its estimated time.
+        budget : float, optional
+            Seconds for the certificate; unless given as many as the run to `until`, from 2 to 30; 30 without `until`.
+        """
+        return Report.of(self, until, budget)
 
     # --- state -------------------------------------------------------------------------------------------------
 

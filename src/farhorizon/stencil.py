@@ -122,6 +122,11 @@ class Stencil:
         used = np.abs(weights) > 1e-14
         return cls(grid[used], weights[used])
 
+    def along(self, axis: int) -> Stencil:
+        """The same stencil with another axis first, the rest in their order."""
+        order = [axis, *(a for a in range(self.dim) if a != axis)]
+        return Stencil(self.offsets[:, order], self.weights)
+
     @cached_property
     def reach(self) -> tuple[int, ...]:
         """Largest offset along each axis."""

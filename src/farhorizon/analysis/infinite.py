@@ -19,6 +19,22 @@ def largest_speed(stencil: Stencil) -> float:
     return float(np.sqrt(np.max(np.where(omega > 1e-6, squared, 1.0))))
 
 
+def undisturbed(stencil: Stencil, rate: float, order: int, until: float) -> int:
+    """Nodes by which a domain must be larger on each open side so that nothing returns to the near field.
+
+    Parameters
+    ----------
+    stencil : Stencil
+    rate : float
+        The largest ``coefficient / spacing^2``.
+    order : {1, 2}
+        Order of the equation in time.
+    until : float
+    """
+    distance = 0.5 * until * np.sqrt(rate) * largest_speed(stencil) if order == 2 else 6 * np.sqrt(rate * until)
+    return int(np.ceil(distance)) + 10 * max(stencil.reach) + int(5 * np.cbrt(distance))
+
+
 class InfiniteLattice:
     """States of the scheme on the infinite lattice, from data that vanish outside a box.
 

@@ -147,6 +147,11 @@ class ExactEnds:
         """Number of the next step."""
         return int(self.engine.clock[0])
 
+    @property
+    def convolved(self) -> bool:
+        """Whether the past is kept whole at every end."""
+        return all(b.compress is None or (self.steps > 0 and s is None) for b, s in zip(self.boundaries, self.sums, strict=True))
+
     def cover(self, last: int) -> None:
         """Make the ends good for `last` steps; a run under way goes on from its drivers' history.
 

@@ -18,8 +18,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
+from farhorizon.analysis.chain import Recursion
+from farhorizon.analysis.choice import Choice, choose
 from farhorizon.engine import Layer
 from farhorizon.errors import InputError
+from farhorizon.stencil import Stencil
 
 DEFAULT_TARGET = {1: 1e-5, 2: 1e-8}  # diffusion: of the current maximum; waves: of the initial maximum
 _SHIFT = 1e-3  # alpha in units of speed / spacing: bounds the drift at zero frequency; ten times as much spoils long waves
@@ -39,16 +42,24 @@ class LatticePML:
     profile : mapping, optional
         Stretch by hand: "kappa" (>= 1), "sigma" (1/time), "alpha" (1/time), each a number or an array of
         ``nodes + 1`` values from the near field outwards; names left out keep 1, 0 and 0. Needs nodes.
+    angle : float, optional
+        Waves: the thinnest layer is chosen, of a family of profiles, that sends back less than the target of every plane wave up to this angle
+        of incidence, in degrees. Without it the thickness is that of a rule for the target alone.
+    wavelengths : tuple of float, optional
+        Shortest and longest wave for the choice by angle; from the spectrum of initial data and sources unless given.
 
     Raises
     ------
     InputError
-        A target outside 1e-14..0.1, a thickness below 1, a profile with unknown names or impossible values.
+        A target outside 1e-14..0.1, a thickness below 1, a profile with unknown names or impossible values, an angle outside 0..89, wavelengths
+        without angle or in the wrong order.
     """
 
     target: float | None = None
     nodes: int | None = None
     profile: Mapping[str, np.ndarray | float] | None = None
+    angle: float | None = None
+    wavelengths: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         if self.target is not None and not 1e-14 <= self.target <= 0.1:
@@ -61,6 +72,47 @@ class LatticePML:
             unknown = set(self.profile) - {"kappa", "sigma", "alpha"}
             if unknown:
                 raise InputError("unknown profile", value=sorted(unknown), limit="kappa, sigma, alpha", key="boundary.profile")
+
+        if self.angle is not None and not 0 <= self.angle <= 89:
+            raise InputError("the angle of incidence is out of range", value=self.angle, limit="0 to 89 degrees", key="boundary.angle")
+        if self.angle is not None and self.nodes is not None:
+            raise InputError(
+                "a layer chosen by angle chooses its own nodes", value=self.nodes, key="boundary.nodes", remedy="leave nodes or angle out"
+            )
+        if self.wavelengths is not None:
+            if self.angle is None:
+                raise InputError("wavelengths are for a layer chosen by angle", key="boundary.wavelengths", remedy="give angle=...")
+            if len(self.wavelengths) != 2 or not 0 < self.wavelengths[0] <= self.wavelengths[1] < np.inf:
+                raise InputError("wavelengths are the shortest and the longest", value=list(self.wavelengths), key="boundary.wavelengths")
+
+    def chosen(
+        self, stencil: Stencil, coefficient: float, spacing: float, recursion: Recursion, dt: float, waves: tuple[float, float]
+    ) -> tuple[Layer, Choice]:
+        """The layer for waves up to `angle`.
+
+        Parameters
+        ----------
+        stencil : Stencil
+            Its first axis is the normal.
+        coefficient : float
+            Squared speed.
+        spacing : float
+        recursion : Recursion
+        dt : float
+        waves : tuple of float
+            Shortest and longest wave, where `wavelengths` are not given.
+
+        Raises
+        ------
+        InputError
+            No layer meets the target.
+        """
+        assert self.angle is not None
+        shortest, longest = self.wavelengths or waves
+        band = max(shortest / spacing, 2.0), max(longest / spacing, 2.0)
+        speed = float(np.sqrt(coefficient))
+        choice = choose(stencil, coefficient / spacing**2, recursion, dt, self.wanted(2), band, self.angle, speed, spacing)
+        return Layer(*choice.profile.edges(choice.nodes, speed, spacing)), choice
 
     def wanted(self, order: int) -> float:
         """The target, or the default of the equation's order in time."""

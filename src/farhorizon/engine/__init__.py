@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 import os
 from collections.abc import Mapping, Sequence
@@ -257,7 +258,7 @@ class Engine:
 
     def hold(self, nodes: np.ndarray) -> None:
         """Nodes with prescribed values: those of the columns of `held_values` in `advance`."""
-        self._held = nodes.astype(np.int64)
+        self.held = nodes.astype(np.int64)
 
     def set_ends(self, nodes: np.ndarray, first: float, sums: Sequence[Poles | None] = (), block: int = 0) -> None:
         """Exact ends of a bar, their states zero: `states`, `forces`, `heads`, `past` and `history` are theirs to read and to fill.
@@ -285,7 +286,7 @@ class Engine:
                 poles[end, 0, used], poles[end, 1, used] = z.real, z.imag
                 inputs[end, :reach, used], inputs[end, :reach, imaginary] = c.real.T, c.imag.T
                 outputs[end, :reach, used], outputs[end, :reach, imaginary] = b.real.T, -b.imag.T
-        self.clock = np.zeros(1, np.int64)
+        self.clock, self.poles = np.zeros(1, np.int64), poles
         self.states, self.forces = np.zeros((ends, 2 * count)), np.zeros((ends, rows))
         self.heads, self.past, self.history = np.zeros((ends, block, reach, reach)), np.zeros((ends, block, reach)), np.zeros((ends, 0, reach))
         self._ends = self.clock, float(first), nodes.astype(np.int64), poles, inputs, outputs, self.states, np.zeros(rows), self.forces
@@ -414,12 +415,32 @@ class Engine:
             *self._sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts, *self._damping,
             (*self._ends, self.heads, self.past, self.history), *self._tied, *self._books, self.flows, self._fringe,
             source_nodes, source_fields, source_times,
-            self._held, _NOTHING if held_values is None else held_values, tied_fields, tied_times,
+            self.held, _NOTHING if held_values is None else held_values, tied_fields, tied_times,
         )  # fmt: skip
         from farhorizon.engine.threads import side_by_side
 
         side_by_side(lambda lane, lanes, sync: self._driver.run(lane, lanes, sync, steps, *state), self.threads)
         self.phase = (self.phase + steps) % len(self._rotation)
+
+    def digest(self) -> str:
+        """Hash of all that decides the map of a step: engines of one digest have one map."""
+        mark = hashlib.sha256(repr((self.dt, self.stages, self.core.nodes, sorted(self.layout.periodic), self._rule, self.dtype.name)).encode())
+        layers = [a for _, layer in sorted(self.layers.items()) for a in (layer.kappa, layer.sigma, layer.alpha)]
+        mark.update(repr([(name, layer.columns) for name, layer in sorted(self.layers.items())]).encode())
+        ends = [np.asarray(a) for a in self._ends[2:6]]
+        for array in (self.offsets, self.weights, *layers, self._coefficient, *self._cuts, *self._damping, *self._tied, self.held, *ends):
+            mark.update(np.ascontiguousarray(array).tobytes())
+        return mark.hexdigest()
+
+    def advance_alone(self, steps: int) -> None:
+        """Run steps with nothing from outside: no sources, and prescribed values that are zero."""
+        held = np.zeros((steps, len(self.held)), self.dtype) if len(self.held) else None
+        self.advance(steps, np.zeros(0, np.int64), np.zeros((0, 0), self.dtype), np.zeros((steps, len(self.stages.numbers), 0), self.dtype), held)
+
+    @property
+    def driven(self) -> np.ndarray:
+        """Edges (layer, p) whose memory the field drives; the rest stays zero."""
+        return self._recursion[2] != 0
 
     @property
     def absent_bonds(self) -> int:

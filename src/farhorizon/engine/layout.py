@@ -221,6 +221,11 @@ class Layout:
         stride = tuple(s * (n if a in stretched else 1) for a, (s, n) in enumerate(zip(step, nodes, strict=True)))
         return Grid(0, extent, tuple(step), stride, pad)
 
+    @property
+    def task_sides(self) -> list[tuple[int, int]]:
+        """(axis, side) of the layers that the entries of `tasks` fill, where only one axis has layers."""
+        return [self._tree_keys[tree] for tree, _ in self.tasks]
+
     def in_tree(self, index: int, tree: int) -> int:
         """Place of an index beyond `size` in the memory that the trees share."""
         return index - self.trees[tree][0]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+from typing import Self
+
 import numpy as np
 
 from farhorizon.errors import InputError
@@ -44,6 +47,12 @@ class ScalarModel:
     def order(self) -> int:
         """Order of the equation in time."""
         return 2 if isinstance(self.integrator, Verlet) else 1
+
+    def with_stencil(self, stencil: Stencil) -> Self:
+        """The same model with a stencil in place of its operator."""
+        model = copy.copy(self)
+        model.operator = stencil
+        return model
 
     def stencil(self, spacing: float, dim: int) -> Stencil:
         """Dimensionless stencil on a lattice."""

@@ -1,0 +1,132 @@
+"""Does the stability certificate agree with long runs from white noise?
+
+Random set-ups (boundaries, kernels, dimensions, steps) are certified, then run from noise in the whole state. Two mistakes count: a certified set-up
+whose state grows, and a growing one that is certified; undecided ones are a weakness. Noise grows if the norm of the whole state, rigid motions of
+bodies that nothing holds taken out, is larger at the end than at two thirds of the run; where it grows by less than twofold the run goes on, since
+modes that are nearly alike add up before they decay.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from typing import Any
+
+import numpy as np
+from common import run_parts
+
+import farhorizon as fh
+from farhorizon.certificate import Certificate, certify
+from farhorizon.engine.state import State
+from farhorizon.strip import crossing_steps
+
+SEED = 2026
+CASES = 72
+CROSSINGS = 200  # of a run, at least
+BUDGET = 20.0
+LONGEST = 20.0  # seconds that a run whose noise grows by little goes on
+
+
+def random_setup(random: np.random.Generator, dim: int) -> dict[str, Any]:
+    """A small set-up: kernel or table, wave or diffusion, a boundary an axis, a step."""
+    reach = int(random.integers(1, {1: 9, 2: 5, 3: 3}[dim]))
+    kernel = fh.Kernel(float(reach), int(random.integers(0, 4)), str(random.choice(["constant", "linear", "gaussian"])) if reach > 1 else "constant")
+    operator = kernel if random.random() < 0.85 else random.choice([fh.Stencil.finite_difference, fh.Stencil.finite_element])(dim)
+    order = 2 if random.random() < 0.75 else 1
+    model: Any
+    if order == 2:
+        model = fh.Wave(operator, damping=float(random.choice([0.0, 0.0, 0.02])))
+    else:
+        model = fh.Diffusion(operator, integrator=str(random.choice(["euler", "rk4"])))
+    m = max(model.stencil(1.0, dim).reach)
+    shape = [int(random.integers(2 * m + 1, {1: 40, 2: 2 * m + 8, 3: 2 * m + 4}[dim])) for _ in range(dim)]
+    return {
+        "lattice": fh.Lattice(1.0, (0.0,) * dim, [n - 1.0 for n in shape]), "model": model,
+        "boundary": {axis: random_side(random, dim, order, m) for axis in "xyz"[:dim]}, "dt": float(random.choice([0.1, 0.5, 0.5, 0.9])),
+    }  # fmt: skip
+
+
+def random_side(random: np.random.Generator, dim: int, order: int, m: int) -> Any:
+    """Mostly a layer: of default or random profile; else a plain side."""
+    kind = random.choice(["layer", "profile", "exact" if dim == 1 and order == 2 else "layer", "plain"], p=[0.45, 0.25, 0.1, 0.2])
+    nodes = int(random.integers(6, {1: 25, 2: 13, 3: 7}[dim]))
+    if kind == "layer":
+        return fh.LatticePML(nodes=nodes)
+    if kind == "profile":
+        depth = (np.arange(nodes + 1) + 0.5) / (nodes + 1)
+        if order == 1:
+            return fh.LatticePML(nodes=nodes, profile={"kappa": 1 + 20 * random.random() * depth**2})
+        stretch = {"kappa": 1 + random.choice([0.0, 4.0]) * depth, "sigma": 4 * random.random() * depth ** random.integers(0, 4)}
+        return fh.LatticePML(nodes=nodes, profile={**stretch, "alpha": float(random.choice([0.0, 0.001, 0.05]))})
+    if kind == "exact":
+        return fh.Exact(compress=1e-9)
+    return [fh.Fixed(), fh.Free(), fh.Periodic(), fh.Sponge(8)][random.integers(4)]
+
+
+def grows(sim: fh.Simulation) -> tuple[bool, float]:
+    """Whether noise grows over the last third of a long run, and the rate there; what grows by little is run on, as it may be about to turn."""
+    state = State(sim.engine)
+    part = max(1, CROSSINGS * crossing_steps(sim) // 6)
+    x, sizes = np.random.default_rng(1).standard_normal(state.size), [1.0]
+    end = time.monotonic() + LONGEST
+    while True:
+        for _ in range(2):
+            x = state.after(x, part)
+            sizes.append(size(sim, state, x))
+            if not 1e-100 < sizes[-1] < 1e100:
+                return sizes[-1] > 1, np.log(sizes[-1] / sizes[-2]) / (part * sim.dt)
+        third = len(sizes) // 3
+        ratio = sizes[-1] / sizes[-1 - third]
+        if len(sizes) > 6 and (ratio <= 1 or ratio > 2 or time.monotonic() > end):
+            return ratio > 1, np.log(ratio) / (third * part * sim.dt)
+
+
+def size(sim: fh.Simulation, state: State, x: np.ndarray) -> float:
+    """Norm of a state; a body that nothing holds drifts, and is measured without its mean."""
+    if not all(isinstance(b, fh.Free | fh.Periodic) for b in sim.sides.values()):
+        return float(np.linalg.norm(x))
+    field = state.field(x)
+    return float(np.linalg.norm(field - field.mean()))
+
+
+def make(setup: dict[str, Any]) -> fh.Simulation:
+    """The simulation; its dt is a part of the stable limit."""
+    share = setup["dt"]
+    limit = fh.Simulation(**{**setup, "dt": None}).step_limit
+    sim = fh.Simulation(**{**setup, "dt": share * limit}, threads=1)
+    sim.prepare(2000 * sim.dt)
+    return sim
+
+
+def agreement(options: argparse.Namespace) -> list[dict[str, Any]]:
+    """One row a verdict: how many, how many grew, mistakes."""
+    random = np.random.default_rng(SEED)
+    rows = {v: {"verdict": v, "set-ups": 0, "noise grew": 0, "did not": 0, "seconds": 0.0} for v in ("certified", "not certified", "undecided")}
+    done = 0
+    while done < CASES:
+        try:
+            setup = random_setup(random, 1 + done % 3 if done % 6 < 3 else 1 + done % 2)
+            sim = make(setup)
+        except fh.InputError:  # e.g. a layer that does not fit its neighbour
+            continue
+        begin = time.monotonic()
+        certificate: Certificate = certify(sim, BUDGET)
+        spent = time.monotonic() - begin
+        grew, rate = grows(sim)
+        row = rows[certificate.verdict]
+        row["set-ups"] += 1
+        row["noise grew"] += grew
+        row["did not"] += not grew
+        row["seconds"] += spent
+        done += 1
+        wrong = certificate.verdict == ("certified" if grew else "not certified")
+        doubt = "   <-- disagree" if wrong else "   <-- undecided" if certificate.verdict == "undecided" else ""
+        if options.repeats == 1 or doubt:
+            kind, sides = setup["model"], " ".join(str(setup["boundary"]).split())
+            print(f"{done}: {sim.lattice.shape} {type(kind).__name__} {kind.operator} {sides} share {setup['dt']}: "
+                  f"noise rate {rate:.2g}; {certificate} [{spent:.1f} s]{doubt}", flush=True)  # fmt: skip
+    return list(rows.values())
+
+
+if __name__ == "__main__":
+    run_parts(__doc__, {"agreement": (f"{CASES} random set-ups, certificate against {CROSSINGS} crossing times of white noise", agreement)})

@@ -1,0 +1,214 @@
+"""Choice of a lattice PML for waves: the thinnest layer of a family that sends back less than a target, from the exact reflection of a layer.
+
+In the layer a mode zeta of the chain gains ``(1 + g w)/(1 - g w)`` over an edge, ``w = (zeta - 1)/(zeta + 1)``, with the stretch
+``g = kappa + sigma/(s + alpha)`` and the discrete ``s = 2/dt (z - 1)/(z + 1)`` of the trapezoidal rule. Beyond the last column all continued values
+are zero, which on the last edge reads ``U(k + 1) = rho U(k)``, ``rho = (g - 1)/(g + 1)``: K conditions for the K modes that go back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from farhorizon.analysis.chain import Recursion
+from farhorizon.analysis.reflection import Modes, chain_modes, chain_weights, factor_of_wave
+from farhorizon.errors import InputError
+from farhorizon.stencil import Stencil
+
+_MOST = 120  # nodes of a layer
+_SHIFT = 1e-3  # alpha in units of speed / spacing
+_STRENGTHS = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)  # largest sigma in units of 2 speed / spacing
+_STRETCHES = (1.0, 2.0, 4.0, 8.0)  # largest kappa
+_WAVES, _ANGLES = 5, 6  # sample of the band and of the angles
+_MARGIN = 0.8  # of the target is aimed at: between the samples it can be a little more
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A member of the family: sigma rises to ``strength 2 speed / spacing`` and kappa to `stretch`, as powers of the depth.
+
+    Attributes
+    ----------
+    strength, stretch : float
+    power : int
+        Of sigma; kappa rises linearly.
+    """
+
+    strength: float
+    stretch: float
+    power: int
+
+    def edges(self, nodes: int, speed: float, spacing: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """kappa, sigma and alpha on the edges of a layer, arrays (nodes + 1,)."""
+        depth = (np.arange(nodes + 1) + 0.5) / (nodes + 1)
+        sigma = self.strength * 2 * speed / spacing * depth**self.power
+        return 1 + (self.stretch - 1) * depth, sigma, np.full(nodes + 1, _SHIFT * speed / spacing)
+
+    def __str__(self) -> str:
+        rise = {1: "linear", 2: "square", 3: "cubic"}[self.power]
+        return f"sigma {rise} to {self.strength:g} 2c/spacing" + (f", kappa to {self.stretch:g}" if self.stretch > 1 else "")
+
+
+@dataclass(frozen=True)
+class Wave:
+    """A plane wave that meets a side.
+
+    Attributes
+    ----------
+    modes : Modes
+    s : complex
+        Discrete frequency of the trapezoidal rule, ``2/dt (z - 1)/(z + 1)``.
+    """
+
+    modes: Modes
+    s: complex
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A layer and what it sends back.
+
+    Attributes
+    ----------
+    profile : Profile
+    nodes : int
+    amplitude : float
+        Largest reflected amplitude over the band and the angles.
+    """
+
+    profile: Profile
+    nodes: int
+    amplitude: float
+
+    def __str__(self) -> str:
+        return f"{self.profile}: at most {20 * np.log10(max(self.amplitude, 1e-16)):.0f} dB"
+
+
+def plane_wave(stencil: Stencil, rate: float, recursion: Recursion, dt: float, wavelength: float, angle: float) -> Wave:
+    """The wave of a wavelength in spacings under an angle in degrees to the first axis, in the plane of the first two.
+
+    Raises
+    ------
+    InputError
+        No such wave comes to the side.
+    """
+    number = 2 * np.pi / wavelength
+    normal = number * np.cos(np.radians(angle))
+    along = [number * np.sin(np.radians(angle)), 0.0][: stencil.dim - 1]
+    factor = factor_of_wave(-rate * float(stencil.symbol(normal, *along)), recursion)
+    return Wave(chain_modes(rate * chain_weights(stencil, along), factor, recursion, np.exp(1j * normal)), 2 / dt * (factor - 1) / (factor + 1))
+
+
+def layer_reflection(wave: Wave, kappa: np.ndarray, sigma: np.ndarray, alpha: np.ndarray) -> float:
+    """Reflected amplitude of a layer, exactly.
+
+    Parameters
+    ----------
+    wave : Wave
+    kappa, sigma, alpha : ndarray, shape (nodes + 1,)
+        Stretch on the edges from the near field outwards.
+    """
+    stretch = kappa + sigma / (wave.s + alpha)
+    modes = np.append(wave.modes.leaving, wave.modes.incoming)
+    gain = ((modes + 1)[:, None] + np.outer(modes - 1, stretch[:-1])) / ((modes + 1)[:, None] - np.outer(modes - 1, stretch[:-1]))
+    through = np.log(gain).sum(1)  # logarithms: what evanescent modes gain overflows
+    rho = (stretch[-1] - 1) / (stretch[-1] + 1)
+    powers = np.arange(1, len(wave.modes.leaving) + 1)[:, None]
+    conditions = modes**powers - rho**powers
+    back = np.linalg.solve(conditions[:, :-1], -conditions[:, -1])
+    travels = wave.modes.travels
+    return float(np.sqrt((np.abs(back[travels] * np.exp(through[-1] - through[:-1][travels])) ** 2).sum()))
+
+
+def family(reach: int) -> list[Profile]:
+    """Profiles that are tried: a strong entrance makes wide stencils grow."""
+    powers, most = ((1, 2, 3), 2.0) if reach < 4 else ((2, 3), 1.0) if reach < 6 else ((3,), 1.0 if reach < 8 else 0.5)
+    return [Profile(s, k, p) for p in powers for k in _STRETCHES for s in _STRENGTHS if s <= most]
+
+
+def worst(waves: Sequence[Wave], profile: Profile, nodes: int, speed: float, spacing: float, above: float = np.inf) -> float:
+    """Largest reflected amplitude of a layer over some waves; it stops at the first that is larger than `above`."""
+    edges, largest = profile.edges(nodes, speed, spacing), 0.0
+    for wave in waves:
+        largest = max(largest, layer_reflection(wave, *edges))
+        if largest > above:
+            break
+    return largest
+
+
+def choose(
+    stencil: Stencil,
+    rate: float,
+    recursion: Recursion,
+    dt: float,
+    target: float,
+    band: tuple[float, float],
+    angle: float,
+    speed: float,
+    spacing: float,
+) -> Choice:
+    """The thinnest layer of the family whose reflection stays below a target.
+
+    Parameters
+    ----------
+    stencil : Stencil
+        Its first axis is the side's normal.
+    rate : float
+        ``coefficient / spacing^2``.
+    recursion : Recursion
+    dt : float
+    target : float
+        Largest reflected amplitude of a plane wave of amplitude 1.
+    band : tuple of float
+        Shortest and longest wavelength, in spacings.
+    angle : float
+        Largest angle of incidence in degrees; without meaning on a line.
+    speed, spacing : float
+
+    Raises
+    ------
+    InputError
+        No layer of up to 120 nodes meets the target.
+    """
+    waves = sample(stencil, rate, recursion, dt, band, angle)
+    aim, best = _MARGIN * target, None
+    for profile in family(stencil.reach[0]):
+        most = _MOST if best is None else best.nodes
+        if worst(waves, profile, most, speed, spacing, aim) > aim:
+            continue
+        low, high = 0, most
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (low, middle) if worst(waves, profile, middle, speed, spacing, aim) <= aim else (middle, high)
+        amplitude = worst(waves, profile, high, speed, spacing)
+        if best is None or (high, amplitude) < (best.nodes, best.amplitude):
+            best = Choice(profile, high, amplitude)
+        waves = sorted(waves, key=lambda w, p=profile, n=high: -layer_reflection(w, *p.edges(n, speed, spacing)))  # type: ignore[misc]  # the hardest first
+    if best is None:
+        waves_text = f"waves of {band[0]:.3g} to {band[1]:.3g} spacings up to {angle:g} degrees"
+        raise InputError(f"no layer of up to {_MOST} nodes meets the target", value=target, key="boundary.target", limit=waves_text,
+                         remedy="a smaller angle or a larger target")  # fmt: skip
+    return best
+
+
+def sample(stencil: Stencil, rate: float, recursion: Recursion, dt: float, band: tuple[float, float], angle: float) -> list[Wave]:
+    """Waves of a band and up to an angle; what does not come to the side is left out.
+
+    Raises
+    ------
+    InputError
+        None comes to the side.
+    """
+    angles = np.linspace(0, angle, _ANGLES) if stencil.dim > 1 else [0.0]
+    found = []
+    for wavelength in np.geomspace(*band, _WAVES):
+        for theta in angles:
+            try:
+                found.append(plane_wave(stencil, rate, recursion, dt, float(wavelength), float(theta)))
+            except InputError:
+                continue
+    if not found:
+        raise InputError("no wave of the band comes to the side", value=band, key="boundary.wavelengths")
+    return found

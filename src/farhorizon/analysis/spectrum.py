@@ -1,0 +1,62 @@
+"""Which wavelengths a field holds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+_SHARES = (0.001, 0.5, 0.999)  # of the energy, from the longest wave on
+_PADS = 2  # box over extent: as much room as the field has
+
+
+@dataclass(frozen=True)
+class Band:
+    """Wavelengths, from the spectrum of a field.
+
+    Attributes
+    ----------
+    longest, typical, shortest : float
+        A thousandth, half and all but a thousandth of the energy lies in longer waves.
+    """
+
+    longest: float
+    typical: float
+    shortest: float
+
+
+def band(fields: Sequence[np.ndarray], spacing: float, orders: Sequence[int]) -> Band | None:
+    """Wavelengths that fields send out.
+
+    Parameters
+    ----------
+    fields : sequence of ndarray
+        Of one shape; nan counts as 0.
+    spacing : float
+    orders : sequence of int
+        Power of the wavenumber in the amplitude that counts: 1 for displacements, whose energy is in their gradient, 0 for velocities, sources and
+        what diffuses.
+
+    Returns
+    -------
+    Band or None
+        None if the fields are zero. No wave is taken to be longer than four times the box or shorter than two spacings.
+    """
+    shape = fields[0].shape
+    box = [fft.next_fast_len(_PADS * n, real=True) for n in shape]
+    angles = [2 * np.pi * np.fft.fftfreq(n) for n in box[:-1]] + [2 * np.pi * np.fft.rfftfreq(box[-1])]
+    number = np.sqrt(np.asarray(sum(a**2 for a in np.ix_(*angles))))
+    energy = np.zeros(number.shape)
+    for values, order in zip(fields, orders, strict=True):
+        power = np.abs(fft.rfftn(np.nan_to_num(np.asarray(values, float)), box)) ** 2 * number ** (2 * order)
+        if power.any():
+            energy += power / power.sum()
+    if not energy.any():
+        return None
+    order_of = np.argsort(number, axis=None)
+    passed = np.cumsum(energy.ravel()[order_of])
+    found = number.ravel()[order_of][np.searchsorted(passed, np.array(_SHARES) * passed[-1])]
+    longest, typical, shortest = (float(np.clip(2 * np.pi / max(k, 1e-9), 2.0, 4 * max(shape))) * spacing for k in found)
+    return Band(longest, typical, shortest)

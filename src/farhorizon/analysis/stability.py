@@ -1,0 +1,238 @@
+"""Stability of a linear one-step map: the spectral radius of the complete update, by dense eigenvalues or by Krylov spaces of its powers.
+
+A map is stable if no eigenvalue lies outside the unit circle by more than `TOLERANCE` per unit time. Every number comes with a bound of what
+rounding and unfinished iterations may hide: where that bound reaches across the tolerance, nothing is claimed.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg
+
+#: Growth per unit time, (spectral radius - 1)/dt, up to which a map counts as stable.
+TOLERANCE = 1e-10
+_NOISE = 20  # crossing times of white noise before Krylov spaces
+_LONG = 120  # crossing times of noise where Krylov spaces do not tell
+_LEAST = 12  # Krylov vectors of the first power, at least: a mode that grows slowly may hide behind one that decays slowly
+_RAISE = 8  # factor from one power of the map to the next
+_POWERS = 2  # powers that are tried
+_EXPLODED = 1e6  # growth of white noise over a run that is no transient any more
+
+
+@dataclass(frozen=True)
+class Growth:
+    """What is known of the fastest growing mode of a map.
+
+    Attributes
+    ----------
+    rate : float
+        Growth per unit time, (|factor| - 1)/dt; negative: it decays.
+    error : float
+        By how much the rate may be wrong.
+    factor : complex
+        Factor that the mode gains in a step.
+    mode : ndarray of complex
+        The state that grows; empty where none was asked for.
+    hidden : float
+        Growth per unit time that could have gone unnoticed in a run from noise; 0 for a rate from eigenvalues.
+    """
+
+    rate: float
+    error: float
+    factor: complex
+    mode: np.ndarray
+    hidden: float = 0.0
+
+    @property
+    def stable(self) -> bool | None:
+        """Whether nothing grows; None if it cannot be told."""
+        if self.rate + self.error <= TOLERANCE:
+            return True
+        return False if self.rate - self.error > TOLERANCE else None
+
+    @property
+    def angle(self) -> float:
+        """Phase that the mode gains in a step, frequency times dt."""
+        return float(abs(np.angle(self.factor)))
+
+
+def fastest(found: Sequence[Growth]) -> Growth:
+    """The one that decides: the fastest certain growth, else that with the largest rate and error."""
+    growing = [g for g in found if g.stable is False]
+    return max(growing, key=lambda g: g.rate) if growing else max(found, key=lambda g: g.rate + g.error)
+
+
+def dense_growth(matrix: np.ndarray, dt: float) -> Growth:
+    """Fastest mode of a map that is given as a matrix, by its eigenvalues.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (n, n)
+        The map of one step.
+    dt : float
+        Time step.
+
+    Returns
+    -------
+    Growth
+        The error is that of rounding, ``4 eps |G| / |y . x|`` with the eigenvectors x and y of the map and its transpose.
+    """
+    if np.iscomplexobj(matrix) and np.abs(matrix.imag).max(initial=0) <= 1e-15 * np.abs(matrix).max(initial=0):
+        matrix = matrix.real
+    factors = linalg.eigvals(matrix, check_finite=False)
+    order = np.argsort(-np.abs(factors))
+    size = np.linalg.norm(matrix)
+    found = []
+    for factor in factors[order[: min(4, len(order))]]:  # of some that are as large, an ill-conditioned one decides
+        right, left = _eigenvectors(matrix, factor)
+        error = 4 * np.finfo(float).eps * size / max(abs(np.vdot(left, right)), 1e-300)
+        found.append(Growth((abs(factor) - 1) / dt, error / dt, complex(factor), right))
+    return fastest(found)
+
+
+def _eigenvectors(matrix: np.ndarray, factor: complex) -> tuple[np.ndarray, np.ndarray]:
+    """Right and left eigenvectors of length 1 by inverse iteration, the left one for ``y^H G = factor y^H``."""
+    shifted = matrix - (factor * (1 + 1e-14) + 1e-300) * np.eye(len(matrix))
+    solve = linalg.lu_factor(shifted, check_finite=False)
+    vectors = []
+    for transposed in (0, 2):
+        x = np.random.default_rng(0).standard_normal(len(matrix)).astype(complex)
+        for _ in range(3):
+            x = linalg.lu_solve(solve, x, trans=transposed, check_finite=False)
+            x = x / np.linalg.norm(x)
+        vectors.append(x)
+    return vectors[0], vectors[1]
+
+
+def krylov_growth(
+    advance: Callable[[np.ndarray, int], np.ndarray], size: int, dt: float, crossing: int, budget: float, seed: int = 0, subspace: int = 16
+) -> Growth:
+    """Fastest mode of a map that can only be applied, from white noise.
+
+    Noise runs for 20 crossing times; then Krylov spaces of powers of the map are built, of ever higher powers: in a high power what decays has died
+    out, and few vectors tell the rest apart. Near the factor 1, modes that decay slowly may lie too close to each other for that. Then noise runs on
+    to 120 crossing times, and if its size falls over the last third of them that is what is known.
+
+    Parameters
+    ----------
+    advance : callable
+        State and number of steps to the state after them.
+    size : int
+        Numbers in a state.
+    dt : float
+        Time step.
+    crossing : int
+        Steps in which the fastest wave, or a good part of what diffuses, crosses the near field and the layers.
+    budget : float
+        Seconds after which it gives up.
+    seed : int
+        Of the noise.
+    subspace : int
+        Most vectors in a Krylov space.
+
+    Returns
+    -------
+    Growth
+        The error is that of the eigenvalue problem's residual, 0 with `hidden` set where a long run decides, and infinite if time ran out.
+    """
+    begin = time.monotonic()
+    end, unknown = begin + budget, Growth(0.0, np.inf, 1.0, np.zeros(0))
+    noise = _Noise(advance, size, dt, crossing, seed)
+    if not noise.run(_NOISE, end):
+        return noise.explosion() or unknown
+    pace = (time.monotonic() - begin) / _NOISE
+    power, x = crossing, noise.state
+    for _ in range(_POWERS):
+        if time.monotonic() + (subspace * power / crossing + _LONG - _NOISE) * pace > end:  # the long run must follow
+            break
+        least = max(4, _LEAST * crossing // power)
+        found, x = _arnoldi(lambda v: advance(v, power), x, power, dt, least, min(subspace, size))  # noqa: B023
+        if found.stable is not None:
+            return found
+        power *= _RAISE
+    until = _LONG
+    while noise.run(until, end):
+        found = noise.decay()
+        if found.stable is not None:
+            return found
+        until *= 2  # modes that are nearly alike add up before they decay
+    return noise.explosion() or unknown
+
+
+class _Noise:
+    """A run from white noise and the size of its state after each crossing time."""
+
+    def __init__(self, advance: Callable[[np.ndarray, int], np.ndarray], size: int, dt: float, crossing: int, seed: int) -> None:
+        self.advance, self.dt, self.crossing = advance, dt, crossing
+        self.state = np.random.default_rng(seed).standard_normal(size)
+        self.sizes = [float(np.linalg.norm(self.state))]
+
+    def run(self, until: int, end: float) -> bool:
+        """Go on to a number of crossing times; False if the state exploded or time ran out before."""
+        while len(self.sizes) <= until:
+            self.state = self.advance(self.state, self.crossing)
+            self.sizes.append(float(np.linalg.norm(self.state)))
+            if not self.sizes[-1] < _EXPLODED * self.sizes[0] or time.monotonic() > end:
+                return False
+        return True
+
+    def explosion(self) -> Growth | None:
+        """The growth of a state that exploded; None if it did not."""
+        if self.sizes[-1] < _EXPLODED * self.sizes[0]:
+            return None
+        finite = [s for s in self.sizes if np.isfinite(s)]
+        late = finite[len(finite) // 2 :] if len(finite) > 3 else finite
+        rate = np.log(late[-1] / late[0]) / ((len(late) - 1) * self.crossing * self.dt) if len(late) > 1 else np.inf
+        mode = self.state / self.sizes[-1] if np.isfinite(self.sizes[-1]) else np.zeros(0)
+        return Growth(float(rate), 0.0 if np.isinf(rate) else 0.1 * abs(float(rate)), complex(np.exp(min(rate, 1e3) * self.dt)), mode.astype(complex))
+
+    def decay(self) -> Growth:
+        """What the last third of the run tells."""
+        count = len(self.sizes) - 1
+        last = self.sizes[-1 - count // 3 :]
+        span = (len(last) - 1) * self.crossing * self.dt
+        rate = float(np.log(max(last[-1], 1e-300) / max(last[0], 1e-300)) / span)
+        hidden = 0.5 * np.log(len(self.state)) / (count * self.crossing * self.dt)
+        return Growth(rate, 0.0 if rate < 0 else np.inf, complex(np.exp(rate * self.dt)), np.zeros(0), hidden)
+
+
+def _arnoldi(
+    apply: Callable[[np.ndarray], np.ndarray], start: np.ndarray, power: int, dt: float, least: int, subspace: int
+) -> tuple[Growth, np.ndarray]:
+    """Leading eigenvalue of a power of a map in a Krylov space, which ends as soon as it is settled; and the vector to go on with."""
+    length = float(np.linalg.norm(start))
+    if length < 1e-200:  # noise has died out altogether
+        return Growth(-1 / (power * dt), 0.0, 0.0, np.zeros(0)), start
+    basis, projected = [start / length], np.zeros((subspace + 1, subspace))
+    for k in range(subspace):
+        image = apply(basis[k])
+        for _ in range(2):  # twice, to be orthogonal to rounding
+            for j, b in enumerate(basis):
+                share = float(b @ image)
+                projected[j, k] += share
+                image = image - share * b
+        rest = float(np.linalg.norm(image))
+        projected[k + 1, k] = rest
+        last = k + 1 == subspace or rest < 1e-14
+        if last or (k % 4 == 3 and k + 1 >= least):
+            found = _leading(projected[: k + 1, : k + 1], rest, basis, power, dt)
+            if last or found.stable is not None:
+                break
+        basis.append(image / rest)
+    parts = found.mode.real, found.mode.imag
+    return found, max(parts, key=lambda p: float(np.linalg.norm(p)))
+
+
+def _leading(projected: np.ndarray, rest: float, basis: Sequence[np.ndarray], power: int, dt: float) -> Growth:
+    """The largest eigenvalue of a map's power in a Krylov space; ten times its residual and condition make the error."""
+    values, left, right = linalg.eig(projected, left=True, right=True)
+    i = int(np.argmax(np.abs(values)))
+    size, x, y = max(float(np.abs(values[i])), 1e-300), right[:, i], left[:, i]
+    condition = np.linalg.norm(x) * np.linalg.norm(y) / max(abs(np.vdot(y, x)), 1e-300)
+    residual = max(rest * abs(x[-1]) / np.linalg.norm(x), 1e-15)
+    error = np.log1p(min(10 * condition * residual / size, 1e300)) / (power * dt)
+    return Growth(float(np.log(size) / (power * dt)), float(error), complex(size ** (1 / power)), np.array(basis).T @ x)

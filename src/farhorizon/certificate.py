@@ -1,0 +1,375 @@
+"""Whether a set-up is stable: proofs where they hold, else the spectral radius of the complete update, sides first, then corners."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+import time
+import zipfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from farhorizon.analysis import stability
+from farhorizon.analysis.stability import Growth, dense_growth, fastest, krylov_growth
+from farhorizon.boundaries import Fixed, Free, LatticePML, Periodic, Sponge
+from farhorizon.engine import state
+from farhorizon.engine.build import cache_folder
+from farhorizon.engine.state import State
+from farhorizon.errors import InputError
+from farhorizon.lattice import AXES
+from farhorizon.strip import NARROW, Strip, crossing_steps, plain_twin, small_lattice
+
+if TYPE_CHECKING:
+    from farhorizon.simulation import Simulation
+
+CERTIFIED, NOT_CERTIFIED, UNDECIDED = "certified", "not certified", "undecided"
+BUDGET = 30.0  # seconds that a certificate may take
+_DENSE = 700  # numbers in a state up to which all eigenvalues are computed: a second
+_WIDE = 1500  # the same where a growing mode is looked at again
+_CROSSINGS = 200_000  # of a run from noise whose map is known as a matrix
+_MARGIN = 1 - 1e-9  # at the step limit itself the shortest wave grows linearly
+
+
+@dataclass(frozen=True)
+class Part:
+    """One update whose spectral radius was computed.
+
+    Attributes
+    ----------
+    name : str
+        What it is.
+    growth : Growth
+    field : ndarray
+        The growing mode on the near field and its unstretched margins, real and imaginary part; empty if it is not known.
+    """
+
+    name: str
+    growth: Growth
+    field: np.ndarray
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Whether the complete update (near field and all memory of the boundaries) is stable, and how that is known.
+
+    Attributes
+    ----------
+    verdict : {"certified", "not certified", "undecided"}
+        Certified: no mode grows by more than 1e-10 per unit time.
+    reason : str
+    rate : float
+        Growth of the fastest mode per unit time, negative: it decays; nan for a proof and where nothing was found out.
+    error : float
+        By how much the rate may be wrong.
+    parts : tuple of Part
+        What was computed.
+    skipped : tuple of str
+        What would have to be computed, too, and why it was not.
+    seconds : float
+        What it cost.
+    """
+
+    verdict: str
+    reason: str
+    rate: float = np.nan
+    error: float = 0.0
+    parts: tuple[Part, ...] = ()
+    skipped: tuple[str, ...] = ()
+    seconds: float = 0.0
+
+    @property
+    def worst(self) -> Part | None:
+        """The part with the growing mode; None where nothing grows."""
+        growing = [p for p in self.parts if p.growth.stable is False]
+        return max(growing, key=lambda p: p.growth.rate) if growing else None
+
+    def __str__(self) -> str:
+        return f"{self.verdict}: {self.reason}" + "".join(f"; not examined: {s}" for s in self.skipped)
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain numbers and words; None for what is not known."""
+
+        def known(value: float) -> float | None:
+            return float(value) if np.isfinite(value) else None
+
+        rows = [
+            {"what": p.name, "rate": known(p.growth.rate), "error": known(p.growth.error), "angle": p.growth.angle, "hidden": p.growth.hidden}
+            for p in self.parts
+        ]
+        return {"verdict": self.verdict, "reason": self.reason, "rate": known(self.rate), "error": known(self.error), "parts": rows,
+                "skipped": list(self.skipped), "seconds": self.seconds}  # fmt: skip
+
+
+def certify(sim: Simulation, budget: float = BUDGET) -> Certificate:
+    """Examine the one-step map of a simulation.
+
+    Where no proof holds, a state of up to 700 numbers is examined as it is. Otherwise each pair of absorbing sides is examined by itself, the medium
+    between them without end along the other axes: its map is a chain for each tangential wavenumber, all of whose eigenvalues are computed. Corners,
+    edges and faces that run into a layer are examined on a small copy of the near field by Krylov spaces of powers of the map.
+
+    Parameters
+    ----------
+    sim : Simulation
+    budget : float
+        Seconds; what would take longer is skipped, and said so.
+
+    Returns
+    -------
+    Certificate
+    """
+    begin = time.monotonic()
+    proof = _proof(sim)
+    if proof:
+        return Certificate(CERTIFIED, proof, seconds=time.monotonic() - begin)
+    path = _cache_file(sim)
+    known = _recall(path)
+    if known is not None:
+        return known
+    parts: list[Part] = []
+    skipped: list[str] = []
+    try:
+        for name, examine in _examinations(sim):
+            left = budget - (time.monotonic() - begin)
+            if left <= 0:
+                skipped.append(f"{name} (no time left of {budget:.3g} s)")
+                continue
+            part, left_out = examine(left)
+            skipped += left_out
+            if part.growth.rate == 0 and np.isinf(part.growth.error):
+                skipped.append(f"{name} (not settled within {budget:.3g} s)")
+                continue
+            parts.append(part)
+            if part.growth.stable is False:
+                break
+    except InputError as error:
+        skipped.append(f"a smaller copy, which is refused ({error.message})")
+    found = _short_lived(sim, _judge(parts, skipped, time.monotonic() - begin))
+    if not skipped:
+        _keep(path, found)
+    return found
+
+
+def _judge(parts: list[Part], skipped: list[str], seconds: float) -> Certificate:
+    if not parts:
+        return Certificate(UNDECIDED, "nothing could be examined", skipped=tuple(skipped), seconds=seconds)
+    growths = [p.growth for p in parts]
+    growth = fastest(growths) if any(g.stable is not True for g in growths) else max(growths, key=lambda g: g.rate)
+    part = next(p for p in parts if p.growth is growth)
+    found: tuple[float, float, tuple[Part, ...], tuple[str, ...], float] = growth.rate, growth.error, tuple(parts), tuple(skipped), seconds
+    if growth.stable is False:
+        return Certificate(NOT_CERTIFIED, f"a mode grows by {growth.rate:.2g} per unit time, tenfold in {np.log(10) / growth.rate:.3g} ({part.name})",
+                           *found)  # fmt: skip
+    unclear = [p.name for p in parts if p.growth.stable is None]
+    if unclear:
+        return Certificate(UNDECIDED, f"the fastest mode could not be told from a growing one ({', '.join(unclear)})", *found)
+    looked = ", ".join(p.name for p in parts)
+    noisy = [p for p in parts if p.growth.hidden]
+    if noisy and not skipped:
+        rest = ", ".join(p.name for p in parts if p not in noisy)
+        known = ", ".join(f"{p.name}, where growth below {p.growth.hidden:.1g} per unit time would not show" for p in noisy)
+        return Certificate(CERTIFIED, f"no mode grows ({rest}); white noise decays ({known})" if rest else f"white noise decays ({known})", *found)
+    if skipped:
+        return Certificate(UNDECIDED, f"nothing grows as far as was examined ({looked})", *found)
+    return Certificate(CERTIFIED, f"the slowest mode decays by {-growth.rate:.2g} per unit time ({looked})" if growth.rate < 0 else
+                       f"no mode grows by more than {growth.rate + growth.error:.1g} per unit time ({looked})", *found)  # fmt: skip
+
+
+def _short_lived(sim: Simulation, found: Certificate) -> Certificate:
+    """Exact ends follow the infinite chain, whose energy does not grow, for as many steps as their sums are made for: a slower growth is none."""
+    ends = sim.exact_ends
+    if ends is None or sim.engine.layers or found.verdict == CERTIFIED or not found.rate * ends.steps * sim.dt < 1:
+        return found
+    gain = f"until then their fastest mode gains a factor {np.exp(found.rate * ends.steps * sim.dt):.3g}"
+    return replace(found, verdict=CERTIFIED, reason=f"the ends follow the infinite chain for {ends.steps} steps and are made anew then; {gain}")
+
+
+# --- what is known from before ---------------------------------------------------------------------------------
+
+
+def _cache_file(sim: Simulation) -> Path:
+    """File of the certificate of this very map, made by this very program."""
+    mark = hashlib.sha256(sim.engine.digest().encode())
+    mark.update(repr((sim.lattice.shape, [type(b).__name__ for b in sim.sides.values()])).encode())
+    for module in (__file__, stability.__file__, state.__file__):
+        mark.update(Path(module).read_bytes())
+    return cache_folder() / f"certificate_{mark.hexdigest()[:24]}.npz"
+
+
+def _recall(path: Path) -> Certificate | None:
+    try:
+        with np.load(path) as kept:
+            words = json.loads(str(kept["words"]))
+            fields = [kept[f"field{i}"] for i in range(len(words["parts"]))]
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return None  # not there, or damaged: made anew
+    parts = [
+        Part(p["name"], Growth(p["rate"], p["error"], complex(*p["factor"]), np.zeros(0), p["hidden"]), f)
+        for p, f in zip(words["parts"], fields, strict=True)
+    ]
+    return Certificate(words["verdict"], words["reason"], words["rate"], words["error"], tuple(parts), (), words["seconds"])
+
+
+def _keep(path: Path, found: Certificate) -> None:
+    growths = [p.growth for p in found.parts]
+    rows = [
+        {"name": p.name, "rate": g.rate, "error": g.error, "factor": [g.factor.real, g.factor.imag], "hidden": g.hidden}
+        for p, g in zip(found.parts, growths, strict=True)
+    ]
+    words = {"verdict": found.verdict, "reason": found.reason, "rate": found.rate, "error": found.error, "seconds": found.seconds, "parts": rows}
+    with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
+        np.savez(file, words=json.dumps(words), **{f"field{i}": p.field for i, p in enumerate(found.parts)})  # type: ignore[arg-type]
+    os.replace(file.name, path)
+
+
+# --- proofs ----------------------------------------------------------------------------------------------------
+
+
+def _proof(sim: Simulation) -> str:
+    """Why nothing can grow, where one sentence tells; else empty."""
+    model, sides = sim.model, sim.sides.values()
+    ends = sim.exact_ends
+    if ends is not None and ends.convolved and not any(isinstance(b, LatticePML) for b in sides):
+        return "the past beyond the ends is kept whole: the run is a part of one on the infinite chain, whose energy does not grow"
+    if not all(isinstance(b, Fixed | Free | Periodic | Sponge) for b in sides):
+        return ""
+    positive = bool((sim.stencil.weights >= 0).all())
+    damped = max((b.damping(1, model.coefficient, sim.lattice.spacing).max() for b in sides if isinstance(b, Sponge)), default=0.0)
+    if sim.conditions.nodes.size:
+        rows = np.add.reduceat(np.abs(np.append(sim.conditions.weights, 0.0)), sim.conditions.starts[:-1]) * (np.diff(sim.conditions.starts) > 0)
+        bonds = sim.strongest * float(sim.engine.weights.sum())
+        share = sim.dt * (bonds + float(sim.leak().max(initial=0)) + damped)
+        if model.integrator.name == "forward Euler" and positive and share <= 1 and rows.max(initial=0) <= 1 + 1e-12:
+            return "each new value is a mean of old ones with weights that are not negative, or plus or minus such a mean: the maximum cannot grow"
+        return ""
+    whole = not (any(isinstance(b, Free) for b in sides) or sim.engine.absent_bonds or sim.varied)
+    limit = sim.step_limit if model.order == 2 else model.integrator.step_limit(sim.rate_limit + damped)
+    if (positive or whole) and sim.dt <= limit * (_MARGIN if model.order == 2 else 1 + 1e-12):
+        return "bonds act alike in both directions and the step is below the limit: the energy of the scheme cannot grow"
+    return ""
+
+
+# --- what is examined ------------------------------------------------------------------------------------------
+
+
+def _examinations(sim: Simulation) -> Iterator[tuple[str, Callable[[float], tuple[Part, list[str]]]]]:
+    """What must be stable for the whole to be, cheapest first; each takes the seconds it may cost."""
+    if sim.exact_ends is not None and not sim.exact_ends.steps:
+        raise InputError("the kernel of the exact ends is made when the run begins")
+    if sum(int(np.prod(b.nodes)) for b in sim.engine.layout.blocks.values()) <= _DENSE and State(sim.engine).size <= _DENSE:
+        yield "the complete update", lambda _: (_dense_part("the complete update", plain_twin(sim)), [])
+        return
+    layered = [axis for axis in range(sim.lattice.dim) if any(isinstance(sim.sides[axis, s], LatticePML) for s in (-1, 1))]
+    for axis in layered:
+        if not any(_same_sides(sim, axis, other) for other in layered[: layered.index(axis)]):
+            yield f"sides {AXES[axis]}", lambda left, axis=axis: _side_part(sim, axis, left)  # type: ignore[misc]
+    others = [b for (axis, _), b in sim.sides.items() if axis not in layered[:1]]
+    if layered and all(isinstance(b, Periodic) for b in others) and not sim.conditions.nodes.size:
+        return
+    if sim.conditions.nodes.size or sim.conditions.leaks:
+        yield "the complete update", lambda left: (_krylov_part("the complete update", plain_twin(sim), left), [])
+        return
+    small = plain_twin(sim, small_lattice(sim))
+    kind = f"corners on {' x '.join(map(str, small.lattice.shape))} nodes" if len(layered) > 1 else (
+        f"a copy of {' x '.join(map(str, small.lattice.shape))} nodes")  # fmt: skip
+    yield kind, lambda left: (_krylov_part(kind, small, left), [])
+
+
+def _dense_part(name: str, sim: Simulation) -> Part:
+    complete = State(sim.engine)
+    matrix = np.stack([complete.after(unit) for unit in np.eye(complete.size)], axis=1)
+    growth = dense_growth(matrix, sim.dt)
+    if growth.stable and not _noise_decays(matrix, crossing_steps(sim)):
+        growth = replace(growth, error=np.inf)
+        name = f"white noise does not decay within {_CROSSINGS} crossing times: {name}"
+    return Part(f"{name}, all {complete.size} modes", growth, complete.field(growth.mode))
+
+
+def _noise_decays(matrix: np.ndarray, crossing: int) -> bool:
+    """Whether noise decays over the last third of a run of 24 crossing times or, as modes that are nearly alike add up first, of a longer one."""
+    third, length = np.linalg.matrix_power(matrix, 8 * crossing), 24
+    while length <= _CROSSINGS:
+        before = third @ (third @ np.random.default_rng(0).standard_normal(len(matrix)))
+        if np.linalg.norm(third @ before) <= np.linalg.norm(before):
+            return True
+        third, length = third @ third, 2 * length
+    return False
+
+
+def _krylov_part(name: str, sim: Simulation, budget: float) -> Part:
+    complete = State(sim.engine)
+    growth = krylov_growth(complete.after, complete.size, sim.dt, crossing_steps(sim), budget)
+    if growth.hidden and any((layer.sigma[layer.alpha == 0] > 0).any() for layer in sim.engine.layers.values()):
+        growth = replace(growth, error=np.inf)  # every static field is at rest in such a layer: a double factor 1, slower than any run shows
+        name = f"layers with alpha = 0, which let fields of zero frequency drift: {name}"
+    return Part(name, growth, complete.field(growth.mode) if growth.mode.size else np.zeros(0))
+
+
+def _side_part(sim: Simulation, axis: int, budget: float) -> tuple[Part, list[str]]:
+    """The worst mode between two sides over all tangential wavenumbers; and what there was no time for."""
+    end = time.monotonic() + budget
+    real = sim.lattice.shape[axis]
+    strip = Strip(sim, axis, min(real, max(NARROW, 2 * sim.stencil.reach[axis] + 1)))
+    name = f"sides {AXES[axis]}, near field of {strip.width} nodes"
+    if sim.lattice.dim == 1 and strip.size > _WIDE:
+        return _krylov_part(name, strip.sim, budget), []
+    found: dict[tuple[float, ...], Growth] = {}
+    sample = list(strip.sample())
+    for angles in sample:
+        found[angles] = strip.growth(*angles)
+        if time.monotonic() > end:
+            break
+    missed = [f"sides {AXES[axis]} at {len(sample) - len(found)} of {len(sample)} tangential wavenumbers"] if len(found) < len(sample) else []
+    for angles in sorted(found, key=lambda a: -found[a].rate)[:2]:
+        if found[angles].stable and time.monotonic() < end:
+            _climb(strip, angles, found, end)
+    worst = fastest(list(found.values()))
+    if worst.stable is False and strip.width < real and strip.size < _WIDE:  # a wider near field can be stable where a narrow one is not
+        strip = Strip(sim, axis, min(real, strip.width + (_WIDE - strip.size) // 2))
+        found |= {angles: strip.growth(*angles) for angles, growth in found.items() if growth.stable is False}
+        worst = fastest(list(found.values()))
+        name = f"sides {AXES[axis]}, near field of {strip.width} nodes"
+    angles = next(a for a, g in found.items() if g is worst)
+    if angles:
+        name += f", tangential wavenumber times spacing {', '.join(f'{a:.3g}' for a in angles)}" if worst.stable is not True else (
+            f", {len(found)} tangential wavenumber{'s' * (len(found) > 1)}")  # fmt: skip
+    return Part(name, worst, strip.profile(worst.mode) if worst.stable is False else np.zeros(0)), missed
+
+
+def _climb(strip: Strip, angles: tuple[float, ...], found: dict[tuple[float, ...], Growth], end: float) -> None:
+    """Climb from a tangential wavenumber to a maximum of the growth rate beside it, axis by axis."""
+    for number in range(len(angles)):
+        step = np.pi / strip.coarse / 2
+        while step > np.pi / strip.coarse / 10 and time.monotonic() < end:
+            here = angles
+            for shift in (-step, step):
+                moved = (*here[:number], float(np.clip(here[number] + shift, strip.longest, np.pi)), *here[number + 1 :])
+                if moved not in found:
+                    found[moved] = strip.growth(*moved)
+                if found[moved].rate > found[angles].rate:
+                    angles = moved
+            if angles == here:
+                step /= 2
+
+
+def _same_sides(sim: Simulation, axis: int, other: int) -> bool:
+    """Whether the sides of two axes pose the same problem: alike boundaries, extent and stencil."""
+    table = {tuple(o): w for o, w in zip(sim.stencil.offsets.tolist(), sim.stencil.weights, strict=True)}
+    lead = 3 - sim.lattice.dim
+
+    def swapped(o: tuple[int, ...]) -> tuple[int, ...]:
+        return tuple(o[other if a == axis else axis if a == other else a] for a in range(len(o)))
+
+    def alike(side: int) -> bool:
+        one, two = (sim.engine.layers.get((lead + a, side)) for a in (axis, other))
+        if one is None or two is None:
+            return one is two and sim.sides[axis, side] == sim.sides[other, side]
+        return all(np.array_equal(getattr(one, name), getattr(two, name)) for name in ("kappa", "sigma", "alpha"))
+
+    symmetric = all(abs(table.get(swapped(o), np.inf) - w) <= 1e-12 * abs(w) for o, w in table.items())
+    return symmetric and sim.lattice.shape[axis] == sim.lattice.shape[other] and alike(-1) and alike(1)

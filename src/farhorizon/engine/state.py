@@ -1,0 +1,129 @@
+"""The complete state of an engine as one vector: what a checkpoint holds, less scratch, halos and padding."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from farhorizon.engine import Engine
+from farhorizon.engine.layout import LINES, TASK_FIELDS
+
+
+class State:
+    """Reads and writes the state of an engine, with everything that comes from outside (sources, prescribed values, a fixed halo) at zero.
+
+    Parameters
+    ----------
+    engine : Engine
+        Exact ends must be sums of exponentials: a convolved past is no finite state.
+
+    Attributes
+    ----------
+    size : int
+        Numbers in a state: all nodes of the time levels that a step reads, the memory of the layers, the modes of exact ends, and
+        the earlier values that conditions along an outline read.
+    """
+
+    def __init__(self, engine: Engine) -> None:
+        self.engine = engine
+        self._nodes = np.concatenate([b.node_indices().ravel() for b in engine.layout.blocks.values()])
+        self._memory = np.concatenate([np.zeros(0, np.int64), *(cells.ravel() for face in self._faces() for cells in face)])
+        poles = engine.poles
+        self._modes = np.nonzero(np.concatenate([poles.any(1)] * 2, axis=1))
+        self.size = len(self.read())
+
+    def _levels(self, phase: int) -> list[int]:
+        """Levels that a step reads before it writes them: that of the field, and for second order its past or its increment."""
+        source, base, _ = self.engine.stages.rotation[phase][0]
+        return [source] if base == source or self.engine.stages.numbers[0][1] == 0 else [source, base]
+
+    def _faces(self) -> list[list[np.ndarray]]:
+        """Places of the memory that is ever used: for each face between a block and a layer, arrays (cells of a line, lines) of its tasks."""
+        if not self.engine.remember:
+            return []
+        return [[self._cells(dict(zip(TASK_FIELDS, row, strict=True))) for row in tasks.tolist()] for tasks in self.engine.layout.tasks.values()]
+
+    def _cells(self, task: dict[str, int]) -> np.ndarray:
+        """Memory of one halo task; the compiled sweep goes inwards for k > 0 and outwards for k < 0, one cell an edge."""
+        columns = task["columns"]
+        edges = np.concatenate([np.tile(np.arange(columns, -1, -1), task["kmax"]), np.tile(np.arange(columns), task["kmax"])])
+        used = np.flatnonzero(self.engine.driven[task["profile"], edges])
+        return task["memory"] + LINES * used[:, None] + np.arange(task["count"])
+
+    def write(self, values: np.ndarray) -> None:
+        """Put the engine into a state."""
+        engine, count, levels = self.engine, len(self._nodes), self._levels(0)
+        engine.levels[...], engine.memory[...], engine.states[...], engine.fringe_history[...] = 0, 0, 0, 0
+        engine.phase, engine.clock[0] = 0, 1  # a later step than the first, whose sample counts half at exact ends
+        for i, level in enumerate(levels):
+            engine.levels[level, self._nodes] = values[i * count : (i + 1) * count]
+        end = len(levels) * count
+        engine.memory[self._memory] = values[end : end + len(self._memory)]
+        start, end = end + len(self._memory), end + len(self._memory) + len(self._modes[0])
+        engine.states[self._modes] = values[start:end]
+        engine.fringe_history[:-1] = values[end:].reshape(engine.fringe_history[:-1].shape)  # a step forgets the last row
+
+    def read(self) -> np.ndarray:
+        """The state that the engine is in."""
+        engine = self.engine
+        levels = [engine.levels[level, self._nodes] for level in self._levels(engine.phase)]
+        return np.concatenate([*levels, engine.memory[self._memory], engine.states[self._modes], engine.fringe_history[:-1].ravel()])
+
+    def after(self, values: np.ndarray, steps: int = 1) -> np.ndarray:
+        """The state that follows a number of steps later, shape (size,); a complex one is advanced by its parts."""
+        if np.iscomplexobj(values):
+            return self.after(values.real, steps) + 1j * self.after(values.imag, steps)
+        self.write(values)
+        self.engine.advance_alone(steps)
+        return self.read()
+
+    def field(self, values: np.ndarray) -> np.ndarray:
+        """The field of a state on the core, shape of the core; complex for complex states."""
+        level = np.zeros(self.engine.layout.size, values.dtype)
+        level[self._nodes] = values[: len(self._nodes)]
+        return self.engine.core.view(level).copy()
+
+    def rows(self) -> Rows:
+        """Places of the state by (entry of one row along the normal, row), for an engine whose layers all lie on its first axis.
+
+        The rows are its translations along the other axes, the last axis fastest.
+        """
+        axis = next(a for a in range(3) if self.engine.layout.reach[a])
+        place, names, start = [], [], 0
+        for level in range(len(self._levels(0))):
+            for block in self.engine.layout.blocks.values():
+                count, side, n = int(np.prod(block.nodes)), block.segment[axis], block.nodes[axis]
+                place.append(np.moveaxis(np.arange(start, start + count).reshape(block.nodes), axis, 0).reshape(n, -1))
+                names += [(level, side, p, n) for p in range(n)]  # a layer's nodes are counted outwards
+                start += count
+        for (_, side), face in zip(self.engine.layout.task_sides, self._faces(), strict=False):
+            found = []
+            for cells in face:
+                found.append(np.arange(start, start + cells.size).reshape(cells.shape))
+                start += cells.size
+            place.append(np.concatenate(found, axis=1))
+            names += [(-1, side, p, len(place[-1])) for p in range(len(place[-1]))]
+        number = {name: i for i, name in enumerate(names)}
+        images = [number.get((level, -side, p if side else n - 1 - p, n)) for level, side, p, n in names]
+        near = [[number[level, 0, p, n] for p in range(n)] for level, n in {(name[0], name[3]) for name in names if name[1] == 0}]
+        return Rows(np.concatenate(place), None if None in images else np.array(images), np.array(sorted(near)))
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The state of rows along the normal of the layers.
+
+    Attributes
+    ----------
+    place : ndarray of int, shape (entries, rows)
+        Where the entries of each row stand in the state.
+    images : ndarray of int, shape (entries,), or None
+        Each entry's mirror image in the middle between the sides; None where the sides differ.
+    near : ndarray of int, shape (levels, nodes)
+        Entries of the core's nodes.
+    """
+
+    place: np.ndarray
+    images: np.ndarray | None
+    near: np.ndarray

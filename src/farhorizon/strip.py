@@ -1,0 +1,195 @@
+"""Copies of a set-up on which its stability and its reflection are examined: bare, small, and one pair of sides by itself."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from farhorizon.analysis.chain import Recursion
+from farhorizon.analysis.reflection import chain_modes, chain_weights, factor_of_wave, reflection
+from farhorizon.analysis.stability import Growth, dense_growth, fastest
+from farhorizon.boundaries import Boundary, Fixed, Free, LatticePML, Periodic
+from farhorizon.engine.state import State
+from farhorizon.lattice import AXES, Lattice
+
+if TYPE_CHECKING:
+    from farhorizon.simulation import Simulation
+
+NARROW = 8  # nodes of the near field between two layers that are looked at, where the stencil reaches less far
+
+
+def pinned(sim: Simulation) -> dict[tuple[int, int], Boundary]:
+    """The sides, with the layers of this very set-up whatever they are chosen from."""
+    lead = 3 - sim.lattice.dim
+    found = dict(sim.sides)
+    for (axis, side), layer in sim.engine.layers.items():
+        profile = {name: getattr(layer, name) for name in ("kappa", "sigma", "alpha")}
+        found[axis - lead, side] = LatticePML(nodes=layer.columns, profile=profile)
+    for key, boundary in found.items():
+        if isinstance(boundary, Fixed):
+            found[key] = Fixed(0.0)
+    return found
+
+
+def plain_twin(sim: Simulation, lattice: Lattice | None = None) -> Simulation:
+    """The same set-up in double precision with nothing in it, or a smaller copy of it without cracks, conditions and changes of the material."""
+    sides = {AXES[a] + "-+"[s > 0]: b for (a, s), b in pinned(sim).items()}
+    changes: dict[str, Any] = {"boundary": sides, "sources": (), "dtype": "float64", "threads": 1, "balance": False, "background": 0.0}
+    if lattice is not None:
+        changes |= {"lattice": lattice, "cracks": (), "constraints": (), "coefficient": None, "rim": "free"}
+    twin = sim.remade(**changes)
+    if sim.exact_ends is not None and twin.exact_ends is not None:
+        twin.exact_ends.cover(sim.exact_ends.steps)
+    return twin
+
+
+def small_lattice(sim: Simulation) -> Lattice:
+    """A box of as few nodes as corners and faces need."""
+    lattice = sim.lattice
+    count = np.minimum(lattice.shape, np.maximum(5, 2 * np.array(sim.stencil.reach) + 1))
+    return Lattice(lattice.spacing, lattice.lower, lattice.lower + lattice.spacing * (count - 1))
+
+
+def crossing_steps(sim: Simulation) -> int:
+    """Steps in which a wave crosses the core and its layers, or in which what diffuses spreads over a good part of them."""
+    nodes = max(n + sum(layer.columns for (a, _), layer in sim.engine.layers.items() if a == axis) for axis, n in enumerate(sim.engine.core.nodes))
+    length = nodes * sim.lattice.spacing
+    duration = length / np.sqrt(sim.model.coefficient) if sim.model.order == 2 else length**2 / sim.model.coefficient / 32
+    return max(1, int(np.ceil(duration / sim.dt)))
+
+
+class Strip:
+    """The sides of one axis with the medium between them, without end along the other axes: a matrix for each tangential wavenumber.
+
+    Parameters
+    ----------
+    sim : Simulation
+    axis : int
+    width : int
+        Nodes of the near field between the sides.
+    sides : tuple of Boundary, optional
+        Other ones for the low and the high end.
+
+    Attributes
+    ----------
+    size : int
+        Numbers in the state of one row along the normal.
+    coarse : int
+        Tangential wavenumbers along each axis in `sample`.
+    longest : float
+        The smallest of them: 0 where the other sides let a wave be uniform along these.
+    """
+
+    def __init__(self, sim: Simulation, axis: int, width: int, sides: tuple[Boundary, Boundary] | None = None) -> None:
+        dim, spacing = sim.lattice.dim, sim.lattice.spacing
+        order = [axis, *(a for a in range(dim) if a != axis)]
+        stages = max(1, len(sim.engine.stages.numbers) * (sim.model.order == 1))
+        shape = [width] + [2 * stages * sim.stencil.reach[a] + 1 for a in order[1:]]
+        lattice = Lattice(spacing, (0.0,) * dim, spacing * (np.array(shape) - 1))
+        ends = sides or (pinned(sim)[axis, -1], pinned(sim)[axis, 1])
+        boundary: dict[str, Boundary] = {"x-": ends[0], "x+": ends[1]} | {AXES[a]: Periodic() for a in range(1, dim)}
+        self.sim = sim.remade(
+            lattice=lattice, model=sim.model.with_stencil(sim.stencil.along(axis)), boundary=boundary, sources=(), cracks=(), constraints=(),
+            coefficient=None, rim="free", dtype="float64", threads=1, balance=False, background=0.0,
+        )  # fmt: skip
+        self.width, self.dt = width, sim.dt
+        self.state = State(self.sim.engine)
+        rows = self.state.rows()
+        self.place, self._images, self._near = rows.place, rows.images, rows.near
+        self.size = len(self.place)
+        self.coarse = 11 if dim == 2 else 6
+        endless = all(isinstance(b, Periodic | Free) for (a, _), b in sim.sides.items() if a != axis)
+        self.longest = 0.0 if endless else 0.01
+        responses = np.empty((self.place.shape[1], self.size, self.size))
+        for number in range(self.size):
+            unit = np.zeros(self.state.size)
+            unit[self.place[number, 0]] = 1
+            responses[:, :, number] = self.state.after(unit)[self.place].T
+        self._responses = responses.reshape(*shape[1:], self.size, self.size)
+        images = self._images
+        if images is not None and np.abs(responses[:, images][:, :, images] - responses).max() > 1e-14 * np.abs(responses).max():
+            self._images = None
+
+    def matrix(self, *angles: float) -> np.ndarray:
+        """The map of one step for waves of given tangential wavenumbers times spacing."""
+        total: np.ndarray = self._responses
+        for angle in angles:
+            row = np.arange(len(total))
+            shift = np.where(row > len(row) // 2, row - len(row), row)
+            total = np.tensordot(np.exp(-1j * angle * shift), total, 1)
+        return total
+
+    def growth(self, *angles: float) -> Growth:
+        """The fastest mode at given tangential wavenumbers; between like sides modes are even or odd."""
+        matrix = self.matrix(*angles)
+        if self._images is None:
+            return dense_growth(matrix, self.dt)
+        first, second = np.flatnonzero(np.arange(self.size) < self._images), np.flatnonzero(np.arange(self.size) == self._images)
+        found = []
+        for sign, alone in ((1, second), (-1, second[:0])):
+            halves = np.concatenate([first, alone])
+            images = self._images[halves]
+            part = matrix[np.ix_(halves, halves)]
+            part[:, : len(first)] += sign * matrix[np.ix_(halves, images[: len(first)])]
+            growth = dense_growth(part, self.dt)
+            mode = np.zeros(self.size, complex)
+            mode[images], mode[halves] = sign * growth.mode, growth.mode
+            found.append(replace(growth, mode=mode))
+        return fastest(found)
+
+    def sample(self) -> Iterator[tuple[float, ...]]:
+        """Tangential wavenumbers times spacing: a grid up to pi, and very long waves; of those that are mirror images one."""
+        line = [self.longest, *np.linspace(0, np.pi, self.coarse + 1)[1:].tolist()]
+        if self.sim.lattice.dim < 3:
+            yield from ((a,) for a in (*line, 0.005, 0.05)) if self.sim.lattice.dim == 2 else ((),)
+            return
+        table = {tuple(o): w for o, w in zip(self.sim.stencil.offsets.tolist(), self.sim.stencil.weights, strict=True)}
+        even = all(abs(table.get((x, -y, z), np.inf) - w) <= 1e-12 * abs(w) for (x, y, z), w in table.items())
+        alike = even and all(abs(table.get((x, z, y), np.inf) - w) <= 1e-12 * abs(w) for (x, y, z), w in table.items())
+        for a, b in itertools.product(line, repeat=2):
+            if a <= b or not alike:
+                yield a, b
+            if not even:
+                yield a, -b
+
+    def reflection(self, wavelength: float, angle: float, azimuth: float = 0.0) -> complex:
+        """Amplitude of the wave that the high side sends back for a plane wave of amplitude 1; second order in time.
+
+        Parameters
+        ----------
+        wavelength : float
+            Of the incoming wave.
+        angle : float
+            Of its wave vector against the normal, in degrees.
+        azimuth : float
+            In 3D, of its tangential part against the first axis along the side, in degrees.
+
+        Raises
+        ------
+        InputError
+            No such wave comes to the side: it is shorter than the lattice carries, or an integrator with several stages.
+        """
+        sim, spacing = self.sim, self.sim.lattice.spacing
+        recursion = Recursion.of(sim.model.integrator, self.dt, sim.model.damping)
+        number = 2 * np.pi * spacing / wavelength
+        along = number * np.sin(np.radians(angle)) * np.array([np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth))])[: sim.lattice.dim - 1]
+        normal = number * np.cos(np.radians(angle))
+        rate = sim.model.coefficient / spacing**2
+        factor = factor_of_wave(-rate * float(sim.stencil.symbol(normal, *along)), recursion)
+        modes = chain_modes(rate * chain_weights(sim.stencil, along), factor, recursion, np.exp(1j * normal))
+        levels = (1.0, 1 - 1 / factor if sim.engine.stages.increments else 1 / factor)[: len(self._near)]
+        return reflection(self.matrix(*along), self._near, levels, factor, modes)
+
+    def profile(self, mode: np.ndarray) -> np.ndarray:
+        """A mode on the nodes along the normal."""
+        if not mode.size:
+            return mode
+        whole = np.zeros(self.state.size, complex)
+        whole[self.place[:, 0]] = mode
+        return np.moveaxis(self.state.field(whole), 3 - self.sim.lattice.dim, 0).reshape(self.sim.engine.core.nodes[3 - self.sim.lattice.dim], -1)[
+            :, 0
+        ]

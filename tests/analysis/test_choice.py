@@ -1,0 +1,118 @@
+"""The reflection of a layer in closed form, and the layer that is chosen by it."""
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.analysis.chain import Recursion
+from farhorizon.analysis.choice import Profile, choose, family, layer_reflection, plane_wave, sample, worst
+from farhorizon.analysis.spectrum import band
+from farhorizon.certificate import certify
+from farhorizon.compare import compare
+from farhorizon.strip import Strip, pinned
+
+
+def recursion_of(sim):
+    return Recursion.of(sim.model.integrator, sim.dt, sim.model.damping)
+
+
+def box(*nodes):
+    return fh.Lattice(1.0, (0.0,) * len(nodes), [n - 1.0 for n in nodes])
+
+
+@pytest.mark.parametrize("dim, reach, exponent", [(1, 3, 0), (2, 1, 2), (2, 3, 2), (2, 4, 1), (3, 2, 2)])
+def test_closed_form_is_what_the_half_infinite_problem_gives(dim, reach, exponent):
+    """Products over the edges and K conditions at the outer end, against the engine's own map with all evanescent modes."""
+    profile = {"kappa": np.linspace(1, 3, 9), "sigma": 0.9 * np.linspace(0.05, 1, 9), "alpha": 0.02}
+    sim = fh.Simulation(box(*[2 * reach + 3] * dim), fh.Wave(fh.Kernel(float(reach), exponent), damping=0.01),
+                        boundary=fh.LatticePML(nodes=8, profile=profile))  # fmt: skip
+    strip = Strip(sim, 0, 2 * reach + 2, (fh.Fixed(), pinned(sim)[0, 1]))
+    layer = next(iter(sim.engine.layers.values()))
+    for wavelength, angle in ((7.0, 0.0), (11.0, 40.0), (30.0, 70.0)):
+        wave = plane_wave(sim.stencil, 1.0, recursion_of(sim), sim.dt, wavelength, angle if dim > 1 else 0.0)
+        found = layer_reflection(wave, layer.kappa, layer.sigma, layer.alpha)
+        assert found == pytest.approx(abs(strip.reflection(wavelength, angle if dim > 1 else 0.0)), rel=1e-6, abs=1e-13)
+
+
+@pytest.mark.parametrize("reach, target, angle", [(1, 1e-6, 75), (3, 1e-4, 60), (4, 1e-5, 45)])
+def test_no_thinner_layer_of_the_family(reach, target, angle):
+    """One node less, and no profile meets the target; the choice itself does, between the waves that it looked at, too."""
+    stencil = fh.Stencil.from_kernel(fh.Kernel(float(reach)), 1.0, 2)
+    dt = 0.5 * fh.Simulation(box(2 * reach + 3, 2 * reach + 3), fh.Wave(stencil)).step_limit
+    recursion = Recursion.of(fh.Wave(stencil).integrator, dt)
+    found = choose(stencil, 1.0, recursion, dt, target, (6.0, 50.0), angle, 1.0, 1.0)
+    waves = sample(stencil, 1.0, recursion, dt, (6.0, 50.0), angle)
+    assert all(worst(waves, p, found.nodes - 1, 1.0, 1.0) > 0.8 * target for p in family(reach))
+    random = np.random.default_rng(0)
+    between = [plane_wave(stencil, 1.0, recursion, dt, *at) for at in zip(random.uniform(6, 50, 50), random.uniform(0, angle, 50), strict=True)]
+    assert worst(between, found.profile, found.nodes, 1.0, 1.0) <= target
+
+
+def test_thickness_grows_with_target_and_angle():
+    pulse = {"u": lambda x, y: np.exp(-((x - 20) ** 2 + (y - 20) ** 2) / 16)}
+
+    def nodes(**options):
+        sim = fh.Simulation(box(41, 41), fh.Wave(fh.Kernel(2.0)), boundary=fh.LatticePML(**options), initial=pulse)
+        return sim.engine.layers[1, 1].columns
+
+    assert nodes(target=1e-4, angle=60) < nodes(target=1e-6, angle=60) < nodes(target=1e-6, angle=80)
+
+
+def test_a_chosen_layer_in_a_run():
+    """A pulse in the plane: target 1e-6 up to 70 degrees holds in the run, the layer is stable, and `check` says what was chosen."""
+    setup = {
+        "lattice": fh.Lattice(0.5, (-12.0, -12.0), (12.0, 12.0)), "model": fh.Wave(fh.Kernel(1.5)), "boundary": fh.LatticePML(target=1e-6, angle=70),
+        "initial": {"u": lambda x, y: np.exp(-((x - 2) ** 2 + y**2) / 2)},
+    }  # fmt: skip
+    sim = fh.Simulation(**setup)
+    assert max(next(iter(compare(setup, 60.0, beside=False).curves.values()))["error_rel_initial"]) <= 1e-6
+    assert certify(sim, 5.0).parts[0].growth.stable
+    assert "chosen up to 70 degrees" in str(sim.check(budget=0.0))
+    assert set(sim.choices) == {"x-", "x+", "y-", "y+"} and len(set(map(str, sim.choices.values()))) == 1
+
+
+def test_wavelengths_of_the_data_or_given(tmp_path):
+    """A wider pulse needs no thicker layer; given wavelengths need no data; a restored run has the same layers."""
+    lattice, model = box(61), fh.Wave(fh.Kernel(3.0))
+    given = fh.Simulation(lattice, model, boundary=fh.LatticePML(target=1e-6, angle=0, wavelengths=(5.0, 60.0)))
+    assert given.choices
+    data = {"u": lambda x: np.exp(-((x - 30) ** 2) / 20)}
+    sim = fh.Simulation(lattice, model, boundary=fh.LatticePML(target=1e-6, angle=0), initial=data)
+    sim.step(10)
+    sim.save(tmp_path / "x.ckpt")
+    again = fh.Simulation.restore(tmp_path / "x.ckpt")
+    assert again.choices == sim.choices and np.array_equal(again.fields["u"], sim.fields["u"])
+
+
+@pytest.mark.parametrize("options, words", [
+    ({"angle": 95}, "angle"), ({"angle": 60, "nodes": 5}, "nodes"), ({"wavelengths": (1, 2)}, "angle"),
+    ({"angle": 60, "wavelengths": (3, 2)}, "longest"),
+])  # fmt: skip
+def test_impossible_choices(options, words):
+    with pytest.raises(fh.InputError, match=words):
+        fh.LatticePML(**options)
+
+
+def test_what_cannot_be_chosen():
+    """No data to read the wavelengths from, diffusion, a target that no layer meets."""
+    with pytest.raises(fh.InputError, match="wavelengths"):
+        fh.Simulation(box(30), fh.Wave(fh.Kernel(2.0)), boundary=fh.LatticePML(angle=0))
+    with pytest.raises(fh.InputError, match="only for waves"):
+        fh.Simulation(box(30), fh.Diffusion(fh.Kernel(2.0)), boundary=fh.LatticePML(angle=0))
+    with pytest.raises(fh.InputError, match="no layer of up to"):
+        fh.Simulation(box(20, 20), fh.Wave(fh.Kernel(2.0)), boundary=fh.LatticePML(target=1e-13, angle=89, wavelengths=(5, 50)))
+
+
+def test_band_of_a_packet():
+    """A wave of 12 nodes under an envelope: half of the energy beside its wavelength, hardly any beyond half and twice of it."""
+    x = 0.5 * np.arange(400)
+    found = band([np.exp(-((x - 100) ** 2) / 800) * np.cos(2 * np.pi * x / 6)], 0.5, [1])
+    assert found.typical == pytest.approx(6.0, rel=0.02)
+    assert 3 < found.shortest < 6 < found.longest < 12
+    assert band([np.zeros(10)], 1.0, [0]) is None
+
+
+def test_profile_reads_as_it_is():
+    kappa, sigma, alpha = Profile(1.5, 4.0, 2).edges(3, 2.0, 0.5)
+    assert str(Profile(1.5, 4.0, 2)) == "sigma square to 1.5 2c/spacing, kappa to 4"
+    assert sigma[-1] == pytest.approx(1.5 * 2 * 2.0 / 0.5 * (3.5 / 4) ** 2) and kappa[0] == pytest.approx(1 + 3 * 0.5 / 4) and (alpha > 0).all()

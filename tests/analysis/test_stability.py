@@ -1,0 +1,63 @@
+"""Spectral radii of maps that are known."""
+
+import numpy as np
+import pytest
+from scipy import linalg
+
+from farhorizon.analysis.stability import TOLERANCE, Growth, dense_growth, fastest, krylov_growth
+
+
+def with_factors(factors, seed=0):
+    """A matrix with given eigenvalues, real or in pairs, and eigenvectors that are not orthogonal."""
+    blocks = [np.array([[f.real, f.imag], [-f.imag, f.real]]) if np.imag(f) else np.array([[np.real(f)]]) for f in factors]
+    matrix = linalg.block_diag(*blocks)
+    basis = np.eye(len(matrix)) + 0.3 * np.random.default_rng(seed).standard_normal(matrix.shape) / np.sqrt(len(matrix))
+    return basis @ matrix @ np.linalg.inv(basis)
+
+
+INSIDE = [0.9 * np.exp(1j * a) for a in np.linspace(0.1, 3, 30)]
+
+
+@pytest.mark.parametrize("rate", [1e-2, 1e-6, 1e-9, -1e-9, -1e-6])
+def test_growth_of_known_size(rate):
+    """Resolved down to the tolerance for a mode that is well conditioned; time step 0.1."""
+    factor = (1 + 0.1 * rate) * np.exp(0.7j)
+    growth = dense_growth(with_factors([factor, *INSIDE]), 0.1)
+    assert growth.stable is (rate < 0)
+    assert growth.rate == pytest.approx(rate, abs=max(growth.error, 1e-12))
+    assert growth.angle == pytest.approx(0.7)
+    matrix = with_factors([factor, *INSIDE])
+    assert np.abs(matrix @ growth.mode - growth.factor * growth.mode).max() < 1e-12
+
+
+def test_a_double_factor_one_is_not_decided_by_rounding():
+    """A Jordan block at 1: rounding splits it by the root of machine epsilon, which must not pass for growth nor for decay."""
+    matrix = with_factors([0.5, *INSIDE])
+    size = len(matrix)
+    block = linalg.block_diag([[1.0, 1.0], [0.0, 1.0]], matrix)
+    basis = np.eye(size + 2) + 0.3 * np.random.default_rng(1).standard_normal((size + 2, size + 2)) / np.sqrt(size)
+    assert dense_growth(basis @ block @ np.linalg.inv(basis), 0.1).stable is None
+
+
+@pytest.mark.parametrize("rate", [3e-2, 1e-4, -1e-4])
+def test_krylov_spaces_of_powers(rate):
+    """A mode that grows or decays slowly among many that decay little faster, in a map that is only applied."""
+    angles = np.linspace(0.1, 3, 100)
+    slow = [(1 - 1e-3 - 1e-3 * i) * np.exp(1j * a) for i, a in enumerate(angles)]
+    matrix = with_factors([(1 + rate) * np.exp(0.7j), *slow])
+    growth = krylov_growth(lambda x, n: np.linalg.matrix_power(matrix, n) @ x, len(matrix), 1.0, 50, budget=20.0)
+    assert growth.stable is (rate < 0)
+    assert growth.rate == pytest.approx(rate, abs=growth.error + 0.1 * abs(rate))
+
+
+def test_out_of_time_is_undecided():
+    growth = krylov_growth(lambda x, n: x, 10, 1.0, 5, budget=0.0)
+    assert growth.stable is None and growth.error == np.inf
+
+
+def test_the_fastest_decides():
+    """A certain growth before an uncertain one; without, whatever is uncertain; the tolerance is per unit time."""
+    grows, unclear, decays = (Growth(*numbers, 1.0, np.zeros(0)) for numbers in ((1e-3, 0.0), (0.0, 1.0), (-1.0, 0.1)))
+    assert fastest([decays, unclear, grows]) is grows
+    assert fastest([decays, unclear]) is unclear
+    assert Growth(TOLERANCE, 0.0, 1.0, np.zeros(0)).stable is True

@@ -1,0 +1,181 @@
+"""The stability certificate against what is known, and against runs from white noise."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.certificate import certify
+from farhorizon.cli import main
+from farhorizon.engine.state import State
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+
+
+@pytest.fixture(autouse=True)
+def fresh(tmp_path, monkeypatch):
+    """No certificate of an earlier run is recalled; compiled programs stay where they are."""
+    monkeypatch.setattr("farhorizon.certificate.cache_folder", lambda: tmp_path)
+
+
+def box(*nodes):
+    return fh.Lattice(1.0, (0.0,) * len(nodes), [n - 1.0 for n in nodes])
+
+
+def wave(reach, exponent=2, influence="constant", **options):
+    return fh.Wave(fh.Kernel(float(reach), exponent, influence), **options)
+
+
+def measured_rate(sim, steps):
+    """Growth of white noise in the whole state over the second half of a run."""
+    state = State(sim.engine)
+    x, sizes = np.random.default_rng(0).standard_normal(state.size), []
+    for _ in range(20):
+        x = state.after(x, steps // 20)
+        sizes.append(np.log(np.linalg.norm(x)))
+    return np.polyfit(sim.dt * (steps // 20) * np.arange(10), sizes[10:], 1)[0]
+
+
+@pytest.mark.parametrize("dim, reach, exponent, influence, grows", [
+    (1, 3, 0, "constant", True), (1, 3, 2, "constant", False), (2, 3, 2, "constant", False), (2, 3, 1, "constant", True),
+    (2, 8, 2, "constant", True), (3, 3, 2, "constant", True), pytest.param(3, 3, 2, "linear", False, marks=pytest.mark.slow),
+])  # fmt: skip
+def test_layers_that_grow_and_layers_that_do_not(dim, reach, exponent, influence, grows):
+    """Backward waves: exponent 0 and 1 strongly, exponent 2 with the constant influence function weakly in 3D and in 2D from reach 4 on."""
+    sim = fh.Simulation(box(*[2 * reach + 3] * dim), wave(reach, exponent, influence), boundary=fh.LatticePML(nodes=10))
+    certificate = certify(sim, budget=20.0 if dim < 3 or grows else 8.0)
+    if grows:
+        assert certificate.verdict == "not certified" and certificate.rate > 1e-7 and certificate.worst.field.size
+    elif dim < 3:
+        assert certificate.verdict == "certified" and certificate.rate < 0
+    else:
+        assert certificate.verdict != "not certified" and certificate.parts[0].growth.stable
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_rate_is_that_of_a_long_run(axis):
+    """Sides along one axis, the other periodic: the growing mode of the certificate is what is left of white noise."""
+    boundary = {"xy"[axis]: fh.LatticePML(nodes=10), "xy"[1 - axis]: fh.Periodic()}
+    shape = (9, 24) if axis == 0 else (24, 9)
+    sim = fh.Simulation(box(*shape), fh.Wave(fh.Stencil.finite_element(2)), boundary=boundary)
+    certificate = certify(sim)
+    assert certificate.verdict == "not certified"
+    # 24 rows have the wavenumbers 2 pi n / 24 only, the certificate looks at all
+    assert certificate.rate == pytest.approx(measured_rate(sim, 6000), rel=0.1)
+
+
+def test_corners_can_grow_alone():
+    """The whole of a small set-up is looked at, corners included, and agrees with the run."""
+    sim = fh.Simulation(box(5, 5), fh.Wave(fh.Stencil.finite_element(2)), boundary=fh.LatticePML(nodes=6))
+    certificate = certify(sim)
+    assert certificate.rate > 0
+    assert measured_rate(sim, 4000) > 0
+
+
+PROVED = {
+    "energy": {"lattice": box(30, 30), "model": wave(3, 1), "boundary": {"x": fh.Fixed(), "y": fh.Free()}},
+    "crack": {"lattice": box(30, 30), "model": wave(3, 1), "boundary": fh.Periodic(), "cracks": [[(5.5, 5.5), (9.5, 12.5)]]},
+    "sponge": {"lattice": box(40), "model": wave(5, 0), "boundary": fh.Sponge(30)},
+    "beam": {"lattice": box(40), "model": fh.Beam(), "boundary": fh.Fixed()},
+    "sup norm": {
+        "lattice": box(40), "model": fh.Heat(fh.Kernel(3.0)), "boundary": fh.Free(),
+        "constraints": [fh.Temperature("x-", 1.0, "mirror"), fh.Insulated("x+")],
+    },
+    "Runge-Kutta": {"lattice": box(40), "model": fh.Diffusion(fh.Kernel(3.0), integrator="rk4"), "boundary": fh.Free()},
+    "the past whole": {"lattice": box(40), "model": wave(3, 0), "boundary": fh.Exact(compress=None)},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", PROVED)
+def test_proofs(name):
+    """One sentence in place of a computation; a run from noise agrees."""
+    sim = fh.Simulation(**PROVED[name])
+    certificate = certify(sim, budget=0.0)
+    assert certificate.verdict == "certified" and not certificate.parts
+
+
+def test_no_proof_at_the_limit():
+    """At the very step limit the shortest wave grows linearly: the proof does not hold, and rounding decides nothing."""
+    loose = fh.Simulation(box(12), wave(1), boundary=fh.Periodic())
+    assert certify(fh.Simulation(box(12), wave(1), boundary=fh.Periodic(), dt=loose.step_limit)).verdict != "certified"
+
+
+def test_exact_ends():
+    """Compressed to sums of exponentials: the complete update with all modes; before the sums are made nothing can be said."""
+    sim = fh.Simulation(box(60), wave(3), boundary=fh.Exact())
+    assert certify(sim).verdict == "undecided"
+    sim.prepare(200.0)
+    certificate = certify(sim)
+    assert certificate.verdict == "certified" and certificate.parts
+
+
+def test_a_beam_with_exact_ends():
+    """It turns: a fourfold factor 1, which the error of the sums splits; they are made anew long before that shows."""
+    sim = fh.Simulation(box(41), fh.Beam(), boundary=fh.Exact())
+    sim.prepare(300.0)
+    assert certify(sim).verdict == "certified"
+
+
+def test_no_time_is_undecided_and_names_what_is_left():
+    sim = fh.Simulation(box(60, 60), wave(3), boundary=fh.LatticePML(nodes=12))
+    certificate = certify(sim, budget=0.0)
+    assert certificate.verdict == "undecided" and certificate.skipped
+
+
+def test_a_certificate_is_recalled(tmp_path):
+    """The same map is not examined twice; another step is another map."""
+    make = lambda **options: fh.Simulation(box(30), wave(3, 0), boundary=fh.LatticePML(nodes=10), **options)  # noqa: E731
+    first = certify(make())
+    again = certify(make(sources=[lambda x, t: np.exp(-((x - 15) ** 2))]), budget=0.0)
+    assert again.seconds == first.seconds and str(again) == str(first)
+    assert np.array_equal(again.worst.field, first.worst.field)
+    assert certify(make(dt=0.1), budget=5.0).rate != first.rate
+
+
+def test_examining_leaves_the_run_alone():
+    sims = [fh.Simulation(box(20), wave(3), boundary=fh.LatticePML(nodes=12), initial={"u": np.eye(1, 20, 9)[0]}) for _ in range(2)]
+    for sim in sims:
+        sim.step(5)
+    sims[0].check(until=10.0)
+    for sim in sims:
+        sim.step(20)
+    assert np.array_equal(sims[0].fields["u"], sims[1].fields["u"])
+
+
+def test_run_refuses_what_grows(tmp_path, monkeypatch, capsys):
+    """Exit code 2, the reason and the way round it, before anything is written; `check` draws the mode."""
+    monkeypatch.chdir(tmp_path)
+    case = str(EXAMPLES / "backward_waves.toml")
+    assert main(["check", case, "--json", "check.json", "--out", "pictures"]) == 0
+    facts = json.loads(Path("check.json").read_text())
+    assert facts["certificate"]["verdict"] == "not certified" and facts["certificate"]["rate"] > 0
+    assert Path("pictures/backward_waves-growing-mode.png").stat().st_size > 10_000
+    before = sorted(tmp_path.iterdir())
+    assert main(["run", case]) == 2
+    assert "--allow-unstable" in capsys.readouterr().err and sorted(tmp_path.iterdir()) == before
+    assert main(["run", case, "--allow-unstable"]) == 0
+
+
+def test_check_prints_reflection_time_and_cost(tmp_path, monkeypatch, capsys):
+    """The page: predicted reflection by angle, time, the extended domain; the same as numbers, and a picture."""
+    monkeypatch.chdir(tmp_path)
+    text = (EXAMPLES / "waveguide.toml").read_text().replace("nodes = 20", "target = 1e-6, angle = 70")
+    Path("guide.toml").write_text(text)
+    assert main(["check", "guide.toml", "--json", "check.json", "--out", ".", "--budget", "1"]) == 0
+    page = capsys.readouterr().out
+    assert "predicted reflection by x-, x+" in page and "chosen up to 70 degrees" in page and "extended domain" in page
+    facts = json.loads(Path("check.json").read_text())
+    by_angle = {(r["wavelength"], r["angle"]): r["amplitude"] for r in facts["reflection"]}
+    assert len(by_angle) == 18 and all(a <= 1e-6 for (_, angle), a in by_angle.items() if angle <= 60)
+    assert facts["numbers"]["seconds"] > 0 and facts["numbers"]["extended_nodes"] > 81 * 25  # the near field
+    assert Path("guide-reflection.png").stat().st_size > 10_000
+
+
+def test_steps_between_sides_of_a_wide_stencil_and_a_narrow_near_field():
+    """A near field that is wider than what is looked at is looked at in its own width before it is refused."""
+    sim = fh.Simulation(box(120), wave(3, 0), boundary=fh.LatticePML(nodes=30))
+    certificate = certify(sim)
+    assert certificate.verdict == "not certified" and "near field of 120 nodes" in certificate.reason
+    assert certificate.rate == pytest.approx(measured_rate(sim, 8000), rel=0.05)
