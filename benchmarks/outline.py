@@ -41,7 +41,7 @@ def measure(
     cases = {name: steps(sim.engine) for name, sim in sims.items()}
     bare = simulation(lattice, model, fh.Higdon() if model.order == 2 else fh.PlaneWave())  # all have margins of one reach
     none = np.zeros(0, np.int64)
-    bare.engine.set_strip(none, 1, np.zeros(1, np.int64), none, np.zeros(1, np.int64), none, np.zeros(0), none)
+    bare.engine.set_fringe(none, 1, np.zeros(1, np.int64), none, np.zeros(1, np.int64), none, np.zeros(0), none)
     times = interleaved({"bare": steps(bare.engine), **cases}, repeats)
     rows = []
     for name, sim in sims.items():
@@ -79,7 +79,10 @@ def mesh(repeats: int) -> list[dict[str, Any]]:
 
 def bar(repeats: int) -> list[dict[str, Any]]:
     """A bar with a wide horizon."""
-    conditions: dict[str, Boundary] = {"PlaneWave, 26 nodes": fh.PlaneWave(fit="collocation", wavenumber=1.0), "Higdon (0, 0)": fh.Higdon((0, 0))}
+    conditions: dict[str, Boundary] = {
+        "PlaneWave, 26 nodes": fh.PlaneWave(fit="collocation", radius=0.25, wavenumber=1.0),
+        "Higdon (0, 0)": fh.Higdon((0, 0)),
+    }
     return measure("bar", fh.Lattice(0.01, (-10.0,), (10.0,)), fh.Wave(fh.Kernel(0.25, 0), np.sqrt(10)), conditions, repeats)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from farhorizon.analysis import undisturbed
 from farhorizon.analysis.spectrum import Band, band
-from farhorizon.boundaries import Absorbing, Exact, Fixed, LatticePML, Sponge
+from farhorizon.boundaries import Absorbing, Closing, Exact, Fixed, LatticePML, Sponge
 from farhorizon.certificate import BUDGET, NOT_CERTIFIED, UNDECIDED, Certificate
 from farhorizon.errors import InputError
 from farhorizon.lattice import AXES
@@ -63,9 +63,9 @@ class Reflections:
 
 
 def shown(boundary: Any) -> str:
-    """A boundary with the options that were given."""
-    given = {f.name: getattr(boundary, f.name) for f in fields(boundary)}
-    return f"{type(boundary).__name__}({', '.join(f'{k}={v!r}' for k, v in given.items() if v is not None)})"
+    """A boundary with the options that differ from their defaults."""
+    given = {f.name: getattr(boundary, f.name) for f in fields(boundary) if getattr(boundary, f.name) != f.default}
+    return f"{type(boundary).__name__}({', '.join(f'{k}={v!r}' for k, v in given.items())})"
 
 
 @dataclass
@@ -141,10 +141,12 @@ class Report:
         for text, names in layers.items():
             say(f"layer {', '.join(names)}", text)
         for (axis, side), boundary in sim.sides.items():
-            if not isinstance(boundary, LatticePML | Exact):
+            if not isinstance(boundary, LatticePML | Exact) and not (isinstance(boundary, Closing) and lattice.window is not None):
                 say(f"side {AXES[axis]}{'-+'[side > 0]}", shown(boundary))
         if sim.closure is not None:
-            say("outline", sim.closure.describe())
+            if lattice.window is not None:
+                say("outline", shown(sim.sides[0, -1]))
+            say("fitted", sim.closure.describe())
             self.warnings += sim.closure.warnings()
         for name, serves in sim.ends.items():
             say(f"exact end {name}", serves)

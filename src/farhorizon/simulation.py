@@ -281,10 +281,10 @@ class Simulation:
         closure = Closure(outline, medium)
         indices = self.engine.core.node_indices().reshape(shape)
         closure.attach(self.engine, indices)
-        self._check_strip(closure, factor)
+        self._check_fringe(closure, factor)
         return closure
 
-    def _check_strip(self, closure: Closure, factor: np.ndarray | None) -> None:
+    def _check_fringe(self, closure: Closure, factor: np.ndarray | None) -> None:
         """What a condition along the outline reads is the homogeneous medium: no other material, no body's end, no constraint."""
         lattice = self.lattice
         material = np.ones(lattice.shape) if factor is None else factor.copy()
@@ -294,11 +294,11 @@ class Simulation:
         for nodes in (*self._holds.nodes, self.conditions.nodes, np.flatnonzero(self.leak()), np.flatnonzero(solid)):
             material.flat[nodes] = np.nan
         pads = [(self._margins[a, -1], self._margins[a, 1]) for a in range(lattice.dim)]
-        read = np.pad(material, pads, mode="edge")[tuple(closure.strip.index.T)]
+        read = np.pad(material, pads, mode="edge")[tuple(closure.fringe.index.T)]
         if not np.ptp(read) == 0:
             raise InputError("a condition along the outline reads nodes where the material varies, the body ends, metal is, or a constraint "
                              "holds",
-                             key="boundary", limit=f"uniform within {closure.strip.depth:g} of the outline",
+                             key="boundary", limit=f"uniform within {closure.fringe.depth:g} of the outline",
                              remedy="enlarge the near field, or use a LatticePML")  # fmt: skip
 
     def _check_size(self) -> None:
@@ -1318,7 +1318,7 @@ class Simulation:
             "weights": float(self.stencil.weights.sum()), "neighbours": len(self.stencil.weights), "cuts": self._first_cuts,
             "held": len(self._held), "conditions": len(self.conditions.nodes), "opens": [c.opens for c in self._cracks],
             **({} if self._ends is None else {"exact": self._ends.names}),
-            **({} if self.closure is None else {"strip": list(self.engine.strip_history.shape), "update": self.closure.mark()}),
+            **({} if self.closure is None else {"fringe": list(self.engine.fringe_history.shape), "update": self.closure.mark()}),
             **({"constraints": len(self._holds.constraints)} if self._holds.constraints else {}),
             **({"solid": self._first_solid, "saturation": self.model.saturation, "interface": self.model.interface}
                if isinstance(self.model, Corrosion) else {}),
@@ -1339,7 +1339,7 @@ class Simulation:
         if isinstance(self.model, Corrosion):
             arrays["dissolved"] = np.ascontiguousarray(self.engine.dissolved[self._near])
         if self.closure is not None:
-            arrays["strip"] = self.engine.strip_history
+            arrays["fringe"] = self.engine.fringe_history
         if self._balance:
             arrays |= {"flows": self.engine.flows, "powers": self._powers}
             meta["first_amounts"] = self._first_amounts
@@ -1396,7 +1396,7 @@ class Simulation:
         if self._ends is not None:
             self._ends.load(arrays, meta["exact"])
         if self.closure is not None:
-            self.engine.strip_history[...] = arrays["strip"]
+            self.engine.fringe_history[...] = arrays["fringe"]
         self.engine.phase, self._scale = int(meta["phase"]), float(meta["scale"])
         self.step_count = 0
         self._tick(int(meta["step"]))

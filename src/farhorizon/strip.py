@@ -59,7 +59,7 @@ def plain_twin(sim: Simulation, lattice: Lattice | None = None) -> Simulation:
 def small_lattice(sim: Simulation) -> Lattice:
     """A box of as few nodes as corners and faces need; with conditions along an outline a box or a round window twice as wide as they read."""
     lattice, spacing = sim.lattice, sim.lattice.spacing
-    depth = 0.0 if sim.closure is None else sim.closure.strip.depth
+    depth = 0.0 if sim.closure is None else sim.closure.fringe.depth
     if lattice.window is not None and sim.closure is not None:
         if isinstance(lattice.window, Disc | Ball):
             window = type(lattice.window)(min(lattice.window.radius, 2 * depth + 2 * spacing), lattice.window.centre)

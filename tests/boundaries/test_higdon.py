@@ -42,18 +42,18 @@ def test_first_order_with_damping_is_better_than_without():
 def one_step_map(sim):
     """Matrix of one step of a simulation without sources on its near field, halo and memory."""
     engine, columns = sim.engine, []
-    state = [engine.levels, engine.strip_history]
-    places = [np.concatenate([sim._near_indices(), sim.closure.unmoved]), np.arange(engine.strip_history.shape[1])]
+    state = [engine.levels, engine.fringe_history]
+    places = [np.concatenate([sim._near_indices(), sim.closure.unmoved]), np.arange(engine.fringe_history.shape[1])]
     levels = [engine.current, engine.older]
-    for part, level in [(0, 0), (0, 1), *[(1, row) for row in range(engine.strip_history.shape[0])]]:
+    for part, level in [(0, 0), (0, 1), *[(1, row) for row in range(engine.fringe_history.shape[0])]]:
         for place in places[part]:
             phase = engine.phase
             for array in state:
                 array[...] = 0
-            target = levels[level] if part == 0 else engine.strip_history[level]
+            target = levels[level] if part == 0 else engine.fringe_history[level]
             target[place] = 1.0
             engine.advance(1, np.zeros(0, np.int64), np.zeros((0, 0)), np.zeros((1, 1, 0)))
-            columns.append(np.concatenate([engine.current[places[0]], engine.older[places[0]], engine.strip_history.ravel()]))
+            columns.append(np.concatenate([engine.current[places[0]], engine.older[places[0]], engine.fringe_history.ravel()]))
             engine.phase = phase
     return np.array(columns).T
 

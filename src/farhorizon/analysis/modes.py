@@ -56,9 +56,13 @@ def frame(normal: np.ndarray) -> np.ndarray:
         return normal.reshape(1, 1)
     if normal.size == 2:
         return np.array([normal, [-normal[1], normal[0]]])
-    across = np.cross(np.eye(3)[np.argmin(np.abs(normal))], normal)
-    across /= np.linalg.norm(across)
-    return np.array([normal, across, np.cross(normal, across)])
+    first = int(np.argmin(np.abs(normal)))
+    second, third = (first + 1) % 3, (first + 2) % 3
+    across = np.zeros(3)
+    across[second], across[third] = -normal[third], normal[second]
+    across /= np.hypot(normal[second], normal[third])
+    last = [normal[(a + 1) % 3] * across[(a + 2) % 3] - normal[(a + 2) % 3] * across[(a + 1) % 3] for a in range(3)]
+    return np.array([normal, across, last])
 
 
 def discrete_symbol(k: np.ndarray, offsets: np.ndarray, weights: np.ndarray) -> np.ndarray:

@@ -7,12 +7,12 @@ from typing import Any
 
 from farhorizon.boundaries.exact import Exact, ExactEnds
 from farhorizon.boundaries.first_order import FirstOrder
+from farhorizon.boundaries.fringe import Closing, Closure, Outline
 from farhorizon.boundaries.higdon import Higdon
 from farhorizon.boundaries.lattice_pml import LatticePML
 from farhorizon.boundaries.plain import Fixed, Free, Periodic
 from farhorizon.boundaries.plane_wave import PlaneWave
 from farhorizon.boundaries.sponge import Sponge
-from farhorizon.boundaries.strip import Closing, Closure, Outline
 from farhorizon.errors import InputError
 from farhorizon.lattice import AXES
 

@@ -16,8 +16,8 @@ from scipy import sparse
 from farhorizon.errors import InputError
 
 if TYPE_CHECKING:
+    from farhorizon.boundaries.fringe import Fringe
     from farhorizon.boundaries.plane_wave import Medium
-    from farhorizon.boundaries.strip import Strip
 
 
 @dataclass(frozen=True)
@@ -32,8 +32,8 @@ class FirstOrder:
         """How far inwards nodes are read."""
         return spacing * float(np.sqrt(medium.offsets.shape[1]))
 
-    def update(self, strip: Strip, halo: np.ndarray, medium: Medium) -> sparse.csr_array:
-        """Rows of halo nodes (places in the strip) over the new level and those before, shape (H, 3 S).
+    def update(self, fringe: Fringe, halo: np.ndarray, medium: Medium) -> sparse.csr_array:
+        """Rows of halo nodes (places in the fringe) over the new level and those before, shape (H, 3 S).
 
         Raises
         ------
@@ -42,22 +42,22 @@ class FirstOrder:
         """
         if medium.order != 2:
             raise InputError("the first-order condition is for waves", value="diffusion", key="boundary", remedy="PlaneWave or LatticePML")
-        offsets = np.round(medium.offsets / strip.spacing).astype(int)
+        offsets = np.round(medium.offsets / fringe.spacing).astype(int)
         if np.abs(offsets).max() > 1:
             raise InputError("the first-order condition is for classical equations", value=f"reach {np.abs(offsets).max()}", limit="1 node",
                              key="boundary", remedy="Higdon, PlaneWave or LatticePML")  # fmt: skip
-        if strip.faces is None:
+        if fringe.faces is None:
             raise InputError("the first-order condition needs flat sides", key="boundary", remedy="lower and upper in place of a window, or Higdon")
-        size, faces = len(strip.points), strip.faces[halo]
+        size, faces = len(fringe.points), fringe.faces[halo]
         speed, dt = float(np.sqrt(medium.coefficient)), medium.dt
-        rate = medium.damping + np.abs(faces).sum(1) * speed / strip.spacing
-        stiffness = 2 * speed * medium.damping / strip.spacing * np.abs(faces).sum(1)
+        rate = medium.damping + np.abs(faces).sum(1) * speed / fringe.spacing
+        stiffness = 2 * speed * medium.damping / fringe.spacing * np.abs(faces).sum(1)
         after, scale = 1 + rate * dt, dt**2 / (1 + rate * dt)
         own = np.arange(len(halo))
         rows, columns, data = [own, own], [size + halo, 2 * size + halo], [2 / after - scale * stiffness, -(1 - rate * dt) / after]
         for offset, weight in zip(offsets, medium.weights, strict=True):
             folded = np.where(faces * offset > 0, -offset, offset)
-            there, bond = strip.at(strip.index[halo] + folded), strip.bonded(strip.index[halo] + folded)
+            there, bond = fringe.at(fringe.index[halo] + folded), fringe.bonded(fringe.index[halo] + folded)
             known = there >= 0  # others are held at zero
             rows += [own[known], own[bond]]
             columns += [size + there[known], size + halo[bond]]

@@ -16,8 +16,8 @@ from scipy import sparse
 from farhorizon.errors import InputError
 
 if TYPE_CHECKING:
+    from farhorizon.boundaries.fringe import Fringe
     from farhorizon.boundaries.plane_wave import Medium
-    from farhorizon.boundaries.strip import Strip
 
 
 @dataclass(frozen=True)
@@ -80,8 +80,8 @@ class Higdon:
         weights[0, 0] = 0
         return weights
 
-    def update(self, strip: Strip, halo: np.ndarray, medium: Medium) -> sparse.csr_array:
-        """Rows of halo nodes (places in the strip) over the new level and those before, shape (H, (J + 2) S).
+    def update(self, fringe: Fringe, halo: np.ndarray, medium: Medium) -> sparse.csr_array:
+        """Rows of halo nodes (places in the fringe) over the new level and those before, shape (H, (J + 2) S).
 
         Raises
         ------
@@ -91,19 +91,19 @@ class Higdon:
         if medium.order != 2:
             raise InputError("Higdon's condition is for waves", value="diffusion", key="boundary", remedy="PlaneWave or LatticePML")
         speed = float(np.sqrt(medium.coefficient))
-        shift = max(medium.damping, 0.5 * speed / strip.extent) if self.shift is None else self.shift
-        weights = self.stencil(speed, strip.spacing, medium.dt, shift)
+        shift = max(medium.damping, 0.5 * speed / fringe.extent) if self.shift is None else self.shift
+        weights = self.stencil(speed, fringe.spacing, medium.dt, shift)
         size = len(weights)
         columns = np.empty((len(halo), size, size), int)
         for steps in range(size):
-            places = strip.at(strip.index[halo] - steps * strip.axes[halo])
+            places = fringe.at(fringe.index[halo] - steps * fringe.axes[halo])
             if (places < 0).any():
-                where = strip.points[halo[np.argmax(places < 0)]].tolist()
+                where = fringe.points[halo[np.argmax(places < 0)]].tolist()
                 raise InputError("Higdon's condition needs nodes straight inwards of each halo node", value=where, limit=f"{size - 1} nodes",
                                  key="boundary", remedy="a larger or smoother window, fewer angles, or LatticePML")  # fmt: skip
-            columns[:, :, steps] = np.arange(size) * len(strip.points) + places[:, None]
+            columns[:, :, steps] = np.arange(size) * len(fringe.points) + places[:, None]
         rows = np.repeat(np.arange(len(halo)), size**2)
         data = np.broadcast_to(weights, columns.shape).ravel()
-        found = sparse.csr_array((data, (rows, columns.ravel())), shape=(len(halo), size * len(strip.points)))
+        found = sparse.csr_array((data, (rows, columns.ravel())), shape=(len(halo), size * len(fringe.points)))
         found.eliminate_zeros()
         return found

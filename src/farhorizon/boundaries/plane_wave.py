@@ -18,7 +18,7 @@ from farhorizon.analysis import modes
 from farhorizon.errors import InputError
 
 if TYPE_CHECKING:
-    from farhorizon.boundaries.strip import Strip
+    from farhorizon.boundaries.fringe import Fringe
     from farhorizon.models import ScalarModel
 
 _CHOICES = {
@@ -119,10 +119,10 @@ class PlaneWave:
     time : {"discrete", "continuous"}, optional
         Factor of a step: the scheme's own, or the exponential.
     layer : float, optional
-        Thickness of the strip of fitted nodes; as much as the stencil reads unless given. Beyond a thinner one bonds are absent.
+        Thickness of the fringe of fitted nodes; as much as the stencil reads unless given. Beyond a thinner one bonds are absent.
     radius : float, optional
-        Of a cloud. Waves: the reach of the stencil, at least three spacings; diffusion, and waves on a line by wide stencils: one spacing, for
-        wider clouds grow.
+        Of a cloud. Waves: the reach of the stencil, at least three spacings. One spacing for diffusion and for waves on a line by wide
+        stencils, one and a half among points without a lattice: wider clouds grow there.
     cone : float, optional
         Half the opening of a cloud about the inward normal, in degrees: 45 for waves, 180 (a whole ball) for diffusion.
     thin : int, optional
@@ -197,7 +197,7 @@ class PlaneWave:
         reach = float(np.abs(medium.offsets).max(initial=0.0))
         flat = lattice and medium.offsets.shape[1] == 1
         narrow = not waves or (flat and reach > 1.5 * spacing)
-        radius = self.radius or (spacing if narrow else max(reach, 3 * spacing))
+        radius = self.radius or (spacing if narrow else max(reach, 3 * spacing) if lattice else 1.5 * spacing)
         largest = self.wavenumber or (0.5 / spacing if operator else 0.25 / spacing if waves else min(6 / extent, 0.1 / spacing))
         count = self.wavenumbers or (10 if operator else 5)
         smallest = self.smallest or (largest / 40 if operator else largest / count)
@@ -220,13 +220,13 @@ class PlaneWave:
         """How far clouds reach."""
         return self.recipe(medium, spacing, extent).radius
 
-    def update(self, strip: Strip, halo: np.ndarray, medium: Medium) -> sparse.csr_array:
-        """Rows of halo nodes (places in the strip) over the new level and those before, shape (H, 3 S) for waves, (H, 2 S) for diffusion."""
-        points, places = strip.with_images(self.depth(medium, strip.spacing, strip.extent))
-        found = update_matrix(points, halo, strip.normals[halo], medium, self, spacing=strip.spacing, extent=strip.extent, enclosing=False).tocoo()
+    def update(self, fringe: Fringe, halo: np.ndarray, medium: Medium) -> sparse.csr_array:
+        """Rows of halo nodes (places in the fringe) over the new level and those before, shape (H, 3 S) for waves, (H, 2 S) for diffusion."""
+        points, places = fringe.with_images(self.depth(medium, fringe.spacing, fringe.extent))
+        found = update_matrix(points, halo, fringe.normals[halo], medium, self, spacing=fringe.spacing, extent=fringe.extent, enclosing=False).tocoo()
         level, column = np.divmod(found.col, len(points))
-        shape = (len(halo), (medium.order + 1) * len(strip.points))
-        return sparse.csr_array((found.data, (found.row, (level + 1) * len(strip.points) + places[column])), shape=shape)
+        shape = (len(halo), (medium.order + 1) * len(fringe.points))
+        return sparse.csr_array((found.data, (found.row, (level + 1) * len(fringe.points) + places[column])), shape=shape)
 
 
 def update_matrix(
@@ -276,6 +276,7 @@ def update_matrix(
     if recipe.snapped:
         units = _snapped(units)
     near = tree.query_ball_point(points[absorbing], recipe.radius * (1 + 1e-9))
+    outwards = wavevectors(recipe, points.shape[1], medium.order)
     known: dict[tuple[bytes, bytes], np.ndarray] = {}
     rows, columns, weights = [], [], []
     for number, (centre, normal, found) in enumerate(zip(absorbing, units, near, strict=True)):
@@ -288,7 +289,7 @@ def update_matrix(
         chosen = chosen[np.lexsort(steps[chosen].T)]
         key = normal.tobytes(), steps[chosen].tobytes()
         if key not in known:
-            known[key] = _fitted(recipe, medium, spacing, normal, spacing * steps[chosen])
+            known[key] = _fitted(recipe, medium, spacing, outwards @ modes.frame(normal), spacing * steps[chosen])
         for level, values in enumerate(known[key]):
             rows.append(np.full(chosen.size, number))
             columns.append(level * len(points) + members[chosen])
@@ -326,16 +327,14 @@ def cloud(places: np.ndarray, normal: np.ndarray, spacing: float, recipe: Recipe
     return np.unique(chosen[cKDTree(places[chosen]).query(targets)[1]])
 
 
-def wavevectors(recipe: Recipe, normal: np.ndarray, order: int) -> np.ndarray:
-    """Wavevectors about a unit normal, real for waves, imaginary for diffusion; shape (M, dim)."""
-    ways = modes.outward(normal.size, recipe.angle, recipe.angles, recipe.balanced) @ modes.frame(normal)
-    k = (recipe.wavenumbers[:, None, None] * ways).reshape(-1, normal.size)
+def wavevectors(recipe: Recipe, dim: int, order: int) -> np.ndarray:
+    """Wavevectors where the outward normal is the first axis, real for waves, imaginary for diffusion; shape (M, dim)."""
+    k = (recipe.wavenumbers[:, None, None] * modes.outward(dim, recipe.angle, recipe.angles, recipe.balanced)).reshape(-1, dim)
     return k if order == 2 else 1j * k
 
 
-def _fitted(recipe: Recipe, medium: Medium, spacing: float, normal: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Weights of a cloud's nodes, shape (order, J)."""
-    k = wavevectors(recipe, normal, medium.order)
+def _fitted(recipe: Recipe, medium: Medium, spacing: float, k: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Weights of a cloud's nodes for wavevectors k, shape (order, J)."""
     symbol = medium.symbol(k, recipe.dispersion)
     factor = modes.factors(symbol, medium.dt, medium.order, medium.damping, recipe.discrete)
     shape = modes.phases(k, places)

@@ -146,7 +146,7 @@ class Engine:
         self.hold(np.zeros(0, np.int64))
         self.set_tied(np.zeros(0, np.int64), np.zeros(1, np.int64), np.zeros(0, np.int64), np.zeros(0))
         none = np.zeros(0, np.int64)
-        self.set_strip(none, 1, np.zeros(1, np.int64), none, np.zeros(1, np.int64), none, np.zeros(0), none)
+        self.set_fringe(none, 1, np.zeros(1, np.int64), none, np.zeros(1, np.int64), none, np.zeros(0), none)
         self.set_books(none, none, none, np.zeros(0), np.zeros(len(stages.numbers)), 0)
         self._driver = load_driver()
 
@@ -339,17 +339,17 @@ class Engine:
         `advance` is told. They are set in this order after each stage."""
         self._tied = nodes.astype(np.int64), starts.astype(np.int64), sources.astype(np.int64), weights.astype(self.dtype)
 
-    def set_strip(
+    def set_fringe(
         self, nodes: np.ndarray, levels: int, fronts: np.ndarray, rows: np.ndarray, starts: np.ndarray, columns: np.ndarray, weights: np.ndarray,
         outside: np.ndarray,
     ) -> None:  # fmt: skip
-        """Halo nodes along an outline that are sums over a strip of nodes, as `strip.close_strip` has it; `levels` rows of `history` a node."""
-        self.strip_history = np.zeros((levels, nodes.size))
+        """Halo nodes along an outline that are sums over a fringe of nodes, as `fringe.close_fringe` has it; `levels` rows of `history` a node."""
+        self.fringe_history = np.zeros((levels, nodes.size))
         kinds, shared = _shared_rows(starts, weights)
         edges = np.flatnonzero(np.diff(np.sort(outside), prepend=-2, append=-2) != 1)
         runs = np.stack([np.sort(outside)[edges[:-1]], np.sort(outside)[edges[1:] - 1] + 1], axis=1) if outside.size else np.zeros((0, 2))
-        self._strip = (
-            nodes.astype(np.int64), self.strip_history, fronts.astype(np.int64), rows.astype(np.int64), starts.astype(np.int64),
+        self._fringe = (
+            nodes.astype(np.int64), self.fringe_history, fronts.astype(np.int64), rows.astype(np.int64), starts.astype(np.int64),
             columns.astype(np.uint32), kinds, shared, runs.astype(np.int64),
         )  # fmt: skip
 
@@ -455,7 +455,7 @@ class Engine:
             self.phase, self.levels, self._rotation, self._numbers, self.stages.increments, self.slots, self.memory, self._work,
             *self._sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
             *self._tiles, *self._dissolution, self.steps_done, *self._damping,
-            (*self._ends, self.heads, self.past, self.history), *self._tied, *self._books, self.flows, self._strip,
+            (*self._ends, self.heads, self.past, self.history), *self._tied, *self._books, self.flows, self._fringe,
             source_nodes, source_fields, source_times,
             self.held, _NOTHING if held_values is None else held_values, tied_fields, tied_times,
         )  # fmt: skip
@@ -471,15 +471,15 @@ class Engine:
         layers = [a for _, layer in sorted(self.layers.items()) for a in (layer.kappa, layer.sigma, layer.alpha)]
         mark.update(repr([(name, layer.columns) for name, layer in sorted(self.layers.items())]).encode())
         ends = [np.asarray(a) for a in self._ends[2:6]]
-        strip = [a for a in self._strip if a is not self.strip_history]
-        for array in (self.offsets, self.weights, *layers, self._coefficient, *self._cuts, *self._damping, *self._tied, self.held, *ends, *strip):
+        fringe = [a for a in self._fringe if a is not self.fringe_history]
+        for array in (self.offsets, self.weights, *layers, self._coefficient, *self._cuts, *self._damping, *self._tied, self.held, *ends, *fringe):
             mark.update(np.ascontiguousarray(array).tobytes())
         return mark.hexdigest()
 
     @contextmanager
     def as_before(self) -> Iterator[None]:
         """Whatever runs inside leaves no trace."""
-        arrays = [self.levels, self.memory, self.states, self.forces, self.clock, self.flows, self.strip_history, self._coefficient, *self._tiles,
+        arrays = [self.levels, self.memory, self.states, self.forces, self.clock, self.flows, self.fringe_history, self._coefficient, *self._tiles,
                   *self._dissolution[:2]]  # fmt: skip
         kept, phase, steps = [a.copy() for a in arrays], self.phase, self.steps_done
         try:
@@ -506,7 +506,7 @@ class Engine:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all time levels, slots, layer memory, the memory of exact ends and of strips."""
+        """Bytes of all time levels, slots, layer memory, the memory of exact ends and of fringes."""
         ends = self.heads.nbytes + self.past.nbytes + self.history.nbytes + sum(np.asarray(a).nbytes for a in self._ends)
-        strip = sum(a.nbytes for a in self._strip)
-        return self.levels.nbytes + self.slots.nbytes + self.memory.nbytes + self._coefficient.nbytes + ends + strip
+        fringe = sum(a.nbytes for a in self._fringe)
+        return self.levels.nbytes + self.slots.nbytes + self.memory.nbytes + self._coefficient.nbytes + ends + fringe

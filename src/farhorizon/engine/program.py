@@ -11,10 +11,10 @@ import numpy as np
 from numba import njit
 
 from farhorizon.engine.ends import exact_ends
+from farhorizon.engine.fringe import close_fringe
 from farhorizon.engine.layout import LINES
 from farhorizon.engine.phases import LIQUID, MIXED, TILE, TILE_ROWS, dissolve, phase_of
 from farhorizon.engine.simd import call_sweep, stretch_chain, sweep_phases
-from farhorizon.engine.strip import close_strip
 from farhorizon.engine.threads import barrier, claim
 
 CHUNK = 64
@@ -380,12 +380,12 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
         cut_ranges, cut_nodes, cut_neighbours, cut_weights, solids, volumes, dissolved, total, saturation, period, steps_before,
         damped, damp_before, damp_after, damp_leak, ends,
         tied, tied_starts, tied_sources, tied_weights, books, book_nodes, book_neighbours, book_weights, book_effects, end_books, flows,
-        strip, source_nodes, source_fields, source_times, held, held_times, tied_fields, tied_times):  # fmt: skip
+        fringe, source_nodes, source_fields, source_times, held, held_times, tied_fields, tied_times):  # fmt: skip
     """One lane's share of `steps` steps from the rotation `phase`.
 
     After them the level ``stages[(phase + steps) % rotations, 0, 0]`` holds the state, where stages[phase, stage] = (in, base, out)
     are level numbers; numbers[stage] as in `stage`. source_times[step, stage, j] multiplies source_fields[j] on source_nodes. `ends`: the last
-    arguments of `ends.exact_ends`; `strip`: those of `strip.close_strip`. After each step the nodes `held` have the values ``held_times[step]``.
+    arguments of `ends.exact_ends`; `fringe`: those of `fringe.close_fringe`. After each step the nodes `held` have the values ``held_times[step]``.
     From solids to steps_before: see `engine.phases`.
     """
     per_step = stages.shape[1]
@@ -444,8 +444,8 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                     if tied.size:
                         tie(src, base, out, increments, tied, tied_starts, tied_sources, tied_weights, tied_fields, tied_times[step, part])
                 barrier(sync, lanes)
-            if strip[0].size:
-                close_strip(lane, lanes, sync, src, base, out, increments, *strip)
+            if fringe[0].size:
+                close_fringe(lane, lanes, sync, src, base, out, increments, *fringe)
         if solids.size:
             dissolve(lane, lanes, levels[stages[phase, per_step - 1, 2]], coefficient, dissolved, total, steps_before + step + 1, saturation,
                      blocks[0], solids, volumes, reach, period)  # fmt: skip

@@ -54,7 +54,7 @@ class State:
     def write(self, values: np.ndarray) -> None:
         """Put the engine into a state."""
         engine, count, levels = self.engine, len(self._nodes), self._levels(0)
-        engine.levels[...], engine.memory[...], engine.states[...], engine.strip_history[...] = 0, 0, 0, 0
+        engine.levels[...], engine.memory[...], engine.states[...], engine.fringe_history[...] = 0, 0, 0, 0
         engine.phase, engine.clock[0] = 0, 1  # a later step than the first, whose sample counts half at exact ends
         for i, level in enumerate(levels):
             engine.levels[level, self._nodes] = values[i * count : (i + 1) * count]
@@ -62,13 +62,13 @@ class State:
         engine.memory[self._memory] = values[end : end + len(self._memory)]
         start, end = end + len(self._memory), end + len(self._memory) + len(self._modes[0])
         engine.states[self._modes] = values[start:end]
-        engine.strip_history[:-1] = values[end:].reshape(engine.strip_history[:-1].shape)  # a step forgets the last row
+        engine.fringe_history[:-1] = values[end:].reshape(engine.fringe_history[:-1].shape)  # a step forgets the last row
 
     def read(self) -> np.ndarray:
         """The state that the engine is in."""
         engine = self.engine
         levels = [engine.levels[level, self._nodes] for level in self._levels(engine.phase)]
-        return np.concatenate([*levels, engine.memory[self._memory], engine.states[self._modes], engine.strip_history[:-1].ravel()])
+        return np.concatenate([*levels, engine.memory[self._memory], engine.states[self._modes], engine.fringe_history[:-1].ravel()])
 
     def after(self, values: np.ndarray, steps: int = 1) -> np.ndarray:
         """The state that follows a number of steps later, shape (size,); a complex one is advanced by its parts."""

@@ -125,12 +125,12 @@ def disc_conditions(reach: int) -> dict[str, Boundary]:
 
 
 def _disc_counts(reach: int) -> list[Row]:
-    """Node numbers of the paper's discs: every lattice point within the radius, the strip in it."""
+    """Node numbers of the paper's discs: every lattice point within the radius, the fringe in it."""
     grid = np.arange(-504, 505)
     square_of_radius = np.add.outer(grid**2, grid**2)
     inside, large = (int((square_of_radius <= (r * 4) ** 2).sum()) for r in (RADIUS, 126))
-    strip = inside - int((square_of_radius <= (RADIUS * 4 - reach) ** 2).sum())
-    return [Row("nodes of the disc", inside, 33949), Row("nodes of the reference", large, 797889), Row("absorbing nodes", strip)]
+    fringe = inside - int((square_of_radius <= (RADIUS * 4 - reach) ** 2).sum())
+    return [Row("nodes of the disc", inside, 33949), Row("nodes of the reference", large, 797889), Row("absorbing nodes", fringe)]
 
 
 @reproduction(

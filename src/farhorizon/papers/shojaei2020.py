@@ -119,11 +119,11 @@ def example_1_peridynamic(folder: Path, full: bool = False) -> Outcome:
 
 @reproduction("shojaei2020-ex1-layers", PAPER, "the same with layers thinner than the horizon: figures 12, 13")
 def example_1_layers(folder: Path) -> Outcome:
-    """Layers of 4, 3, 2 and 1 spacings, the bonds beyond them absent, for three largest wavenumbers."""
+    """Layers of 4, 3, 2 and 1 spacings, the bonds beyond them absent, for four largest wavenumbers."""
     from farhorizon.plot import curve_panels
 
     rows, errors, panels = [], {}, []
-    for wavenumber in (0.25, 0.5, 1.0):
+    for wavenumber in (0.25, 0.5, 1.0, 2.0):
         curves: list[tuple[str, np.ndarray, np.ndarray]] = []
         for layer in (4, 3, 2, 1):
             setup = line(Kernel(4 * SPACING, 1), layer)

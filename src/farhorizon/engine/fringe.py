@@ -1,4 +1,4 @@
-"""The strip along an outline in the compiled loop: halo nodes whose values are sums over near nodes at this and at earlier steps."""
+"""The fringe along an outline in the compiled loop: halo nodes whose values are sums over near nodes at this and at earlier steps."""
 
 from numba import njit
 
@@ -17,7 +17,7 @@ def combination(columns, weights, values):
 
 
 @njit(error_model="numpy", cache=True)
-def close_strip(lane, lanes, sync, src, base, out, increments, nodes, history, fronts, rows, starts, columns, kinds, weights, outside):
+def close_fringe(lane, lanes, sync, src, base, out, increments, nodes, history, fronts, rows, starts, columns, kinds, weights, outside):
     """Give the halo nodes of a step's new level `out` their values; one lane's share.
 
     Parameters
@@ -28,13 +28,13 @@ def close_strip(lane, lanes, sync, src, base, out, increments, nodes, history, f
         Levels of the stage.
     increments : bool
     nodes : ndarray of int, shape (S,)
-        Nodes of the strip in a level: all that any sum reads, and those with sums.
+        Nodes of the fringe in a level: all that any sum reads, and those with sums.
     history : ndarray, shape (L, S)
         Their values at the new step (first row), at the present one and before; moved on by one step.
     fronts : ndarray of int, shape (F + 1,)
         Rows of one front, fronts[f] to fronts[f + 1], read new values of earlier fronts only.
     rows : ndarray of int, shape (R,)
-        Place in the strip of the node that a sum is for.
+        Place in the fringe of the node that a sum is for.
     starts, columns : ndarray of int
         Sums over places in `history`, as compressed rows; columns without sign, which saves looking for negative ones.
     kinds : ndarray of int, shape (R,)

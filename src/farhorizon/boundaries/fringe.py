@@ -1,7 +1,7 @@
-"""Conditions that close a near field along its outline: the strip of nodes that they read and fill, and their sparse update on the engine.
+"""Conditions that close a near field along its outline: the fringe of nodes that they read and fill, and their sparse update on the engine.
 
 The near field is a window on the medium, or a box. Its halo, the nodes beyond the outline that the operator reads, gets its values after each
-step from nodes of the strip at this step and before. Copies of those are the conditions' memory.
+step from nodes of the fringe at this step and before. Copies of those are the conditions' memory.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from farhorizon.boundaries.higdon import Higdon
 from farhorizon.boundaries.plane_wave import Medium, PlaneWave, largest_update
 from farhorizon.engine import Engine
 from farhorizon.errors import InputError
-from farhorizon.shapes import Ball, Disc, Shape
+from farhorizon.shapes import Ball, Box, Disc, Shape
 
 #: Conditions that close an outline.
 Closing = PlaneWave | Higdon | FirstOrder
@@ -90,7 +90,7 @@ class Outline:
         """Outward unit normals at nodes (N, dim) beyond the outline: of a disc or ball radial, of a box away from its nearest point."""
         if isinstance(self.window, Disc | Ball):
             away = self.origin + self.spacing * index - self.window.centre
-        elif self.window is None:
+        elif self.flat:
             away = self.faces(index).astype(float)
         else:
             smooth = ndimage.gaussian_filter(self.near.astype(float), _SMOOTHING, mode="constant")
@@ -98,13 +98,18 @@ class Outline:
         length = np.linalg.norm(away, axis=1, keepdims=True)
         return np.asarray(away / np.where(length > 0, length, 1.0))
 
+    @property
+    def flat(self) -> bool:
+        """Whether the outline is that of a box."""
+        return self.window is None or isinstance(self.window, Box)
+
     def faces(self, index: np.ndarray) -> np.ndarray:
         """Steps of nodes (N, dim) beyond the box along each axis."""
         low, high = self.bounds()
         return index - np.clip(index, low, high)
 
 
-class Strip:
+class Fringe:
     """Nodes that conditions read or fill.
 
     Parameters
@@ -122,13 +127,13 @@ class Strip:
     points : ndarray, shape (S, dim)
         Their coordinates.
     filled : ndarray of int
-        Places of the halo nodes in the strip.
+        Places of the halo nodes in the fringe.
     normals : ndarray, shape (S, dim)
         Outward, at the halo nodes; others zero.
     axes : ndarray of int, shape (S, dim)
         The grid axis nearest to the normal.
     faces : ndarray of int, shape (S, dim), or None
-        Outward directions of the box's sides on or beyond which halo nodes lie; None for windows.
+        Outward directions of the box's sides on or beyond which halo nodes lie; None for other outlines.
     extent : float
         Half the extent of the near field.
     spacing, depth : float
@@ -152,14 +157,14 @@ class Strip:
         self.axes = np.zeros(self.index.shape, int)
         self.axes[np.arange(len(nearest)), nearest] = np.sign(self.normals[np.arange(len(nearest)), nearest])
         self.faces = None
-        if outline.window is None:
+        if outline.flat:
             self.faces = np.zeros(self.index.shape, int)
             self.faces[self.filled] = np.sign(outline.faces(self.index[self.filled]))
         low, high = outline.bounds()
         self.extent = max(float((high - low).max()) / 2, 1.0) * outline.spacing
 
     def at(self, index: np.ndarray) -> np.ndarray:
-        """Places of nodes (N, dim) of the grid in the strip, -1 for others; periodic axes wrap."""
+        """Places of nodes (N, dim) of the grid in the fringe, -1 for others; periodic axes wrap."""
         shape = np.array(self._places.shape)
         wrapped = np.where([a in self.outline.periodic for a in range(len(shape))], index % shape, index)
         inside = ((wrapped >= 0) & (wrapped < shape)).all(1)
@@ -172,7 +177,7 @@ class Strip:
         return ~np.any(absent, axis=0) if absent else np.ones(len(index), bool)
 
     def with_images(self, distance: float) -> tuple[np.ndarray, np.ndarray]:
-        """All points, then their images within a distance beyond periodic sides, and the place in the strip of each."""
+        """All points, then their images within a distance beyond periodic sides, and the place in the fringe of each."""
         points, places = self.points, np.arange(len(self.points))
         for axis in sorted(self.outline.periodic):
             n = self._places.shape[axis]
@@ -206,9 +211,9 @@ class Closure:
     ----------
     halo, outside : ndarray of bool
         Over the grid: filled nodes, and those beyond, which do not exist.
-    strip : Strip
+    fringe : Fringe
     update : csr_array, shape (H, L S)
-        New values of the halo from the strip at the new step and at L - 1 before.
+        New values of the halo from the fringe at the new step and at L - 1 before.
 
     Raises
     ------
@@ -222,24 +227,24 @@ class Closure:
         self.outside = ~outline.near & ~self.halo
         low, high = outline.bounds()
         extent = max(float((high - low).max()) / 2, 1.0) * outline.spacing
-        self.strip = Strip(outline, self.halo, max(b.depth(medium, outline.spacing, extent) for b in outline.sides.values()))
-        parts = {key: outline.sides[key].update(self.strip, places, medium) for key, places in self.strip.owners().items()}
-        self.levels = max(part.shape[1] for part in parts.values()) // len(self.strip.points)
-        rows = np.concatenate([self.strip.owners()[key] for key in parts])
-        found = sparse.vstack([_widened(part, self.levels * len(self.strip.points)) for part in parts.values()]).tocsr()
-        self._order, self._fronts = fronts(found, rows, len(self.strip.points))
+        self.fringe = Fringe(outline, self.halo, max(b.depth(medium, outline.spacing, extent) for b in outline.sides.values()))
+        parts = {key: outline.sides[key].update(self.fringe, places, medium) for key, places in self.fringe.owners().items()}
+        self.levels = max(part.shape[1] for part in parts.values()) // len(self.fringe.points)
+        rows = np.concatenate([self.fringe.owners()[key] for key in parts])
+        found = sparse.vstack([_widened(part, self.levels * len(self.fringe.points)) for part in parts.values()]).tocsr()
+        self._order, self._fronts = fronts(found, rows, len(self.fringe.points))
         self.rows, self.update = rows[self._order], found[self._order]
 
     def attach(self, engine: Engine, indices: np.ndarray) -> None:
         """Give the engine the sparse update; `indices` are the places of the grid's nodes in a level."""
-        self.engine, self.nodes = engine, indices[tuple(self.strip.index.T)]
+        self.engine, self.nodes = engine, indices[tuple(self.fringe.index.T)]
         self.unmoved = np.concatenate([indices[self.halo], indices[self.outside]])
-        engine.set_strip(self.nodes, self.levels, self._fronts, self.rows, self.update.indptr, self.update.indices, self.update.data,
+        engine.set_fringe(self.nodes, self.levels, self._fronts, self.rows, self.update.indptr, self.update.indices, self.update.data,
                          indices[self.outside])  # fmt: skip
 
     def start(self) -> None:
         """The memory holds the present state and the one before; beyond that all was at rest."""
-        history = self.engine.strip_history
+        history = self.engine.fringe_history
         history[...] = 0
         history[0] = self.engine.current[self.nodes]
         if self.levels > 2:
@@ -254,7 +259,7 @@ class Closure:
         entries = np.diff(self.update.indptr)
         return (
             f"{len(self.rows)} halo nodes from {entries.min()} to {entries.max()} values each, {self.levels} levels of "
-            f"{len(self.strip.points)} nodes kept"
+            f"{len(self.fringe.points)} nodes kept"
         )
 
     def warnings(self) -> list[str]:

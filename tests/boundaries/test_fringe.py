@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.boundaries.strip import Outline, Strip, fronts
+from farhorizon.boundaries.fringe import Fringe, Outline, fronts
 from farhorizon.compare import compare
 
 SPACING = 0.25
@@ -116,7 +116,7 @@ def test_two_sides_of_a_box(boundary, beside):
 
 
 def test_periodic_halo_wraps():
-    """A wave that does not depend on y goes out the same through a strip of any width."""
+    """A wave that does not depend on y goes out the same through a fringe of any width."""
     fields = []
     for half in (1.0, 2.5):
         lattice = fh.Lattice(SPACING, (-5.0, -half), (5.0, half))
@@ -138,6 +138,17 @@ def test_different_conditions_on_the_sides_of_a_box():
     }
     curves = compare(setup, 12.0, times=[6, 8, 10, 12]).curves
     assert 10 * next(iter(curves.values()))["error_max_over_run"] < curves["fixed edge"]["error_max_over_run"]
+
+
+@pytest.mark.parametrize("boundary", [fh.PlaneWave(), fh.Higdon()])
+def test_window_that_is_a_box(boundary):
+    """The same as bounds."""
+    fields = []
+    for lattice in (fh.Lattice(SPACING, (-5.0, -5.0), (5.0, 5.0)), fh.Lattice(SPACING, window=fh.Box((-5.0, -5.0), (5.0, 5.0)))):
+        sim = fh.Simulation(lattice, fh.Wave(KERNEL), boundary, {"u": pulse}, dt=0.05)
+        sim.step(200)
+        fields.append(sim.fields["u"])
+    assert np.array_equal(*fields)
 
 
 def test_thin_layer_cuts_bonds():
@@ -189,9 +200,13 @@ def test_case_file(tmp_path):
 
 
 def test_check_says_what_closes_the_outline():
-    report = disc(fh.PlaneWave())
-    text = str(report.check())
-    assert "halo nodes from" in text and "no proof that PlaneWave" in text
+    """And leaves the run as it is, the memory of the condition included."""
+    sim, other = disc(fh.PlaneWave()), disc(fh.PlaneWave())
+    text = str(sim.check(until=10.0))
+    assert "halo nodes from" in text and "PlaneWave()" in text and "no proof that PlaneWave" in text
+    for run in (sim, other):
+        run.step(50)
+    assert np.array_equal(sim.fields["u"], other.fields["u"], equal_nan=True)
 
 
 REFUSED = [
@@ -251,10 +266,10 @@ def test_normals_of_other_shapes():
     near = np.zeros((41, 41), bool)
     near[4:37, 4:37] = True
     outline = Outline(np.full(2, -5.0), 0.25, near, fh.Polygon(points), {(0, 1): fh.Higdon()}, frozenset(), frozenset(), KERNEL_OFFSETS)
-    strip = Strip(outline, outline.halo(), 0.5)
-    right = strip.filled[(strip.points[strip.filled][:, 0] > 4) & (np.abs(strip.points[strip.filled][:, 1]) < 2)]
-    assert (strip.normals[right][:, 0] > np.cos(np.radians(5))).all()
-    assert (strip.axes[right] == [1, 0]).all()
+    fringe = Fringe(outline, outline.halo(), 0.5)
+    right = fringe.filled[(fringe.points[fringe.filled][:, 0] > 4) & (np.abs(fringe.points[fringe.filled][:, 1]) < 2)]
+    assert (fringe.normals[right][:, 0] > np.cos(np.radians(5))).all()
+    assert (fringe.axes[right] == [1, 0]).all()
 
 
 KERNEL_OFFSETS = fh.Stencil.from_kernel(KERNEL, SPACING, 2).offsets
