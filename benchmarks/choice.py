@@ -42,10 +42,12 @@ def random_setup(random: np.random.Generator) -> dict[str, Any]:
 
 def thinner(sim: fh.Simulation, boundary: fh.LatticePML, waves: list[choice.Wave], nodes: int) -> int:
     """The thinnest layer of a finer family that meets the target."""
-    reach = sim.stencil.reach[0]
-    least, most = min(p.strength for p in choice.family(reach)), max(p.strength for p in choice.family(reach))
-    powers = sorted({p.power for p in choice.family(reach)})
-    finer = [choice.Profile(s, k, p) for p in powers for k in np.geomspace(1, 8, 10) for s in np.geomspace(least, most, 20)]
+    members = choice.family(sim.stencil.reach[0], sim.stencil.dim)
+    strengths, shifts = {p.strength for p in members}, {p.shift for p in members}
+    finer = [
+        choice.Profile(s, k, p, a) for p in sorted({p.power for p in members}) for a in np.linspace(0, max(shifts), 5 if max(shifts) else 1)
+        for k in np.geomspace(1, max(p.stretch for p in members), 4) for s in np.geomspace(min(strengths), max(strengths), 15)
+    ]  # fmt: skip
     found = nodes
     while found > 1 and any(choice.worst(waves, p, found - 1, 1.0, 1.0, boundary.wanted(2)) <= boundary.wanted(2) for p in finer):
         found -= 1

@@ -174,6 +174,11 @@ class Conditions:
     sources: list[tuple[int, Drive]] = field(default_factory=list)
     leaks: list[tuple[int, np.ndarray]] = field(default_factory=list)
 
+    @property
+    def images(self) -> np.ndarray:
+        """Flat indices of the nodes that follow from others: they lie beyond the wall, and their values are no temperatures of the body."""
+        return self.nodes[np.diff(self.starts) > 0]
+
 
 def resolve(
     constraints: Sequence[Constraint | Prescribed],
@@ -201,6 +206,7 @@ def resolve(
         thin for a layer, a flux into a part one node wide, values of a wrong shape or not finite.
     """
     found: list[_Held] = []
+    fed: list[tuple[int, _Face]] = []  # sides that take heat as a source
     none = np.zeros(0, int)
     out = Conditions(none, none, np.zeros(1, int), none, np.zeros(0))
     for number, constraint in enumerate(constraints):
@@ -214,11 +220,13 @@ def resolve(
             face = _Face(constraint.where, lattice, constraint.within, key)
             if isinstance(constraint, Convection) or (isinstance(constraint, Flux) and constraint.kind == "source"):
                 _add_source(out, number, constraint, face, lattice, background, key)
+                fed.append((number, face))
             else:
                 found.append(_on_face(number, constraint, face, lattice, reach, conductivity, background, key))
         else:
             found.append(_in_region(number, constraint, lattice, background, key))
     _join(out, found, lattice)
+    _refuse_fed(out, found, fed, lattice)
     return out
 
 
@@ -403,6 +411,25 @@ def _in_region(number: int, constraint: Constraint, lattice: Lattice, background
     return _Held(number, nodes, nodes, 0.0, drives, constraint.value if np.isscalar(constraint.value) else None)
 
 
+def _contradiction(one: int, other: int, node: int, lattice: Lattice) -> InputError:
+    at = np.array(np.unravel_index(node, lattice.shape))
+    return InputError(
+        "two conditions on one node contradict each other",
+        value=f"constraint[{min(one, other)}] and constraint[{max(one, other)}] near {(lattice.lower + at * lattice.spacing).tolist()}",
+        key="constraints", remedy="restrict one of them by `within`",
+    )  # fmt: skip
+
+
+def _refuse_fed(out: Conditions, found: Sequence[_Held], fed: Sequence[tuple[int, _Face]], lattice: Lattice) -> None:
+    """Heat into nodes whose value is prescribed would be lost. At an edge of the body, where two sides meet, it goes into the wall."""
+    axes = {held.number: held.axis for held in found}
+    for number, face in fed:
+        same = np.isin(out.owner, [n for n, axis in axes.items() if axis in (None, face.axis)])
+        lost = np.flatnonzero(same & np.isin(out.nodes, face.nodes(0)))
+        if lost.size:
+            raise _contradiction(number, int(out.owner[lost[0]]), int(out.nodes[lost[0]]), lattice)
+
+
 def _join(out: Conditions, found: Sequence[_Held], lattice: Lattice) -> None:
     """One table of all: plain values first, then what follows from others, axis by axis.
 
@@ -419,10 +446,7 @@ def _join(out: Conditions, found: Sequence[_Held], lattice: Lattice) -> None:
             rival = by_number[int(other)]
             corner = None not in (held.axis, rival.axis) and held.axis != rival.axis and bool(held.weight)
             if not corner and (held.plain is None or held.plain != rival.plain):
-                at = np.array(np.unravel_index(held.nodes[taken == other][0], shape))
-                raise InputError("two conditions on one node contradict each other", value=f"constraint[{min(other, held.number)}] and "
-                                 f"constraint[{max(other, held.number)}] near {(lattice.lower + at * lattice.spacing).tolist()}", key="constraints",
-                                 remedy="restrict one of them by `within`")  # fmt: skip
+                raise _contradiction(held.number, int(other), int(held.nodes[taken == other][0]), lattice)
             if corner and rival.weight:
                 owner[held.nodes[taken == other]] = held.number
         owner[held.nodes[taken < 0]] = held.number

@@ -324,16 +324,25 @@ def error_history(curves: Mapping[str, tuple[np.ndarray, np.ndarray]], path: str
     _lines(drawn, path, xlabel="t", ylabel=ylabel, title=title, log=log)
 
 
-def curve_panels(panels: Sequence[tuple[str, Sequence[tuple[str, np.ndarray, np.ndarray]]]], path: str | Path, *, xlabel: str, ylabel: str) -> None:
-    """Draw panels of curves that are to be compared: the first of each a broad pale line, the others thin ones on top of it.
+def curve_panels(
+    panels: Sequence[tuple[str, Sequence[tuple[str, np.ndarray, np.ndarray]]]],
+    path: str | Path,
+    *,
+    xlabel: str,
+    ylabel: str,
+    reference: str | None = None,
+) -> None:
+    """Draw panels of curves that are to be compared: the reference a broad pale line, the others thin ones on top of it.
 
     Parameters
     ----------
     panels : sequence of (title, curves)
-        Curves are (name, x, y). A single curve is named at its axis, several in one legend for all panels.
+        Curves are (name, x, y); one name has one style in all panels. A single curve is named at its axis, several in one legend.
     path : str or Path
         The PNG file.
     xlabel, ylabel : str
+    reference : str, optional
+        Name of the curve that the others are held against; the first one unless given.
 
     Raises
     ------
@@ -344,27 +353,29 @@ def curve_panels(panels: Sequence[tuple[str, Sequence[tuple[str, np.ndarray, np.
         raise InputError("a picture of curves needs one panel or more, each with a curve")
     columns = 1 if len(panels) < 3 else 2
     rows = -(-len(panels) // columns)
-    styles = [
-        {"color": _COLORS[5], "linewidth": 3.4},
-        {"color": _COLORS[1], "linewidth": 1.1},
-        {"color": _COLORS[6], "linewidth": 0.9, "dashes": (3, 3)},
-        {"color": _COLORS[2], "linewidth": 1.1},
-        {"color": _COLORS[3], "linewidth": 1.1, "dashes": (6, 2)},
-    ]
+    broad = panels[0][1][0][0] if reference is None else reference
+    names = [name for name in dict.fromkeys(name for _, curves in panels if len(curves) > 1 for name, _, _ in curves) if name != broad]
+    dashes: list[dict[str, Any]] = [{}, {"dashes": (3, 3)}, {}, {"dashes": (6, 2)}, {"dashes": (6, 2, 1, 2)}, {}, {"dashes": (1, 1)}]
+    colors = [_COLORS[i] for i in (1, 6, 2, 3, 0, 4, 1)]
+    styles = {name: {"color": colors[i % len(colors)], "linewidth": 1.1, **dashes[i % len(dashes)]} for i, name in enumerate(names)}
+    styles[broad] = {"color": _COLORS[5], "linewidth": 3.4}
+    shared = all(len(curves) > 1 for _, curves in panels)  # all axes are of one quantity
     with _figure(path, (6.4, 0.7 + 2.0 * rows)) as figure:
         legend: dict[str, Any] = {}
         for number, (title, curves) in enumerate(panels):
             axes = figure.add_subplot(rows, columns, number + 1)
-            for place, (name, x, y) in enumerate(curves):
-                style = {"color": _COLORS[0], "linewidth": 1.1} if len(curves) == 1 else styles[place % len(styles)]
+            for name, x, y in curves:
+                style = {"color": _COLORS[0], "linewidth": 1.1} if len(curves) == 1 else styles[name]
                 (line,) = axes.plot(x, y, **{"linestyle": "-", **style})
                 if len(curves) > 1:
                     legend.setdefault(name, line)
-            label = curves[0][0] if len(curves) == 1 else ylabel if number % columns == 0 else ""
+            label = curves[0][0] if len(curves) == 1 else "" if shared else ylabel
             axes.set(title=title, xlabel=xlabel if number >= len(panels) - columns else "", ylabel=label)
             axes.margins(x=0.01)
             axes.grid(True)
             axes.set_axisbelow(True)
+        if shared:
+            figure.supylabel(ylabel, fontsize=axes.yaxis.label.get_size())
         if legend:
             figure.legend(legend.values(), legend.keys(), loc="outside upper center", ncols=min(len(legend), 4))
 

@@ -88,7 +88,8 @@ class Simulation:
     start_u, start_v : ndarray
         Initial values less the background, and initial velocities.
     fields : dict of str to ndarray
-        The near field, "u", and for waves "v" (half a step late, (u(n) - u(n-1))/dt); nan outside a window.
+        The near field, "u", and for waves "v" (half a step late, (u(n) - u(n-1))/dt); nan outside a window or body, and on
+        the nodes beyond a wall that conditions set as images of those inside.
 
     Raises
     ------
@@ -139,6 +140,7 @@ class Simulation:
         self.strongest = 1.0 if factor is None else float(factor.max())
         self.varied = factor is not None and bool(np.ptp(factor) > 0)
         self.conditions = self._resolve(constraints, factor)
+        self._hidden = self._hide()
         self.rate_limit = self.stencil.symbol_maximum * model.coefficient / lattice.spacing**2 * max(self.strongest, 1e-300)
         self.rate_limit += float(self.leak().max(initial=0))
         self.step_limit = model.integrator.step_limit(self.rate_limit)
@@ -258,6 +260,12 @@ class Simulation:
             return resolve((), self.lattice, self.stencil.reach)
         conductivity = self.model.coefficient / self.model.source_factor * (1.0 if factor is None else factor)
         return resolve(constraints, self.lattice, self.stencil.reach, conductivity, self.background)
+
+    def _hide(self) -> np.ndarray | None:
+        """Nodes of the lattice whose values are not of the body or window; None if there are none."""
+        hidden = np.zeros(self.lattice.shape, bool) if self.lattice.mask is None else ~self.lattice.mask
+        hidden.ravel()[self.conditions.images] = True
+        return hidden if hidden.any() else None
 
     def _check_conditions(self) -> None:
         """The layer beyond an absorbing side continues the medium, not a condition on its nodes."""
@@ -848,9 +856,7 @@ class Simulation:
 
     def _shown(self, level: np.ndarray, offset: float) -> np.ndarray:
         values = self.engine.core.view(level)[self._near].reshape(self.lattice.shape) + offset
-        if self.lattice.mask is not None:
-            values = np.where(self.lattice.mask, values, np.nan)
-        return values
+        return values if self._hidden is None else np.where(self._hidden, np.nan, values)
 
     @property
     def fields(self) -> dict[str, np.ndarray]:

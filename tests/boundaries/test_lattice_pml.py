@@ -101,13 +101,37 @@ def test_sources_that_start_and_stop(model):
     assert worst(setup, 12) <= 1e-6
 
 
-def test_waveguide():
-    """Absorbing left and right, free above and below: the free faces run through the layer."""
-    model = fh.Wave(kernel(3))
+FIGURES = [(12, 3e-8), (16, 3e-9), (20, 1e-10)]  # layer nodes and what they must reach for pulses of 8 nodes
+
+
+@pytest.mark.parametrize("reach", [1, 2, 3])
+@pytest.mark.parametrize("nodes, limit", FIGURES)
+@pytest.mark.parametrize("face", [fh.Free(), fh.Fixed(0.0)])
+def test_waveguide(reach, nodes, limit, face):
+    """Absorbing left and right, free or fixed above and below: the faces run through the layer; to t = 60, near cut-off, too."""
     lattice = fh.Lattice(STEP, (-5, -3), (5, 3))
-    sides = {"x": fh.LatticePML(nodes=20), "y": fh.Free()}
-    setup = {"lattice": lattice, "model": model, "boundary": sides, "initial": {"u": pulse(1.0, 0.5)}}
-    assert worst(setup, 10) <= 1e-10
+    sides = {"x": fh.LatticePML(nodes=nodes), "y": face}
+    setup = {"lattice": lattice, "model": fh.Wave(kernel(reach)), "boundary": sides, "initial": {"u": pulse(1.0, 0.5)}}
+    assert worst(setup, 60) <= limit
+
+
+@pytest.mark.parametrize("reach", [1, 2, 3])
+@pytest.mark.parametrize("nodes, limit", FIGURES)
+@pytest.mark.parametrize("centre", [(2.5, 2.5), (2.5, 0.0)])
+def test_pulses_off_centre(reach, nodes, limit, centre):
+    """A pulse that hits a corner, and one close to a side, which it meets along most of its length at grazing incidence."""
+    assert worst(wave(2, kernel(reach), nodes, centre=centre), 60) <= limit
+
+
+@pytest.mark.parametrize("reach", [1, 2, 3])
+@pytest.mark.parametrize("nodes, limit", FIGURES)
+@pytest.mark.parametrize("centre", [(2.5, 2.5), (2.5, 0.0)])
+@pytest.mark.parametrize("gate", [lambda t: float(1 < t < 3), lambda t: np.sin(np.pi * (t - 1) / 4) ** 2 if 1 < t < 5 else 0.0])
+def test_sources_off_centre(reach, nodes, limit, centre, gate):
+    """Sources near a corner and a side that start and end during the run, at once or slowly."""
+    setup = wave(2, kernel(reach), nodes)
+    del setup["initial"]
+    assert worst({**setup, "sources": [fh.Source(pulse(*centre), gate)]}, 60) <= limit
 
 
 @pytest.mark.parametrize("points", [[(-0.4, 0.6), (900.0, 0.6)], [(0.3, -900.0), (0.3, -1.1)], [(-900.0, 0.0), (900.0, 0.0)]])

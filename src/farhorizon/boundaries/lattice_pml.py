@@ -160,12 +160,24 @@ def _wave_nodes(target: float, reach: int) -> int:
 
 
 def _wave_layer(nodes: int, speed: float, spacing: float, reach: int, dim: int) -> Layer:
-    """Ramp of sigma up to 1 (1D: 1.5) times 2c/spacing: linear, but a strong entrance makes wide stencils grow."""
+    """Ramp of sigma up to `peak` times 2c/spacing, and of alpha.
+
+    In two and three dimensions the waves that come back are those along the side, near cut-off: sigma/s turns their decay by a right angle
+    into none, sigma/(s + alpha) turns it by less. An alpha that rises towards the outer end alone leaves the long waves to the columns
+    before it. A strong entrance makes stencils grow, the wider the more: beyond a reach of 3 nodes they have a higher power of the ramp.
+    """
     depth = (np.arange(nodes + 1) + 0.5) / (nodes + 1)
-    power = 1 if reach < 4 else 2 if reach < 6 else 3
-    peak = 0.5 if reach > 7 else 1.5 if dim == 1 and power == 1 else 1.0
-    sigma = peak * 2 * speed / spacing * depth**power
-    return Layer(np.ones(nodes + 1), sigma, np.full(nodes + 1, _SHIFT * speed / spacing))
+    power, graded = 1, 0.0
+    if reach > 3:
+        peak, power = (1.0, 2) if reach < 6 else (1.0, 3) if reach < 8 else (0.5, 3)
+    elif dim == 1:
+        peak = 1.5
+    else:
+        first, fall = (2.6, 0.85) if reach < 3 else (1.9, 0.6)
+        peak = first * (12 / nodes) ** fall
+        graded = 0.7 * peak * 12 / nodes
+    alpha = _SHIFT + graded * depth**7
+    return Layer(np.ones(nodes + 1), peak * 2 * speed / spacing * depth**power, alpha * speed / spacing)
 
 
 def _diffusion_nodes(target: float) -> int:

@@ -19,9 +19,7 @@ _MODES = 8  # modes of an exact end are filled up to whole vectors
 _ALONE = np.zeros(1, np.int64)  # what threads share when there is one
 RULES = ("both", "arithmetic", "harmonic")
 _UNROLLED_LIMIT = 1200  # products in straight-line code beyond which compiling takes longer than a run
-_GROUPS = ((2, 4), (1, 8), (8, 1), (2, 2), (1, 4), (4, 1), (1, 1))  # rows swept together, the fastest first
-_STREAMED = ((1, 6),)  # the same for levels beyond any cache: eight rows are more streams than the hardware follows
-_STREAMED_NODES = 500_000
+_SECOND_CACHE = 600_000  # bytes of the second cache that a part of the core may take
 _PARALLEL_NODES = 40_000  # fewer nodes than this finish before a second thread has started
 
 
@@ -151,28 +149,29 @@ class Engine:
             fits[number] = all(o in table and table.get(n) == table[o] for o, n in zip(physical, mirrored, strict=True))
             if fits[number]:
                 rows[number] = [table[o] for o in physical]
-        functions, groups, classes = np.zeros((len(blocks), 2), np.int64), np.ones((len(blocks), 2), np.int64), rows[:, :1]
-        budget = _UNROLLED_LIMIT // max(len(shape or ()), 1)
-        if shape and fits.any() and budget:
+        functions, classes = np.zeros(len(blocks), np.int64), rows[:, :1]
+        if shape and fits.any() and len(shape) <= _UNROLLED_LIMIT:
             numbers, classes = _weight_classes(rows)
-            for number in np.flatnonzero(fits).tolist():
-                groups[number] = group = self._group(blocks[number], budget)
-                functions[number] = [load_rows(shape, numbers, g, self.dtype.name, self.stages.increments) for g in (group, (1, 1))]
+            functions[fits] = load_rows(shape, numbers, self.dtype.name, self.stages.increments)
+        depths = np.array([self._depth(block) for block in blocks])
         scale = np.array([n[2] for n in self.stages.numbers])
         offsets = np.array([self.offsets @ np.array(b.stride) for b in blocks], np.int64)
         self._sweeps = (
-            self._trees(), self.layout.table(), functions, groups, (scale[:, None, None] * classes).astype(self.dtype), offsets,
+            self._trees(), self.layout.table(), functions, depths, (scale[:, None, None] * classes).astype(self.dtype), offsets,
             (scale[:, None] * self.weights).astype(self.dtype),
         )  # fmt: skip
         total = self.weights.sum()
         self._numbers = np.array([(a - s * total, a, b, s, g) for a, b, s, g in self.stages.numbers]).astype(self.dtype)
         self._rotation = np.array(self.stages.rotation, np.int64)
 
-    def _group(self, block: Block, budget: int) -> tuple[int, int]:
-        """Rows of a block to sweep together: neighbours along axes of the medium that the block does not stretch."""
-        free = [self.layout.reach[a] > 0 and block.segment[a] == 0 for a in block.order[:2]]
-        preferred = _STREAMED if int(np.prod(block.nodes)) > _STREAMED_NODES and block.nodes[block.order[0]] == 1 else ()
-        return next(g for g in (*preferred, *_GROUPS) if g[0] * g[1] <= budget and all(f or n == 1 for f, n in zip(free, g, strict=True)))
+    def _depth(self, block: Block) -> int:
+        """Rows to sweep at a time: few enough that each thread gets some and that, in 3D, the planes they read stay in the second cache."""
+        first, second = block.order[:2]
+        rows, planes = block.nodes[second], 2 * self.layout.reach[first] + 1
+        most = min(64, -(-block.nodes[first] * rows // (8 * self.threads)))
+        if planes > 1:
+            most = min(most, _SECOND_CACHE // (block.slots.step[second] * self.dtype.itemsize * planes) - 2 * self.layout.reach[second])
+        return -(-rows // -(-rows // max(most, 8)))
 
     def _trees(self) -> np.ndarray:
         """Rows (axis, first block, last block + 1, first place) of the compiled loop, one a tree."""
@@ -353,9 +352,9 @@ class Engine:
     def apply_core(self, level: np.ndarray) -> np.ndarray:
         """The operator L on the core of a level with whatever its halo holds."""
         out, base, numbers = self._plain(level)
-        _, blocks, functions, groups, weights, offsets, general = self._first_sweeps
+        _, blocks, functions, depths, weights, offsets, general = self._first_sweeps
         law = (general, *numbers[:3], self.stages.increments, self._rule)
-        first = blocks[0], functions[0], groups[0], False, weights[0], offsets[0]
+        first = blocks[0], functions[0], depths[0], False, weights[0], offsets[0]
         self._driver.sweep_core(1, _ALONE, level, base, out, *first, self._coefficient, law)
         ranges, *cuts = self._cuts
         self._driver.cut(0, 1, _ALONE, level, level, base, out, numbers[3], ranges[-1], len(cuts[0]), *cuts, self.stages.increments)
@@ -368,8 +367,8 @@ class Engine:
 
     @property
     def _first_sweeps(self) -> tuple[np.ndarray, ...]:
-        trees, blocks, functions, groups, weights, offsets, general = self._sweeps
-        return trees, blocks, functions, groups, weights[0], offsets, general[0]
+        trees, blocks, functions, depths, weights, offsets, general = self._sweeps
+        return trees, blocks, functions, depths, weights[0], offsets, general[0]
 
     def advance(
         self, steps: int, source_nodes: np.ndarray, source_fields: np.ndarray, source_times: np.ndarray, held_values: np.ndarray | None = None,

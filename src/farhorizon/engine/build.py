@@ -40,9 +40,10 @@ def load_driver() -> ModuleType:
     return _load("program")
 
 
-def load_rows(shape: tuple[tuple[int, int, int], ...], classes: tuple[int, ...], group: tuple[int, int], real: str, increments: bool) -> int:
-    """Address of the compiled row group of a stencil shape (see `engine.simd.row_group_sweep`)."""
-    return int(_load("rows", SHAPE=shape, CLASSES=classes, GROUP=group, REAL=real, INCREMENTS=increments).rows.address)
+def load_rows(shape: tuple[tuple[int, int, int], ...], classes: tuple[int, ...], real: str, increments: bool) -> int:
+    """Address of the compiled rows of a stencil shape (see `engine.simd.line_sweep`)."""
+    lines = not increments and max(i for _, _, i in shape) <= (8 if real == "float64" else 16)
+    return int(_load("rows", SHAPE=shape, CLASSES=classes, REAL=real, INCREMENTS=increments, LINES=lines).rows.address)
 
 
 def _load(name: str, **settings: Any) -> ModuleType:

@@ -66,59 +66,53 @@ def sweep_general(src, base, out, start, to, count, offsets, weights, a, b, incr
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_at(src, base, out, block, i0, i1, function, weights, offsets, coefficient, law):
-    """The row, or the group of rows, of a block that begins at (i0, i1); a stencil without compiled rows has function 0."""
+def count_parts(block, depth):
+    """Parts of a block: bundles of up to `depth` neighbouring rows."""
+    return block[1] * ((block[2] + depth - 1) // depth)
+
+
+@njit(error_model="numpy", cache=True)
+def sweep_part(src, base, out, block, number, depth, function, weights, offsets, coefficient, law):
+    """One part of a block: bundles one after the other along the slowest axis share most of what they read.
+
+    A stencil without compiled rows has function 0.
+    """
     general, a, a_difference, b, increments, rule = law
+    i0, i1 = number % block[1], (number // block[1]) * depth
+    count = min(depth, block[2] - i1)
     start, to = block[0] + i0 * block[4] + i1 * block[5], block[9] + i0 * block[10] + i1 * block[11]
     if function != 0:
         size = src.itemsize
         call_sweep(function, src.ctypes.data + start * size, base.ctypes.data + to * size, out.ctypes.data + to * size, weights.ctypes.data,
-                   a, b, block[3], block[6], block[7], block[8], block[10], block[11])  # fmt: skip
+                   a, b, block[3], count, block[6], block[7], block[8], block[5], block[11])  # fmt: skip
     else:
-        sweep_general(src, base, out, start, to, block[3], offsets, general, a_difference, b, increments, coefficient, rule)
+        for row in range(count):
+            sweep_general(src, base, out, start + row * block[5], to + row * block[11], block[3], offsets, general, a_difference, b, increments,
+                          coefficient, rule)  # fmt: skip
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_group(src, base, out, block, number, group, functions, weights, offsets, coefficient, law):
-    """A whole group of rows, or one by one the rows left over at the edge of a block."""
-    g0, g1 = group
-    n1 = (block[2] + g1 - 1) // g1
-    i0, i1 = (number // n1) * g0, (number % n1) * g1
-    whole = i0 + g0 <= block[1] and i1 + g1 <= block[2]
-    step0, step1, function = (g0, g1, functions[0]) if whole else (1, 1, functions[1])
-    for j0 in range(i0, min(i0 + g0, block[1]), step0):
-        for j1 in range(i1, min(i1 + g1, block[2]), step1):
-            sweep_at(src, base, out, block, j0, j1, function, weights, offsets, coefficient, law)
+def sweep_core(lanes, sync, src, base, out, block, function, depth, backward, weights, offsets, coefficient, law):
+    """All parts of the core; in every other stage the last first: it meets what the last stage left in the cache.
 
-
-@njit(error_model="numpy", cache=True)
-def count_groups(block, group):
-    """Groups of rows in a block, those at its edge included."""
-    return ((block[1] + group[0] - 1) // group[0]) * ((block[2] + group[1] - 1) // group[1])
-
-
-@njit(error_model="numpy", cache=True)
-def sweep_core(lanes, sync, src, base, out, block, functions, group, backward, weights, offsets, coefficient, law):
-    """All groups of rows of the core; in every other stage the last first: it meets what the last stage left in the cache.
-
-    Lanes claim parts as they go, so that one whose core is busy otherwise does less.
+    Lanes claim some as they go, so that one whose processor is busy otherwise does less.
     """
-    count = count_groups(block, group)
+    count = count_parts(block, depth)
     size = max(1, count // (8 * lanes)) if lanes > 1 else count
-    part = claim(sync) if lanes > 1 else 0
-    while part * size < count:
-        for i in range(part * size, min(count, (part + 1) * size)):
+    claimed = claim(sync) if lanes > 1 else 0
+    while claimed * size < count:
+        for i in range(claimed * size, min(count, (claimed + 1) * size)):
             number = count - 1 - i if backward else i
-            sweep_group(src, base, out, block, number, group, functions, weights, offsets, coefficient, law)
-        part = claim(sync) if lanes > 1 else 1
+            sweep_part(src, base, out, block, number, depth, function, weights, offsets, coefficient, law)
+        claimed = claim(sync) if lanes > 1 else 1
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_tree(lane, lanes, slots, base, out, first, last, blocks, functions, groups, weights, offsets, coefficient, law):
+def sweep_tree(lane, lanes, slots, base, out, first, last, blocks, functions, depths, weights, offsets, coefficient, law):
     """The blocks of a tree."""
     for k in range(first, last):
-        for number in range(lane, count_groups(blocks[k], groups[k]), lanes):
-            sweep_group(slots, base, out, blocks[k], number, groups[k], functions[k], weights[k], offsets[k], coefficient, law)
+        for number in range(lane, count_parts(blocks[k], depths[k]), lanes):
+            sweep_part(slots, base, out, blocks[k], number, depths[k], functions[k], weights[k], offsets[k], coefficient, law)
 
 
 @njit(error_model="numpy", cache=True)
@@ -252,7 +246,7 @@ def cut(lane, lanes, sync, src, values, base, out, scale, first, last, nodes, ne
 
 
 @njit(error_model="numpy", cache=True)
-def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slots, memory, work, trees, blocks, functions, groups, weights,
+def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slots, memory, work, trees, blocks, functions, depths, weights,
           offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
           cut_ranges, cut_nodes, cut_neighbours, cut_weights):  # fmt: skip
     """``out = a*src + b*base + scale*L(src)`` everywhere; fills the halo of `src` and advances the layers' memory to its time.
@@ -272,11 +266,11 @@ def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slot
                 fill_tree(lane, lanes, sync, tree, src, slots, memory, work, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember)
                 first, last = trees[tree, 1], trees[tree, 2]
                 material = coefficient[trees[tree, 3] :] if coefficient.size > 1 else coefficient
-                sweep_tree(lane, lanes, slots, base, out, first, last, blocks, functions, groups, weights, offsets, material, law)
+                sweep_tree(lane, lanes, slots, base, out, first, last, blocks, functions, depths, weights, offsets, material, law)
                 barrier(sync, lanes)
                 cut(lane, lanes, sync, src, slots, base, out, scale, cut_ranges[tree], cut_ranges[tree + 1], cut_nodes, cut_neighbours, cut_weights,
                     increments)  # fmt: skip
-    sweep_core(lanes, sync, src, base, out, blocks[0], functions[0], groups[0], backward, weights[0], offsets[0], coefficient, law)
+    sweep_core(lanes, sync, src, base, out, blocks[0], functions[0], depths[0], backward, weights[0], offsets[0], coefficient, law)
     barrier(sync, lanes)
     cut(lane, lanes, sync, src, src, base, out, scale, cut_ranges[trees.shape[0]], cut_nodes.size, cut_nodes, cut_neighbours, cut_weights, increments)
 
@@ -311,7 +305,7 @@ def book(src, books, nodes, neighbours, weights, effect, flows):
 
 
 @njit(error_model="numpy", nogil=True, cache=True)
-def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, slots, memory, work, trees, blocks, functions, groups, weights,
+def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, slots, memory, work, trees, blocks, functions, depths, weights,
         offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
         cut_ranges, cut_nodes, cut_neighbours, cut_weights, damped, damp_before, damp_after, damp_leak, ends,
         tied, tied_starts, tied_sources, tied_weights, books, book_nodes, book_neighbours, book_weights, book_effects, flows,
@@ -339,7 +333,7 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                         base[node] = src[node] - (src[node] - base[node]) * damp_before[i]
                 barrier(sync, lanes)
             stage(lane, lanes, sync, src, base, out, numbers[part], increments, (phase + part) % 2 == 1, slots, memory, work, trees, blocks,
-                  functions, groups, weights[part], offsets, general[part], copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember,
+                  functions, depths, weights[part], offsets, general[part], copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember,
                   coefficient, rule, cut_ranges, cut_nodes, cut_neighbours, cut_weights)  # fmt: skip
             if bounded:
                 if lane == 0:

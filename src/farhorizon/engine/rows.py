@@ -2,18 +2,22 @@
 
 from numba import cfunc
 
-from farhorizon.engine.simd import row_group_sweep, sweep_signature
+from farhorizon.engine.simd import line_sweep, strided_sweep, sweep_signature
 
 SHAPE = ((0, 0, 1),)
 CLASSES = (0,)
-GROUP = (1, 1)
 REAL = "float64"
 INCREMENTS = False
+LINES = True
 
-sweep = row_group_sweep(SHAPE, CLASSES, GROUP, REAL, INCREMENTS)
+strided = strided_sweep(SHAPE, CLASSES, REAL, INCREMENTS)
+line = line_sweep(SHAPE, CLASSES, REAL) if LINES else strided
 
 
 @cfunc(sweep_signature(REAL), cache=True)
-def rows(src, base, out, weights, a, b, n, s0, s1, s2, t0, t1):
-    """One row, or a group of neighbouring rows whose nodes along a row are neighbours in memory."""
-    sweep(src, base, out, weights, a, b, n, s0, s1, s2 if GROUP == (1, 1) else 1, t0, t1)
+def rows(src, base, out, weights, a, b, n, count, s0, s1, s2, step, t):
+    """Neighbouring rows of one block."""
+    if LINES and s2 == 1:
+        line(src, base, out, weights, a, b, n, count, s0, s1, s2, step, t)
+    else:
+        strided(src, base, out, weights, a, b, n, count, s0, s1, s2, step, t)

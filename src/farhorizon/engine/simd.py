@@ -6,7 +6,8 @@ carry the ``contract`` flag only: a fixed order of summation keeps results deter
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import functools
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from llvmlite import ir
@@ -19,6 +20,8 @@ Shape = tuple[tuple[int, int, int], ...]
 _CONTRACT = ("contract",)
 _I64 = ir.IntType(64)
 _I32 = ir.IntType(32)
+_FIRST_CACHE = 41_000  # bytes of the first cache that a tile may take
+_AHEAD = 2  # rows between use and prefetch: one lasts less than a fetch from memory
 
 
 class _Vectors:
@@ -29,11 +32,40 @@ class _Vectors:
         self.size = 8 if isinstance(scalar, ir.DoubleType) else 4
         self.type = ir.VectorType(scalar, lanes)
 
+    @classmethod
+    def of(cls, builder: ir.IRBuilder, real: str) -> _Vectors:
+        """Vectors of 64 bytes."""
+        return cls(builder, ir.DoubleType(), 8) if real == "float64" else cls(builder, ir.FloatType(), 16)
+
     def splat(self, value: Any) -> Any:
         """The same value in every lane."""
         kind = ir.VectorType(value.type, self.lanes)
         first = self.builder.insert_element(ir.Constant(kind, ir.Undefined), value, _I32(0))
         return self.builder.shuffle_vector(first, ir.Constant(kind, ir.Undefined), ir.Constant(ir.VectorType(_I32, self.lanes), [0] * self.lanes))
+
+    def splat_all(self, address: Any, count: int) -> list[Any]:
+        """Each of `count` values in every lane of a vector of its own."""
+        return [self.splat(self.builder.load(self.pointer(self.builder.add(address, _I64(i * self.size)), self.scalar))) for i in range(count)]
+
+    def shifted(self, address: Any, *moves: tuple[int, Any]) -> Any:
+        """An address moved by count * distance elements for each (count, distance)."""
+        for count, distance in moves:
+            address = self.builder.add(address, self.builder.mul(_I64(count * self.size), distance))
+        return address
+
+    def concatenate(self, low: Any, high: Any, first: int) -> Any:
+        """The lanes from `first` on of two vectors one after the other."""
+        return self.builder.shuffle_vector(low, high, ir.Constant(ir.VectorType(_I32, self.lanes), list(range(first, first + self.lanes))))
+
+    def prefetch(self, address: Any) -> None:
+        """Fetch the cache line of an address, which need not exist."""
+        kind = ir.IntType(8).as_pointer()
+        fetch = cgutils.get_or_insert_function(self.builder.module, ir.FunctionType(ir.VoidType(), [kind, _I32, _I32, _I32]), "llvm.prefetch.p0i8")
+        self.builder.call(fetch, [self.pointer(address, ir.IntType(8)), _I32(0), _I32(3), _I32(1)])
+
+    def sum(self, terms: Sequence[Any]) -> Any:
+        """The terms added up from the left."""
+        return functools.reduce(self.builder.fadd, terms)
 
     def pointer(self, address: Any, kind: ir.Type | None = None) -> Any:
         """A typed pointer from an address."""
@@ -64,114 +96,167 @@ class _Vectors:
         return product if total is None else self.builder.fadd(total, product, flags=_CONTRACT)
 
 
-def row_group_sweep(shape: Shape, classes: tuple[int, ...], rows: tuple[int, int], real: str, increments: bool) -> Any:
-    """Make the intrinsic ``sweep(src, base, out, weights, a, b, n, s0, s1, s2, t0, t1)`` for one group of grid rows.
+def line_sweep(shape: Shape, classes: tuple[int, ...], real: str) -> Any:
+    """Make the intrinsic ``sweep(src, base, out, weights, a, b, n, count, s0, s1, s2, step, t)`` for rows whose nodes are neighbours in memory.
 
-    Writes ``out = a*src + b*base + sum_k w_k (src_{+k} + src_{-k})`` on ``n`` nodes of each of ``R0 x R1`` neighbouring rows.
-    Each input row is read once for the whole group; pair sums ``u[x-i] + u[x+i]`` and whole sums along a row that several
-    output rows need are computed once.
+    Writes ``out = a*src + b*base + sum_k w_k (src_{+k} + src_{-k})`` on `count` rows of `n` nodes. Sums over the outer axes come first:
+    ``T_i = sum_o w_(o,i) src_o``, lines of equal weights added before they are multiplied. What is left is ``T_0`` and the
+    ``T_i`` moved by +i and -i along the row: two neighbouring vectors, one shuffle each. So every line is read
+    once, aligned, and a vector costs few more instructions than it has different weights.
 
-    With ``increments`` the sum runs over differences and advances ``base`` in place:
-    ``base = b*base + sum_k w_k (src_{+k} + src_{-k} - 2 src)`` and ``out = src + base``.
+    Long rows are swept in tiles whose lines stay in the first cache from one row to the next. What the row after next
+    needs is fetched ahead: a tile is too short for the hardware to notice.
 
     Parameters
     ----------
     shape : tuple of (int, int, int)
-        Stencil offsets without the centre, inner offset >= 0 (an inner offset i > 0 stands for +i and -i).
+        Stencil offsets without the centre, inner offset >= 0 (an inner offset i > 0 stands for +i and -i), at most one vector.
     classes : tuple of int
         Number of each offset's weight: offsets with one weight share a register.
-    rows : (int, int)
-        Rows in the group along the two outer axes.
     real : {"float64", "float32"}
-    increments : bool
 
     Returns
     -------
     numba intrinsic
-        Takes byte addresses (int64) of the group's first node in each array and of the weights (one a class), the numbers
-        a and b, the row length, the distances between neighbours along the three axes of ``src`` and between rows of
-        ``base`` and ``out``, in elements. Reads up to one vector beyond the end of a row, writes none.
+        Takes byte addresses (int64) of the first node in each array and of the weights (one a class), the numbers a and b, the
+        nodes of a row, the rows, the distances between neighbours along the three axes of ``src`` (s2 is 1) and between rows of
+        ``src`` and of ``base`` and ``out``, in elements. Reads up to one vector before and beyond a row, writes none.
     """
-    scalar: ir.Type = ir.DoubleType() if real == "float64" else ir.FloatType()
-    group = [(g0, g1) for g0 in range(rows[0]) for g1 in range(rows[1])]
-
-    # A sum along an input row is a tuple of (inner offset, class); which of them go from which input row to which output rows?
-    sums: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    terms_of: dict[tuple[int, int], list[tuple[int, int]]] = {}
     for number, (o0, o1, i) in zip(classes, shape, strict=True):
-        sums.setdefault((o0, o1), []).append((i, number))
-    uses: dict[tuple[int, int], dict[tuple[tuple[int, int], ...], list[int]]] = {}
-    for out_row, (g0, g1) in enumerate(group):
-        for (o0, o1), terms in sums.items():
-            uses.setdefault((g0 + o0, g1 + o1), {}).setdefault(tuple(sorted(terms)), []).append(out_row)
+        terms_of.setdefault((o0, o1), []).append((i, number))
+    alike: dict[tuple[tuple[int, int], ...], list[tuple[int, int]]] = {}
+    for line, terms in terms_of.items():
+        alike.setdefault(tuple(sorted(terms)), []).append(line)
+    inner = sorted({i for _, _, i in shape})
+    moved = [i for i in inner if i]
+    last = {o0: max(o1 for other, o1 in terms_of if other == o0) for o0, _ in terms_of}  # the line of each plane that the next row reads first
 
     def emit(builder: ir.IRBuilder, args: tuple[Any, ...]) -> None:
-        src, base, out, weights, a, b, n, s0, s1, s2, t0, t1 = args
-        vectors = _Vectors(builder, scalar, 8 if real == "float64" else 16)
-        size = vectors.size
-
-        def shifted(address: Any, *moves: tuple[int, Any]) -> Any:
-            for count, stride in moves:
-                address = builder.add(address, builder.mul(_I64(count * size), stride))
-            return address
-
-        w = [vectors.splat(builder.load(vectors.pointer(shifted(weights, (i, _I64(1))), scalar))) for i in range(max(classes) + 1)]
+        src, base, out, weights, a, b, n, count, s0, s1, _, step, t = args
+        vectors = _Vectors.of(builder, real)
+        size, width = vectors.size, _I64(vectors.lanes)
+        w = vectors.splat_all(weights, max(classes) + 1)
         a_all, b_all = vectors.splat(a), vectors.splat(b)
-        in_rows = {row: shifted(src, (row[0], s0), (row[1], s1)) for row in set(uses) | set(group)}
-        base_rows, out_rows = ([shifted(start, (row[0], t0), (row[1], t1)) for row in group] for start in (base, out))
+        tile = _I64(_tile(len(terms_of), size))
 
-        def chunk(x: Any, store: Any) -> None:
-            at = builder.mul(x, _I64(size))
-            centre = {row: vectors.load(builder.add(in_rows[row], at)) for row in group}
-            total: list[Any] = [None] * len(group)
-            for row in sorted(in_rows):
-                start = builder.add(in_rows[row], at)
-                pairs: dict[int, Any] = {0: centre[row]} if row in centre else {}
+        def row(x0: Any, length: Any, number: Any) -> None:
+            here = vectors.shifted(src, (1, x0), (1, builder.mul(number, step)))
+            old, new = (vectors.shifted(start, (1, x0), (1, builder.mul(number, t))) for start in (base, out))
+            lines = {line: vectors.shifted(here, (line[0], s0), (line[1], s1)) for line in terms_of}
+            ahead = [vectors.shifted(here, (o0, s0), (o1, s1), (_AHEAD, step)) for o0, o1 in last.items()] + [vectors.shifted(old, (_AHEAD, t))]
 
-                def neighbours(i: int, start: Any = start) -> tuple[Any, ...]:
-                    return tuple(vectors.load(shifted(start, (side * i, s2))) for side in ((1, -1) if i else (1,)))
+            def sums(at: Any) -> dict[int, Any]:
+                """T_i of one vector."""
+                total: dict[int, Any] = dict.fromkeys([0, *inner])
+                for terms, equal in alike.items():
+                    together = vectors.sum([vectors.load(builder.add(lines[line], at)) for line in equal])
+                    for i, number in terms:
+                        total[i] = vectors.multiply_add(total[i], w[number], together)
+                return total
 
-                def pair(i: int, pairs: dict[int, Any] = pairs, neighbours: Any = neighbours) -> Any:
-                    if i not in pairs:
-                        ends = neighbours(i)
-                        pairs[i] = builder.fadd(*ends) if i else ends[0]
-                    return pairs[i]
+            def from_before(before: Mapping[int, Any], now: Mapping[int, Any]) -> Any:
+                """What the vector `now` gets from itself and the one before."""
+                parts = [now[0]] if now[0] is not None else []
+                return vectors.sum(parts + [vectors.concatenate(before[i], now[i], vectors.lanes - i) for i in moved])
 
-                for terms, users in uses.get(row, {}).items():
-                    if increments:  # differences against each node's own value: nothing to share, no cancellation
-                        for user in users:
-                            own = centre[group[user]]
-                            for i, number in terms:
-                                change = [builder.fsub(end, own) for end in neighbours(i)]
-                                total[user] = vectors.multiply_add(total[user], w[number], builder.fadd(*change) if i else change[0])
-                    elif len(users) > 1 and len(terms) > 1:
-                        shared = None
-                        for i, number in terms:
-                            shared = vectors.multiply_add(shared, w[number], pair(i))
-                        for user in users:
-                            total[user] = shared if total[user] is None else builder.fadd(total[user], shared)
-                    else:
-                        for user in users:
-                            for i, number in terms:
-                                total[user] = vectors.multiply_add(total[user], w[number], pair(i))
-            for user, row in enumerate(group):
-                base_at, out_at = builder.add(base_rows[user], at), builder.add(out_rows[user], at)
-                new = vectors.multiply_add(total[user], b_all, vectors.load(base_at))
+            def finish(x: Any, total: Any, now: Mapping[int, Any], store: Callable[[Any, Any], None]) -> tuple[dict[int, Any], Any]:
+                """Write one vector; T_i and the sum so far of the next."""
+                at = builder.mul(x, _I64(size))
+                for address in ahead:
+                    vectors.prefetch(builder.add(address, at))
+                following = sums(builder.add(at, _I64(vectors.lanes * size)))
+                total = vectors.sum([total] + [vectors.concatenate(now[i], following[i], i) for i in moved])
+                total = vectors.multiply_add(total, b_all, vectors.load(builder.add(old, at)))
+                store(vectors.multiply_add(total, a_all, vectors.load(builder.add(here, at))), builder.add(new, at))
+                return following, from_before(now, following)
+
+            first = sums(_I64(0))
+            start = [_I64(0), from_before(sums(_I64(-vectors.lanes * size)), first), *(first[i] for i in moved)]
+            rest = builder.srem(length, width)
+            whole = builder.sub(length, rest)
+            before, test, body, after = builder.block, *(builder.append_basic_block(name) for name in ("test", "vector", "rest"))
+            builder.branch(test)
+            builder.position_at_end(test)
+            carried = [builder.phi(value.type) for value in start]
+            x, total, *sums_now = carried
+            now = dict(zip(moved, sums_now, strict=True))
+            builder.cbranch(builder.icmp_signed("<", x, whole), body, after)
+            builder.position_at_end(body)
+            following, begun = finish(x, total, now, vectors.store)
+            end = [builder.add(x, width), begun, *(following[i] for i in moved)]
+            for phi, entering, coming in zip(carried, start, end, strict=True):
+                phi.add_incoming(entering, before)
+                phi.add_incoming(coming, builder.block)
+            builder.branch(test)
+            builder.position_at_end(after)
+            with builder.if_then(builder.icmp_signed(">", rest, _I64(0))):
+                finish(x, total, now, vectors.store_first(rest))
+
+        with cgutils.for_range_slice(builder, _I64(0), n, tile, _I64) as (x0, _):
+            left = builder.sub(n, x0)
+            length = builder.select(builder.icmp_signed("<", left, tile), left, tile)
+            with cgutils.for_range_slice(builder, _I64(0), count, _I64(1), _I64) as (number, _):
+                row(x0, length, number)
+
+    return _sweep_intrinsic(emit, real)
+
+
+def strided_sweep(shape: Shape, classes: tuple[int, ...], real: str, increments: bool) -> Any:
+    """Make the intrinsic of `line_sweep` for rows whose neighbours may lie any distance s2 apart; every neighbour is read by itself.
+
+    With ``increments`` the sum runs over differences, which do not cancel, and advances ``base`` in place:
+    ``base = b*base + sum_k w_k (src_{+k} + src_{-k} - 2 src)`` and ``out = src + base``.
+    """
+    members: dict[int, list[tuple[int, int, int]]] = {}
+    for number, (o0, o1, i) in zip(classes, shape, strict=True):
+        members.setdefault(number, []).extend((o0, o1, side * i) for side in ((1, -1) if i else (1,)))
+
+    def emit(builder: ir.IRBuilder, args: tuple[Any, ...]) -> None:
+        src, base, out, weights, a, b, n, count, s0, s1, s2, step, t = args
+        vectors = _Vectors.of(builder, real)
+        w = vectors.splat_all(weights, max(classes) + 1)
+        a_all, b_all = vectors.splat(a), vectors.splat(b)
+
+        def row(number: Any) -> None:
+            here = vectors.shifted(src, (1, builder.mul(number, step)))
+            old, new = (vectors.shifted(start, (1, builder.mul(number, t))) for start in (base, out))
+            places = {o: vectors.shifted(here, *zip(o, (s0, s1, s2), strict=True)) for equal in members.values() for o in equal}
+
+            def chunk(x: Any, store: Callable[[Any, Any], None]) -> None:
+                at = builder.mul(x, _I64(vectors.size))
+                own = vectors.load(builder.add(here, at))
+                total = None
+                for number, equal in members.items():
+                    values = [vectors.load(builder.add(places[o], at)) for o in equal]
+                    total = vectors.multiply_add(total, w[number], vectors.sum([builder.fsub(v, own) for v in values] if increments else values))
+                total = vectors.multiply_add(total, b_all, vectors.load(builder.add(old, at)))
                 if increments:
-                    store(new, base_at)
-                    new = builder.fadd(centre[row], new)
-                else:
-                    new = vectors.multiply_add(new, a_all, centre[row])
-                store(new, out_at)
+                    store(total, builder.add(old, at))
+                store(builder.fadd(own, total) if increments else vectors.multiply_add(total, a_all, own), builder.add(new, at))
 
-        rest = builder.srem(n, _I64(vectors.lanes))
-        whole = builder.sub(n, rest)
-        with cgutils.for_range_slice(builder, _I64(0), whole, _I64(vectors.lanes), _I64) as (x, _):
-            chunk(x, vectors.store)
-        with builder.if_then(builder.icmp_signed(">", rest, _I64(0))):
-            chunk(whole, vectors.store_first(rest))
+            rest = builder.srem(n, _I64(vectors.lanes))
+            whole = builder.sub(n, rest)
+            with cgutils.for_range_slice(builder, _I64(0), whole, _I64(vectors.lanes), _I64) as (x, _):
+                chunk(x, vectors.store)
+            with builder.if_then(builder.icmp_signed(">", rest, _I64(0))):
+                chunk(whole, vectors.store_first(rest))
 
+        with cgutils.for_range_slice(builder, _I64(0), count, _I64(1), _I64) as (number, _):
+            row(number)
+
+    return _sweep_intrinsic(emit, real)
+
+
+def _tile(lines: int, size: int) -> int:
+    """Nodes of a row to sweep at a time, so that all lines read and written stay in the first cache; lines too many for that go whole."""
+    fitting = _FIRST_CACHE // ((lines + 3) * size) // 64 * 64
+    return fitting if fitting * size >= 2048 else 1 << 30
+
+
+def _sweep_intrinsic(emit: Callable[[ir.IRBuilder, tuple[Any, ...]], None], real: str) -> Any:
     @intrinsic
-    def sweep(typingctx, src, base, out, weights, a, b, n, s0, s1, s2, t0, t1):  # type: ignore[no-untyped-def]
+    def sweep(typingctx, src, base, out, weights, a, b, n, count, s0, s1, s2, step, t):  # type: ignore[no-untyped-def]
         def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
             emit(builder, args)
             return context.get_dummy_value()
@@ -182,14 +267,14 @@ def row_group_sweep(shape: Shape, classes: tuple[int, ...], rows: tuple[int, int
 
 
 def sweep_signature(real: str) -> Any:
-    """Numba signature of a row group sweep."""
-    return types.void(*[types.int64] * 4, *[getattr(types, real)] * 2, *[types.int64] * 6)
+    """Numba signature of a sweep."""
+    return types.void(*[types.int64] * 4, *[getattr(types, real)] * 2, *[types.int64] * 7)
 
 
 @intrinsic
-def call_sweep(typingctx, function, src, base, out, weights, a, b, n, s0, s1, s2, t0, t1):  # type: ignore[no-untyped-def]
-    """Call a compiled row group sweep by its address: the driver need not be compiled again for every stencil."""
-    signature = types.void(*[types.int64] * 5, a, a, *[types.int64] * 6)
+def call_sweep(typingctx, function, src, base, out, weights, a, b, n, count, s0, s1, s2, step, t):  # type: ignore[no-untyped-def]
+    """Call a compiled sweep by its address: the driver need not be compiled again for every stencil."""
+    signature = types.void(*[types.int64] * 5, a, a, *[types.int64] * 7)
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
         kind = ir.FunctionType(ir.VoidType(), [arg.type for arg in args[1:]])

@@ -200,8 +200,8 @@ def figure10(folder: Path) -> Outcome:
             at, value = study.crossing()
             rows.append(Row(f"example {number}, {kernel}, m where the curves cross", at, note="paper: between 3 and 5, larger for the triangle"))
             rows.append(Row(f"example {number}, {kernel}, value there", value, printed[number]))
-            curves = [("classical", study.ratios, np.full(len(RATIOS), exact))]
-            curves += [(f"$3L/{d}$", study.ratios, v) for d, v in zip(DIVISIONS, study.values, strict=True)]
+            curves = [("classical", np.log2(study.ratios), np.full(len(RATIOS), exact))]
+            curves += [(f"$3L/{d}$", np.log2(study.ratios), v) for d, v in zip(DIVISIONS, study.values, strict=True)]
             panels.append((f"example {number}, {kernel}", curves))
     for kernel in KERNELS:
         curves = []
@@ -211,8 +211,8 @@ def figure10(folder: Path) -> Outcome:
             note = "does not go to zero: no limit" if kind == "node" else "halves each time: a limit"
             rows += [Row(f"example 1, {kernel}, 3L/100, {words}, change from m = {m // 2} to {m}", float(v), note=note)
                      for m, v in zip(study.ratios[1:], study.increments()[0], strict=True)]  # fmt: skip
-        panels.append((f"{kernel}, $3L/100$, over $\\log_2 m$", curves))
-    curve_panels(panels, folder / "bobaru2010-fig10.png", xlabel="$m$", ylabel="temperature in the middle (C)")
+        panels.append((f"example 1, {kernel}, $3L/100$", curves))
+    curve_panels(panels, folder / "bobaru2010-fig10.png", xlabel="$\\log_2 m$", ylabel="temperature in the middle (C)")
     return Outcome(rows, pictures=[folder / "bobaru2010-fig10.png"])
 
 
@@ -226,7 +226,7 @@ def _rates(folder: Path, name: str, number: int) -> Outcome:
             rows.append(Row(f"{kernel}, m = {m}, slope", float(slope), printed, note="four digits cannot be recovered: grid and sum are not stated"))
         curves = [(f"$m = {m}$", np.log10(study.horizons[1:]), np.log10(study.values[1:, i])) for i, m in enumerate(RATIOS)]
         panels.append((kernel, curves))
-    curve_panels(panels, folder / f"{name}.png", xlabel="$\\log_{10}$ horizon", ylabel="$\\log_{10}$ difference")
+    curve_panels(panels, folder / f"{name}.png", xlabel="$\\log_{10}$ horizon", ylabel="$\\log_{10}$ difference", reference="")
     return Outcome(rows, pictures=[folder / f"{name}.png"])
 
 
@@ -257,7 +257,7 @@ def _fluxes(folder: Path, name: str, number: int, ratio: int) -> Outcome:
         rows.append(Row(f"{kernel}, largest flux over conductivity (C/cm)", float(np.abs(flux).max()), note="the figure prints no number"))
         rows.append(Row(f"{kernel}, largest difference from the classical flux two horizons inside", float(error[inside].max()), note="first order"))
         rows.append(Row(f"{kernel}, the same over the whole bar", float(error.max()), note="a held node has a boundary layer one horizon wide"))
-        panels.append((kernel, [("classical", x, exact), ("peridynamic", x[::40], flux[::40])]))
+        panels.append((kernel, [("classical", x, exact), ("peridynamic", x, flux)]))
     curve_panels(panels, folder / f"{name}.png", xlabel="$x$ (cm)", ylabel="flux / conductivity (C/cm)")
     return Outcome(rows, pictures=[folder / f"{name}.png"])
 
