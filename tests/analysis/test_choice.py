@@ -6,7 +6,7 @@ import pytest
 import farhorizon as fh
 from farhorizon.analysis.chain import Recursion
 from farhorizon.analysis.choice import Profile, choose, family, layer_reflection, plane_wave, sample, worst
-from farhorizon.analysis.spectrum import band
+from farhorizon.analysis.spectrum import band, gain_of_time
 from farhorizon.certificate import certify
 from farhorizon.compare import compare
 from farhorizon.strip import Strip, pinned
@@ -110,6 +110,15 @@ def test_band_of_a_packet():
     assert found.typical == pytest.approx(6.0, rel=0.02)
     assert 3 < found.shortest < 6 < found.longest < 12
     assert band([np.zeros(10)], 1.0, [0]) is None
+
+
+def test_the_time_of_a_source_picks_its_waves():
+    """A point that shakes at one frequency sends one wavelength, whatever its size: 2 pi times the speed over the frequency."""
+    point = np.exp(-((np.arange(200) - 100.0) ** 2) / 2)
+    gain = gain_of_time(lambda t: np.sin(0.6 * t) * np.exp(-(((t - 100) / 30) ** 2)), 200.0, 2.0 / 0.5)
+    found = band([point], 0.5, [0], [gain])
+    assert found.typical == pytest.approx(2 * np.pi * 2.0 / 0.6, rel=0.05)
+    assert found.longest < 1.5 * found.typical and found.shortest > 0.6 * found.typical
 
 
 def test_profile_reads_as_it_is():

@@ -19,7 +19,7 @@ from farhorizon.stencil import Stencil
 
 _MOST = 120  # nodes of a layer
 _SHIFT = 1e-3  # alpha in units of speed / spacing
-_STRENGTHS = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8)  # largest sigma in units of 2 speed / spacing
+_STRENGTHS = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)  # largest sigma in units of 2 speed / spacing: stronger, and waves near cut-off come back
 _STRETCHES = (1.0, 2.0, 4.0)  # largest kappa
 _SHIFTS = (0.0, 0.5, 1.0)  # largest alpha, see `Profile`
 _WAVES, _ANGLES = 5, 6  # sample of the band and of the angles
@@ -132,7 +132,7 @@ def family(reach: int, dim: int) -> list[Profile]:
     """Profiles that are tried: a strong entrance makes wide stencils grow; alpha rises for waves along the side, which a line does not have."""
     wide = reach > 3
     powers = (1, 2, 3) if not wide else (2, 3) if reach < 6 else (3,)
-    most = 2.8 if reach < 3 else 2.0 if not wide else 1.0 if reach < 8 else 0.5
+    most = 2.0 if not wide else 1.0 if reach < 8 else 0.5
     shifts = _SHIFTS if dim > 1 and not wide else _SHIFTS[:1]
     return [Profile(s, k, p, a) for p in powers for k in _STRETCHES for a in shifts for s in _STRENGTHS if s <= most]
 
