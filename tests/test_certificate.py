@@ -118,6 +118,15 @@ def test_a_beam_with_exact_ends():
     assert certify(sim).verdict == "certified"
 
 
+def test_a_layer_without_shift_drifts():
+    """alpha = 0: a field of zero frequency is a double factor 1, from which a line drifts as fast as time; a small shift ends that."""
+    profile = {"sigma": np.linspace(0.1, 2.0, 13) ** 2}
+    drifting = certify(fh.Simulation(box(20), wave(3), boundary=fh.LatticePML(nodes=12, profile=profile)))
+    assert drifting.verdict == "not certified" and "drifts" in drifting.reason and drifting.rate < 1e-3
+    held = certify(fh.Simulation(box(20), wave(3), boundary=fh.LatticePML(nodes=12, profile={**profile, "alpha": 0.002})))
+    assert held.verdict == "certified"
+
+
 def test_no_time_is_undecided_and_names_what_is_left():
     sim = fh.Simulation(box(60, 60), wave(3), boundary=fh.LatticePML(nodes=12))
     certificate = certify(sim, budget=0.0)

@@ -47,13 +47,16 @@ class Part:
     name : str
         What it is.
     growth : Growth
-    field : ndarray
-        The growing mode on the near field and its unstretched margins, real and imaginary part; empty if it is not known.
+    field : ndarray of complex
+        The growing mode on the near field and its unstretched margins; empty if it is not known.
+    drifts : bool
+        Not a mode but the whole state grows, as fast as time; `growth` has the rate at the end of a long run.
     """
 
     name: str
     growth: Growth
     field: np.ndarray
+    drifts: bool = False
 
 
 @dataclass(frozen=True)
@@ -168,8 +171,8 @@ def _judge(parts: list[Part], skipped: list[str], seconds: float) -> Certificate
     part = next(p for p in parts if p.growth is growth)
     found: tuple[float, float, tuple[Part, ...], tuple[str, ...], float] = growth.rate, growth.error, tuple(parts), tuple(skipped), seconds
     if growth.stable is False:
-        return Certificate(NOT_CERTIFIED, f"a mode grows by {growth.rate:.2g} per unit time, tenfold in {np.log(10) / growth.rate:.3g} ({part.name})",
-                           *found)  # fmt: skip
+        how = f"a mode grows by {growth.rate:.2g} per unit time, tenfold in {np.log(10) / growth.rate:.3g} ({part.name})"
+        return Certificate(NOT_CERTIFIED, part.name if part.drifts else how, *found)
     unclear = [p.name for p in parts if p.growth.stable is None]
     if unclear:
         return Certificate(UNDECIDED, f"the fastest mode could not be told from a growing one ({', '.join(unclear)})", *found)
@@ -214,18 +217,17 @@ def _recall(path: Path) -> Certificate | None:
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None  # not there, or damaged: made anew
     parts = [
-        Part(p["name"], Growth(p["rate"], p["error"], complex(*p["factor"]), np.zeros(0), p["hidden"]), f)
+        Part(p["name"], Growth(p["rate"], p["error"], complex(*p["factor"]), np.zeros(0), p["hidden"]), f, p["drifts"])
         for p, f in zip(words["parts"], fields, strict=True)
     ]
     return Certificate(words["verdict"], words["reason"], words["rate"], words["error"], tuple(parts), (), words["seconds"])
 
 
 def _keep(path: Path, found: Certificate) -> None:
-    growths = [p.growth for p in found.parts]
-    rows = [
-        {"name": p.name, "rate": g.rate, "error": g.error, "factor": [g.factor.real, g.factor.imag], "hidden": g.hidden}
-        for p, g in zip(found.parts, growths, strict=True)
-    ]
+    rows = []
+    for p in found.parts:
+        factor = [p.growth.factor.real, p.growth.factor.imag]
+        rows.append({"name": p.name, "rate": p.growth.rate, "error": p.growth.error, "factor": factor, "hidden": p.growth.hidden, "drifts": p.drifts})
     words = {"verdict": found.verdict, "reason": found.reason, "rate": found.rate, "error": found.error, "seconds": found.seconds, "parts": rows}
     with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
         np.savez(file, words=json.dumps(words), **{f"field{i}": p.field for i, p in enumerate(found.parts)})  # type: ignore[arg-type]
@@ -289,21 +291,32 @@ def _dense_part(name: str, sim: Simulation) -> Part:
     complete = State(sim.engine)
     matrix = np.stack([complete.after(unit) for unit in np.eye(complete.size)], axis=1)
     growth = dense_growth(matrix, sim.dt)
-    if growth.stable and not _noise_decays(matrix, crossing_steps(sim)):
-        growth = replace(growth, error=np.inf)
-        name = f"white noise does not decay within {_CROSSINGS} crossing times: {name}"
-    return Part(f"{name}, all {complete.size} modes", growth, complete.field(growth.mode))
+    name, known = f"{name}, all {complete.size} modes", growth
+    if growth.stable is not False:
+        growth, verb = _with_noise(growth, matrix, crossing_steps(sim), sim.dt)
+        name = f"{verb} ({name})" if verb else name
+    return Part(name, growth, complete.field(growth.mode), growth is not known and growth.stable is False)
 
 
-def _noise_decays(matrix: np.ndarray, crossing: int) -> bool:
-    """Whether noise decays over the last third of a run of 24 crossing times or, as modes that are nearly alike add up first, of a longer one."""
-    third, length = np.linalg.matrix_power(matrix, 8 * crossing), 24
+def _with_noise(growth: Growth, matrix: np.ndarray, crossing: int, dt: float) -> tuple[Growth, str]:
+    """What a run from noise adds to eigenvalues that do not grow, and what it does instead of decaying.
+
+    The run takes 24 crossing times or, as modes that are nearly alike add up first, twice as many until it decays over its last third. What still
+    grows as fast as time itself belongs to a double factor 1: no eigenvalue grows, or rounding hides it, but the state does.
+    """
+    third, length, sizes = np.linalg.matrix_power(matrix, 8 * crossing), 24, [0.0, 0.0]
+    noise = np.random.default_rng(0).standard_normal(len(matrix))
     while length <= _CROSSINGS:
-        before = third @ (third @ np.random.default_rng(0).standard_normal(len(matrix)))
-        if np.linalg.norm(third @ before) <= np.linalg.norm(before):
-            return True
+        before = third @ (third @ noise)
+        sizes = [float(np.linalg.norm(before)), float(np.linalg.norm(third @ before))]
+        if sizes[1] <= sizes[0]:
+            return growth, ""
         third, length = third @ third, 2 * length
-    return False
+    if sizes[1] > 1.4 * sizes[0]:  # 3/2 for a growth like time
+        return replace(
+            growth, rate=np.log(sizes[1] / sizes[0]) / (length / 6 * crossing * dt), error=0.0
+        ), "white noise grows as fast as time, it drifts"
+    return replace(growth, error=np.inf), f"white noise does not decay within {_CROSSINGS} crossing times"
 
 
 def _krylov_part(name: str, sim: Simulation, budget: float) -> Part:
