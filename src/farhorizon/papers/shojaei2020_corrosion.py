@@ -252,7 +252,7 @@ def _rows(course: Course, runs: dict[str, Simulation], shown: tuple[float, ...])
 
 
 def _pictures(folder: Path, name: str, course: Course, runs: dict[str, Simulation], shown: tuple[float, ...]) -> list[Path]:
-    from farhorizon.plot import curve_panels, error_history, field_panels, front
+    from farhorizon.plot import error_history, field_panels, front
 
     first = next(iter(runs))
     axes = runs[first].lattice.axes
@@ -265,8 +265,8 @@ def _pictures(folder: Path, name: str, course: Course, runs: dict[str, Simulatio
     error_history({n: (times, np.array(e)) for n, e in course.errors.items()}, paths[2], "max error / largest concentration",
                   "Error against the infinite medium")  # fmt: skip
     scale = course.energy[0]
-    curves = [("infinite medium", times, np.array(course.energy) / scale)] + [(n, times, np.array(e) / scale) for n, e in course.energies.items()]
-    curve_panels([("near field", curves)], paths[3], xlabel="$t$", ylabel=r"$\Pi / \Pi_0$")
+    energies = {n: (times, np.array(e) / scale) for n, e in {"infinite medium": course.energy, **course.energies}.items()}
+    error_history(energies, paths[3], r"$\Pi / \Pi_0$", r"Integral of $u^2$ over the near field")
     return paths
 
 
