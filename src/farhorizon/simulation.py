@@ -296,8 +296,7 @@ class Simulation:
         pads = [(self._margins[a, -1], self._margins[a, 1]) for a in range(lattice.dim)]
         read = np.pad(material, pads, mode="edge")[tuple(closure.fringe.index.T)]
         if not np.ptp(read) == 0:
-            raise InputError("a condition along the outline reads nodes where the material varies, the body ends, metal is, or a constraint "
-                             "holds",
+            raise InputError("a condition along the outline reads metal, or nodes where the material varies, the body ends or a constraint holds",
                              key="boundary", limit=f"uniform within {closure.fringe.depth:g} of the outline",
                              remedy="enlarge the near field, or use a LatticePML")  # fmt: skip
 

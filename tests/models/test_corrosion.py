@@ -222,6 +222,18 @@ def test_mass_balance(dim, boundary):
     assert (left == 0) if isinstance(boundary, fh.Free | fh.Periodic) else (left < 0)
 
 
+def test_mass_balance_along_an_outline():
+    """A window closed by plane waves; metal where they read is refused."""
+    window = fh.Lattice(1.0, window=fh.Disc(9.0))
+    sim = fh.Simulation(window, model(kernel_stencil(2, 2)), fh.PlaneWave(), specimens=specimens(2), balance=True)
+    sim.run(60.0, progress=False)
+    found = sim.balance()
+    assert found["metal"] < -10 and found["outline"] < 0
+    assert abs(found["residual"]) < 1e-11
+    with pytest.raises(fh.InputError, match="reads metal"):
+        fh.Simulation(window, model(kernel_stencil(2, 2)), fh.PlaneWave(), specimens=[fh.Specimen(fh.Disc(1.2, (5.5, 5.5)), METAL)])
+
+
 @pytest.mark.parametrize("integrator", ["rk4", "rkc"])
 def test_mass_balance_of_other_integrators(integrator):
     lattice = fh.Lattice(1.0, (-8.0, -8.0), (8.0, 8.0))

@@ -24,7 +24,7 @@ def test_nodes(example, printed):
 
 def test_small_letters():
     """At four times the spacing: the layer keeps to its target, dissolution goes on step by step as in the infinite medium; closed rims do not."""
-    example = replace(LETTERS, coarser=4, dt=None)
+    example = replace(LETTERS, coarser=4)
     runs = example.closed()
     times = [0.0, 0.005, 0.01, 0.03, 0.1, 0.266]
     course = follow(example, runs, times, (0.1,))
@@ -39,7 +39,7 @@ def test_small_letters():
 
 def test_letters_dissolve_in_time_with_exponent_two_only():
     """Before t = 0.085, when the near field is almost empty in the paper; at four times the spacing."""
-    times = [last_dissolution(replace(LETTERS, coarser=4, dt=None, exponent=p)) for p in (2, 1)]
+    times = [last_dissolution(replace(LETTERS, coarser=4, exponent=p)) for p in (2, 1)]
     assert times[0] < 0.085 < times[1]
 
 

@@ -506,7 +506,8 @@ class Engine:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all time levels, slots, layer memory, the memory of exact ends and of fringes."""
+        """Bytes of all time levels, slots, layer memory, phases, the memory of exact ends and of fringes."""
         ends = self.heads.nbytes + self.past.nbytes + self.history.nbytes + sum(np.asarray(a).nbytes for a in self._ends)
+        phases = sum(np.asarray(a).nbytes for a in (*self._tiles, *self._dissolution))
         fringe = sum(a.nbytes for a in self._fringe)
-        return self.levels.nbytes + self.slots.nbytes + self.memory.nbytes + self._coefficient.nbytes + ends + fringe
+        return self.levels.nbytes + self.slots.nbytes + self.memory.nbytes + self._coefficient.nbytes + ends + phases + fringe
