@@ -18,7 +18,7 @@ from farhorizon.errors import InputError
 from farhorizon.stencil import Stencil
 
 _MOST = 120  # nodes of a layer
-_SHIFT = 1e-3  # alpha in units of speed / spacing
+_SHIFT = 1e-3  # alpha in units of speed / spacing: bounds the drift at zero frequency; ten times as much spoils long waves
 _STRENGTHS = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)  # largest sigma in units of 2 speed / spacing: stronger, and waves near cut-off come back
 _STRETCHES = (1.0, 2.0, 4.0)  # largest kappa
 _SHIFTS = (0.0, 0.5, 1.0)  # largest alpha, see `Profile`

@@ -19,13 +19,12 @@ import numpy as np
 from scipy import special
 
 from farhorizon.analysis.chain import Recursion
-from farhorizon.analysis.choice import Choice, choose
+from farhorizon.analysis.choice import Choice, Profile, choose
 from farhorizon.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.stencil import Stencil
 
 DEFAULT_TARGET = {1: 1e-5, 2: 1e-8}  # diffusion: of the current maximum; waves: of the initial maximum
-_SHIFT = 1e-3  # alpha in units of speed / spacing: bounds the drift at zero frequency; ten times as much spoils long waves
 
 
 @dataclass(frozen=True)
@@ -150,7 +149,8 @@ class LatticePML:
             return Layer(**values)
         if order == 1:
             return _diffusion_layer(self.nodes or _diffusion_nodes(target), spacing, half_width)
-        return _wave_layer(self.nodes or _wave_nodes(target, reach), np.sqrt(coefficient), spacing, reach, dim)
+        nodes = self.nodes or _wave_nodes(target, reach)
+        return Layer(*_wave_profile(nodes, reach, dim).edges(nodes, float(np.sqrt(coefficient)), spacing))
 
 
 def _wave_nodes(target: float, reach: int) -> int:
@@ -159,25 +159,19 @@ def _wave_nodes(target: float, reach: int) -> int:
     return max(8 if target > 1e-6 else 12, nodes, 3 * reach if reach > 3 else 0)
 
 
-def _wave_layer(nodes: int, speed: float, spacing: float, reach: int, dim: int) -> Layer:
-    """Ramp of sigma up to `peak` times 2c/spacing, and of alpha.
+def _wave_profile(nodes: int, reach: int, dim: int) -> Profile:
+    """Member of the family for waves of all angles.
 
     In two and three dimensions the waves that come back are those along the side, near cut-off: sigma/s turns their decay by a right angle
     into none, sigma/(s + alpha) turns it by less. An alpha that rises towards the outer end alone leaves the long waves to the columns
     before it. A strong entrance makes stencils grow, the wider the more: beyond a reach of 3 nodes they have a higher power of the ramp.
     """
-    depth = (np.arange(nodes + 1) + 0.5) / (nodes + 1)
-    power, graded = 1, 0.0
     if reach > 3:
-        peak, power = (1.0, 2) if reach < 6 else (1.0, 3) if reach < 8 else (0.5, 3)
-    elif dim == 1:
-        peak = 1.5
-    else:
-        first, fall = (2.6, 0.85) if reach < 3 else (1.9, 0.6)
-        peak = first * (12 / nodes) ** fall
-        graded = 0.7 * peak * 12 / nodes
-    alpha = _SHIFT + graded * depth**7
-    return Layer(np.ones(nodes + 1), peak * 2 * speed / spacing * depth**power, alpha * speed / spacing)
+        return Profile(0.5 if reach > 7 else 1.0, 1.0, 2 if reach < 6 else 3)
+    if dim == 1:
+        return Profile(1.5, 1.0, 1)
+    thin = 12 / nodes
+    return Profile(2.6 * thin**0.85 if reach < 3 else 1.9 * thin**0.6 if dim == 2 else 1.0, 1.0, 1, 0.7)
 
 
 def _diffusion_nodes(target: float) -> int:
