@@ -20,7 +20,7 @@ from farhorizon.compare import compare
 from farhorizon.report import content
 
 SEED, CASES, BETWEEN = 7, 100, 200
-STEEP = 60.0  # degrees; smaller angles leave out waves that a pulse in the plane does send to the sides
+STEEP = 60.0, 80.0  # degrees: a pulse in the plane sends waves to the sides at such angles, which a smaller one would leave out
 
 
 def random_setup(random: np.random.Generator) -> dict[str, Any]:
@@ -36,16 +36,18 @@ def random_setup(random: np.random.Generator) -> dict[str, Any]:
 
     return {
         "lattice": fh.Lattice(1.0, (-half,) * dim, (half,) * dim), "model": fh.Wave(fh.Kernel(float(reach), 2, influence)), "initial": {"u": pulse},
-        "boundary": fh.LatticePML(target=target, angle=float(random.uniform(45, 80))), "dt": float(random.choice([0.3, 0.5, 0.8])),
+        "boundary": fh.LatticePML(target=target, angle=float(random.uniform(*STEEP))), "dt": float(random.choice([0.3, 0.5, 0.8])),
     }  # fmt: skip
 
 
 def thinner(sim: fh.Simulation, boundary: fh.LatticePML, waves: list[choice.Wave], nodes: int) -> int:
     """The thinnest layer of a finer family that meets the target."""
-    reach = sim.stencil.reach[0]
-    least, most = min(p.strength for p in choice.family(reach)), max(p.strength for p in choice.family(reach))
-    powers = sorted({p.power for p in choice.family(reach)})
-    finer = [choice.Profile(s, k, p) for p in powers for k in np.geomspace(1, 8, 10) for s in np.geomspace(least, most, 20)]
+    members = choice.family(sim.stencil.reach[0], sim.stencil.dim)
+    strengths, shifts = {p.strength for p in members}, {p.shift for p in members}
+    finer = [
+        choice.Profile(s, k, p, a) for p in sorted({p.power for p in members}) for a in np.linspace(0, max(shifts), 5 if max(shifts) else 1)
+        for k in np.geomspace(1, max(p.stretch for p in members), 4) for s in np.geomspace(min(strengths), max(strengths), 15)
+    ]  # fmt: skip
     found = nodes
     while found > 1 and any(choice.worst(waves, p, found - 1, 1.0, 1.0, boundary.wanted(2)) <= boundary.wanted(2) for p in finer):
         found -= 1
@@ -55,7 +57,7 @@ def thinner(sim: fh.Simulation, boundary: fh.LatticePML, waves: list[choice.Wave
 def cases(options: argparse.Namespace) -> list[dict[str, Any]]:
     """One row: how many of the random cases meet their target, by plane waves and by runs, and the thickness over the thinnest."""
     random = np.random.default_rng(SEED)
-    plane, run, ratios, angles = [], [], [], []
+    plane, run, ratios = [], [], []
     for number in range(CASES):
         setup = random_setup(random)
         boundary, dim = setup["boundary"], setup["lattice"].dim
@@ -77,17 +79,14 @@ def cases(options: argparse.Namespace) -> list[dict[str, Any]]:
         result = compare(setup, (8 if dim == 1 else 6) * half, np.linspace(0.5, 6, 23) * half, beside=False)
         run.append(max(next(iter(result.curves.values()))["error_rel_initial"]) / boundary.target)
         ratios.append(chosen.nodes / thinner(sim, boundary, looked_at, chosen.nodes))
-        angles.append(boundary.angle)
         if options.repeats == 1 or plane[-1] > 1 or run[-1] > 1:
             text = f"{dim}D {setup['model'].operator} half {half:g} target {boundary.target:.1e} angle {boundary.angle:.0f}"
             text += f": {chosen.nodes} nodes, {chosen}; plane waves {plane[-1]:.2f}, run {run[-1]:.2g} of the target"
             print(f"{number}: {text}, thickness {ratios[-1]:.2f}", flush=True)
-    steep = np.array(angles) >= STEEP
-    met, wide = (float(np.mean(np.array(run)[where] <= 1)) for where in (steep | True, steep))
+    met = float(np.mean(np.array(run) <= 1))
     return [{
-        "cases": CASES, "plane waves meet": float(np.mean(np.array(plane) <= 1)), "runs meet": met, f"runs from {STEEP:g} deg": wide,
-        "aim": 0.95, "met": verdict(met, 0.95, True), "median run / target": float(np.median(run)),
-        "thickness, worst": max(ratios), "aim ": 1.25, "met ": verdict(max(ratios), 1.25, False),
+        "cases": CASES, "plane waves meet": float(np.mean(np.array(plane) <= 1)), "runs meet": met, "aim": 0.95, "met": verdict(met, 0.95, True),
+        "median run / target": float(np.median(run)), "thickness, worst": max(ratios), "aim ": 1.25, "met ": verdict(max(ratios), 1.25, False),
     }]  # fmt: skip
 
 

@@ -190,3 +190,19 @@ def test_interrupted_run_resumes_to_the_same_result(tmp_path):
     np.testing.assert_array_equal(resumed.times, whole.times)
     np.testing.assert_array_equal(resumed.field("u"), whole.field("u"))
     np.testing.assert_array_equal(resumed.energy, whole.energy)
+
+
+def test_corrosion_goes_on_after_an_interrupt(tmp_path, monkeypatch):
+    """Run half of it, resume: phases, times of dissolution and balance are bitwise those of one run; the front is drawn."""
+    monkeypatch.chdir(tmp_path)
+    case = str(EXAMPLES / "pitting.toml")
+    assert main(["run", case, "--out", "whole", "--until", "0.4"]) == 0
+    assert main(["run", case, "--out", "part", "--until", "0.2"]) == 0
+    assert main(["run", case, "--out", "part", "--until", "0.4", "--resume"]) == 0
+    whole, part = (open_results(f"{name}/pitting.h5") for name in ("whole", "part"))
+    for field in ("u", "dissolved"):
+        assert np.array_equal(whole.field(field), part.field(field), equal_nan=True)
+    for name, values in whole.balance.items():
+        assert np.array_equal(values[-1], part.balance[name][-1])
+    assert abs(whole.balance["residual"][-1]) < 1e-12 < 0.1 < whole.balance["dissolved"][-1]
+    assert {p.name for p in Path("part/pitting").iterdir()} >= {"u.png", "front.png", "balance.png"}

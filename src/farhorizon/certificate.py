@@ -15,15 +15,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from farhorizon import strip
 from farhorizon.analysis import stability
 from farhorizon.analysis.stability import Growth, dense_growth, fastest, krylov_growth
 from farhorizon.boundaries import Closing, FirstOrder, Fixed, Free, LatticePML, Periodic, Sponge
 from farhorizon.boundaries.plane_wave import largest_update
-from farhorizon.engine import state
+from farhorizon.engine import NEVER, state
 from farhorizon.engine.build import cache_folder
 from farhorizon.engine.state import State
 from farhorizon.errors import InputError
 from farhorizon.lattice import AXES
+from farhorizon.models import Corrosion
 from farhorizon.strip import NARROW, Strip, crossing_steps, plain_twin, small_lattice
 
 if TYPE_CHECKING:
@@ -46,13 +48,16 @@ class Part:
     name : str
         What it is.
     growth : Growth
-    field : ndarray
-        The growing mode on the near field and its unstretched margins, real and imaginary part; empty if it is not known.
+    field : ndarray of complex
+        The growing mode on the near field and its unstretched margins; empty if it is not known.
+    drifts : bool
+        Not a mode but the whole state grows, as fast as time; `growth` has the rate at the end of a long run.
     """
 
     name: str
     growth: Growth
     field: np.ndarray
+    drifts: bool = False
 
 
 @dataclass(frozen=True)
@@ -128,6 +133,9 @@ def certify(sim: Simulation, budget: float = BUDGET) -> Certificate:
     proof = _proof(sim)
     if proof:
         return Certificate(CERTIFIED, proof, seconds=time.monotonic() - begin)
+    if isinstance(sim.model, Corrosion) and (sim.engine.dissolved == NEVER).any():
+        found = certify(sim.remade(specimens=()), budget)
+        return replace(found, reason=f"{found.reason}; that of the linear form, all liquid")
     path = _cache_file(sim)
     known = _recall(path)
     if known is not None:
@@ -164,8 +172,8 @@ def _judge(parts: list[Part], skipped: list[str], seconds: float) -> Certificate
     part = next(p for p in parts if p.growth is growth)
     found: tuple[float, float, tuple[Part, ...], tuple[str, ...], float] = growth.rate, growth.error, tuple(parts), tuple(skipped), seconds
     if growth.stable is False:
-        return Certificate(NOT_CERTIFIED, f"a mode grows by {growth.rate:.2g} per unit time, tenfold in {np.log(10) / growth.rate:.3g} ({part.name})",
-                           *found)  # fmt: skip
+        how = f"a mode grows by {growth.rate:.2g} per unit time, tenfold in {np.log(10) / growth.rate:.3g} ({part.name})"
+        return Certificate(NOT_CERTIFIED, part.name if part.drifts else how, *found)
     unclear = [p.name for p in parts if p.growth.stable is None]
     if unclear:
         return Certificate(UNDECIDED, f"the fastest mode could not be told from a growing one ({', '.join(unclear)})", *found)
@@ -197,7 +205,7 @@ def _cache_file(sim: Simulation) -> Path:
     """File of the certificate of this very map, made by this very program."""
     mark = hashlib.sha256(sim.engine.digest().encode())
     mark.update(repr((sim.lattice.shape, [type(b).__name__ for b in sim.sides.values()])).encode())
-    for module in (__file__, stability.__file__, state.__file__):
+    for module in (__file__, stability.__file__, state.__file__, strip.__file__):
         mark.update(Path(module).read_bytes())
     return cache_folder() / f"certificate_{mark.hexdigest()[:24]}.npz"
 
@@ -210,18 +218,17 @@ def _recall(path: Path) -> Certificate | None:
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None  # not there, or damaged: made anew
     parts = [
-        Part(p["name"], Growth(p["rate"], p["error"], complex(*p["factor"]), np.zeros(0), p["hidden"]), f)
+        Part(p["name"], Growth(p["rate"], p["error"], complex(*p["factor"]), np.zeros(0), p["hidden"]), f, p["drifts"])
         for p, f in zip(words["parts"], fields, strict=True)
     ]
     return Certificate(words["verdict"], words["reason"], words["rate"], words["error"], tuple(parts), (), words["seconds"])
 
 
 def _keep(path: Path, found: Certificate) -> None:
-    growths = [p.growth for p in found.parts]
-    rows = [
-        {"name": p.name, "rate": g.rate, "error": g.error, "factor": [g.factor.real, g.factor.imag], "hidden": g.hidden}
-        for p, g in zip(found.parts, growths, strict=True)
-    ]
+    rows = []
+    for p in found.parts:
+        factor = [p.growth.factor.real, p.growth.factor.imag]
+        rows.append({"name": p.name, "rate": p.growth.rate, "error": p.growth.error, "factor": factor, "hidden": p.growth.hidden, "drifts": p.drifts})
     words = {"verdict": found.verdict, "reason": found.reason, "rate": found.rate, "error": found.error, "seconds": found.seconds, "parts": rows}
     with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
         np.savez(file, words=json.dumps(words), **{f"field{i}": p.field for i, p in enumerate(found.parts)})  # type: ignore[arg-type]
@@ -307,21 +314,32 @@ def _dense_part(name: str, sim: Simulation) -> Part:
     complete = State(sim.engine)
     matrix = np.stack([complete.after(unit) for unit in np.eye(complete.size)], axis=1)
     growth = dense_growth(matrix, sim.dt)
-    if growth.stable and not _noise_decays(matrix, crossing_steps(sim)):
-        growth = replace(growth, error=np.inf)
-        name = f"white noise does not decay within {_CROSSINGS} crossing times: {name}"
-    return Part(f"{name}, all {complete.size} modes", growth, complete.field(growth.mode))
+    name, known = f"{name}, all {complete.size} modes", growth
+    if growth.stable is not False:
+        growth, verb = _with_noise(growth, matrix, crossing_steps(sim), sim.dt)
+        name = f"{verb} ({name})" if verb else name
+    return Part(name, growth, complete.field(growth.mode), growth is not known and growth.stable is False)
 
 
-def _noise_decays(matrix: np.ndarray, crossing: int) -> bool:
-    """Whether noise decays over the last third of a run of 24 crossing times or, as modes that are nearly alike add up first, of a longer one."""
-    third, length = np.linalg.matrix_power(matrix, 8 * crossing), 24
+def _with_noise(growth: Growth, matrix: np.ndarray, crossing: int, dt: float) -> tuple[Growth, str]:
+    """What a run from noise adds to eigenvalues that do not grow, and what it does instead of decaying.
+
+    The run takes 24 crossing times or, as modes that are nearly alike add up first, twice as many until it decays over its last third. What still
+    grows as fast as time itself belongs to a double factor 1: no eigenvalue grows, or rounding hides it, but the state does.
+    """
+    third, length, sizes = np.linalg.matrix_power(matrix, 8 * crossing), 24, [0.0, 0.0]
+    noise = np.random.default_rng(0).standard_normal(len(matrix))
     while length <= _CROSSINGS:
-        before = third @ (third @ np.random.default_rng(0).standard_normal(len(matrix)))
-        if np.linalg.norm(third @ before) <= np.linalg.norm(before):
-            return True
+        before = third @ (third @ noise)
+        sizes = [float(np.linalg.norm(before)), float(np.linalg.norm(third @ before))]
+        if sizes[1] <= sizes[0]:
+            return growth, ""
         third, length = third @ third, 2 * length
-    return False
+    if sizes[1] > 1.4 * sizes[0]:  # 3/2 for a growth like time
+        return replace(
+            growth, rate=np.log(sizes[1] / sizes[0]) / (length / 6 * crossing * dt), error=0.0
+        ), "white noise grows as fast as time, it drifts"
+    return replace(growth, error=np.inf), f"white noise does not decay within {_CROSSINGS} crossing times"
 
 
 def _krylov_part(name: str, sim: Simulation, budget: float) -> Part:

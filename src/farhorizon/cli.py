@@ -144,7 +144,8 @@ def _run(options: argparse.Namespace) -> int:
         _folder(options.out)
         writer = ResultsWriter.create(
             result, dim=case.lattice.dim, shape=case.lattice.shape, spacing=case.lattice.spacing, lower=case.lattice.lower,
-            fields=tuple(case.parts.output.fields), dtype=sim.engine.dtype, probes=probes, case=case.text, program=f"farhorizon {fh.__version__}",
+            fields=case.fields, dtype=sim.engine.dtype, probes=probes, accounts=list(sim.balance()) if case.parts.output.balance else [],
+            case=case.text, program=f"farhorizon {fh.__version__}",
         )  # fmt: skip
         checkpoint.unlink(missing_ok=True)
     for note in sim.notes:
@@ -157,7 +158,8 @@ def _run(options: argparse.Namespace) -> int:
     def record(sim: fh.Simulation) -> None:
         fields = sim.fields
         values = np.array([fields["u"][node] for node in probe_nodes])
-        writer.append(sim.step_count, sim.time, {k: fields[k] for k in case.parts.output.fields}, energy=sim.energy(), observed=values)
+        writer.append(sim.step_count, sim.time, {k: fields[k] for k in case.fields}, energy=sim.energy(), observed=values,
+                      balance=sim.balance() if writer.accounts else None)  # fmt: skip
 
     def keep(sim: fh.Simulation) -> None:
         sim.save(checkpoint, outputs=writer.outputs, rows=writer.rows)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,11 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from farhorizon.analysis import undisturbed
-from farhorizon.analysis.spectrum import Band, band
+from farhorizon.analysis.spectrum import Band, band, gain_of_time
 from farhorizon.boundaries import Absorbing, Closing, Exact, Fixed, LatticePML, Sponge
 from farhorizon.certificate import BUDGET, NOT_CERTIFIED, UNDECIDED, Certificate
 from farhorizon.errors import InputError
 from farhorizon.lattice import AXES
+from farhorizon.models import Corrosion
 from farhorizon.stencil import BackwardWaves
 from farhorizon.strip import Strip, pinned
 
@@ -97,7 +99,7 @@ class Report:
     def of(cls, sim: Simulation, until: float | None = None, budget: float | None = None) -> Report:
         """Examine a simulation; see `Simulation.check`."""
         report = cls()
-        waves = content(sim)
+        waves = content(sim, until)
         report._describe(sim, waves)
         if until is not None:
             report._estimate(sim, until)
@@ -149,6 +151,9 @@ class Report:
             self.warnings += sim.closure.warnings()
         for name, serves in sim.ends.items():
             say(f"exact end {name}", serves)
+        if isinstance(sim.model, Corrosion):
+            metal = int(np.nansum(sim.fields["solid"]))
+            say("metal", f"{metal} solid nodes shown, saturation {sim.model.saturation:g}, interface {sim.model.interface:g} of the liquid")
         total = int(np.prod(engine.core.nodes))
         extra = sum(int(np.prod(b.nodes)) for b in engine.layout.blocks.values()) - int(np.prod(lattice.shape))
         say("nodes computed", f"{total} in the core, {extra} beyond the near field")
@@ -239,14 +244,21 @@ class Report:
         return "\n".join(lines + self._reflection_lines() + [f"warning: {w}" for w in self.warnings] + [f"note: {n}" for n in self.notes])
 
 
-def content(sim: Simulation) -> Band | None:
-    """Wavelengths in initial data and in what sources add, as far as these split into space and time; None if there is nothing."""
+def content(sim: Simulation, until: float | None = None) -> Band | None:
+    """Wavelengths in initial data and in what sources add, as far as these split into space and time; None if there is nothing.
+
+    With the end of the run the frequencies of the sources count, too.
+    """
+    waves = sim.model.order == 2
+    rate = np.sqrt(sim.model.coefficient) / sim.lattice.spacing
     fields, orders = [sim.start_u, sim.start_v], [sim.model.order - 1, 0]
-    for space, _ in sim.sources:
+    gains: list[Callable[[np.ndarray], np.ndarray] | None] = [None, None]
+    for space, time in sim.sources:
         if space is not None:
             fields.append(space)
             orders.append(0)
-    return band(fields, sim.lattice.spacing, orders)
+            gains.append(gain_of_time(time, until, rate) if waves and until is not None else None)
+    return band(fields, sim.lattice.spacing, orders, gains)
 
 
 def _sides(sim: Simulation) -> list[tuple[str, Strip]]:
@@ -280,9 +292,7 @@ def _plain_seconds(sim: Simulation) -> float:
     wanted = max(1.0, (np.prod(lattice.shape) / _PROBED) ** (1 / lattice.dim))
     count = [max(int(n / wanted), 2 * m + 1) for n, m in zip(lattice.shape, sim.stencil.reach, strict=True)]
     box = Lattice(lattice.spacing, lattice.lower, lattice.lower + lattice.spacing * (np.array(count) - 1))
-    plain = sim.remade(
-        lattice=box, boundary=Fixed(sim.background), sources=(), cracks=(), constraints=(), coefficient=None, rim="free", balance=False
-    )
+    plain = sim.remade(lattice=box, boundary=Fixed(sim.background))
     return plain.seconds_per_step() / float(np.prod(count))
 
 

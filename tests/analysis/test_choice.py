@@ -6,7 +6,7 @@ import pytest
 import farhorizon as fh
 from farhorizon.analysis.chain import Recursion
 from farhorizon.analysis.choice import Profile, choose, family, layer_reflection, plane_wave, sample, worst
-from farhorizon.analysis.spectrum import band
+from farhorizon.analysis.spectrum import band, gain_of_time
 from farhorizon.certificate import certify
 from farhorizon.compare import compare
 from farhorizon.strip import Strip, pinned
@@ -42,7 +42,7 @@ def test_no_thinner_layer_of_the_family(reach, target, angle):
     recursion = Recursion.of(fh.Wave(stencil).integrator, dt)
     found = choose(stencil, 1.0, recursion, dt, target, (6.0, 50.0), angle, 1.0, 1.0)
     waves = sample(stencil, 1.0, recursion, dt, (6.0, 50.0), angle)
-    assert all(worst(waves, p, found.nodes - 1, 1.0, 1.0) > 0.8 * target for p in family(reach))
+    assert all(worst(waves, p, found.nodes - 1, 1.0, 1.0) > 0.8 * target for p in family(reach, 2))
     random = np.random.default_rng(0)
     between = [plane_wave(stencil, 1.0, recursion, dt, *at) for at in zip(random.uniform(6, 50, 50), random.uniform(0, angle, 50), strict=True)]
     assert worst(between, found.profile, found.nodes, 1.0, 1.0) <= target
@@ -112,7 +112,17 @@ def test_band_of_a_packet():
     assert band([np.zeros(10)], 1.0, [0]) is None
 
 
+def test_the_time_of_a_source_picks_its_waves():
+    """A point that shakes at one frequency sends one wavelength, whatever its size: 2 pi times the speed over the frequency."""
+    point = np.exp(-((np.arange(200) - 100.0) ** 2) / 2)
+    gain = gain_of_time(lambda t: np.sin(0.6 * t) * np.exp(-(((t - 100) / 30) ** 2)), 200.0, 2.0 / 0.5)
+    found = band([point], 0.5, [0], [gain])
+    assert found.typical == pytest.approx(2 * np.pi * 2.0 / 0.6, rel=0.05)
+    assert found.longest < 1.5 * found.typical and found.shortest > 0.6 * found.typical
+
+
 def test_profile_reads_as_it_is():
     kappa, sigma, alpha = Profile(1.5, 4.0, 2).edges(3, 2.0, 0.5)
+    assert str(Profile(1.5, 1.0, 1, 0.5)) == "sigma linear to 1.5 2c/spacing, alpha rising by 0.5"
     assert str(Profile(1.5, 4.0, 2)) == "sigma square to 1.5 2c/spacing, kappa to 4"
     assert sigma[-1] == pytest.approx(1.5 * 2 * 2.0 / 0.5 * (3.5 / 4) ** 2) and kappa[0] == pytest.approx(1 + 3 * 0.5 / 4) and (alpha > 0).all()

@@ -19,36 +19,42 @@ from farhorizon.stencil import Stencil
 
 _MOST = 120  # nodes of a layer
 _SHIFT = 1e-3  # alpha in units of speed / spacing
-_STRENGTHS = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)  # largest sigma in units of 2 speed / spacing
-_STRETCHES = (1.0, 2.0, 4.0, 8.0)  # largest kappa
+_STRENGTHS = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)  # largest sigma in units of 2 speed / spacing: stronger, and waves near cut-off come back
+_STRETCHES = (1.0, 2.0, 4.0)  # largest kappa
+_SHIFTS = (0.0, 0.5, 1.0)  # largest alpha, see `Profile`
 _WAVES, _ANGLES = 5, 6  # sample of the band and of the angles
+_BEYOND = (1.05, 1.3, 2.0)  # tangential over whole wavenumber of waves that die out towards a side and come back from it, too
 _MARGIN = 0.8  # of the target is aimed at: between the samples it can be a little more
 
 
 @dataclass(frozen=True)
 class Profile:
-    """A member of the family: sigma rises to ``strength 2 speed / spacing`` and kappa to `stretch`, as powers of the depth.
+    """A member of the family: sigma rises to ``strength 2 speed / spacing``, kappa to `stretch` and alpha to ``12 shift strength / nodes``.
 
     Attributes
     ----------
     strength, stretch : float
     power : int
-        Of sigma; kappa rises linearly.
+        Of the depth in sigma; kappa rises linearly, alpha as the seventh power: waves near cut-off are turned by the outer end alone.
+    shift : float
     """
 
     strength: float
     stretch: float
     power: int
+    shift: float = 0.0
 
     def edges(self, nodes: int, speed: float, spacing: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """kappa, sigma and alpha on the edges of a layer, arrays (nodes + 1,)."""
         depth = (np.arange(nodes + 1) + 0.5) / (nodes + 1)
         sigma = self.strength * 2 * speed / spacing * depth**self.power
-        return 1 + (self.stretch - 1) * depth, sigma, np.full(nodes + 1, _SHIFT * speed / spacing)
+        alpha = _SHIFT + 12 / nodes * self.shift * self.strength * depth**7
+        return 1 + (self.stretch - 1) * depth, sigma, alpha * speed / spacing
 
     def __str__(self) -> str:
         rise = {1: "linear", 2: "square", 3: "cubic"}[self.power]
-        return f"sigma {rise} to {self.strength:g} 2c/spacing" + (f", kappa to {self.stretch:g}" if self.stretch > 1 else "")
+        others = (f", kappa to {self.stretch:g}" if self.stretch > 1 else "") + (f", alpha rising by {self.shift:g}" if self.shift else "")
+        return f"sigma {rise} to {self.strength:g} 2c/spacing{others}"
 
 
 @dataclass(frozen=True)
@@ -122,10 +128,13 @@ def layer_reflection(wave: Wave, kappa: np.ndarray, sigma: np.ndarray, alpha: np
     return float(np.sqrt((np.abs(back[travels] * np.exp(through[-1] - through[:-1][travels])) ** 2).sum()))
 
 
-def family(reach: int) -> list[Profile]:
-    """Profiles that are tried: a strong entrance makes wide stencils grow."""
-    powers, most = ((1, 2, 3), 2.0) if reach < 4 else ((2, 3), 1.0) if reach < 6 else ((3,), 1.0 if reach < 8 else 0.5)
-    return [Profile(s, k, p) for p in powers for k in _STRETCHES for s in _STRENGTHS if s <= most]
+def family(reach: int, dim: int) -> list[Profile]:
+    """Profiles that are tried: a strong entrance makes wide stencils grow; alpha rises for waves along the side, which a line does not have."""
+    wide = reach > 3
+    powers = (1, 2, 3) if not wide else (2, 3) if reach < 6 else (3,)
+    most = 2.0 if not wide else 1.0 if reach < 8 else 0.5
+    shifts = _SHIFTS if dim > 1 and not wide else _SHIFTS[:1]
+    return [Profile(s, k, p, a) for p in powers for k in _STRETCHES for a in shifts for s in _STRENGTHS if s <= most]
 
 
 def worst(waves: Sequence[Wave], profile: Profile, nodes: int, speed: float, spacing: float, above: float = np.inf) -> float:
@@ -149,7 +158,7 @@ def choose(
     speed: float,
     spacing: float,
 ) -> Choice:
-    """The thinnest layer of the family whose reflection stays below a target.
+    """The thinnest layer of the family whose reflection stays below a target; of several, that which sends least of all other waves back.
 
     Parameters
     ----------
@@ -173,24 +182,49 @@ def choose(
         No layer of up to 120 nodes meets the target.
     """
     waves = sample(stencil, rate, recursion, dt, band, angle)
-    aim, best = _MARGIN * target, None
-    for profile in family(stencil.reach[0]):
-        most = _MOST if best is None else best.nodes
-        if worst(waves, profile, most, speed, spacing, aim) > aim:
+    aim, thinnest = _MARGIN * target, _MOST
+    found: list[Profile] = []
+    for profile in family(stencil.reach[0], stencil.dim):
+        if worst(waves, profile, thinnest, speed, spacing, aim) > aim:
             continue
-        low, high = 0, most
+        low, high = 0, thinnest
         while high - low > 1:
             middle = (low + high) // 2
             low, high = (low, middle) if worst(waves, profile, middle, speed, spacing, aim) <= aim else (middle, high)
-        amplitude = worst(waves, profile, high, speed, spacing)
-        if best is None or (high, amplitude) < (best.nodes, best.amplitude):
-            best = Choice(profile, high, amplitude)
-        waves = sorted(waves, key=lambda w, p=profile, n=high: -layer_reflection(w, *p.edges(n, speed, spacing)))  # type: ignore[misc]  # the hardest first
-    if best is None:
+        found = [profile] if high < thinnest else [*found, profile]
+        thinnest = high
+        edges = profile.edges(high, speed, spacing)
+        waves = sorted(waves, key=lambda wave, edges=edges: -layer_reflection(wave, *edges))  # type: ignore[misc]  # the hardest first
+    if not found:
         waves_text = f"waves of {band[0]:.3g} to {band[1]:.3g} spacings up to {angle:g} degrees"
         raise InputError(f"no layer of up to {_MOST} nodes meets the target", value=target, key="boundary.target", limit=waves_text,
                          remedy="a smaller angle or a larger target")  # fmt: skip
-    return best
+    others = beyond(stencil, rate, recursion, dt, band, angle) or waves
+
+    def rest(profile: Profile) -> float:
+        edges = profile.edges(thinnest, speed, spacing)
+        return float(sum(np.log(max(layer_reflection(wave, *edges), 1e-30)) for wave in others))
+
+    best = min(found, key=rest)
+    return Choice(best, thinnest, worst(waves, best, thinnest, speed, spacing))
+
+
+def beyond(stencil: Stencil, rate: float, recursion: Recursion, dt: float, band: tuple[float, float], angle: float) -> list[Wave]:
+    """Waves that a choice does not bound: under larger angles, and of larger tangential wavenumber than they can travel with. None on a line."""
+    if stencil.dim == 1:
+        return []
+    found = []
+    for wavelength in np.geomspace(*band, 3):
+        number = 2 * np.pi / wavelength
+        for share in (*np.sin(np.radians([(2 * angle + 90) / 3, (angle + 180) / 3])), *_BEYOND):
+            if share * number >= np.pi:
+                continue
+            along = [share * number, 0.0][: stencil.dim - 1]
+            normal = number * np.sqrt(complex(1 - share**2))
+            factor = factor_of_wave(-rate * float(stencil.symbol(number, *[0.0] * (stencil.dim - 1))), recursion)
+            modes = chain_modes(rate * chain_weights(stencil, along), factor, recursion, np.exp(1j * normal))
+            found.append(Wave(modes, 2 / dt * (factor - 1) / (factor + 1)))
+    return found
 
 
 def sample(stencil: Stencil, rate: float, recursion: Recursion, dt: float, band: tuple[float, float], angle: float) -> list[Wave]:

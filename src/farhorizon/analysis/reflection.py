@@ -30,7 +30,7 @@ class Modes:
     leaving : ndarray of complex
         Factors of the modes that leave the side or die out away from it.
     travels : ndarray of bool
-        Which of them propagate.
+        Which of them propagate; where none does, the one that reaches farthest.
     """
 
     incoming: complex
@@ -100,7 +100,10 @@ def chain_modes(weights: np.ndarray, factor: complex, recursion: Recursion, near
         raise InputError("no wave of this frequency and wavenumber comes to the side", value=near)
     incoming = roots[ahead][np.argmin(np.minimum(np.abs(roots[ahead] - near), np.abs(roots[ahead] - 1 / near)))]
     leaving = roots[~ahead]
-    return Modes(complex(incoming), leaving, np.abs(np.abs(leaving) - 1) <= _UNIT + 2 * abs(abs(incoming) - 1))
+    travels = np.abs(np.abs(leaving) - 1) <= _UNIT + 2 * abs(abs(incoming) - 1)
+    if not travels.any():  # a field that dies out towards the side, and comes back as one that dies out away from it
+        travels[np.argmin(np.abs(leaving))] = True
+    return Modes(complex(incoming), leaving, travels)
 
 
 def reflection(matrix: np.ndarray, columns: np.ndarray, levels: Sequence[complex], factor: complex, modes: Modes) -> complex:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import fft
 
 _SHARES = (0.001, 0.5, 0.999)  # of the energy, from the longest wave on
+_MOMENTS = 2048  # at which a source is read
 _PADS = 2  # box over extent: as much room as the field has
 
 
@@ -27,7 +28,9 @@ class Band:
     shortest: float
 
 
-def band(fields: Sequence[np.ndarray], spacing: float, orders: Sequence[int]) -> Band | None:
+def band(
+    fields: Sequence[np.ndarray], spacing: float, orders: Sequence[int], gains: Sequence[Callable[[np.ndarray], np.ndarray] | None] | None = None
+) -> Band | None:
     """Wavelengths that fields send out.
 
     Parameters
@@ -38,6 +41,8 @@ def band(fields: Sequence[np.ndarray], spacing: float, orders: Sequence[int]) ->
     orders : sequence of int
         Power of the wavenumber in the amplitude that counts: 1 for displacements, whose energy is in their gradient, 0 for velocities, sources and
         what diffuses.
+    gains : sequence of callable or None, optional
+        Factor on each field's amplitude over the wavenumber times spacing: what the time of a source picks out.
 
     Returns
     -------
@@ -49,8 +54,10 @@ def band(fields: Sequence[np.ndarray], spacing: float, orders: Sequence[int]) ->
     angles = [2 * np.pi * np.fft.fftfreq(n) for n in box[:-1]] + [2 * np.pi * np.fft.rfftfreq(box[-1])]
     number = np.sqrt(np.asarray(sum(a**2 for a in np.ix_(*angles))))
     energy = np.zeros(number.shape)
-    for values, order in zip(fields, orders, strict=True):
+    for values, order, gain in zip(fields, orders, gains or [None] * len(fields), strict=True):
         power = np.abs(fft.rfftn(np.nan_to_num(np.asarray(values, float)), box)) ** 2 * number ** (2 * order)
+        if gain is not None:
+            power = power * gain(number) ** 2
         if power.any():
             energy += power / power.sum()
     if not energy.any():
@@ -60,3 +67,21 @@ def band(fields: Sequence[np.ndarray], spacing: float, orders: Sequence[int]) ->
     found = number.ravel()[order_of][np.searchsorted(passed, np.array(_SHARES) * passed[-1])]
     longest, typical, shortest = (float(np.clip(2 * np.pi / max(k, 1e-9), 2.0, 4 * max(shape))) * spacing for k in found)
     return Band(longest, typical, shortest)
+
+
+def gain_of_time(time: Callable[[float], float], until: float, rate: float) -> Callable[[np.ndarray], np.ndarray]:
+    """What a source's factor of time picks out of its waves: its spectrum at the frequency of each wavenumber.
+
+    Parameters
+    ----------
+    time : callable
+    until : float
+        End of the run.
+    rate : float
+        Speed over spacing.
+    """
+    moments = np.linspace(0, until, _MOMENTS)
+    values = np.array([time(float(t)) for t in moments])
+    amplitudes = np.abs(np.fft.rfft(values, 2 * _MOMENTS))
+    frequencies = 2 * np.pi * np.fft.rfftfreq(2 * _MOMENTS, moments[1])
+    return lambda number: np.interp(rate * number, frequencies, amplitudes, right=0.0)

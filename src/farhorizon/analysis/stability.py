@@ -20,6 +20,7 @@ _LONG = 120  # crossing times of noise where Krylov spaces do not tell
 _LEAST = 12  # Krylov vectors of the first power, at least: a mode that grows slowly may hide behind one that decays slowly
 _RAISE = 8  # factor from one power of the map to the next
 _POWERS = 2  # powers that are tried
+_CLEAR = 1e-6  # a factor so far inside the unit circle needs a condition of a thousand million to be doubtful
 _EXPLODED = 1e6  # growth of white noise over a run that is no transient any more
 
 
@@ -86,8 +87,10 @@ def dense_growth(matrix: np.ndarray, dt: float) -> Growth:
     factors = linalg.eigvals(matrix, check_finite=False)
     order = np.argsort(-np.abs(factors))
     size = np.linalg.norm(matrix)
-    found = []
-    for factor in factors[order[: min(4, len(order))]]:  # of some that are as large, an ill-conditioned one decides
+    found: list[Growth] = []
+    for factor in factors[order[: min(4, len(order))]]:  # of some that are as close to 1, an ill-conditioned one decides
+        if found and abs(factor) < 1 - _CLEAR:
+            break
         right, left = _eigenvectors(matrix, factor)
         error = 4 * np.finfo(float).eps * size / max(abs(np.vdot(left, right)), 1e-300)
         found.append(Growth((abs(factor) - 1) / dt, error / dt, complex(factor), right))

@@ -28,7 +28,7 @@ _sleep = types.ExternalFunction("Sleep", types.void(types.int32)) if os.name == 
 
 
 @intrinsic
-def _add(typingctx, address, value):  # type: ignore[no-untyped-def]
+def add(typingctx, address, value):  # type: ignore[no-untyped-def]
     """Add to a word, return what it was."""
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
@@ -57,10 +57,10 @@ def barrier(sync, lanes):  # type: ignore[no-untyped-def]
         return
     word = np.int64(sync.ctypes.data)
     now = _read(word + 8 * _ROUND)
-    if _add(word + 8 * _ARRIVED, 1) == lanes - 1:
-        _add(word + 8 * _ARRIVED, -lanes)
+    if add(word + 8 * _ARRIVED, 1) == lanes - 1:
+        add(word + 8 * _ARRIVED, -lanes)
         sync[_CLAIMED] = 0
-        _add(word + 8 * _ROUND, 1)
+        add(word + 8 * _ROUND, 1)
         return
     spins = 0
     while _read(word + 8 * _ROUND) == now:
@@ -72,7 +72,7 @@ def barrier(sync, lanes):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def claim(sync):  # type: ignore[no-untyped-def]
     """Number of the next part of the work that no lane has claimed since the last barrier."""
-    return _add(np.int64(sync.ctypes.data) + 8 * _CLAIMED, 1)
+    return add(np.int64(sync.ctypes.data) + 8 * _CLAIMED, 1)
 
 
 def side_by_side(work: Callable[[int, int, np.ndarray], None], lanes: int) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 
 from farhorizon.errors import InputError
 
-_MODULES = ("bobaru2010", "hermann2023", "ji2021", "shojaei2020")
+_MODULES = ("bobaru2010", "hermann2023", "ji2021", "shojaei2020", "shojaei2020_corrosion")
 
 
 @dataclass(frozen=True)
