@@ -427,7 +427,7 @@ class Engine:
         _, blocks, functions, depths, weights, offsets, general = self._first_sweeps
         law = (general, *numbers[:3], self.stages.increments, self._rule)
         first = blocks[0], functions[0], depths[0], False, weights[0], offsets[0]
-        self._driver.sweep_core(1, _ALONE, level, base, out, *first, self._coefficient, law, *self._tiles)
+        self._driver.sweep_core(0, 1, _ALONE, level, base, out, *first, self._coefficient, law, *self._tiles)
         ranges, *cuts = self._cuts
         self._driver.cut(0, 1, _ALONE, level, level, base, out, numbers[3], ranges[-1], len(cuts[0]), *cuts, self.stages.increments,
                          self._coefficient, self._coefficient, self._rule)  # fmt: skip

@@ -143,22 +143,27 @@ def sweep_two_phases(src, base, out, block, number, depth, function, weights, of
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_core(lanes, sync, src, base, out, block, function, depth, backward, weights, offsets, coefficient, law, solids, volumes):
+def sweep_core(lane, lanes, sync, src, base, out, block, function, depth, backward, weights, offsets, coefficient, law, solids, volumes):
     """All parts of the core; in every other stage the last first: it meets what the last stage left in the cache.
 
-    Lanes claim some as they go, so that one whose processor is busy otherwise does less.
+    Each lane has a share of its own, the same in all steps, for the threads' caches may lie far apart. It claims some parts as it goes, and when it
+    is through some of the others', so that one whose processor is busy otherwise does less.
     """
     count = count_parts(block, depth)
-    size = max(1, count // (8 * lanes)) if lanes > 1 else count
-    claimed = claim(sync) if lanes > 1 else 0
-    while claimed * size < count:
-        for i in range(claimed * size, min(count, (claimed + 1) * size)):
-            number = count - 1 - i if backward else i
-            if solids.size:
-                sweep_two_phases(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, solids, volumes)
-            else:
-                sweep_part(src, base, out, block, number, depth, 0, block[3], function, weights, offsets, coefficient, law)
-        claimed = claim(sync) if lanes > 1 else 1
+    for shift in range(lanes):
+        owner = (lane + shift) % lanes
+        first = owner * count // lanes
+        share = (owner + 1) * count // lanes - first
+        size = max(1, share // 8) if lanes > 1 else share
+        claimed = claim(sync, owner) if lanes > 1 else 0
+        while claimed * size < share:
+            for i in range(claimed * size, min(share, (claimed + 1) * size)):
+                number = first + (share - 1 - i if backward else i)
+                if solids.size:
+                    sweep_two_phases(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, solids, volumes)
+                else:
+                    sweep_part(src, base, out, block, number, depth, 0, block[3], function, weights, offsets, coefficient, law)
+            claimed = claim(sync, owner) if lanes > 1 else 1
 
 
 @njit(error_model="numpy", cache=True)
@@ -326,7 +331,7 @@ def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slot
                 barrier(sync, lanes)
                 cut(lane, lanes, sync, src, slots, base, out, scale, cut_ranges[tree], cut_ranges[tree + 1], cut_nodes, cut_neighbours, cut_weights,
                     increments, coefficient, material, rule)  # fmt: skip
-    sweep_core(lanes, sync, src, base, out, blocks[0], functions[0], depths[0], backward, weights[0], offsets[0], coefficient, law, solids, volumes)
+    sweep_core(lane, lanes, sync, src, base, out, blocks[0], functions[0], depths[0], backward, weights[0], offsets[0], coefficient, law, solids, volumes)
     barrier(sync, lanes)
     cut(lane, lanes, sync, src, src, base, out, scale, cut_ranges[trees.shape[0]], cut_nodes.size, cut_nodes, cut_neighbours, cut_weights,
         increments, coefficient, coefficient, rule)  # fmt: skip
