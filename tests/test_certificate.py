@@ -188,3 +188,23 @@ def test_steps_between_sides_of_a_wide_stencil_and_a_narrow_near_field():
     certificate = certify(sim)
     assert certificate.verdict == "not certified" and "near field of 120 nodes" in certificate.reason
     assert certificate.rate == pytest.approx(measured_rate(sim, 8000), rel=0.05)
+
+
+@pytest.mark.parametrize("radius, boundary, verdict", [
+    (4.12, fh.PlaneWave(), "certified"), (4.12, fh.PlaneWave(fit="collocation", wavenumber=1.0), "not certified"), (4.12, fh.Higdon(), "certified"),
+    (4.0, fh.PlaneWave(), "not certified"),
+])  # fmt: skip
+def test_closed_discs(radius, boundary, verdict):
+    """How the outline runs decides: single nodes at the poles, where the radius is a whole number of spacings, make a fit grow."""
+    model = fh.Wave(fh.Kernel(0.75, 2), damping=0.0125)
+    sim = fh.Simulation(fh.Lattice(0.25, window=fh.Disc(radius)), model, boundary, dt=0.05)
+    assert sim.certificate(60.0).verdict == verdict
+
+
+def test_proofs_of_conditions_along_an_outline():
+    """Nearest neighbours in diffusion: weights that are not negative; first-order sides: positive damping and stiffness."""
+    crosses = fh.Simulation(fh.Lattice(0.1, (-1.0,) * 2, (1.0,) * 2), fh.Diffusion(fh.Kernel(0.2, 1)), fh.PlaneWave(wavenumber=0.1), dt=1e-3)
+    sides = fh.Simulation(fh.Lattice(1.0, (0.0,) * 2, (40.0,) * 2), fh.Wave(fh.Stencil.finite_element(2), damping=0.01), fh.FirstOrder(), dt=0.5)
+    for sim, why in ((crosses, "maximum cannot grow"), (sides, "add damping")):
+        found = sim.certificate()
+        assert found.verdict == "certified" and why in found.reason

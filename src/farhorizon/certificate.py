@@ -18,7 +18,8 @@ import numpy as np
 from farhorizon import strip
 from farhorizon.analysis import stability
 from farhorizon.analysis.stability import Growth, dense_growth, fastest, krylov_growth
-from farhorizon.boundaries import Fixed, Free, LatticePML, Periodic, Sponge
+from farhorizon.boundaries import Closing, FirstOrder, Fixed, Free, LatticePML, Periodic, Sponge
+from farhorizon.boundaries.plane_wave import largest_update
 from farhorizon.engine import NEVER, state
 from farhorizon.engine.build import cache_folder
 from farhorizon.engine.state import State
@@ -243,9 +244,11 @@ def _proof(sim: Simulation) -> str:
     ends = sim.exact_ends
     if ends is not None and ends.convolved and not any(isinstance(b, LatticePML) for b in sides):
         return "the past beyond the ends is kept whole: the run is a part of one on the infinite chain, whose energy does not grow"
+    positive = bool((sim.stencil.weights >= 0).all())
+    if sim.closure is not None:
+        return _outline_proof(sim, positive)
     if not all(isinstance(b, Fixed | Free | Periodic | Sponge) for b in sides):
         return ""
-    positive = bool((sim.stencil.weights >= 0).all())
     damped = max((b.damping(1, model.coefficient, sim.lattice.spacing).max() for b in sides if isinstance(b, Sponge)), default=0.0)
     if sim.conditions.nodes.size:
         rows = np.add.reduceat(np.abs(np.append(sim.conditions.weights, 0.0)), sim.conditions.starts[:-1]) * (np.diff(sim.conditions.starts) > 0)
@@ -258,6 +261,26 @@ def _proof(sim: Simulation) -> str:
     limit = sim.step_limit if model.order == 2 else model.integrator.step_limit(sim.rate_limit + damped)
     if (positive or whole) and sim.dt <= limit * (_MARGIN if model.order == 2 else 1 + 1e-12):
         return "bonds act alike in both directions and the step is below the limit: the energy of the scheme cannot grow"
+    return ""
+
+
+def _outline_proof(sim: Simulation, positive: bool) -> str:
+    """Why a condition along an outline cannot make anything grow."""
+    closure, model = sim.closure, sim.model
+    if closure is None or sim.conditions.nodes.size or sim.conditions.leaks or not all(
+        isinstance(b, Closing | Fixed | Free | Periodic) for b in sim.sides.values()
+    ):  # fmt: skip
+        return ""
+    if model.order == 1:
+        share = sim.dt * sim.strongest * float(sim.engine.weights.sum())
+        if positive and share <= 1 and largest_update(closure.update) <= 1 + stability.TOLERANCE * sim.dt:
+            return "each new value is a mean of old ones, or less, fitted ones included: the maximum cannot grow"
+        return ""
+    if not all(isinstance(b, FirstOrder | Fixed | Free | Periodic) for b in sim.sides.values()):
+        return ""
+    held = 2 * float(np.sqrt(model.coefficient)) * model.damping * sim.lattice.dim / sim.lattice.spacing  # stiffness that the sides add
+    if (positive or not sim.engine.absent_bonds) and sim.dt <= _MARGIN * 2 / np.sqrt(sim.rate_limit + held):
+        return "bonds act alike in both directions, the sides add damping and stiffness that are not negative, and the step is below the limit"
     return ""
 
 
@@ -278,7 +301,7 @@ def _examinations(sim: Simulation) -> Iterator[tuple[str, Callable[[float], tupl
     others = [b for (axis, _), b in sim.sides.items() if axis not in layered[:1]]
     if layered and all(isinstance(b, Periodic) for b in others) and not sim.conditions.nodes.size:
         return
-    if sim.conditions.nodes.size or sim.conditions.leaks:
+    if sim.conditions.nodes.size or sim.conditions.leaks or sim.closure is not None:  # how an outline runs decides whether its condition grows
         yield "the complete update", lambda left: (_krylov_part("the complete update", plain_twin(sim), left), [])
         return
     small = plain_twin(sim, small_lattice(sim))

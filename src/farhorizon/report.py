@@ -148,7 +148,6 @@ class Report:
             if lattice.window is not None:
                 say("outline", shown(sim.sides[0, -1]))
             say("fitted", sim.closure.describe())
-            self.warnings += sim.closure.warnings()
         for name, serves in sim.ends.items():
             say(f"exact end {name}", serves)
         if isinstance(sim.model, Corrosion):

@@ -14,7 +14,7 @@ from scipy import ndimage, sparse
 
 from farhorizon.boundaries.first_order import FirstOrder
 from farhorizon.boundaries.higdon import Higdon
-from farhorizon.boundaries.plane_wave import Medium, PlaneWave, largest_update
+from farhorizon.boundaries.plane_wave import Medium, PlaneWave
 from farhorizon.engine import Engine
 from farhorizon.errors import InputError
 from farhorizon.shapes import Ball, Box, Disc, Shape
@@ -261,15 +261,6 @@ class Closure:
             f"{len(self.rows)} halo nodes from {entries.min()} to {entries.max()} values each, {self.levels} levels of "
             f"{len(self.fringe.points)} nodes kept"
         )
-
-    def warnings(self) -> list[str]:
-        """What is known about growth: nothing is proven but where no row of weights exceeds 1 (diffusion), and for flat first-order sides."""
-        kinds = {type(b).__name__ for b in self.outline.sides.values()}
-        largest = largest_update(self.update)
-        if kinds == {"FirstOrder"} or (self.medium.order == 1 and largest <= 1 + 1e-9):
-            return []
-        more = f"; a row of weights sums to 1 + {largest - 1:.2g} in magnitude" if self.medium.order == 1 else ""
-        return [f"no proof that {', '.join(sorted(kinds))} does not grow in long runs: watch the energy{more}"]
 
 
 def _widened(part: sparse.csr_array, columns: int) -> sparse.csr_array:
