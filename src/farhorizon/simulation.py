@@ -188,6 +188,7 @@ class Simulation:
         u = self._holds.start(u)
         solid, metal = self._place(specimens)
         u = np.where(solid, metal - self.background, u) if solid.any() else u
+        self.varied |= bool(solid.any())
         self.start_u, self.start_v, self._first_solid = u, v, int(solid.sum())
         self._cracks = [as_crack(c, lattice.dim) for c in cracks]
         cuts = [c.cut for c in self._cracks]

@@ -234,6 +234,23 @@ def test_mass_balance_along_an_outline():
         fh.Simulation(window, model(kernel_stencil(2, 2)), fh.PlaneWave(), specimens=[fh.Specimen(fh.Disc(1.2, (5.5, 5.5)), METAL)])
 
 
+def test_check_leaves_the_metal_alone():
+    """The certificate is that of the liquid; timing steps and the certificate change neither phases nor times."""
+    lattice = fh.Lattice(1.0, (-8.0, -8.0), (8.0, 8.0))
+    runs = [fh.Simulation(lattice, model(kernel_stencil(2, 2)), fh.LatticePML(nodes=8), specimens=specimens(2), balance=True) for _ in range(2)]
+    for sim in runs:
+        sim.step(10)
+    report = runs[0].check(100.0, budget=5.0)
+    assert f"{int(runs[1].fields['solid'].sum())} solid nodes" in dict(report.rows)["metal"]
+    assert report.certificate.verdict != "not certified"
+    for sim in runs:
+        sim.step(20)
+    for name, field in runs[1].fields.items():
+        assert np.array_equal(runs[0].fields[name], field, equal_nan=True)
+    assert runs[0].balance() == runs[1].balance()
+    check_counts(runs[0])
+
+
 @pytest.mark.parametrize("integrator", ["rk4", "rkc"])
 def test_mass_balance_of_other_integrators(integrator):
     lattice = fh.Lattice(1.0, (-8.0, -8.0), (8.0, 8.0))
