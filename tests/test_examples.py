@@ -60,3 +60,11 @@ def test_block_with_a_penny_crack():
         jumps.append(jump)
     assert powers[1] < powers[0] and jumps[1] > jumps[0]
     assert jumps[1] == pytest.approx(4 * example["RADIUS"] / np.pi, rel=0.1)  # a horizon is a fifth of the radius
+
+
+def test_mesh_closed_by_plane_waves():
+    """Scattered waves leave the mesh: at every time a few times less comes back than from a fixed or a free rim, with wide clouds ten times."""
+    errors = {rim: np.array(values) for rim, values in script("mesh_scatterer")["errors"]().items()}
+    rims = np.minimum(errors["fixed"], errors["free"])
+    assert (3 * errors["plane waves"] < rims).all()
+    assert (10 * errors["plane waves, wide clouds"] < rims).all()

@@ -211,3 +211,28 @@ def test_curve_panels(tmp_path, number):
 def test_no_curves_are_refused(tmp_path, panels):
     with pytest.raises(InputError, match="each with a curve"):
         plot.curve_panels(panels, tmp_path / "c.png", xlabel="x", ylabel="y")
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_front(tmp_path, dim):
+    """Times of dissolution, metal that is left, a window and a film; a field without metal is drawn too."""
+    axes = axes_of(dim)
+    radius = np.sqrt(sum(x**2 for x in np.meshgrid(*axes, indexing="ij")))
+    dissolved = np.where(radius > 0.8, 0.0, np.where(radius < 0.3, np.nan, 1 - radius))
+    outside = radius > 1.2
+    film = [np.array([[-0.5] * dim, [0.5] * dim])]
+    plot.front(np.where(outside, np.nan, dissolved), axes, tmp_path / "a.png", outside=outside, cracks=film)
+    plot.front(np.zeros(dissolved.shape), axes, tmp_path / "b.png")
+    assert is_picture(tmp_path / "a.png") and is_picture(tmp_path / "b.png")
+    with pytest.raises(InputError, match="two or three axes"):
+        plot.front(dissolved, axes[:1], tmp_path / "c.png")
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_outline_of_metal(tmp_path, dim):
+    axes = axes_of(dim)
+    field = wave(axes, 0)
+    for name, solids in (("a", []), ("b", [np.abs(field) > 0.5])):
+        plot.field_panels([("", field)], axes, tmp_path / f"{name}.png", solids=solids)
+    same = (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    assert same == (dim == 1)

@@ -66,6 +66,23 @@ def test_round_trip(tmp_path, dim, dtype):
     np.testing.assert_array_equal(results.energy[6:], [2, 2.5, 3])
 
 
+def test_balance(tmp_path):
+    """Entries of a balance come back by name, in xarray too; rows without one are nan, and resuming cuts them like the others."""
+    names = ["stored", "x-", "residual"]
+    writer = ResultsWriter.create(tmp_path / "a.h5", dim=1, shape=(7,), spacing=0.5, lower=(0.0,), fields=("u",), dtype="float64", accounts=names)
+    for k in range(3):
+        writer.append_history(np.array([k - 0.5]), None, None)
+        writer.append(k, float(k), {"u": np.zeros(7)}, balance={name: k + 10.0 * i for i, name in enumerate(names)} | {"other": 1.0})
+    results = open_results(tmp_path / "a.h5")
+    assert list(results.balance) == names
+    np.testing.assert_array_equal(results.balance["x-"], [np.nan, 10, np.nan, 11, np.nan, 12])
+    assert results.to_xarray()["balance"].sel(account="residual").values[-1] == 22
+    writer = ResultsWriter.resume(tmp_path / "a.h5", 1)
+    writer.append(5, 5.0, {"u": np.zeros(7)}, balance=dict.fromkeys(names, 7.0))
+    np.testing.assert_array_equal(open_results(tmp_path / "a.h5").balance["stored"], [np.nan, 0, 7])
+    assert open_results(write(tmp_path / "b.h5").path).balance == {}
+
+
 @pytest.mark.parametrize("dim", [1, 2, 3])
 def test_to_xarray(tmp_path, dim):
     write(tmp_path / "a.h5", dim)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,8 @@ class Beyond:
         Order of the equation in time.
     depth : dict of (axis, side) to int
         Nodes beyond each absorbing side that are looked at: the layer's, or the stencil's reach if that is more.
+    near : ndarray of bool, optional
+        Nodes of a window that a condition closes along its outline: what lies around them is missed, too.
 
     Attributes
     ----------
@@ -39,16 +41,24 @@ class Beyond:
         What was found below the targets, or cannot be known.
     """
 
-    def __init__(self, lattice: Lattice, sides: dict[tuple[int, int], Boundary], order: int, depth: dict[tuple[int, int], int]) -> None:
-        self.lattice, self.depth = lattice, depth
+    def __init__(
+        self, lattice: Lattice, sides: dict[tuple[int, int], Boundary], order: int, depth: dict[tuple[int, int], int], near: np.ndarray | None = None
+    ) -> None:  # fmt: skip
+        self.lattice, self.depth, self.near = lattice, depth, near
         absorbing = {key: b for key, b in sides.items() if isinstance(b, Absorbing)}
         self.targets = {key: DEFAULT_TARGET[order] if isinstance(b, Sponge) else b.wanted(order) for key, b in absorbing.items()}
         self.notes: list[str] = []
 
     def check_values(self, values: np.ndarray, key: str) -> None:
-        """Note values at an absorbing edge: what an array would be beyond it cannot be known."""
+        """Note values at an absorbing edge: what an array would be beyond it cannot be known. Refuse values around a closed window."""
         peak = float(np.abs(values).max(initial=0))
         found = {}
+        if self.near is not None:
+            missed = float(np.abs(np.where(self.near, 0.0, values)).max(initial=0))
+            if missed > max(self.targets.values()) * peak:
+                raise InputError("not zero beyond the outline of the window, where the run would miss it", value=f"{missed:.3g}",
+                                 limit=f"{max(self.targets.values()) * peak:.3g}", key=key, remedy="a larger window, or zeros there")  # fmt: skip
+            return
         for (axis, side), target in self.targets.items():
             edge = float(np.abs(np.take(values, 0 if side < 0 else -1, axis)).max(initial=0))
             if edge > target * peak:
@@ -81,22 +91,22 @@ class Beyond:
             More than a side's target of the largest value lies beyond it, or all of it.
         """
         found = {}
-        for (axis, side), target in self.targets.items():
-            coordinates, exists = self.strip(axis, side)
+        for name, target, coordinates, exists in self._around():
             with np.errstate(all="ignore"):
                 beyond = np.abs(np.where(exists, np.asarray(function(*coordinates), float) - level, 0.0))
             worst = float(beyond.max(initial=0))
             share = worst / max(peak, worst, 1e-300) if np.isfinite(worst) else np.inf
             if not share <= target:
                 where = [round(float(c[np.unravel_index(int(np.argmax(beyond)), beyond.shape)]), 9) for c in coordinates]
+                edge = "outline" if name == "outline" else f"side {name}"
                 raise InputError(
-                    f"not zero beyond the absorbing side {_name(axis, side)}; the run would miss it: an error of about {share:.2g} of the largest "
+                    f"not zero beyond the absorbing {edge}; the run would miss it: an error of about {share:.2g} of the largest "
                     f"{missed}", value=f"{worst:.3g} at {where}", limit=f"{target * max(peak, worst):.3g} ({target:g} of the largest)", key=key,
                     remedy="enlarge the near field, narrow or move what is given"
                     + (", set background to its value far away" if missed == "initial value" else ""),
                 )  # fmt: skip
             if share > _ROUNDING:
-                found[_name(axis, side)] = share
+                found[name] = share
         if found:
             self.notes.append(
                 f"{key}: {max(found.values()):.2g} of the largest {missed} lies beyond {', '.join(found)} and is missed; below the target"
@@ -165,6 +175,13 @@ class Beyond:
             if np.any(low > self.lattice.upper + slack) or np.any(high < self.lattice.lower - slack):
                 raise InputError("the crack lies beyond the near field and cuts none of its bonds", value=[b.tolist() for b in (low, high)],
                                  limit=_extent(self.lattice), key="crack", remedy="move it inside or enlarge the near field")  # fmt: skip
+
+    def _around(self) -> Iterator[tuple[str, float, list[np.ndarray], np.ndarray]]:
+        """Name, target, coordinates and existing nodes of each part of the medium that is looked at."""
+        for (axis, side), target in self.targets.items():
+            yield _name(axis, side), target, *self.strip(axis, side)
+        if self.near is not None:
+            yield "outline", max(self.targets.values()), self.lattice.coordinates(), ~self.near
 
     def strip(self, axis: int, side: int) -> tuple[list[np.ndarray], np.ndarray]:
         """Coordinates of the nodes beyond a side, corners included, and which of them exist (a body goes on along the normal)."""

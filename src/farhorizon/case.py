@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
 import farhorizon as fh
 from farhorizon.errors import FileFormatError, InputError
@@ -38,6 +38,26 @@ class PolygonPart(_Part):
     points: list[list[Number]]
 
 
+class TextPart(_Part):
+    text: str
+    height: Number
+    centre: list[Number] | None = None
+    font: str = "DejaVu Sans"
+    bold: bool = False
+
+
+class ImagePart(_Part):
+    file: str
+    width: Number
+    centre: list[Number] | None = None
+    threshold: Number = 0.5
+
+    @field_validator("file")
+    @classmethod
+    def _beside_the_case(cls, name: str, info: ValidationInfo) -> str:
+        return str((info.context or {}).get("folder", Path()) / name)
+
+
 class RegionPart(_Part):
     """One shape, with shapes taken out of it."""
 
@@ -45,6 +65,8 @@ class RegionPart(_Part):
     ball: DiscPart | None = None
     box: BoxPart | None = None
     polygon: PolygonPart | None = None
+    text: TextPart | None = None
+    image: ImagePart | None = None
     without: list[RegionPart] = []
 
     def build(self, key: str) -> fh.shapes.Shape:
@@ -63,8 +85,12 @@ class RegionPart(_Part):
             shapes.append(fh.Box(self.box.lower, self.box.upper))
         if self.polygon is not None:
             shapes.append(fh.Polygon(self.polygon.points))
+        if self.text is not None:
+            shapes.append(fh.Text(**self.text.model_dump()))
+        if self.image is not None:
+            shapes.append(fh.ImageMask(self.image.file, self.image.width, self.image.centre, self.image.threshold))
         if len(shapes) != 1:
-            raise InputError("give exactly one of disc, ball, box, polygon", key=key)
+            raise InputError("give exactly one of disc, ball, box, polygon, text, image", key=key)
         region = shapes[0]
         for hole in self.without:
             region = region - hole.build(key + ".without")
@@ -122,6 +148,16 @@ class HeatPart(_Part):
     stencil: Literal["finite-difference", "finite-element"] | None = None
 
 
+class CorrosionPart(_Part):
+    type: Literal["corrosion"]
+    diffusivity: Number = 1.0
+    saturation: Number
+    interface: Number = 0.1
+    integrator: str = "euler"
+    kernel: KernelPart | None = None
+    stencil: Literal["finite-difference", "finite-element"] | None = None
+
+
 class LatticePMLPart(_Part):
     type: Literal["lattice-pml"]
     target: Number | None = None
@@ -155,8 +191,44 @@ class SpongePart(_Part):
     strength: Number | None = None
 
 
-BoundaryPart = Annotated[LatticePMLPart | ExactPart | FixedPart | FreePart | PeriodicPart | SpongePart, Field(discriminator="type")]
-_BOUNDARIES = {"lattice-pml": fh.LatticePML, "exact": fh.Exact, "fixed": fh.Fixed, "free": fh.Free, "periodic": fh.Periodic, "sponge": fh.Sponge}
+class PlaneWavePart(_Part):
+    type: Literal["plane-wave"]
+    fit: str | None = None
+    dispersion: str | None = None
+    time: str | None = None
+    layer: Number | None = None
+    radius: Number | None = None
+    cone: Number | None = None
+    thin: int | None = None
+    normals: str | None = None
+    angle: Number | None = None
+    angles: int = 11
+    wavenumber: Number | None = None
+    wavenumbers: int | None = None
+    smallest: Number | None = None
+    regularization: Number | None = None
+    rcond: Number = 1e-15
+    balanced: bool = True
+
+
+class HigdonPart(_Part):
+    type: Literal["higdon"]
+    angles: list[Number] = [0.0, 45.0]
+    shift: Number | None = None
+
+
+class FirstOrderPart(_Part):
+    type: Literal["first-order"]
+
+
+BoundaryPart = Annotated[
+    LatticePMLPart | ExactPart | FixedPart | FreePart | PeriodicPart | SpongePart | PlaneWavePart | HigdonPart | FirstOrderPart,
+    Field(discriminator="type"),
+]
+_BOUNDARIES = {
+    "lattice-pml": fh.LatticePML, "exact": fh.Exact, "fixed": fh.Fixed, "free": fh.Free, "periodic": fh.Periodic, "sponge": fh.Sponge,
+    "plane-wave": fh.PlaneWave, "higdon": fh.Higdon, "first-order": fh.FirstOrder,
+}  # fmt: skip
 
 
 class CrackPart(_Part):
@@ -177,6 +249,11 @@ class ConstraintPart(_Part):
     kind: str | None = None
     transfer: Number | None = None
     within: RegionPart | None = None
+
+
+class SpecimenPart(_Part):
+    region: RegionPart
+    concentration: Number = 1.0
 
 
 class SourcePart(_Part):
@@ -203,17 +280,19 @@ class RunPart(_Part):
 
 
 class OutputPart(_Part):
-    fields: list[Literal["u", "v"]] = ["u"]
+    fields: list[Literal["u", "v", "solid", "dissolved"]] | None = None
     every: Number | None = None
     probes: list[list[Number]] = []
     pictures: list[Number] | None = None
+    balance: bool = False
 
 
 class CasePart(_Part):
     lattice: LatticePart
-    model: Annotated[WavePart | DiffusionPart | HeatPart | BeamPart, Field(discriminator="type")]
+    model: Annotated[WavePart | DiffusionPart | HeatPart | CorrosionPart | BeamPart, Field(discriminator="type")]
     initial: dict[Literal["u", "v"], str | Number] = {}
     boundary: dict[str, BoundaryPart] = {}
+    specimen: list[SpecimenPart] = []
     crack: list[CrackPart] = []
     source: list[SourcePart] = []
     constraint: list[Annotated[ConstraintPart | PrescribedPart, Field(discriminator="type")]] = []
@@ -248,7 +327,7 @@ class Case:
         except tomllib.TOMLDecodeError as error:
             raise InputError(f"{self.path}: not valid TOML: {error}") from None
         try:
-            self.parts = CasePart.model_validate(data)
+            self.parts = CasePart.model_validate(data, context={"folder": self.path.parent})
         except ValidationError as error:
             raise InputError(f"{self.path}: " + _explain(error)) from None
         with self.naming():
@@ -278,6 +357,12 @@ class Case:
         """Time between two outputs; a fortieth of the run unless given."""
         return self.parts.output.every if self.parts.output.every is not None else self.parts.run.until / 40
 
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """What is written: u unless given, of a corrosion the times of dissolution too."""
+        default = ["u", "dissolved"] if isinstance(self.model, fh.Corrosion) else ["u"]
+        return tuple(default if self.parts.output.fields is None else self.parts.output.fields)
+
     def simulation(self, **changes: Any) -> fh.Simulation:
         """A new simulation of the case."""
         with self.naming():
@@ -297,7 +382,7 @@ class Case:
         body = part.body.build("lattice.body") if part.body else None
         return fh.Lattice(part.spacing, part.lower, part.upper, window=window, body=body)
 
-    def _model(self) -> fh.Wave | fh.Diffusion | fh.Heat | fh.Beam:
+    def _model(self) -> fh.Wave | fh.Diffusion | fh.Heat | fh.Corrosion | fh.Beam:
         part = self.parts.model
         if isinstance(part, BeamPart):
             return fh.Beam(part.stiffness, part.damping)
@@ -313,6 +398,8 @@ class Case:
             return fh.Wave(operator, part.speed, part.damping)
         if isinstance(part, DiffusionPart):
             return fh.Diffusion(operator, part.diffusivity, part.integrator)
+        if isinstance(part, CorrosionPart):
+            return fh.Corrosion(operator, part.diffusivity, saturation=part.saturation, interface=part.interface, integrator=part.integrator)
         if part.stages is not None and part.integrator != "rkc":
             raise InputError("only Runge-Kutta-Chebyshev has stages to choose", value=part.integrator, limit="rkc", key="model.stages")
         integrator = part.integrator if part.stages is None else fh.RungeKuttaChebyshev(part.stages)
@@ -351,10 +438,11 @@ class Case:
             "lattice": self.lattice, "model": self.model, "boundary": boundary or fh.LatticePML(),
             "initial": {k: self._expression(v, f"initial.{k}") for k, v in parts.initial.items()},
             "sources": [self._expression(s.value, "source.value") for s in parts.source],
+            "specimens": [fh.Specimen(s.region.build(f"specimen[{i}].region"), s.concentration) for i, s in enumerate(parts.specimen)],
             "cracks": [self._crack(c) for c in parts.crack],
             "constraints": [self._constraint(c, f"constraint[{i}]") for i, c in enumerate(parts.constraint)],
             "coefficient": coefficient, "rule": parts.rule, "rim": parts.rim, "background": parts.background,
-            "dt": parts.run.dt, "dtype": parts.run.dtype, "threads": parts.run.threads,
+            "balance": parts.output.balance, "dt": parts.run.dt, "dtype": parts.run.dtype, "threads": parts.run.threads,
         }  # fmt: skip
 
     def _prescribed(self, part: PrescribedPart, key: str) -> fh.Prescribed:
@@ -409,8 +497,10 @@ class Case:
             raise InputError("must be positive", value=out.every, key="output.every")
         if self.parts.run.until <= 0:
             raise InputError("must be positive", value=self.parts.run.until, key="run.until")
-        if "v" in out.fields and self.model.order == 1:
-            raise InputError("diffusion has no velocity", value="v", limit="u", key="output.fields")
+        known = ["u"] + (["v"] if self.model.order == 2 else []) + (["solid", "dissolved"] if isinstance(self.model, fh.Corrosion) else [])
+        for name in self.fields:
+            if name not in known:
+                raise InputError(f"a {self.parts.model.type} has no such field", value=name, limit=", ".join(known), key="output.fields")
         for point in out.probes:
             try:
                 self.lattice.index(point)
@@ -425,9 +515,12 @@ def _nearest(word: str, words: list[str]) -> str:
 
 _PARTS: dict[str, type[_Part]] = {
     "lattice": LatticePart, "window": RegionPart, "body": RegionPart, "without": RegionPart, "region": RegionPart, "within": RegionPart,
-    "box": BoxPart, "ball": DiscPart, "polygon": PolygonPart, "wave": WavePart, "beam": BeamPart, "diffusion": DiffusionPart, "heat": HeatPart,
+    "box": BoxPart, "ball": DiscPart, "polygon": PolygonPart, "text": TextPart, "image": ImagePart,
+    "wave": WavePart, "beam": BeamPart, "diffusion": DiffusionPart, "heat": HeatPart,
+    "corrosion": CorrosionPart, "specimen": SpecimenPart,
     "kernel": KernelPart, "lattice-pml": LatticePMLPart, "exact": ExactPart, "fixed": FixedPart, "free": FreePart, "periodic": PeriodicPart,
-    "sponge": SpongePart, "crack": CrackPart, "source": SourcePart, "constraint": ConstraintPart,
+    "sponge": SpongePart, "plane-wave": PlaneWavePart, "higdon": HigdonPart, "first-order": FirstOrderPart,
+    "crack": CrackPart, "source": SourcePart, "constraint": ConstraintPart,
     "temperature": ConstraintPart, "flux": ConstraintPart, "insulated": ConstraintPart, "convection": ConstraintPart, "prescribed": PrescribedPart,
     "run": RunPart, "output": OutputPart,
 }  # fmt: skip
@@ -450,7 +543,7 @@ def _explain(error: ValidationError) -> str:
     problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")  # a misspelt key is why another is missing
     for problem in problems[:3]:
         location = tuple(problem["loc"])
-        tags = {"wave", "beam", "diffusion", "heat", "lattice-pml", "exact", "fixed", "free", "periodic", "sponge", "float", "str", "int", "[key]"}
+        tags = {"wave", "beam", "diffusion", "heat", "corrosion", "float", "str", "int", "[key]", *_BOUNDARIES}
         tags |= {"temperature", "flux", "insulated", "convection", "prescribed"}
         key = ".".join(str(s) for s in location if s not in tags)
         if problem["type"] == "extra_forbidden":

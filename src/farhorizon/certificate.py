@@ -19,11 +19,12 @@ from farhorizon import strip as strips
 from farhorizon.analysis import stability
 from farhorizon.analysis.stability import Growth, dense_growth, fastest, krylov_growth
 from farhorizon.boundaries import Fixed, Free, LatticePML, Periodic, Sponge
-from farhorizon.engine import state
+from farhorizon.engine import NEVER, state
 from farhorizon.engine.build import cache_folder
 from farhorizon.engine.state import State
 from farhorizon.errors import InputError
 from farhorizon.lattice import AXES
+from farhorizon.models import Corrosion
 from farhorizon.strip import NARROW, Strip, crossing_steps, plain_twin, small_lattice
 
 if TYPE_CHECKING:
@@ -131,6 +132,9 @@ def certify(sim: Simulation, budget: float = BUDGET) -> Certificate:
     proof = _proof(sim)
     if proof:
         return Certificate(CERTIFIED, proof, seconds=time.monotonic() - begin)
+    if isinstance(sim.model, Corrosion) and (sim.engine.dissolved == NEVER).any():
+        found = certify(sim.remade(specimens=()), budget)
+        return replace(found, reason=f"{found.reason}; that of the linear form, all liquid")
     path = _cache_file(sim)
     known = _recall(path)
     if known is not None:

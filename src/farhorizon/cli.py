@@ -72,6 +72,7 @@ def _parser() -> argparse.ArgumentParser:
     reproduce = add("reproduce", _reproduce, "compute a published table or figure anew, ours beside theirs; without a name, list them")
     reproduce.add_argument("name", nargs="?", help="name of the table or figure")
     reproduce.add_argument("--out", metavar="DIR", default=".", help="folder of the pictures (default: here)")
+    reproduce.add_argument("--full", action="store_true", help="the published size, where the default is a smaller one; takes minutes")
     demo = add("demo", _demo, "two notches in an infinite membrane: run, compare and draw, in under a minute")
     demo.add_argument("--out", metavar="DIR", default="farhorizon-demo", help="folder of the picture (default: farhorizon-demo)")
     add("info", _info, "versions, threads, caches")
@@ -143,7 +144,8 @@ def _run(options: argparse.Namespace) -> int:
         _folder(options.out)
         writer = ResultsWriter.create(
             result, dim=case.lattice.dim, shape=case.lattice.shape, spacing=case.lattice.spacing, lower=case.lattice.lower,
-            fields=tuple(case.parts.output.fields), dtype=sim.engine.dtype, probes=probes, case=case.text, program=f"farhorizon {fh.__version__}",
+            fields=case.fields, dtype=sim.engine.dtype, probes=probes, accounts=list(sim.balance()) if case.parts.output.balance else [],
+            case=case.text, program=f"farhorizon {fh.__version__}",
         )  # fmt: skip
         checkpoint.unlink(missing_ok=True)
     for note in sim.notes:
@@ -156,7 +158,8 @@ def _run(options: argparse.Namespace) -> int:
     def record(sim: fh.Simulation) -> None:
         fields = sim.fields
         values = np.array([fields["u"][node] for node in probe_nodes])
-        writer.append(sim.step_count, sim.time, {k: fields[k] for k in case.parts.output.fields}, energy=sim.energy(), observed=values)
+        writer.append(sim.step_count, sim.time, {k: fields[k] for k in case.fields}, energy=sim.energy(), observed=values,
+                      balance=sim.balance() if writer.accounts else None)  # fmt: skip
 
     def keep(sim: fh.Simulation) -> None:
         sim.save(checkpoint, outputs=writer.outputs, rows=writer.rows)
@@ -296,7 +299,7 @@ def _reproduce(options: argparse.Namespace) -> int:
         return GOOD
     entry = find(options.name)
     print(f"{entry.paper}\n{entry.name}: {entry.title}")
-    outcome = entry.function(_folder(options.out))
+    outcome = entry.run(_folder(options.out), options.full)
     print(table(outcome))
     if outcome.pictures:
         print(f"pictures: {', '.join(str(p) for p in outcome.pictures)}")

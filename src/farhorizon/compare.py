@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from farhorizon.analysis import InfiniteLattice, undisturbed
-from farhorizon.boundaries import Absorbing, Exact, Fixed, Free, LatticePML, Sponge
+from farhorizon.boundaries import Absorbing, Exact, FirstOrder, Fixed, Free, Higdon, LatticePML, PlaneWave, Sponge
 from farhorizon.cracks import as_cut
 from farhorizon.errors import InputError
 from farhorizon.lattice import Lattice
+from farhorizon.shapes import Shape
 from farhorizon.simulation import Simulation
 from farhorizon.sources import Source
 
@@ -131,6 +132,7 @@ def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None =
         runs |= {f"{rim} edge": _ended(setup, ours, rim) for rim in ("fixed", "free") if not ours.model.sides or rim.title() in ours.model.sides}
     homogeneous = all(isinstance(b, Absorbing) for b in ours.sides.values()) and ours.lattice.body is None
     homogeneous &= not setup.get("cracks") and not setup.get("constraints") and setup.get("coefficient") is None and not ours.sources
+    homogeneous &= not setup.get("specimens")
     far = None if homogeneous else _extended(setup, ours, steps[-1] * ours.dt)
     infinite = None
     if homogeneous:
@@ -214,6 +216,7 @@ def _by_name(sim: Simulation) -> dict[str, Any]:
 
 def _name(sim: Simulation) -> str:
     labels: dict[type, str] = {LatticePML: "lattice PML", Exact: "exact", Sponge: "sponge"}
+    labels |= {PlaneWave: "plane wave", Higdon: "Higdon", FirstOrder: "first order"}
     used: set[type] = {type(b) for b in sim.sides.values()}
     kinds = used & set(labels) or used
     return " + ".join(sorted(labels.get(k, k.__name__.lower()) for k in kinds))
@@ -244,6 +247,7 @@ def _extended(setup: dict[str, Any], ours: Simulation, until: float) -> Simulati
         "initial": {k: widen(v) for k, v in (setup.get("initial") or {}).items()},
         "sources": [widen(s) for s in setup.get("sources", ())],
         "constraints": [replace(c, where=widen(c.where)) if np.asarray(c.where).dtype == bool else c for c in setup.get("constraints", ())],
+        "specimens": [replace(s, where=widen(s.where)) if not isinstance(s.where, Shape) else s for s in setup.get("specimens", ())],
         "cracks": [as_cut(c, lattice.dim) for c in setup.get("cracks", ())],
         "coefficient": widen(setup["coefficient"], "edge") if setup.get("coefficient") is not None else None,
     }  # fmt: skip

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon import boundaries, shapes
+from farhorizon import boundaries, outlines, shapes
 from farhorizon.conditions import Convection, Flux, Insulated, Temperature
 from farhorizon.constraints import Prescribed
 from farhorizon.cracks import Crack
@@ -16,19 +16,21 @@ from farhorizon.expressions import Expression
 from farhorizon.integrators import RungeKuttaChebyshev
 from farhorizon.kernel import Kernel
 from farhorizon.lattice import Lattice
-from farhorizon.models import Beam, Diffusion, Heat, Wave
+from farhorizon.models import Beam, Corrosion, Diffusion, Heat, Wave
 from farhorizon.models.scalar import INTEGRATORS
 from farhorizon.sources import Source
+from farhorizon.specimens import Specimen
 from farhorizon.stencil import Stencil
 
 _TYPES = {
     t.__name__: t
     for t in (
-        *(getattr(boundaries, n) for n in ("LatticePML", "Exact", "Fixed", "Free", "Periodic", "Sponge")),
+        *(getattr(boundaries, n) for n in ("LatticePML", "Exact", "FirstOrder", "Fixed", "Free", "Higdon", "Periodic", "PlaneWave", "Sponge")),
         *(getattr(shapes, n) for n in ("Disc", "Ball", "Box", "Polygon", "Union", "Intersection", "Difference")),
+        *(getattr(outlines, n) for n in ("ImageMask", "Text")),
         *(getattr(shapes, n) for n in ("PointCut", "Polyline", "Rectangle", "DiscCut", "PolygonCut")),
         *(Beam, Convection, Crack, Diffusion, Expression, Flux, Heat, Insulated, Kernel, Lattice, Prescribed, RungeKuttaChebyshev, Source, Stencil),
-        *(Temperature, Wave),
+        *(Corrosion, Specimen, Temperature, Wave),
     )
 }
 

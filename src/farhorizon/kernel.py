@@ -96,6 +96,30 @@ class Kernel:
             moment = self.horizon**q * (1 / q if self.influence == "constant" else 1 / q - 1 / (q + 1))
         return float(2 * dim * coefficient / (_SPHERE[dim] * moment))
 
+    def series(self, dim: int, terms: int) -> np.ndarray:
+        """Terms a_1, a_2, .. of the continuum symbol ``S(k) = coefficient k^2 (1 + a_1 z^2 + a_2 z^4 + ..)``, z = k horizon.
+
+        The numbers of Shojaei et al. (2020), eq 26, with the signs of diffusion's growing modes turned, and of Hermann et al. (2023), eqs 24 and 29.
+
+        Parameters
+        ----------
+        dim : {1, 2, 3}
+        terms : int
+
+        Returns
+        -------
+        ndarray, shape (terms,)
+            Empty for a gaussian influence, which has none in closed form.
+        """
+        self._check_dim(dim)
+        if self.influence == "gaussian":
+            return np.zeros(0)
+        j = np.arange(1, terms + 2)
+        mean = {1: special.gamma(2 * j + 1.0), 2: 4.0**j * special.gamma(j + 1.0) ** 2, 3: special.gamma(2 * j + 2.0)}[dim]
+        n = 2 * j + dim - self.exponent
+        a = (-1.0) ** (j + 1) / mean * (1 / n if self.influence == "constant" else 1 / n - 1 / (n + 1))
+        return np.asarray(a[1:] / a[0])
+
     def dispersion(self, k: np.ndarray | float, dim: int) -> np.ndarray:
         """Continuum symbol S(k) for unit coefficient: squared frequency (waves) or decay rate (diffusion).
 

@@ -39,6 +39,7 @@ _COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 _DASHES = ("-", "--", "-.", ":")
 # A logarithmic axis shows at most so many decades below its maximum; double precision resolves 16.
 _DECADES = 20
+_RIM = (("white", 2.2), ("0.1", 0.9))  # a light rim shows a line on dark colours
 _SHARED = 0.2  # panels whose largest values differ by more than this factor have colour scales of their own
 
 
@@ -131,6 +132,7 @@ def field_panels(
     shared_scale: bool = True,
     cracks: Sequence[np.ndarray] = (),
     label: str = "u",
+    solids: Sequence[np.ndarray] = (),
 ) -> None:
     """Draw fields side by side: lines in one axes in 1D, images in 2D, the slice in the middle of z in 3D.
 
@@ -148,6 +150,8 @@ def field_panels(
         Polylines, drawn as thin dark lines; in 3D their projection along z.
     label : str
         Name of what is drawn.
+    solids : sequence of ndarray of bool
+        For each field the nodes that are solid: their outline is drawn as cracks are. Without meaning in 1D.
 
     Raises
     ------
@@ -177,7 +181,72 @@ def field_panels(
         arrays = [array[:, :, middle] for array in arrays]
         place = f"z = {_number(coordinates[2][middle], np.ptp(coordinates[2]))}"
         titles = [f"{title}, {place}" if title else place for title in titles]
-    _images(arrays, titles, coordinates[:2], path, shared_scale=shared_scale, cracks=polylines, label=label)
+        solids = [solid[:, :, middle] for solid in solids]
+    _images(arrays, titles, coordinates[:2], path, shared_scale=shared_scale, cracks=polylines, label=label, solids=solids)
+
+
+def _extent(axes: Sequence[np.ndarray]) -> tuple[float, float, float, float]:
+    """Left, right, lower and upper edge of the cells of two axes."""
+    spacing = max(float(axis[1] - axis[0]) if axis.size > 1 else 0.0 for axis in axes) or 1.0
+    left, right, bottom, top = (float(end) for axis in axes for end in (axis[0] - spacing / 2, axis[-1] + spacing / 2))
+    return left, right, bottom, top
+
+
+def _around(axis: np.ndarray, wanted: np.ndarray) -> tuple[float, float]:
+    """Part of an axis with the wanted nodes and a tenth of their extent, at least two cells, on either side; all of it without any."""
+    found = axis[wanted] if wanted.any() else axis
+    more = max(0.1 * np.ptp(found), 2 * (axis[1] - axis[0]))
+    return float(max(found[0] - more, axis[0])), float(min(found[-1] + more, axis[-1]))
+
+
+def front(dissolved: np.ndarray, axes: Sequence[np.ndarray], path: str | Path, *, outside: np.ndarray | None = None, cracks: Any = ()) -> None:
+    """Draw how metal has dissolved: the time at which each node became liquid, the fronts at even times, and the metal that is left.
+
+    Parameters
+    ----------
+    dissolved : ndarray, shape (nx, ny[, nz])
+        `Simulation.fields["dissolved"]`: nan in the metal, 0 where it was liquid from the start. In 3D the slice in the middle of z is drawn.
+    axes : sequence of ndarray
+        Coordinates of the nodes along each axis, two or three.
+    path : str or Path
+        The PNG file.
+    outside : ndarray of bool, optional
+        Nodes outside a window, left blank.
+    cracks : sequence of ndarray, each of shape (n, dim)
+        Drawn as lines.
+
+    Raises
+    ------
+    InputError
+        Another number of axes, or no such directory.
+    """
+    from matplotlib.colors import ListedColormap
+
+    if len(axes) not in (2, 3) or dissolved.shape != tuple(len(axis) for axis in axes):
+        raise InputError("a picture of the front needs a field on two or three axes", value=dissolved.shape, limit=[len(axis) for axis in axes])
+    blank = np.zeros(dissolved.shape, bool) if outside is None else outside
+    title = ""
+    if len(axes) == 3:
+        middle = dissolved.shape[2] // 2
+        dissolved, blank = dissolved[:, :, middle], blank[:, :, middle]
+        title = f"z = {_number(axes[2][middle], np.ptp(axes[2]))}"
+    metal = np.isnan(dissolved) & ~blank
+    last = float(np.nanmax(dissolved, initial=0.0)) or 1.0
+    once = metal | (dissolved > 0)
+    shown = [_around(axis, once.any(1 - number)) for number, axis in enumerate(axes[:2])]
+    _, _, width, height = _panel_grid(1, np.ptp(shown[1]) / np.ptp(shown[0]))
+    with _figure(path, (1.4 * width + 1.5, 1.4 * height + 0.8), "compressed") as figure:
+        panel = figure.add_subplot()
+        style: dict[str, Any] = {"origin": "lower", "extent": _extent(axes[:2]), "aspect": "equal"}
+        panel.imshow(np.where(metal, 1.0, np.nan).T, cmap=ListedColormap(["0.55"]), **style)
+        times = panel.imshow(np.where(dissolved > 0, dissolved, np.nan).T, cmap="viridis", vmin=0, vmax=last, **style)
+        late = np.where(metal, 1.25 * last, np.where(once, dissolved, np.nan))
+        panel.contour(*axes[:2], late.T, levels=np.linspace(0.2, 0.8, 4) * last, colors="white", linewidths=0.6)
+        panel.contour(*axes[:2], once.T.astype(float), levels=[0.5], colors="0.1", linewidths=0.8)
+        for points in cracks:
+            panel.plot(points[:, 0], points[:, 1], color="#D55E00", linewidth=1.4, linestyle="-", scalex=False, scaley=False)
+        panel.set(xlabel="x", ylabel="y", title=title, xlim=shown[0], ylim=shown[1])
+        figure.colorbar(times, ax=panel, label="time of dissolution")
 
 
 def _images(
@@ -189,10 +258,10 @@ def _images(
     shared_scale: bool,
     cracks: Sequence[np.ndarray],
     label: str,
+    solids: Sequence[np.ndarray] = (),
 ) -> None:
     """Draw checked 2D fields as images."""
-    spacing = max(float(axis[1] - axis[0]) if axis.size > 1 else 0.0 for axis in axes) or 1.0
-    left, right, bottom, top = (end for axis in axes for end in (axis[0] - spacing / 2, axis[-1] + spacing / 2))
+    left, right, bottom, top = _extent(axes)
     rows, columns, width, height = _panel_grid(len(arrays), (top - bottom) / (right - left))
     bar = 0.9 if shared_scale else 0.9 * columns
     with _figure(path, (columns * (width + 0.15) + 0.6 + bar, rows * (height + 0.35) + 0.45), "compressed") as figure:
@@ -209,8 +278,11 @@ def _images(
             outside = np.isnan(array)
             if outside.any() and not outside.all() and min(array.shape) > 1:
                 panel.contour(*axes, outside.T, levels=[0.5], colors="0.6", linewidths=0.6)
+            if solids and min(array.shape) > 1:
+                for color, width_of_line in _RIM:
+                    panel.contour(*axes, solids[number].T.astype(float), levels=[0.5], colors=color, linewidths=width_of_line)
             for points in cracks:
-                for color, width_of_line in (("white", 2.2), ("0.1", 0.9)):  # a light rim shows it on dark colours
+                for color, width_of_line in _RIM:
                     panel.plot(points[:, 0], points[:, 1], color=color, linewidth=width_of_line, linestyle="-", scalex=False, scaley=False)
             panel.set_title(title)
             lowest = number + columns >= len(arrays)
@@ -247,7 +319,8 @@ def plot_results(results: Results, out_dir: str | Path, times: Sequence[float] |
     Returns
     -------
     list of Path
-        ``FIELD.png`` for every field, ``probes.png`` and ``energy.png`` where they were recorded.
+        ``FIELD.png`` for every field (``front.png`` for the times of dissolution), ``probes.png``, ``energy.png`` and ``balance.png`` where they
+        were recorded.
 
     Raises
     ------
@@ -268,10 +341,18 @@ def plot_results(results: Results, out_dir: str | Path, times: Sequence[float] |
     directory.mkdir(parents=True, exist_ok=True)
     written = []
     if chosen.size:
+        solids = [_solid(results, int(k)) for k in chosen] if "dissolved" in results.field_names else []
         for name in results.field_names:
-            fields = [(f"t = {outputs[k]:.4g}", results.field(name, int(k))) for k in chosen]
+            if name == "dissolved" and results.dim > 1:
+                written.append(directory / "front.png")
+                outside = np.isnan(results.field("u", 0)) if "u" in results.field_names else None
+                front(results.field(name, int(chosen[-1])), results.axes, written[-1], outside=outside, cracks=cracks)
+                continue
+            drawn = chosen if name != "dissolved" else chosen[-1:]  # the last one tells all
+            fields = [(f"t = {outputs[k]:.4g}", results.field(name, int(k))) for k in drawn]
             written.append(directory / f"{name}.png")
-            field_panels(fields, results.axes, written[-1], shared_scale=_comparable([f for _, f in fields]), cracks=cracks, label=name)
+            alike = _comparable([f for _, f in fields])
+            field_panels(fields, results.axes, written[-1], shared_scale=alike, cracks=cracks, label=name, solids=solids)
     history, values, energy = results.history_times, results.probe_values, results.energy
     if np.isfinite(values).any():
         names = [", ".join(f"{axis} = {_number(x, results.spacing)}" for axis, x in zip("xyz", place, strict=False)) for place in results.probes]
@@ -284,7 +365,17 @@ def plot_results(results: Results, out_dir: str | Path, times: Sequence[float] |
         log = bool((energies > 0).all() and energies.max() > 100 * energies.min())
         written.append(directory / "energy.png")
         _lines([("energy", moments, energies)], written[-1], xlabel="t", ylabel="energy", log=log)
+    if results.balance:
+        written.append(directory / "balance.png")
+        curves = [(name, *_recorded(history, values)) for name, values in results.balance.items()]
+        _lines(curves, written[-1], xlabel="t", ylabel="gain since the start, and inflow")
     return written
+
+
+def _solid(results: Results, index: int) -> np.ndarray:
+    """Which nodes of an output are solid: those without a time of dissolution that lie in the window."""
+    metal = np.isnan(results.field("dissolved", index))
+    return metal & np.isfinite(results.field("u", index)) if "u" in results.field_names else metal
 
 
 def _recorded(times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -377,7 +468,8 @@ def curve_panels(
         if shared:
             figure.supylabel(ylabel, fontsize=axes.yaxis.label.get_size())
         if legend:
-            figure.legend(legend.values(), legend.keys(), loc="outside upper center", ncols=min(len(legend), 4))
+            fit = max(1, 100 // (max(map(len, legend)) + 7))  # characters across the figure, and those that a line's sample takes
+            figure.legend(legend.values(), legend.keys(), loc="outside upper center", ncols=min(len(legend), fit, 4))
 
 
 def mode_picture(mode: np.ndarray, spacing: float, title: str, path: str | Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,10 +11,11 @@ import numpy as np
 
 from farhorizon.analysis import undisturbed
 from farhorizon.analysis.spectrum import Band, band, gain_of_time
-from farhorizon.boundaries import Absorbing, Exact, Fixed, LatticePML, Sponge
+from farhorizon.boundaries import Absorbing, Closing, Exact, Fixed, LatticePML, Sponge
 from farhorizon.certificate import BUDGET, NOT_CERTIFIED, UNDECIDED, Certificate
 from farhorizon.errors import InputError
 from farhorizon.lattice import AXES
+from farhorizon.models import Corrosion
 from farhorizon.stencil import BackwardWaves
 from farhorizon.strip import Strip, pinned
 
@@ -60,6 +61,12 @@ class Reflections:
                 return np.nan
 
         return np.array([[one(w, a) for a in angles] for w in self.wavelengths])
+
+
+def shown(boundary: Any) -> str:
+    """A boundary with the options that differ from their defaults."""
+    given = {f.name: getattr(boundary, f.name) for f in fields(boundary) if getattr(boundary, f.name) != f.default}
+    return f"{type(boundary).__name__}({', '.join(f'{k}={v!r}' for k, v in given.items())})"
 
 
 @dataclass
@@ -135,10 +142,18 @@ class Report:
         for text, names in layers.items():
             say(f"layer {', '.join(names)}", text)
         for (axis, side), boundary in sim.sides.items():
-            if not isinstance(boundary, LatticePML | Exact):
-                say(f"side {AXES[axis]}{'-+'[side > 0]}", repr(boundary))
+            if not isinstance(boundary, LatticePML | Exact) and not (isinstance(boundary, Closing) and lattice.window is not None):
+                say(f"side {AXES[axis]}{'-+'[side > 0]}", shown(boundary))
+        if sim.closure is not None:
+            if lattice.window is not None:
+                say("outline", shown(sim.sides[0, -1]))
+            say("fitted", sim.closure.describe())
+            self.warnings += sim.closure.warnings()
         for name, serves in sim.ends.items():
             say(f"exact end {name}", serves)
+        if isinstance(sim.model, Corrosion):
+            metal = int(np.nansum(sim.fields["solid"]))
+            say("metal", f"{metal} solid nodes shown, saturation {sim.model.saturation:g}, interface {sim.model.interface:g} of the liquid")
         total = int(np.prod(engine.core.nodes))
         extra = sum(int(np.prod(b.nodes)) for b in engine.layout.blocks.values()) - int(np.prod(lattice.shape))
         say("nodes computed", f"{total} in the core, {extra} beyond the near field")
@@ -277,9 +292,7 @@ def _plain_seconds(sim: Simulation) -> float:
     wanted = max(1.0, (np.prod(lattice.shape) / _PROBED) ** (1 / lattice.dim))
     count = [max(int(n / wanted), 2 * m + 1) for n, m in zip(lattice.shape, sim.stencil.reach, strict=True)]
     box = Lattice(lattice.spacing, lattice.lower, lattice.lower + lattice.spacing * (np.array(count) - 1))
-    plain = sim.remade(
-        lattice=box, boundary=Fixed(sim.background), sources=(), cracks=(), constraints=(), coefficient=None, rim="free", balance=False
-    )
+    plain = sim.remade(lattice=box, boundary=Fixed(sim.background))
     return plain.seconds_per_step() / float(np.prod(count))
 
 

@@ -36,7 +36,10 @@ FORMAT = "farhorizon results"
 CHECKPOINT_FORMAT = "farhorizon checkpoint"
 VERSION = 1
 # Names that the Dataset of `Results.to_xarray` and the pictures of `farhorizon.plot` use for something else.
-RESERVED = frozenset({"time", "step", "x", "y", "z", "energy", "history_time", "probe", "probe_x", "probe_y", "probe_z", "probe_values", "probes"})
+RESERVED = frozenset(
+    {"time", "step", "x", "y", "z", "energy", "history_time", "probe", "probe_x", "probe_y", "probe_z", "probe_values", "probes"}
+    | {"balance", "account"}
+)
 _CHUNK_BYTES = 2**26
 _CHUNK_ROWS = 512
 
@@ -128,6 +131,11 @@ def _chunk(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
     return tuple(chunk)
 
 
+def _accounts(group: Any) -> tuple[str, ...]:
+    """Names of the entries of the balance in a results file; none without a balance."""
+    return tuple(group["accounts"].asstr()[:]) if "accounts" in group else ()
+
+
 def _growing(group: Any, name: str, dtype: str) -> None:
     """Make an empty column that grows by rows."""
     group.create_dataset(name, (0,), dtype, maxshape=(None,), chunks=(_CHUNK_ROWS,))
@@ -173,6 +181,7 @@ class ResultsWriter:
             self.fields: tuple[str, ...] = tuple(group["fields"].asstr()[:])
             self.outputs, self.rows = _counts(file, self.path)
             self._probes: int = group["probes"].shape[0]
+            self.accounts = _accounts(group)
             self._last_step = int(group["steps"][self.outputs - 1]) if self.outputs else None
 
     @classmethod
@@ -187,6 +196,7 @@ class ResultsWriter:
         fields: tuple[str, ...],
         dtype: Any,
         probes: np.ndarray | None = None,
+        accounts: Sequence[str] = (),
         case: str = "",
         program: str = "",
     ) -> ResultsWriter:
@@ -209,6 +219,8 @@ class ResultsWriter:
             float32 or float64, of the stored fields.
         probes : ndarray, shape (n, dim), optional
             Positions of the probes.
+        accounts : sequence of str
+            Names of the entries of a balance, which each `append` is to give.
         case : str
             Text of the case file.
         program : str
@@ -282,6 +294,9 @@ class ResultsWriter:
             _growing(history, "energy", "f8")
             if len(places):
                 history.create_dataset("values", (0, len(places)), "f8", maxshape=(None, len(places)), chunks=(_CHUNK_ROWS, min(len(places), 64)))
+            if accounts:
+                group.create_dataset("accounts", data=list(accounts), dtype=h5py.string_dtype())
+                history.create_dataset("balance", (0, len(accounts)), "f8", maxshape=(None, len(accounts)), chunks=(_CHUNK_ROWS, len(accounts)))
         return cls(path)
 
     @classmethod
@@ -330,11 +345,17 @@ class ResultsWriter:
         return cls(path)
 
     def append(
-        self, step: int, time: float, fields: Mapping[str, np.ndarray], energy: float | None = None, observed: np.ndarray | None = None
+        self,
+        step: int,
+        time: float,
+        fields: Mapping[str, np.ndarray],
+        energy: float | None = None,
+        observed: np.ndarray | None = None,
+        balance: Mapping[str, float] | None = None,
     ) -> None:
         """Append one output.
 
-        With an energy or probe values, a history row is appended too; leave both None where `append_history` has recorded this time.
+        With an energy, probe values or a balance, a history row is appended too; leave all None where `append_history` has recorded this time.
 
         Parameters
         ----------
@@ -346,6 +367,8 @@ class ResultsWriter:
         energy : float, optional
         observed : ndarray, shape (n probes,), optional
             Values at the probes.
+        balance : mapping of str to float, optional
+            Every entry that the file was created with; others are left out.
 
         Raises
         ------
@@ -363,9 +386,10 @@ class ResultsWriter:
             remedy = "append each step once; ResultsWriter.resume goes back"
             raise InputError(f"{self.path}: step numbers grow from output to output", value=step, limit=f"> {self._last_step}", remedy=remedy)
         history = None
-        if energy is not None or observed is not None:
+        if energy is not None or observed is not None or balance is not None:
             values = np.full((1, self._probes), np.nan) if observed is None else np.asarray(observed, dtype=float)[np.newaxis]
-            history = self._history(np.array([time]), values, np.array([np.nan if energy is None else energy]))
+            entries = [np.nan if balance is None else balance[name] for name in self.accounts]
+            history = *self._history(np.array([time]), values, np.array([np.nan if energy is None else energy])), np.array([entries])
         n = self.outputs
         rows = self.rows + (0 if history is None else 1)
         with _opened(self.path, "r+", "results file") as file:
@@ -408,7 +432,7 @@ class ResultsWriter:
         values = np.full((times.size, self._probes), np.nan) if probes is None else np.asarray(probes, dtype=float)
         history = self._history(times, values, np.full(times.size, np.nan) if energy is None else np.asarray(energy, dtype=float))
         with _opened(self.path, "r+", "results file") as file:
-            self._put_history(file, *history)
+            self._put_history(file, *history, np.full((times.size, len(self.accounts)), np.nan))
             file.flush()
         self.rows += times.size
 
@@ -419,13 +443,15 @@ class ResultsWriter:
             raise InputError(f"{self.path}: times, probe values and energy do not match", value=value, limit=f"(n,), (n, {self._probes}), (n,)")
         return times, values, energy
 
-    def _put_history(self, file: Any, times: np.ndarray, values: np.ndarray, energy: np.ndarray) -> None:
+    def _put_history(self, file: Any, times: np.ndarray, values: np.ndarray, energy: np.ndarray, balance: np.ndarray) -> None:
         """Write checked rows behind the valid ones."""
         history = file["farhorizon/history"]
         _put(history["times"], self.rows, times)
         _put(history["energy"], self.rows, energy)
         if self._probes:
             _put(history["values"], self.rows, values)
+        if self.accounts:
+            _put(history["balance"], self.rows, balance)
         history.attrs.modify("rows", self.rows + times.size)
 
 
@@ -472,6 +498,7 @@ class Results:
             self.probes: np.ndarray = group["probes"][:]
             self.case: str = group["case"].asstr()[()]
             self.program: str = str(group.attrs["program"])
+            self._accounts = _accounts(group)
             for name in self.field_names:
                 stored = file["VTKHDF/PointData"][name].shape[1:]
                 if stored != _vtk_shape(self.shape):
@@ -520,6 +547,12 @@ class Results:
         """Energy, shape (rows,); nan where none was recorded."""
         return self._history_rows("energy")
 
+    @property
+    def balance(self) -> dict[str, np.ndarray]:
+        """Entries of the balance (`Simulation.balance`), each of shape (rows,); empty if none was recorded."""
+        rows = self._history_rows("balance") if self._accounts else np.empty((0, 0))
+        return {name: rows[:, i] for i, name in enumerate(self._accounts)}
+
     def field(self, name: str, index: int = -1) -> np.ndarray:
         """Read one field at one output.
 
@@ -555,8 +588,8 @@ class Results:
         Returns
         -------
         xarray.Dataset
-            Fields with the dimensions time, x[, y[, z]]; ``energy`` (history_time) and ``probe_values`` (history_time, probe); case,
-            program and lattice as attributes.
+            Fields with the dimensions time, x[, y[, z]]; ``energy`` (history_time) and ``probe_values`` (history_time, probe), ``balance``
+            (history_time, account) if one was recorded; case, program and lattice as attributes.
 
         Raises
         ------
@@ -580,10 +613,15 @@ class Results:
             data[name] = (("time", *names), np.ascontiguousarray(lattice_first))
         data["energy"] = ("history_time", self.energy[:rows])
         data["probe_values"] = (("history_time", "probe"), self.probe_values[:rows])
+        balance = self.balance
+        if balance:
+            data["balance"] = (("history_time", "account"), np.stack([values[:rows] for values in balance.values()], axis=1))
         coords: dict[str, Any] = {"time": times, "step": ("time", self.steps[: times.size]), "history_time": self.history_times[:rows]}
         for axis, name in enumerate(names):
             coords[name] = self.axes[axis]
             coords[f"probe_{name}"] = ("probe", self.probes[:, axis])
+        if balance:
+            coords["account"] = list(balance)
         attributes = {"program": self.program, "case": self.case, "dim": self.dim, "spacing": self.spacing, "lower": list(self.lower)}
         return xarray.Dataset(data, coords, attributes)
 

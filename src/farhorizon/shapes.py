@@ -278,19 +278,38 @@ class Polygon(Shape):
 
     def _contains(self, points: Array) -> Mask:
         lower, upper = self.bounds()
-        slack = TOLERANCE * (upper - lower).max()
-        odd = np.zeros(points.shape[:-1], dtype=bool)
-        on_edge = np.zeros_like(odd)
-        x, y = points[..., 0], points[..., 1]
-        for a, b in zip(self.points, np.roll(self.points, -1, axis=0), strict=True):
-            edge = b - a
-            nearest = np.clip(_dot(points - a, edge) / _dot(edge, edge), 0.0, 1.0)
-            on_edge |= _norm(points - a - nearest[..., None] * edge) <= slack
-            # Half-open in y, so that a ray through a corner meets one of its two edges, or both or none where it only touches.
-            spans = (a[1] > y) != (b[1] > y)
-            if edge[1]:
-                odd ^= spans & (x < a[0] + (y - a[1]) * (edge[0] / edge[1]))
+        odd, on_edge = polygon_side(points, self.points, TOLERANCE * (upper - lower).max())
         return odd | on_edge
+
+
+def polygon_side(points: Array, corners: Array, slack: float) -> tuple[Mask, Mask]:
+    """Which points a ray leaves through an odd number of a polygon's edges, and which lie within `slack` of an edge.
+
+    Parameters
+    ----------
+    points : ndarray, shape (..., 2)
+    corners : ndarray, shape (n, 2)
+        In order; the last is joined to the first.
+    slack : float
+
+    Returns
+    -------
+    odd, on_edge : ndarray of bool, shape (...)
+    """
+    odd = np.zeros(points.shape[:-1], dtype=bool)
+    on_edge = np.zeros_like(odd)
+    x, y = points[..., 0], points[..., 1]
+    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        edge = b - a
+        if not edge.any():
+            continue
+        nearest = np.clip(_dot(points - a, edge) / _dot(edge, edge), 0.0, 1.0)
+        on_edge |= _norm(points - a - nearest[..., None] * edge) <= slack
+        # Half-open in y, so that a ray through a corner meets one of its two edges, or both or none where it only touches.
+        spans = (a[1] > y) != (b[1] > y)
+        if edge[1]:
+            odd ^= spans & (x < a[0] + (y - a[1]) * (edge[0] / edge[1]))
+    return odd, on_edge
 
 
 class _Pair(Shape):

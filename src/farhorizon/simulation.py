@@ -17,23 +17,41 @@ from farhorizon.analysis.choice import Choice
 from farhorizon.analysis.flux import nodal_flux, power_across
 from farhorizon.analysis.spectrum import band
 from farhorizon.beyond import Beyond
-from farhorizon.boundaries import Boundary, Exact, ExactEnds, Fixed, Free, LatticePML, Periodic, Sponge, sides
+from farhorizon.boundaries import (
+    Absorbing,
+    Boundary,
+    Closing,
+    Closure,
+    Exact,
+    ExactEnds,
+    Fixed,
+    Free,
+    LatticePML,
+    Outline,
+    Periodic,
+    PlaneWave,
+    Sponge,
+    sides,
+)  # fmt: skip
+from farhorizon.boundaries.plane_wave import SERIES, Medium
 from farhorizon.certificate import BUDGET, Certificate, certify
 from farhorizon.conditions import Conditions, Constraint, resolve
 from farhorizon.constraints import Holds, Prescribed
 from farhorizon.cracks import Crack, as_crack, cut_bonds
 from farhorizon.describe import describe, rebuild
-from farhorizon.engine import Engine, Layer, available_threads
+from farhorizon.engine import NEVER, Engine, Layer, available_threads
 from farhorizon.engine.layout import Block
 from farhorizon.errors import FileFormatError, InputError, UnstableError
-from farhorizon.integrators import stage_effects
+from farhorizon.integrators import Euler, Verlet, stage_effects
+from farhorizon.kernel import Kernel
 from farhorizon.lattice import AXES, Lattice
 from farhorizon.machine import available_memory
-from farhorizon.models import ScalarModel
+from farhorizon.models import Corrosion, ScalarModel
 from farhorizon.report import Report
 from farhorizon.results import read_checkpoint, write_checkpoint
-from farhorizon.shapes import Cut
+from farhorizon.shapes import Cut, Shape
 from farhorizon.sources import checked, parts, split, steady
+from farhorizon.specimens import Specimen, place
 from farhorizon.stencil import Stencil
 
 _GUARD_STEPS = 200  # steps between two looks of the instability guard, at most; fewer on lattices above
@@ -49,7 +67,7 @@ class Simulation:
     ----------
     lattice : Lattice
         The near field.
-    model : Wave, Diffusion, Heat or Beam
+    model : Wave, Diffusion, Heat, Corrosion or Beam
     boundary : Boundary or mapping
         One for all sides, or ``{"x-": ..., "x+": ..., "y": ..., "all": ...}``.
     initial : mapping
@@ -60,6 +78,8 @@ class Simulation:
         Cuts, points of polylines (2D), of polygons (3D) or positions (1D); `Crack` for one that conducts a little or opens later.
     constraints : sequence
         `Temperature`, `Flux`, `Insulated`, `Convection`: conditions on nodes of the body; `Prescribed`: nodes that follow a value for a while.
+    specimens : sequence of Specimen
+        The metal of a `Corrosion`; all else is liquid.
     balance : bool
         Record what flows into the near field, for `balance`.
     coefficient : array_like, optional
@@ -85,11 +105,14 @@ class Simulation:
         The layers that were chosen by angle, by side.
     stop_requested : bool
         Set it (from a signal handler, an observer) to end `run` with KeyboardInterrupt between two steps.
+    closure : Closure or None
+        The conditions along the outline of the near field.
     start_u, start_v : ndarray
         Initial values less the background, and initial velocities.
     fields : dict of str to ndarray
         The near field, "u", and for waves "v" (half a step late, (u(n) - u(n-1))/dt); nan outside a window or body, and on
-        the nodes beyond a wall that conditions set as images of those inside.
+        the nodes beyond a wall that conditions set as images of those inside. Of a corrosion "solid", 1 in the metal and 0 in the liquid, and
+        "dissolved", the time at which a node became liquid: 0 where it was from the start, nan in the metal.
 
     Raises
     ------
@@ -115,11 +138,12 @@ class Simulation:
         rim: str = "free",
         constraints: Sequence[Constraint | Prescribed] = (),
         balance: bool = False,
+        specimens: Sequence[Specimen] = (),
     ) -> None:
         self.lattice, self.model, self.background = lattice, model, float(background)
         self.observers = list(observe)
         self.sides = sides(LatticePML() if boundary is None else boundary, lattice.dim)
-        self._check_model(cracks, coefficient)
+        self._check_model(cracks, coefficient, specimens)
         if dtype not in ("float64", "float32"):
             raise InputError("unknown number type", value=dtype, limit="float64, float32", key="dtype")
         if threads is not None and not 1 <= threads <= available_threads():
@@ -133,13 +157,14 @@ class Simulation:
         if not np.isfinite(self.background):
             raise InputError("the background must be finite", value=background, key="background")
         self.stencil = model.stencil(lattice.spacing, lattice.dim)
+        self._check_closing()
         self._layers = self._make_layers()
         self._check_size()
         self._check_memory(dtype)
         factor = None if coefficient is None else checked(coefficient, lattice, "coefficient")
         if factor is not None and (factor < 0).any():
             raise InputError("a coefficient must not be negative", value=float(factor.min()), limit=">= 0", key="coefficient")
-        self.strongest = 1.0 if factor is None else float(factor.max())
+        self.strongest = model.strongest if factor is None else float(factor.max())
         self.varied = factor is not None and bool(np.ptp(factor) > 0)
         self.conditions = self._resolve(constraints, factor)
         self._hidden = self._hide()
@@ -153,14 +178,16 @@ class Simulation:
         self.stop_requested = False
         self._guard_steps = max(1, min(_GUARD_STEPS, _GUARD_STEPS * _GUARD_NODES // max(int(np.prod(lattice.shape)), 1)))
 
-        self._beyond = Beyond(lattice, self.sides, model.order, self._depth())
+        self._beyond = Beyond(lattice, self.sides, model.order, self._depth(), self._near_field)
         u = self._initial("u", initial or {})
         v = self._initial("v", initial or {}) if "v" in (initial or {}) and model.order == 2 else np.broadcast_to(0.0, lattice.shape)
         for name in set(initial or {}) - ({"u", "v"} if model.order == 2 else {"u"}):
             raise InputError("unknown initial field", value=name, limit="u, v" if model.order == 2 else "u", key="initial")
         self._holds = Holds(tuple(c for c in constraints if isinstance(c, Prescribed)), lattice, model.integrator, self.dt, self.background)
         u = self._holds.start(u)
-        self.start_u, self.start_v = u, v
+        solid, metal = self._place(specimens)
+        u = np.where(solid, metal - self.background, u) if solid.any() else u
+        self.start_u, self.start_v, self._first_solid = u, v, int(solid.sum())
         self._cracks = [as_crack(c, lattice.dim) for c in cracks]
         cuts = [c.cut for c in self._cracks]
         self._beyond.check_cracks(cuts, self.stencil.reach)
@@ -170,9 +197,13 @@ class Simulation:
         self.sources = [self._split_source(s, f"source[{i}]" if len(sources) > 1 else "source") for i, s in enumerate(sources)]
         self._drives = self.sources + [drive for _, drive in self.conditions.sources]
         self._balance = False
-        self._margins = self._choose_margins(u, v, factor, cuts)
+        self._margins = self._choose_margins(u, v, solid.astype(float) if solid.any() else factor, cuts)
         self._check_conditions()
         self._make_engine(factor, rule, dtype, threads)
+        self._set_phases(np.where(solid, NEVER, 0))
+        if solid.any():
+            self._check_dry()
+        self.closure = self._close(factor)
         self._cut(self._cracks)
         self._opened = len(self._cracks)
         self._open_cracks()
@@ -183,7 +214,7 @@ class Simulation:
         self._setup: dict[str, Any] = {
             "lattice": lattice, "model": model, "boundary": {AXES[a] + "-+"[side > 0]: b for (a, side), b in self.sides.items()},
             "sources": list(sources), "cracks": self._cracks, "constraints": list(constraints), "balance": balance,
-            "coefficient": factor, "background": self.background, "dt": self.dt,
+            "coefficient": factor, "background": self.background, "dt": self.dt, "specimens": list(specimens),
             "dtype": dtype, "threads": threads, "rule": rule, "rim": rim,
         }  # fmt: skip
         self._scale = max([float(np.abs(u).max()), float(np.abs(v).max()) * self.dt, 1e-300, *held])
@@ -194,8 +225,8 @@ class Simulation:
 
     # --- set-up ------------------------------------------------------------------------------------------------
 
-    def _check_model(self, cracks: Sequence[Any], coefficient: Any) -> None:
-        """Sides and bonds that the model does not have."""
+    def _check_model(self, cracks: Sequence[Any], coefficient: Any, specimens: Sequence[Specimen]) -> None:
+        """Sides, bonds and phases that the model does not have."""
         model = self.model
         for (axis, side), boundary in self.sides.items():
             if model.sides and type(boundary).__name__ not in model.sides:
@@ -204,6 +235,69 @@ class Simulation:
         if not model.bonds and (len(cracks) or coefficient is not None or self.lattice.body is not None):
             key = "crack" if len(cracks) else "coefficient" if coefficient is not None else "lattice.body"
             raise InputError(f"the bonds of a {type(model).__name__} cannot be cut or weakened one by one", key=key, remedy="leave it out")
+        if isinstance(model, Corrosion) and coefficient is not None:
+            raise InputError("the phases are the coefficient of a Corrosion", key="coefficient", remedy="leave it out")
+        if len(specimens) and not isinstance(model, Corrosion):
+            raise InputError("only a Corrosion has specimens", value=type(model).__name__, key="specimens", remedy="Corrosion(...)")
+
+    def _check_closing(self) -> None:
+        """Conditions along an outline: integrators of one stage, windows closed by one condition all around."""
+        closing = {key: b for key, b in self.sides.items() if isinstance(b, Closing)}
+        self._near_field: np.ndarray | None = None  # nodes of a window that a condition closes along its outline
+        if not closing:
+            return
+        name = type(next(iter(closing.values()))).__name__
+        if not isinstance(self.model.integrator, Euler | Verlet):
+            raise InputError(f"{name} goes along with one stage a step", value=self.model.integrator.name, key="model.integrator",
+                             limit="forward Euler, velocity Verlet", remedy='integrator="euler", or LatticePML')  # fmt: skip
+        if self.lattice.window is None:
+            return
+        if len(closing) < len(self.sides) or len({repr(b) for b in closing.values()}) > 1:
+            raise InputError(f"{name} closes a window along its outline, all around", key="boundary", remedy="the same condition on all sides")
+        self._near_field = self.lattice.mask
+
+    def _close(self, factor: np.ndarray | None) -> Closure | None:
+        """The conditions along the outline; None without."""
+        closing = {key: b for key, b in self.sides.items() if isinstance(b, Closing)}
+        if not closing:
+            return None
+        lattice, model, dx = self.lattice, self.model, self.lattice.spacing
+        shape = self.engine.core.nodes[3 - lattice.dim :]
+        near = np.zeros(shape, bool)
+        inside = self._near[3 - lattice.dim :]
+        near[inside] = True if self._near_field is None else self._near_field
+        outline = Outline(
+            self._origin, dx, near, lattice.window, closing, frozenset(a for (a, _), b in self.sides.items() if isinstance(b, Periodic)),
+            frozenset(key for key, b in self.sides.items() if isinstance(b, Free)), self.stencil.offsets,
+        )  # fmt: skip
+        scale = 1.0 if factor is None else float(factor[0 if self._near_field is None else tuple(np.argwhere(self._near_field)[0])].flat[0])
+        kernel = model.operator if isinstance(model.operator, Kernel) else None
+        medium = Medium(
+            model.order, model.coefficient * scale, self.dt, model.damping, dx * self.stencil.offsets,
+            self.stencil.weights * model.coefficient * scale / dx**2, 0.0 if kernel is None else kernel.horizon,
+            () if kernel is None else tuple(kernel.series(lattice.dim, SERIES)),
+        )  # fmt: skip
+        closure = Closure(outline, medium)
+        indices = self.engine.core.node_indices().reshape(shape)
+        closure.attach(self.engine, indices)
+        self._check_fringe(closure, factor)
+        return closure
+
+    def _check_fringe(self, closure: Closure, factor: np.ndarray | None) -> None:
+        """What a condition along the outline reads is the homogeneous medium: no other material, no body's end, no constraint."""
+        lattice = self.lattice
+        material = np.ones(lattice.shape) if factor is None else factor.copy()
+        if lattice.body is not None and lattice.mask is not None:
+            material[~lattice.mask] = np.nan
+        solid = self._solid if isinstance(self.model, Corrosion) else np.zeros(0)
+        for nodes in (*self._holds.nodes, self.conditions.nodes, np.flatnonzero(self.leak()), np.flatnonzero(solid)):
+            material.flat[nodes] = np.nan
+        pads = [(self._margins[a, -1], self._margins[a, 1]) for a in range(lattice.dim)]
+        read = np.pad(material, pads, mode="edge")[tuple(closure.fringe.index.T)]
+        if not np.ptp(read) == 0:
+            raise InputError("a condition along the outline reads metal, or nodes where the material varies, the body ends or a constraint holds",
+                             key="boundary", limit=f"uniform within {closure.fringe.depth:g} of the outline",
+                             remedy="enlarge the near field, or use a LatticePML")  # fmt: skip
 
     def _check_size(self) -> None:
         for axis, (n, m) in enumerate(zip(self.lattice.shape, self.stencil.reach, strict=True)):
@@ -223,9 +317,8 @@ class Simulation:
     def _memory_needed(self, itemsize: int) -> float:
         """Bytes at the peak, in setting up: three levels and the layers' memory once more, and about seven fields besides coordinates."""
         reach = self.stencil.reach
-        shape = [
-            n + sum(b.nodes for (a, _), b in self.sides.items() if a == axis and isinstance(b, Sponge)) for axis, n in enumerate(self.lattice.shape)
-        ]
+        more = {key: self._width(key) for key, b in self.sides.items() if isinstance(b, Sponge | Closing)}
+        shape = [n + sum(width for (a, _), width in more.items() if a == axis) for axis, n in enumerate(self.lattice.shape)]
         columns = [sum(layer.columns for (a, _), layer in self._layers.items() if a == axis) for axis in range(self.lattice.dim)]
         nodes = [float(n + 2 * m + c) for n, m, c in zip(shape, reach, columns, strict=True)]
         slots = [float(n + 2 * m + c * (2 * m + 1)) for n, m, c in zip(shape, reach, columns, strict=True)]
@@ -236,7 +329,8 @@ class Simulation:
 
     def _choose_step(self, dt: float | None) -> float:
         if dt is None:
-            return 0.5 * self.step_limit
+            fitted = [b.step_limit(self.model, self.lattice.spacing, self.lattice.dim) for b in self.sides.values() if isinstance(b, PlaneWave)]
+            return 0.5 * min([self.step_limit, *fitted])
         if not (np.isfinite(dt) and 0 < dt):
             raise InputError("the time step must be positive", value=dt, key="run.dt")
         if dt > self.step_limit * (1 + 1e-12):
@@ -248,9 +342,10 @@ class Simulation:
         """Initial values less the background; refuses data that the infinite medium would have beyond the near field."""
         level = self.background if name == "u" else 0.0
         value, key = initial.get(name, level), f"initial.{name}"
-        values = self._inside(checked(value(*self.lattice.coordinates()) if callable(value) else value, self.lattice, key) - level)
+        given = checked(value(*self.lattice.coordinates()) if callable(value) else value, self.lattice, key) - level
+        values = self._inside(given)
         if np.ndim(value):
-            self._beyond.check_values(values, key)
+            self._beyond.check_values(given if self._near_field is not None else values, key)
         elif name in initial:
             function = value if callable(value) else lambda *_: value
             self._beyond.check_function(function, float(np.abs(values).max(initial=0)), key, level, "initial value")
@@ -267,6 +362,47 @@ class Simulation:
         hidden = np.zeros(self.lattice.shape, bool) if self.lattice.mask is None else ~self.lattice.mask
         hidden.ravel()[self.conditions.images] = True
         return hidden if hidden.any() else None
+
+    def _place(self, specimens: Sequence[Specimen]) -> tuple[np.ndarray, np.ndarray]:
+        """The solid nodes and what they hold; refuses metal at and beyond an absorbing side, where all must be liquid."""
+        if not isinstance(self.model, Corrosion):
+            return np.zeros(self.lattice.shape, bool), np.zeros(self.lattice.shape)
+        solid, metal = place(specimens, self.lattice, self.model.saturation, self.background)
+        for (axis, side), boundary in self.sides.items():
+            if isinstance(boundary, Absorbing) and np.take(solid, 0 if side < 0 else -1, axis).any():
+                raise InputError(f"a specimen touches the absorbing side {AXES[axis]}{'-+'[side > 0]}; beyond it all is liquid", key="specimens",
+                                 remedy="enlarge the near field, or end the specimen at a Free side")  # fmt: skip
+        for number, specimen in enumerate(specimens):
+            if isinstance(specimen.where, Shape):
+                shape = specimen.where
+                self._beyond.check_function(lambda *at, shape=shape: shape.contains(np.stack(at, -1)), 1.0, f"specimen[{number}]")
+        return solid, metal
+
+    def _set_phases(self, dissolved: np.ndarray) -> None:
+        """Give the engine the step at which each node of the near field became liquid (`NEVER`: solid), for a corrosion."""
+        if isinstance(self.model, Corrosion):
+            core = np.zeros(self.engine.core.nodes, np.int64)
+            core[self._near] = dissolved.reshape(core[self._near].shape)
+            self.engine.set_phases(core, self.model.interface, self.model.saturation - self.background)
+
+    def _check_dry(self) -> None:
+        """Metal changes by what it loses to the liquid alone: neither conditions nor sources act on it."""
+        busy = np.zeros(self.lattice.shape, bool)
+        busy.ravel()[np.concatenate([self.conditions.nodes, *self._holds.nodes]).astype(int)] = True
+        for space, _ in self._drives:
+            busy |= False if space is None else space != 0
+        leak = self.leak()
+        self._refuse_wet(busy | (leak > 0) if leak.size else busy)
+
+    def _refuse_wet(self, busy: np.ndarray) -> None:
+        if (busy & self._solid).any():
+            raise InputError("a source or a condition acts on solid nodes", value=f"{int((busy & self._solid).sum())} nodes", key="specimens",
+                             remedy="keep sources and conditions in the liquid")  # fmt: skip
+
+    @property
+    def _solid(self) -> np.ndarray:
+        """The nodes of the near field that are solid now, in a corrosion."""
+        return (self.engine.dissolved[self._near] == NEVER).reshape(self.lattice.shape)
 
     def _check_conditions(self) -> None:
         """The layer beyond an absorbing side continues the medium, not a condition on its nodes."""
@@ -292,13 +428,15 @@ class Simulation:
         space, time = parts(source)
         found = split(source, self.lattice)
         values = found[0]
+        inside = self._near_field
         if space is None or values is None:
             self._unsplit.append(time)
         elif np.ndim(space):
             self._beyond.check_values(values, key)
         else:
             function = space if callable(space) else lambda *_: space
-            self._beyond.check_function(function, float(np.abs(values).max(initial=0)), key, missed="source value")
+            peak = float(np.abs(values if inside is None else values[inside]).max(initial=0))
+            self._beyond.check_function(function, peak, key, missed="source value")
         return found
 
     def check_sources(self, until: float) -> None:
@@ -335,7 +473,9 @@ class Simulation:
         return last
 
     def _inside(self, values: np.ndarray) -> np.ndarray:
-        """Zero outside a body, where there are no nodes."""
+        """Zero outside a body, where there are no nodes, and beyond a window's outline if a condition closes it."""
+        if self._near_field is not None:
+            return np.where(self._near_field, values, 0.0)
         return np.where(self.lattice.mask, values, 0.0) if self.lattice.body is not None and self.lattice.mask is not None else values
 
     def _make_layers(self) -> dict[tuple[int, int], Layer]:
@@ -393,8 +533,16 @@ class Simulation:
         """
         nodes = {key: layer.columns for key, layer in self._layers.items()}
         nodes |= {key: self.lattice.shape[key[0]] for key, b in self.sides.items() if isinstance(b, Exact)}
-        nodes |= {key: b.nodes for key, b in self.sides.items() if isinstance(b, Sponge)}
+        nodes |= {key: self._width(key) for key, b in self.sides.items() if isinstance(b, Sponge | Closing)}
         return {key: max(n, self.stencil.reach[key[0]]) for key, n in nodes.items()}
+
+    def _width(self, key: tuple[int, int]) -> int:
+        """Nodes of the core beyond the near field that a sponge, or a condition along the outline, takes."""
+        boundary = self.sides[key]
+        if isinstance(boundary, Sponge):
+            return boundary.nodes
+        thick = boundary.layer if isinstance(boundary, PlaneWave) else None
+        return self.stencil.reach[key[0]] if thick is None else int(thick / self.lattice.spacing + 1e-9)
 
     def _choose_margins(self, u: np.ndarray, v: np.ndarray, factor: np.ndarray | None, cuts: Sequence[Cut]) -> dict[tuple[int, int], int]:
         """Nodes of the core beyond the near field: a sponge, or unstretched nodes in front of a layer.
@@ -404,8 +552,8 @@ class Simulation:
         """
         margins = {}
         for (axis, side), boundary in self.sides.items():
-            if isinstance(boundary, Sponge):
-                margins[axis, side] = boundary.nodes
+            if isinstance(boundary, Sponge | Closing):
+                margins[axis, side] = self._width((axis, side))
             elif isinstance(boundary, LatticePML | Exact):
                 m = self.stencil.reach[axis]
                 last = np.arange(m + 1) if side < 0 else self.lattice.shape[axis] - 1 - np.arange(m + 1)
@@ -514,6 +662,9 @@ class Simulation:
             nodes, bonds = cut_bonds(cut, self._origin, self.lattice.spacing, shape, self.stencil.offsets)
             flat = block.plane.origin + nodes @ np.array(block.stride[lead:])
             found.append((flat, flat + offsets[bonds] @ np.array(block.stride), lost * engine.weights[bonds]))
+            if self.closure is not None and np.isin(flat, self.closure.nodes).any():
+                raise InputError("a crack cuts bonds of nodes that a condition along the outline reads", key="crack",
+                                 value=[b.tolist() for b in cut.bounds()], remedy="enlarge the near field, or use a LatticePML")  # fmt: skip
             for axis, side in crossed:
                 *ends, weights = self._continue_crack(cut, nodes, bonds, axis, side)
                 found.append((ends[0], ends[1], lost * weights))
@@ -521,6 +672,8 @@ class Simulation:
             exists = self._existing(self.rim == "free")
             for part in engine.layout.blocks.values():
                 found += self._absent(part, exists)
+        if self.closure is not None:
+            found += self._beyond_halo(self.closure)
         if not found:
             engine.set_cuts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
             return
@@ -528,7 +681,20 @@ class Simulation:
         order = np.argsort(-np.abs(weights), kind="stable")  # of two cracks across a bond the one that takes more counts
         nodes, neighbours, weights = nodes[order], neighbours[order], weights[order]
         _, first = np.unique(nodes * engine.layout.places + neighbours, return_index=True)
-        engine.set_cuts(nodes[first], neighbours[first], weights[first] * engine.bond_factors(nodes[first], neighbours[first]))
+        engine.set_cuts(nodes[first], neighbours[first], weights[first])
+
+    def _beyond_halo(self, closure: Closure) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Bonds of the near field beyond a halo that is thinner than the stencil reaches."""
+        engine, block = self.engine, self.engine.core
+        lead = 3 - self.lattice.dim
+        exists = engine.spread(np.reshape(~closure.outside, block.nodes), {(lead + a, side): 0.0 for a, side in closure.outline.sides}) > 0.5
+        near = block.node_indices().reshape(closure.halo.shape)[closure.outline.near]
+        rows = []
+        for offset, weight in zip(engine.offsets, engine.weights, strict=True):
+            other = near + int(offset @ np.array(block.stride))
+            lost = ~exists[other]
+            rows.append((near[lost], other[lost], np.full(int(lost.sum()), weight)))
+        return rows
 
     def _crossed(self, cut: Cut) -> list[tuple[int, int]]:
         """Sides (axis, side) with a layer that a crack runs into; InputError where it crosses a sponge or a periodic side."""
@@ -654,7 +820,8 @@ class Simulation:
 
     def _start(self, u: np.ndarray, v: np.ndarray) -> None:
         engine = self.engine
-        engine.core.view(engine.levels[0])[self._near] = u.reshape(engine.core.view(engine.levels[0])[self._near].shape)
+        for level in engine.levels[: 1 if self.model.order == 2 else None]:  # all, for the sweep leaves out metal that nothing reaches
+            engine.core.view(level)[self._near] = u.reshape(engine.core.view(level)[self._near].shape)
         near = self._near_indices()
         self._source_nodes = near if self._drives else np.zeros(0, np.int64)
         table = self.conditions
@@ -664,6 +831,13 @@ class Simulation:
             self._scale = max(self._scale, float(np.abs(fields).max(initial=0) * np.abs(amplitudes).max(initial=0)))
             engine.tie(amplitudes[0, 0] @ fields)
         self._hold()
+        self._step_back(v)
+        if self.closure is not None:
+            self.closure.start()
+
+    def _step_back(self, v: np.ndarray) -> None:
+        """The level one step before the start, for equations of second order."""
+        engine = self.engine
         if self.model.order == 1:
             return
         acceleration = self._acceleration()
@@ -671,6 +845,8 @@ class Simulation:
         rate = engine.core.view(change)[self._near]
         rate += (self.dt * (1 + self.model.damping * self.dt) * v).reshape(rate.shape)
         change[self._held] = 0
+        if self.closure is not None:
+            change[self.closure.unmoved] = 0  # the medium beyond the outline is at rest
         if engine.stages.increments:
             engine.levels[2][:] = change
         for block in engine.layout.blocks.values():
@@ -752,6 +928,8 @@ class Simulation:
         while done < steps:
             n = min(batch, steps - done)
             strength, amplitudes = self._tables(self._drives, self.lattice.shape, samples, weights, n)
+            if general and isinstance(self.model, Corrosion):
+                self._refuse_wet(np.any(strength != 0, axis=0).reshape(self.lattice.shape))
             values, times = self._tables(held.drives, held.nodes.shape, tied_samples, held_weights, n)
             used = np.any(strength, axis=0)
             engine.advance(n, self._source_nodes[used] if self._drives else self._source_nodes, np.ascontiguousarray(strength[:, used], dtype),
@@ -862,6 +1040,10 @@ class Simulation:
 
     def _shown(self, level: np.ndarray, offset: float) -> np.ndarray:
         values = self.engine.core.view(level)[self._near].reshape(self.lattice.shape) + offset
+        return self._visible(values)
+
+    def _visible(self, values: np.ndarray) -> np.ndarray:
+        """The values, nan on nodes that are not shown."""
         return values if self._hidden is None else np.where(self._hidden, np.nan, values)
 
     @property
@@ -870,6 +1052,10 @@ class Simulation:
         out = {"u": self._shown(self.engine.current, self.background)}
         if self.model.order == 2:
             out["v"] = (out["u"] - self._shown(self.engine.older, self.background)) / self.dt
+        if isinstance(self.model, Corrosion):
+            steps = self.engine.dissolved[self._near].reshape(self.lattice.shape)
+            out["solid"] = self._visible(self._solid.astype(float))
+            out["dissolved"] = self._visible(np.where(self._solid, np.nan, self.dt * steps))
         return out
 
     def energy(self) -> float:
@@ -918,8 +1104,8 @@ class Simulation:
             core[tuple(strip if a == lead + axis else slice(None) for a in range(3))] = len(self._book_names)
         near = core[self._near].reshape(self.lattice.shape)
         near.ravel()[self.conditions.nodes] = self.conditions.owner + 1
-        if self.rim == "fixed" and self.lattice.mask is not None:
-            self._book_names.append("rim")
+        if self.lattice.mask is not None and (self.rim == "fixed" or self._near_field is not None):
+            self._book_names.append("rim" if self.rim == "fixed" else "outline")
             near[~self.lattice.mask] = len(self._book_names)
         core[self._near] = near.reshape(core[self._near].shape)
         self._free = near == 0
@@ -932,26 +1118,36 @@ class Simulation:
             flows = (where[slots] == 0) & (where[other] != 0)
             found.append((where[other[flows]] - 1, flat[flows], other[flows], np.full(int(flows.sum()), weight)))
         books, nodes, neighbours, weights = (np.concatenate([f[i] for f in found]) for i in range(4))
-        weights = weights * engine.bond_factors(nodes, neighbours) - engine.lost(nodes, neighbours)
+        weights = weights - engine.lost(nodes, neighbours)
         for number, leak in self.conditions.leaks:
             lossy = np.flatnonzero((leak > 0) & self._free)
             books = np.append(books, np.full(lossy.size, number))
             nodes, neighbours = np.append(nodes, self._near_indices()[lossy]), np.append(neighbours, np.full(lossy.size, -1))
             weights = np.append(weights, self.model.source_factor * leak.ravel()[lossy])
         kept = weights != 0
+        if self._ends is None:
+            ends = np.zeros((0, 0), np.int64)
+        else:
+            numbers = np.array([[self._book_names.index(name)] for name in self._ends.names])
+            ends = np.where(where[self._ends.nodes] == 0, numbers, -1)
         flows_so_far = engine.flows
         effects = stage_effects(engine.stages) * np.array([n[2] for n in engine.stages.numbers])
-        engine.set_books(books[kept], nodes[kept], neighbours[kept], weights[kept], effects, len(self._book_names))
-        if flows_so_far.shape == engine.flows.shape:
+        engine.set_books(books[kept], nodes[kept], neighbours[kept], weights[kept], effects, len(self._book_names), ends)
+        if self.step_count:  # opened anew, as a crack has
             engine.flows[...] = flows_so_far
         else:
             self._powers = np.zeros(len(self._drives))
-            self._first_heat = self._heat()
+            self._first_amounts = self._amounts()
 
-    def _heat(self) -> float:
-        """Sum of the field over the free nodes of the near field."""
+    def _amounts(self) -> dict[str, float]:
+        """Sums of the field over the free nodes of the near field: "stored", and "metal" and "dissolved" of a corrosion."""
         near = self.engine.core.view(self.engine.current)[self._near].reshape(self.lattice.shape)
-        return math.fsum(near[self._free].astype(float))
+
+        def total(where: np.ndarray, level: float = 0.0) -> float:
+            return math.fsum(near[self._free & where].astype(float) + level)
+
+        phases = {"metal": self._solid, "dissolved": ~self._solid} if isinstance(self.model, Corrosion) else {}
+        return {"stored": total(self._free)} | {name: total(where, self.background) for name, where in phases.items()}
 
     def _book_sources(self, fields: np.ndarray, amplitudes: np.ndarray) -> None:
         effects = stage_effects(self.engine.stages) * np.array([n[3] for n in self.engine.stages.numbers])
@@ -971,8 +1167,9 @@ class Simulation:
         Returns
         -------
         dict
-            "stored", the gain; "source[i]", "constraint[i]", "x-", .. and "rim": what came in from there; "residual": "stored" less all
-            that came in, which is rounding.
+            "stored", the gain, of a corrosion the sum of the gains of "metal" (what it has lost, negative) and "dissolved" (of the liquid);
+            "source[i]", "constraint[i]", "x-", .. and "rim" or "outline": what came in from there; "residual": "stored" less all that came in,
+            which is rounding.
 
         Raises
         ------
@@ -986,8 +1183,8 @@ class Simulation:
         owners = [f"source[{i}]" for i in range(len(self.sources))] + [f"constraint[{i}]" for i, _ in self.conditions.sources]
         for name, power in zip(owners, self._powers, strict=True):
             inflow[name] = inflow.get(name, 0.0) + unit * float(power)
-        stored = unit * (self._heat() - self._first_heat)
-        return {"stored": stored, **inflow, "residual": stored - math.fsum(inflow.values())}
+        gains = {name: unit * (amount - self._first_amounts[name]) for name, amount in self._amounts().items()}
+        return {**gains, **inflow, "residual": gains["stored"] - math.fsum(inflow.values())}
 
     # --- flux --------------------------------------------------------------------------------------------------
 
@@ -1001,7 +1198,7 @@ class Simulation:
 
         def factor(number: int) -> np.ndarray:
             other = slots + int(engine.offsets[number] @ np.array(block.stride))
-            left = engine.bond_factors(nodes, other) - engine.lost(nodes, other) / engine.weights[number]
+            left = engine.bond_factors(nodes, other) * (1 - engine.lost(nodes, other) / engine.weights[number])
             return np.where(inside[other] & (left > 1e-12), left, 0.0).reshape(self.lattice.shape)
 
         return factor
@@ -1058,9 +1255,12 @@ class Simulation:
         return {} if self._ends is None else {name: self._ends.describe(i, self.dt) for i, name in enumerate(self._ends.names)}
 
     def remade(self, **changes: Any) -> Simulation:
-        """The same set-up at its start with some arguments changed; on another lattice nothing is there at the start."""
+        """The same set-up at its start with some arguments changed; on another lattice nothing is there, and the medium is uniform."""
         start: dict[str, Any] = {}
-        if "lattice" not in changes:
+        if "lattice" in changes:
+            nothing = dict.fromkeys(("sources", "cracks", "constraints", "specimens"), ())
+            changes = {**nothing, "coefficient": None, "rim": "free", "balance": False, **changes}
+        else:
             start["u"] = self.start_u + float(changes.get("background", self.background))
             start |= {"v": self.start_v} if self.model.order == 2 else {}
         return Simulation(**{**self._setup, "initial": start, **changes})
@@ -1088,18 +1288,14 @@ class Simulation:
     def seconds_per_step(self) -> float:
         """Time of a step on this machine now, measured for a tenth of a second without sources; the state stays as it is."""
         engine = self.engine
-        arrays = [engine.levels, engine.memory, engine.states, engine.forces, engine.clock, engine.flows]
-        kept, phase = [a.copy() for a in arrays], engine.phase
-        engine.advance_alone(1)  # the first one loads compiled programs
-        count, spent = 1, 0.0
-        while spent < 0.05 and count < 10_000:
-            count = count if spent == 0 else int(count * np.clip(0.1 / spent, 2, 50))
-            begin = perf_counter()
-            engine.advance_alone(count)
-            spent = perf_counter() - begin
-        for array, values in zip(arrays, kept, strict=True):
-            array[...] = values
-        engine.phase = phase
+        with engine.as_before():
+            engine.advance_alone(1)  # the first one loads compiled programs
+            count, spent = 1, 0.0
+            while spent < 0.05 and count < 10_000:
+                count = count if spent == 0 else int(count * np.clip(0.1 / spent, 2, 50))
+                begin = perf_counter()
+                engine.advance_alone(count)
+                spent = perf_counter() - begin
         return spent / count
 
     def check(self, until: float | None = None, budget: float | None = None) -> Report:
@@ -1125,7 +1321,10 @@ class Simulation:
             "weights": float(self.stencil.weights.sum()), "neighbours": len(self.stencil.weights), "cuts": self._first_cuts,
             "held": len(self._held), "conditions": len(self.conditions.nodes), "opens": [c.opens for c in self._cracks],
             **({} if self._ends is None else {"exact": self._ends.names}),
+            **({} if self.closure is None else {"fringe": list(self.engine.fringe_history.shape), "update": self.closure.mark()}),
             **({"constraints": len(self._holds.constraints)} if self._holds.constraints else {}),
+            **({"solid": self._first_solid, "saturation": self.model.saturation, "interface": self.model.interface}
+               if isinstance(self.model, Corrosion) else {}),
         }  # fmt: skip
 
     def save(self, path: str | Path, **extra: Any) -> None:
@@ -1140,9 +1339,13 @@ class Simulation:
         if self._ends is not None:
             more, meta["exact"] = self._ends.save()
             arrays |= more
+        if isinstance(self.model, Corrosion):
+            arrays["dissolved"] = np.ascontiguousarray(self.engine.dissolved[self._near])
+        if self.closure is not None:
+            arrays["fringe"] = self.engine.fringe_history
         if self._balance:
             arrays |= {"flows": self.engine.flows, "powers": self._powers}
-            meta["first_heat"] = self._first_heat
+            meta["first_amounts"] = self._first_amounts
         meta["setup"] = describe(self._setup, arrays)
         write_checkpoint(path, arrays, meta)
 
@@ -1195,12 +1398,17 @@ class Simulation:
         self.engine.memory[...] = arrays["memory"]
         if self._ends is not None:
             self._ends.load(arrays, meta["exact"])
+        if self.closure is not None:
+            self.engine.fringe_history[...] = arrays["fringe"]
         self.engine.phase, self._scale = int(meta["phase"]), float(meta["scale"])
         self.step_count = 0
         self._tick(int(meta["step"]))
+        self.engine.steps_done = self.step_count
+        if isinstance(self.model, Corrosion):
+            self._set_phases(arrays["dissolved"])
         self._hold()
         self._open_cracks()
         if self._balance:
             self.engine.flows[...], self._powers[...] = arrays["flows"], arrays["powers"]
-            self._first_heat = float(meta["first_heat"])
+            self._first_amounts = meta["first_amounts"]
         return dict(meta["extra"])

@@ -15,6 +15,7 @@ from farhorizon.analysis.stability import Growth, dense_growth, fastest
 from farhorizon.boundaries import Boundary, Fixed, Free, LatticePML, Periodic
 from farhorizon.engine.state import State
 from farhorizon.lattice import AXES, Lattice
+from farhorizon.shapes import Ball, Disc
 
 if TYPE_CHECKING:
     from farhorizon.simulation import Simulation
@@ -38,9 +39,17 @@ def pinned(sim: Simulation) -> dict[tuple[int, int], Boundary]:
 def plain_twin(sim: Simulation, lattice: Lattice | None = None) -> Simulation:
     """The same set-up in double precision with nothing in it, or a smaller copy of it without cracks, conditions and changes of the material."""
     sides = {AXES[a] + "-+"[s > 0]: b for (a, s), b in pinned(sim).items()}
-    changes: dict[str, Any] = {"boundary": sides, "sources": (), "dtype": "float64", "threads": 1, "balance": False, "background": 0.0}
+    changes: dict[str, Any] = {
+        "boundary": sides,
+        "sources": (),
+        "specimens": (),
+        "dtype": "float64",
+        "threads": 1,
+        "balance": False,
+        "background": 0.0,
+    }
     if lattice is not None:
-        changes |= {"lattice": lattice, "cracks": (), "constraints": (), "coefficient": None, "rim": "free"}
+        changes["lattice"] = lattice
     twin = sim.remade(**changes)
     if sim.exact_ends is not None and twin.exact_ends is not None:
         twin.exact_ends.cover(sim.exact_ends.steps)
@@ -48,10 +57,16 @@ def plain_twin(sim: Simulation, lattice: Lattice | None = None) -> Simulation:
 
 
 def small_lattice(sim: Simulation) -> Lattice:
-    """A box of as few nodes as corners and faces need."""
-    lattice = sim.lattice
-    count = np.minimum(lattice.shape, np.maximum(5, 2 * np.array(sim.stencil.reach) + 1))
-    return Lattice(lattice.spacing, lattice.lower, lattice.lower + lattice.spacing * (count - 1))
+    """A box of as few nodes as corners and faces need; with conditions along an outline a box or a round window twice as wide as they read."""
+    lattice, spacing = sim.lattice, sim.lattice.spacing
+    depth = 0.0 if sim.closure is None else sim.closure.fringe.depth
+    if lattice.window is not None and sim.closure is not None:
+        if isinstance(lattice.window, Disc | Ball):
+            window = type(lattice.window)(min(lattice.window.radius, 2 * depth + 2 * spacing), lattice.window.centre)
+            return Lattice(spacing, window=window)
+        return lattice
+    count = np.maximum(np.maximum(5, 2 * np.array(sim.stencil.reach) + 1), int(np.ceil(2 * depth / spacing)) + 1)
+    return Lattice(spacing, lattice.lower, lattice.lower + spacing * (np.minimum(lattice.shape, count) - 1))
 
 
 def crossing_steps(sim: Simulation) -> int:
@@ -93,8 +108,7 @@ class Strip:
         ends = sides or (pinned(sim)[axis, -1], pinned(sim)[axis, 1])
         boundary: dict[str, Boundary] = {"x-": ends[0], "x+": ends[1]} | {AXES[a]: Periodic() for a in range(1, dim)}
         self.sim = sim.remade(
-            lattice=lattice, model=sim.model.with_stencil(sim.stencil.along(axis)), boundary=boundary, sources=(), cracks=(), constraints=(),
-            coefficient=None, rim="free", dtype="float64", threads=1, balance=False, background=0.0,
+            lattice=lattice, model=sim.model.with_stencil(sim.stencil.along(axis)), boundary=boundary, dtype="float64", threads=1, background=0.0,
         )  # fmt: skip
         self.width, self.dt = width, sim.dt
         self.state = State(self.sim.engine)

@@ -6,16 +6,21 @@ from collections.abc import Mapping
 from typing import Any
 
 from farhorizon.boundaries.exact import Exact, ExactEnds
+from farhorizon.boundaries.first_order import FirstOrder
+from farhorizon.boundaries.fringe import Closing, Closure, Outline
+from farhorizon.boundaries.higdon import Higdon
 from farhorizon.boundaries.lattice_pml import LatticePML
 from farhorizon.boundaries.plain import Fixed, Free, Periodic
+from farhorizon.boundaries.plane_wave import PlaneWave
 from farhorizon.boundaries.sponge import Sponge
 from farhorizon.errors import InputError
 from farhorizon.lattice import AXES
 
-__all__ = ["Absorbing", "Boundary", "Exact", "ExactEnds", "Fixed", "Free", "LatticePML", "Periodic", "Sponge", "sides"]
+__all__ = ["Absorbing", "Boundary", "Closing", "Closure", "Exact", "ExactEnds", "FirstOrder", "Fixed", "Free", "Higdon", "LatticePML", "Outline",
+           "Periodic", "PlaneWave", "Sponge", "sides"]  # fmt: skip
 
 #: Sides beyond which the medium goes on.
-Absorbing = LatticePML | Exact | Sponge
+Absorbing = LatticePML | Exact | Sponge | Closing
 Boundary = Absorbing | Fixed | Free | Periodic
 
 
@@ -31,7 +36,8 @@ def sides(boundary: Boundary | Mapping[str, Boundary], dim: int) -> dict[tuple[i
     Raises
     ------
     InputError
-        An unknown or superfluous key, a side without a boundary, Periodic on one side of an axis only, Exact in more than one dimension.
+        An unknown or superfluous key, a side without a boundary, Periodic on one side of an axis only, Exact in more than one dimension, conditions
+        along an outline beside layers.
     """
     given: Mapping[str, Any] = boundary if isinstance(boundary, Mapping) else {"all": boundary}
     names = ["all"] + [AXES[a] + s for a in range(dim) for s in ("", "-", "+")]
@@ -39,7 +45,8 @@ def sides(boundary: Boundary | Mapping[str, Boundary], dim: int) -> dict[tuple[i
         if key not in names:
             raise InputError("unknown side", value=key, limit=", ".join(names), key="boundary")
         if not isinstance(value, Boundary):
-            raise InputError("not a boundary", value=repr(value), limit="LatticePML, Exact, Fixed, Free, Periodic, Sponge", key=f"boundary.{key}")
+            raise InputError("not a boundary", value=repr(value), key=f"boundary.{key}",
+                             limit="LatticePML, Exact, PlaneWave, Higdon, FirstOrder, Fixed, Free, Periodic, Sponge")  # fmt: skip
     found: dict[tuple[int, int], Boundary] = {}
     for axis in range(dim):
         for side, sign in ((-1, "-"), (1, "+")):
@@ -51,4 +58,17 @@ def sides(boundary: Boundary | Mapping[str, Boundary], dim: int) -> dict[tuple[i
                 raise InputError("the exact boundary is for one dimension", value=f"{dim} dimensions", key=f"boundary.{keys[0]}", remedy="LatticePML")
         if isinstance(found[axis, -1], Periodic) != isinstance(found[axis, 1], Periodic):
             raise InputError("Periodic needs both sides of an axis", value=AXES[axis], key="boundary", remedy=f'"{AXES[axis]}" = Periodic')
+    _check_closing(found)
     return found
+
+
+def _check_closing(found: Mapping[tuple[int, int], Boundary]) -> None:
+    """Conditions along an outline stand beside fixed, free and periodic sides, which the halo can go by."""
+    closing = [b for b in found.values() if isinstance(b, Closing)]
+    others = {type(b).__name__ for b in found.values() if isinstance(b, LatticePML | Exact | Sponge)}
+    if closing and others:
+        raise InputError(f"{type(closing[0]).__name__} and {', '.join(sorted(others))} do not stand beside each other", key="boundary",
+                         limit="Fixed, Free, Periodic", remedy="the same absorber on all open sides")  # fmt: skip
+    layers = {b.layer for b in closing if isinstance(b, PlaneWave)} | {None for b in closing if not isinstance(b, PlaneWave)}
+    if len(layers) > 1:
+        raise InputError("sides of one box need one layer", value=sorted(map(str, layers)), key="boundary.layer")

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 
 from farhorizon.engine.build import load_driver, load_rows
 from farhorizon.engine.layout import ALIGN, LINES, TASK_FIELDS, Block, Layout
+from farhorizon.engine.phases import NEVER, TILE, TILE_ROWS, count_solid
 
-__all__ = ["Engine", "Layer", "Layout", "available_threads"]
+__all__ = ["NEVER", "Engine", "Layer", "Layout", "available_threads"]
 
 _NOTHING = np.zeros((0, 0))
+_NO_ENDS = np.zeros((0, 0), np.int64)
 _MODES = 8  # modes of an exact end are filled up to whole vectors
 _ALONE = np.zeros(1, np.int64)  # what threads share when there is one
-RULES = ("both", "arithmetic", "harmonic")
+RULES = ("both", "arithmetic", "harmonic", "phases")
 _UNROLLED_LIMIT = 1200  # products in straight-line code beyond which compiling takes longer than a run
 _SECOND_CACHE = 600_000  # bytes of the second cache that a part of the core may take
 _PARALLEL_NODES = 40_000  # fewer nodes than this finish before a second thread has started
@@ -60,6 +64,22 @@ def _weight_classes(weights: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
     _, first, inverse = np.unique(weights, axis=1, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))
     return tuple(rank[inverse.ravel()].tolist()), np.ascontiguousarray(weights[:, np.sort(first)])
+
+
+def _shared_rows(starts: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First weight of each compressed row in a list where equal rows stand once, and that list."""
+    places: dict[bytes, int] = {}
+    pieces: list[np.ndarray] = [np.zeros(0)]
+    kinds, end = np.zeros(len(starts) - 1, np.int64), 0
+    for row, (start, stop) in enumerate(itertools.pairwise(starts)):
+        piece = np.asarray(weights[start:stop], float)
+        key = piece.tobytes()
+        if key not in places:
+            places[key] = end
+            pieces.append(piece)
+            end += piece.size
+        kinds[row] = places[key]
+    return kinds, np.concatenate(pieces)
 
 
 def _zeros(count: int, dtype: np.dtype, rows: int = 0) -> np.ndarray:
@@ -111,7 +131,7 @@ class Engine:
         self.levels = _zeros(self.layout.size, self.dtype, stages.levels)
         self.slots = _zeros(self.layout.slots, self.dtype)
         self.memory = _zeros(self.layout.memory if self.remember else LINES, self.dtype)
-        self.phase = 0
+        self.phase, self.steps_done = 0, 0
         self._work = np.zeros((self.threads, (columns + 2) * (2 * max(self.layout.reach) + 1) * LINES), self.dtype)
         self._coefficient = np.ones(1, self.dtype)
         self._rule = RULES.index(rule)
@@ -121,10 +141,12 @@ class Engine:
             self._coefficient = self.spread(coefficient)
         self.set_cuts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
         self.set_damping(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros(0))
+        self._set_tiles(np.zeros((0, 0), np.int64), np.zeros((0, 0), np.int64), np.zeros(0, np.int64), 0.0)
         self.set_ends(np.zeros((0, 0), np.int64), 1.0)
         self.hold(np.zeros(0, np.int64))
         self.set_tied(np.zeros(0, np.int64), np.zeros(1, np.int64), np.zeros(0, np.int64), np.zeros(0))
         none = np.zeros(0, np.int64)
+        self.set_fringe(none, 1, np.zeros(1, np.int64), none, np.zeros(1, np.int64), none, np.zeros(0), none)
         self.set_books(none, none, none, np.zeros(0), np.zeros(len(stages.numbers)), 0)
         self._driver = load_driver()
 
@@ -224,7 +246,7 @@ class Engine:
     # --- parts that may be set after construction --------------------------------------------------------------
 
     def set_cuts(self, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray) -> None:
-        """Bonds that are absent: their node in a level, its neighbour's place, and their weights; one row a direction."""
+        """Bonds that are absent: their node in a level, its neighbour's place, and their weights without coefficients; one row a direction."""
         tree = np.full(len(nodes), len(self.layout.trees))  # the core comes last
         local = neighbours.astype(np.int64)
         for number, (first, last) in enumerate(self.layout.trees):
@@ -237,6 +259,38 @@ class Engine:
     def set_damping(self, nodes: np.ndarray, before: np.ndarray, after: np.ndarray, leak: np.ndarray) -> None:
         """Nodal factors of an absorbing zone: on the old increment, on the new increment, and a loss rate."""
         self._damping = (nodes.astype(np.int64), before.astype(self.dtype), after.astype(self.dtype), leak.astype(self.dtype))
+
+    def set_phases(self, dissolved: np.ndarray, interface: float, saturation: float) -> None:
+        """Two phases: bonds between solid nodes carry nothing, those between phases `interface` times their weight, and a solid node
+        becomes liquid once its value is below `saturation`. All beyond the core is liquid, beyond a periodic side what it repeats.
+
+        Parameters
+        ----------
+        dissolved : ndarray of int, shape of the core
+            Steps (of `steps_done`) at which the nodes became liquid, `NEVER` for the solid ones.
+        """
+        solid = dissolved == NEVER
+        beyond = {(axis, side): 1.0 for axis in range(3) for side in (-1, 1) if axis not in self.layout.periodic}
+        self._rule = RULES.index("phases")
+        self._coefficient = self.spread(np.where(solid, -interface, 1.0), beyond)
+        steps = np.zeros(self.layout.size, np.int64)
+        self.core.view(steps)[...] = dissolved
+        depths = self._sweeps[3]
+        depths[0] = -(-depths[0] // TILE_ROWS) * TILE_ROWS
+        self._set_tiles(*self._count_solid(), steps, saturation)
+
+    def _count_solid(self) -> tuple[np.ndarray, np.ndarray]:
+        """Solid nodes, and all nodes, of each tile and within one reach of it."""
+        return count_solid(self.core.plane.all(self._coefficient) < 0, self.layout.reach, (1, TILE_ROWS, TILE))
+
+    def _set_tiles(self, solids: np.ndarray, volumes: np.ndarray, dissolved: np.ndarray, saturation: float) -> None:
+        period = np.array([n if a in self.layout.periodic else 0 for a, n in enumerate(self.core.nodes)])
+        self._tiles, self._dissolution = (solids, volumes), (dissolved, np.zeros(1, np.int64), float(saturation), period)
+
+    @property
+    def dissolved(self) -> np.ndarray:
+        """Step at which each node of the core became liquid, `NEVER` for solid ones, where there are phases; shares memory."""
+        return self.core.view(self._dissolution[0])
 
     def hold(self, nodes: np.ndarray) -> None:
         """Nodes with prescribed values: those of the columns of `held_values` in `advance`."""
@@ -285,15 +339,31 @@ class Engine:
         `advance` is told. They are set in this order after each stage."""
         self._tied = nodes.astype(np.int64), starts.astype(np.int64), sources.astype(np.int64), weights.astype(self.dtype)
 
+    def set_fringe(
+        self, nodes: np.ndarray, levels: int, fronts: np.ndarray, rows: np.ndarray, starts: np.ndarray, columns: np.ndarray, weights: np.ndarray,
+        outside: np.ndarray,
+    ) -> None:  # fmt: skip
+        """Halo nodes along an outline that are sums over a fringe of nodes, as `fringe.close_fringe` has it; `levels` rows of `history` a node."""
+        self.fringe_history = np.zeros((levels, nodes.size))
+        kinds, shared = _shared_rows(starts, weights)
+        edges = np.flatnonzero(np.diff(np.sort(outside), prepend=-2, append=-2) != 1)
+        runs = np.stack([np.sort(outside)[edges[:-1]], np.sort(outside)[edges[1:] - 1] + 1], axis=1) if outside.size else np.zeros((0, 2))
+        self._fringe = (
+            nodes.astype(np.int64), self.fringe_history, fronts.astype(np.int64), rows.astype(np.int64), starts.astype(np.int64),
+            columns.astype(np.uint32), kinds, shared, runs.astype(np.int64),
+        )  # fmt: skip
+
     def set_books(
-        self, books: np.ndarray, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray, effects: np.ndarray, count: int
+        self, books: np.ndarray, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray, effects: np.ndarray, count: int,
+        ends: np.ndarray = _NO_ENDS,
     ) -> None:  # fmt: skip
         """Bonds whose flow into their node is summed over time, in `count` books, and what each stage's flow adds to a step's.
 
-        Places in a level, weights as those of the engine. First-order equations only.
+        Places in a level, weights without coefficients; a neighbour below 0 is at zero. `ends`, shape (ends, K): the books of
+        the drivers of exact ends, -1 for none. First-order equations only.
         """
         self.flows = np.zeros((2, count))
-        self._books = books.astype(np.int64), nodes.astype(np.int64), neighbours.astype(np.int64), weights.astype(float), effects.astype(float)
+        self._books = books.astype(np.int64), nodes.astype(np.int64), neighbours.astype(np.int64), weights.astype(float), effects.astype(float), ends
 
     def tie(self, values: np.ndarray) -> None:
         """Set the prescribed nodes of the current level; `values` has what is added to the combinations, one a prescribed node."""
@@ -305,13 +375,15 @@ class Engine:
         if self._coefficient.size == 1:
             return np.ones(len(nodes))
         mine, other = self._coefficient[nodes].astype(float), self._coefficient[neighbours].astype(float)
+        if self._rule == 3:
+            return np.maximum(np.maximum(mine, other), 0) * np.abs(np.minimum(mine, other))
         if self._rule == 0:
             return np.minimum(mine, other)
         total = mine + other
         return 0.5 * total if self._rule == 1 else 2 * mine * other / np.where(total > 0, total, 1.0)
 
     def lost(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
-        """What cuts take of the weights of bonds of the core (places)."""
+        """What cuts take of the weights of bonds of the core (places), whatever the coefficients."""
         ranges, cut_nodes, cut_neighbours, weights = self._cuts
         first = ranges[-1]
         keys = cut_nodes[first:] * self.layout.places + cut_neighbours[first:]
@@ -345,7 +417,7 @@ class Engine:
         out, base, numbers = self._plain(level)
         self._driver.stage(
             0, 1, _ALONE, level, base, out, numbers, self.stages.increments, False, self.slots, self.memory.copy(), self._work,
-            *self._first_sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
+            *self._first_sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts, *self._tiles,
         )  # fmt: skip
         return (base if self.stages.increments else out) / numbers[3]
 
@@ -355,9 +427,10 @@ class Engine:
         _, blocks, functions, depths, weights, offsets, general = self._first_sweeps
         law = (general, *numbers[:3], self.stages.increments, self._rule)
         first = blocks[0], functions[0], depths[0], False, weights[0], offsets[0]
-        self._driver.sweep_core(1, _ALONE, level, base, out, *first, self._coefficient, law)
+        self._driver.sweep_core(0, 1, _ALONE, level, base, out, *first, self._coefficient, law, *self._tiles)
         ranges, *cuts = self._cuts
-        self._driver.cut(0, 1, _ALONE, level, level, base, out, numbers[3], ranges[-1], len(cuts[0]), *cuts, self.stages.increments)
+        self._driver.cut(0, 1, _ALONE, level, level, base, out, numbers[3], ranges[-1], len(cuts[0]), *cuts, self.stages.increments,
+                         self._coefficient, self._coefficient, self._rule)  # fmt: skip
         return (base if self.stages.increments else out) / numbers[3]
 
     def _plain(self, level: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -380,14 +453,17 @@ class Engine:
             tied_fields, tied_times = np.zeros((0, 0), self.dtype), np.zeros((steps, len(self.stages.numbers), 0), self.dtype)
         state = (
             self.phase, self.levels, self._rotation, self._numbers, self.stages.increments, self.slots, self.memory, self._work,
-            *self._sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts, *self._damping,
-            (*self._ends, self.heads, self.past, self.history), *self._tied, *self._books, self.flows, source_nodes, source_fields, source_times,
+            *self._sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
+            *self._tiles, *self._dissolution, self.steps_done, *self._damping,
+            (*self._ends, self.heads, self.past, self.history), *self._tied, *self._books, self.flows, self._fringe,
+            source_nodes, source_fields, source_times,
             self.held, _NOTHING if held_values is None else held_values, tied_fields, tied_times,
         )  # fmt: skip
         from farhorizon.engine.threads import side_by_side
 
         side_by_side(lambda lane, lanes, sync: self._driver.run(lane, lanes, sync, steps, *state), self.threads)
         self.phase = (self.phase + steps) % len(self._rotation)
+        self.steps_done += steps
 
     def digest(self) -> str:
         """Hash of all that decides the map of a step: engines of one digest have one map."""
@@ -395,9 +471,23 @@ class Engine:
         layers = [a for _, layer in sorted(self.layers.items()) for a in (layer.kappa, layer.sigma, layer.alpha)]
         mark.update(repr([(name, layer.columns) for name, layer in sorted(self.layers.items())]).encode())
         ends = [np.asarray(a) for a in self._ends[2:6]]
-        for array in (self.offsets, self.weights, *layers, self._coefficient, *self._cuts, *self._damping, *self._tied, self.held, *ends):
+        fringe = [a for a in self._fringe if a is not self.fringe_history]
+        for array in (self.offsets, self.weights, *layers, self._coefficient, *self._cuts, *self._damping, *self._tied, self.held, *ends, *fringe):
             mark.update(np.ascontiguousarray(array).tobytes())
         return mark.hexdigest()
+
+    @contextmanager
+    def as_before(self) -> Iterator[None]:
+        """Whatever runs inside leaves no trace."""
+        arrays = [self.levels, self.memory, self.states, self.forces, self.clock, self.flows, self.fringe_history, self._coefficient, *self._tiles,
+                  *self._dissolution[:2]]  # fmt: skip
+        kept, phase, steps = [a.copy() for a in arrays], self.phase, self.steps_done
+        try:
+            yield
+        finally:
+            for array, values in zip(arrays, kept, strict=True):
+                array[...] = values
+            self.phase, self.steps_done = phase, steps
 
     def advance_alone(self, steps: int) -> None:
         """Run steps with nothing from outside: no sources, and prescribed values that are zero."""
@@ -416,6 +506,8 @@ class Engine:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all time levels, slots, layer memory and the memory of exact ends."""
+        """Bytes of all time levels, slots, layer memory, phases, the memory of exact ends and of fringes."""
         ends = self.heads.nbytes + self.past.nbytes + self.history.nbytes + sum(np.asarray(a).nbytes for a in self._ends)
-        return self.levels.nbytes + self.slots.nbytes + self.memory.nbytes + self._coefficient.nbytes + ends
+        phases = sum(np.asarray(a).nbytes for a in (*self._tiles, *self._dissolution))
+        fringe = sum(a.nbytes for a in self._fringe)
+        return self.levels.nbytes + self.slots.nbytes + self.memory.nbytes + self._coefficient.nbytes + ends + phases + fringe

@@ -58,9 +58,8 @@ def _load(name: str, **settings: Any) -> ModuleType:
         assert count == 1, f"the template has no setting {key}"
     import numba
 
-    mark = "\n".join(
-        [template, *((_HERE / f"{part}.py").read_text() for part in ("ends", "simd", "layout", "threads")), numba.__version__, platform.machine()]
-    )
+    parts = [(_HERE / f"{part}.py").read_text() for part in ("ends", "phases", "simd", "fringe", "layout", "threads")]
+    mark = "\n".join([template, *parts, numba.__version__, platform.machine()])
     name = f"{name}_" + hashlib.sha256(mark.encode()).hexdigest()[:20]
     with _LOADING:
         return sys.modules[name] if name in sys.modules else _load_file(name, template)

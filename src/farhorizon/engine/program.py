@@ -11,8 +11,10 @@ import numpy as np
 from numba import njit
 
 from farhorizon.engine.ends import exact_ends
+from farhorizon.engine.fringe import close_fringe
 from farhorizon.engine.layout import LINES
-from farhorizon.engine.simd import call_sweep, stretch_chain
+from farhorizon.engine.phases import LIQUID, MIXED, TILE, TILE_ROWS, dissolve, phase_of
+from farhorizon.engine.simd import call_sweep, stretch_chain, sweep_phases
 from farhorizon.engine.threads import barrier, claim
 
 CHUNK = 64
@@ -23,7 +25,12 @@ stretch_memoryless = stretch_chain(LINES, False)
 
 @njit(error_model="numpy", inline="always")
 def bond_factor(rule, mine, other):
-    """Coefficient of a bond from those of its ends: 0 both (min), 1 arithmetic, 2 harmonic."""
+    """Coefficient of a bond from those of its ends: 0 both (min), 1 arithmetic, 2 harmonic, 3 phases.
+
+    Phases: 1 between two liquid nodes, the solid's between it and a liquid one, 0 between two solid ones (see `engine.phases`).
+    """
+    if rule == 3:
+        return max(mine, other, 0 * mine) * abs(min(mine, other))
     if rule == 0:
         return min(mine, other)
     total = mine + other
@@ -72,39 +79,91 @@ def count_parts(block, depth):
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_part(src, base, out, block, number, depth, function, weights, offsets, coefficient, law):
-    """One part of a block: bundles one after the other along the slowest axis share most of what they read.
+def sweep_part(src, base, out, block, number, depth, first, last, function, weights, offsets, coefficient, law):
+    """Nodes `first` to `last` of the rows of one part of a block: bundles one after the other along the slowest axis share most of what they read.
 
     A stencil without compiled rows has function 0.
     """
     general, a, a_difference, b, increments, rule = law
     i0, i1 = number % block[1], (number // block[1]) * depth
     count = min(depth, block[2] - i1)
-    start, to = block[0] + i0 * block[4] + i1 * block[5], block[9] + i0 * block[10] + i1 * block[11]
+    start, to = block[0] + i0 * block[4] + i1 * block[5] + first, block[9] + i0 * block[10] + i1 * block[11] + first
     if function != 0:
         size = src.itemsize
         call_sweep(function, src.ctypes.data + start * size, base.ctypes.data + to * size, out.ctypes.data + to * size, weights.ctypes.data,
-                   a, b, block[3], count, block[6], block[7], block[8], block[5], block[11])  # fmt: skip
+                   a, b, last - first, count, block[6], block[7], block[8], block[5], block[11])  # fmt: skip
     else:
         for row in range(count):
-            sweep_general(src, base, out, start + row * block[5], to + row * block[11], block[3], offsets, general, a_difference, b, increments,
-                          coefficient, rule)  # fmt: skip
+            sweep_general(src, base, out, start + row * block[5], to + row * block[11], last - first, offsets, general, a_difference, b,
+                          increments, coefficient, rule)  # fmt: skip
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_core(lanes, sync, src, base, out, block, function, depth, backward, weights, offsets, coefficient, law):
+def sweep_mixed(src, base, out, block, number, first, last, offsets, coefficient, law):
+    """Nodes `first` to `last` of a row of tiles, in both phases."""
+    general, _, a, b, _, _ = law
+    i0, i1 = number % block[1], (number // block[1]) * TILE_ROWS
+    size = src.itemsize
+    start = (block[0] + i0 * block[4] + i1 * block[5] + first) * size
+    to = (block[9] + i0 * block[10] + i1 * block[11] + first) * size
+    sweep_phases(src.ctypes.data + start, coefficient.ctypes.data + start, base.ctypes.data + to, out.ctypes.data + to, offsets.ctypes.data,
+                 general.ctypes.data, offsets.size, a, b, last - first, min(TILE_ROWS, block[2] - i1), block[5], block[11])  # fmt: skip
+
+
+@njit(error_model="numpy", cache=True)
+def sweep_tiles(src, base, out, block, number, function, weights, offsets, coefficient, law, solids, volumes):
+    """A row of tiles: stretches of liquid ones by the compiled rows, of mixed ones bond by bond, of solid ones not at all."""
+    first, count = 0, solids.shape[1]
+    while first < count:
+        here = phase_of(solids[number, first], volumes[number, first])
+        last = first + 1
+        while last < count and phase_of(solids[number, last], volumes[number, last]) == here:
+            last += 1
+        start, stop = first * TILE, min(last * TILE, block[3])
+        if here == LIQUID:
+            sweep_part(src, base, out, block, number, TILE_ROWS, start, stop, function, weights, offsets, coefficient, law)
+        elif here == MIXED:
+            sweep_mixed(src, base, out, block, number, start, stop, offsets, coefficient, law)
+        first = last
+
+
+@njit(error_model="numpy", cache=True)
+def sweep_two_phases(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, solids, volumes):
+    """A part of the core, several rows of tiles, in two phases."""
+    i0, first = number % block[1], (number // block[1]) * depth // TILE_ROWS
+    last = min(first + depth // TILE_ROWS, (block[2] + TILE_ROWS - 1) // TILE_ROWS)
+    metal = 0
+    for row in range(first, last):
+        metal += solids[row * block[1] + i0].sum()
+    if metal == 0:
+        sweep_part(src, base, out, block, number, depth, 0, block[3], function, weights, offsets, coefficient, law)
+        return
+    for row in range(first, last):
+        sweep_tiles(src, base, out, block, row * block[1] + i0, function, weights, offsets, coefficient, law, solids, volumes)
+
+
+@njit(error_model="numpy", cache=True)
+def sweep_core(lane, lanes, sync, src, base, out, block, function, depth, backward, weights, offsets, coefficient, law, solids, volumes):
     """All parts of the core; in every other stage the last first: it meets what the last stage left in the cache.
 
-    Lanes claim some as they go, so that one whose processor is busy otherwise does less.
+    Each lane has a share of its own, the same in all steps, for the threads' caches may lie far apart. It claims some parts as it goes, and when it
+    is through some of the others', so that one whose processor is busy otherwise does less.
     """
     count = count_parts(block, depth)
-    size = max(1, count // (8 * lanes)) if lanes > 1 else count
-    claimed = claim(sync) if lanes > 1 else 0
-    while claimed * size < count:
-        for i in range(claimed * size, min(count, (claimed + 1) * size)):
-            number = count - 1 - i if backward else i
-            sweep_part(src, base, out, block, number, depth, function, weights, offsets, coefficient, law)
-        claimed = claim(sync) if lanes > 1 else 1
+    for shift in range(lanes):
+        owner = (lane + shift) % lanes
+        first = owner * count // lanes
+        share = (owner + 1) * count // lanes - first
+        size = max(1, share // 8) if lanes > 1 else share
+        claimed = claim(sync, owner) if lanes > 1 else 0
+        while claimed * size < share:
+            for i in range(claimed * size, min(share, (claimed + 1) * size)):
+                number = first + (share - 1 - i if backward else i)
+                if solids.size:
+                    sweep_two_phases(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, solids, volumes)
+                else:
+                    sweep_part(src, base, out, block, number, depth, 0, block[3], function, weights, offsets, coefficient, law)
+            claimed = claim(sync, owner) if lanes > 1 else 1
 
 
 @njit(error_model="numpy", cache=True)
@@ -112,7 +171,7 @@ def sweep_tree(lane, lanes, slots, base, out, first, last, blocks, functions, de
     """The blocks of a tree."""
     for k in range(first, last):
         for number in range(lane, count_parts(blocks[k], depths[k]), lanes):
-            sweep_part(slots, base, out, blocks[k], number, depths[k], functions[k], weights[k], offsets[k], coefficient, law)
+            sweep_part(slots, base, out, blocks[k], number, depths[k], 0, blocks[k, 3], functions[k], weights[k], offsets[k], coefficient, law)
 
 
 @njit(error_model="numpy", cache=True)
@@ -232,13 +291,15 @@ def fill(level, slots, memory, work, trees, copies, copy_ranges, tasks, task_ran
 
 
 @njit(error_model="numpy", cache=True)
-def cut(lane, lanes, sync, src, values, base, out, scale, first, last, nodes, neighbours, weights, increments):
-    """Take back the absent bonds from `nodes` to `neighbours` among `values`."""
+def cut(lane, lanes, sync, src, values, base, out, scale, first, last, nodes, neighbours, weights, increments, coefficient, material, rule):
+    """Take back the absent bonds from `nodes` to `neighbours` among `values`, whose coefficients are `material`."""
     if first == last:
         return
     if lane == 0:
         for i in range(first, last):
             lost = scale * weights[i] * (values[neighbours[i]] - src[nodes[i]])
+            if coefficient.size > 1:
+                lost *= bond_factor(rule, coefficient[nodes[i]], material[neighbours[i]])
             out[nodes[i]] -= lost
             if increments:
                 base[nodes[i]] -= lost
@@ -248,7 +309,7 @@ def cut(lane, lanes, sync, src, values, base, out, scale, first, last, nodes, ne
 @njit(error_model="numpy", cache=True)
 def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slots, memory, work, trees, blocks, functions, depths, weights,
           offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
-          cut_ranges, cut_nodes, cut_neighbours, cut_weights):  # fmt: skip
+          cut_ranges, cut_nodes, cut_neighbours, cut_weights, solids, volumes):  # fmt: skip
     """``out = a*src + b*base + scale*L(src)`` everywhere; fills the halo of `src` and advances the layers' memory to its time.
 
     trees[tree] = (axis, first block, last block + 1, first coefficient); numbers = (a, a for differences, b, scale, source scale).
@@ -269,10 +330,13 @@ def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slot
                 sweep_tree(lane, lanes, slots, base, out, first, last, blocks, functions, depths, weights, offsets, material, law)
                 barrier(sync, lanes)
                 cut(lane, lanes, sync, src, slots, base, out, scale, cut_ranges[tree], cut_ranges[tree + 1], cut_nodes, cut_neighbours, cut_weights,
-                    increments)  # fmt: skip
-    sweep_core(lanes, sync, src, base, out, blocks[0], functions[0], depths[0], backward, weights[0], offsets[0], coefficient, law)
+                    increments, coefficient, material, rule)  # fmt: skip
+    sweep_core(
+        lane, lanes, sync, src, base, out, blocks[0], functions[0], depths[0], backward, weights[0], offsets[0], coefficient, law, solids, volumes
+    )
     barrier(sync, lanes)
-    cut(lane, lanes, sync, src, src, base, out, scale, cut_ranges[trees.shape[0]], cut_nodes.size, cut_nodes, cut_neighbours, cut_weights, increments)
+    cut(lane, lanes, sync, src, src, base, out, scale, cut_ranges[trees.shape[0]], cut_nodes.size, cut_nodes, cut_neighbours, cut_weights,
+        increments, coefficient, coefficient, rule)  # fmt: skip
 
 
 @njit(error_model="numpy", cache=True)
@@ -290,34 +354,50 @@ def tie(src, base, out, increments, tied, starts, sources, weights, fields, time
 
 
 @njit(error_model="numpy", cache=True)
-def book(src, books, nodes, neighbours, weights, effect, flows):
-    """Add what flows along bonds into `nodes` to flows[0], book by book; flows[1] holds the rounding of the sums (Neumaier).
+def add_to(flows, row, gain):
+    """Add to flows[0, row]; flows[1] holds the rounding of the sums (Neumaier)."""
+    total = flows[0, row] + gain
+    flows[1, row] += (flows[0, row] - total) + gain if abs(flows[0, row]) >= abs(gain) else (gain - total) + flows[0, row]
+    flows[0, row] = total
 
-    A neighbour below 0 is at zero.
-    """
+
+@njit(error_model="numpy", cache=True)
+def book(src, books, nodes, neighbours, weights, effect, flows, coefficient, rule):
+    """Add what flows along bonds into `nodes` to the flows, book by book; a neighbour below 0 is at zero."""
     for i in range(books.size):
-        row = books[i]
         other = np.float64(src[neighbours[i]]) if neighbours[i] >= 0 else 0.0
         gain = effect * weights[i] * (other - np.float64(src[nodes[i]]))
-        total = flows[0, row] + gain
-        flows[1, row] += (flows[0, row] - total) + gain if abs(flows[0, row]) >= abs(gain) else (gain - total) + flows[0, row]
-        flows[0, row] = total
+        if coefficient.size > 1 and neighbours[i] >= 0:
+            gain *= bond_factor(rule, coefficient[nodes[i]], coefficient[neighbours[i]])
+        add_to(flows, books[i], gain)
+
+
+@njit(error_model="numpy", cache=True)
+def book_ends(books, forces, effect, flows):
+    """Add what exact ends bring to their drivers, whose books are books[end, m], none below 0."""
+    for end in range(books.shape[0]):
+        for m in range(books.shape[1]):
+            if books[end, m] >= 0:
+                add_to(flows, books[end, m], effect * forces[end, m])
 
 
 @njit(error_model="numpy", nogil=True, cache=True)
 def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, slots, memory, work, trees, blocks, functions, depths, weights,
         offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
-        cut_ranges, cut_nodes, cut_neighbours, cut_weights, damped, damp_before, damp_after, damp_leak, ends,
-        tied, tied_starts, tied_sources, tied_weights, books, book_nodes, book_neighbours, book_weights, book_effects, flows,
-        source_nodes, source_fields, source_times, held, held_times, tied_fields, tied_times):  # fmt: skip
+        cut_ranges, cut_nodes, cut_neighbours, cut_weights, solids, volumes, dissolved, total, saturation, period, steps_before,
+        damped, damp_before, damp_after, damp_leak, ends,
+        tied, tied_starts, tied_sources, tied_weights, books, book_nodes, book_neighbours, book_weights, book_effects, end_books, flows,
+        fringe, source_nodes, source_fields, source_times, held, held_times, tied_fields, tied_times):  # fmt: skip
     """One lane's share of `steps` steps from the rotation `phase`.
 
     After them the level ``stages[(phase + steps) % rotations, 0, 0]`` holds the state, where stages[phase, stage] = (in, base, out)
     are level numbers; numbers[stage] as in `stage`. source_times[step, stage, j] multiplies source_fields[j] on source_nodes. `ends`: the last
-    arguments of `ends.exact_ends`. After each step the nodes `held` have the values ``held_times[step]``.
+    arguments of `ends.exact_ends`; `fringe`: those of `fringe.close_fringe`. After each step the nodes `held` have the values ``held_times[step]``.
+    From solids to steps_before: see `engine.phases`.
     """
     per_step = stages.shape[1]
     bounded = ends[2].shape[0] > 0
+    known = total[0]
     for step in range(steps):
         for part in range(per_step):
             src = levels[stages[phase, part, 0]]
@@ -334,10 +414,11 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                 barrier(sync, lanes)
             stage(lane, lanes, sync, src, base, out, numbers[part], increments, (phase + part) % 2 == 1, slots, memory, work, trees, blocks,
                   functions, depths, weights[part], offsets, general[part], copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember,
-                  coefficient, rule, cut_ranges, cut_nodes, cut_neighbours, cut_weights)  # fmt: skip
+                  coefficient, rule, cut_ranges, cut_nodes, cut_neighbours, cut_weights, solids, volumes)  # fmt: skip
             if bounded:
                 if lane == 0:
                     exact_ends(src, base, out, scale, increments, *ends)
+                    book_ends(end_books, ends[8], book_effects[part], flows)
                 barrier(sync, lanes)
             if source_fields.shape[0]:
                 for j in range(source_fields.shape[0]):
@@ -366,8 +447,21 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
             if books.size or tied.size:
                 if lane == 0:
                     if books.size and book_effects[part] != 0:
-                        book(src, books, book_nodes, book_neighbours, book_weights, book_effects[part], flows)
+                        book(src, books, book_nodes, book_neighbours, book_weights, book_effects[part], flows, coefficient, rule)
                     if tied.size:
                         tie(src, base, out, increments, tied, tied_starts, tied_sources, tied_weights, tied_fields, tied_times[step, part])
                 barrier(sync, lanes)
+            if fringe[0].size:
+                close_fringe(lane, lanes, sync, src, base, out, increments, *fringe)
+        if solids.size:
+            dissolve(lane, lanes, levels[stages[phase, per_step - 1, 2]], coefficient, dissolved, total, steps_before + step + 1, saturation,
+                     blocks[0], solids, volumes, reach, period)  # fmt: skip
+            barrier(sync, lanes)
+            if total[0] != known:
+                known = total[0]
+                for axis in range(3):
+                    if period[axis] > 0:
+                        if lane == 0:
+                            copy(coefficient, copies, copy_ranges[-1, axis])
+                        barrier(sync, lanes)
         phase = (phase + 1) % stages.shape[0]

@@ -284,6 +284,75 @@ def call_sweep(typingctx, function, src, base, out, weights, a, b, n, count, s0,
     return signature, codegen
 
 
+@intrinsic
+def sweep_phases(typingctx, src, coefficient, base, out, offsets, weights, bonds, a, b, n, count, step, t):  # type: ignore[no-untyped-def]
+    """``out = a*src + b*base + sum over the bonds`` on `count` rows of `n` nodes, where bonds differ by the phases of their ends.
+
+    All but a, b and the counts are byte addresses: of the first node in each array, of the distances (int64) to the neighbours and of their
+    weights. Rows lie `step` elements apart in src and coefficient, t in base and out. A node with the coefficient c > 0
+    (which is 1) sums ``w |c'| (u' - u)``, another one ``w |c| (u' - u)`` over liquid neighbours only, so that nothing at all flows
+    between solid nodes. Reads up to 16 nodes beyond the end of a row, writes none.
+    """
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        src, coefficient, base, out, offsets, weights, bonds, a, b, n, count, step, t = args
+        vectors = _Vectors(builder, a.type, 8 if isinstance(a.type, ir.DoubleType) else 16)
+        size, width = vectors.size, 16
+        parts = range(width // vectors.lanes)
+        zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
+        kind = ir.FunctionType(vectors.type, [vectors.type])
+        absolute = cgutils.get_or_insert_function(builder.module, kind, f"llvm.fabs.v{vectors.lanes}f{size * 8}")
+
+        def at(address: Any, part: int) -> Any:
+            return builder.add(address, _I64(part * vectors.lanes * size))
+
+        def chunk(row: tuple[Any, ...], x: Any, stores: list[Any]) -> None:
+            shift = builder.mul(x, _I64(size))
+            here, phase, older, new = (builder.add(address, shift) for address in row)
+            own = [vectors.load(at(here, part)) for part in parts]
+            before, body, after = builder.block, builder.append_basic_block("bonds"), builder.append_basic_block("done")
+            builder.branch(body)
+            builder.position_at_end(body)
+            bond = builder.phi(_I64)
+            sums = [builder.phi(vectors.type) for _ in range(2 * len(parts))]
+            for phi, first in zip([bond, *sums], [_I64(0), *[zero] * len(sums)], strict=True):
+                phi.add_incoming(first, before)
+            distance = builder.load(vectors.pointer(builder.add(offsets, builder.mul(bond, _I64(8))), _I64))
+            distance = builder.mul(distance, _I64(size))
+            weight = vectors.splat(builder.load(vectors.pointer(builder.add(weights, builder.mul(bond, _I64(size))), vectors.scalar)))
+            there, other = builder.add(here, distance), builder.add(phase, distance)
+            grown = []
+            for part in parts:
+                flow = builder.fmul(weight, builder.fsub(vectors.load(at(there, part)), own[part]))
+                theirs = vectors.load(at(other, part))
+                grown.append(vectors.multiply_add(sums[2 * part], flow, builder.call(absolute, [theirs])))
+                grown.append(builder.fadd(sums[2 * part + 1], builder.select(builder.fcmp_ordered(">", theirs, zero), flow, zero)))
+            following = builder.add(bond, _I64(1))
+            for phi, value in zip([bond, *sums], [following, *grown], strict=True):
+                phi.add_incoming(value, builder.block)
+            builder.cbranch(builder.icmp_signed("<", following, bonds), body, after)
+            builder.position_at_end(after)
+            for part, store in zip(parts, stores, strict=True):
+                mine = vectors.load(at(phase, part))
+                solid = builder.fmul(builder.call(absolute, [mine]), grown[2 * part + 1])
+                total = builder.select(builder.fcmp_ordered(">", mine, zero), grown[2 * part], solid)
+                total = vectors.multiply_add(total, vectors.splat(b), vectors.load(at(older, part)))
+                store(vectors.multiply_add(total, vectors.splat(a), own[part]), at(new, part))
+
+        rest = builder.srem(n, _I64(width))
+        whole = builder.sub(n, rest)
+        with cgutils.for_range(builder, count) as rows:
+            read, written = (builder.mul(builder.mul(rows.index, distance), _I64(size)) for distance in (step, t))
+            row = builder.add(src, read), builder.add(coefficient, read), builder.add(base, written), builder.add(out, written)
+            with cgutils.for_range_slice(builder, _I64(0), whole, _I64(width), _I64) as (x, _):
+                chunk(row, x, [vectors.store for _ in parts])
+            with builder.if_then(builder.icmp_signed(">", rest, _I64(0))):
+                chunk(row, whole, [vectors.store_first(builder.sub(rest, _I64(part * vectors.lanes))) for part in parts])
+        return context.get_dummy_value()
+
+    return types.void(*[types.int64] * 7, a, a, *[types.int64] * 4), codegen
+
+
 def stretch_chain(lines: int, remember: bool) -> Any:
     """Make the intrinsic that continues a bundle of lines by one offset along a chain of columns.
 

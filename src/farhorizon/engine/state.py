@@ -21,7 +21,8 @@ class State:
     Attributes
     ----------
     size : int
-        Numbers in a state: all nodes of the time levels that a step reads, the memory of the layers, the modes of exact ends.
+        Numbers in a state: all nodes of the time levels that a step reads, the memory of the layers, the modes of exact ends, and
+        the earlier values that conditions along an outline read.
     """
 
     def __init__(self, engine: Engine) -> None:
@@ -30,7 +31,7 @@ class State:
         self._memory = np.concatenate([np.zeros(0, np.int64), *(cells.ravel() for face in self._faces() for cells in face)])
         poles = engine.poles
         self._modes = np.nonzero(np.concatenate([poles.any(1)] * 2, axis=1))
-        self.size = len(self._levels(0)) * len(self._nodes) + len(self._memory) + len(self._modes[0])
+        self.size = len(self.read())
 
     def _levels(self, phase: int) -> list[int]:
         """Levels that a step reads before it writes them: that of the field, and for second order its past or its increment."""
@@ -53,19 +54,21 @@ class State:
     def write(self, values: np.ndarray) -> None:
         """Put the engine into a state."""
         engine, count, levels = self.engine, len(self._nodes), self._levels(0)
-        engine.levels[...], engine.memory[...], engine.states[...] = 0, 0, 0
+        engine.levels[...], engine.memory[...], engine.states[...], engine.fringe_history[...] = 0, 0, 0, 0
         engine.phase, engine.clock[0] = 0, 1  # a later step than the first, whose sample counts half at exact ends
         for i, level in enumerate(levels):
             engine.levels[level, self._nodes] = values[i * count : (i + 1) * count]
         end = len(levels) * count
         engine.memory[self._memory] = values[end : end + len(self._memory)]
-        engine.states[self._modes] = values[end + len(self._memory) :]
+        start, end = end + len(self._memory), end + len(self._memory) + len(self._modes[0])
+        engine.states[self._modes] = values[start:end]
+        engine.fringe_history[:-1] = values[end:].reshape(engine.fringe_history[:-1].shape)  # a step forgets the last row
 
     def read(self) -> np.ndarray:
         """The state that the engine is in."""
         engine = self.engine
         levels = [engine.levels[level, self._nodes] for level in self._levels(engine.phase)]
-        return np.concatenate([*levels, engine.memory[self._memory], engine.states[self._modes]])
+        return np.concatenate([*levels, engine.memory[self._memory], engine.states[self._modes], engine.fringe_history[:-1].ravel()])
 
     def after(self, values: np.ndarray, steps: int = 1) -> np.ndarray:
         """The state that follows a number of steps later, shape (size,); a complex one is advanced by its parts."""

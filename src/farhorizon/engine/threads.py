@@ -18,8 +18,8 @@ from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-SYNC = 48  # elements that threads share, for three words on cache lines of their own
-_ARRIVED, _ROUND, _CLAIMED = range(0, SYNC, SYNC // 3)
+_LINE = 16  # elements from one shared word to the next: each has cache lines of its own
+_ARRIVED, _ROUND, _CLAIMED = range(0, 3 * _LINE, _LINE)  # the last one for lane 0, those of the others follow
 
 _SPINS = 2000  # some ten microseconds; then the thread sleeps, which on a busy machine brings the others on sooner than yielding
 _I64 = ir.IntType(64)
@@ -28,7 +28,7 @@ _sleep = types.ExternalFunction("Sleep", types.void(types.int32)) if os.name == 
 
 
 @intrinsic
-def _add(typingctx, address, value):  # type: ignore[no-untyped-def]
+def add(typingctx, address, value):  # type: ignore[no-untyped-def]
     """Add to a word, return what it was."""
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
@@ -52,15 +52,15 @@ def _read(typingctx, address):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def barrier(sync, lanes):  # type: ignore[no-untyped-def]
-    """Wait until all lanes are here and take back all claims; `sync` is an int64 array of `SYNC` zeros that they share."""
+    """Wait until all lanes are here and take back all claims; `sync` is the int64 array that they share."""
     if lanes == 1:
         return
     word = np.int64(sync.ctypes.data)
     now = _read(word + 8 * _ROUND)
-    if _add(word + 8 * _ARRIVED, 1) == lanes - 1:
-        _add(word + 8 * _ARRIVED, -lanes)
-        sync[_CLAIMED] = 0
-        _add(word + 8 * _ROUND, 1)
+    if add(word + 8 * _ARRIVED, 1) == lanes - 1:
+        add(word + 8 * _ARRIVED, -lanes)
+        sync[_CLAIMED:] = 0
+        add(word + 8 * _ROUND, 1)
         return
     spins = 0
     while _read(word + 8 * _ROUND) == now:
@@ -70,14 +70,14 @@ def barrier(sync, lanes):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def claim(sync):  # type: ignore[no-untyped-def]
-    """Number of the next part of the work that no lane has claimed since the last barrier."""
-    return _add(np.int64(sync.ctypes.data) + 8 * _CLAIMED, 1)
+def claim(sync, owner):  # type: ignore[no-untyped-def]
+    """Number of the next piece of a lane's share that nobody has claimed since the last barrier."""
+    return add(np.int64(sync.ctypes.data) + 8 * (_CLAIMED + owner * _LINE), 1)
 
 
 def side_by_side(work: Callable[[int, int, np.ndarray], None], lanes: int) -> None:
     """Call ``work(lane, lanes, sync)``, which must release the interpreter's lock, for every lane at the same time."""
-    sync = np.zeros(SYNC, np.int64)
+    sync = np.zeros(_CLAIMED + lanes * _LINE, np.int64)
     others = [threading.Thread(target=work, args=(lane, lanes, sync), daemon=True) for lane in range(1, lanes)]
     for thread in others:
         thread.start()

@@ -29,6 +29,8 @@ class ScalarModel:
         Names of the boundaries that serve it; empty: all.
     bonds : bool
         Whether bonds may be cut and weakened one by one.
+    strongest : float
+        Largest factor that the model itself puts on bonds.
     """
 
     coefficient: float
@@ -37,6 +39,7 @@ class ScalarModel:
     source_factor: float = 1.0
     sides: tuple[str, ...] = ()
     bonds: bool = True
+    strongest: float = 1.0
 
     def __init__(self, operator: Kernel | Stencil) -> None:
         if not isinstance(operator, Kernel | Stencil):

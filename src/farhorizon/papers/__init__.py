@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import difflib
 import importlib
+import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -14,7 +15,7 @@ from typing import Any
 
 from farhorizon.errors import InputError
 
-_MODULES = ("bobaru2010", "ji2021")
+_MODULES = ("bobaru2010", "hermann2023", "ji2021", "shojaei2020", "shojaei2020_corrosion")
 
 
 @dataclass(frozen=True)
@@ -76,28 +77,41 @@ class Reproduction:
     ----------
     name, paper, title : str
     function : callable
-        Takes the folder of the pictures.
+        Takes the folder of the pictures, and `full` if it is scaled.
+    scaled : bool
+        Runs in a smaller version, or with larger steps, unless the full one is asked for.
     """
 
     name: str
     paper: str
     title: str
-    function: Callable[[Path], Outcome]
+    function: Callable[..., Outcome]
+    scaled: bool = False
+
+    def run(self, folder: Path, full: bool = False) -> Outcome:
+        """Compute it; `full` as published, as far as the machine allows within minutes."""
+        return self.function(folder, full) if self.scaled else self.function(folder)
 
     def as_json(self, outcome: Outcome) -> dict[str, Any]:
         """The outcome as plain data."""
-        rows = [asdict(row) for row in outcome.rows]
-        return {"name": self.name, "paper": self.paper, "rows": rows, "infinite_error": outcome.infinite_error}
+        rows = [{**asdict(row), "ours": _finite(row.ours)} for row in outcome.rows]
+        errors = {name: _finite(value) for name, value in outcome.infinite_error.items()}
+        return {"name": self.name, "paper": self.paper, "rows": rows, "infinite_error": errors}
+
+
+def _finite(value: float) -> float | None:
+    """The number, None for what overflowed: JSON knows no infinity."""
+    return value if math.isfinite(value) else None
 
 
 _ENTRIES: dict[str, Reproduction] = {}
 
 
-def reproduction(name: str, paper: str, title: str) -> Callable[[Callable[[Path], Outcome]], Callable[[Path], Outcome]]:
-    """Decorator that enters a function of the pictures' folder into the list."""
+def reproduction(name: str, paper: str, title: str, scaled: bool = False) -> Callable[[Callable[..., Outcome]], Callable[..., Outcome]]:
+    """Decorator that enters a function of the pictures' folder into the list; a scaled one takes `full`, too."""
 
-    def enter(function: Callable[[Path], Outcome]) -> Callable[[Path], Outcome]:
-        _ENTRIES[name] = Reproduction(name, paper, title, function)
+    def enter(function: Callable[..., Outcome]) -> Callable[..., Outcome]:
+        _ENTRIES[name] = Reproduction(name, paper, title, function, scaled)
         return function
 
     return enter

@@ -1,0 +1,234 @@
+"""Plane waves that leave: their wavevectors, frequencies and factors in time, and conditions fitted to them.
+
+A mode is ``exp(i k.x)`` times a factor for each step, lambda. Waves have real wavevectors k along directions that point outwards; diffusion has
+``k = i kappa n``, modes ``exp(-kappa n.x)`` that decay outwards and grow in time (Shojaei et al. 2020, eqs 13 to 28; Hermann et al. 2023, eqs
+10 to 35). With the symbol S(k) of the medium the factor solves ``(1 + d dt) lambda^2 - (2 - dt^2 S) lambda + 1 - d dt = 0`` for velocity
+Verlet, and is ``1 - dt S`` for forward Euler; in continuous time it is the exponential.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from farhorizon.errors import InputError
+
+_OVERFLOW = 300.0  # largest exponent of a mode within a cloud or a step: beyond 709 it is infinite, beyond this its square is
+_NODES = 1_000_000  # products of modes and offsets held at once
+
+
+def outward(dim: int, largest: float, count: int, balanced: bool = True) -> np.ndarray:
+    """Unit vectors about the outward normal, which is the first axis.
+
+    Parameters
+    ----------
+    dim : {1, 2, 3}
+    largest : float
+        Largest angle to the normal (radians).
+    count : int
+        Angles from -largest to largest, both included. In 3D the normal and rings of 6, 12, 18, .. directions at the positive ones.
+    balanced : bool
+        False, in 3D: the grid of Shojaei et al. (2020), appendix A, `count` by `count` angles over the octant about (1, 1, 1), turned so that
+        this becomes the normal; it repeats one direction and favours one side. `largest` has no effect.
+
+    Returns
+    -------
+    ndarray, shape (n, dim)
+    """
+    if dim == 1:
+        return np.ones((1, 1))
+    if dim == 2:
+        angles = np.linspace(-largest, largest, count) if count > 1 else np.zeros(1)
+        return np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    if not balanced:
+        around, polar = (a.ravel() for a in np.meshgrid(*[np.linspace(0, np.pi / 2, count)] * 2, indexing="ij"))
+        octant = np.stack([np.cos(around) * np.sin(polar), np.sin(around) * np.sin(polar), np.cos(polar)], axis=1)
+        return octant @ frame(np.ones(3) / np.sqrt(3)).T
+    rings = [(0.0, np.zeros(1))]
+    rings += [(largest * r / (count // 2), 2 * np.pi * np.arange(6 * r) / (6 * r)) for r in range(1, count // 2 + 1)]
+    return np.concatenate([
+        np.stack([np.full(turn.size, np.cos(polar)), np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn)], axis=1) for polar, turn in rings
+    ])  # fmt: skip
+
+
+def frame(normal: np.ndarray) -> np.ndarray:
+    """Orthonormal rows, the first of them the unit vector `normal`; shape (dim, dim)."""
+    if normal.size == 1:
+        return normal.reshape(1, 1)
+    if normal.size == 2:
+        return np.array([normal, [-normal[1], normal[0]]])
+    first = int(np.argmin(np.abs(normal)))
+    second, third = (first + 1) % 3, (first + 2) % 3
+    across = np.zeros(3)
+    across[second], across[third] = -normal[third], normal[second]
+    across /= np.hypot(normal[second], normal[third])
+    last = [normal[(a + 1) % 3] * across[(a + 2) % 3] - normal[(a + 2) % 3] * across[(a + 1) % 3] for a in range(3)]
+    return np.array([normal, across, last])
+
+
+def discrete_symbol(k: np.ndarray, offsets: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """``sum_j w_j (1 - cos(k.x_j))`` of a stencil at real or complex wavevectors (Hermann et al. 2023, eq 52).
+
+    Parameters
+    ----------
+    k : ndarray, shape (M, dim)
+    offsets : ndarray, shape (J, dim)
+        Bonds as vectors of space.
+    weights : ndarray, shape (J,)
+        In units of the operator.
+
+    Returns
+    -------
+    ndarray, shape (M,)
+    """
+    rows = max(1, _NODES // len(weights))
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.concatenate([2 * np.sin(k[i : i + rows] @ offsets.T / 2) ** 2 @ weights for i in range(0, len(k), rows)])
+
+
+def series_symbol(k: np.ndarray, coefficient: float, horizon: float, terms: np.ndarray) -> np.ndarray:
+    """``coefficient k^2 (1 + terms[0] z^2 + terms[1] z^4 + ..)``, z = |k| horizon; `Kernel.series` has the terms, none are the local equation's.
+
+    Real or imaginary wavevectors k, shape (M, dim); returns shape (M,).
+    """
+    square = (k**2).sum(1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return coefficient * square * np.polynomial.polynomial.polyval(horizon**2 * square, np.r_[1.0, terms])
+
+
+def factors(symbol: np.ndarray, dt: float, order: int, damping: float = 0.0, discrete: bool = True) -> np.ndarray:
+    """Factor of one step for each mode.
+
+    Parameters
+    ----------
+    symbol : ndarray, shape (M,)
+        S at outgoing wavevectors.
+    dt : float
+    order : {1, 2}
+        Diffusion or waves.
+    damping : float
+        d in ``2 d u_t``.
+    discrete : bool
+        Of the scheme; False: in continuous time.
+
+    Returns
+    -------
+    ndarray, shape (M,)
+        Waves: the root that moves outwards, ``exp(-i w dt)`` with w > 0; of two real roots the one nearer 1.
+
+    Raises
+    ------
+    InputError
+        Modes that overflow, or waves too short for the step.
+    """
+    largest = float(np.abs(dt**order * symbol).max())
+    if not largest < (_OVERFLOW if order == 1 else 4.0):
+        raise InputError("modes overflow within a time step" if order == 1 else "modes are too short for the time step", value=f"{largest:.3g}",
+                         limit=f"{_OVERFLOW:g} (rate times step)" if order == 1 else "4 (squared frequency times squared step)",
+                         key="boundary.wavenumber", remedy="a smaller largest wavenumber, or a smaller step")  # fmt: skip
+    if order == 1:
+        return 1 - dt * symbol if discrete else np.exp(-dt * symbol)
+    share = damping * dt
+    if discrete:
+        half, last = (1 - dt**2 * symbol / 2) / (1 + share), (1 - share) / (1 + share)
+        rest = np.asarray(last - half**2, complex)
+        return np.where(rest.real >= 0, half - 1j * np.sqrt(rest), half + np.sqrt(-rest))
+    rest = np.asarray(symbol - damping**2, complex)
+    return np.exp(-share) * np.where(rest.real >= 0, np.exp(-1j * dt * np.sqrt(rest)), np.exp(dt * np.sqrt(-rest)))
+
+
+def phases(k: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """``exp(i k.x)`` of modes (M, dim) at places (J, dim); shape (M, J).
+
+    Raises
+    ------
+    InputError
+        Modes that overflow.
+    """
+    exponent = 1j * (k @ places.T)
+    largest = float(np.abs(exponent.real).max(initial=0))
+    if not largest < _OVERFLOW:
+        raise InputError("modes overflow within a cloud", value=f"exponent {largest:.3g}", limit=_OVERFLOW, key="boundary.wavenumber",
+                         remedy="a smaller largest wavenumber, or smaller clouds")  # fmt: skip
+    return np.exp(exponent)
+
+
+def fit(
+    modes: np.ndarray, factor: np.ndarray, levels: int, *, regularization: float | None = None, rcond: float = 1e-15
+) -> np.ndarray:  # fmt: skip
+    """Next value of a cloud's centre from its values at the present step and before, as the modes have it.
+
+    The least-squares fit of the factor of one step over all modes, of least norm (Shojaei et al. 2020, eq 44; Hermann et al. 2023, eq 50).
+
+    Parameters
+    ----------
+    modes : ndarray, shape (M, J)
+        At the cloud's nodes, relative to the centre.
+    factor : ndarray, shape (M,)
+    levels : int
+        Time levels that are read.
+    regularization : float, optional
+        Of Tikhonov's method, relative to the largest singular value; else singular values below `rcond` of it are cut off.
+
+    Returns
+    -------
+    ndarray, shape (levels, J)
+    """
+    matrix = np.concatenate([modes * factor[:, None] ** -float(level) for level in range(levels)], axis=1)
+    return _solve(matrix, factor, None if regularization is None else regularization, rcond).reshape(levels, -1)
+
+
+def fit_operator(
+    modes: np.ndarray, factor: np.ndarray, symbol: np.ndarray, centre: int, dt: float, order: int, rate: float, regularization: float
+) -> np.ndarray:  # fmt: skip
+    """As `fit`, but of the acceleration (waves, two levels) or rate (diffusion, one level) at the centre, which has a limit as dt goes to 0.
+
+    ``(u+ - 2u + u-)/dt^2 = sum_j a_j u_j + b_j (u_j - u_j^-)/dt``: the reflection of a mode is about its residual over S, so that each weighs
+    ``(S/rate + 1e-4)^-1.5`` and long waves count.
+
+    Parameters
+    ----------
+    modes, factor
+        As in `fit`.
+    symbol : ndarray, shape (M,)
+    centre : int
+        Column of the centre.
+    dt : float
+    order : {1, 2}
+    rate : float
+        Coefficient over squared spacing: makes the unknowns numbers of the size of 1.
+    regularization : float
+        Of Tikhonov's method, absolute, in those units.
+
+    Returns
+    -------
+    ndarray, shape (order, J)
+    """
+    weight = (np.abs(symbol) / rate + _LOWEST) ** -1.5
+    if order == 1:
+        a = _solve(weight[:, None] * modes, weight * (factor - 1) / (dt * rate), regularization, 0.0, absolute=True)
+        update = dt * rate * a[None]
+    else:
+        speed = np.sqrt(rate)
+        change = (1 - 1 / factor) / (dt * speed)
+        wanted = (factor - 2 + 1 / factor) / (dt**2 * rate)
+        matrix = np.concatenate([modes, modes * change[:, None]], axis=1) * weight[:, None]
+        a, b = _solve(matrix, wanted * weight, regularization, 0.0, absolute=True).reshape(2, -1)
+        update = np.array([dt**2 * rate * a + dt * speed * b, -dt * speed * b])
+        update[1, centre] -= 1
+    update[0, centre] += order
+    return update
+
+
+_LOWEST = 1e-4  # S/rate of waves that are so long that they weigh no more than others
+
+
+def _solve(matrix: np.ndarray, wanted: np.ndarray, regularization: float | None, rcond: float, absolute: bool = False) -> np.ndarray:
+    """Real least-squares solution of complex equations, by singular values: cut off at `rcond`, or regularized."""
+    real = np.concatenate([matrix.real, matrix.imag])
+    left, values, right = np.linalg.svd(real, full_matrices=False)
+    part = left.T @ np.concatenate([wanted.real, wanted.imag])
+    if regularization is None:
+        inverse = np.where(values > rcond * values[0], 1 / np.where(values > 0, values, 1.0), 0.0)
+    else:
+        inverse = values / (values**2 + (regularization * (1.0 if absolute else values[0])) ** 2)
+    return right.T @ (inverse * part)

@@ -1,0 +1,109 @@
+"""Higdon's conditions: a product of one-way wave operators along a grid axis.
+
+R. L. Higdon (1986), Math. Comp. 47: ``prod_j (cos a_j d_t + c d_n + eps) u = 0`` lets plane waves at the angles a_j pass. The box scheme over one
+spacing and one step gives each halo node from nodes further in at the new step and before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import reduce
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import sparse
+
+from farhorizon.errors import InputError
+
+if TYPE_CHECKING:
+    from farhorizon.boundaries.fringe import Fringe
+    from farhorizon.boundaries.plane_wave import Medium
+
+
+@dataclass(frozen=True)
+class Higdon:
+    """Side or outline at which waves pass that arrive at given angles; for waves only.
+
+    Along a curved outline each node takes the grid axis nearest to its normal. Two angles are stable in all that was measured; three reflect less
+    at a flat side, but grow at some curved ones.
+
+    Parameters
+    ----------
+    angles : sequence of float
+        In degrees, one a factor.
+    shift : float, optional
+        eps in ``cos a d_t + c d_n + eps`` (1/time), which keeps slow fields from drifting; unless given the damping d of ``2 d u_t``, or half the
+        speed over half the extent of the near field if that is more.
+
+    Raises
+    ------
+    InputError
+        No angle or more than 4, angles that are not below 90, a negative shift.
+    """
+
+    angles: tuple[float, ...] = (0.0, 45.0)
+    shift: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "angles", tuple(float(a) for a in np.atleast_1d(np.asarray(self.angles, float))))
+        if not 1 <= len(self.angles) <= 4:
+            raise InputError("a Higdon condition has one to four angles", value=list(self.angles), key="boundary.angles")
+        if not all(0 <= abs(a) < 90 for a in self.angles):
+            raise InputError("waves arrive at less than 90 degrees", value=list(self.angles), limit="below 90", key="boundary.angles")
+        if self.shift is not None and not 0 <= self.shift < np.inf:
+            raise InputError("must not be negative", value=self.shift, key="boundary.shift")
+
+    def wanted(self, order: int) -> float:
+        """What may be missed beyond the outline, as a part of the largest value: much less than the condition's own error."""
+        return 1e-6
+
+    def depth(self, medium: Medium, spacing: float, extent: float) -> float:
+        """How far inwards nodes are read."""
+        return len(self.angles) * spacing
+
+    def stencil(self, speed: float, spacing: float, dt: float, shift: float) -> np.ndarray:
+        """Weights of earlier steps (rows) and nodes further in (columns), shape (J + 1, J + 1); the node itself at the new step has 0."""
+        factors = []
+        for angle in self.angles:
+            time, space = np.cos(np.radians(angle)) / (2 * dt), speed / (2 * spacing)
+            factors.append(np.array([[time + space, time - space], [space - time, -time - space]]) + shift / 4)
+
+        def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+            out = np.zeros((a.shape[0] + 1, a.shape[1] + 1))
+            for i in range(2):
+                for j in range(2):
+                    out[i : i + a.shape[0], j : j + a.shape[1]] += a * b[i, j]
+            return out
+
+        whole = reduce(product, factors)
+        weights = -whole / whole[0, 0]
+        weights[0, 0] = 0
+        return weights
+
+    def update(self, fringe: Fringe, halo: np.ndarray, medium: Medium) -> sparse.csr_array:
+        """Rows of halo nodes (places in the fringe) over the new level and those before, shape (H, (J + 2) S).
+
+        Raises
+        ------
+        InputError
+            Diffusion; an outline whose normal changes within the nodes that are read.
+        """
+        if medium.order != 2:
+            raise InputError("Higdon's condition is for waves", value="diffusion", key="boundary", remedy="PlaneWave or LatticePML")
+        speed = float(np.sqrt(medium.coefficient))
+        shift = max(medium.damping, 0.5 * speed / fringe.extent) if self.shift is None else self.shift
+        weights = self.stencil(speed, fringe.spacing, medium.dt, shift)
+        size = len(weights)
+        columns = np.empty((len(halo), size, size), int)
+        for steps in range(size):
+            places = fringe.at(fringe.index[halo] - steps * fringe.axes[halo])
+            if (places < 0).any():
+                where = fringe.points[halo[np.argmax(places < 0)]].tolist()
+                raise InputError("Higdon's condition needs nodes straight inwards of each halo node", value=where, limit=f"{size - 1} nodes",
+                                 key="boundary", remedy="a larger or smoother window, fewer angles, or LatticePML")  # fmt: skip
+            columns[:, :, steps] = np.arange(size) * len(fringe.points) + places[:, None]
+        rows = np.repeat(np.arange(len(halo)), size**2)
+        data = np.broadcast_to(weights, columns.shape).ravel()
+        found = sparse.csr_array((data, (rows, columns.ravel())), shape=(len(halo), size * len(fringe.points)))
+        found.eliminate_zeros()
+        return found

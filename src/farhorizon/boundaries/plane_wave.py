@@ -1,0 +1,391 @@
+"""The Dirichlet-type condition from plane waves: halo values fitted to modes that leave, from a cloud of near nodes at the last steps.
+
+Shojaei, Hermann, Seleson and Cyron (2020) for diffusion, Hermann, Shojaei, Seleson, Cyron and Silling (2023) for waves. `update_matrix` needs
+nodes, normals and the medium only, so that it closes any cloud of points, a finite-element mesh as well as a lattice.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy import sparse
+from scipy.spatial import ConvexHull, QhullError, cKDTree
+
+from farhorizon.analysis import modes
+from farhorizon.errors import InputError
+
+if TYPE_CHECKING:
+    from farhorizon.boundaries.fringe import Fringe
+    from farhorizon.models import ScalarModel
+
+_CHOICES = {
+    "fit": ("operator", "collocation"), "dispersion": ("discrete", "continuum", "taylor", "local"), "time": ("discrete", "continuous"),
+    "normals": ("lattice", "free"),
+}  # fmt: skip
+SERIES = 40  # terms of the continuum's series: it converges everywhere, and does not cancel for modes that decay
+
+
+@dataclass(frozen=True)
+class Medium:
+    """What lies beyond the nodes: a homogeneous medium and the steps that it takes.
+
+    Attributes
+    ----------
+    order : {1, 2}
+        Diffusion by forward Euler, or waves by velocity Verlet.
+    coefficient : float
+        Diffusivity or squared speed of long waves.
+    dt : float
+    damping : float
+        d in ``2 d u_t``.
+    offsets, weights : ndarray, shapes (J, dim) and (J,)
+        Bonds as vectors and their weights in units of the operator, where the dispersion is that of a stencil.
+    horizon : float
+    series : tuple of float
+        Terms of the kernel's dispersion in (k horizon)^2, see `Kernel.series`.
+    """
+
+    order: int
+    coefficient: float
+    dt: float
+    damping: float = 0.0
+    offsets: np.ndarray = field(default_factory=lambda: np.zeros((0, 1)))
+    weights: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    horizon: float = 0.0
+    series: tuple[float, ...] = ()
+
+    @cached_property
+    def _long(self) -> float:
+        """Coefficient of long waves on the lattice, if there is one: that of a kernel that is not calibrated differs from the model's."""
+        return float(self.weights @ self.offsets[:, 0] ** 2) / 2 if len(self.weights) else self.coefficient
+
+    def symbol(self, k: np.ndarray, dispersion: str) -> np.ndarray:
+        """S at wavevectors (M, dim) by one of the dispersion relations of `PlaneWave`.
+
+        Raises
+        ------
+        InputError
+            A dispersion relation that the medium does not have.
+        """
+        if dispersion == "discrete":
+            if not len(self.weights):
+                raise InputError(
+                    "the medium has no stencil", value=dispersion, limit="local", key="boundary.dispersion", remedy="Medium(offsets=...)"
+                )
+            return modes.discrete_symbol(k, self.offsets, self.weights)
+        terms = {"local": 0, "taylor": 1, "continuum": SERIES}[dispersion]
+        if terms and not self.series:
+            raise InputError("only a kernel with constant or linear influence has a series", value=dispersion, limit="discrete, local",
+                             key="boundary.dispersion")  # fmt: skip
+        return modes.series_symbol(k, self._long, self.horizon, np.array(self.series[:terms]))
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """A `PlaneWave` with every option known; angles in radians, `wavenumbers` all of them."""
+
+    operator: bool
+    dispersion: str
+    discrete: bool
+    radius: float
+    cone: float
+    thin: int
+    snapped: bool
+    angle: float
+    angles: int
+    balanced: bool
+    wavenumbers: np.ndarray
+    regularization: float | None
+    rcond: float
+
+
+@dataclass(frozen=True)
+class PlaneWave:
+    """Side or outline at which the halo follows modes that leave, fitted to the nodes of a cloud.
+
+    The condition is local in space and time: it holds as well as the far field is a sum of its modes near a node, 1e-3 or so for waves, a few
+    per cent for diffusion. Nothing proves it stable; the spectral radius must be measured for every set-up. Left out, options take what has
+    been found best: for waves the operator fit, for diffusion the published collocation with wavenumbers of the size of the near field.
+
+    Parameters
+    ----------
+    fit : {"operator", "collocation"}, optional
+        Fit the acceleration at the centre, long waves weighing most, or the next value as published.
+    dispersion : {"discrete", "continuum", "taylor", "local"}, optional
+        Of the lattice, of the kernel, its first correction, or of the classical equation.
+    time : {"discrete", "continuous"}, optional
+        Factor of a step: the scheme's own, or the exponential.
+    layer : float, optional
+        Thickness of the fringe of fitted nodes; as much as the stencil reads unless given. Beyond a thinner one bonds are absent.
+    radius : float, optional
+        Of a cloud. Waves: the reach of the stencil, at least three spacings. One spacing for diffusion and for waves on a line by wide
+        stencils, one and a half among points without a lattice: wider clouds grow there.
+    cone : float, optional
+        Half the opening of a cloud about the inward normal, in degrees: 45 for waves, 180 (a whole ball) for diffusion.
+    thin : int, optional
+        Take the nodes nearest to a grid of `thin` spacings along normal and tangents only. Waves: such that three are left along the normal.
+    normals : {"lattice", "free"}, optional
+        Turn clouds to the nearest direction between lattice nodes (multiples of 45 degrees), which makes all of one direction alike and
+        symmetric, or leave them. Waves on a lattice "lattice", others "free".
+    angle : float, optional
+        Largest angle between modes and normal, in degrees: 60 (operator fit), else 45.
+    angles : int
+        Directions from -angle to angle; in 3D rings about the normal.
+    wavenumber : float, optional
+        Largest wavenumber: 1/2 over the spacing for the operator fit, 1/4 for other waves; diffusion: 6 over half the extent of the nodes, at
+        most 1/10 over the spacing.
+    wavenumbers : int, optional
+        Their number, evenly from `smallest` on: 10 for the operator fit, else 5.
+    smallest : float, optional
+        Smallest wavenumber; a fortieth of the largest for the operator fit, else their distance.
+    regularization : float, optional
+        Tikhonov's: 4e-5 for the operator fit; a collocation takes the pseudo-inverse unless given.
+    rcond : float
+        Singular values below this part of the largest are cut off by the pseudo-inverse.
+    balanced : bool
+        False: the published grid of directions in 3D, which favours one side.
+
+    Raises
+    ------
+    InputError
+        Unknown words, numbers out of range.
+    """
+
+    fit: str | None = None
+    dispersion: str | None = None
+    time: str | None = None
+    layer: float | None = None
+    radius: float | None = None
+    cone: float | None = None
+    thin: int | None = None
+    normals: str | None = None
+    angle: float | None = None
+    angles: int = 11
+    wavenumber: float | None = None
+    wavenumbers: int | None = None
+    smallest: float | None = None
+    regularization: float | None = None
+    rcond: float = 1e-15
+    balanced: bool = True
+
+    def __post_init__(self) -> None:
+        for name, known in _CHOICES.items():
+            if getattr(self, name) not in (None, *known):
+                raise InputError("unknown choice", value=getattr(self, name), limit=", ".join(known), key=f"boundary.{name}")
+        for name in ("layer", "radius", "cone", "thin", "wavenumber", "wavenumbers", "smallest", "angles"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise InputError("must be positive", value=value, key=f"boundary.{name}")
+        if self.angle is not None and not 0 <= self.angle < 90:
+            raise InputError("modes must leave", value=self.angle, limit="0 to less than 90 degrees", key="boundary.angle")
+        if self.regularization is not None and not 0 <= self.regularization < np.inf:
+            raise InputError("must not be negative", value=self.regularization, key="boundary.regularization")
+        if not 0 <= self.rcond < 1:
+            raise InputError("must be a part of 1", value=self.rcond, limit="0 to less than 1", key="boundary.rcond")
+
+    def wanted(self, order: int) -> float:
+        """What may be missed beyond the outline, as a part of the largest value: much less than the condition's own error."""
+        return 1e-6
+
+    def recipe(self, medium: Medium, spacing: float, extent: float) -> Recipe:
+        """Everything that was left out filled in, for a medium on nodes `spacing` apart over 2 `extent`."""
+        waves, lattice = medium.order == 2, len(medium.weights) > 0
+        operator = (self.fit or ("operator" if waves else "collocation")) == "operator"
+        reach = float(np.abs(medium.offsets).max(initial=0.0))
+        flat = lattice and medium.offsets.shape[1] == 1
+        narrow = not waves or (flat and reach > 1.5 * spacing)
+        radius = self.radius or (spacing if narrow else max(reach, 3 * spacing) if lattice else 1.5 * spacing)
+        largest = self.wavenumber or (0.5 / spacing if operator else 0.25 / spacing if waves else min(6 / extent, 0.1 / spacing))
+        count = self.wavenumbers or (10 if operator else 5)
+        smallest = self.smallest or (largest / 40 if operator else largest / count)
+        return Recipe(
+            operator=operator, dispersion=self.dispersion or ("discrete" if waves and lattice else "local"),
+            discrete=(self.time or ("discrete" if waves else "continuous")) == "discrete", radius=radius,
+            cone=np.radians(self.cone or (45.0 if waves else 180.0)),
+            thin=self.thin or (max(1, int(np.ceil(radius / spacing / 3 - 1e-9))) if waves and not flat else 1),
+            snapped=(self.normals or ("lattice" if waves and lattice else "free")) == "lattice",
+            angle=np.radians((60.0 if operator else 45.0) if self.angle is None else self.angle), angles=self.angles, balanced=self.balanced,
+            wavenumbers=np.linspace(smallest, largest, count),
+            regularization=4e-5 if operator and self.regularization is None else self.regularization, rcond=self.rcond,
+        )  # fmt: skip
+
+    def step_limit(self, model: ScalarModel, spacing: float, dim: int) -> float:
+        """Step up to which fitted values are safe in diffusion: they act like a stencil over one spacing, whatever the model's own reaches."""
+        return float("inf") if model.order == 2 else 0.75 * spacing**2 / (2 * dim * model.coefficient)
+
+    def depth(self, medium: Medium, spacing: float, extent: float) -> float:
+        """How far clouds reach."""
+        return self.recipe(medium, spacing, extent).radius
+
+    def update(self, fringe: Fringe, halo: np.ndarray, medium: Medium) -> sparse.csr_array:
+        """Rows of halo nodes (places in the fringe) over the new level and those before, shape (H, 3 S) for waves, (H, 2 S) for diffusion."""
+        points, places = fringe.with_images(self.depth(medium, fringe.spacing, fringe.extent))
+        found = update_matrix(points, halo, fringe.normals[halo], medium, self, spacing=fringe.spacing, extent=fringe.extent, enclosing=False).tocoo()
+        level, column = np.divmod(found.col, len(points))
+        shape = (len(halo), (medium.order + 1) * len(fringe.points))
+        return sparse.csr_array((found.data, (found.row, (level + 1) * len(fringe.points) + places[column])), shape=shape)
+
+
+def update_matrix(
+    points: np.ndarray, absorbing: np.ndarray, normals: np.ndarray, medium: Medium, condition: PlaneWave | None = None, *,
+    spacing: float | None = None, extent: float | None = None, enclosing: bool = True,
+) -> sparse.csr_array:  # fmt: skip
+    """Next values of absorbing nodes from those of all nodes at the present step and, for waves, at the one before.
+
+    Parameters
+    ----------
+    points : ndarray, shape (N, dim)
+        Nodes of a lattice, of a mesh, or any others.
+    absorbing : ndarray of int, shape (A,)
+        Nodes whose values are fitted.
+    normals : ndarray, shape (A, dim)
+        Outwards, of any length.
+    medium : Medium
+    condition : PlaneWave, optional
+    spacing : float, optional
+        Distance of nodes; the median of that to the nearest one unless given.
+    extent : float, optional
+        Half the extent of the nodes.
+    enclosing : bool
+        Refuse absorbing nodes that do not enclose the others.
+
+    Returns
+    -------
+    csr_array, shape (A, order * N)
+        ``new[absorbing] = matrix @ concatenate([u, u_before])``, or ``matrix @ u`` for diffusion.
+
+    Raises
+    ------
+    InputError
+        Points and normals that do not fit together, a cloud without neighbours, absorbing nodes that do not enclose the others, modes that overflow.
+    """
+    points, absorbing, normals = np.asarray(points, float), np.asarray(absorbing, int), np.asarray(normals, float)
+    _check_points(points, absorbing, normals)
+    if enclosing:
+        _check_enclosing(points, absorbing)
+    tree = cKDTree(points)
+    if spacing is None:
+        spacing = float(np.median(tree.query(points, 2)[0][:, 1]))
+    if extent is None:
+        extent = float(np.ptp(points, axis=0).max()) / 2
+    recipe = (condition or PlaneWave()).recipe(medium, spacing, extent)
+    units = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    if recipe.snapped:
+        units = _snapped(units)
+    near = tree.query_ball_point(points[absorbing], recipe.radius * (1 + 1e-9))
+    outwards = wavevectors(recipe, points.shape[1], medium.order)
+    known: dict[tuple[bytes, bytes], np.ndarray] = {}
+    rows, columns, weights = [], [], []
+    for number, (centre, normal, found) in enumerate(zip(absorbing, units, near, strict=True)):
+        members = np.array(found)
+        steps = np.round((points[members] - points[centre]) / spacing, 6) + 0.0  # + 0: no negative zeros, clouds are known by their bytes
+        chosen = cloud(spacing * steps, normal, spacing, recipe)
+        if chosen.size < 2:
+            raise InputError("a cloud has no neighbours", value=points[centre].tolist(), limit="at least one node besides its centre",
+                             key="boundary.radius", remedy=f"a radius above {recipe.radius:g}, or a wider cone")  # fmt: skip
+        chosen = chosen[np.lexsort(steps[chosen].T)]
+        key = normal.tobytes(), steps[chosen].tobytes()
+        if key not in known:
+            known[key] = _fitted(recipe, medium, spacing, outwards @ modes.frame(normal), spacing * steps[chosen])
+        for level, values in enumerate(known[key]):
+            rows.append(np.full(chosen.size, number))
+            columns.append(level * len(points) + members[chosen])
+            weights.append(values)
+    shape = (absorbing.size, medium.order * len(points))
+    return sparse.csr_array((np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
+
+
+def cloud(places: np.ndarray, normal: np.ndarray, spacing: float, recipe: Recipe) -> np.ndarray:
+    """Numbers of the places in a cloud about the origin: within radius and cone (closed), thinned to those nearest to a coarser grid.
+
+    Hermann et al. 2023, eq 54 and figure 7. The paper's cone is open, which leaves out the diagonals; they matter.
+
+    Parameters
+    ----------
+    places : ndarray, shape (J, dim)
+        Candidates, the origin among them.
+    normal : ndarray, shape (dim,)
+    spacing : float
+    recipe : Recipe
+    """
+    slack, narrow = 1e-6 * spacing, np.cos(recipe.cone)
+
+    def within(at: np.ndarray, inwards: np.ndarray) -> np.ndarray:
+        distance = np.linalg.norm(at, axis=1)
+        return np.asarray((distance <= recipe.radius + slack) & (inwards >= narrow * distance - slack))
+
+    chosen = np.flatnonzero(within(places, -places @ normal))
+    if recipe.thin == 1 or not chosen.size:
+        return chosen
+    wide = recipe.thin * spacing
+    steps = wide * np.arange(-int(recipe.radius / wide + 1e-6), int(recipe.radius / wide + 1e-6) + 1)
+    grid = np.stack(np.meshgrid(*[steps] * len(normal), indexing="ij"), axis=-1).reshape(-1, len(normal))
+    targets = grid[within(grid, -grid[:, 0])] @ modes.frame(normal)
+    return np.unique(chosen[cKDTree(places[chosen]).query(targets)[1]])
+
+
+def wavevectors(recipe: Recipe, dim: int, order: int) -> np.ndarray:
+    """Wavevectors where the outward normal is the first axis, real for waves, imaginary for diffusion; shape (M, dim)."""
+    k = (recipe.wavenumbers[:, None, None] * modes.outward(dim, recipe.angle, recipe.angles, recipe.balanced)).reshape(-1, dim)
+    return k if order == 2 else 1j * k
+
+
+def _fitted(recipe: Recipe, medium: Medium, spacing: float, k: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Weights of a cloud's nodes for wavevectors k, shape (order, J)."""
+    symbol = medium.symbol(k, recipe.dispersion)
+    factor = modes.factors(symbol, medium.dt, medium.order, medium.damping, recipe.discrete)
+    shape = modes.phases(k, places)
+    if not recipe.operator:
+        return modes.fit(shape, factor, medium.order, regularization=recipe.regularization, rcond=recipe.rcond)
+    centre = int(np.argmin(np.abs(places).sum(1)))
+    rate = medium.coefficient / spacing**2
+    return modes.fit_operator(shape, factor, symbol, centre, medium.dt, medium.order, rate, recipe.regularization or 0.0)
+
+
+def _snapped(normals: np.ndarray) -> np.ndarray:
+    """The nearest of the directions between a lattice node and its 3^dim - 1 neighbours."""
+    dim = normals.shape[1]
+    ways = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
+    ways = ways[np.abs(ways).sum(1) > 0]
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    return np.asarray(ways[np.argmax(np.round(normals @ ways.T, 9), axis=1)])
+
+
+def _check_points(points: np.ndarray, absorbing: np.ndarray, normals: np.ndarray) -> None:
+    if points.ndim != 2 or not 1 <= points.shape[1] <= 3 or not np.isfinite(points).all():
+        raise InputError("points must be finite, of 1 to 3 coordinates each", value=points.shape, key="points")
+    if not absorbing.size or absorbing.min() < 0 or absorbing.max() >= len(points):
+        raise InputError("absorbing nodes are numbers of points", value=absorbing.tolist()[:5], limit=f"0 to {len(points) - 1}", key="absorbing")
+    if normals.shape != (absorbing.size, points.shape[1]) or not (np.linalg.norm(normals, axis=1) > 0).all():
+        raise InputError("each absorbing node needs a normal of some length", value=normals.shape, limit=(absorbing.size, points.shape[1]),
+                         key="normals")  # fmt: skip
+
+
+def _check_enclosing(points: np.ndarray, absorbing: np.ndarray) -> None:
+    """Refuse absorbing nodes in whose convex hull not all points lie."""
+    others = np.delete(points, absorbing, axis=0)
+    if not len(others):
+        raise InputError("all nodes are absorbing", value=len(points), key="absorbing", remedy="leave a near field")
+    size = float(np.ptp(points, axis=0).max())
+    if points.shape[1] == 1:
+        beyond = np.maximum(points[absorbing].min() - others, others - points[absorbing].max()).ravel()
+    else:
+        try:
+            faces = ConvexHull(points[absorbing]).equations
+        except (QhullError, ValueError):
+            beyond = np.full(len(others), size)
+        else:
+            beyond = (others @ faces[:, :-1].T + faces[:, -1]).max(1)
+    worst = int(np.argmax(beyond))
+    if beyond[worst] > 1e-6 * size:
+        raise InputError("the absorbing nodes do not enclose the near field", value=others[worst].tolist(), key="absorbing",
+                         limit="points within their convex hull",
+                         remedy="absorbing nodes all along the outline, or enclosing=False where others close it")  # fmt: skip
+
+
+def largest_update(matrix: Any) -> float:
+    """Largest sum of the magnitudes of a row of weights; with forward Euler at most 1 here and in the near field no value ever grows."""
+    return float(np.abs(matrix).sum(axis=1).max())

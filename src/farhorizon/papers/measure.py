@@ -1,0 +1,118 @@
+"""What the reproductions of absorbing conditions measure: errors against the infinite medium, and growth from white noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from farhorizon.analysis import InfiniteLattice
+from farhorizon.boundaries import Boundary
+from farhorizon.errors import UnstableError
+from farhorizon.simulation import Simulation
+
+_CLOSELY = 200  # first steps, after each of which the norm is taken: fast growth is over soon
+
+Reference = Callable[[int], np.ndarray]
+
+
+@dataclass
+class Measured:
+    """One condition's run.
+
+    Attributes
+    ----------
+    errors : ndarray, shape (times,)
+        Largest difference from the infinite medium over the near field; infinite from the time on at which the run overflowed.
+    fields : list of ndarray
+        The near field at the times.
+    """
+
+    errors: np.ndarray
+    fields: list[np.ndarray] = field(default_factory=list)
+
+
+def infinite(setup: Mapping[str, Any], until: float) -> Reference:
+    """The field of a homogeneous set-up after a number of steps, on the infinite lattice by FFT; nan outside a window."""
+    sim = Simulation(**setup)
+    rate = sim.model.coefficient / sim.lattice.spacing**2
+    last = round(until / sim.dt) + 1
+    exact = InfiniteLattice(sim.stencil, rate, sim.model.integrator, sim.dt, last, sim.start_u, None, sim.model.damping)
+    mask = sim.lattice.mask
+    return lambda steps: exact.after(steps) if mask is None else np.where(mask, exact.after(steps), np.nan)
+
+
+def run(setup: Mapping[str, Any], boundary: Boundary, times: Sequence[float], reference: Reference) -> Measured:
+    """Run a set-up with a boundary and compare it with the infinite medium."""
+    sim = Simulation(**{**setup, "boundary": boundary})
+    found = Measured(np.full(len(times), np.inf))
+    for number, t in enumerate(times):
+        steps = round(t / sim.dt)
+        try:
+            sim.step(steps - sim.step_count)
+        except UnstableError:
+            break
+        found.fields.append(sim.fields["u"])
+        found.errors[number] = np.nanmax(np.abs(found.fields[-1] - reference(steps)))
+    return found
+
+
+def growth(setup: Mapping[str, Any], boundary: Boundary, until: float) -> float:
+    """Rate at which the near field grows from white noise: slope of the logarithm of its norm over the last third of the run.
+
+    A measurement, no proof: growth that is slow against the run, or that noise does not excite, goes unseen. A run that overflows is judged by
+    the last third of what there is of it.
+    """
+    lattice = setup["lattice"]
+    noise = np.random.default_rng(1).standard_normal(lattice.shape)
+    noise = noise if lattice.mask is None else np.where(lattice.mask, noise, 0.0)
+    sim = Simulation(**{**setup, "boundary": boundary, "initial": {"u": noise}})
+    last = round(until / sim.dt)
+    times, norms = [0.0], [float(np.linalg.norm(noise))]
+    try:
+        while sim.step_count < last:
+            sim.step(1 if sim.step_count < _CLOSELY else min(max(1, last // 500), last - sim.step_count))
+            times.append(sim.time)
+            norms.append(float(np.sqrt(np.nansum(sim.fields["u"] ** 2))))
+    except UnstableError:
+        pass
+    late = np.array(times) >= 2 / 3 * times[-1]
+    return float(np.polyfit(np.array(times)[late], np.log(np.maximum(norms, 1e-300))[late], 1)[0]) if late.sum() > 1 else np.inf
+
+
+def spectral_radius(setup: Mapping[str, Any], boundary: Boundary) -> float:
+    """Largest magnitude of an eigenvalue of one step of a diffusion on a line, fitted nodes included; dense, for some hundred nodes."""
+    sim = Simulation(**{**setup, "boundary": boundary})
+    engine, nothing = sim.engine, np.zeros((0, 0))
+    nodes = engine.core.node_indices().ravel()
+    matrix = np.empty((nodes.size, nodes.size))
+    for number, node in enumerate(nodes):
+        engine.current[nodes] = 0
+        engine.current[node] = 1
+        if sim.closure is not None:
+            sim.closure.start()
+        engine.advance(1, nodes[:0], nothing, np.zeros((1, 1, 0)))
+        matrix[:, number] = engine.current[nodes]
+    return float(np.abs(np.linalg.eigvals(matrix)).max())
+
+
+def pictures(
+    name: str, folder: Path, axes: Sequence[np.ndarray], times: Sequence[float], exact: Sequence[np.ndarray], runs: Mapping[str, Measured],
+    shown: Sequence[str], cracks: Sequence[np.ndarray] = (),
+) -> list[Path]:  # fmt: skip
+    """Errors over time of all runs; the infinite medium's field at the last time, and how far the `shown` runs are from it."""
+    from farhorizon.plot import error_history, field_panels
+
+    files = [folder / f"{name}-errors.png", folder / f"{name}-differences.png"]
+    error_history({label: (np.array(times), found.errors) for label, found in runs.items()}, files[0], "largest difference from infinity", "")
+    panels = [(f"infinite medium, t = {times[-1]:g}", exact[-1])] if len(axes) > 1 else []
+    panels += [
+        (f"{label}, difference" if len(axes) > 1 else label, runs[label].fields[-1] - exact[-1])
+        for label in shown
+        if len(runs[label].fields) == len(times)
+    ]
+    field_panels(panels, axes, files[1], shared_scale=False, cracks=cracks, label="u" if len(axes) > 1 else "difference from the infinite medium")
+    return files

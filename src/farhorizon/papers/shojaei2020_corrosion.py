@@ -1,0 +1,322 @@
+"""Shojaei, Hermann, Seleson and Cyron (2020): diffusion in unbounded domains, examples 2 and 3: letters and a sphere that corrode.
+
+What the paper leaves open is chosen so that its statements come out:
+
+- The constants c_liq = 7957.7 and c_int = 795.77 are those of the exponent p = 2 with the diffusivity 10 in the plane, not of the declared
+  p = 1. With p = 2 the letters have dissolved long before t = 0.085, when "the concentration level of the near field reaches almost a zero
+  state", and the sphere just before the paper's last step; with p = 1 the letters take six times as long as that.
+- The letters are DejaVu Sans Bold with capitals of height 1.
+- A solid node dissolves at the end of the step in which it has fallen below the saturation, and keeps its concentration.
+
+The reference of the paper is a larger domain; here it is one from which nothing returns while there is metal and, in the plane, the exact solution
+on the infinite lattice from then on. Each way to close the near field is an entry of `CLOSURES`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from farhorizon.analysis.infinite import InfiniteLattice
+from farhorizon.boundaries import Fixed, Free, LatticePML, PlaneWave
+from farhorizon.kernel import Kernel
+from farhorizon.lattice import Lattice
+from farhorizon.models import Corrosion
+from farhorizon.outlines import Text
+from farhorizon.papers import Outcome, Row, reproduction
+from farhorizon.shapes import Ball, Disc, Shape
+from farhorizon.simulation import Simulation
+from farhorizon.specimens import Specimen
+
+PAPER = "Shojaei, Hermann, Seleson, Cyron (2020), Dirichlet-type absorbing boundary conditions for peridynamic scalar diffusion"
+LIQUID, INTERFACE, SATURATION = 7957.70, 795.77, 0.8  # micro-diffusivities and u_sat of both examples
+
+
+def _published(spacing: float, region: Shape, wavenumber: float) -> dict[str, Any]:
+    """The paper's condition: clouds of the nearest neighbours, 11 angles and 5 wavenumbers, fitted nodes over two horizons (2D) or one (3D)."""
+    layer = (4 if region.dim == 2 else 2) * spacing
+    boundary = PlaneWave(radius=spacing, layer=layer, wavenumber=wavenumber, wavenumbers=5, angles=11)
+    return {"lattice": Lattice(spacing, window=region), "boundary": boundary}
+
+
+#: How the near field is closed: name, and the arguments of `Simulation` for a spacing and a region. The paper gives no wavenumbers.
+CLOSURES: list[tuple[str, Callable[[float, Shape], dict[str, Any]]]] = [
+    ("LatticePML", lambda dx, region: {"lattice": Lattice(dx, window=region), "boundary": LatticePML(target=1e-6)}),
+    ("plane waves as published, wavenumbers to 2", lambda dx, region: _published(dx, region, 2.0)),
+    ("plane waves as published, wavenumbers to 5", lambda dx, region: _published(dx, region, 5.0)),
+    ("plane waves, repaired", lambda dx, region: {"lattice": Lattice(dx, window=region), "boundary": PlaneWave()}),
+    ("zero flux at the rim", lambda dx, region: {"lattice": _body(dx, region), "boundary": Free()}),
+    ("zero value at the rim", lambda dx, region: {"lattice": _body(dx, region), "boundary": Fixed(0.0), "rim": "fixed"}),
+]
+
+
+def _body(spacing: float, region: Shape) -> Lattice:
+    """The nodes of a window as a body that ends there."""
+    window = Lattice(spacing, window=region)
+    return Lattice(spacing, window.lower, window.upper, body=region)
+
+
+@dataclass(frozen=True)
+class Example:
+    """One of the paper's examples.
+
+    Attributes
+    ----------
+    region, metal : Shape
+        The near field and the specimen.
+    concentration : float
+        Of the metal.
+    horizon : float
+        As published, two spacings.
+    dt : float
+        Step at the published spacing: some thirty times (2D) and a thousand times (3D) the paper's.
+    exponent : int
+        p of the kernel.
+    far : float
+        Half the width of the domain from which nothing returns.
+    coarser : int
+        Factor on the horizon and the spacing, its square on the step, at the same diffusivity.
+    """
+
+    region: Shape
+    metal: Shape
+    concentration: float
+    horizon: float
+    dt: float
+    far: float
+    exponent: int = 2
+    coarser: int = 1
+
+    @property
+    def spacing(self) -> float:
+        """Distance of nodes."""
+        return self.coarser * self.horizon / 2
+
+    def _parts(self, threads: int | None = None) -> dict[str, Any]:
+        kernel = Kernel(self.horizon, self.exponent, calibrate=False)
+        diffusivity = LIQUID / kernel.scaling_constant(self.region.dim)
+        kernel = replace(kernel, horizon=self.coarser * self.horizon)
+        return {
+            "model": Corrosion(kernel, diffusivity, saturation=SATURATION, interface=INTERFACE / LIQUID), "dt": self.dt * self.coarser**2,
+            "specimens": [Specimen(self.metal, self.concentration)], "threads": threads,
+        }  # fmt: skip
+
+    def closed(self, most: int | None = None) -> dict[str, Simulation]:
+        """The near field with each closure, or with the first `most`."""
+        threads = 1 if self.region.dim == 2 else None
+        return {name: Simulation(**self._parts(threads), **closure(self.spacing, self.region), balance=True) for name, closure in CLOSURES[:most]}
+
+    def medium(self) -> Medium:
+        """The infinite medium."""
+        half = self.spacing * np.round(self.far / self.spacing)
+        lattice = Lattice(self.spacing, [-half] * self.region.dim, [half] * self.region.dim)
+        return Medium(Simulation(lattice, boundary=Fixed(0.0), **self._parts()), Lattice(self.spacing, window=self.region))
+
+
+class Medium:
+    """The infinite medium on the nodes of a near field.
+
+    Parameters
+    ----------
+    far : Simulation
+        On a domain from which nothing returns: in the plane while there is metal, in space to the end.
+    near : Lattice
+    """
+
+    def __init__(self, far: Simulation, near: Lattice) -> None:
+        self.far, self.near = far, near
+        self._shown = np.ones(near.shape, bool) if near.mask is None else near.mask
+        first = np.round((near.lower - far.lattice.lower) / near.spacing).astype(int)
+        self._near = tuple(slice(i, i + n) for i, n in zip(first, near.shape, strict=True))
+        self._exact: InfiniteLattice | None = None
+
+    def after(self, step: int, last: int) -> np.ndarray:
+        """The field after a number of steps, at most `last`; nan outside the window. Steps may not go back."""
+        far = self.far
+        if self._exact is None:
+            while far.step_count < step and (far.lattice.dim == 3 or self._metal()):
+                far.step(min(step - far.step_count, 20))
+            if far.step_count < step:
+                self._since = far.step_count
+                self._exact = InfiniteLattice(far.stencil, far.model.coefficient / far.lattice.spacing**2, far.model.integrator, far.dt,
+                                              last - self._since, far.fields["u"])  # fmt: skip
+        u = far.fields["u"] if self._exact is None else self._exact.after(step - self._since)
+        return np.where(self._shown, u[self._near], np.nan)
+
+    def _metal(self) -> bool:
+        return bool(self.far.fields["solid"].any())
+
+    def dissolved(self) -> np.ndarray:
+        """Time at which each node of the near field has become liquid so far; nan outside the window and in the metal."""
+        return np.where(self._shown, self.far.fields["dissolved"][self._near], np.nan)
+
+
+LETTERS = Example(Disc(2.0), Text("HZG", 1.0, bold=True), 2.0, 0.04, 1e-5, 8.0)
+SPHERE = Example(Ball(4.999), Ball(3.33), 1.0, 0.2, 4e-5, 11.0)  # 523 155 nodes: those on the sphere of radius 5 do not count
+
+
+@dataclass
+class Course:
+    """How the near fields and the infinite medium went.
+
+    Attributes
+    ----------
+    times : list of float
+    peak, energy : list of float
+        Largest concentration, and integral of its square over the near field (eq. 48), in the infinite medium.
+    errors, energies : dict of str to list of float
+        Per closure: the largest difference from the infinite medium over its largest concentration at that time; the integral.
+    fields : dict of str to list of ndarray
+        Kept at the times asked for, those of the infinite medium first.
+    shifted : dict of str to (int, int)
+        Per closure: how many nodes dissolve at another step than in the infinite medium, and by how many steps at most.
+    dissolved : ndarray
+        Times of dissolution of the first closure.
+    """
+
+    times: list[float]
+    peak: list[float]
+    energy: list[float]
+    errors: dict[str, list[float]]
+    energies: dict[str, list[float]]
+    fields: dict[str, list[np.ndarray]]
+    shifted: dict[str, tuple[int, int]]
+    dissolved: np.ndarray
+
+    def largest_errors(self) -> dict[str, float]:
+        """Per closure the largest error of all times, over the largest initial concentration."""
+        return {name: max(e * p for e, p in zip(errors, self.peak, strict=True)) / self.peak[0] for name, errors in self.errors.items()}
+
+
+def follow(example: Example, runs: dict[str, Simulation], times: list[float], shown: tuple[float, ...]) -> Course:
+    """Run all closures beside the infinite medium.
+
+    Parameters
+    ----------
+    example : Example
+    runs : dict of str to Simulation
+        `Example.closed`, at their start.
+    times : list of float
+        Ascending; `shown` are among them.
+    shown : tuple of float
+        When to keep the fields.
+    """
+    medium, cell = example.medium(), example.spacing**example.region.dim
+    dt = medium.far.dt
+    last = round(times[-1] / dt)
+    course = Course([], [], [], {n: [] for n in runs}, {n: [] for n in runs}, {n: [] for n in ("infinite medium", *runs)}, {}, np.zeros(0))
+    for time in times:
+        step = round(time / dt)
+        exact = medium.after(step, last)
+        course.times.append(step * dt)
+        course.peak.append(float(np.nanmax(exact)))
+        course.energy.append(cell * float(np.nansum(exact**2)))
+        for name, sim in runs.items():
+            sim.step(step - sim.step_count)
+            u = sim.fields["u"]
+            course.errors[name].append(float(np.nanmax(np.abs(u - exact))) / course.peak[-1])
+            course.energies[name].append(cell * float(np.nansum(u**2)))
+            if time in shown:
+                course.fields[name].append(u)
+        if time in shown:
+            course.fields["infinite medium"].append(exact)
+    theirs = medium.dissolved()
+    for name, sim in runs.items():
+        shift = np.rint((sim.fields["dissolved"] - theirs) / dt)[np.isfinite(theirs) | np.isfinite(sim.fields["dissolved"])]
+        late = np.isnan(shift)
+        course.shifted[name] = int((shift != 0).sum()), int(np.abs(shift[~late]).max(initial=0))
+    course.dissolved = next(iter(runs.values())).fields["dissolved"]
+    return course
+
+
+def _rows(course: Course, runs: dict[str, Simulation], shown: tuple[float, ...]) -> list[Row]:
+    rows = []
+    for time in shown:
+        at = int(np.argmin(np.abs(np.array(course.times) - time)))
+        rows.append(Row(f"t = {time:g}, largest concentration", course.peak[at], note="infinite medium"))
+        for name in runs:
+            rows.append(Row(f"t = {time:g}, {name}, largest error / largest concentration", course.errors[name][at], note="figures, no number"))
+            change = abs(course.energies[name][at] - course.energy[at]) / course.energy[0]
+            rows.append(Row(f"t = {time:g}, {name}, difference of the integral of u^2, eq. 50", change))
+    for name, (nodes, steps) in course.shifted.items():
+        rows.append(Row(f"{name}, nodes that dissolve at another step than in the infinite medium", nodes, note=f"by up to {steps} steps"))
+        found = runs[name].balance()
+        rows.append(Row(f"{name}, residual of the mass balance / metal", abs(found["residual"] / found["metal"])))
+        rises = int((np.diff(course.energies[name]) > 0).sum())
+        rows.append(Row(f"{name}, times at which the integral of u^2 has risen", rises, note="it should never rise"))
+    return rows
+
+
+def _pictures(folder: Path, name: str, course: Course, runs: dict[str, Simulation], shown: tuple[float, ...]) -> list[Path]:
+    from farhorizon.plot import error_history, field_panels, front
+
+    first = next(iter(runs))
+    axes = runs[first].lattice.axes
+    fields = [(f"{words}, t = {t:g}", u) for words in (first, "infinite medium") for t, u in zip(shown, course.fields[words], strict=True)]
+    paths = [folder / f"{name}-{part}.png" for part in ("fields", "front", "error", "energy")]
+    metal = [~(course.dissolved <= t) & ~np.isnan(u) for t, u in zip(shown, course.fields[first], strict=True)]
+    field_panels(fields, axes, paths[0], shared_scale=False, solids=2 * metal)
+    front(course.dissolved, axes, paths[1], outside=np.isnan(course.fields[first][0]))
+    times = np.array(course.times)
+    error_history({n: (times, np.array(e)) for n, e in course.errors.items()}, paths[2], "max error / largest concentration",
+                  "Error against the infinite medium")  # fmt: skip
+    scale = course.energy[0]
+    energies = {n: (times, np.array(e) / scale) for n, e in {"infinite medium": course.energy, **course.energies}.items()}
+    error_history(energies, paths[3], r"$\Pi / \Pi_0$", r"Integral of $u^2$ over the near field")
+    return paths
+
+
+def last_dissolution(example: Example) -> float:
+    """When the last metal dissolves, with a LatticePML."""
+    (sim,) = example.closed(1).values()
+    while (sim.fields["solid"] > 0).any():
+        sim.step(20)
+    return float(np.nanmax(sim.fields["dissolved"]))
+
+
+@reproduction("shojaei2020-ex2", PAPER, "example 2: letters that corrode in an infinite electrolyte, 2D, full size")
+def example2(folder: Path) -> Outcome:
+    """Concentration, error and energy (figures 15, 17, 18); the time that p = 1 would take."""
+    shown = (0.006, 0.016, 0.076, 0.266)
+    runs = LETTERS.closed()
+    rows = [Row("nodes of the near field", runs["LatticePML"].lattice.nodes, 31417)]
+    times = sorted({0.0, *np.round(np.geomspace(0.002, 0.266, 16), 5).tolist(), *shown})
+    course = follow(LETTERS, runs, times, shown)
+    rows += _rows(course, runs, shown)
+    for exponent in (2, 1):
+        note = "printed: almost a zero state at t = 0.085" if exponent == 2 else "the declared exponent"
+        literal = replace(LETTERS, exponent=exponent, dt=LETTERS.dt if exponent == 2 else 3e-4)
+        rows.append(Row(f"time of the last dissolution, p = {exponent}", last_dissolution(literal), note=note))
+    return Outcome(rows, course.largest_errors(), _pictures(folder, "shojaei2020-ex2", course, runs, shown))
+
+
+def asymmetry(u: np.ndarray) -> float:
+    """Largest difference of a cubic array from its mirror images and from those with axes exchanged, nan aside."""
+    images = [np.flip(u, axis) for axis in range(u.ndim)] + [np.swapaxes(u, 0, axis) for axis in range(1, u.ndim)]
+    return max(float(np.nanmax(np.abs(u - image))) for image in images)
+
+
+@reproduction("shojaei2020-ex3", PAPER, "example 3: a sphere that corrodes in an infinite electrolyte, 3D", scaled=True)
+def example3(folder: Path, full: bool = False) -> Outcome:
+    """Concentration and energy (figures 20, 21), and what the paper could not have, a reference; spacing 0.1 with `full`, else 0.2."""
+    shown = (0.005, 0.02, 0.05)
+    example = SPHERE if full else replace(SPHERE, coarser=2)
+    runs = example.closed()
+    ours = runs["LatticePML"]
+    rows = [
+        Row("nodes of the near field", ours.lattice.nodes, 523155 if full else None),
+        Row("memory of the run with its layers (GB)", ours.engine.nbytes / 1e9),
+    ]
+    times = sorted({0.0, *np.linspace(0.0025, 0.0667, 10).tolist(), *shown})  # to the paper's last step
+    course = follow(example, runs, times, shown)
+    rows += _rows(course, runs, shown)
+    rows.append(Row("LatticePML, largest asymmetry at the end", asymmetry(ours.fields["u"])))
+    solid = ours.fields["solid"] > 0
+    rows.append(Row("metal left at the paper's last step (nodes)", int(solid.sum())))
+    if not solid.any():
+        rows.append(Row("time of the last dissolution", float(np.nanmax(course.dissolved))))
+    return Outcome(rows, course.largest_errors(), _pictures(folder, "shojaei2020-ex3", course, runs, shown))

@@ -1,0 +1,157 @@
+"""The condition from plane waves: its fit, published examples against the infinite lattice, any cloud of points, what is refused."""
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.analysis import InfiniteLattice, modes
+from farhorizon.boundaries.plane_wave import Medium, update_matrix
+
+SPACING, DT, DAMPING, RADIUS = 0.25, 0.05, 0.0125, 26.0  # examples 2 and 3 of Hermann et al. (2023), with a larger step
+
+
+def disc(reach, boundary, radius=RADIUS):
+    """Example 2: the fringe of the paper, one horizon wide, lies within the radius."""
+    lattice = fh.Lattice(SPACING, window=fh.Disc(radius - reach * SPACING))
+    model = fh.Wave(fh.Kernel(reach * SPACING, 2, calibrate=False), damping=DAMPING)
+    return fh.Simulation(lattice, model, boundary, {"u": lambda x, y: np.exp(-np.log(2) * (x**2 + y**2))}, dt=DT)
+
+
+def errors(sim, times):
+    """Largest differences from the infinite lattice over the near field."""
+    steps = [round(t / sim.dt) for t in times]
+    rate = sim.model.coefficient / sim.lattice.spacing**2
+    exact = InfiniteLattice(sim.stencil, rate, sim.model.integrator, sim.dt, steps[-1], sim.start_u, None, sim.model.damping)
+    found = []
+    for n in steps:
+        sim.step(n - sim.step_count)
+        found.append(np.nanmax(np.abs(sim.fields["u"] - exact.after(n))))
+    return np.array(found)
+
+
+EXAMPLE_2 = [  # errors at t = 30, 40, 50 that an independent program found
+    (3, fh.PlaneWave(), (5.9e-5, 1.2e-4, 1.8e-4)),
+    (3, fh.Higdon((0, 45), 0.02), (7.2e-4, 5.9e-4, 1.1e-3)),
+    (6, fh.PlaneWave(), (2.3e-4, 2.5e-4, 4.5e-4)),
+    (6, fh.Higdon((0, 45), 0.02), (6.5e-4, 4.2e-4, 8.4e-4)),
+]
+
+
+@pytest.mark.parametrize("reach, boundary, known", EXAMPLE_2)
+def test_example_2_of_hermann(reach, boundary, known):
+    assert (errors(disc(reach, boundary), (30, 40, 50)) < 2 * np.array(known)).all()
+
+
+@pytest.mark.parametrize("reach", [3, 6])
+def test_lattice_pml_beside_it(reach):
+    assert (errors(disc(reach, fh.LatticePML()), (30, 40, 50)) < 1e-7).all()
+
+
+def test_published_condition_grows_on_a_disc():
+    """Clouds turned to every node's own normal: overflow, as an independent program has it (log growth 10.9 per unit time)."""
+    published = fh.PlaneWave(fit="collocation", normals="free", wavenumber=1.0, thin=1)
+    with pytest.raises(fh.UnstableError):
+        disc(3, published, 10.0).run(60.0, progress=False)
+
+
+EXAMPLE_1 = [  # largest wavenumber; error at t = 250 in units of the largest value then: an independent program, two digits
+    (0.1, 0.029), (0.2, 0.010), (0.5, 0.029), (1.0, 0.072), (8.0, 0.34),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("wavenumber, known", EXAMPLE_1)
+def test_example_1_of_shojaei(wavenumber, known):
+    """Diffusion on a line, peridynamic, horizon and layer of four spacings, clouds of two; a step 10 times the paper's."""
+    spacing = 0.125
+    boundary = fh.PlaneWave(radius=2 * spacing, wavenumber=wavenumber, wavenumbers=20)
+    sim = fh.Simulation(fh.Lattice(spacing, (-29.5,), (29.5,)), fh.Diffusion(fh.Kernel(4 * spacing, 1)), boundary,
+                        {"u": lambda x: np.exp(-4 * x**2)}, dt=0.005)  # fmt: skip
+    error = errors(sim, (250.0,))[0]
+    assert error / sim.fields["u"].max() == pytest.approx(known, rel=0.1, abs=5e-4)
+
+
+def test_small_crosses_in_diffusion_never_grow():
+    """Clouds of nearest neighbours: weights that are not negative and sum to at most 1, so that no value exceeds the largest before."""
+    for dim, exponent in ((1, 1), (2, 1), (3, 1)):
+        lattice = fh.Lattice(0.1, (-1.0,) * dim, (1.0,) * dim)
+        sim = fh.Simulation(lattice, fh.Diffusion(fh.Kernel(0.2, exponent)), fh.PlaneWave(wavenumber=0.5))
+        assert np.abs(sim.closure.update).sum(1).max() < 1 + 1e-6
+
+
+@pytest.mark.parametrize("balanced", [True, False])
+def test_symmetry_in_space(balanced):
+    """Rings of directions keep a ball symmetric, up to rounding; the published grid of angles does not."""
+    sim = fh.Simulation(fh.Lattice(0.1, window=fh.Ball(0.8)), fh.Diffusion(fh.Kernel(0.2, 1)), fh.PlaneWave(angles=9, balanced=balanced),
+                        {"u": lambda x, y, z: np.exp(-40 * (x**2 + y**2 + z**2))})  # fmt: skip
+    sim.step(300)
+    u = np.nan_to_num(sim.fields["u"])
+    worst = max(np.abs(u - image).max() for image in (u[::-1], u[:, ::-1], u.transpose(1, 0, 2), u.transpose(2, 1, 0))) / u.max()
+    assert worst < 1e-12 if balanced else worst > 1e-4
+
+
+def test_fitted_waves_go_on():
+    """A plane wave among the fitted ones meets its own next value: the residual, over that of values that stay, is a small number."""
+    grid = np.stack(np.meshgrid(*[SPACING * np.arange(-12, 13)] * 2, indexing="ij"), -1).reshape(-1, 2)
+    stencil = fh.Stencil.from_kernel(fh.Kernel(3 * SPACING, 2), SPACING, 2)
+    medium = Medium(2, 1.0, DT, 0.0, SPACING * stencil.offsets, stencil.weights / SPACING**2, 3 * SPACING)
+    middle = np.flatnonzero(np.abs(grid).sum(1) == 0)
+    matrix = update_matrix(grid, middle, np.array([[1.0, 0.0]]), medium, enclosing=False)
+    for angle in np.radians([0, 20, 40, 55]):
+        k = 1.1 * np.array([[np.cos(angle), np.sin(angle)]])
+        factor = modes.factors(medium.symbol(k, "discrete"), DT, 2)[0]
+        wave = np.exp(1j * grid @ k[0])
+        fitted = (matrix @ np.concatenate([wave, wave / factor]))[0]
+        assert abs(fitted - factor) < 0.02 * abs(factor - 2 + 1 / factor)
+
+
+def random_disc(seed=3, count=1500):
+    """Points without any order in the unit disc, and a ring of absorbing ones around them."""
+    points = np.random.default_rng(seed).uniform(-1, 1, (count, 2))
+    points = points[np.linalg.norm(points, axis=1) < 0.95]
+    turn = np.linspace(0, 2 * np.pi, 160, endpoint=False)
+    ring = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    return np.concatenate([points, ring]), len(points) + np.arange(160), ring
+
+
+def test_any_points():
+    """Points without order: waves along the normal go on; of the acceleration a tenth is missed at most, at every second node at least."""
+    points, absorbing, normals = random_disc()
+    medium = Medium(2, 1.0, 0.005)
+    matrix = update_matrix(points, absorbing, normals, medium, fh.PlaneWave(radius=0.2, wavenumber=15.0, thin=1), spacing=0.05)
+    assert matrix.shape == (160, 2 * len(points))
+    k = 8.0
+    factor = np.exp(-1j * k * 0.005)
+    waves = np.exp(1j * k * points @ normals.T)
+    fitted = (matrix @ np.concatenate([waves, waves / factor])).diagonal() / waves[absorbing].diagonal()
+    assert np.median(np.abs(fitted - factor)) < 0.1 * abs(factor - 2 + 1 / factor)
+
+
+BAD_POINTS = [
+    ({"absorbing": slice(0, 80), "normals": slice(0, 80)}, "do not enclose"),
+    ({"condition": fh.PlaneWave(radius=0.001)}, "no neighbours"),
+    ({"condition": fh.PlaneWave(radius=0.2, wavenumber=1e4)}, "too short"),
+    ({"medium": Medium(1, 1.0, 0.005), "condition": fh.PlaneWave(radius=0.2, wavenumber=1e3)}, "overflow"),
+    ({"medium": Medium(1, 1.0, 1e-9), "condition": fh.PlaneWave(radius=0.2, wavenumber=1e4)}, "overflow within a cloud"),
+    ({"condition": fh.PlaneWave(radius=0.2, dispersion="discrete")}, "no stencil"),
+    ({"condition": fh.PlaneWave(radius=0.2, dispersion="taylor")}, "series"),
+    ({"normals": np.zeros((160, 2))}, "normal of some length"),
+    ({"points": np.full((2000, 2), np.nan)}, "finite"),
+]
+
+
+@pytest.mark.parametrize("changes, message", BAD_POINTS)
+def test_bad_points(changes, message):
+    points, absorbing, normals = random_disc()
+    given = {"points": points, "absorbing": absorbing, "normals": normals, "medium": Medium(2, 1.0, 0.005)}
+    given |= {name: given[name][value] if isinstance(value, slice) else value for name, value in changes.items()}
+    with pytest.raises(fh.InputError, match=message):
+        update_matrix(**given)
+
+
+@pytest.mark.parametrize("options", [
+    {"fit": "galerkin"}, {"dispersion": "exact"}, {"radius": 0.0}, {"angle": 90.0}, {"regularization": -1.0}, {"rcond": 1.0}, {"thin": 0},
+    {"wavenumber": np.nan}, {"normals": "radial"}, {"time": "later"},
+])  # fmt: skip
+def test_bad_options(options):
+    with pytest.raises(fh.InputError):
+        fh.PlaneWave(**options)

@@ -1,0 +1,420 @@
+"""Corrosion: phases against plain numpy, the Stefan problem, what is conserved, the layer beside dissolving metal, restarts, refusals."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from scipy.special import erfc
+
+import farhorizon as fh
+from farhorizon.case import Case
+from farhorizon.compare import compare
+from helpers import kernel_stencil, lattice_of
+
+SATURATION, INTERFACE, METAL = 0.8, 0.1, 2.0
+SKEWED = fh.Stencil(
+    np.array([[1, 0], [-1, 0], [0, 1], [0, -1], [1, 1], [-1, -1], [2, 1], [-2, -1]]), np.array([1, 1, 0.6, 0.6, 0.4, 0.4, 0.05, 0.05])
+)
+#: Stencil and lattice; the wide one has no compiled rows, the skewed one no mirror symmetry, and rows span several tiles.
+LATTICES = {
+    "1D": (kernel_stencil(1, 2), (90,)),
+    "2D": (kernel_stencil(2, 2), (23, 75)),
+    "3D": (kernel_stencil(3, 1), (9, 11, 70)),
+    "skewed": (SKEWED, (21, 40)),
+    "wide": (kernel_stencil(2, 8), (21, 70)),
+}
+SIDES = {"periodic": fh.Periodic(), "fixed": fh.Fixed(0.0), "free": fh.Free()}
+
+
+def model(stencil, **options):
+    """The constants of the tests."""
+    return fh.Corrosion(stencil, **{"saturation": SATURATION, "interface": INTERFACE, **options})
+
+
+def plain(u, solid, stencil, dt, steps, sides):
+    """Forward Euler bond by bond on padded arrays; solid nodes below the saturation become liquid after each step."""
+    u, solid, reach = u.copy(), solid.copy(), max(stencil.reach)
+    dissolved = np.where(solid, np.nan, 0.0)
+    for step in range(1, steps + 1):
+        wide, hard = (np.pad(a, reach, mode="wrap") if sides == "periodic" else np.pad(a, reach) for a in (u, solid))
+        there = np.pad(np.ones(u.shape, bool), reach, constant_values=sides != "free")
+        change = np.zeros(u.shape)
+        for offset, weight in zip(stencil.offsets, stencil.weights, strict=True):
+            at = tuple(slice(reach + o, reach + o + n) for o, n in zip(offset, u.shape, strict=True))
+            factor = np.where(solid & hard[at], 0.0, np.where(solid ^ hard[at], INTERFACE, 1.0))
+            change += weight * factor * there[at] * (wide[at] - u)
+        u += dt * change
+        new = solid & (u < SATURATION)
+        solid &= ~new
+        dissolved[new] = step * dt
+    return u, solid, dissolved
+
+
+@pytest.mark.parametrize("sides", SIDES)
+@pytest.mark.parametrize("name", LATTICES)
+def test_against_plain_numpy(name, sides):
+    """Every kind of tile, row and side: the same nodes dissolve at the same steps."""
+    stencil, shape = LATTICES[name]
+    random = np.random.default_rng(3)
+    solid = random.random(shape) < 0.3
+    solid[..., 10:50] = True
+    solid[..., 20:25] = False
+    sim = fh.Simulation(lattice_of(shape), model(stencil), SIDES[sides], {"u": 0.1 * random.random(shape)}, specimens=[fh.Specimen(solid, METAL)])
+    u, left = sim.fields["u"], []
+    for steps in (1, 20, 120):
+        sim.step(steps - sim.step_count)
+        expected, hard, dissolved = plain(u, solid, stencil, sim.dt, steps, sides)
+        np.testing.assert_allclose(sim.fields["u"], expected, rtol=0, atol=1e-13)
+        np.testing.assert_array_equal(sim.fields["solid"], hard)
+        np.testing.assert_allclose(sim.fields["dissolved"], dissolved, rtol=1e-12)
+        left.append(hard.sum())
+    assert any(0 < n < solid.sum() for n in left)
+    check_counts(sim)
+
+
+def check_counts(sim):
+    """The tiles' counts are those of a new classification."""
+    engine = sim.engine
+    solids, volumes = engine._tiles
+    anew = engine._count_solid()
+    np.testing.assert_array_equal(solids, anew[0])
+    np.testing.assert_array_equal(volumes, anew[1])
+
+
+def test_threads_and_precision():
+    """Two threads do bitwise what one does; single precision is near."""
+    stencil, shape = kernel_stencil(2, 2), (210, 200)  # more nodes than the engine leaves to one thread
+    solid = np.random.default_rng(3).random(shape) < 0.4
+    solid[60:150, 60:150] = True
+    runs = [
+        fh.Simulation(lattice_of(shape), model(stencil), fh.Periodic(), specimens=[fh.Specimen(solid, METAL)], dt=0.05, **options)
+        for options in ({"threads": 1}, {"threads": 2}, {"dtype": "float32"})
+    ]
+    for sim in runs:
+        sim.step(60)
+    assert np.array_equal(runs[0].fields["u"], runs[1].fields["u"])
+    assert np.array_equal(runs[0].fields["solid"], runs[1].fields["solid"])
+    check_counts(runs[1])
+    # 60 steps with a rounding of 6e-8 of 2 each; a node may dissolve a step earlier, in single precision
+    early = runs[0].fields["solid"] != runs[2].fields["solid"]
+    assert early.mean() < 1e-3
+    np.testing.assert_allclose(runs[2].fields["u"][~early], runs[0].fields["u"][~early], rtol=0, atol=2e-4)
+
+
+@pytest.mark.parametrize("integrator", ["euler", "rk4", "rkc"])
+@pytest.mark.parametrize("name", LATTICES)
+def test_all_liquid_is_diffusion(name, integrator):
+    """Bitwise where there are compiled rows, else to rounding."""
+    stencil, shape = LATTICES[name]
+    start = {"u": np.random.default_rng(1).random(shape)}
+    runs = [fh.Simulation(lattice_of(shape), m, fh.LatticePML(nodes=8), start)
+            for m in (model(stencil, integrator=integrator), fh.Diffusion(stencil, integrator=integrator))]  # fmt: skip
+    for sim in runs:
+        sim.step(20)
+    np.testing.assert_allclose(*[sim.fields["u"] for sim in runs], rtol=0, atol=1e-14 if name in ("skewed", "wide") else 0)
+
+
+@pytest.mark.parametrize("integrator", ["euler", "rk4", "rkc"])
+def test_all_solid_stays(integrator):
+    """Nothing flows in the solid, not even to rounding."""
+    shape = (20, 70)
+    sim = fh.Simulation(lattice_of(shape), model(kernel_stencil(2, 2), integrator=integrator), fh.Free(),
+                     specimens=[fh.Specimen(np.ones(shape, bool), METAL)])  # fmt: skip
+    sim.step(50)
+    np.testing.assert_allclose(sim.fields["u"], METAL, rtol=1e-12)  # at the free sides a stage's sum of levels rounds
+    assert (sim.fields["u"][8:12, 32:64] == METAL).all()  # out of reach of any liquid: not even that
+    assert sim.fields["solid"].all()
+
+
+# The Stefan problem
+
+
+def front_error(horizon, metal=1.0, depth=2.56):
+    """Relative error of the front of a half-infinite bar that dissolves from x = 0 on into a half-infinite liquid, mean over t = 1/2 to 1.
+
+    Stefan problem: the front is at -2 p sqrt(t), where (metal - saturation) times its speed is what diffuses away from the saturation; the
+    front of the run is where the metal that is left would end.
+    """
+    p = brentq(lambda p: np.sqrt(np.pi) * p * np.exp(p**2) * erfc(-p) - SATURATION / (metal - SATURATION), 0.01, 5)
+    spacing, errors = horizon / 2, []
+    lattice = fh.Lattice(spacing, -depth + spacing / 2, 0.64 - spacing / 2)
+    sim = fh.Simulation(lattice, model(fh.Kernel(horizon), interface=1.0), {"x-": fh.Free(), "x+": fh.LatticePML()},
+                     specimens=[fh.Specimen(fh.Box(-depth, 0.0), metal)])  # fmt: skip
+    for t in np.linspace(0.5, 1.0, 60):
+        sim.run(t, progress=False)
+        left = sim.fields["u"][sim.fields["solid"] > 0].sum() * spacing / metal
+        errors.append((depth - left) / (2 * p * np.sqrt(sim.time)) - 1)
+    return np.mean(errors)
+
+
+def test_the_front_tends_to_that_of_the_stefan_problem():
+    """Metal comes free node by node, in pulses of (metal - saturation) spacing: they raise the concentration at the front like the root of
+    the spacing, bonds across it act like the spacing itself. Without both the front is the exact one to half a percent."""
+    horizons = np.array([0.04, 0.02, 0.01])
+    errors = np.array([front_error(h) for h in horizons])
+    assert (np.diff(errors) < 0).all() and errors[-1] < 0.03
+    limit, pulses, _ = np.linalg.solve(np.stack([np.ones(3), np.sqrt(horizons), horizons], axis=1), errors)
+    assert abs(limit) < 0.005
+    assert pulses > 0
+
+
+# What is conserved
+
+
+def specimens(dim):
+    """A block with a hole, away from the sides."""
+    hole = {1: fh.Box(-0.5, 0.5), 2: fh.Disc(1.5), 3: fh.Ball(1.5)}[dim]
+    return [fh.Specimen(fh.Box([-3.0] * dim, [3.0] * dim) - hole, METAL)]
+
+
+def test_only_differences_from_the_background_matter():
+    """All concentrations raised by the same: the same metal dissolves at the same steps, and the balance is that of the metal itself."""
+    lattice, runs = fh.Lattice(1.0, (-8.0, -8.0), (8.0, 8.0)), []
+    for level in (0.0, 0.25):
+        metal = fh.Specimen(specimens(2)[0].where, METAL + level)
+        corroding = model(kernel_stencil(2, 2), saturation=SATURATION + level)
+        runs.append(fh.Simulation(lattice, corroding, fh.LatticePML(nodes=8), {"u": level}, background=level, specimens=[metal], balance=True))
+        runs[-1].step(40)
+    low, high = (sim.fields for sim in runs)
+    np.testing.assert_allclose(high["u"], low["u"] + 0.25, rtol=1e-13)
+    assert np.array_equal(high["dissolved"], low["dissolved"], equal_nan=True)
+    gone = (high["dissolved"] > 0).sum()
+    assert runs[1].balance()["metal"] == pytest.approx(runs[0].balance()["metal"] - 0.25 * gone, rel=1e-12)
+
+
+@pytest.mark.parametrize("axis, position", [("x", -2.5), ("y", 0.5)])
+def test_power_across_a_plane(axis, position):
+    """What crosses a plane through metal, front and liquid is what the nodes beyond it gain in the next step."""
+    lattice = fh.Lattice(1.0, (-8.0, -8.0), (8.0, 8.0))
+    sim = fh.Simulation(lattice, model(kernel_stencil(2, 2)), fh.Free(), specimens=[fh.Specimen(fh.Disc(3.3, (-1.0, 2.0)), METAL)])
+    sim.step(20)
+    beyond = lattice.coordinates()["xy".index(axis)] > position
+    before, power = sim.fields["u"][beyond].sum(), sim.power_across(axis, position)
+    sim.step(1)
+    assert sim.fields["u"][beyond].sum() - before == pytest.approx(power * sim.dt, rel=1e-10)
+
+
+def test_exact_ends():
+    """A bar that dissolves between exact ends, against one so long that nothing returns."""
+    metal = [fh.Specimen(fh.Box(-6.0, 4.0), METAL)]
+    runs = [fh.Simulation(fh.Lattice(1.0, -n, n), model(kernel_stencil(1, 2)), side, specimens=metal, dt=0.2)
+            for n, side in ((10.0, fh.Exact()), (200.0, fh.Fixed(0.0)))]  # fmt: skip
+    for sim in runs:
+        sim.step(500)
+    assert 0 < runs[0].fields["solid"].sum() < 11
+    assert np.abs(runs[0].fields["u"] - runs[1].fields["u"][190:211]).max() < 1e-10
+
+
+SOME_SIDES = [fh.LatticePML(nodes=8), fh.Sponge(8), fh.Fixed(0.0), fh.Free(), fh.Periodic()]
+
+
+@pytest.mark.parametrize("dim, boundary", [*((d, b) for d in (1, 2, 3) for b in SOME_SIDES), (1, fh.Exact()), (1, fh.Exact(None))])
+def test_mass_balance(dim, boundary):
+    """Metal, what is dissolved and what has left add up to the start, to rounding of what has moved."""
+    lattice = fh.Lattice(1.0, [-8.0] * dim, [8.0] * dim)
+    sim = fh.Simulation(lattice, model(kernel_stencil(dim, 2)), boundary, specimens=specimens(dim), balance=True)
+    sim.run(60.0, progress=False)
+    found = sim.balance()
+    start = METAL * specimens(dim)[0].nodes(lattice).sum()
+    assert -start <= found["metal"] < -0.3 * start < 0.01 * start < found["dissolved"]
+    left = sum(found[side] for side in found if side[0] in "xyz")
+    assert abs(found["metal"] + found["dissolved"] - left) < 1e-12 * start
+    assert abs(found["residual"]) < 1e-12 * start
+    assert (left == 0) if isinstance(boundary, fh.Free | fh.Periodic) else (left < 0)
+
+
+def test_mass_balance_along_an_outline():
+    """A window closed by plane waves; metal where they read is refused."""
+    window = fh.Lattice(1.0, window=fh.Disc(9.0))
+    sim = fh.Simulation(window, model(kernel_stencil(2, 2)), fh.PlaneWave(), specimens=specimens(2), balance=True)
+    sim.run(60.0, progress=False)
+    found = sim.balance()
+    assert found["metal"] < -10 and found["outline"] < 0
+    assert abs(found["residual"]) < 1e-11
+    with pytest.raises(fh.InputError, match="reads metal"):
+        fh.Simulation(window, model(kernel_stencil(2, 2)), fh.PlaneWave(), specimens=[fh.Specimen(fh.Disc(1.2, (5.5, 5.5)), METAL)])
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "rkc"])
+def test_mass_balance_of_other_integrators(integrator):
+    lattice = fh.Lattice(1.0, (-8.0, -8.0), (8.0, 8.0))
+    sim = fh.Simulation(lattice, model(kernel_stencil(2, 2), integrator=integrator), fh.LatticePML(nodes=8), specimens=specimens(2), balance=True)
+    sim.run(60.0, progress=False)
+    assert sim.balance()["metal"] < -10
+    assert abs(sim.balance()["residual"]) < 1e-11
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_symmetry(dim):
+    """A disc and a ball stay symmetric under all mirrors and permutations of the axes."""
+    lattice = fh.Lattice(1.0, [-9.0] * dim, [9.0] * dim)
+    shape = {2: fh.Disc, 3: fh.Ball}[dim](5.0)
+    sim = fh.Simulation(lattice, model(kernel_stencil(dim, 2)), fh.LatticePML(nodes=8), specimens=[fh.Specimen(shape, METAL)])
+    sim.run(60.0 if dim == 2 else 30.0, progress=False)
+    u, solid = sim.fields["u"], sim.fields["solid"]
+    assert 0 < solid.sum() < shape.contains(np.stack(lattice.coordinates(), -1)).sum()
+    for axis in range(dim):
+        assert np.abs(u - np.flip(u, axis)).max() < 1e-12
+        assert np.abs(u - np.moveaxis(u, axis, 0)).max() < 1e-12
+
+
+# The layer, and what runs beside it
+
+
+def test_layer_beside_dissolving_metal():
+    """An off-centre disc near the layer against a domain from which nothing returns; the same nodes dissolve at the same steps."""
+    setup = {
+        "lattice": fh.Lattice(1.0, (-10.0, -10.0), (10.0, 10.0)), "model": model(kernel_stencil(2, 2)), "boundary": fh.LatticePML(target=1e-7),
+        "specimens": [fh.Specimen(fh.Disc(4.0, (5.0, 3.0)), METAL), fh.Specimen(fh.Disc(2.0, (-5.0, 3.0)), 1.5)],
+    }  # fmt: skip
+    found = compare(setup, 600.0, times=[20.0, 60.0, 200.0, 600.0])
+    ours, edge = found.curves["lattice PML"]["error_rel_current"], found.curves["fixed edge"]["error_rel_current"]
+    assert max(ours) < 1e-7  # the target
+    assert min(edge) > 1e-3
+    assert "domain of" in found.reference
+
+
+def test_specimen_next_to_the_layer():
+    """It may end at the last node but one: the run puts liquid nodes between it and the layer."""
+    start = [fh.Specimen(fh.Box((0.0, -3.0), (9.0, 3.0)), METAL)]
+    lattices = [fh.Lattice(1.0, (-10.0, -10.0), (10.0, 10.0)), fh.Lattice(1.0, (-10.0, -10.0), (16.0, 10.0))]
+    runs = [fh.Simulation(at, model(kernel_stencil(2, 2)), fh.LatticePML(nodes=24), specimens=start) for at in lattices]
+    for sim in runs:
+        sim.run(100.0, progress=False)
+    assert np.abs(runs[0].fields["u"] - runs[1].fields["u"][:21]).max() < 1e-6
+
+
+def test_pit_under_a_film():
+    """Metal under a film dissolves through the hole in it only, and spreads beneath; a film that opens lets go of all."""
+    lattice = fh.Lattice(1.0, (-15.0, -10.0), (15.0, 10.0))
+    plate = fh.Specimen(fh.Box((-15.0, -10.0), (15.0, 0.0)), METAL)
+    film = [[(-16.0, 0.5), (-2.5, 0.5)], [(2.5, 0.5), (16.0, 0.5)]]
+    sides = {"x": fh.Free(), "y-": fh.Free(), "y+": fh.LatticePML(nodes=12)}
+
+    def run(cracks):
+        sim = fh.Simulation(lattice, model(kernel_stencil(2, 2)), sides, specimens=[plate], cracks=cracks, balance=True)
+        sim.run(150.0, progress=False)
+        assert abs(sim.balance()["residual"]) < 1e-10
+        return sim.fields["solid"]
+
+    bare, pitted, late = run([]), run(film), run([fh.Crack(f, opens=1.0) for f in film])
+    assert pitted.sum() > bare.sum()
+    assert pitted[0, 10] == 1 and pitted[15, 10] == 0 and bare[0, 10] == 0  # nodes at y = 0
+    assert (pitted[:13, 9] == 0).any() and (pitted[:13, 10] == 0).any()  # undercut
+    assert np.array_equal(pitted, pitted[::-1])
+    assert np.array_equal(late, bare) is False
+
+
+def test_resume_is_bitwise(tmp_path):
+    """Phases, times of dissolution and the balance continue; the specimens are in the checkpoint."""
+    lattice = fh.Lattice(1.0, (-8.0, -8.0), (8.0, 8.0))
+    make = lambda: fh.Simulation(lattice, model(kernel_stencil(2, 2)), {"x": fh.LatticePML(nodes=8), "y": fh.Periodic()},  # noqa: E731
+                              specimens=[*specimens(2)], balance=True)  # fmt: skip
+    whole, part = make(), make()
+    whole.step(30)
+    part.step(16)
+    part.save(tmp_path / "c.ckpt")
+    again = fh.Simulation.restore(tmp_path / "c.ckpt")
+    again.step(14)
+    for name, field in whole.fields.items():
+        assert np.array_equal(field, again.fields[name], equal_nan=True)
+    assert whole.balance() == again.balance()
+    assert 0 < whole.fields["solid"].sum() < part._first_solid
+    check_counts(again)
+
+
+# Case files and refusals
+
+CASE = """
+[lattice]
+spacing = 0.25
+lower = [-3.0, -3.0]
+upper = [3.0, 3.0]
+[model]
+type = "corrosion"
+saturation = 0.8
+interface = 0.1
+[model.kernel]
+horizon = 0.5
+[[specimen]]
+region = { disc = { radius = 1.5 }, without = [{ box = { lower = [-0.2, 0.0], upper = [0.2, 2.0] } }] }
+concentration = 2.0
+[run]
+until = 1.0
+[output]
+fields = ["u", "solid", "dissolved"]
+"""
+
+
+def test_a_case_is_the_run_of_the_python_interface():
+    sim = Case(CASE).simulation().run(1.0)
+    shape = fh.Disc(1.5) - fh.Box((-0.2, 0.0), (0.2, 2.0))
+    same = fh.Simulation(fh.Lattice(0.25, (-3, -3), (3, 3)), fh.Corrosion(fh.Kernel(0.5), saturation=0.8, interface=0.1), fh.LatticePML(),
+                      specimens=[fh.Specimen(shape, 2.0)]).run(1.0)  # fmt: skip
+    for name, field in same.fields.items():
+        assert np.array_equal(sim.fields[name], field, equal_nan=True)
+
+
+@pytest.mark.parametrize(
+    "old, new, message",
+    [
+        ("concentration", "concentraton", "did you mean 'concentration'"),
+        ("saturation = 0.8", "saturation = 2.0", "outside the range of the data.*above 0 .*below 2"),
+        ("saturation = 0.8", "saturation = 0.0", "outside the range of the data"),
+        ("saturation = 0.8", "", "missing key model.saturation"),
+        ("interface = 0.1", "interface = 0.0", "model.interface"),
+        ("radius = 1.5", "radius = 3.0", "touches the absorbing side"),
+        ("radius = 1.5", "radius = 1.5, centre = [9.0, 0.0]", "holds no node"),
+        ('"dissolved"]', '"v"]', "no such field.*dissolved"),
+        ("disc =", "ball =", "dimension"),
+    ],
+)
+def test_case_refusals(old, new, message):
+    with pytest.raises(fh.InputError, match=message):
+        Case(CASE.replace(old, new, 1)).simulation()
+
+
+SQUARE = fh.Lattice(1.0, (-8.0, -8.0), (8.0, 8.0))
+PIECE = [fh.Specimen(fh.Disc(3.0), METAL)]
+LEFT = [fh.Specimen(fh.Disc(3.0, (-8.0, 0.0)), METAL)]
+BEYOND = [fh.Specimen(fh.Box((-8.0, 0.0), (2.0, 4.0)) | fh.Disc(1.0, (12.0, 0.0)), METAL)]
+
+
+@pytest.mark.parametrize(
+    "changes, message",
+    [
+        ({"model": fh.Diffusion(kernel_stencil(2, 2))}, "only a Corrosion has specimens"),
+        ({"model": fh.Wave(kernel_stencil(2, 2))}, "only a Corrosion has specimens"),
+        ({"coefficient": np.ones(SQUARE.shape)}, "phases are the coefficient"),
+        ({"specimens": [fh.Disc(3.0)]}, "not a specimen"),
+        ({"specimens": [*PIECE, fh.Specimen(fh.Disc(3.0, (4.0, 0.0)), 1.5)]}, "share nodes"),
+        ({"specimens": [fh.Specimen(np.ones((3, 3), bool))]}, "lattice's shape"),
+        ({"specimens": BEYOND, "boundary": {"x-": fh.Free(), "all": fh.LatticePML()}},
+         "beyond the absorbing side"),
+        ({"background": 1.0}, "outside the range of the data"),
+        ({"sources": [1.0], "boundary": fh.Free()}, "acts on solid nodes"),
+        ({"constraints": [fh.Prescribed([(0.0, 0.0)], 1.0)]}, "acts on solid nodes"),
+        ({"constraints": [fh.Insulated("x-")], "boundary": fh.Free(), "specimens": LEFT}, "acts on solid nodes"),
+    ],
+)  # fmt: skip
+def test_refusals(changes, message):
+    setup = {"lattice": SQUARE, "model": model(kernel_stencil(2, 2)), "specimens": PIECE}
+    with pytest.raises(fh.InputError, match=message):
+        fh.Simulation(**{**setup, **changes})
+
+
+def test_a_source_that_reaches_the_metal_is_refused_when_it_does():
+    """One that does not split into space and time is looked at step by step."""
+    moving = fh.Source(lambda x, y, t: np.where(np.hypot(x - 5 + t, y) < 1, 1.0, 0.0))
+    sim = fh.Simulation(SQUARE, model(kernel_stencil(2, 2)), fh.Free(), specimens=PIECE, sources=[moving])
+    with pytest.raises(fh.InputError, match="acts on solid nodes"):
+        sim.run(4.0)
+    assert 1.0 < sim.time <= 1.0 + sim.dt  # the source comes to the rim at t = 1
+
+
+def test_bad_specimens():
+    with pytest.raises(fh.InputError, match="shape or a mask"):
+        fh.Specimen(3.0)
+    with pytest.raises(fh.InputError, match="concentration must be finite"):
+        fh.Specimen(fh.Disc(1.0), np.nan)
+    with pytest.raises(fh.InputError, match="saturation must be finite"):
+        model(kernel_stencil(2, 2), saturation=np.inf)

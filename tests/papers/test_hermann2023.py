@@ -1,0 +1,94 @@
+"""The examples of Hermann et al. (2023): node numbers as printed, the order of the conditions, errors that other programs found."""
+
+import numpy as np
+import pytest
+
+from farhorizon.boundaries import Fixed, LatticePML, PlaneWave
+from farhorizon.papers import find
+from farhorizon.papers import hermann2023 as paper
+from farhorizon.papers.measure import growth, infinite, run
+
+
+def rows(outcome):
+    return {row.what: row for row in outcome.rows}
+
+
+def test_example_1(tmp_path):
+    """Finite elements: counts; the lattice PML below 1e-7, the repaired condition below the published and the first-order one at the end."""
+    outcome = find("hermann2023-ex1").run(tmp_path)
+    found = rows(outcome)
+    assert found["nodes of the square"].deviation == found["elements"].deviation == 0
+    assert outcome.infinite_error["lattice PML"] <= 1e-7
+    last = {name: found[f"{name}, t = 50"].ours for name in outcome.infinite_error}
+    assert last["repaired, operator fit, 3 spacings"] < 0.2 * min(last[name] for name in last if name.startswith(("published", "first")))
+    assert all(path.stat().st_size > 20_000 for path in outcome.pictures)
+    # Errors of an independent program at t = 50 for clouds of 1, 2 and 3 spacings, two digits; its near field has one node more on each side.
+    for name, error in (("published, 1 spacing", 3.1e-2), ("published, 2 spacings", 1.2e-2), ("published, 3 spacings", 4.4e-2)):
+        assert last[name] == pytest.approx(error, rel=0.25)
+
+
+def test_counts_of_example_2():
+    printed = [row for row in paper._disc_counts(6) if row.printed is not None]
+    assert len(printed) == 2 and all(row.deviation == 0 for row in printed)
+    assert paper._disc_counts(6)[-1].ours == 3800  # |x| > R - horizon: the layer lies in the disc
+
+
+def test_large_domain_of_example_3():
+    """Until nothing has come back, the near field of the large domain is that of a disc with a lattice PML."""
+    setup = {**paper.notched(14.0, 0.05), "initial": {"u": paper.narrow_pulse}}
+    assert (run(setup, LatticePML(), [4.0, 9.0, 14.0], paper.large_domain(setup, 14.0)).errors < 1e-8).all()
+
+
+def test_growth_is_measured():
+    """Of a fixed edge none, of the published clouds on a disc much."""
+    setup = paper.disc(6.0, 3, 0.05)
+    assert abs(growth({**setup, "boundary": Fixed()}, Fixed(), 60.0)) < 0.02  # damping of 0.0125
+    assert growth(setup, paper.published(0.75), 60.0) > 1
+
+
+def test_appendix_b():
+    """Until t = 5: the error that an independent program found, 5.9e-5, for the published cloud of 26 nodes."""
+    from farhorizon.kernel import Kernel
+    from farhorizon.lattice import Lattice
+    from farhorizon.models import Wave
+
+    model = Wave(Kernel(0.25, 0, volume="full", calibrate=False), float(np.sqrt(10)), 5e-4)
+    setup = {"lattice": Lattice(0.01, (-10.0,), (10.0,)), "model": model, "initial": {"u": lambda x: np.exp(-20 * np.log(2) * x**2)}, "dt": 1e-4}
+    found = run(setup, paper.published(0.25, wavenumbers=10), [5.0], infinite(setup, 5.0))
+    assert found.errors[0] == pytest.approx(5.9e-5, rel=0.02)
+
+
+def test_figure_6(tmp_path):
+    """The series of high order and the fine lattice are at the closed form, the series of order 4 and the local relation are not."""
+    found = {what: row.ours for what, row in rows(find("hermann2023-fig6").run(tmp_path)).items()}
+    at = "frequency at wavenumber 3, "
+    closed = found[at + "closed form"]
+    assert found[at + "Taylor, order 26"] == pytest.approx(closed, rel=1e-5)
+    assert found[at + "numerical, horizon / spacing = 8"] == pytest.approx(closed, rel=0.02)
+    assert abs(found[at + "Taylor, order 4"] / closed - 1) > 0.3 and abs(found[at + "local"] / closed - 1) > 0.3
+
+
+@pytest.mark.slow
+def test_example_2(tmp_path):
+    """Both horizons: A better than B; the repaired fit and Higdon's condition as good as known; the lattice PML below 1e-7."""
+    errors = find("hermann2023-ex2").run(tmp_path).infinite_error
+    for reach, fit, higdon in ((6, 4.5e-4, 8.4e-4), (3, 1.8e-4, 1.1e-3)):  # an independent program
+        mark = f"horizon {reach} spacings: "
+        assert errors[mark + "repaired, operator fit"] < 2 * fit
+        assert errors[mark + "Higdon (0, 45)"] < 2 * higdon
+        assert errors[mark + "lattice PML"] <= 1e-7
+        assert errors[mark + "published A, thinned by 2"] <= errors[mark + "published B, thinned by 2"]
+
+
+@pytest.mark.slow
+def test_example_3(tmp_path):
+    """A larger disc is better for the fitted conditions; the lattice PML does not need it."""
+    errors = find("hermann2023-ex3").run(tmp_path).infinite_error
+    for name in ("published A, thinned by 2", "repaired, operator fit", "Higdon (0, 45)"):
+        assert errors[f"radius 42, {name}"] < 0.5 * errors[f"radius 26, {name}"]
+    assert max(errors["radius 26, lattice PML"], errors["radius 42, lattice PML"]) < 1e-7
+
+
+def test_published_condition_is_what_the_paper_says():
+    condition = paper.published(0.75)
+    assert isinstance(condition, PlaneWave) and condition.fit == "collocation" and condition.wavenumber == 1.0

@@ -1,0 +1,63 @@
+"""Example 1 and table 1 of Shojaei et al. (2020)."""
+
+import numpy as np
+import pytest
+
+from farhorizon.boundaries import Fixed, LatticePML
+from farhorizon.kernel import Kernel
+from farhorizon.papers import find
+from farhorizon.papers import shojaei2020 as paper
+from farhorizon.papers.measure import infinite, run, spectral_radius
+from farhorizon.stencil import Stencil
+
+COARSE = 0.005  # five times the paper's step: errors of the conditions change in the third digit
+
+
+def largest(setup, boundary):
+    """Largest error at t = 250 relative to the largest value then."""
+    reference = infinite(setup, paper.END)
+    found = run(setup, boundary, [paper.END], reference)
+    return found.errors[0] / np.abs(reference(round(paper.END / setup["dt"]))).max()
+
+
+def test_table_1(tmp_path):
+    """All 14 entries and the series, which are right as printed."""
+    found = find("shojaei2020-table1").run(tmp_path).rows
+    assert len(found) == 14 + 4
+    assert max(abs(row.deviation) for row in found) < 1e-12
+
+
+@pytest.mark.parametrize("operator, layer, radius, wavenumber, known", [
+    (Kernel(0.5, 1), 4, 2, 11.3, 0.36), (Kernel(0.5, 1), 4, 2, 1.0, 0.072), (Kernel(0.5, 1), 4, 2, 0.25, 0.028),
+    (Stencil.finite_element(1), 1, 2, 0.2, 0.01),
+])  # fmt: skip
+def test_example_1(operator, layer, radius, wavenumber, known):
+    """Largest errors of an independent program; eq 47's advice is as bad as a value held at zero."""
+    setup = {**paper.line(operator, layer), "dt": COARSE}
+    assert largest(setup, paper.published(wavenumber, radius)) == pytest.approx(known, rel=0.1)
+
+
+def test_held_at_zero_and_lattice_pml():
+    setup = {**paper.line(Kernel(0.5, 1), 4), "dt": COARSE}
+    assert largest(setup, Fixed()) == pytest.approx(0.41, rel=0.02)  # an independent program
+    assert largest(setup, LatticePML()) < 1e-5
+
+
+def test_spectral_radius():
+    """Of the published layers: stable for four spacings, unstable for one; of fixed ends, the slowest mode of the bar."""
+    setup = {**paper.line(Kernel(0.5, 1), 4)}
+    assert spectral_radius(setup, paper.published(0.25)) < 1
+    assert spectral_radius(paper.line(Kernel(0.5, 1), 1), paper.published(0.25, layer=1)) > 1.01
+    bar = {**paper.line(Stencil.finite_element(1), 1)}
+    nodes = bar["lattice"].shape[0]
+    exact = 1 - bar["dt"] / paper.SPACING**2 * (2 * np.sin(np.pi / 2 / (nodes + 1))) ** 2
+    assert spectral_radius(bar, Fixed()) == pytest.approx(exact, rel=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["shojaei2020-ex1-fem", "shojaei2020-ex1-pd", "shojaei2020-ex1-layers"])
+def test_reproductions(name, tmp_path):
+    outcome = find(name).run(tmp_path)
+    assert all(path.stat().st_size > 20_000 for path in outcome.pictures)
+    if "lattice PML" in outcome.infinite_error:
+        assert outcome.infinite_error["lattice PML"] < 1e-6
