@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from farhorizon import strip
+from farhorizon import strip as strips
 from farhorizon.analysis import stability
 from farhorizon.analysis.stability import Growth, dense_growth, fastest, krylov_growth
 from farhorizon.boundaries import Closing, FirstOrder, Fixed, Free, LatticePML, Periodic, Sponge
@@ -201,12 +201,14 @@ def _short_lived(sim: Simulation, found: Certificate) -> Certificate:
 # --- what is known from before ---------------------------------------------------------------------------------
 
 
+_PROGRAM = b"".join(Path(str(file)).read_bytes() for file in (__file__, stability.__file__, state.__file__, strips.__file__))
+
+
 def _cache_file(sim: Simulation) -> Path:
     """File of the certificate of this very map, made by this very program."""
     mark = hashlib.sha256(sim.engine.digest().encode())
     mark.update(repr((sim.lattice.shape, [type(b).__name__ for b in sim.sides.values()])).encode())
-    for module in (__file__, stability.__file__, state.__file__, strip.__file__):
-        mark.update(Path(module).read_bytes())
+    mark.update(_PROGRAM)
     return cache_folder() / f"certificate_{mark.hexdigest()[:24]}.npz"
 
 
@@ -214,14 +216,13 @@ def _recall(path: Path) -> Certificate | None:
     try:
         with np.load(path) as kept:
             words = json.loads(str(kept["words"]))
-            fields = [kept[f"field{i}"] for i in range(len(words["parts"]))]
+            parts = [
+                Part(p["name"], Growth(p["rate"], p["error"], complex(*p["factor"]), np.zeros(0), p["hidden"]), kept[f"field{i}"], p["drifts"])
+                for i, p in enumerate(words["parts"])
+            ]
+        return Certificate(words["verdict"], words["reason"], words["rate"], words["error"], tuple(parts), (), words["seconds"])
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None  # not there, or damaged: made anew
-    parts = [
-        Part(p["name"], Growth(p["rate"], p["error"], complex(*p["factor"]), np.zeros(0), p["hidden"]), f, p["drifts"])
-        for p, f in zip(words["parts"], fields, strict=True)
-    ]
-    return Certificate(words["verdict"], words["reason"], words["rate"], words["error"], tuple(parts), (), words["seconds"])
 
 
 def _keep(path: Path, found: Certificate) -> None:

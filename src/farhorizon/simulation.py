@@ -158,9 +158,9 @@ class Simulation:
             raise InputError("the background must be finite", value=background, key="background")
         self.stencil = model.stencil(lattice.spacing, lattice.dim)
         self._check_closing()
+        self._layers = self._make_layers()
         self._check_size()
-        self._layers: dict[tuple[int, int], Layer] = {}
-        self._check_memory(dtype)  # first without layers, which are chosen from arrays as large as the lattice
+        self._check_memory(dtype)
         factor = None if coefficient is None else checked(coefficient, lattice, "coefficient")
         if factor is not None and (factor < 0).any():
             raise InputError("a coefficient must not be negative", value=float(factor.min()), limit=">= 0", key="coefficient")
@@ -173,8 +173,7 @@ class Simulation:
         self.step_limit = model.integrator.step_limit(self.rate_limit)
         self.dt = self._choose_step(dt)
         self.choices: dict[str, Choice] = {}
-        self._layers = self._make_layers(initial or {}, sources)
-        self._check_memory(dtype)
+        self._choose_layers(initial or {}, sources, dtype)
         self.time, self.step_count = 0.0, 0
         self.stop_requested = False
         self._guard_steps = max(1, min(_GUARD_STEPS, _GUARD_STEPS * _GUARD_NODES // max(int(np.prod(lattice.shape)), 1)))
@@ -480,11 +479,18 @@ class Simulation:
             return np.where(self._near_field, values, 0.0)
         return np.where(self.lattice.mask, values, 0.0) if self.lattice.body is not None and self.lattice.mask is not None else values
 
-    def _make_layers(self, initial: Mapping[str, Any], sources: Sequence[Any]) -> dict[tuple[int, int], Layer]:
-        """The stretch of each layer, by (axis, side)."""
+    def _make_layers(self) -> dict[tuple[int, int], Layer]:
+        """The stretch of each layer that follows from the target alone or is given, by (axis, side)."""
         lattice, model = self.lattice, self.model
         half_width = max(float((lattice.upper - lattice.lower).max()) / 2, lattice.spacing)
-        layers: dict[tuple[int, int], Layer] = {}
+        return {
+            (axis, side): boundary.layer(model.order, model.coefficient, lattice.spacing, self.stencil.reach[axis], half_width, lattice.dim)
+            for (axis, side), boundary in self.sides.items()
+            if isinstance(boundary, LatticePML) and boundary.angle is None
+        }
+
+    def _choose_layers(self, initial: Mapping[str, Any], sources: Sequence[Any], dtype: str) -> None:
+        """Add the layers that are chosen by angle, which takes the step and the waves of the data; one choice for sides that are alike."""
         known: dict[Any, tuple[Layer, Choice]] = {}
         for (axis, side), boundary in self.sides.items():
             if isinstance(boundary, LatticePML) and boundary.angle is not None:
@@ -492,11 +498,9 @@ class Simulation:
                 like = boundary, stencil.offsets.tobytes(), stencil.weights.tobytes()
                 if like not in known:
                     known[like] = self._chosen(boundary, stencil, name, initial, sources)
-                layers[axis, side], self.choices[name] = known[like]
-            elif isinstance(boundary, LatticePML):
-                reach = self.stencil.reach[axis]
-                layers[axis, side] = boundary.layer(model.order, model.coefficient, lattice.spacing, reach, half_width, lattice.dim)
-        return layers
+                self._layers[axis, side], self.choices[name] = known[like]
+        if known:
+            self._check_memory(dtype)
 
     def _chosen(
         self, boundary: LatticePML, stencil: Stencil, name: str, initial: Mapping[str, Any], sources: Sequence[Any]

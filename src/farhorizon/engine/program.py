@@ -331,8 +331,9 @@ def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slot
                 barrier(sync, lanes)
                 cut(lane, lanes, sync, src, slots, base, out, scale, cut_ranges[tree], cut_ranges[tree + 1], cut_nodes, cut_neighbours, cut_weights,
                     increments, coefficient, material, rule)  # fmt: skip
-    sweep_core(lane, lanes, sync, src, base, out, blocks[0], functions[0], depths[0], backward, weights[0], offsets[0], coefficient, law, solids,
-               volumes)  # fmt: skip
+    sweep_core(
+        lane, lanes, sync, src, base, out, blocks[0], functions[0], depths[0], backward, weights[0], offsets[0], coefficient, law, solids, volumes
+    )
     barrier(sync, lanes)
     cut(lane, lanes, sync, src, src, base, out, scale, cut_ranges[trees.shape[0]], cut_nodes.size, cut_nodes, cut_neighbours, cut_weights,
         increments, coefficient, coefficient, rule)  # fmt: skip
