@@ -18,6 +18,7 @@ from farhorizon.engine.simd import call_sweep, stretch_chain, sweep_phases
 from farhorizon.engine.threads import barrier, claim
 
 CHUNK = 64
+LONG, GRAIN = 256, 16  # nodes of a row that is worth cutting, and of the pieces: whole cache lines
 
 stretch_remembering = stretch_chain(LINES, True)
 stretch_memoryless = stretch_chain(LINES, False)
@@ -167,11 +168,23 @@ def sweep_core(lane, lanes, sync, src, base, out, block, function, depth, backwa
 
 
 @njit(error_model="numpy", cache=True)
+def share(lane, lanes, count, grain):
+    """Range of a lane among `count` pieces, in whole grains: what it fills it sweeps, too, as the threads' caches may lie far apart."""
+    first, last = lane * count // lanes // grain * grain, (lane + 1) * count // lanes // grain * grain
+    return first, count if lane == lanes - 1 else last
+
+
+@njit(error_model="numpy", cache=True)
 def sweep_tree(lane, lanes, slots, base, out, first, last, blocks, functions, depths, weights, offsets, coefficient, law):
-    """The blocks of a tree."""
+    """The blocks of a tree: long rows are cut among the lanes, of short ones each takes its parts."""
     for k in range(first, last):
-        for number in range(lane, count_parts(blocks[k], depths[k]), lanes):
-            sweep_part(slots, base, out, blocks[k], number, depths[k], 0, blocks[k, 3], functions[k], weights[k], offsets[k], coefficient, law)
+        parts, nodes = (0, count_parts(blocks[k], depths[k])), (0, blocks[k, 3])
+        if nodes[1] >= LONG:
+            nodes = share(lane, lanes, nodes[1], GRAIN)
+        else:
+            parts = share(lane, lanes, parts[1], 1)
+        for number in range(parts[0], parts[1]):
+            sweep_part(slots, base, out, blocks[k], number, depths[k], nodes[0], nodes[1], functions[k], weights[k], offsets[k], coefficient, law)
 
 
 @njit(error_model="numpy", cache=True)
@@ -272,7 +285,8 @@ def fill_tree(lane, lanes, sync, tree, level, slots, memory, work, copies, copy_
             barrier(sync, lanes)
         first, last = task_ranges[tree, axis, 0], task_ranges[tree, axis, 1]
         if first < last:
-            for t in range(first + lane, last, lanes):
+            own = share(lane, lanes, last - first, 1)
+            for t in range(first + own[0], first + own[1]):
                 profile = tasks[t, 13]
                 fill_task(level, slots, memory, work[lane], tasks[t], reach[axis], r[profile], e[profile], f[profile], remember)
             barrier(sync, lanes)
