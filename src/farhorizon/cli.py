@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="farhorizon",
-        description="Waves and diffusion in an unbounded peridynamic or classical medium, computed on a small grid.",
+        description="Waves, diffusion, heat and corrosion in an unbounded peridynamic or classical medium, computed on a small grid.",
         epilog="Start with 'farhorizon demo', then 'farhorizon run CASE.toml'. Exit code: 0 good, 1 run failed, 2 bad input, 130 interrupted.",
     )
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
