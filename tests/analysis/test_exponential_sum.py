@@ -21,7 +21,7 @@ def kernel_to_40():
 
 @pytest.mark.parametrize(("tolerance", "modes"), [(1e-6, 12), (1e-9, 20), (1e-12, 25)])
 def test_modes_of_the_bar_to_40(kernel_to_40, tolerance, modes):
-    """At 1e-9 at most 20 modes (the aim); 12 and 25 are those of spec/exact_1d.md section 5 for 1e-6 (11) and 3e-14 (25), with one in reserve."""
+    """At 1e-9 at most 20 modes (the aim); 12 and 25 are those of an independent program for 1e-6 (11) and 3e-14 (25), with one in reserve."""
     recursion = Recursion.of(Verlet(), 0.005)
     found = compress(kernel_to_40, tolerance, band(BAR, recursion))
     assert found.modes <= modes

@@ -51,7 +51,7 @@ def test_recursion_of_the_impulse_response():
 
 
 def test_the_recursion_serves_the_beam_and_not_the_bar():
-    """Runge-Kutta 4 with the closure (27): K = 2 keeps order 4; for K = 7 errors grow like exp(0.41 t), the rate of spec/exact_1d.md section 3.
+    """Runge-Kutta 4 with the closure (27): K = 2 keeps order 4; for K = 7 errors grow like exp(0.41 t), that of an independent program.
 
     The rate is the largest |Im w| over the complex critical points c of ``sum a_k T_k(c)``, computed here.
     """
@@ -88,7 +88,7 @@ def test_semi_discrete_kernel_is_the_integral_equation():
 
 @pytest.mark.parametrize("t", [0.5, 9.4, 300.0, 9000.0])
 def test_beam_kernel_has_the_published_closed_form(t):
-    """``f_0^1 = 2 J_1(2t) sin(2t)/t``; of the others, ``f_-1^1 = -4 cos(2t) J_2(2t)/t - f_0^2`` (spec/exact_1d.md section 2, item 3)."""
+    """``f_0^1 = 2 J_1(2t) sin(2t)/t``; of the others, ``f_-1^1 = -4 cos(2t) J_2(2t)/t - f_0^2``."""
     f = beam_kernel(t)
     assert f[0, 0] == pytest.approx(2 * special.j1(2 * t) * np.sin(2 * t) / t, abs=1e-13)
     assert f[1, 0] == pytest.approx(-4 * np.cos(2 * t) * special.jv(2, 2 * t) / t - f[0, 1], abs=1e-13)
@@ -150,7 +150,7 @@ def test_tables_to_100(name, misprints, tmp_path):
 
 @pytest.mark.slow
 def test_table_1(tmp_path):
-    """True errors as in spec/exact_1d.md section 3; against the half step within 5 % of the printed ones."""
+    """True errors as an independent program has them; against the half step within 5 % of the printed ones."""
     rows = {row.what: row for row in find("ji2021-table1").function(tmp_path).rows}
     published = {"3": (1.24e-5, 1.96e-5, 5.23e-5, 8.51e-5), "18": (1.23e-6, 2.02e-6, 6.39e-6, 1.18e-5),
                  "300": (4.41e-8, 9.36e-8, 5.26e-7, 1.26e-6), "3000": (9.20e-9, 2.24e-8, 1.54e-7, 3.95e-7)}  # fmt: skip
