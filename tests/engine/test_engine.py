@@ -83,7 +83,7 @@ def test_operator_does_not_depend_on_the_integrator(name, stages):
 @pytest.mark.parametrize("length", range(5, 21))
 @pytest.mark.parametrize("rows", [(), (5,), (6,), (7,), (8,)], ids=str)
 def test_row_lengths(length, rows):
-    """Rows that are no multiple of a vector, row counts that are no multiple of a row group."""
+    """Rows that are no multiple of a vector."""
     check_apply((*rows, length), kernel_stencil(1 + len(rows), 2))
 
 
@@ -93,8 +93,27 @@ def test_row_lengths_in_single_precision(length):
     check_apply((7, length), kernel_stencil(2, 2), real="float32")
 
 
+@pytest.mark.parametrize("real", TOLERANCE)
+@pytest.mark.parametrize("length", [512, 513, 1285, 1300])
+def test_rows_longer_than_a_tile(length, real):
+    """Tiles hold 512 numbers of float64 for a reach of 3, 1024 of float32: seams, rests and rows that end with a tile."""
+    check_apply((9, length), kernel_stencil(2, 3), real=real)
+
+
+@pytest.mark.parametrize(("real", "reach"), [("float64", 8), ("float64", 9), ("float32", 9), ("float32", 16), ("float32", 17)])
+def test_reach_of_a_vector_and_beyond(real, reach):
+    """A sum moves along a row by a vector at most; wider stencils read each neighbour by itself."""
+    check_apply((2 * reach + 1, 2 * reach + 20), kernel_stencil(2, reach), real=real)
+
+
+@pytest.mark.parametrize("rows", [63, 64, 65, 130])
+def test_more_rows_than_a_part(rows):
+    """Rows are swept in parts of up to 64."""
+    check_apply((rows, 12), kernel_stencil(2, 2))
+
+
 @pytest.mark.parametrize("shape", [(5, 5, 5), (5, 6, 7), (6, 5, 9), (8, 7, 16)], ids=str)
-def test_row_groups_in_3d(shape):
+def test_row_counts_in_3d(shape):
     """Odd and even row counts along both slow axes."""
     check_apply(shape, kernel_stencil(3, 1))
 
@@ -250,6 +269,7 @@ THREADED = {
     "coefficient, crack": (
         (213, 201), Wave(kernel_stencil(2, 2, 1)), LatticePML(nodes=5), {"cracks": [[(60.5, 80.5), (70.5, 120.5)]], "coefficient": BANDS},
     ),
+    "rows cut among threads": ((151, 301), Wave(kernel_stencil(2, 3, 2)), LatticePML(nodes=6), {}),
     "skewed": ((213, 201), Wave(SKEWED[2]), LatticePML(nodes=5), {}),
     "periodic and layers": ((213, 201), Wave(kernel_stencil(2, 2, 1)), {"x": LatticePML(nodes=6), "y": Periodic()}, {}),
     "sponge, free": ((213, 201), Wave(kernel_stencil(2, 2, 1)), {"x": Sponge(nodes=20), "y": Free()}, {}),
