@@ -5,6 +5,8 @@ stretched axis also needs the continued values U(p, k) for k = -m..m, its *slots
 node's neighbours along the axis are ``columns`` apart and its nodes are neighbours in memory, so the plain stencil applies to
 layer nodes as it does to core nodes; only the distances differ.
 
+A field of several components has one such level, and one such set of slots, for each, one after the other.
+
 Slots are wanted for one sweep only. The blocks that share their first stretched axis and its side form a *tree*: it is filled axis by axis
 from the planes, swept, and its slots are given to the next tree, so that they hardly leave the cache.
 """
@@ -27,7 +29,8 @@ ALIGN = 16
 TASK_FIELDS = ("inner", "inner_k", "inner_line", "node", "node_p", "node_line", "slot", "slot_p", "slot_k", "slot_line", "count", "memory", "kmax",
                "profile", "columns", "first")  # fmt: skip
 #: Columns of the block table.
-BLOCK_FIELDS = ("slot", "n0", "n1", "n2", "step0", "step1", "stride0", "stride1", "stride2", "out", "out_step0", "out_step1")
+BLOCK_FIELDS = ("slot", "n0", "n1", "n2", "step0", "step1", "stride0", "stride1", "stride2", "out", "out_step0", "out_step1",
+                "read0", "read1", "read2", "written0", "written1", "written2")  # fmt: skip
 
 
 @dataclass
@@ -66,6 +69,8 @@ class Block:
     reach: tuple[int, ...]
     plane: Grid  # in a level
     slots: Grid  # beyond the end of a level; the core's plane serves as its slots
+    components: int = 1
+    distance: int = 0  # of the components in a level
 
     @property
     def first(self) -> int:
@@ -78,11 +83,13 @@ class Block:
         return self.slots.stride
 
     def view(self, level: np.ndarray) -> np.ndarray:
-        """Nodes of this block in one level, indexed by axis; shares memory."""
-        return np.lib.stride_tricks.as_strided(level[self.plane.origin :], self.nodes, [s * level.itemsize for s in self.plane.step])
+        """Nodes of this block in one level, indexed by axis, or by component and axis; shares memory."""
+        shape, steps = ((self.nodes, self.plane.step) if self.components == 1 else
+                        ((self.components, *self.nodes), (self.distance, *self.plane.step)))  # fmt: skip
+        return np.lib.stride_tricks.as_strided(level[self.plane.origin :], shape, [s * level.itemsize for s in steps])
 
     def node_indices(self) -> np.ndarray:
-        """Indices of all nodes in a level, indexed by axis."""
+        """Indices of all nodes in a level (of the first component), indexed by axis."""
         return self.plane.nodes(self.nodes)
 
     def slot_indices(self) -> np.ndarray:
@@ -120,6 +127,8 @@ class Layout:
         Sides that carry a layer; side is -1 or +1.
     periodic : set of int
         Axes that close on themselves.
+    components : int
+        Of the field. What follows is for one of them.
 
     Attributes
     ----------
@@ -141,6 +150,7 @@ class Layout:
     offsets: np.ndarray
     layers: Mapping[tuple[int, int], tuple[int, int]]
     periodic: frozenset[int]
+    components: int = 1
     blocks: dict[tuple[int, ...], Block] = field(init=False)
     size: int = field(init=False)
     places: int = field(init=False)
@@ -179,6 +189,8 @@ class Layout:
             grid.base = end + -grid.origin % ALIGN
             end = _aligned(grid.base + grid.extent[block.order[0]] * grid.step[block.order[0]])
         self.size = end = _aligned(end + SLACK)
+        for block in blocks:
+            block.components, block.distance = self.components, self.size
         self.trees = []
         for number in range(len(self._tree_keys)):
             start, end = end, end + SLACK
@@ -231,15 +243,18 @@ class Layout:
         return index - self.trees[tree][0]
 
     def table(self) -> np.ndarray:
-        """One row of `BLOCK_FIELDS` a block, the core first; axes in the block's own order."""
+        """One row of `BLOCK_FIELDS` a block, the core first; axes, and components with them, in the block's own order."""
         rows = []
         for block in self.blocks.values():
             first, second, third = block.order
             grid, plane, tree = block.slots, block.plane, self.tree(block)
             assert grid.step[third] == plane.step[third] == 1, "nodes along the fastest axis must be neighbours in memory"
+            lead = 3 - self.components
+            number = [a - lead for a in block.order if a >= lead] + [0] * lead if self.components > 1 else [0] * 3
             rows.append((
                 grid.origin if tree < 0 else self.in_tree(grid.origin, tree), *(block.nodes[a] for a in block.order), grid.step[first],
                 grid.step[second], *(grid.stride[a] for a in block.order), plane.origin, plane.step[first], plane.step[second],
+                *(c * (self.size if tree < 0 else self.slots) for c in number), *(c * self.size for c in number),
             ))  # fmt: skip
         return np.array(rows, np.int64)
 
