@@ -370,23 +370,23 @@ class Assembly:
 
     def _split_source(self, source: Any, key: str) -> list[tuple[np.ndarray | None, Callable[..., Any]]]:
         """A source as functions of space times functions of time if it splits; refuses what the near field would miss."""
-        return [self._split_part(part, embed, key) for part, embed in by_component(source, self.lattice, self.stencil.components)]
+        return [self._split_part(part, unit, key) for part, unit in by_component(source, self.lattice, self.stencil.components)]
 
-    def _split_part(self, source: Any, embed: Callable[[np.ndarray], np.ndarray], key: str) -> tuple[np.ndarray | None, Callable[..., Any]]:
-        """One part of a source; `embed` makes a field of what it gives."""
+    def _split_part(self, source: Any, unit: Any, key: str) -> tuple[np.ndarray | None, Callable[..., Any]]:
+        """One part of a source, to be multiplied with `unit`; one with a unit vector is a scalar."""
         space, time = parts(source)
-        whole = embed(np.ones(self.lattice.shape)).ndim == self.lattice.dim  # not a component by itself
+        whole = np.ndim(unit) == 0
         values, moment = split(source, self.lattice, self.stencil.components if whole else 1)
         if space is None or values is None:
             self._unsplit.append(self._function(time))
-            return None, lambda t: embed(moment(t))
+            return None, lambda t: unit * moment(t)
         if isinstance(space, np.ndarray):
             self._beyond.check_values(self._size(values) if whole else values, key)
         else:
             inside = self._near_field
             peak = float(np.abs(values if inside is None else values[inside]).max(initial=0))
-            self._beyond.check_function(self._function(space) if whole or callable(space) else lambda *_: space, peak, key, missed="source value")
-        return embed(values), moment
+            self._beyond.check_function(self._function(space), peak, key, missed="source value")
+        return unit * values, moment
 
     def _inside(self, values: np.ndarray) -> np.ndarray:
         """Zero outside a body, where there are no nodes, and beyond a window's outline if a condition closes it."""
@@ -503,7 +503,9 @@ class Assembly:
             core, offsets, self.stencil.weights * model.coefficient / lattice.spacing**2, stages, self.dt, layers=layers, periodic=periodic,
             real=dtype, threads=threads or available_threads(), coefficient=grown, rule=rule,
         )  # fmt: skip
-        self._near = tuple([Ellipsis] + [slice(None)] * lead + [slice(self._margins[a, -1], self._margins[a, -1] + n) for a, n in enumerate(lattice.shape)])
+        self._near = tuple(
+            [Ellipsis] + [slice(None)] * lead + [slice(self._margins[a, -1], self._margins[a, -1] + n) for a, n in enumerate(lattice.shape)]
+        )
         self._origin = lattice.lower - lattice.spacing * np.array([self._margins[a, -1] for a in range(lattice.dim)])
         for (axis, side), boundary in self.sides.items():
             if isinstance(boundary, Fixed) and boundary.value != self.background:
@@ -579,7 +581,7 @@ class Assembly:
             engine.set_cuts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
             return
         nodes, neighbours, weights = (np.concatenate([f[i] for f in found]) for i in range(3))
-        size = np.abs(weights).reshape(len(weights), -1).max(1)
+        size = np.abs(weights).max(axis=tuple(range(1, weights.ndim)))
         order = np.argsort(-size, kind="stable")  # of two cracks across a bond the one that takes more counts
         nodes, neighbours, weights = nodes[order], neighbours[order], weights[order]
         _, first = np.unique(nodes * engine.layout.places + neighbours, return_index=True)

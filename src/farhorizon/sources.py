@@ -68,14 +68,14 @@ def split(source: Any, lattice: Lattice, components: int = 1) -> tuple[np.ndarra
 
 
 def by_component(source: Any, lattice: Lattice, components: int) -> list[tuple[Any, Any]]:
-    """A source of a vector field as (source, embed): each given component by itself, with the function that puts its values in their place."""
-    whole = source if isinstance(source, Source) else Source(source)
-    if components == 1 or not isinstance(whole.value, list | tuple):
-        return [(source, lambda values: values)]
-    if len(whole.value) != components:
-        raise InputError("a source of a vector field needs all components", value=len(whole.value), limit=components, key="source")
+    """A source as (scalar source, unit), whose products make up that of a vector field, or as (source, 1) where it is given whole."""
+    value, time = (source.value, source.time) if isinstance(source, Source) else (source, None)
+    if components == 1 or not isinstance(value, list | tuple):
+        return [(source, 1.0)]
+    if len(value) != components:
+        raise InputError("a source of a vector field needs all components", value=len(value), limit=components, key="source")
     units = np.eye(components).reshape(components, components, *[1] * lattice.dim)
-    return [(Source(value, whole.time), lambda values, unit=unit: unit * values) for value, unit in zip(whole.value, units, strict=True)]  # type: ignore[misc]
+    return [(Source(part, time), unit) for part, unit in zip(value, units, strict=True)]
 
 
 def field(value: Any, lattice: Lattice, components: int, key: str = "source") -> np.ndarray:
@@ -100,9 +100,10 @@ def magnitude(value: Any) -> Callable[..., np.ndarray]:
 
     def largest(*at: Any) -> np.ndarray:
         found = value(*at) if callable(value) else value
-        entries = found if isinstance(found, list | tuple) else [found]
-        sizes = [np.abs(np.asarray(entry(*at) if callable(entry) else entry, float)) for entry in entries]
-        return np.max([np.broadcast_to(size, np.shape(at[0])) if size.ndim <= np.ndim(at[0]) else size.max(0) for size in sizes], axis=0)  # type: ignore[no-any-return]
+        entries = [entry(*at) if callable(entry) else entry for entry in (found if isinstance(found, list | tuple) else [found])]
+        sizes = [np.abs(np.asarray(entry, float)) for entry in entries]
+        sizes = [size.max(0) if size.ndim > np.ndim(at[0]) else np.broadcast_to(size, np.shape(at[0])) for size in sizes]
+        return np.asarray(np.max(sizes, axis=0))
 
     return largest
 

@@ -198,7 +198,7 @@ class Stencil:
         return self._sum_up(lambda o, phase: (o[axis] * np.sin(phase), o[axis] * np.cos(phase)), *angles)
 
     def _sum_up(self, terms: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]], *angles: np.ndarray | float) -> np.ndarray:
-        """``sum_k w_k (even_k - i odd_k)`` with ``terms(k, k . angle) = (even_k, odd_k)``, which is even and odd in k; one of k and -k is computed."""
+        """``sum_k w_k (even_k - i odd_k)`` with ``terms(k, k . angle) = (even_k, odd_k)``, even and odd in k; one of k and -k is computed."""
         shape = np.broadcast_shapes(*(np.shape(a) for a in angles))
         width = self.weights.shape[1:]
         turned = np.swapaxes(self.weights, 1, 2) if width else self.weights

@@ -76,7 +76,10 @@ class InfiniteLattice:
                              remedy="an earlier time or a coarser lattice")  # fmt: skip
         angles = [2 * np.pi * np.fft.fftfreq(n) for n in self.box[:-1]] + [2 * np.pi * np.fft.rfftfreq(self.box[-1])]
         symbol = stencil.symbol(*np.ix_(*angles)) * rate
-        self.symbol, self.modes = (symbol, None) if stencil.components == 1 else self._diagonal(symbol)
+        self.symbol: np.ndarray = symbol
+        self.modes: np.ndarray | None = None
+        if stencil.components > 1:
+            self.symbol, self.modes = self._diagonal(symbol)
         self.start = self._transform(u)
         self.speed = self._transform(v) if v is not None and np.any(v) else np.zeros(1)
 

@@ -174,7 +174,9 @@ class Engine:
         rows, planes = block.nodes[second], 2 * self.layout.reach[first] + 1
         most = min(64, -(-block.nodes[first] * rows // (8 * self.threads)))
         if planes > 1:
-            most = min(most, _SECOND_CACHE // (self.components * block.slots.step[second] * self.dtype.itemsize * planes) - 2 * self.layout.reach[second])
+            most = min(
+                most, _SECOND_CACHE // (self.components * block.slots.step[second] * self.dtype.itemsize * planes) - 2 * self.layout.reach[second]
+            )
         return -(-rows // -(-rows // max(most, 8)))
 
     def _trees(self) -> np.ndarray:
@@ -404,7 +406,8 @@ class Engine:
         out, base, numbers = self._plain(level)
         self._driver.stage(
             0, 1, _ALONE, level, base, out, numbers, self.stages.increments, False, self.slots, self.memory.copy(), self._work,
-            self.components, *self._first_sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts, *self._tiles,
+            self.components, *self._first_sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
+            *self._tiles,
         )  # fmt: skip
         return (base if self.stages.increments else out) / numbers[3]
 

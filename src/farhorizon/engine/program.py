@@ -346,7 +346,9 @@ def fill(level, slots, memory, work, components, trees, copies, copy_ranges, tas
         copy(level, copies, copy_ranges[-1, axis], components)
         for tree in range(trees.shape[0]):
             if trees[tree, 0] == axis:
-                fill_tree(lane, lanes, sync, tree, level, slots, memory, work, components, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember)
+                fill_tree(
+                    lane, lanes, sync, tree, level, slots, memory, work, components, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember
+                )
 
 
 @njit(error_model="numpy", cache=True)
@@ -377,8 +379,8 @@ def cut(lane, lanes, sync, src, values, base, out, scale, components, first, las
 
 
 @njit(error_model="numpy", cache=True)
-def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slots, memory, work, components, trees, blocks, functions, depths, weights,
-          offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
+def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slots, memory, work, components, trees, blocks, functions, depths,
+          weights, offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
           cut_ranges, cut_nodes, cut_neighbours, cut_weights, solids, volumes):  # fmt: skip
     """``out = a*src + b*base + scale*L(src)`` everywhere; fills the halo of `src` and advances the layers' memory to its time.
 
@@ -394,13 +396,15 @@ def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slot
             barrier(sync, lanes)
         for tree in range(trees.shape[0]):
             if trees[tree, 0] == axis:
-                fill_tree(lane, lanes, sync, tree, src, slots, memory, work, components, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember)
+                fill_tree(
+                    lane, lanes, sync, tree, src, slots, memory, work, components, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember
+                )
                 first, last = trees[tree, 1], trees[tree, 2]
                 material = coefficient[trees[tree, 3] :] if coefficient.size > 1 else coefficient
                 sweep_tree(lane, lanes, slots, base, out, first, last, blocks, functions, depths, weights, offsets, material, law)
                 barrier(sync, lanes)
-                cut(lane, lanes, sync, src, slots, base, out, scale, components, cut_ranges[tree], cut_ranges[tree + 1], cut_nodes, cut_neighbours, cut_weights,
-                    increments, coefficient, material, rule)  # fmt: skip
+                cut(lane, lanes, sync, src, slots, base, out, scale, components, cut_ranges[tree], cut_ranges[tree + 1], cut_nodes, cut_neighbours,
+                    cut_weights, increments, coefficient, material, rule)  # fmt: skip
     sweep_core(
         lane, lanes, sync, src, base, out, blocks[0], functions[0], depths[0], backward, weights[0], offsets[0], coefficient, law, solids, volumes
     )
@@ -452,8 +456,8 @@ def book_ends(books, forces, effect, flows):
 
 
 @njit(error_model="numpy", nogil=True, cache=True)
-def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, slots, memory, work, components, trees, blocks, functions, depths, weights,
-        offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
+def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, slots, memory, work, components, trees, blocks, functions, depths,
+        weights, offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
         cut_ranges, cut_nodes, cut_neighbours, cut_weights, solids, volumes, dissolved, total, saturation, period, steps_before,
         damped, damp_before, damp_after, damp_leak, ends,
         tied, tied_starts, tied_sources, tied_weights, books, book_nodes, book_neighbours, book_weights, book_effects, end_books, flows,
@@ -482,8 +486,8 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                     else:
                         base[node] = src[node] - (src[node] - base[node]) * damp_before[i]
                 barrier(sync, lanes)
-            stage(lane, lanes, sync, src, base, out, numbers[part], increments, (phase + part) % 2 == 1, slots, memory, work, components, trees, blocks,
-                  functions, depths, weights[part], offsets, general[part], copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember,
+            stage(lane, lanes, sync, src, base, out, numbers[part], increments, (phase + part) % 2 == 1, slots, memory, work, components, trees,
+                  blocks, functions, depths, weights[part], offsets, general[part], copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember,
                   coefficient, rule, cut_ranges, cut_nodes, cut_neighbours, cut_weights, solids, volumes)  # fmt: skip
             if bounded:
                 if lane == 0:

@@ -107,7 +107,7 @@ class Vectors:
 
 
 def line_sweep(shape: Shape, classes: tuple[int, ...], real: str) -> Any:
-    """Make the intrinsic ``sweep(src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, shifts)`` for rows whose nodes are neighbours in memory.
+    """Make the intrinsic ``sweep(src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, shifts)`` for rows of neighbours in memory.
 
     Writes ``out = a*src + b*base + sum_k w_k (src_{+k} + src_{-k})`` on `count` rows of `n` nodes. Sums over the outer axes come first:
     ``T_i = sum_o w_(o,i) src_o``, lines of equal weights added before they are multiplied. What is left is ``T_0`` and the

@@ -93,6 +93,7 @@ def matrix_line_sweep(offsets: Octant, pattern: Pattern, real: str) -> Any:
         vectors = Vectors.of(builder, real)
         w = _Weights(vectors, weights, pattern)
         inside, outside = _shifted_fields(vectors, shifts, components)
+        zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
 
         def prepare(here: Any, old: Any, new: Any) -> Row:
             sources = [vectors.shifted(here, (1, shift)) for shift in inside]
@@ -102,12 +103,15 @@ def matrix_line_sweep(offsets: Octant, pattern: Pattern, real: str) -> Any:
             ahead = [vectors.shifted(source, (sign * o0, s0), (o1, s1), (AHEAD, step)) for source in sources for o0, o1 in last.items()
                      for sign in ((1, -1) if o0 else (1,))] + [vectors.shifted(address, (AHEAD, t)) for address in olds]  # fmt: skip
 
+            def read_from(lines_at: dict[Any, Any], at: Any) -> Callable[[tuple[int, ...]], Any]:
+                return lambda image: vectors.load(builder.add(lines_at[image], at))
+
             def sums(at: Any) -> dict[Hashable, Any]:
                 """Even and odd sums along the row, then those that come from ahead (their sum) and from behind (their difference)."""
                 total: dict[tuple[int, int, int], Any] = {}
                 for line, terms in lines.items():
                     for column in range(components):
-                        combined = _mirror_sums(vectors, line, lambda image, c=column: vectors.load(builder.add(places[c][image], at)))  # type: ignore[misc]
+                        combined = _mirror_sums(vectors, line, read_from(places[column], at))
                         for i, number in terms:
                             for row in range(components):
                                 if w.used(number, row, column):
@@ -115,25 +119,18 @@ def matrix_line_sweep(offsets: Octant, pattern: Pattern, real: str) -> Any:
                                     key = (row, odd, i)
                                     total[key] = vectors.multiply_add(total.get(key), w.of(number, row, column), combined[tuple(outer)])
                 found: dict[Hashable, Any] = {(row, 0): total.get((row, 0, 0)) for row in range(components)}
-                for row, odd, i in total:
-                    even, turned = total.get((row, 0, i)), total.get((row, 1, i))
-                    if i and turned is None:
-                        found[row, i, "both"] = even
-                    elif i and even is not None:
-                        found[row, i, "ahead"], found[row, i, "behind"] = builder.fadd(even, turned), builder.fsub(even, turned)
-                    elif odd:
-                        zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
-                        found[row, i, "ahead"], found[row, i, "behind"] = turned, builder.fsub(zero, turned)
+                for row, i in {(row, i) for row, _, i in total if i}:
+                    even, turned = total.get((row, 0, i), zero), total.get((row, 1, i))
+                    found[row, i, "ahead"] = even if turned is None else builder.fadd(even, turned)
+                    found[row, i, "behind"] = even if turned is None else builder.fsub(even, turned)
                 return found
 
-            moved: list[list[tuple[int, Hashable, Hashable]]] = [[] for _ in range(components)]
-            for row in range(components):
-                used = {(i, parity(row, column, components)[2]) for number, (_, _, i) in enumerate(offsets) for column in range(components)
-                        if w.used(number, row, column)}  # fmt: skip
-                for i in sorted({i for i, _ in used if i}):
-                    names = ("ahead", "behind") if (i, 1) in used else ("both", "both")
-                    moved[row].append((i, (row, i, names[0]), (row, i, names[1])))
-            outputs = [Output((row, 0), moved[row], sources[row], olds[row], news[row]) for row in range(components)]
+            moved = [{i for number, (_, _, i) in enumerate(offsets) if i and any(pattern[number][row * components : (row + 1) * components])}
+                     for row in range(components)]  # fmt: skip
+            outputs = [
+                Output((row, 0), [(i, (row, i, "ahead"), (row, i, "behind")) for i in sorted(moved[row])], sources[row], olds[row], news[row])
+                for row in range(components)
+            ]
             return Row(sums, outputs, ahead)
 
         sweep_lines(vectors, args, tile_nodes(components * read, vectors.size), prepare)
@@ -156,13 +153,13 @@ def matrix_strided_sweep(offsets: Octant, pattern: Pattern, real: str) -> Any:
             sources = [vectors.shifted(src, (1, builder.mul(number, step)), (1, x), (1, shift)) for shift in inside]
             olds, news = ([vectors.shifted(start, (1, builder.mul(number, t)), (1, x), (1, shift)) for shift in outside] for start in (base, out))
 
-            def value(image: tuple[int, ...], column: int) -> Any:
-                return vectors.load(vectors.shifted(sources[column], *zip(image, (s0, s1, s2), strict=True)))
+            def read_from(source: Any) -> Callable[[tuple[int, ...]], Any]:
+                return lambda image: vectors.load(vectors.shifted(source, *zip(image, (s0, s1, s2), strict=True)))
 
             total: list[Any] = [None] * components
             for place, offset in enumerate(offsets):
                 for column in range(components):
-                    combined = _mirror_sums(vectors, offset, lambda image, c=column: value(image, c))  # type: ignore[misc]
+                    combined = _mirror_sums(vectors, offset, read_from(sources[column]))
                     for row in range(components):
                         if w.used(place, row, column):
                             total[row] = vectors.multiply_add(total[row], w.of(place, row, column), combined[parity(row, column, components)])
@@ -176,4 +173,3 @@ def matrix_strided_sweep(offsets: Octant, pattern: Pattern, real: str) -> Any:
             vectors.in_chunks(n, lambda x, store: chunk(x, number, store))
 
     return sweep_intrinsic(emit, real)
-

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -57,8 +56,8 @@ def _scalar_rows(blocks: Sequence[Block], table: dict[Offset, float]) -> tuple[t
     rows, fits = np.zeros((len(blocks), len(shape))), np.zeros(len(blocks), bool)
     for number, block in enumerate(blocks if shape else ()):
         physical = [_physical(block, o) for o in shape]
-        mirrored = [tuple(-i if a == block.order[2] else i for a, i in enumerate(o)) for o in physical]
-        fits[number] = all(o in table and table.get(n) == table[o] for o, n in zip(physical, mirrored, strict=True))  # type: ignore[call-overload]
+        mirrored: list[Offset] = [tuple(-i if a == block.order[2] else i for a, i in enumerate(o)) for o in physical]  # type: ignore[misc]
+        fits[number] = all(o in table and table.get(n) == table[o] for o, n in zip(physical, mirrored, strict=True))
         if fits[number]:
             rows[number] = [table[o] for o in physical]
     return shape, rows, fits
@@ -66,14 +65,16 @@ def _scalar_rows(blocks: Sequence[Block], table: dict[Offset, float]) -> tuple[t
 
 def _matrix_rows(blocks: Sequence[Block], table: dict[Offset, np.ndarray]) -> tuple[tuple[Offset, ...], np.ndarray, np.ndarray]:
     """The same for stencils of matrices that go over into themselves in mirrors: offsets >= 0, the centre with what the others leave it."""
-    table = table | {(0, 0, 0): -sum(table.values())}
+    table = table | {(0, 0, 0): -np.sum(list(table.values()), axis=0)}
     components, largest = len(table[0, 0, 0]), max(float(np.abs(w).max()) for w in table.values())
     lead = 3 - components
-    signs = {a: np.array([[1 - 2 * parity(r, c, components)[a] for c in range(components)] for r in range(components)]) for a in range(lead, 3)}
-    alike = all(
-        np.abs(table.get(tuple(-i if a == axis else i for a, i in enumerate(o)), np.inf) - signs[axis] * w).max() <= _ROUNDING * largest  # type: ignore[call-overload]
-        for (o, w), axis in itertools.product(table.items(), signs)
-    )
+
+    def even(axis: int) -> bool:
+        sign = np.array([[1 - 2 * parity(row, column, components)[axis] for column in range(components)] for row in range(components)])
+        mirrored = {o: tuple(-i if a == axis else i for a, i in enumerate(o)) for o in table}
+        return all(m in table and np.abs(table[m] - sign * table[o]).max() <= _ROUNDING * largest for o, m in mirrored.items())
+
+    alike = all(even(axis) for axis in range(lead, 3))
     shape = tuple(sorted(o for o in table if min(o) >= 0)) if alike else ()
     rows, fits = np.zeros((len(blocks), len(shape) * components**2)), np.zeros(len(blocks), bool)
     for number, block in enumerate(blocks if shape else ()):

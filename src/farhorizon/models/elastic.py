@@ -18,6 +18,7 @@ from farhorizon.stencil import Stencil
 
 MATERIALS = ("bond-based", "state-based", "correspondence", "finite-element")
 _CAUCHY = {"strain": 0.25, "stress": 1 / 3, None: 0.25}  # Poisson's ratio of central forces
+_PAIRS = "young and poisson, or bulk and shear"
 _CLOSE = 1e-6  # of Poisson's ratio
 
 Table = tuple[np.ndarray, np.ndarray]
@@ -109,13 +110,17 @@ class Elastic(ScalarModel):
         elif poisson is not None or fixed is not None:
             nu = float(fixed if poisson is None else poisson)  # type: ignore[arg-type]
         else:
-            raise InputError("an elastic material needs two constants", value=sorted(given), limit="young and poisson, or bulk and shear", key="model")
+            raise InputError(
+                "an elastic material needs two constants", value=sorted(given), limit="young and poisson, or bulk and shear", key="model"
+            )
         if fixed is not None and abs(nu - fixed) > _CLOSE:
             state = "three dimensions and plane strain" if self.plane != "stress" else "plane stress"
             raise InputError(f"bond-based materials have one Poisson's ratio, in {state}", value=nu, limit=fixed, key="model.poisson",
                              remedy='material="state-based" or "correspondence"')  # fmt: skip
         if not given or (len(given) > 1 and (set(given) != {"bulk", "shear"} or poisson is not None)):
-            raise InputError("an elastic material needs two constants", value=sorted(given), limit="young and poisson, or bulk and shear", key="model")
+            raise InputError(
+                "an elastic material needs two constants", value=sorted(given), limit="young and poisson, or bulk and shear", key="model"
+            )
         name, value = next(iter(given.items()))
         self.shear = given.get("shear", value / (2 * (1 + nu)) if name == "young" else 3 * value * (1 - 2 * nu) / (2 * (1 + nu)))
         self.poisson, self.young = nu, 2 * self.shear * (1 + nu)
@@ -234,7 +239,8 @@ def finite_element(lame: float, shear: float, dim: int) -> Table:
     found = np.zeros((len(offsets), dim, dim))
     for a, b in itertools.product(range(dim), repeat=2):
         if a == b:
-            table = sum((lame + 2 * shear if c == a else shear) * product([stiffness if d == c else mass for d in range(dim)]) for c in range(dim))
+            along = [(lame + 2 * shear if c == a else shear) * product([stiffness if d == c else mass for d in range(dim)]) for c in range(dim)]
+            table = np.sum(along, axis=0)
         else:
             table = (lame + shear) * product([difference if c in (a, b) else mass for c in range(dim)])
         found[:, a, b] = table[tuple(offsets.T + 1)]
