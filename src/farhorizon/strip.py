@@ -28,8 +28,7 @@ def pinned(sim: Simulation) -> dict[tuple[int, int], Boundary]:
     lead = 3 - sim.lattice.dim
     found = dict(sim.sides)
     for (axis, side), layer in sim.engine.layers.items():
-        profile = {name: getattr(layer, name) for name in ("kappa", "sigma", "alpha")}
-        found[axis - lead, side] = LatticePML(nodes=layer.columns, profile=profile)
+        found[axis - lead, side] = LatticePML(nodes=layer.columns, profile=layer)
     for key, boundary in found.items():
         if isinstance(boundary, Fixed):
             found[key] = Fixed(0.0)
