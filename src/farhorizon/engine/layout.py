@@ -141,7 +141,7 @@ class Layout:
     slots : int
         Slots in memory: those of the largest tree.
     copies : dict of (tree, axis) to ndarray, shape (2, n)
-        Periodic copies (to, from) in the slots of a tree; tree -1: in a level.
+        Periodic copies, and blanks, (to, from) in the slots of a tree; tree -1: in a level.
     tasks : dict of (tree, axis) to ndarray
         Rows of `TASK_FIELDS`.
     """
@@ -272,7 +272,11 @@ class Layout:
         return slot // block.nodes[axis] - self.reach[axis] if block.segment[axis] else 0
 
     def _collect(self, axis: int) -> None:
-        """Operations of one axis: periodic copies, and the tasks that continue a block into its layer."""
+        """Operations of one axis: periodic copies, and the tasks that continue a block into its layer.
+
+        Where a side has neither, the halo is zero; trees that do not lie alike in the memory they share leave their values in each other's.
+        """
+        shapes = {(a, columns) for (a, _), (columns, _) in self.layers.items()}
         copies: dict[tuple[int, int], list[np.ndarray]] = {}
         tasks: dict[tuple[int, int], list[tuple[int, ...]]] = {}
         for segment, inner in self.blocks.items():
@@ -286,17 +290,29 @@ class Layout:
                 if (axis, side) in self.layers:
                     layer = self.blocks[tuple(side if a == axis else s for a, s in enumerate(segment))]
                     tasks.setdefault((self.tree(layer), axis), []).extend(self._continue(axis, side, inner, layer, tree))
+                elif axis not in self.periodic and tree >= 0 and len(shapes) > 1:
+                    copies.setdefault((tree, axis), []).append(self._blank(axis, side, inner))
         self.copies |= {key: np.concatenate(parts, axis=1) for key, parts in copies.items()}
         self.tasks |= {key: np.array(rows, np.int64).reshape(-1, len(TASK_FIELDS)) for key, rows in tasks.items()}
 
     def _wrap(self, axis: int, block: Block, tree: int) -> np.ndarray:
+        n, m = block.nodes[axis], self.reach[axis]
+        pads = np.r_[0:m, n + m : n + 2 * m]
+        wrapped = (pads - m) % n + m
+        return np.array([self._lines(axis, block, tree, at) for at in (pads, wrapped)])
+
+    def _blank(self, axis: int, side: int, block: Block) -> np.ndarray:
+        """The halo of one side among the slots, from the first of them, which nothing is ever written to."""
+        n, m = block.nodes[axis], self.reach[axis]
+        pads = self._lines(axis, block, self.tree(block), np.arange(m) + (n + m if side > 0 else 0))
+        return np.array([pads, np.zeros_like(pads)])
+
+    def _lines(self, axis: int, block: Block, tree: int, at: np.ndarray) -> np.ndarray:
+        """Places `at` along an axis on all lines: in a level, or among the slots of a tree."""
         grid = block.plane if tree < 0 else block.slots
         base = grid.base if tree < 0 else self.in_tree(grid.base, tree)
         lines = base + np.add.outer(*[block.along(grid, a, nodes_only=a > axis) for a in range(3) if a != axis]).ravel()
-        n, m, s = block.nodes[axis], self.reach[axis], grid.stride[axis]
-        pads = np.r_[0:m, n + m : n + 2 * m]
-        wrapped = (pads - m) % n + m
-        return np.array([np.add.outer(at * s, lines).ravel() for at in (pads, wrapped)])
+        return np.add.outer(at * grid.stride[axis], lines).ravel()
 
     def _continue(self, axis: int, side: int, inner: Block, layer: Block, tree: int) -> list[tuple[int, ...]]:
         """Halo tasks of one face: up to LINES lines each, lines along the layer's fastest unstretched axis."""
