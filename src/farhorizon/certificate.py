@@ -319,7 +319,7 @@ def _dense_part(name: str, sim: Simulation) -> Part:
     if growth.stable is not False:
         growth, verb = _with_noise(growth, matrix, crossing_steps(sim), sim.dt)
         name = f"{verb} ({name})" if verb else name
-    return Part(name, growth, complete.field(growth.mode), growth is not known and growth.stable is False)
+    return Part(name, growth, complete.portrait(growth.mode), growth is not known and growth.stable is False)
 
 
 def _with_noise(growth: Growth, matrix: np.ndarray, crossing: int, dt: float) -> tuple[Growth, str]:
@@ -349,7 +349,7 @@ def _krylov_part(name: str, sim: Simulation, budget: float) -> Part:
     if growth.hidden and any((layer.sigma[layer.alpha == 0] > 0).any() for layer in sim.engine.layers.values()):
         growth = replace(growth, error=np.inf)  # every static field is at rest in such a layer: a double factor 1, slower than any run shows
         name = f"layers with alpha = 0, which let fields of zero frequency drift: {name}"
-    return Part(name, growth, complete.field(growth.mode) if growth.mode.size else np.zeros(0))
+    return Part(name, growth, complete.portrait(growth.mode) if growth.mode.size else np.zeros(0))
 
 
 def _side_part(sim: Simulation, axis: int, budget: float) -> tuple[Part, list[str]]:

@@ -201,12 +201,10 @@ class Strip:
         return reflection(self.matrix(*along), self._near, levels, factor, modes)
 
     def profile(self, mode: np.ndarray) -> np.ndarray:
-        """A mode on the nodes along the normal, the magnitude of a vector."""
+        """A mode on the nodes along the normal, of vectors the component that is largest."""
         if not mode.size:
             return mode
         whole = np.zeros(self.state.size, complex)
         whole[self.place[:, 0]] = mode
-        lead, field = 3 - self.sim.lattice.dim, self.state.field(whole)
-        if self.sim.engine.components > 1:
-            field = np.sqrt((np.abs(field) ** 2).sum(0))
-        return np.moveaxis(field, lead, 0).reshape(self.sim.engine.core.nodes[lead], -1)[:, 0]
+        lead = 3 - self.sim.lattice.dim
+        return np.moveaxis(self.state.portrait(whole), lead, 0).reshape(self.sim.engine.core.nodes[lead], -1)[:, 0]

@@ -86,6 +86,11 @@ class State:
         level[self._nodes] = values[: len(self._nodes)]
         return self.engine.core.view(level).copy()
 
+    def portrait(self, values: np.ndarray) -> np.ndarray:
+        """What a picture shows of the field of a state: of vectors the component that is largest somewhere, shape of the core."""
+        found = self.field(values)
+        return found if self.engine.components == 1 else found[np.unravel_index(np.argmax(np.abs(found)), found.shape)[0]]
+
     def rows(self) -> Rows:
         """Places of the state by (entry of one row along the normal, row), for an engine whose layers all lie on its first axis.
 

@@ -18,7 +18,7 @@ from farhorizon.stencil import Stencil
 
 MATERIALS = ("bond-based", "state-based", "correspondence", "finite-element")
 _CAUCHY = {"strain": 0.25, "stress": 1 / 3, None: 0.25}  # Poisson's ratio of central forces
-_PAIRS = "young and poisson, or bulk and shear"
+_PAIRS = "two of young, poisson, bulk, shear"
 _CLOSE = 1e-6  # of Poisson's ratio
 
 Table = tuple[np.ndarray, np.ndarray]
@@ -33,9 +33,8 @@ class Elastic(ScalarModel):
         Influence function ``w(r)/r^p`` of the bonds (exponent 1 and constant influence: the prototype microelastic material), or
         of the weights of state-based and correspondence materials; None for finite elements. A `Stencil` of matrices,
         for unit P modulus, replaces the material's.
-    young, poisson : float, optional
-    bulk, shear : float, optional
-        Two of the four, young and poisson or bulk and shear; bond-based materials, whose Poisson's ratio is fixed, need one.
+    young, poisson, bulk, shear : float, optional
+        Two of the four; bond-based materials, whose Poisson's ratio is fixed, need one.
     density : float
     material : {"bond-based", "state-based", "correspondence", "finite-element"}
     plane : {"strain", "stress"}, optional
@@ -94,39 +93,38 @@ class Elastic(ScalarModel):
         self.bonds = material == "bond-based"
         self.sides = () if self.bonds else ("LatticePML", "Fixed", "Periodic", "Sponge")
         self.density, self.damping = positive(density, "model.density"), positive(damping, "model.damping", zero=True)
-        self._constants(young, poisson, bulk, shear)
+        self._constants(young=young, poisson=poisson, bulk=bulk, shear=shear)
         self.source_factor = 1 / self.density
         self.coefficient = self.p_modulus / self.density
         self.integrator = Verlet()
 
-    def _constants(self, young: float | None, poisson: float | None, bulk: float | None, shear: float | None) -> None:
-        """Set the elastic constants from those that are given."""
-        given = {name: positive(v, f"model.{name}") for name, v in (("young", young), ("bulk", bulk), ("shear", shear)) if v is not None}
-        if poisson is not None and not -1 < poisson < 0.5:
-            raise InputError("Poisson's ratio is out of range", value=poisson, limit="above -1, below 0.5", key="model.poisson")
+    def _constants(self, **constants: float | None) -> None:
+        """Set all elastic constants from those that are given."""
+        given = {name: value for name, value in constants.items() if value is not None}
+        for name in set(given) - {"poisson"}:
+            positive(given[name], f"model.{name}")
         fixed = _CAUCHY[self.plane] if self.bonds else None
-        if {"bulk", "shear"} <= set(given):
-            nu = (3 * given["bulk"] - 2 * given["shear"]) / (6 * given["bulk"] + 2 * given["shear"])
-        elif poisson is not None or fixed is not None:
-            nu = float(fixed if poisson is None else poisson)  # type: ignore[arg-type]
-        else:
-            raise InputError(
-                "an elastic material needs two constants", value=sorted(given), limit="young and poisson, or bulk and shear", key="model"
-            )
+        nu = given.get("poisson", _poisson(given, fixed))
+        if nu is None or not set(given) - {"poisson"}:
+            raise InputError("an elastic material needs two constants", value=sorted(given), limit=_PAIRS, key="model")
+        if not -1 < nu < 0.5:
+            raise InputError("Poisson's ratio is out of range", value=nu, limit="above -1, below 0.5", key="model.poisson")
         if fixed is not None and abs(nu - fixed) > _CLOSE:
-            state = "three dimensions and plane strain" if self.plane != "stress" else "plane stress"
+            state = "plane stress" if self.plane == "stress" else "three dimensions and plane strain"
             raise InputError(f"bond-based materials have one Poisson's ratio, in {state}", value=nu, limit=fixed, key="model.poisson",
                              remedy='material="state-based" or "correspondence"')  # fmt: skip
-        if not given or (len(given) > 1 and (set(given) != {"bulk", "shear"} or poisson is not None)):
-            raise InputError(
-                "an elastic material needs two constants", value=sorted(given), limit="young and poisson, or bulk and shear", key="model"
-            )
-        name, value = next(iter(given.items()))
-        self.shear = given.get("shear", value / (2 * (1 + nu)) if name == "young" else 3 * value * (1 - 2 * nu) / (2 * (1 + nu)))
+        if "shear" in given:
+            self.shear = given["shear"]
+        else:
+            self.shear = given["young"] / (2 * (1 + nu)) if "young" in given else 3 * given["bulk"] * (1 - 2 * nu) / (2 * (1 + nu))
         self.poisson, self.young = nu, 2 * self.shear * (1 + nu)
         space = 2 * self.shear * nu / (1 - 2 * nu)
         self.bulk = space + 2 * self.shear / 3
         self.lame = 2 * space * self.shear / (space + 2 * self.shear) if self.plane == "stress" else space
+        for name, value in given.items():
+            if abs(getattr(self, name) - value) > _CLOSE * max(abs(value), 1.0 if name == "poisson" else 0.0):
+                raise InputError("elastic constants do not agree", value=value, limit=f"{getattr(self, name):.6g}", key=f"model.{name}",
+                                 remedy="give two of them")  # fmt: skip
 
     @property
     def p_modulus(self) -> float:
@@ -172,6 +170,17 @@ class Elastic(ScalarModel):
             if self.material == "state-based":
                 made = _sum(made, dilatation(offsets, weights, lame - shear, calibrate))
         return _checked(_stencil(made))
+
+
+def _poisson(given: dict[str, float], fixed: float | None) -> float | None:
+    """Poisson's ratio from two moduli; the material's own with one; None if it has none."""
+    if {"young", "shear"} <= set(given):
+        return given["young"] / (2 * given["shear"]) - 1
+    if {"bulk", "shear"} <= set(given):
+        return (3 * given["bulk"] - 2 * given["shear"]) / (6 * given["bulk"] + 2 * given["shear"])
+    if {"young", "bulk"} <= set(given):
+        return (3 * given["bulk"] - given["young"]) / (6 * given["bulk"])
+    return fixed
 
 
 def isotropic(offsets: np.ndarray, weights: np.ndarray) -> np.ndarray:
