@@ -619,7 +619,7 @@ class Results:
         Returns
         -------
         xarray.Dataset
-            Fields with the dimensions time, [component, ]x[, y[, z]]; ``energy`` (history_time) and ``probe_values`` (history_time, probe), ``balance``
+            Fields with the dimensions time, [component, ]x[, y[, z]]; ``energy`` (history_time), ``probe_values`` (history_time, probe), ``balance``
             (history_time, account) if one was recorded; case, program and lattice as attributes.
 
         Raises
