@@ -276,6 +276,21 @@ def test_response_has_the_symmetry_of_the_load():
     np.testing.assert_allclose(u[2], u[1].swapaxes(1, 2), rtol=0, atol=scale)
 
 
+def test_a_checkpoint_restores_the_run(tmp_path):
+    """The set-up with its constants, the fields of all components and the layers' memory: bit by bit."""
+    x, y = box(6, 2).coordinates()
+    force = np.stack([np.exp(-(x**2) - y**2), 0 * x])
+    sim = fh.Simulation(box(6, 2), elastic(poisson=0.3, material="state-based"), fh.LatticePML(nodes=5), sources=[force], threads=1)
+    sim.step(20)
+    sim.save(tmp_path / "a.ckpt")
+    again = fh.Simulation.restore(tmp_path / "a.ckpt")
+    for one in (sim, again):
+        one.step(20)
+    np.testing.assert_array_equal(again.engine.levels, sim.engine.levels)
+    np.testing.assert_array_equal(again.engine.memory, sim.engine.memory)
+    assert again.model.bulk == sim.model.bulk
+
+
 # --- layers ----------------------------------------------------------------------------------------------------
 
 LAYERS = {
