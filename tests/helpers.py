@@ -26,13 +26,14 @@ def lattice_of(shape, spacing=1.0):
 
 
 def roll_apply(u, offsets, weights, coefficient=None, rule="both"):
-    """The operator on a periodic lattice, one np.roll a bond."""
+    """The operator on a periodic lattice, one np.roll a bond; of vectors the components come first."""
     total = np.zeros(u.shape)
-    axes = tuple(range(u.ndim))
+    axes = tuple(range(-offsets.shape[1], 0))
     for o, w in zip(offsets, weights, strict=True):
         shift = tuple(-o)
         factor = 1.0 if coefficient is None else RULES[rule](coefficient, np.roll(coefficient, shift, axes))
-        total += w * factor * (np.roll(u, shift, axes) - u)
+        difference = factor * (np.roll(u, shift, axes) - u)
+        total += w * difference if np.ndim(w) == 0 else np.tensordot(w, difference, 1)
     return total
 
 
@@ -57,7 +58,7 @@ def dense_operator(shape, offsets, weights, whole=None, coefficient=None, rule="
 
 def engine_apply(engine, u):
     """The engine's operator on core values, halos filled first; an array of u's shape."""
-    level = np.zeros(engine.layout.size, engine.dtype)
+    level = np.zeros(engine.levels.shape[1], engine.dtype)
     view = engine.core.view(level)
     view[...] = np.reshape(u, view.shape)
     engine.fill(level)

@@ -132,3 +132,66 @@ def test_heat_case():
 def test_bad_heat_case(old, new, message):
     with pytest.raises(fh.InputError, match=message):
         fh.case.Case(HEAT.replace(old, new)).simulation()
+
+
+ELASTIC = """
+[lattice]
+spacing = 0.5
+lower = [-5.0, -5.0]
+upper = [5.0, 5.0]
+[model]
+type = "elastic"
+material = "state-based"
+young = 2.0
+poisson = 0.3
+density = 1.5
+[model.kernel]
+horizon = 1.0
+exponent = 1
+[initial]
+u = ["exp(-2*(x**2+y**2))", 0.0]
+v = [0, "x*exp(-2*(x**2+y**2))"]
+[[source]]
+value = [0.0, "exp(-2*(x**2+y**2))*sin(t)"]
+[run]
+until = 3.0
+"""
+
+
+def test_elastic_case():
+    """Entries of a list are the components of a field."""
+    sim = Case(ELASTIC).simulation().run(3.0, progress=False)
+
+    def bump(x, y):
+        return np.exp(-2 * (x**2 + y**2))
+
+    model = fh.Elastic(fh.Kernel(1.0, 1), 2.0, 0.3, density=1.5, material="state-based")
+    same = fh.Simulation(
+        fh.Lattice(0.5, (-5, -5), (5, 5)), model, initial={"u": lambda x, y: [bump(x, y), 0 * x], "v": lambda x, y: [0 * x, x * bump(x, y)]},
+        sources=[fh.Source(lambda x, y: [0 * x, bump(x, y)], np.sin)],
+    ).run(3.0, progress=False)  # fmt: skip
+    np.testing.assert_allclose(sim.fields["u"], same.fields["u"], rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("poisson = 0.3", "poissn = 0.3", "did you mean 'poisson'"),
+        ("poisson = 0.3", "poisson = 0.7", "model.poisson"),
+        ('material = "state-based"', "", "bond-based materials have one Poisson's ratio"),
+        (", 0.0]\nv", "]\nv", "not as many entries"),
+        ('u = ["exp(-2*(x**2+y**2))", 0.0]', 'u = "exp(-2*(x**2+y**2))"', "one entry a component"),
+        ('"x*exp(-2*(x**2+y**2))"', '"t*x"', "depend on t"),
+        ('value = [0.0, "exp(-2*(x**2+y**2))*sin(t)"]', 'value = "sin(t)"', "one entry a component"),
+        ('type = "elastic"', 'type = "wave"', "unknown key"),
+    ],
+)
+def test_bad_elastic_case(old, new, message):
+    assert old in ELASTIC
+    with pytest.raises(fh.InputError, match=message):
+        Case(ELASTIC.replace(old, new)).simulation().run(0.1, progress=False)
+
+
+def test_a_list_is_for_vectors():
+    with pytest.raises(fh.InputError, match="not as many entries"):
+        Case(GOOD.replace('u = "exp(-4*(x**2+y**2))"', "u = [1.0, 2.0]"))

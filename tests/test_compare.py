@@ -82,9 +82,11 @@ def test_growth_rate_of_an_exponential():
 
 def test_growth_is_measured_with_backward_waves_only():
     setup = {"lattice": fh.Lattice(0.25, -3, 3), "initial": {"u": lambda x: np.exp(-8 * x**2)}}
-    with_them = compare({**setup, "model": fh.Wave(fh.Kernel(0.75, 0))}, 24.0)  # four crossings: the fastest growing mode alone is left
+    undamped = {"boundary": fh.LatticePML(nodes=12, profile={"sigma": np.linspace(0.5, 12, 13), "alpha": 0.004})}
+    with_them = compare({**setup, **undamped, "model": fh.Wave(fh.Kernel(0.75, 0))}, 24.0)  # four crossings: the fastest growing mode alone is left
     assert with_them.growth["lattice PML"] < with_them.growth_bound and "backward waves grow" in with_them.table()
-    assert compare({**setup, "model": fh.Wave(fh.Kernel(0.75, 2))}, 8.0).growth == {}
+    assert compare({**setup, **undamped, "model": fh.Wave(fh.Kernel(0.75, 2))}, 8.0).growth == {}
+    assert compare({**setup, "model": fh.Wave(fh.Kernel(0.75, 0))}, 8.0).growth == {}  # damped
 
 
 def test_exact_ends_that_are_left_out_are_named(monkeypatch):

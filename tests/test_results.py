@@ -94,6 +94,29 @@ def test_to_xarray(tmp_path, dim):
     assert dataset.attrs["case"] == "[lattice] # ä" and dataset.attrs["spacing"] == 0.5
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_vectors(tmp_path, dim):
+    """Components come first, in fields, probes and xarray; VTK's three components do not show."""
+    data = np.stack([c + values(dim, "float64", 0) for c in range(dim)])
+    writer = ResultsWriter.create(tmp_path / "a.h5", dim=dim, shape=SHAPES[dim], spacing=0.5, lower=(0.0,) * dim, fields=("u",), dtype="float64",
+                                  probes=np.zeros((2, dim)), components=dim)  # fmt: skip
+    probed = np.arange(2.0 * dim).reshape(2, dim)
+    for k in range(3):
+        writer.append(k, float(k), {"u": (k + 1) * data}, 1.0, k * probed)
+    with pytest.raises(InputError, match="lattice shape"):
+        writer.append(4, 4.0, {"u": data[0]})
+    writer = ResultsWriter.resume(tmp_path / "a.h5", 2)
+    writer.append(2, 2.0, {"u": 3 * data}, 1.0, 2 * probed)
+    results = open_results(tmp_path / "a.h5")
+    for k in range(3):
+        np.testing.assert_array_equal(results.field("u", k), (k + 1) * data)
+    np.testing.assert_array_equal(results.probe_values, np.arange(3.0)[:, None, None] * probed)
+    dataset = results.to_xarray()
+    assert dataset["u"].dims == ("time", "component", "x", "y", "z")[: dim + 2]
+    np.testing.assert_array_equal(dataset["u"].sel(time=1.0, component="y"), 2 * data[1])
+    assert dataset["probe_values"].sel(component="x").shape == (3, 2)
+
+
 def test_without_probes_and_energy(tmp_path):
     writer = ResultsWriter.create(tmp_path / "a.h5", dim=1, shape=(3,), spacing=1, lower=(0,), fields=("u",), dtype="float64")
     empty = open_results(tmp_path / "a.h5")
@@ -312,6 +335,20 @@ def test_vtk_reads_the_file(tmp_path, dim, dtype):
     assert tuple(times) == tuple(results.times)
     for k, image in enumerate(images):
         assert_same(results, k, image)
+
+
+def test_vtk_reads_vectors(tmp_path):
+    """Point data of three components, x fastest, the third one zero in the plane."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    data = np.random.default_rng(1).standard_normal((2, 7, 5))
+    writer = ResultsWriter.create(tmp_path / "a.h5", dim=2, shape=(7, 5), spacing=0.5, lower=(0, 0), fields=("u",), dtype="float64", components=2)
+    for k in range(2):
+        writer.append(k, float(k), {"u": (k + 1) * data})
+    for k, image in enumerate(vtk_outputs(tmp_path / "a.h5")[1]):
+        read = vtk_to_numpy(image.GetPointData().GetArray("u")).reshape(5, 7, 3)
+        np.testing.assert_array_equal(read[..., :2].T, (k + 1) * data)
+        assert not read[..., 2].any()
 
 
 @pytest.mark.slow

@@ -201,10 +201,11 @@ def test_guard_names_step_place_and_cause():
 
 
 def test_backward_waves_grow_and_the_program_says_so():
-    """1D, p = 0: white noise grows in the layer at a rate below (backward-wave growth) x (largest sigma); check() warns."""
+    """1D, p = 0, no damping: white noise grows in the layer at a rate below (backward-wave growth) x (largest sigma); check() warns."""
     lattice = fh.Lattice(0.1, -2, 2)
     noise = np.random.default_rng(0).standard_normal(lattice.shape)
-    sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(0.3, 0)), fh.LatticePML(nodes=20), {"u": noise})
+    layer = fh.LatticePML(nodes=20, profile={"sigma": np.linspace(1.0, 30.0, 21), "alpha": 0.01})
+    sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(0.3, 0)), layer, {"u": noise})
     assert any("backward" in w for w in sim.check().warnings)
     sim.run(3.0)
     one = np.linalg.norm(sim.engine.levels)

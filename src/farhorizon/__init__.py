@@ -10,7 +10,7 @@ from farhorizon.expressions import Expression
 from farhorizon.integrators import RungeKuttaChebyshev
 from farhorizon.kernel import Kernel
 from farhorizon.lattice import Lattice
-from farhorizon.models import Beam, Corrosion, Diffusion, Heat, Wave
+from farhorizon.models import Beam, Corrosion, Diffusion, Elastic, Heat, Wave
 from farhorizon.outlines import ImageMask, Text
 from farhorizon.results import open_results
 from farhorizon.shapes import Ball, Box, Disc, DiscCut, PointCut, Polygon, PolygonCut, Polyline, Rectangle
@@ -22,7 +22,7 @@ from farhorizon.stencil import Stencil
 __version__ = "0.1.0"
 
 __all__ = [
-    "Ball", "Beam", "Box", "Certificate", "Convection", "Corrosion", "Crack", "Diffusion", "Disc", "DiscCut", "Exact", "Expression",
+    "Ball", "Beam", "Box", "Certificate", "Convection", "Corrosion", "Crack", "Diffusion", "Disc", "DiscCut", "Elastic", "Exact", "Expression",
     "FarhorizonError", "FileFormatError", "FirstOrder", "Fixed", "Flux", "Free", "Heat", "Higdon", "ImageMask", "InputError", "Insulated", "Kernel",
     "Lattice", "LatticePML", "Periodic", "PlaneWave", "PointCut", "Polygon", "PolygonCut", "Polyline", "Prescribed", "Rectangle",
     "RungeKuttaChebyshev", "Simulation", "Source", "Specimen", "Sponge", "Stencil", "Temperature", "Text", "UnstableError", "Wave", "open_results",

@@ -40,7 +40,7 @@ from farhorizon.lattice import AXES, Lattice
 from farhorizon.machine import available_memory
 from farhorizon.models import Corrosion, ScalarModel
 from farhorizon.shapes import Cut, Shape
-from farhorizon.sources import checked, parts, split
+from farhorizon.sources import by_component, checked, field, magnitude, parts, split
 from farhorizon.specimens import Specimen, place
 from farhorizon.stencil import Stencil
 
@@ -55,8 +55,10 @@ class Assembly:
     engine : Engine
     stencil : Stencil
     sides : dict of (axis, side) to Boundary
+    field_shape : tuple of int
+        That of the lattice, of vectors with the components first.
     sources : list
-        (space, time) of each source, as `farhorizon.sources.split` gives them.
+        (space, time) of each source, of a vector field of each of its components, as `farhorizon.sources.split` gives them.
     conditions : Conditions
     """
 
@@ -94,6 +96,8 @@ class Assembly:
         if not np.isfinite(self.background):
             raise InputError("the background must be finite", value=background, key="background")
         self.stencil = model.stencil(lattice.spacing, lattice.dim)
+        self.field_shape = lattice.shape if self.stencil.components == 1 else (self.stencil.components, *lattice.shape)
+        self._check_vector(constraints)
         self._check_closing()
         self._layers = self._make_layers()
         self._check_size()
@@ -113,7 +117,7 @@ class Assembly:
         self._choose_layers(initial, sources, dtype)
         self._beyond = Beyond(lattice, self.sides, model.order, self._depth(), self._near_field)
         u = self._initial("u", initial)
-        v = self._initial("v", initial) if "v" in initial and model.order == 2 else np.broadcast_to(0.0, lattice.shape)
+        v = self._initial("v", initial) if "v" in initial and model.order == 2 else np.broadcast_to(0.0, self.field_shape)
         for name in set(initial) - ({"u", "v"} if model.order == 2 else {"u"}):
             raise InputError("unknown initial field", value=name, limit="u, v" if model.order == 2 else "u", key="initial")
         self._holds = Holds(tuple(c for c in constraints if isinstance(c, Prescribed)), lattice, model.integrator, self.dt, self.background)
@@ -126,7 +130,7 @@ class Assembly:
         cuts = [c.cut for c in self._cracks]
         self._beyond.check_cracks(cuts, self.stencil.reach)
         self._unsplit: list[Callable[..., Any]] = []
-        self.sources = [self._split_source(s, f"source[{i}]" if len(sources) > 1 else "source") for i, s in enumerate(sources)]
+        self.sources = [drive for i, s in enumerate(sources) for drive in self._split_source(s, f"source[{i}]" if len(sources) > 1 else "source")]
         self._drives = self.sources + [drive for _, drive in self.conditions.sources]
         self._margins = self._choose_margins(u, v, solid.astype(float) if solid.any() else factor, cuts)
         self._check_conditions()
@@ -154,6 +158,22 @@ class Assembly:
         if len(specimens) and not isinstance(model, Corrosion):
             raise InputError("only a Corrosion has specimens", value=type(model).__name__, key="specimens", remedy="Corrosion(...)")
 
+    def _check_vector(self, constraints: Sequence[Constraint | Prescribed]) -> None:
+        """What fields of several components do not have."""
+        if self.stencil.components == 1:
+            return
+        name = type(self.model).__name__
+        if len(constraints):
+            raise InputError(f"constraints are for scalar fields, not for {name}", key="constraints", remedy="a body force")
+        if self.background != 0:
+            raise InputError("the background of a vector field is zero", value=self.background, key="background", remedy="leave it out")
+        for (axis, side), boundary in self.sides.items():
+            key = f"boundary.{AXES[axis]}{'-+'[side > 0]}"
+            if isinstance(boundary, Closing) or (isinstance(boundary, Fixed) and boundary.value != 0):
+                raise InputError(f"{name} has no such side", value=repr(boundary), limit="LatticePML, Sponge, Fixed(0), Free, Periodic", key=key)
+            if isinstance(boundary, LatticePML) and boundary.angle is not None:
+                raise InputError("layers are chosen by angle for scalar waves only", value=boundary.angle, key=key, remedy="target, or nodes")
+
     def _check_closing(self) -> None:
         """Conditions along an outline: integrators of one stage, windows closed by one condition all around."""
         closing = {key: b for key, b in self.sides.items() if isinstance(b, Closing)}
@@ -178,7 +198,7 @@ class Assembly:
         lattice, model, dx = self.lattice, self.model, self.lattice.spacing
         shape = self.engine.core.nodes[3 - lattice.dim :]
         near = np.zeros(shape, bool)
-        inside = self._near[3 - lattice.dim :]
+        inside = self._near[-lattice.dim :]
         near[inside] = True if self._near_field is None else self._near_field
         outline = Outline(
             self._origin, dx, near, lattice.window, closing, frozenset(a for (a, _), b in self.sides.items() if isinstance(b, Periodic)),
@@ -239,7 +259,8 @@ class Assembly:
         tree = max(c * (2 * m + 1) / (2 if c else 1) * np.prod(slots) / s for c, m, s in zip(columns, reach, slots, strict=True))
         memory = sum(2 * m * c * np.prod(slots[:a]) * np.prod(nodes[a + 1 :]) for a, (c, m) in enumerate(zip(columns, reach, strict=True)))
         levels = self.model.integrator.stages(1.0, 0.0, self.lattice.dim == 1).levels
-        return float(itemsize * ((levels + 3) * np.prod(nodes) + tree + 2 * memory) + 8 * (self.lattice.dim + 7) * np.prod(self.lattice.shape))
+        fields = itemsize * ((levels + 3) * np.prod(nodes) + tree + 2 * memory) + 8 * 7 * np.prod(self.lattice.shape)
+        return float(self.stencil.components * fields + 8 * self.lattice.dim * np.prod(self.lattice.shape))
 
     def _choose_step(self, dt: float | None) -> float:
         if dt is None:
@@ -256,14 +277,24 @@ class Assembly:
         """Initial values less the background; refuses data that the infinite medium would have beyond the near field."""
         level = self.background if name == "u" else 0.0
         value, key = initial.get(name, level), f"initial.{name}"
-        given = checked(value(*self.lattice.coordinates()) if callable(value) else value, self.lattice, key) - level
+        given = field(value if name in initial else np.full(self.field_shape, level), self.lattice, self.stencil.components, key) - level
         values = self._inside(given)
-        if np.ndim(value):
-            self._beyond.check_values(given if self._near_field is not None else values, key)
+        if isinstance(value, np.ndarray):
+            self._beyond.check_values(self._size(given if self._near_field is not None else values), key)
         elif name in initial:
-            function = value if callable(value) else lambda *_: value
-            self._beyond.check_function(function, float(np.abs(values).max(initial=0)), key, level, "initial value")
+            peak = float(np.abs(values).max(initial=0))
+            self._beyond.check_function(self._function(value), peak, key, level, "initial value")
         return values
+
+    def _size(self, values: np.ndarray) -> np.ndarray:
+        """The largest magnitude of any component; a scalar as it is."""
+        return values if self.stencil.components == 1 else np.abs(values).max(0)
+
+    def _function(self, value: Any) -> Callable[..., Any]:
+        """A value as a function of the coordinates; of vectors its size."""
+        if self.stencil.components > 1:
+            return magnitude(value)
+        return value if callable(value) else lambda *_: value
 
     def _resolve(self, constraints: Sequence[Constraint | Prescribed], factor: np.ndarray | None) -> Conditions:
         if not constraints:
@@ -337,21 +368,25 @@ class Assembly:
                         limit=f"none on the last {m} nodes", remedy="a Free side there, or restrict the condition by `within`",
                     )  # fmt: skip
 
-    def _split_source(self, source: Any, key: str) -> tuple[np.ndarray | None, Callable[..., Any]]:
-        """A source as a function of space times one of time if it splits; refuses what the near field would miss."""
+    def _split_source(self, source: Any, key: str) -> list[tuple[np.ndarray | None, Callable[..., Any]]]:
+        """A source as functions of space times functions of time if it splits; refuses what the near field would miss."""
+        return [self._split_part(part, unit, key) for part, unit in by_component(source, self.lattice, self.stencil.components)]
+
+    def _split_part(self, source: Any, unit: Any, key: str) -> tuple[np.ndarray | None, Callable[..., Any]]:
+        """One part of a source, to be multiplied with `unit`; one with a unit vector is a scalar."""
         space, time = parts(source)
-        found = split(source, self.lattice)
-        values = found[0]
-        inside = self._near_field
+        whole = np.ndim(unit) == 0
+        values, moment = split(source, self.lattice, self.stencil.components if whole else 1)
         if space is None or values is None:
-            self._unsplit.append(time)
-        elif np.ndim(space):
-            self._beyond.check_values(values, key)
+            self._unsplit.append(self._function(time))
+            return None, lambda t: unit * moment(t)
+        if isinstance(space, np.ndarray):
+            self._beyond.check_values(self._size(values) if whole else values, key)
         else:
-            function = space if callable(space) else lambda *_: space
+            inside = self._near_field
             peak = float(np.abs(values if inside is None else values[inside]).max(initial=0))
-            self._beyond.check_function(function, peak, key, missed="source value")
-        return found
+            self._beyond.check_function(self._function(space), peak, key, missed="source value")
+        return unit * values, moment
 
     def _inside(self, values: np.ndarray) -> np.ndarray:
         """Zero outside a body, where there are no nodes, and beyond a window's outline if a condition closes it."""
@@ -364,7 +399,7 @@ class Assembly:
         lattice, model = self.lattice, self.model
         half_width = max(float((lattice.upper - lattice.lower).max()) / 2, lattice.spacing)
         return {
-            (axis, side): boundary.layer(model.order, model.coefficient, lattice.spacing, self.stencil.reach[axis], half_width, lattice.dim)
+            (axis, side): boundary.layer(model.order, self.stencil.along(axis), model.coefficient, lattice.spacing, half_width)
             for (axis, side), boundary in self.sides.items()
             if isinstance(boundary, LatticePML) and boundary.angle is None
         }
@@ -396,8 +431,7 @@ class Assembly:
         """Shortest and longest wave of initial data and sources."""
         fields = [np.zeros(self.lattice.shape)] * 2
         for number, name in enumerate(("u", "v")):
-            value = initial.get(name, 0.0)
-            fields[number] = checked(value(*self.lattice.coordinates()) if callable(value) else value, self.lattice, f"initial.{name}")
+            fields[number] = field(initial.get(name, 0.0), self.lattice, 1, f"initial.{name}")
         fields[0] = fields[0] - (self.background if "u" in initial else 0.0)
         found = [split(s, self.lattice)[0] for s in sources]
         spaces = [f for f in found if f is not None]
@@ -440,7 +474,7 @@ class Assembly:
                 last = np.arange(m + 1) if side < 0 else self.lattice.shape[axis] - 1 - np.arange(m + 1)
                 least = int(isinstance(boundary, LatticePML))
                 faint = 1e-3 * boundary.wanted(self.model.order)
-                busy = bool(least) and any(np.abs(np.take(f, last, axis)).max() > faint * np.abs(f).max() for f in (u, v))
+                busy = bool(least) and any(np.abs(np.take(f, last, axis)).max() > faint * np.abs(f).max() for f in (self._size(u), self._size(v)))
                 busy |= factor is not None and bool(np.ptp(np.take(factor, last, axis), axis=axis).any())
                 edge = (self.lattice.lower if side < 0 else self.lattice.upper)[axis]
                 near = [side * (edge - cut.bounds()[(side + 1) // 2][axis]) < (m + 1) * self.lattice.spacing for cut in cuts]
@@ -469,7 +503,9 @@ class Assembly:
             core, offsets, self.stencil.weights * model.coefficient / lattice.spacing**2, stages, self.dt, layers=layers, periodic=periodic,
             real=dtype, threads=threads or available_threads(), coefficient=grown, rule=rule,
         )  # fmt: skip
-        self._near = tuple([slice(None)] * lead + [slice(self._margins[a, -1], self._margins[a, -1] + n) for a, n in enumerate(lattice.shape)])
+        self._near = tuple(
+            [Ellipsis] + [slice(None)] * lead + [slice(self._margins[a, -1], self._margins[a, -1] + n) for a, n in enumerate(lattice.shape)]
+        )
         self._origin = lattice.lower - lattice.spacing * np.array([self._margins[a, -1] for a in range(lattice.dim)])
         for (axis, side), boundary in self.sides.items():
             if isinstance(boundary, Fixed) and boundary.value != self.background:
@@ -545,7 +581,8 @@ class Assembly:
             engine.set_cuts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
             return
         nodes, neighbours, weights = (np.concatenate([f[i] for f in found]) for i in range(3))
-        order = np.argsort(-np.abs(weights), kind="stable")  # of two cracks across a bond the one that takes more counts
+        size = np.abs(weights).max(axis=tuple(range(1, weights.ndim)))
+        order = np.argsort(-size, kind="stable")  # of two cracks across a bond the one that takes more counts
         nodes, neighbours, weights = nodes[order], neighbours[order], weights[order]
         _, first = np.unique(nodes * engine.layout.places + neighbours, return_index=True)
         engine.set_cuts(nodes[first], neighbours[first], weights[first])
@@ -597,7 +634,8 @@ class Assembly:
         index: tuple[Any, ...] = (*[0] * lead, *(normal if a == axis else at[a] for a in range(self.lattice.dim)))
         flat = layer.node_indices()[index]
         other = layer.slot_indices()[index] + self.engine.offsets[table[:, -1]] @ np.array(layer.stride)
-        return flat.ravel(), other.ravel(), np.broadcast_to(self.engine.weights[table[:, -1]], flat.shape).ravel()
+        weights = self.engine.weights[table[:, -1]]
+        return flat.ravel(), other.ravel(), np.concatenate([weights] * layer.nodes[lead + axis])
 
     def _check_straight(self, cut: Cut, continued: set[tuple[int, ...]], axis: int, side: int) -> None:
         """Beyond the core a crack may end, but cut nothing that its straight continuation does not cut."""
@@ -643,7 +681,7 @@ class Assembly:
         for offset, weight in zip(self.engine.offsets, self.engine.weights, strict=True):
             other = slots + int(offset @ np.array(block.stride))
             cut = here != exists[other]
-            rows.append((flat[cut], other[cut], np.full(int(cut.sum()), weight)))
+            rows.append((flat[cut], other[cut], np.repeat(np.asarray(weight)[None], int(cut.sum()), axis=0)))
         return rows
 
     def _hold_and_damp(self) -> None:
@@ -654,7 +692,8 @@ class Assembly:
         self._held = np.zeros(0, np.int64)
         if self.rim == "fixed":
             exists = self._existing(True)
-            self._held = np.concatenate([b.node_indices()[~exists[b.slot_indices()]] for b in self.engine.layout.blocks.values()])
+            held = np.concatenate([b.node_indices()[~exists[b.slot_indices()]] for b in self.engine.layout.blocks.values()])
+            self._held = self.engine.all_components(held)
             tables.append((self._held, *np.zeros((3, len(self._held)))))
         leak = self.leak().ravel()
         lossy = np.flatnonzero(leak)
@@ -678,15 +717,16 @@ class Assembly:
             where = np.nonzero(rate)
             nodes.append(block.node_indices()[where])
             rates.append(rate[where])
-        rate = np.concatenate(rates)
-        index = np.concatenate(nodes)
+        rate = np.tile(np.concatenate(rates), self.engine.components)
+        index = self.engine.all_components(np.concatenate(nodes))
         if self.model.order == 1:
             return index, np.ones_like(rate), np.ones_like(rate), rate
         share, total = self.model.damping * self.dt, (self.model.damping + rate) * self.dt
         return index, (1 - total) / (1 - share), (1 + share) / (1 + total), np.zeros_like(rate)
 
     def _near_indices(self) -> np.ndarray:
-        return np.ascontiguousarray(self.engine.core.node_indices()[self._near].ravel())
+        """Places of the near field in a level, of all components."""
+        return self.engine.all_components(self.engine.core.node_indices()[self._near])
 
     def leak(self) -> np.ndarray:
         """Rate at which each node loses its value to what surrounds the body; of the lattice's shape, empty without."""

@@ -22,6 +22,7 @@ class _Part(BaseModel):
 
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
+Value = str | Number | list[str | Number]  # an expression or a number, of vectors one a component
 
 
 class DiscPart(_Part):
@@ -158,6 +159,20 @@ class CorrosionPart(_Part):
     stencil: Literal["finite-difference", "finite-element"] | None = None
 
 
+class ElasticPart(_Part):
+    type: Literal["elastic"]
+    young: Number | None = None
+    poisson: Number | None = None
+    bulk: Number | None = None
+    shear: Number | None = None
+    density: Number = 1.0
+    material: str = "bond-based"
+    plane: str | None = None
+    damping: Number = 0.0
+    stabilisation: Number = 0.0
+    kernel: KernelPart | None = None
+
+
 class LatticePMLPart(_Part):
     type: Literal["lattice-pml"]
     target: Number | None = None
@@ -258,7 +273,7 @@ class SpecimenPart(_Part):
 
 class SourcePart(_Part):
     field: Literal["u"] = "u"
-    value: str | Number
+    value: Value
 
 
 class PrescribedPart(_Part):
@@ -289,8 +304,8 @@ class OutputPart(_Part):
 
 class CasePart(_Part):
     lattice: LatticePart
-    model: Annotated[WavePart | DiffusionPart | HeatPart | CorrosionPart | BeamPart, Field(discriminator="type")]
-    initial: dict[Literal["u", "v"], str | Number] = {}
+    model: Annotated[WavePart | DiffusionPart | HeatPart | CorrosionPart | BeamPart | ElasticPart, Field(discriminator="type")]
+    initial: dict[Literal["u", "v"], Value] = {}
     boundary: dict[str, BoundaryPart] = {}
     specimen: list[SpecimenPart] = []
     crack: list[CrackPart] = []
@@ -382,10 +397,13 @@ class Case:
         body = part.body.build("lattice.body") if part.body else None
         return fh.Lattice(part.spacing, part.lower, part.upper, window=window, body=body)
 
-    def _model(self) -> fh.Wave | fh.Diffusion | fh.Heat | fh.Corrosion | fh.Beam:
+    def _model(self) -> fh.Wave | fh.Diffusion | fh.Heat | fh.Corrosion | fh.Beam | fh.Elastic:
         part = self.parts.model
         if isinstance(part, BeamPart):
             return fh.Beam(part.stiffness, part.damping)
+        if isinstance(part, ElasticPart):
+            kernel = None if part.kernel is None else fh.Kernel(**part.kernel.model_dump())
+            return fh.Elastic(kernel, **part.model_dump(exclude={"type", "kernel"}))
         if (part.kernel is None) == (part.stencil is None):
             raise InputError("give either [model.kernel] or stencil", key="model")
         operator: fh.Kernel | fh.Stencil
@@ -405,7 +423,16 @@ class Case:
         integrator = part.integrator if part.stages is None else fh.RungeKuttaChebyshev(part.stages)
         return fh.Heat(operator, part.density, part.specific_heat, part.conductivity, integrator, part.self_term)
 
-    def _expression(self, value: str | float, key: str) -> Any:
+    def _expression(self, value: str | float | list[str | float], key: str) -> Any:
+        vector = isinstance(self.model, fh.Elastic)
+        if isinstance(value, list):
+            if not vector or len(value) != self.lattice.dim:
+                limit = f"a list of {self.lattice.dim}" if vector else "one"
+                raise InputError("not as many entries as the field has components", value=value, limit=limit, key=key)
+            return [self._entry(part, f"{key}[{i}]") for i, part in enumerate(value)]
+        return self._entry(value, key)
+
+    def _entry(self, value: str | float, key: str) -> Any:
         if not isinstance(value, str):
             return value
         try:
@@ -417,8 +444,9 @@ class Case:
         parts, dim = self.parts, self.lattice.dim
         for name, value in parts.initial.items():
             expression = self._expression(value, f"initial.{name}")
-            if isinstance(expression, fh.Expression) and expression.uses_time:
-                raise InputError("initial data cannot depend on t", value=value, key=f"initial.{name}")
+            for entry in expression if isinstance(expression, list) else [expression]:
+                if isinstance(entry, fh.Expression) and entry.uses_time:
+                    raise InputError("initial data cannot depend on t", value=value, key=f"initial.{name}")
         boundary: dict[str, Any] = {}
         for side, part in parts.boundary.items():
             values = part.model_dump(exclude={"type"}, exclude_none=True)
@@ -517,7 +545,7 @@ _PARTS: dict[str, type[_Part]] = {
     "lattice": LatticePart, "window": RegionPart, "body": RegionPart, "without": RegionPart, "region": RegionPart, "within": RegionPart,
     "box": BoxPart, "ball": DiscPart, "polygon": PolygonPart, "text": TextPart, "image": ImagePart,
     "wave": WavePart, "beam": BeamPart, "diffusion": DiffusionPart, "heat": HeatPart,
-    "corrosion": CorrosionPart, "specimen": SpecimenPart,
+    "corrosion": CorrosionPart, "elastic": ElasticPart, "specimen": SpecimenPart,
     "kernel": KernelPart, "lattice-pml": LatticePMLPart, "exact": ExactPart, "fixed": FixedPart, "free": FreePart, "periodic": PeriodicPart,
     "sponge": SpongePart, "plane-wave": PlaneWavePart, "higdon": HigdonPart, "first-order": FirstOrderPart,
     "crack": CrackPart, "source": SourcePart, "constraint": ConstraintPart,
@@ -543,7 +571,7 @@ def _explain(error: ValidationError) -> str:
     problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")  # a misspelt key is why another is missing
     for problem in problems[:3]:
         location = tuple(problem["loc"])
-        tags = {"wave", "beam", "diffusion", "heat", "corrosion", "float", "str", "int", "[key]", *_BOUNDARIES}
+        tags = {"wave", "beam", "diffusion", "heat", "corrosion", "elastic", "float", "str", "int", "[key]", *_BOUNDARIES}
         tags |= {"temperature", "flux", "insulated", "convection", "prescribed"}
         key = ".".join(str(s) for s in location if s not in tags)
         if problem["type"] == "extra_forbidden":

@@ -245,7 +245,7 @@ def _proof(sim: Simulation) -> str:
     ends = sim.exact_ends
     if ends is not None and ends.convolved and not any(isinstance(b, LatticePML) for b in sides):
         return "the past beyond the ends is kept whole: the run is a part of one on the infinite chain, whose energy does not grow"
-    positive = bool((sim.stencil.weights >= 0).all())
+    positive = sim.stencil.positive
     if sim.closure is not None:
         return _outline_proof(sim, positive)
     if not all(isinstance(b, Fixed | Free | Periodic | Sponge) for b in sides):
@@ -319,7 +319,7 @@ def _dense_part(name: str, sim: Simulation) -> Part:
     if growth.stable is not False:
         growth, verb = _with_noise(growth, matrix, crossing_steps(sim), sim.dt)
         name = f"{verb} ({name})" if verb else name
-    return Part(name, growth, complete.field(growth.mode), growth is not known and growth.stable is False)
+    return Part(name, growth, complete.portrait(growth.mode), growth is not known and growth.stable is False)
 
 
 def _with_noise(growth: Growth, matrix: np.ndarray, crossing: int, dt: float) -> tuple[Growth, str]:
@@ -349,7 +349,7 @@ def _krylov_part(name: str, sim: Simulation, budget: float) -> Part:
     if growth.hidden and any((layer.sigma[layer.alpha == 0] > 0).any() for layer in sim.engine.layers.values()):
         growth = replace(growth, error=np.inf)  # every static field is at rest in such a layer: a double factor 1, slower than any run shows
         name = f"layers with alpha = 0, which let fields of zero frequency drift: {name}"
-    return Part(name, growth, complete.field(growth.mode) if growth.mode.size else np.zeros(0))
+    return Part(name, growth, complete.portrait(growth.mode) if growth.mode.size else np.zeros(0))
 
 
 def _side_part(sim: Simulation, axis: int, budget: float) -> tuple[Part, list[str]]:
@@ -401,11 +401,7 @@ def _climb(strip: Strip, angles: tuple[float, ...], found: dict[tuple[float, ...
 
 def _same_sides(sim: Simulation, axis: int, other: int) -> bool:
     """Whether the sides of two axes pose the same problem: alike boundaries, extent and stencil."""
-    table = {tuple(o): w for o, w in zip(sim.stencil.offsets.tolist(), sim.stencil.weights, strict=True)}
     lead = 3 - sim.lattice.dim
-
-    def swapped(o: tuple[int, ...]) -> tuple[int, ...]:
-        return tuple(o[other if a == axis else axis if a == other else a] for a in range(len(o)))
 
     def alike(side: int) -> bool:
         one, two = (sim.engine.layers.get((lead + a, side)) for a in (axis, other))
@@ -413,5 +409,4 @@ def _same_sides(sim: Simulation, axis: int, other: int) -> bool:
             return one is two and sim.sides[axis, side] == sim.sides[other, side]
         return all(np.array_equal(getattr(one, f.name), getattr(two, f.name)) for f in fields(one))
 
-    symmetric = all(abs(table.get(swapped(o), np.inf) - w) <= 1e-12 * abs(w) for o, w in table.items())
-    return symmetric and sim.lattice.shape[axis] == sim.lattice.shape[other] and alike(-1) and alike(1)
+    return sim.stencil.same_along(axis, other) and sim.lattice.shape[axis] == sim.lattice.shape[other] and alike(-1) and alike(1)

@@ -130,7 +130,7 @@ def _run(options: argparse.Namespace) -> int:
     folder = Path(options.out)
     result, checkpoint = folder / f"{case.name}.h5", folder / f"{case.name}.ckpt"
     probes = np.array(case.parts.output.probes, float).reshape(-1, case.lattice.dim)
-    probe_nodes = [case.lattice.index(p) for p in probes]
+    probe_nodes: list[Any] = [(..., *case.lattice.index(p)) for p in probes]
     if options.resume and not checkpoint.exists():
         raise InputError(f"no checkpoint {checkpoint}", key="--resume", remedy="run without --resume")
     sim = case.simulation()
@@ -145,7 +145,7 @@ def _run(options: argparse.Namespace) -> int:
         writer = ResultsWriter.create(
             result, dim=case.lattice.dim, shape=case.lattice.shape, spacing=case.lattice.spacing, lower=case.lattice.lower,
             fields=case.fields, dtype=sim.engine.dtype, probes=probes, accounts=list(sim.balance()) if case.parts.output.balance else [],
-            case=case.text, program=f"farhorizon {fh.__version__}",
+            case=case.text, program=f"farhorizon {fh.__version__}", components=sim.stencil.components,
         )  # fmt: skip
         checkpoint.unlink(missing_ok=True)
     for note in sim.notes:
@@ -157,7 +157,7 @@ def _run(options: argparse.Namespace) -> int:
 
     def record(sim: fh.Simulation) -> None:
         fields = sim.fields
-        values = np.array([fields["u"][node] for node in probe_nodes])
+        values = np.array([fields["u"][node] for node in probe_nodes]) if probe_nodes else None
         writer.append(sim.step_count, sim.time, {k: fields[k] for k in case.fields}, energy=sim.energy(), observed=values,
                       balance=sim.balance() if writer.accounts else None)  # fmt: skip
 
@@ -241,15 +241,16 @@ def _polylines(case: Any) -> list[Any]:
     return [np.asarray(c.points, float).reshape(-1, case.lattice.dim) for c in case.parts.crack if c.points is not None]
 
 
-def _compare_case(case: Any, folder: Path, times: Sequence[float] | None, shown: float | None, json_file: str | None) -> None:
+def _compare_case(case: Any, folder: Path, times: Sequence[float] | None, moment: float | None, json_file: str | None) -> None:
     from farhorizon.compare import compare
-    from farhorizon.plot import error_history, field_panels
+    from farhorizon.plot import error_history, field_panels, magnitude
 
     with case.naming():
-        result = compare(case.setup, case.parts.run.until, times, shown)
+        result = compare(case.setup, case.parts.run.until, times, moment)
     print(result.table())
     cracks = _polylines(case)
-    fields = [(f"{name}, t = {result.shown_time:.3g}", value) for name, value in result.fields.items() if name != "free edge"]
+    shown = {name: value if value.ndim == case.lattice.dim else magnitude(value) for name, value in result.fields.items() if name != "free edge"}
+    fields = [(f"{name}, t = {result.shown_time:.3g}", value) for name, value in shown.items()]
     folder.mkdir(parents=True, exist_ok=True)
     picture, history = folder / "compare.png", folder / "error.png"
     field_panels(fields, case.lattice.axes, picture, cracks=cracks)

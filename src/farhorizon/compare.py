@@ -171,7 +171,8 @@ def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None =
             "times": result.times, "error": error, "error_rel_current": [e / max(s, 1e-300) for e, s in zip(error, size, strict=True)],
             "error_rel_initial": [e / max(result.initial, 1e-300) for e in error], "error_max_over_run": max(error),
         }  # fmt: skip
-    backward = ours.stencil.backward_waves() if ours.engine.layers and ours.model.order == 2 else None
+    undamped = ours.model.order == 2 and any(not layer.damping.any() for layer in ours.engine.layers.values())
+    backward = ours.stencil.backward_waves() if undamped else None
     if backward:
         result.growth_bound = backward.growth * max(float(layer.sigma.max()) for layer in ours.engine.layers.values())
         result.growth[_name(ours)] = growth_rate(result.times, errors[_name(ours)])
@@ -222,10 +223,10 @@ def _name(sim: Simulation) -> str:
     return " + ".join(sorted(labels.get(k, k.__name__.lower()) for k in kinds))
 
 
-def far_slices(far: Simulation, ours: Simulation) -> tuple[slice, ...]:
-    """Where the near field lies in the extended domain."""
+def far_slices(far: Simulation, ours: Simulation) -> tuple[Any, ...]:
+    """Where the near field lies in a field of the extended domain."""
     first = np.round((ours.lattice.lower - far.lattice.lower) / ours.lattice.spacing).astype(int)
-    return tuple(slice(i, i + n) for i, n in zip(first, ours.lattice.shape, strict=True))
+    return (..., *(slice(i, i + n) for i, n in zip(first, ours.lattice.shape, strict=True)))
 
 
 def _extended(setup: dict[str, Any], ours: Simulation, until: float) -> Simulation:
@@ -239,7 +240,12 @@ def _extended(setup: dict[str, Any], ours: Simulation, until: float) -> Simulati
     def widen(value: Any, mode: str = "constant") -> Any:
         if isinstance(value, Source):
             return Source(widen(value.value), value.time)
-        return value if callable(value) or np.ndim(value) == 0 else np.pad(np.asarray(value), pads, mode=mode)  # type: ignore[call-overload]
+        if isinstance(value, list | tuple) and len(value) == ours.stencil.components > 1:
+            return [widen(part, mode) for part in value]
+        if callable(value) or np.ndim(value) == 0:
+            return value
+        lead = [(0, 0)] * (np.ndim(value) - lattice.dim)
+        return np.pad(np.asarray(value), lead + pads, mode=mode)  # type: ignore[call-overload]
 
     boundary = {name: Fixed(ours.background) if isinstance(b, Absorbing) else b for name, b in _by_name(ours).items()}
     changed = {

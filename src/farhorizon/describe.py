@@ -16,7 +16,7 @@ from farhorizon.expressions import Expression
 from farhorizon.integrators import RungeKuttaChebyshev
 from farhorizon.kernel import Kernel
 from farhorizon.lattice import Lattice
-from farhorizon.models import Beam, Corrosion, Diffusion, Heat, Wave
+from farhorizon.models import Beam, Corrosion, Diffusion, Elastic, Heat, Wave
 from farhorizon.models.scalar import INTEGRATORS
 from farhorizon.sources import Source
 from farhorizon.specimens import Specimen
@@ -30,7 +30,7 @@ _TYPES = {
         *(getattr(outlines, n) for n in ("ImageMask", "Text")),
         *(getattr(shapes, n) for n in ("PointCut", "Polyline", "Rectangle", "DiscCut", "PolygonCut")),
         *(Beam, Convection, Crack, Diffusion, Expression, Flux, Heat, Insulated, Kernel, Lattice, Prescribed, RungeKuttaChebyshev, Source, Stencil),
-        *(Corrosion, Specimen, Temperature, Wave),
+        *(Corrosion, Elastic, Specimen, Temperature, Wave),
     )
 }
 

@@ -319,8 +319,8 @@ def plot_results(results: Results, out_dir: str | Path, times: Sequence[float] |
     Returns
     -------
     list of Path
-        ``FIELD.png`` for every field (``front.png`` for the times of dissolution), ``probes.png``, ``energy.png`` and ``balance.png`` where they
-        were recorded.
+        ``FIELD.png`` for every field, of vectors their length beside ``FIELD_x.png`` and so on (``front.png`` for the times of dissolution),
+        ``probes.png``, ``energy.png`` and ``balance.png`` where they were recorded.
 
     Raises
     ------
@@ -349,13 +349,17 @@ def plot_results(results: Results, out_dir: str | Path, times: Sequence[float] |
                 front(results.field(name, int(chosen[-1])), results.axes, written[-1], outside=outside, cracks=cracks)
                 continue
             drawn = chosen if name != "dissolved" else chosen[-1:]  # the last one tells all
-            fields = [(f"t = {outputs[k]:.4g}", results.field(name, int(k))) for k in drawn]
-            written.append(directory / f"{name}.png")
-            alike = _comparable([f for _, f in fields])
-            field_panels(fields, results.axes, written[-1], shared_scale=alike, cracks=cracks, label=name, solids=solids)
+            found = [results.field(name, int(k)) for k in drawn]
+            for part, label, shown in [(name, name, found)] if results.components == 1 else _parts(name, found):
+                written.append(directory / f"{part}.png")
+                fields = [(f"t = {outputs[k]:.4g}", values) for k, values in zip(drawn, shown, strict=True)]
+                field_panels(fields, results.axes, written[-1], shared_scale=_comparable(shown), cracks=cracks, label=label, solids=solids)
     history, values, energy = results.history_times, results.probe_values, results.energy
     if np.isfinite(values).any():
         names = [", ".join(f"{axis} = {_number(x, results.spacing)}" for axis, x in zip("xyz", place, strict=False)) for place in results.probes]
+        if results.components > 1:
+            names = [f"u_{axis} at {name}" for name in names for axis in "xyz"[: results.components]]
+            values = values.reshape(len(values), -1)
         written.append(directory / "probes.png")
         title = f"probe at {names[0]}" if len(names) == 1 else ""
         curves = [(name, *_recorded(history, column)) for name, column in zip(names, values.T, strict=True)]
@@ -370,6 +374,17 @@ def plot_results(results: Results, out_dir: str | Path, times: Sequence[float] |
         curves = [(name, *_recorded(history, values)) for name, values in results.balance.items()]
         _lines(curves, written[-1], xlabel="t", ylabel="gain since the start, and inflow")
     return written
+
+
+def magnitude(field: np.ndarray) -> np.ndarray:
+    """Length of the vectors of a field, shape (components, nx, ...)."""
+    return np.asarray(np.sqrt((np.asarray(field, float) ** 2).sum(0)))
+
+
+def _parts(name: str, fields: Sequence[np.ndarray]) -> list[tuple[str, str, list[np.ndarray]]]:
+    """What is drawn of vector fields, as (file name, label, values): their length and each component."""
+    parts = [(name, f"|{name}|", [magnitude(field) for field in fields])]
+    return parts + [(f"{name}_{axis}", f"{name}_{axis}", [field[i] for field in fields]) for i, axis in enumerate("xyz"[: len(fields[0])])]
 
 
 def _solid(results: Results, index: int) -> np.ndarray:

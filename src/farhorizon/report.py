@@ -106,7 +106,7 @@ class Report:
         if budget is None:
             budget = min(BUDGET, max(_LEAST, report.numbers.get("seconds", BUDGET)))
         report._certify(sim, budget)
-        if sim.model.order == 2 and waves is not None:
+        if sim.model.order == 2 and waves is not None and sim.stencil.components == 1:
             wavelengths = tuple(dict.fromkeys((waves.longest, waves.typical, waves.shortest)))
             report.reflections = [Reflections(names, wavelengths, strip) for names, strip in _sides(sim)]
         if any(isinstance(b, Fixed) for b in sim.sides.values()) and sim.engine.layers:
@@ -250,13 +250,15 @@ def content(sim: Simulation, until: float | None = None) -> Band | None:
     """
     waves = sim.model.order == 2
     rate = np.sqrt(sim.model.coefficient) / sim.lattice.spacing
-    fields, orders = [sim.start_u, sim.start_v], [sim.model.order - 1, 0]
-    gains: list[Callable[[np.ndarray], np.ndarray] | None] = [None, None]
+    found: list[tuple[np.ndarray, int, Callable[[np.ndarray], np.ndarray] | None]] = [
+        (sim.start_u, sim.model.order - 1, None),
+        (sim.start_v, 0, None),
+    ]
     for space, time in sim.sources:
         if space is not None:
-            fields.append(space)
-            orders.append(0)
-            gains.append(gain_of_time(time, until, rate) if waves and until is not None else None)
+            found.append((space, 0, gain_of_time(time, until, rate) if waves and until is not None else None))
+    scalars = [(part, order, gain) for field, order, gain in found for part in field.reshape(-1, *sim.lattice.shape)]
+    fields, orders, gains = zip(*scalars, strict=True)
     return band(fields, sim.lattice.spacing, orders, gains)
 
 

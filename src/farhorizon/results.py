@@ -38,7 +38,7 @@ VERSION = 1
 # Names that the Dataset of `Results.to_xarray` and the pictures of `farhorizon.plot` use for something else.
 RESERVED = frozenset(
     {"time", "step", "x", "y", "z", "energy", "history_time", "probe", "probe_x", "probe_y", "probe_z", "probe_values", "probes"}
-    | {"balance", "account"}
+    | {"balance", "account", "component"}
 )
 _CHUNK_BYTES = 2**26
 _CHUNK_ROWS = 512
@@ -115,11 +115,11 @@ def _set_outputs(file: Any, outputs: int) -> None:
     file["farhorizon"].attrs.modify("outputs", outputs)
 
 
-def _vtk_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Shape of one stored output: z, y, x, without the slow axes that have a single node, for vtkHDFReader expects them left out."""
+def _vtk_shape(shape: tuple[int, ...], components: int) -> tuple[int, ...]:
+    """Shape of one stored output: z, y, x, without the slow axes that have a single node, for vtkHDFReader expects them left out; vectors last."""
     while len(shape) > 1 and shape[-1] == 1:
         shape = shape[:-1]
-    return shape[::-1]
+    return shape[::-1] + ((3,) if components > 1 else ())
 
 
 def _chunk(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
@@ -134,6 +134,11 @@ def _chunk(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
 def _accounts(group: Any) -> tuple[str, ...]:
     """Names of the entries of the balance in a results file; none without a balance."""
     return tuple(group["accounts"].asstr()[:]) if "accounts" in group else ()
+
+
+def _components(group: Any) -> int:
+    """Components of the fields of a results file; 1 in files that do not say."""
+    return int(group.attrs.get("components", 1))
 
 
 def _growing(group: Any, name: str, dtype: str) -> None:
@@ -166,6 +171,8 @@ class ResultsWriter:
     fields : tuple of str
     shape : tuple of int
         Lattice shape (nx[, ny[, nz]]).
+    components : int
+        Of each field.
 
     Raises
     ------
@@ -180,7 +187,8 @@ class ResultsWriter:
             self.shape: tuple[int, ...] = tuple(int(n) for n in group.attrs["shape"])
             self.fields: tuple[str, ...] = tuple(group["fields"].asstr()[:])
             self.outputs, self.rows = _counts(file, self.path)
-            self._probes: int = group["probes"].shape[0]
+            self.components = _components(group)
+            self._probes = (group["probes"].shape[0], *((self.components,) if self.components > 1 else ()))
             self.accounts = _accounts(group)
             self._last_step = int(group["steps"][self.outputs - 1]) if self.outputs else None
 
@@ -199,6 +207,7 @@ class ResultsWriter:
         accounts: Sequence[str] = (),
         case: str = "",
         program: str = "",
+        components: int = 1,
     ) -> ResultsWriter:
         """Create an empty results file; an older results file of that name is replaced, any other file is refused.
 
@@ -214,7 +223,7 @@ class ResultsWriter:
         lower : sequence of float, length dim
             Coordinates of the first node.
         fields : tuple of str
-            Names of the scalar fields; `append` wants them all.
+            Names of the fields; `append` wants them all.
         dtype : dtype
             float32 or float64, of the stored fields.
         probes : ndarray, shape (n, dim), optional
@@ -225,6 +234,8 @@ class ResultsWriter:
             Text of the case file.
         program : str
             Name and version of the program.
+        components : int
+            1, or dim for vector fields. VTK's vectors have three, the missing ones are stored as zeros.
 
         Returns
         -------
@@ -261,7 +272,9 @@ class ResultsWriter:
         places = np.zeros((0, dim)) if probes is None else np.asarray(probes, dtype=float)
         if places.ndim != 2 or places.shape[1] != dim:
             raise InputError("probes have the shape (n, dim)", value=places.shape, limit=f"(n, {dim})")
-        padded, stored = (*shape, 1, 1)[:3], _vtk_shape(shape)
+        if components not in (1, dim):
+            raise InputError("fields are scalars or have a component an axis", value=components, limit=f"1 or {dim}")
+        padded, stored = (*shape, 1, 1)[:3], _vtk_shape(shape, components)
         with h5py.File(path, "w", locking=False) as file:
             vtk = file.create_group("VTKHDF")
             vtk.attrs["Version"] = np.array([2, 0])
@@ -278,10 +291,11 @@ class ResultsWriter:
                 chunk = _chunk(stored, dtype.itemsize)
                 data.create_dataset(name, (0, *stored), dtype, maxshape=(None, *stored), chunks=chunk)
                 _growing(offsets, name, "i8")
-            data.attrs["Scalars"] = fields[0]
+            data.attrs["Scalars" if components == 1 else "Vectors"] = fields[0]
             group = file.create_group("farhorizon")
             group.attrs["format"], group.attrs["version"], group.attrs["program"] = FORMAT, VERSION, program
             group.attrs["dim"], group.attrs["shape"], group.attrs["spacing"], group.attrs["lower"] = dim, shape, float(spacing), origin
+            group.attrs["components"] = components
             group.attrs["outputs"] = 0
             group.create_dataset("case", data=case, dtype=h5py.string_dtype())
             group.create_dataset("fields", data=list(fields), dtype=h5py.string_dtype())
@@ -293,7 +307,9 @@ class ResultsWriter:
             _growing(history, "times", "f8")
             _growing(history, "energy", "f8")
             if len(places):
-                history.create_dataset("values", (0, len(places)), "f8", maxshape=(None, len(places)), chunks=(_CHUNK_ROWS, min(len(places), 64)))
+                width = () if components == 1 else (components,)
+                history.create_dataset("values", (0, len(places), *width), "f8", maxshape=(None, len(places), *width),
+                                       chunks=(_CHUNK_ROWS, min(len(places), 64), *width))  # fmt: skip
             if accounts:
                 group.create_dataset("accounts", data=list(accounts), dtype=h5py.string_dtype())
                 history.create_dataset("balance", (0, len(accounts)), "f8", maxshape=(None, len(accounts)), chunks=(_CHUNK_ROWS, len(accounts)))
@@ -362,10 +378,10 @@ class ResultsWriter:
         step : int
             Step number, larger than that of the output before.
         time : float
-        fields : mapping of str to ndarray, each of the lattice shape
+        fields : mapping of str to ndarray, each of the lattice shape, of vectors with the components first
             Every field that the file was created with; nan (outside a window) stays nan.
         energy : float, optional
-        observed : ndarray, shape (n probes,), optional
+        observed : ndarray, shape (n probes[, components]), optional
             Values at the probes.
         balance : mapping of str to float, optional
             Every entry that the file was created with; others are left out.
@@ -380,14 +396,15 @@ class ResultsWriter:
         if set(fields) != set(self.fields):
             raise InputError(f"{self.path}: an output has every field of the file, no other", value=sorted(fields), limit=sorted(self.fields))
         for name, values in fields.items():
-            if np.shape(values) != self.shape:
-                raise InputError(f"{self.path}: field {name!r} has not the lattice shape", value=np.shape(values), limit=self.shape)
+            wanted = self.shape if self.components == 1 else (self.components, *self.shape)
+            if np.shape(values) != wanted:
+                raise InputError(f"{self.path}: field {name!r} has not the lattice shape", value=np.shape(values), limit=wanted)
         if self._last_step is not None and step <= self._last_step:
             remedy = "append each step once; ResultsWriter.resume goes back"
             raise InputError(f"{self.path}: step numbers grow from output to output", value=step, limit=f"> {self._last_step}", remedy=remedy)
         history = None
         if energy is not None or observed is not None or balance is not None:
-            values = np.full((1, self._probes), np.nan) if observed is None else np.asarray(observed, dtype=float)[np.newaxis]
+            values = np.full((1, *self._probes), np.nan) if observed is None else np.asarray(observed, dtype=float)[np.newaxis]
             entries = [np.nan if balance is None else balance[name] for name in self.accounts]
             history = *self._history(np.array([time]), values, np.array([np.nan if energy is None else energy])), np.array([entries])
         n = self.outputs
@@ -399,6 +416,8 @@ class ResultsWriter:
             for name in self.fields:
                 dataset = vtk["PointData"][name]
                 values = np.asarray(fields[name]).T.astype(dataset.dtype, order="C", copy=False)
+                if self.components > 1:
+                    values = np.pad(values, [(0, 0)] * len(self.shape) + [(0, 3 - self.components)])
                 _put(dataset, n, values.reshape(1, *dataset.shape[1:]))
                 _put(vtk["Steps/PointDataOffsets"][name], n, [n])
             _put(vtk["Steps/Values"], n, [time])
@@ -429,7 +448,7 @@ class ResultsWriter:
         times = np.asarray(times, dtype=float)
         if times.size == 0:
             return
-        values = np.full((times.size, self._probes), np.nan) if probes is None else np.asarray(probes, dtype=float)
+        values = np.full((times.size, *self._probes), np.nan) if probes is None else np.asarray(probes, dtype=float)
         history = self._history(times, values, np.full(times.size, np.nan) if energy is None else np.asarray(energy, dtype=float))
         with _opened(self.path, "r+", "results file") as file:
             self._put_history(file, *history, np.full((times.size, len(self.accounts)), np.nan))
@@ -438,9 +457,11 @@ class ResultsWriter:
 
     def _history(self, times: np.ndarray, values: np.ndarray, energy: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Check that rows of the history fit together."""
-        if times.ndim != 1 or values.shape != (times.size, self._probes) or energy.shape != times.shape:
+        if times.ndim != 1 or values.shape != (times.size, *self._probes) or energy.shape != times.shape:
             value = f"times {times.shape}, probes {values.shape}, energy {energy.shape}"
-            raise InputError(f"{self.path}: times, probe values and energy do not match", value=value, limit=f"(n,), (n, {self._probes}), (n,)")
+            raise InputError(
+                f"{self.path}: times, probe values and energy do not match", value=value, limit=f"(n,), (n, {str(self._probes)[1:-1]}), (n,)"
+            )
         return times, values, energy
 
     def _put_history(self, file: Any, times: np.ndarray, values: np.ndarray, energy: np.ndarray, balance: np.ndarray) -> None:
@@ -448,7 +469,7 @@ class ResultsWriter:
         history = file["farhorizon/history"]
         _put(history["times"], self.rows, times)
         _put(history["energy"], self.rows, energy)
-        if self._probes:
+        if self._probes[0]:
             _put(history["values"], self.rows, values)
         if self.accounts:
             _put(history["balance"], self.rows, balance)
@@ -472,6 +493,8 @@ class Results:
     lower : tuple of float
         Coordinates of the first node.
     field_names : tuple of str
+    components : int
+        1, or dim for vector fields.
     probes : ndarray, shape (n, dim)
         Positions of the probes.
     case, program : str
@@ -499,9 +522,10 @@ class Results:
             self.case: str = group["case"].asstr()[()]
             self.program: str = str(group.attrs["program"])
             self._accounts = _accounts(group)
+            self.components = _components(group)
             for name in self.field_names:
                 stored = file["VTKHDF/PointData"][name].shape[1:]
-                if stored != _vtk_shape(self.shape):
+                if stored != _vtk_shape(self.shape, self.components):
                     raise FileFormatError(f"{self.path} is damaged: field {name!r} has not the lattice shape", value=stored, limit=self.shape)
 
     def __repr__(self) -> str:
@@ -537,7 +561,7 @@ class Results:
 
     @property
     def probe_values(self) -> np.ndarray:
-        """Values at the probes, shape (rows, n probes); nan where none was recorded."""
+        """Values at the probes, shape (rows, n probes[, components]); nan where none was recorded."""
         if len(self.probes) == 0:
             return np.empty((self.history_times.size, 0))
         return self._history_rows("values")
@@ -564,7 +588,7 @@ class Results:
 
         Returns
         -------
-        ndarray, shape (nx[, ny[, nz]])
+        ndarray, shape (nx[, ny[, nz]]), of vectors (components, nx, ...)
 
         Raises
         ------
@@ -580,7 +604,14 @@ class Results:
             if not -outputs <= index < outputs:
                 raise InputError(f"{self.path} has no output {index}", value=index, limit=f"{outputs} outputs")
             stored = np.asarray(file["VTKHDF/PointData"][name][index % outputs])
-        return np.ascontiguousarray(stored.reshape(self.shape[::-1]).T)
+        return self._lattice_first(stored[np.newaxis])[0]
+
+    def _lattice_first(self, stored: np.ndarray) -> np.ndarray:
+        """Outputs in our order of axes, of vectors without what only VTK has: (outputs[, components], nx[, ny[, nz]])."""
+        width = () if self.components == 1 else (3,)
+        values = stored.reshape(len(stored), *self.shape[::-1], *width)
+        found = values.transpose(0, *range(values.ndim - 1, 0, -1))
+        return np.ascontiguousarray(found if self.components == 1 else found[:, : self.components])
 
     def to_xarray(self) -> xarray.Dataset:
         """Read everything into an xarray Dataset (in memory).
@@ -588,7 +619,7 @@ class Results:
         Returns
         -------
         xarray.Dataset
-            Fields with the dimensions time, x[, y[, z]]; ``energy`` (history_time) and ``probe_values`` (history_time, probe), ``balance``
+            Fields with the dimensions time, [component, ]x[, y[, z]]; ``energy`` (history_time), ``probe_values`` (history_time, probe), ``balance``
             (history_time, account) if one was recorded; case, program and lattice as attributes.
 
         Raises
@@ -603,16 +634,16 @@ class Results:
         except ImportError as error:
             raise InputError("xarray is not installed", remedy="pip install 'farhorizon[xarray]'") from error
         names = ("x", "y", "z")[: self.dim]
+        component = () if self.components == 1 else ("component",)
         # One look at the counts: a running simulation may append between two accesses.
         times, rows = self.times, self.history_times.size
         data: dict[str, Any] = {}
         for name in self.field_names:
             with _opened(self.path, "r", "results file") as file:
                 stored = np.asarray(file["VTKHDF/PointData"][name][: times.size])
-            lattice_first = stored.reshape(times.size, *self.shape[::-1]).transpose(0, *range(self.dim, 0, -1))
-            data[name] = (("time", *names), np.ascontiguousarray(lattice_first))
+            data[name] = (("time", *component, *names), self._lattice_first(stored))
         data["energy"] = ("history_time", self.energy[:rows])
-        data["probe_values"] = (("history_time", "probe"), self.probe_values[:rows])
+        data["probe_values"] = (("history_time", "probe", *(component if len(self.probes) else ())), self.probe_values[:rows])
         balance = self.balance
         if balance:
             data["balance"] = (("history_time", "account"), np.stack([values[:rows] for values in balance.values()], axis=1))
@@ -622,6 +653,8 @@ class Results:
             coords[f"probe_{name}"] = ("probe", self.probes[:, axis])
         if balance:
             coords["account"] = list(balance)
+        if component:
+            coords["component"] = list(names)
         attributes = {"program": self.program, "case": self.case, "dim": self.dim, "spacing": self.spacing, "lower": list(self.lower)}
         return xarray.Dataset(data, coords, attributes)
 

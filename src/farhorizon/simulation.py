@@ -41,11 +41,12 @@ class Simulation(Assembly):
     ----------
     lattice : Lattice
         The near field.
-    model : Wave, Diffusion, Heat, Corrosion or Beam
+    model : Wave, Diffusion, Heat, Corrosion, Beam or Elastic
     boundary : Boundary or mapping
         One for all sides, or ``{"x-": ..., "x+": ..., "y": ..., "all": ...}``.
     initial : mapping
-        "u" and, for waves, "v" (velocity): arrays of the lattice's shape, callables of the coordinates, expressions or numbers.
+        "u" and, for waves, "v" (velocity): arrays of the lattice's shape, callables of the coordinates, expressions or numbers. Of vectors arrays
+        (dim, n..), callables that return the components, or a sequence of one value a component.
     sources : sequence
         `Source`, array, callable of the coordinates and t, or expression.
     cracks : sequence
@@ -84,7 +85,7 @@ class Simulation(Assembly):
     start_u, start_v : ndarray
         Initial values less the background, and initial velocities.
     fields : dict of str to ndarray
-        The near field, "u", and for waves "v" (half a step late, (u(n) - u(n-1))/dt); nan outside a window or body, and on
+        The near field, "u", vectors as (dim, n..), and for waves "v" (half a step late, (u(n) - u(n-1))/dt); nan outside a window or body, and on
         the nodes beyond a wall that conditions set as images of those inside. Of a corrosion "solid", 1 in the metal and 0 in the liquid, and
         "dissolved", the time at which a node became liquid: 0 where it was from the start, nan in the metal.
 
@@ -251,7 +252,7 @@ class Simulation(Assembly):
         return last
 
     def _source_now(self, t: float) -> np.ndarray:
-        total = np.zeros(self.lattice.shape)
+        total = np.zeros(self.field_shape)
         for space, time in self._drives:
             total += time(t) if space is None else space * time(t)
         return total * self.model.source_factor
@@ -294,7 +295,7 @@ class Simulation(Assembly):
         done = 0
         while done < steps:
             n = min(batch, steps - done)
-            strength, amplitudes = self._tables(self._drives, self.lattice.shape, samples, weights, n)
+            strength, amplitudes = self._tables(self._drives, self.field_shape, samples, weights, n)
             if general and isinstance(self.model, Corrosion):
                 self._refuse_wet(np.any(strength != 0, axis=0).reshape(self.lattice.shape))
             values, times = self._tables(held.drives, held.nodes.shape, tied_samples, held_weights, n)
@@ -358,10 +359,10 @@ class Simulation(Assembly):
         if np.isfinite(top) and np.isfinite(low) and max(top, -low) <= _EXPLODED * self._scale:
             return
         worst = np.unravel_index(int(np.argmax(np.where(np.isfinite(u), np.abs(u), np.inf))), u.shape)
-        place = self._origin + self.lattice.spacing * np.array(worst[3 - self.lattice.dim :])
+        place = self._origin + self.lattice.spacing * np.array(worst[-self.lattice.dim :])
         backward = self.stencil.backward_waves()
         cause = (
-            f"the stencil has backward waves, which grow in the layer (up to {backward.growth:.2g} sigma)" if backward
+            f"the stencil has backward waves, which grow in layers that do not damp them (up to {backward.growth:.2g} sigma)" if backward
             else "check dt, sources and coefficient"
         )  # fmt: skip
         raise UnstableError(
@@ -406,7 +407,7 @@ class Simulation(Assembly):
     # --- what comes out ----------------------------------------------------------------------------------------
 
     def _shown(self, level: np.ndarray, offset: float) -> np.ndarray:
-        values = self.engine.core.view(level)[self._near].reshape(self.lattice.shape) + offset
+        values = self.engine.core.view(level)[self._near].reshape(self.field_shape) + offset
         return self._visible(values)
 
     def _visible(self, values: np.ndarray) -> np.ndarray:
@@ -426,19 +427,23 @@ class Simulation(Assembly):
         return out
 
     def energy(self) -> float:
-        """Energy of the near field; bonds across its edge count half.
+        """Energy of the near field, the sum of `energies`; bonds across its edge count half."""
+        return sum(self.energies().values())
 
-        Waves: kinetic and strain energy half a step ago, ``1/2 v^2 + 1/4 sum_k w_k (u_k - u)(u_k^- - u^-)``, which the
-        undamped scheme conserves exactly. Diffusion: ``1/2 integral (u - background)^2``.
+    def energies(self) -> dict[str, float]:
+        """Energies of the near field; bonds across its edge count half.
+
+        Waves: "kinetic" and "strain", half a step ago, ``1/2 v . v`` and ``1/4 sum_k (u_k - u) . w_k (u_k^- - u^-)`` times the density of an
+        elastic medium; the undamped scheme conserves their sum exactly. Diffusion: "stored", ``1/2 integral (u - background)^2``.
         """
-        engine, cell = self.engine, self.lattice.spacing**self.lattice.dim
+        engine, cell = self.engine, self.lattice.spacing**self.lattice.dim / self.model.source_factor
 
         def near(level: np.ndarray) -> np.ndarray:
-            part = engine.core.view(np.ascontiguousarray(level))[self._near].reshape(self.lattice.shape)
-            return part if self.lattice.mask is None else part[self.lattice.mask]
+            part = engine.core.view(np.ascontiguousarray(level))[self._near].reshape(self.field_shape)
+            return part if self.lattice.mask is None else part[..., self.lattice.mask]
 
         if self.model.order == 1:
-            return float(0.5 * cell * (near(engine.current).astype(float) ** 2).sum())
+            return {"stored": float(0.5 * self.lattice.spacing**self.lattice.dim * (near(engine.current).astype(float) ** 2).sum())}
         engine.fill(engine.current)
         u, old = engine.current.astype(float), engine.older.astype(float)
         if self._ends is not None:
@@ -447,9 +452,12 @@ class Simulation(Assembly):
         def apply(level: np.ndarray) -> np.ndarray:
             return engine.apply_core(level.astype(engine.dtype)).astype(float)
 
-        strain = apply(u * old) - u * apply(old) - old * apply(u)
+        strain = -u * apply(old) - old * apply(u)
+        each = u.reshape(engine.components, -1)
+        for number, total in enumerate(strain.reshape(each.shape)):  # component by component: sum_b L_ab (u_a old_b)
+            total += apply((each[number] * old.reshape(each.shape)).ravel()).reshape(each.shape)[number]
         kinetic = ((near(u) - near(old)) / self.dt) ** 2
-        return float(cell * (0.5 * kinetic + 0.25 * near(strain)).sum())
+        return {"kinetic": float(cell * 0.5 * kinetic.sum()), "strain": float(cell * 0.25 * near(strain).sum())}
 
     # --- heat balance ------------------------------------------------------------------------------------------
 

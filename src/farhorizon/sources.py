@@ -19,9 +19,10 @@ class Source:
 
     Parameters
     ----------
-    value : ndarray, callable, Expression or float
+    value : ndarray, callable, Expression or float, or a sequence of one a component
         An array of the lattice's shape, a callable of the coordinates (with `time`) or of the coordinates and t
-        (without), an expression of x, y, z, t, or a number.
+        (without), an expression of x, y, z, t, or a number. Of a vector field, a body force: arrays and what callables return have the
+        components first.
     time : callable, optional
         Factor of t. A source that is a product of space and time runs without returning to Python.
     """
@@ -52,8 +53,8 @@ def parts(source: Any) -> tuple[Any, Callable[..., Any]]:
     return value, time or steady
 
 
-def split(source: Any, lattice: Lattice) -> tuple[np.ndarray | None, Callable[..., Any]]:
-    """(space, time) with ``s = space * time(t)``, or (None, s) with ``s(t)`` an array of the lattice's shape.
+def split(source: Any, lattice: Lattice, components: int = 1) -> tuple[np.ndarray | None, Callable[..., Any]]:
+    """(space, time) with ``s = space * time(t)``, or (None, s) with ``s(t)`` an array of the field's shape.
 
     Raises
     ------
@@ -61,10 +62,50 @@ def split(source: Any, lattice: Lattice) -> tuple[np.ndarray | None, Callable[..
         An array of another shape, or values that are not finite.
     """
     space, time = parts(source)
-    coordinates = lattice.coordinates()
     if space is None:
-        return None, lambda t: checked(time(*coordinates, t), lattice)
-    return checked(space(*coordinates) if callable(space) else space, lattice), time
+        return None, lambda t: field(time(*lattice.coordinates(), t), lattice, components)
+    return field(space, lattice, components), time
+
+
+def by_component(source: Any, lattice: Lattice, components: int) -> list[tuple[Any, Any]]:
+    """A source as (scalar source, unit), whose products make up that of a vector field, or as (source, 1) where it is given whole."""
+    value, time = (source.value, source.time) if isinstance(source, Source) else (source, None)
+    if components == 1 or not isinstance(value, list | tuple):
+        return [(source, 1.0)]
+    if len(value) != components:
+        raise InputError("a source of a vector field needs all components", value=len(value), limit=components, key="source")
+    units = np.eye(components).reshape(components, components, *[1] * lattice.dim)
+    return [(Source(part, time), unit) for part, unit in zip(value, units, strict=True)]
+
+
+def field(value: Any, lattice: Lattice, components: int, key: str = "source") -> np.ndarray:
+    """Values on the nodes, shape of the lattice, of vectors with the components first, from an array, a callable or a number, or one a component.
+
+    Raises
+    ------
+    InputError
+        As `checked`, or not as many components as the field has.
+    """
+    found = value(*lattice.coordinates()) if callable(value) else value
+    if components == 1:
+        return checked(found, lattice, key)
+    if np.isscalar(found) or len(found) != components:
+        raise InputError("a vector field needs one entry a component", value="a number" if np.isscalar(found) else f"{len(found)} entries",
+                         limit=components, key=key)  # fmt: skip
+    return np.stack([field(part, lattice, 1, f"{key}[{i}]") for i, part in enumerate(found)])
+
+
+def magnitude(value: Any) -> Callable[..., np.ndarray]:
+    """The largest magnitude of any component, as a function of the coordinates (and t), of what `field` takes."""
+
+    def largest(*at: Any) -> np.ndarray:
+        found = value(*at) if callable(value) else value
+        entries = [entry(*at) if callable(entry) else entry for entry in (found if isinstance(found, list | tuple) else [found])]
+        sizes = [np.abs(np.asarray(entry, float)) for entry in entries]
+        sizes = [size.max(0) if size.ndim > np.ndim(at[0]) else np.broadcast_to(size, np.shape(at[0])) for size in sizes]
+        return np.asarray(np.max(sizes, axis=0))
+
+    return largest
 
 
 def checked(value: Any, lattice: Lattice, key: str = "source") -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -43,31 +44,70 @@ class Stencil:
     ----------
     offsets : array_like of int, shape (K, dim)
         Neighbours, without the centre.
-    weights : array_like, shape (K,)
+    weights : array_like, shape (K,), or (K, dim, dim) for a field of dim components
         A model scales them by ``coefficient / spacing^2``.
 
     Raises
     ------
     InputError
-        Repeated or zero offsets, weights that are not finite, a stencil that is not symmetric under k -> -k.
+        Repeated or zero offsets, weights that are not finite, a stencil that is not symmetric, ``w_(-k) = w_k`` (of matrices the transpose).
     """
 
     def __init__(self, offsets: np.ndarray, weights: np.ndarray) -> None:
         offsets = np.atleast_2d(np.asarray(offsets, int))
         weights = np.asarray(weights, float)
-        if offsets.shape[0] != weights.size or not 1 <= offsets.shape[1] <= 3:
-            raise InputError("a stencil needs one weight an offset, in 1 to 3 dimensions", value=(offsets.shape, weights.shape))
+        count, dim = offsets.shape
+        if weights.shape not in ((count,), (count, dim, dim)) or not 1 <= dim <= 3 or (weights.ndim == 3 and dim == 1):
+            raise InputError("a stencil needs one weight an offset in 1 to 3 dimensions, or one dim x dim matrix in 2 or 3",
+                             value=(offsets.shape, weights.shape))  # fmt: skip
         if not np.isfinite(weights).all():
             raise InputError("stencil weights must be finite", value=weights)
-        table = {tuple(o): w for o, w in zip(offsets.tolist(), weights, strict=True)}
-        if len(table) != len(weights) or (0,) * offsets.shape[1] in table:
+        if len(np.unique(offsets, axis=0)) != count or not offsets.any(1).all():
             raise InputError("stencil offsets must be distinct and not zero", value=offsets.tolist())
-        for o, w in table.items():
-            if abs(table.get(tuple(-i for i in o), np.inf) - w) > 1e-12 * np.abs(weights).max():
-                raise InputError("a stencil must have equal weights at k and -k", value=o, remedy="symmetrise the table")
         order = np.lexsort(offsets.T[::-1])
         self.offsets, self.weights = offsets[order], weights[order]
-        self.dim = offsets.shape[1]
+        self.dim = dim
+        unlike = self._unlike(-self.offsets, np.swapaxes(self.weights, 1, 2) if weights.ndim == 3 else self.weights)
+        if unlike is not None:
+            raise InputError("a stencil must have equal weights at k and -k, of matrices the transpose", value=unlike, remedy="symmetrise the table")
+
+    @property
+    def components(self) -> int:
+        """Components of the field: 1 with numbers, dim with matrices."""
+        return 1 if self.weights.ndim == 1 else self.dim
+
+    def _unlike(self, offsets: np.ndarray, weights: np.ndarray) -> list[int] | None:
+        """The first offset at which another table differs from this one; None if they are alike."""
+        table = dict(zip(map(tuple, self.offsets.tolist()), self.weights, strict=True))
+        limit = 1e-12 * np.abs(self.weights).max()
+        for o, w in zip(offsets.tolist(), weights, strict=True):
+            if tuple(o) not in table or np.abs(table[tuple(o)] - w).max() > limit:
+                return list(o)
+        return None
+
+    def even_along(self, axis: int) -> bool:
+        """Whether the stencil goes over into itself in a mirror across an axis, in which the component along it changes its sign."""
+        sign = np.where(np.arange(self.dim) == axis, -1, 1)
+        return self._unlike(self.offsets * sign, self.weights if self.components == 1 else self.weights * np.outer(sign, sign)) is None
+
+    def same_along(self, axis: int, other: int) -> bool:
+        """Whether two axes may be exchanged, and with them the components."""
+        order = np.arange(self.dim)
+        order[[axis, other]] = other, axis
+        return self._unlike(self.offsets[:, order], self._reordered(order)) is None
+
+    def _reordered(self, order: Sequence[int] | np.ndarray) -> np.ndarray:
+        """Weights with the components in another order."""
+        return self.weights if self.components == 1 else self.weights[:, order][:, :, order]
+
+    @cached_property
+    def positive(self) -> bool:
+        """Whether no bond gains energy in any motion of its ends, so that a part of the bonds is stable, too."""
+        if self.components == 1:
+            return bool((self.weights >= 0).all())
+        if np.abs(self.weights - np.swapaxes(self.weights, 1, 2)).max() > 1e-12 * np.abs(self.weights).max():
+            return False
+        return bool(np.linalg.eigvalsh(self.weights).min() >= -1e-12 * np.abs(self.weights).max())
 
     @classmethod
     def from_kernel(cls, kernel: Kernel, spacing: float, dim: int) -> Stencil:
@@ -77,6 +117,20 @@ class Stencil:
         ------
         InputError
             A horizon below the spacing (no neighbours), or so many spacings wide that the stencil has above 100 000 neighbours.
+        """
+        grid, weights = cls.family(kernel, spacing, dim)
+        if kernel.calibrate:
+            weights = weights / (0.5 * (weights * grid[:, 0] ** 2).sum())
+        return cls(grid, weights)
+
+    @staticmethod
+    def family(kernel: Kernel, spacing: float, dim: int) -> tuple[np.ndarray, np.ndarray]:
+        """Offsets (K, dim) and weights (K,) of a kernel by one-point quadrature with its volume rule, for unit spacing, not calibrated.
+
+        Raises
+        ------
+        InputError
+            As `from_kernel`.
         """
         if kernel.horizon < spacing * (1 - 1e-9):
             raise InputError(
@@ -98,10 +152,7 @@ class Stencil:
         c = kernel.scaling_constant(dim) * spacing ** (dim + 2 - kernel.exponent)
         weights = c * kernel.influence_at(r * spacing) * share * r ** -float(kernel.exponent)
         used = weights > 1e-14 * weights.max()
-        grid, weights = grid[used], weights[used]
-        if kernel.calibrate:
-            weights = weights / (0.5 * (weights * grid[:, 0] ** 2).sum())
-        return cls(grid, weights)
+        return grid[used], weights[used]
 
     @classmethod
     def finite_difference(cls, dim: int) -> Stencil:
@@ -123,9 +174,9 @@ class Stencil:
         return cls(grid[used], weights[used])
 
     def along(self, axis: int) -> Stencil:
-        """The same stencil with another axis first, the rest in their order."""
+        """The same stencil with another axis (and component) first, the rest in their order."""
         order = [axis, *(a for a in range(self.dim) if a != axis)]
-        return Stencil(self.offsets[:, order], self.weights)
+        return Stencil(self.offsets[:, order], self._reordered(order))
 
     @cached_property
     def reach(self) -> tuple[int, ...]:
@@ -133,54 +184,93 @@ class Stencil:
         return tuple(int(n) for n in np.abs(self.offsets).max(0))
 
     def symbol(self, *angles: np.ndarray | float) -> np.ndarray:
-        """``sum_k w_k (1 - cos(k . angle))`` at wavenumbers times spacing, one array an axis (broadcast)."""
-        total: np.ndarray = np.zeros(np.broadcast_shapes(*(np.shape(a) for a in angles)))
-        for o, w in zip(self.offsets, self.weights, strict=True):
-            phase = sum(int(i) * np.asarray(a, float) for i, a in zip(o, angles, strict=True))
-            total = total + 2 * w * np.sin(phase / 2) ** 2
-        return total
+        """``sum_k w_k (1 - exp(i k . angle))`` at wavenumbers times spacing, one array an axis (broadcast).
+
+        Returns
+        -------
+        ndarray
+            Real, of the shape of the angles; of matrices Hermitian, two more axes at the end, complex if any weight is not symmetric.
+        """
+        return self._sum_up(lambda o, phase: (2 * np.sin(phase / 2) ** 2, np.sin(phase)), *angles)
 
     def symbol_gradient(self, axis: int, *angles: np.ndarray | float) -> np.ndarray:
         """Derivative of the symbol along one axis."""
-        total: np.ndarray = np.zeros(np.broadcast_shapes(*(np.shape(a) for a in angles)))
-        for o, w in zip(self.offsets, self.weights, strict=True):
-            phase = sum(int(i) * np.asarray(a, float) for i, a in zip(o, angles, strict=True))
-            total = total + w * o[axis] * np.sin(phase)
-        return total
+        return self._sum_up(lambda o, phase: (o[axis] * np.sin(phase), o[axis] * np.cos(phase)), *angles)
+
+    def _sum_up(self, terms: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]], *angles: np.ndarray | float) -> np.ndarray:
+        """``sum_k w_k (even_k - i odd_k)`` with ``terms(k, k . angle) = (even_k, odd_k)``, even and odd in k; one of k and -k is computed."""
+        shape = np.broadcast_shapes(*(np.shape(a) for a in angles))
+        width = self.weights.shape[1:]
+        turned = np.swapaxes(self.weights, 1, 2) if width else self.weights
+        skew = bool(np.any(self.weights != turned))
+        total = np.zeros((*width, *shape), complex if skew else float)
+        for o, w, other in zip(self.offsets, self.weights, turned, strict=True):
+            if tuple(o) < (0,) * self.dim:
+                continue
+            even, odd = terms(o, sum((int(i) * np.asarray(a, float) for i, a in zip(o, angles, strict=True)), np.zeros(())))
+            for entry in np.ndindex(width):
+                if w[entry] or other[entry]:
+                    total[entry] += (w[entry] + other[entry]) * even
+                    if skew:
+                        total[entry] -= 1j * (w[entry] - other[entry]) * odd
+        return np.moveaxis(total, (0, 1), (-2, -1)) if width else total
+
+    def branches(self, *angles: np.ndarray | float) -> np.ndarray:
+        """Eigenvalues of the symbol, ascending, on one more axis at the end: one of a scalar field."""
+        symbol = self.symbol(*angles)
+        return symbol[..., None] if self.components == 1 else np.linalg.eigvalsh(symbol)
+
+    def branches_with_gradient(self, *angles: np.ndarray | float) -> tuple[np.ndarray, list[np.ndarray]]:
+        """`branches` and their derivatives along each axis."""
+        if self.components == 1:
+            return self.branches(*angles), [self.symbol_gradient(a, *angles)[..., None] for a in range(self.dim)]
+        values, modes = np.linalg.eigh(self.symbol(*angles))
+        slopes = [np.einsum("...ij,...ik,...kj->...j", modes.conj(), self.symbol_gradient(a, *angles), modes).real for a in range(self.dim)]
+        return values, slopes
 
     def _zone(self) -> list[np.ndarray]:
-        """A sample of the Brillouin zone as open grids; the symbol is even, so half of the first axis is enough."""
+        """A sample of the Brillouin zone as open grids: half of it, for eigenvalues are even, or an eighth if the stencil is even along each axis."""
         count = {1: 4097, 2: 129, 3: 33}[self.dim]
         half, full = np.linspace(0, np.pi, count), np.linspace(-np.pi, np.pi, 2 * count - 1)
-        return list(np.ix_(half, *[full] * (self.dim - 1)))
+        return list(np.ix_(half, *[half if self.even_along(a) else full for a in range(1, self.dim)]))
 
     @cached_property
     def symbol_maximum(self) -> float:
-        """Largest value of the symbol over the Brillouin zone."""
+        """Largest value of the symbol, or of its eigenvalues, over the Brillouin zone."""
         from scipy.optimize import minimize
 
         zone = self._zone()
-        values = self.symbol(*zone)
+        values = self.branches(*zone)[..., -1]
         best = float(values.max())
         for flat in np.argsort(values, axis=None)[-3:]:
             index = np.unravel_index(flat, values.shape)
             start = [float(axis.ravel()[i]) for axis, i in zip(zone, index, strict=True)]
-            found = minimize(lambda a: -float(self.symbol(*a)), start, method="BFGS", options={"gtol": 1e-12})
+            found = minimize(lambda a: -float(self.branches(*a)[-1]), start, method="BFGS", options={"gtol": 1e-12})
             best = max(best, -float(found.fun))
         return best
 
-    def backward_waves(self) -> BackwardWaves:
-        """Backward waves along any axis, from the sign of group against phase velocity on the Brillouin zone."""
+    @cached_property
+    def layer_growth(self) -> tuple[list[np.ndarray], np.ndarray]:
+        """Wavenumbers (open grids) and how fast waves grow in a layer, to first order in its strength sigma, per unit of it.
+
+        Along an axis with wavenumber k (times spacing) a wave of frequency w grows by ``-sin(k) d(w^2)/dk / (2 w^2)``; the largest over the axes counts,
+        and 0 for waves that decay. One more axis at the end has the branches of a field of vectors.
+        """
         zone = self._zone()
-        value = self.symbol(*zone)
+        value, slopes = self.branches_with_gradient(*zone)
         growth = np.zeros_like(value)
         inner = value > 1e-9 * value.max()
         for axis in range(self.dim):
-            slope = np.sin(zone[axis]) * self.symbol_gradient(axis, *zone)
+            slope = np.sin(zone[axis])[..., None] * slopes[axis]
             growth = np.maximum(growth, np.where(inner, -slope / np.where(inner, 2 * value, 1.0), 0.0))
         growth[growth < 1e-9] = 0.0
+        return zone, growth
+
+    def backward_waves(self) -> BackwardWaves:
+        """Backward waves along any axis, from the sign of group against phase velocity on the Brillouin zone."""
+        zone, growth = self.layer_growth
         radius = np.sqrt(sum(a**2 for a in zone))
-        found = growth > 0
+        found = (growth > 0).any(-1)
         return BackwardWaves(float(growth.max()), float(found.mean()), float(radius[found].min()) if found.any() else np.inf)
 
     def __repr__(self) -> str:

@@ -126,7 +126,7 @@ class Strip:
         self.width, self.dt = width, sim.dt
         self.state = State(self.sim.engine)
         rows = self.state.rows()
-        self.place, self._images, self._near, self._layers = rows.place, rows.images, rows.near, rows.layers
+        self.place, self._images, self._signs, self._near, self._layers = rows.place, rows.images, rows.signs, rows.near, rows.layers
         self.size = len(self.place)
         self.coarse = 11 if dim == 2 else 6
         endless = all(isinstance(b, Periodic | Free) for (a, _), b in sim.sides.items() if a != axis)
@@ -138,8 +138,10 @@ class Strip:
             responses[:, :, number] = self.state.after(unit)[self.place].T
         self._responses = responses.reshape(*shape[1:], self.size, self.size)
         images = self._images
-        if images is not None and np.abs(responses[:, images][:, :, images] - responses).max() > 1e-14 * np.abs(responses).max():
-            self._images = None
+        if images is not None:
+            mirrored = np.outer(self._signs, self._signs) * responses[:, images][:, :, images]
+            if np.abs(mirrored - responses).max() > 1e-14 * np.abs(responses).max():
+                self._images = None
 
     def matrix(self, *angles: float) -> np.ndarray:
         """The map of one step for waves of given tangential wavenumbers times spacing."""
@@ -155,8 +157,9 @@ class Strip:
         matrix = matrix.copy()
         for side, layer in self._filters.items():
             if layer.damping.size:
-                new, old = self._layers[side]
-                matrix[new] -= line_damping(layer.damping, layer.taps, self.dt, angles) @ (matrix[new] - matrix[old])
+                damping = line_damping(layer.damping, layer.taps, self.dt, angles)
+                for new, old in zip(*self._layers[side], strict=True):  # component by component
+                    matrix[new] -= damping @ (matrix[new] - matrix[old])
         return matrix
 
     def growth(self, *angles: float) -> Growth:
@@ -164,16 +167,18 @@ class Strip:
         matrix = self.matrix(*angles)
         if self._images is None:
             return dense_growth(matrix, self.dt)
-        first, second = np.flatnonzero(np.arange(self.size) < self._images), np.flatnonzero(np.arange(self.size) == self._images)
+        number, signs = np.arange(self.size), self._signs
+        first = np.flatnonzero(number < self._images)
         found = []
-        for sign, alone in ((1, second), (-1, second[:0])):
+        for sign in (1, -1):
+            alone = np.flatnonzero((number == self._images) & (signs == sign))
             halves = np.concatenate([first, alone])
             images = self._images[halves]
             part = matrix[np.ix_(halves, halves)]
-            part[:, : len(first)] += sign * matrix[np.ix_(halves, images[: len(first)])]
+            part[:, : len(first)] += sign * signs[first] * matrix[np.ix_(halves, images[: len(first)])]
             growth = dense_growth(part, self.dt)
             mode = np.zeros(self.size, complex)
-            mode[images], mode[halves] = sign * growth.mode, growth.mode
+            mode[images], mode[halves] = sign * signs[halves] * growth.mode, growth.mode
             found.append(replace(growth, mode=mode))
         return fastest(found)
 
@@ -183,9 +188,8 @@ class Strip:
         if self.sim.lattice.dim < 3:
             yield from ((a,) for a in (*line, 0.005, 0.05)) if self.sim.lattice.dim == 2 else ((),)
             return
-        table = {tuple(o): w for o, w in zip(self.sim.stencil.offsets.tolist(), self.sim.stencil.weights, strict=True)}
-        even = all(abs(table.get((x, -y, z), np.inf) - w) <= 1e-12 * abs(w) for (x, y, z), w in table.items())
-        alike = even and all(abs(table.get((x, z, y), np.inf) - w) <= 1e-12 * abs(w) for (x, y, z), w in table.items())
+        even = self.sim.stencil.even_along(1)
+        alike = even and self.sim.stencil.same_along(1, 2)
         for a, b in itertools.product(line, repeat=2):
             if a <= b or not alike:
                 yield a, b
@@ -221,11 +225,10 @@ class Strip:
         return reflection(self.matrix(*along), self._near, levels, factor, modes)
 
     def profile(self, mode: np.ndarray) -> np.ndarray:
-        """A mode on the nodes along the normal."""
+        """A mode on the nodes along the normal, of vectors the component that is largest."""
         if not mode.size:
             return mode
         whole = np.zeros(self.state.size, complex)
         whole[self.place[:, 0]] = mode
-        return np.moveaxis(self.state.field(whole), 3 - self.sim.lattice.dim, 0).reshape(self.sim.engine.core.nodes[3 - self.sim.lattice.dim], -1)[
-            :, 0
-        ]
+        lead = 3 - self.sim.lattice.dim
+        return np.moveaxis(self.state.portrait(whole), lead, 0).reshape(self.sim.engine.core.nodes[lead], -1)[:, 0]

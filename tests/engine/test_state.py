@@ -38,6 +38,14 @@ SETUPS = {
         "lattice": box(5, 6, 5), "model": fh.Wave(kernel(2)),
         "boundary": {"x": fh.LatticePML(nodes=3), "y": fh.Periodic(), "z": fh.LatticePML(nodes=2)},
     },
+    "layers and fixed sides": {
+        "lattice": box(9, 8), "model": fh.Wave(kernel(2)),
+        "boundary": {"x-": fh.LatticePML(nodes=3), "x+": fh.Fixed(), "y-": fh.LatticePML(nodes=4), "y+": fh.Fixed()},
+    },
+    "fixed between two pairs of layers": {
+        "lattice": box(5, 5, 6), "model": fh.Wave(kernel(2)),
+        "boundary": {"x": fh.LatticePML(nodes=2), "y": fh.Fixed(), "z": fh.LatticePML(nodes=2)},
+    },
     "exact ends": {"lattice": box(20), "model": fh.Wave(kernel()), "boundary": fh.Exact()},
     "mirrored temperatures": {
         "lattice": box(20), "model": fh.Heat(kernel(), integrator=fh.RungeKuttaChebyshev(5)), "boundary": fh.Free(),

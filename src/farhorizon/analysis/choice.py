@@ -35,26 +35,38 @@ class Profile:
     ----------
     strength, stretch : float
     power : int
-        Of the depth in sigma; kappa rises linearly, alpha as the seventh power: waves near cut-off are turned by the outer end alone.
+        Of the ramp in sigma; kappa rises linearly, alpha as the seventh power: waves near cut-off are turned by the outer end alone.
     shift : float
+    smooth : bool
+        Whether sigma rises as a power of `smooth_ramp`, else of the depth: where short waves are damped, the damping must not begin with a kink.
     """
 
     strength: float
     stretch: float
     power: int
     shift: float = 0.0
+    smooth: bool = False
+
+    def ramp(self, depth: np.ndarray) -> np.ndarray:
+        """sigma in units of its largest value."""
+        return (smooth_ramp(depth) if self.smooth else depth) ** self.power
 
     def edges(self, nodes: int, speed: float, spacing: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """kappa, sigma and alpha on the edges of a layer, arrays (nodes + 1,)."""
         depth = (np.arange(nodes + 1) + 0.5) / (nodes + 1)
-        sigma = self.strength * 2 * speed / spacing * depth**self.power
+        sigma = self.strength * 2 * speed / spacing * self.ramp(depth)
         alpha = _SHIFT + 12 / nodes * self.shift * self.strength * depth**7
         return 1 + (self.stretch - 1) * depth, sigma, alpha * speed / spacing
 
     def __str__(self) -> str:
-        rise = {1: "linear", 2: "square", 3: "cubic"}[self.power]
+        rise = "smooth" if self.smooth else {1: "linear", 2: "square", 3: "cubic"}[self.power]
         others = (f", kappa to {self.stretch:g}" if self.stretch > 1 else "") + (f", alpha rising by {self.shift:g}" if self.shift else "")
         return f"sigma {rise} to {self.strength:g} 2c/spacing{others}"
+
+
+def smooth_ramp(depth: np.ndarray) -> np.ndarray:
+    """From 0 to 1 as a sine that ends short of its crest: on a plateau waves of zero frequency would grow in a wide stencil's layer."""
+    return np.sin(0.4 * np.pi * depth) / np.sin(0.4 * np.pi)
 
 
 @dataclass(frozen=True)

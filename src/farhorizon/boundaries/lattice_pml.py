@@ -19,11 +19,15 @@ import numpy as np
 from scipy import special
 
 from farhorizon.analysis.chain import Recursion
-from farhorizon.analysis.choice import Choice, Profile, choose
+from farhorizon.analysis.choice import Choice, Profile, choose, smooth_ramp
+from farhorizon.analysis.short_waves import HighPass, high_pass
 from farhorizon.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.stencil import Stencil
 
+_SMOOTH = 5  # power of the smooth ramp: a lower one reflects at the entrance, a higher one wastes nodes
+_WEAK = 0.05  # damping rate over sigma up to which the damping is too weak to be felt on the ramps of stencils without backward waves
+_SOFT, _MORE = 4, 12  # power of the ramp of such a damping beside a steeper sigma, and how much more of it that takes near the entrance
 DEFAULT_TARGET = {1: 1e-5, 2: 1e-8}  # diffusion: of the current maximum; waves: of the initial maximum
 
 
@@ -117,21 +121,20 @@ class LatticePML:
         """The target, or the default of the equation's order in time."""
         return DEFAULT_TARGET[order] if self.target is None else self.target
 
-    def layer(self, order: int, coefficient: float, spacing: float, reach: int, half_width: float, dim: int) -> Layer:
-        """Stretch of the layer for one axis.
+    def layer(self, order: int, stencil: Stencil, coefficient: float, spacing: float, half_width: float) -> Layer:
+        """The layer of one side.
 
         Parameters
         ----------
         order : {1, 2}
             Order of the equation in time.
+        stencil : Stencil
+            Its first axis is the normal.
         coefficient : float
             Diffusivity or squared speed.
         spacing : float
-        reach : int
-            Reach of the stencil along the axis, in nodes.
         half_width : float
             Half the largest extent of the near field: the scale of the diffusive far field.
-        dim : int
         """
         target = self.wanted(order)
         if isinstance(self.profile, Layer):
@@ -151,23 +154,43 @@ class LatticePML:
             return Layer(**values)
         if order == 1:
             return _diffusion_layer(self.nodes or _diffusion_nodes(target), spacing, half_width)
-        nodes = self.nodes or _wave_nodes(target, reach)
-        return Layer(*_wave_profile(nodes, reach, dim).edges(nodes, float(np.sqrt(coefficient)), spacing))
+        damped = high_pass(stencil)
+        nodes = self.nodes or _wave_nodes(target, stencil.reach[0], damped)
+        return _wave_layer(_wave_profile(nodes, stencil, damped), nodes, float(np.sqrt(coefficient)), spacing, damped)
 
 
-def _wave_nodes(target: float, reach: int) -> int:
-    """Thickness for waves: 12 nodes keep 1e-8 in 2D, four more for each factor 30 (a little less than measured for a reach of 1 to 3 nodes)."""
+def _wave_layer(profile: Profile, nodes: int, speed: float, spacing: float, damped: HighPass | None) -> Layer:
+    """A layer with the damping of short waves that the stencil needs."""
+    kappa, sigma, alpha = profile.edges(nodes, speed, spacing)
+    if damped is None:
+        return Layer(kappa, sigma, alpha)
+    depth = np.arange(1, nodes + 1) / (nodes + 1)
+    share = profile.ramp(depth) if profile.power == _SMOOTH else _MORE * smooth_ramp(depth) ** _SOFT
+    return Layer(kappa, sigma, alpha, damped.strength * profile.strength * 2 * speed / spacing * share, damped.taps())
+
+
+def _wave_nodes(target: float, reach: int, damped: HighPass | None) -> int:
+    """Thickness for waves: 12 nodes keep 1e-8 in 2D, four more for each factor 30 (a little less than measured for a reach of 1 to 3 nodes).
+
+    Where strong backward waves are damped 16 nodes keep 1e-6, 30 nodes 1e-8.
+    """
+    if damped is not None and damped.strength > _WEAK:
+        return max(int(np.ceil(16 + 7 * max(0.0, np.log10(1e-6 / target)))), 4 * reach if reach > 3 else 0)
     nodes = int(np.ceil(12 + 4 * max(0.0, np.log(1e-8 / target) / np.log(30))))
     return max(8 if target > 1e-6 else 12, nodes, 3 * reach if reach > 3 else 0)
 
 
-def _wave_profile(nodes: int, reach: int, dim: int) -> Profile:
+def _wave_profile(nodes: int, stencil: Stencil, damped: HighPass | None) -> Profile:
     """Member of the family for waves of all angles.
 
     In two and three dimensions the waves that come back are those along the side, near cut-off: sigma/s turns their decay by a right angle
     into none, sigma/(s + alpha) turns it by less. An alpha that rises towards the outer end alone leaves the long waves to the columns
     before it. A strong entrance makes stencils grow, the wider the more: beyond a reach of 3 nodes they have a higher power of the ramp.
+    Where short waves are damped as strongly as backward waves may take, sigma follows the smooth ramp of the damping.
     """
+    reach, dim = stencil.reach[0], stencil.dim
+    if damped is not None and damped.strength > _WEAK:
+        return Profile(1.0, 1.0, _SMOOTH, smooth=True) if reach < 5 else Profile(0.7, 1.0, _SMOOTH)
     if reach > 3:
         return Profile(0.5 if reach > 7 else 1.0, 1.0, 2 if reach < 6 else 3)
     if dim == 1:

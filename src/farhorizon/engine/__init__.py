@@ -11,10 +11,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from farhorizon.engine.build import load_driver, load_rows
+from farhorizon.engine.build import load_driver
 from farhorizon.engine.filter import filter_tables
 from farhorizon.engine.layout import ALIGN, LINES, TASK_FIELDS, Block, Layout
 from farhorizon.engine.phases import NEVER, TILE, TILE_ROWS, count_solid
+from farhorizon.engine.stencil_rows import compiled_rows
 
 __all__ = ["NEVER", "Engine", "Layer", "Layout", "available_threads"]
 
@@ -23,7 +24,6 @@ _NO_ENDS = np.zeros((0, 0), np.int64)
 _MODES = 8  # modes of an exact end are filled up to whole vectors
 _ALONE = np.zeros(1, np.int64)  # what threads share when there is one
 RULES = ("both", "arithmetic", "harmonic", "phases")
-_UNROLLED_LIMIT = 1200  # products in straight-line code beyond which compiling takes longer than a run
 _SECOND_CACHE = 600_000  # bytes of the second cache that a part of the core may take
 _PARALLEL_NODES = 40_000  # fewer nodes than this finish before a second thread has started
 
@@ -72,13 +72,6 @@ def available_threads() -> int:
     return min(cores, int(getattr(numba.config, "NUMBA_NUM_THREADS", cores)))
 
 
-def _weight_classes(weights: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
-    """Class of each column of `weights`, numbered by first appearance, and one column a class."""
-    _, first, inverse = np.unique(weights, axis=1, return_index=True, return_inverse=True)
-    rank = np.argsort(np.argsort(first))
-    return tuple(rank[inverse.ravel()].tolist()), np.ascontiguousarray(weights[:, np.sort(first)])
-
-
 def _shared_rows(starts: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """First weight of each compressed row in a list where equal rows stand once, and that list."""
     places: dict[bytes, int] = {}
@@ -105,14 +98,14 @@ def _zeros(count: int, dtype: np.dtype, rows: int = 0) -> np.ndarray:
 
 
 class Engine:
-    """Time levels of one scalar field and the compiled loop that advances them.
+    """Time levels of one field, a scalar or a vector, and the compiled loop that advances them.
 
     Parameters
     ----------
     core : tuple of int
         Nodes of the core, three axes (leading axes have one node in 1D and 2D).
-    offsets, weights : ndarray, shapes (K, 3) and (K,)
-        Stencil in units of the operator (1/time or 1/time^2).
+    offsets, weights : ndarray, shapes (K, 3) and (K,), or (K, d, d)
+        Stencil in units of the operator (1/time or 1/time^2). Matrices act on fields of d components (2 or 3), those along the last d axes.
     stages : Stages
         Integrator (see `farhorizon.integrators`).
     dt : float
@@ -129,11 +122,12 @@ class Engine:
         self.dtype = np.dtype(real)
         self.stages, self.dt = stages, dt
         self.offsets, self.weights = np.asarray(offsets, np.int64), np.asarray(weights, float)
+        self.components = 1 if self.weights.ndim == 1 else self.weights.shape[1]
         self.layers = dict(layers)
         names = list(self.layers)
         self.threads = threads if int(np.prod(core)) >= _PARALLEL_NODES else 1
         sides = {name: (self.layers[name].columns, i) for i, name in enumerate(names)}
-        self.layout = Layout(tuple(core), self.offsets, sides, frozenset(periodic))
+        self.layout = Layout(tuple(core), self.offsets, sides, frozenset(periodic), self.components)
         self.core = self.layout.blocks[0, 0, 0]
         columns = max((layer.columns for layer in self.layers.values()), default=0)
         self._recursion = np.zeros((3, max(len(names), 1), columns + 1), self.dtype)
@@ -141,9 +135,9 @@ class Engine:
             for row, values in zip(self._recursion, self.layers[name].recursion(dt), strict=True):
                 row[i, : len(values)] = values
         self.remember = any(np.any(layer.sigma) for layer in self.layers.values())
-        self.levels = _zeros(self.layout.size, self.dtype, stages.levels)
-        self.slots = _zeros(self.layout.slots, self.dtype)
-        self.memory = _zeros(self.layout.memory if self.remember else LINES, self.dtype)
+        self.levels = _zeros(self.components * self.layout.size, self.dtype, stages.levels)
+        self.slots = _zeros(self.components * self.layout.slots, self.dtype)
+        self.memory = _zeros(self.components * (self.layout.memory if self.remember else LINES), self.dtype)
         self.phase, self.steps_done = 0, 0
         self._work = np.zeros((self.threads, (columns + 2) * (2 * max(self.layout.reach) + 1) * LINES), self.dtype)
         self._coefficient = np.ones(1, self.dtype)
@@ -166,39 +160,27 @@ class Engine:
 
     # --- tables of the compiled loop ---------------------------------------------------------------------------
 
-    def _half_shape(self) -> tuple[tuple[int, int, int], ...] | None:
-        """Offsets with the inner one >= 0 if the stencil is even along every axis alone, and alike along all that matter."""
-        table = {tuple(o): w for o, w in zip(self.offsets.tolist(), self.weights, strict=True)}
-        even = all((a, b, -c) in table and table[a, b, -c] == w for (a, b, c), w in table.items())
-        return tuple(sorted(o for o in table if o[2] >= 0)) if even else None
-
     def _collect_sweeps(self, heterogeneous: bool) -> None:
         """Tables of the sweeps: which blocks have compiled rows (the stencil looks alike along all their axes), weights, offsets."""
-        shape = None if heterogeneous else self._half_shape()
         blocks = list(self.layout.blocks.values())
-        table = {tuple(o): w for o, w in zip(self.offsets.tolist(), self.weights, strict=True)}
-        rows = np.zeros((len(blocks), len(shape or ())))
-        fits = np.zeros(len(blocks), bool)
-        for number, block in enumerate(blocks if shape else ()):
-            physical = [tuple(int(o[block.order.index(a)]) for a in range(3)) for o in shape or ()]
-            mirrored = [tuple(-i if a == block.order[2] else i for a, i in enumerate(o)) for o in physical]
-            fits[number] = all(o in table and table.get(n) == table[o] for o, n in zip(physical, mirrored, strict=True))
-            if fits[number]:
-                rows[number] = [table[o] for o in physical]
-        functions, classes = np.zeros(len(blocks), np.int64), rows[:, :1]
-        if shape and fits.any() and len(shape) <= _UNROLLED_LIMIT:
-            numbers, classes = _weight_classes(rows)
-            functions[fits] = load_rows(shape, numbers, self.dtype.name, self.stages.increments)
+        if heterogeneous:
+            functions, rows = np.zeros(len(blocks), np.int64), np.zeros((len(blocks), 1))
+        else:
+            functions, rows = compiled_rows(blocks, self.offsets, self.weights, self.dtype.name, self.stages.increments)
         depths = np.array([self._depth(block) for block in blocks])
         scale = np.array([n[2] for n in self.stages.numbers])
         offsets = np.array([self.offsets @ np.array(b.stride) for b in blocks], np.int64)
         self._sweeps = (
-            self._trees(), self.layout.table(), functions, depths, (scale[:, None, None] * classes).astype(self.dtype), offsets,
-            (scale[:, None] * self.weights).astype(self.dtype),
+            self._trees(), self.layout.table(), functions, depths, (scale[:, None, None] * rows).astype(self.dtype), offsets,
+            (scale[:, None] * self.weights.ravel()).astype(self.dtype),
         )  # fmt: skip
-        total = self.weights.sum()
-        self._numbers = np.array([(a - s * total, a, b, s, g) for a, b, s, g in self.stages.numbers]).astype(self.dtype)
+        self._numbers = np.array([(a + s * self._centre, a, b, s, g) for a, b, s, g in self.stages.numbers]).astype(self.dtype)
         self._rotation = np.array(self.stages.rotation, np.int64)
+
+    @property
+    def _centre(self) -> float:
+        """The operator's weight of a node itself, where the rows do not have it among their weights."""
+        return -float(self.weights.sum()) if self.components == 1 else 0.0
 
     def _depth(self, block: Block) -> int:
         """Rows to sweep at a time: few enough that each thread gets some and that, in 3D, the planes they read stay in the second cache."""
@@ -206,7 +188,9 @@ class Engine:
         rows, planes = block.nodes[second], 2 * self.layout.reach[first] + 1
         most = min(64, -(-block.nodes[first] * rows // (8 * self.threads)))
         if planes > 1:
-            most = min(most, _SECOND_CACHE // (block.slots.step[second] * self.dtype.itemsize * planes) - 2 * self.layout.reach[second])
+            most = min(
+                most, _SECOND_CACHE // (self.components * block.slots.step[second] * self.dtype.itemsize * planes) - 2 * self.layout.reach[second]
+            )
         return -(-rows // -(-rows // max(most, 8)))
 
     def _trees(self) -> np.ndarray:
@@ -268,7 +252,8 @@ class Engine:
     # --- parts that may be set after construction --------------------------------------------------------------
 
     def set_cuts(self, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray) -> None:
-        """Bonds that are absent: their node in a level, its neighbour's place, and their weights without coefficients; one row a direction."""
+        """Bonds that are absent: their node in a level, its neighbour's place (of the first component), and their weights without coefficients,
+        shape (bonds,) or (bonds, d, d); one row a direction."""
         tree = np.full(len(nodes), len(self.layout.trees))  # the core comes last
         local = neighbours.astype(np.int64)
         for number, (first, last) in enumerate(self.layout.trees):
@@ -276,7 +261,7 @@ class Engine:
             tree[inside], local[inside] = number, local[inside] - first
         order = np.lexsort((local, nodes, tree))
         ranges = np.searchsorted(tree[order], np.arange(len(self.layout.trees) + 1))
-        self._cuts = ranges, nodes[order].astype(np.int64), local[order], weights[order].astype(self.dtype)
+        self._cuts = ranges, nodes[order].astype(np.int64), local[order], weights[order].astype(self.dtype).ravel()
 
     def set_damping(self, nodes: np.ndarray, before: np.ndarray, after: np.ndarray, leak: np.ndarray) -> None:
         """Nodal factors of an absorbing zone: on the old increment, on the new increment, and a loss rate."""
@@ -429,17 +414,22 @@ class Engine:
         rotation = self._rotation[self.phase, 0]
         return self.levels[rotation[2]]
 
+    def all_components(self, nodes: np.ndarray) -> np.ndarray:
+        """Indices in a level of all components of nodes that are given by those of the first, component by component."""
+        return (nodes.ravel() + self.layout.size * np.arange(self.components)[:, None]).ravel()
+
     def fill(self, level: np.ndarray, advance: bool = False) -> None:
         """Fill the halo of a level; with `advance` the layers' memory moves on to its time."""
         memory = self.memory if advance else self.memory.copy()
-        self._driver.fill(level, self.slots, memory, self._work, self._sweeps[0], *self._fills, *self._recursion, self.remember)
+        self._driver.fill(level, self.slots, memory, self._work, self.components, self._sweeps[0], *self._fills, *self._recursion, self.remember)
 
     def apply(self, level: np.ndarray) -> np.ndarray:
         """The operator L on a level, as a level (its nodes only are meaningful); fills the halo of `level`."""
         out, base, numbers = self._plain(level)
         self._driver.stage(
             0, 1, _ALONE, level, base, out, numbers, self.stages.increments, False, self.slots, self.memory.copy(), self._work,
-            *self._first_sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts, *self._tiles,
+            self.components, *self._first_sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
+            *self._tiles,
         )  # fmt: skip
         return (base if self.stages.increments else out) / numbers[3]
 
@@ -447,18 +437,18 @@ class Engine:
         """The operator L on the core of a level with whatever its halo holds."""
         out, base, numbers = self._plain(level)
         _, blocks, functions, depths, weights, offsets, general = self._first_sweeps
-        law = (general, *numbers[:3], self.stages.increments, self._rule)
+        law = (general, *numbers[:3], self.stages.increments, self._rule, self.components)
         first = blocks[0], functions[0], depths[0], False, weights[0], offsets[0]
         self._driver.sweep_core(0, 1, _ALONE, level, base, out, *first, self._coefficient, law, *self._tiles)
         ranges, *cuts = self._cuts
-        self._driver.cut(0, 1, _ALONE, level, level, base, out, numbers[3], ranges[-1], len(cuts[0]), *cuts, self.stages.increments,
+        self._driver.cut(0, 1, _ALONE, level, level, base, out, numbers[3], self.components, ranges[-1], len(cuts[0]), *cuts, self.stages.increments,
                          self._coefficient, self._coefficient, self._rule)  # fmt: skip
         return (base if self.stages.increments else out) / numbers[3]
 
     def _plain(self, level: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Empty output and base, and the numbers of a stage that writes ``scale * L``."""
         scale = self.stages.numbers[0][2]  # the last stage may be without operator
-        return np.zeros_like(level), np.zeros_like(level), np.array([-scale * self.weights.sum(), 0, 0, scale, 0], self.dtype)
+        return np.zeros_like(level), np.zeros_like(level), np.array([scale * self._centre, 0, 0, scale, 0], self.dtype)
 
     @property
     def _first_sweeps(self) -> tuple[np.ndarray, ...]:
@@ -475,7 +465,7 @@ class Engine:
             tied_fields, tied_times = np.zeros((0, 0), self.dtype), np.zeros((steps, len(self.stages.numbers), 0), self.dtype)
         state = (
             self.phase, self.levels, self._rotation, self._numbers, self.stages.increments, self.slots, self.memory, self._work,
-            *self._sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
+            self.components, *self._sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
             *self._tiles, *self._dissolution, self.steps_done, *self._damping,
             (*self._ends, self.heads, self.past, self.history), *self._tied, *self._books, self.flows, self._fringe, self._filter,
             source_nodes, source_fields, source_times,

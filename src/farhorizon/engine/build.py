@@ -40,10 +40,12 @@ def load_driver() -> ModuleType:
     return _load("program")
 
 
-def load_rows(shape: tuple[tuple[int, int, int], ...], classes: tuple[int, ...], real: str, increments: bool) -> int:
-    """Address of the compiled rows of a stencil shape (see `engine.simd.line_sweep`)."""
+def load_rows(
+    shape: tuple[tuple[int, int, int], ...], classes: tuple[int, ...], real: str, increments: bool, pattern: tuple[tuple[bool, ...], ...] = ()
+) -> int:  # fmt: skip
+    """Address of the compiled rows of a stencil shape (see `engine.simd.line_sweep`; with a pattern `engine.simd_matrix.matrix_line_sweep`)."""
     lines = not increments and max(i for _, _, i in shape) <= (8 if real == "float64" else 16)
-    return int(_load("rows", SHAPE=shape, CLASSES=classes, REAL=real, INCREMENTS=increments, LINES=lines).rows.address)
+    return int(_load("rows", SHAPE=shape, CLASSES=classes, REAL=real, INCREMENTS=increments, LINES=lines, PATTERN=pattern).rows.address)
 
 
 def _load(name: str, **settings: Any) -> ModuleType:
@@ -58,7 +60,7 @@ def _load(name: str, **settings: Any) -> ModuleType:
         assert count == 1, f"the template has no setting {key}"
     import numba
 
-    parts = [(_HERE / f"{part}.py").read_text() for part in ("ends", "filter", "phases", "simd", "fringe", "layout", "threads")]
+    parts = [(_HERE / f"{part}.py").read_text() for part in ("ends", "filter", "phases", "simd", "simd_matrix", "fringe", "layout", "threads")]
     mark = "\n".join([template, *parts, numba.__version__, platform.machine()])
     name = f"{name}_" + hashlib.sha256(mark.encode()).hexdigest()[:20]
     with _LOADING:

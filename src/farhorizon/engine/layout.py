@@ -5,6 +5,8 @@ stretched axis also needs the continued values U(p, k) for k = -m..m, its *slots
 node's neighbours along the axis are ``columns`` apart and its nodes are neighbours in memory, so the plain stencil applies to
 layer nodes as it does to core nodes; only the distances differ.
 
+A field of several components has one such level, and one such set of slots, for each, one after the other.
+
 Slots are wanted for one sweep only. The blocks that share their first stretched axis and its side form a *tree*: it is filled axis by axis
 from the planes, swept, and its slots are given to the next tree, so that they hardly leave the cache.
 """
@@ -27,7 +29,8 @@ ALIGN = 16
 TASK_FIELDS = ("inner", "inner_k", "inner_line", "node", "node_p", "node_line", "slot", "slot_p", "slot_k", "slot_line", "count", "memory", "kmax",
                "profile", "columns", "first")  # fmt: skip
 #: Columns of the block table.
-BLOCK_FIELDS = ("slot", "n0", "n1", "n2", "step0", "step1", "stride0", "stride1", "stride2", "out", "out_step0", "out_step1")
+BLOCK_FIELDS = ("slot", "n0", "n1", "n2", "step0", "step1", "stride0", "stride1", "stride2", "out", "out_step0", "out_step1",
+                "read0", "read1", "read2", "written0", "written1", "written2")  # fmt: skip
 
 
 @dataclass
@@ -66,6 +69,8 @@ class Block:
     reach: tuple[int, ...]
     plane: Grid  # in a level
     slots: Grid  # beyond the end of a level; the core's plane serves as its slots
+    components: int = 1
+    distance: int = 0  # of the components in a level
 
     @property
     def first(self) -> int:
@@ -78,11 +83,13 @@ class Block:
         return self.slots.stride
 
     def view(self, level: np.ndarray) -> np.ndarray:
-        """Nodes of this block in one level, indexed by axis; shares memory."""
-        return np.lib.stride_tricks.as_strided(level[self.plane.origin :], self.nodes, [s * level.itemsize for s in self.plane.step])
+        """Nodes of this block in one level, indexed by axis, or by component and axis; shares memory."""
+        shape, steps = ((self.nodes, self.plane.step) if self.components == 1 else
+                        ((self.components, *self.nodes), (self.distance, *self.plane.step)))  # fmt: skip
+        return np.lib.stride_tricks.as_strided(level[self.plane.origin :], shape, [s * level.itemsize for s in steps])
 
     def node_indices(self) -> np.ndarray:
-        """Indices of all nodes in a level, indexed by axis."""
+        """Indices of all nodes in a level (of the first component), indexed by axis."""
         return self.plane.nodes(self.nodes)
 
     def slot_indices(self) -> np.ndarray:
@@ -120,6 +127,8 @@ class Layout:
         Sides that carry a layer; side is -1 or +1.
     periodic : set of int
         Axes that close on themselves.
+    components : int
+        Of the field. What follows is for one of them.
 
     Attributes
     ----------
@@ -132,7 +141,7 @@ class Layout:
     slots : int
         Slots in memory: those of the largest tree.
     copies : dict of (tree, axis) to ndarray, shape (2, n)
-        Periodic copies (to, from) in the slots of a tree; tree -1: in a level.
+        Periodic copies, and blanks, (to, from) in the slots of a tree; tree -1: in a level.
     tasks : dict of (tree, axis) to ndarray
         Rows of `TASK_FIELDS`.
     """
@@ -141,6 +150,7 @@ class Layout:
     offsets: np.ndarray
     layers: Mapping[tuple[int, int], tuple[int, int]]
     periodic: frozenset[int]
+    components: int = 1
     blocks: dict[tuple[int, ...], Block] = field(init=False)
     size: int = field(init=False)
     places: int = field(init=False)
@@ -179,6 +189,8 @@ class Layout:
             grid.base = end + -grid.origin % ALIGN
             end = _aligned(grid.base + grid.extent[block.order[0]] * grid.step[block.order[0]])
         self.size = end = _aligned(end + SLACK)
+        for block in blocks:
+            block.components, block.distance = self.components, self.size
         self.trees = []
         for number in range(len(self._tree_keys)):
             start, end = end, end + SLACK
@@ -231,15 +243,18 @@ class Layout:
         return index - self.trees[tree][0]
 
     def table(self) -> np.ndarray:
-        """One row of `BLOCK_FIELDS` a block, the core first; axes in the block's own order."""
+        """One row of `BLOCK_FIELDS` a block, the core first; axes, and components with them, in the block's own order."""
         rows = []
         for block in self.blocks.values():
             first, second, third = block.order
             grid, plane, tree = block.slots, block.plane, self.tree(block)
             assert grid.step[third] == plane.step[third] == 1, "nodes along the fastest axis must be neighbours in memory"
+            lead = 3 - self.components
+            number = [a - lead for a in block.order if a >= lead] + [0] * lead if self.components > 1 else [0] * 3
             rows.append((
                 grid.origin if tree < 0 else self.in_tree(grid.origin, tree), *(block.nodes[a] for a in block.order), grid.step[first],
                 grid.step[second], *(grid.stride[a] for a in block.order), plane.origin, plane.step[first], plane.step[second],
+                *(c * (self.size if tree < 0 else self.slots) for c in number), *(c * self.size for c in number),
             ))  # fmt: skip
         return np.array(rows, np.int64)
 
@@ -257,7 +272,11 @@ class Layout:
         return slot // block.nodes[axis] - self.reach[axis] if block.segment[axis] else 0
 
     def _collect(self, axis: int) -> None:
-        """Operations of one axis: periodic copies, and the tasks that continue a block into its layer."""
+        """Operations of one axis: periodic copies, and the tasks that continue a block into its layer.
+
+        Where a side has neither, the halo is zero; trees that do not lie alike in the memory they share leave their values in each other's.
+        """
+        shapes = {(a, columns) for (a, _), (columns, _) in self.layers.items()}
         copies: dict[tuple[int, int], list[np.ndarray]] = {}
         tasks: dict[tuple[int, int], list[tuple[int, ...]]] = {}
         for segment, inner in self.blocks.items():
@@ -271,17 +290,29 @@ class Layout:
                 if (axis, side) in self.layers:
                     layer = self.blocks[tuple(side if a == axis else s for a, s in enumerate(segment))]
                     tasks.setdefault((self.tree(layer), axis), []).extend(self._continue(axis, side, inner, layer, tree))
+                elif axis not in self.periodic and tree >= 0 and len(shapes) > 1:
+                    copies.setdefault((tree, axis), []).append(self._blank(axis, side, inner))
         self.copies |= {key: np.concatenate(parts, axis=1) for key, parts in copies.items()}
         self.tasks |= {key: np.array(rows, np.int64).reshape(-1, len(TASK_FIELDS)) for key, rows in tasks.items()}
 
     def _wrap(self, axis: int, block: Block, tree: int) -> np.ndarray:
+        n, m = block.nodes[axis], self.reach[axis]
+        pads = np.r_[0:m, n + m : n + 2 * m]
+        wrapped = (pads - m) % n + m
+        return np.array([self._lines(axis, block, tree, at) for at in (pads, wrapped)])
+
+    def _blank(self, axis: int, side: int, block: Block) -> np.ndarray:
+        """The halo of one side among the slots, from the first of them, which nothing is ever written to."""
+        n, m = block.nodes[axis], self.reach[axis]
+        pads = self._lines(axis, block, self.tree(block), np.arange(m) + (n + m if side > 0 else 0))
+        return np.array([pads, np.zeros_like(pads)])
+
+    def _lines(self, axis: int, block: Block, tree: int, at: np.ndarray) -> np.ndarray:
+        """Places `at` along an axis on all lines: in a level, or among the slots of a tree."""
         grid = block.plane if tree < 0 else block.slots
         base = grid.base if tree < 0 else self.in_tree(grid.base, tree)
         lines = base + np.add.outer(*[block.along(grid, a, nodes_only=a > axis) for a in range(3) if a != axis]).ravel()
-        n, m, s = block.nodes[axis], self.reach[axis], grid.stride[axis]
-        pads = np.r_[0:m, n + m : n + 2 * m]
-        wrapped = (pads - m) % n + m
-        return np.array([np.add.outer(at * s, lines).ravel() for at in (pads, wrapped)])
+        return np.add.outer(at * grid.stride[axis], lines).ravel()
 
     def _continue(self, axis: int, side: int, inner: Block, layer: Block, tree: int) -> list[tuple[int, ...]]:
         """Halo tasks of one face: up to LINES lines each, lines along the layer's fastest unstretched axis."""

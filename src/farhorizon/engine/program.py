@@ -2,7 +2,8 @@
 
 `run` goes through many steps without returning to Python. A step is one or more *stages*; a stage goes through the trees of the
 layers, fills and sweeps each (``out = a*in + b*base + weights * neighbours``), then sweeps the core, whose halo is now complete.
-Arrays named ``levels[l]`` are flat time levels laid out by `engine.layout`, ``slots`` the continued values of one tree.
+Arrays named ``levels[l]`` are flat time levels laid out by `engine.layout`, ``slots`` the continued values of one tree. Of a field of
+several components each level, the slots and the layers' memory hold as many copies of the layout, one after the other.
 
 Several threads go through the same loop, each with its share (`lane` of `lanes`) of every part, and meet at barriers.
 """
@@ -23,6 +24,13 @@ LONG, GRAIN = 256, 16  # nodes of a row that is worth cutting, and of the pieces
 
 stretch_remembering = stretch_chain(LINES, True)
 stretch_memoryless = stretch_chain(LINES, False)
+
+
+@njit(error_model="numpy", cache=True)
+def component(array, number, components):
+    """The part of an array that belongs to one component."""
+    size = array.size // components
+    return array[number * size : (number + 1) * size]
 
 
 @njit(error_model="numpy", inline="always")
@@ -71,7 +79,36 @@ def sweep_general(src, base, out, start, to, count, offsets, weights, a, b, incr
                 out[node + i] = a * here[i] + b * base[node + i] + acc[i]
 
 
-# What all rows of a stage share: law = (weights of the general sweep, a, a for differences, b, increments, rule).
+@njit(error_model="numpy", cache=True)
+def sweep_general_matrix(src, base, out, start, to, count, offsets, weights, a, b, coefficient, rule, components):
+    """One row of any stencil of matrices, given row by row, for a field of several components."""
+    acc = np.empty((components, CHUNK), src.dtype)
+    factor = np.empty(CHUNK, src.dtype)
+    read, written = src.size // components, out.size // components
+    for first in range(0, count, CHUNK):
+        n = min(CHUNK, count - first)
+        origin, node = start + first, to + first
+        acc[:] = 0
+        factor[:n] = 1
+        for k in range(offsets.size):
+            at = origin + offsets[k]
+            if coefficient.size > 1:
+                for i in range(n):
+                    factor[i] = bond_factor(rule, coefficient[origin + i], coefficient[at + i])
+            for column in range(components):
+                here, there = src[origin + column * read :], src[at + column * read :]
+                for row in range(components):
+                    w = weights[(k * components + row) * components + column]
+                    if w != 0:
+                        for i in range(n):
+                            acc[row, i] += w * factor[i] * (there[i] - here[i])
+        for row in range(components):
+            here, old, new = src[origin + row * read :], base[node + row * written :], out[node + row * written :]
+            for i in range(n):
+                new[i] = a * here[i] + b * old[i] + acc[row, i]
+
+
+# What all rows of a stage share: law = (weights of the general sweep, a, a for differences, b, increments, rule, components).
 
 
 @njit(error_model="numpy", cache=True)
@@ -86,24 +123,28 @@ def sweep_part(src, base, out, block, number, depth, first, last, function, weig
 
     A stencil without compiled rows has function 0.
     """
-    general, a, a_difference, b, increments, rule = law
+    general, a, a_difference, b, increments, rule, components = law
     i0, i1 = number % block[1], (number // block[1]) * depth
     count = min(depth, block[2] - i1)
     start, to = block[0] + i0 * block[4] + i1 * block[5] + first, block[9] + i0 * block[10] + i1 * block[11] + first
     if function != 0:
         size = src.itemsize
         call_sweep(function, src.ctypes.data + start * size, base.ctypes.data + to * size, out.ctypes.data + to * size, weights.ctypes.data,
-                   a, b, last - first, count, block[6], block[7], block[8], block[5], block[11])  # fmt: skip
-    else:
+                   a, b, last - first, count, block[6], block[7], block[8], block[5], block[11], block[12:].ctypes.data)  # fmt: skip
+    elif components == 1:
         for row in range(count):
             sweep_general(src, base, out, start + row * block[5], to + row * block[11], last - first, offsets, general, a_difference, b,
                           increments, coefficient, rule)  # fmt: skip
+    else:
+        for row in range(count):
+            sweep_general_matrix(src, base, out, start + row * block[5], to + row * block[11], last - first, offsets, general, a_difference, b,
+                                 coefficient, rule, components)  # fmt: skip
 
 
 @njit(error_model="numpy", cache=True)
 def sweep_mixed(src, base, out, block, number, first, last, offsets, coefficient, law):
     """Nodes `first` to `last` of a row of tiles, in both phases."""
-    general, _, a, b, _, _ = law
+    general, _, a, b, _, _, _ = law
     i0, i1 = number % block[1], (number // block[1]) * TILE_ROWS
     size = src.itemsize
     start = (block[0] + i0 * block[4] + i1 * block[5] + first) * size
@@ -269,48 +310,55 @@ def fill_task(level, slots, memory, work, task, m, r, e, f, remember):
 
 
 @njit(error_model="numpy", cache=True)
-def copy(array, copies, bounds):
+def copy(array, copies, bounds, components):
     """Periodic copies."""
-    for i in range(bounds[0], bounds[1]):
-        array[copies[0, i]] = array[copies[1, i]]
+    for c in range(components):
+        values = component(array, c, components)
+        for i in range(bounds[0], bounds[1]):
+            values[copies[0, i]] = values[copies[1, i]]
 
 
 @njit(error_model="numpy", cache=True)
-def fill_tree(lane, lanes, sync, tree, level, slots, memory, work, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember):
+def fill_tree(lane, lanes, sync, tree, level, slots, memory, work, components, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember):
     """Halo and slots of one tree, axis by axis."""
     for axis in range(3):
         bounds = copy_ranges[tree, axis]
         if bounds[0] < bounds[1]:
             if lane == 0:
-                copy(slots, copies, bounds)
+                copy(slots, copies, bounds, components)
             barrier(sync, lanes)
         first, last = task_ranges[tree, axis, 0], task_ranges[tree, axis, 1]
         if first < last:
             own = share(lane, lanes, last - first, 1)
             for t in range(first + own[0], first + own[1]):
                 profile = tasks[t, 13]
-                fill_task(level, slots, memory, work[lane], tasks[t], reach[axis], r[profile], e[profile], f[profile], remember)
+                for c in range(components):
+                    fill_task(component(level, c, components), component(slots, c, components), component(memory, c, components), work[lane],
+                              tasks[t], reach[axis], r[profile], e[profile], f[profile], remember)  # fmt: skip
             barrier(sync, lanes)
 
 
 @njit(error_model="numpy", cache=True)
-def fill(level, slots, memory, work, trees, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember):
+def fill(level, slots, memory, work, components, trees, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember):
     """Fill all halos of one level and advance the layers' memory to its time."""
     sync = np.zeros(1, np.int64)
     lane, lanes = np.int64(0), np.int64(1)
     for axis in range(3):
-        copy(level, copies, copy_ranges[-1, axis])
+        copy(level, copies, copy_ranges[-1, axis], components)
         for tree in range(trees.shape[0]):
             if trees[tree, 0] == axis:
-                fill_tree(lane, lanes, sync, tree, level, slots, memory, work, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember)
+                fill_tree(
+                    lane, lanes, sync, tree, level, slots, memory, work, components, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember
+                )
 
 
 @njit(error_model="numpy", cache=True)
-def cut(lane, lanes, sync, src, values, base, out, scale, first, last, nodes, neighbours, weights, increments, coefficient, material, rule):
+def cut(lane, lanes, sync, src, values, base, out, scale, components, first, last, nodes, neighbours, weights, increments, coefficient, material,
+        rule):  # fmt: skip
     """Take back the absent bonds from `nodes` to `neighbours` among `values`, whose coefficients are `material`."""
     if first == last:
         return
-    if lane == 0:
+    if lane == 0 and components == 1:
         for i in range(first, last):
             lost = scale * weights[i] * (values[neighbours[i]] - src[nodes[i]])
             if coefficient.size > 1:
@@ -318,39 +366,51 @@ def cut(lane, lanes, sync, src, values, base, out, scale, first, last, nodes, ne
             out[nodes[i]] -= lost
             if increments:
                 base[nodes[i]] -= lost
+    elif lane == 0:
+        here, there = src.size // components, values.size // components
+        for i in range(first, last):
+            factor = scale
+            if coefficient.size > 1:
+                factor *= bond_factor(rule, coefficient[nodes[i]], material[neighbours[i]])
+            for column in range(components):
+                difference = factor * (values[neighbours[i] + column * there] - src[nodes[i] + column * here])
+                for row in range(components):
+                    out[nodes[i] + row * here] -= weights[(i * components + row) * components + column] * difference
     barrier(sync, lanes)
 
 
 @njit(error_model="numpy", cache=True)
-def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slots, memory, work, trees, blocks, functions, depths, weights,
-          offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
+def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slots, memory, work, components, trees, blocks, functions, depths,
+          weights, offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
           cut_ranges, cut_nodes, cut_neighbours, cut_weights, solids, volumes):  # fmt: skip
     """``out = a*src + b*base + scale*L(src)`` everywhere; fills the halo of `src` and advances the layers' memory to its time.
 
     trees[tree] = (axis, first block, last block + 1, first coefficient); numbers = (a, a for differences, b, scale, source scale).
     """
     scale = numbers[3]
-    law = (general, numbers[0], numbers[1], numbers[2], increments, rule)
+    law = (general, numbers[0], numbers[1], numbers[2], increments, rule, components)
     for axis in range(3):
         bounds = copy_ranges[-1, axis]
         if bounds[0] < bounds[1]:
             if lane == 0:
-                copy(src, copies, bounds)
+                copy(src, copies, bounds, components)
             barrier(sync, lanes)
         for tree in range(trees.shape[0]):
             if trees[tree, 0] == axis:
-                fill_tree(lane, lanes, sync, tree, src, slots, memory, work, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember)
+                fill_tree(
+                    lane, lanes, sync, tree, src, slots, memory, work, components, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember
+                )
                 first, last = trees[tree, 1], trees[tree, 2]
                 material = coefficient[trees[tree, 3] :] if coefficient.size > 1 else coefficient
                 sweep_tree(lane, lanes, slots, base, out, first, last, blocks, functions, depths, weights, offsets, material, law)
                 barrier(sync, lanes)
-                cut(lane, lanes, sync, src, slots, base, out, scale, cut_ranges[tree], cut_ranges[tree + 1], cut_nodes, cut_neighbours, cut_weights,
-                    increments, coefficient, material, rule)  # fmt: skip
+                cut(lane, lanes, sync, src, slots, base, out, scale, components, cut_ranges[tree], cut_ranges[tree + 1], cut_nodes, cut_neighbours,
+                    cut_weights, increments, coefficient, material, rule)  # fmt: skip
     sweep_core(
         lane, lanes, sync, src, base, out, blocks[0], functions[0], depths[0], backward, weights[0], offsets[0], coefficient, law, solids, volumes
     )
     barrier(sync, lanes)
-    cut(lane, lanes, sync, src, src, base, out, scale, cut_ranges[trees.shape[0]], cut_nodes.size, cut_nodes, cut_neighbours, cut_weights,
+    cut(lane, lanes, sync, src, src, base, out, scale, components, cut_ranges[trees.shape[0]], cut_nodes.size, cut_nodes, cut_neighbours, cut_weights,
         increments, coefficient, coefficient, rule)  # fmt: skip
 
 
@@ -397,8 +457,8 @@ def book_ends(books, forces, effect, flows):
 
 
 @njit(error_model="numpy", nogil=True, cache=True)
-def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, slots, memory, work, trees, blocks, functions, depths, weights,
-        offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
+def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, slots, memory, work, components, trees, blocks, functions, depths,
+        weights, offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
         cut_ranges, cut_nodes, cut_neighbours, cut_weights, solids, volumes, dissolved, total, saturation, period, steps_before,
         damped, damp_before, damp_after, damp_leak, ends,
         tied, tied_starts, tied_sources, tied_weights, books, book_nodes, book_neighbours, book_weights, book_effects, end_books, flows,
@@ -428,8 +488,8 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                     else:
                         base[node] = src[node] - (src[node] - base[node]) * damp_before[i]
                 barrier(sync, lanes)
-            stage(lane, lanes, sync, src, base, out, numbers[part], increments, (phase + part) % 2 == 1, slots, memory, work, trees, blocks,
-                  functions, depths, weights[part], offsets, general[part], copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember,
+            stage(lane, lanes, sync, src, base, out, numbers[part], increments, (phase + part) % 2 == 1, slots, memory, work, components, trees,
+                  blocks, functions, depths, weights[part], offsets, general[part], copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember,
                   coefficient, rule, cut_ranges, cut_nodes, cut_neighbours, cut_weights, solids, volumes)  # fmt: skip
             if bounded:
                 if lane == 0:
@@ -454,7 +514,9 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                         base[node] = out[node] - src[node]
                 barrier(sync, lanes)
             if short_waves[5].size:
-                damp_short_waves(lane, lanes, sync, src, base, out, increments, *short_waves)
+                for c in range(components):
+                    damp_short_waves(lane, lanes, sync, component(src, c, components), component(base, c, components),
+                                     component(out, c, components), increments, *short_waves)  # fmt: skip
             if held.size:
                 for i in range(lane, held.size, lanes):
                     node = held[i]
@@ -480,6 +542,6 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                 for axis in range(3):
                     if period[axis] > 0:
                         if lane == 0:
-                            copy(coefficient, copies, copy_ranges[-1, axis])
+                            copy(coefficient, copies, copy_ranges[-1, axis], 1)
                         barrier(sync, lanes)
         phase = (phase + 1) % stages.shape[0]

@@ -3,21 +3,23 @@
 from numba import cfunc
 
 from farhorizon.engine.simd import line_sweep, strided_sweep, sweep_signature
+from farhorizon.engine.simd_matrix import matrix_line_sweep, matrix_strided_sweep
 
 SHAPE = ((0, 0, 1),)
 CLASSES = (0,)
 REAL = "float64"
 INCREMENTS = False
 LINES = True
+PATTERN = ()
 
-strided = strided_sweep(SHAPE, CLASSES, REAL, INCREMENTS)
-line = line_sweep(SHAPE, CLASSES, REAL) if LINES else strided
+strided = matrix_strided_sweep(SHAPE, PATTERN, REAL) if PATTERN else strided_sweep(SHAPE, CLASSES, REAL, INCREMENTS)
+line = (matrix_line_sweep(SHAPE, PATTERN, REAL) if PATTERN else line_sweep(SHAPE, CLASSES, REAL)) if LINES else strided
 
 
 @cfunc(sweep_signature(REAL), cache=True)
-def rows(src, base, out, weights, a, b, n, count, s0, s1, s2, step, t):
+def rows(src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, shifts):
     """Neighbouring rows of one block."""
     if LINES and s2 == 1:
-        line(src, base, out, weights, a, b, n, count, s0, s1, s2, step, t)
+        line(src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, shifts)
     else:
-        strided(src, base, out, weights, a, b, n, count, s0, s1, s2, step, t)
+        strided(src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, shifts)

@@ -7,7 +7,8 @@ carry the ``contract`` flag only: a fixed order of summation keeps results deter
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from llvmlite import ir
@@ -18,13 +19,13 @@ from numba.extending import intrinsic
 Shape = tuple[tuple[int, int, int], ...]
 
 _CONTRACT = ("contract",)
-_I64 = ir.IntType(64)
+I64 = ir.IntType(64)
 _I32 = ir.IntType(32)
 _FIRST_CACHE = 41_000  # bytes of the first cache that a tile may take
-_AHEAD = 2  # rows between use and prefetch: one lasts less than a fetch from memory
+AHEAD = 2  # rows between use and prefetch: one lasts less than a fetch from memory
 
 
-class _Vectors:
+class Vectors:
     """Loads, stores and constants of one vector type, on byte addresses."""
 
     def __init__(self, builder: ir.IRBuilder, scalar: ir.Type, lanes: int) -> None:
@@ -33,7 +34,7 @@ class _Vectors:
         self.type = ir.VectorType(scalar, lanes)
 
     @classmethod
-    def of(cls, builder: ir.IRBuilder, real: str) -> _Vectors:
+    def of(cls, builder: ir.IRBuilder, real: str) -> Vectors:
         """Vectors of 64 bytes."""
         return cls(builder, ir.DoubleType(), 8) if real == "float64" else cls(builder, ir.FloatType(), 16)
 
@@ -45,12 +46,12 @@ class _Vectors:
 
     def splat_all(self, address: Any, count: int) -> list[Any]:
         """Each of `count` values in every lane of a vector of its own."""
-        return [self.splat(self.builder.load(self.pointer(self.builder.add(address, _I64(i * self.size)), self.scalar))) for i in range(count)]
+        return [self.splat(self.builder.load(self.pointer(self.builder.add(address, I64(i * self.size)), self.scalar))) for i in range(count)]
 
     def shifted(self, address: Any, *moves: tuple[int, Any]) -> Any:
         """An address moved by count * distance elements for each (count, distance)."""
         for count, distance in moves:
-            address = self.builder.add(address, self.builder.mul(_I64(count * self.size), distance))
+            address = self.builder.add(address, self.builder.mul(I64(count * self.size), distance))
         return address
 
     def concatenate(self, low: Any, high: Any, first: int) -> Any:
@@ -83,12 +84,21 @@ class _Vectors:
 
     def store_first(self, count: Any) -> Callable[[Any, Any], None]:
         """A store of the first `count` lanes only."""
-        numbers = ir.VectorType(_I64, self.lanes)
+        numbers = ir.VectorType(I64, self.lanes)
         mask = self.builder.icmp_signed("<", ir.Constant(numbers, list(range(self.lanes))), self.splat(count))
         parts = [self.type, self.type.as_pointer(), _I32, ir.VectorType(ir.IntType(1), self.lanes)]
         suffix = f"v{self.lanes}f{self.size * 8}"
         masked = cgutils.get_or_insert_function(self.builder.module, ir.FunctionType(ir.VoidType(), parts), f"llvm.masked.store.{suffix}.p0{suffix}")
         return lambda value, address: self.builder.call(masked, [value, self.pointer(address), _I32(self.size), mask])
+
+    def in_chunks(self, count: Any, chunk: Callable[[Any, Callable[[Any, Any], None]], None]) -> None:
+        """Call ``chunk(x, store)`` for every whole vector of `count` values and for the rest."""
+        rest = self.builder.srem(count, I64(self.lanes))
+        whole = self.builder.sub(count, rest)
+        with cgutils.for_range_slice(self.builder, I64(0), whole, I64(self.lanes), I64) as (x, _):
+            chunk(x, self.store)
+        with self.builder.if_then(self.builder.icmp_signed(">", rest, I64(0))):
+            chunk(whole, self.store_first(rest))
 
     def multiply_add(self, total: Any, factor: Any, term: Any) -> Any:
         """``total + factor * term``; the product alone without a total."""
@@ -97,7 +107,7 @@ class _Vectors:
 
 
 def line_sweep(shape: Shape, classes: tuple[int, ...], real: str) -> Any:
-    """Make the intrinsic ``sweep(src, base, out, weights, a, b, n, count, s0, s1, s2, step, t)`` for rows whose nodes are neighbours in memory.
+    """Make the intrinsic ``sweep(src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, shifts)`` for rows of neighbours in memory.
 
     Writes ``out = a*src + b*base + sum_k w_k (src_{+k} + src_{-k})`` on `count` rows of `n` nodes. Sums over the outer axes come first:
     ``T_i = sum_o w_(o,i) src_o``, lines of equal weights added before they are multiplied. What is left is ``T_0`` and the
@@ -133,18 +143,13 @@ def line_sweep(shape: Shape, classes: tuple[int, ...], real: str) -> Any:
     last = {o0: max(o1 for other, o1 in terms_of if other == o0) for o0, _ in terms_of}  # the line of each plane that the next row reads first
 
     def emit(builder: ir.IRBuilder, args: tuple[Any, ...]) -> None:
-        src, base, out, weights, a, b, n, count, s0, s1, _, step, t = args
-        vectors = _Vectors.of(builder, real)
-        size, width = vectors.size, _I64(vectors.lanes)
+        weights, s0, s1, step, t = args[3], args[8], args[9], args[11], args[12]
+        vectors = Vectors.of(builder, real)
         w = vectors.splat_all(weights, max(classes) + 1)
-        a_all, b_all = vectors.splat(a), vectors.splat(b)
-        tile = _I64(_tile(len(terms_of), size))
 
-        def row(x0: Any, length: Any, number: Any) -> None:
-            here = vectors.shifted(src, (1, x0), (1, builder.mul(number, step)))
-            old, new = (vectors.shifted(start, (1, x0), (1, builder.mul(number, t))) for start in (base, out))
+        def prepare(here: Any, old: Any, new: Any) -> Row:
             lines = {line: vectors.shifted(here, (line[0], s0), (line[1], s1)) for line in terms_of}
-            ahead = [vectors.shifted(here, (o0, s0), (o1, s1), (_AHEAD, step)) for o0, o1 in last.items()] + [vectors.shifted(old, (_AHEAD, t))]
+            ahead = [vectors.shifted(here, (o0, s0), (o1, s1), (AHEAD, step)) for o0, o1 in last.items()] + [vectors.shifted(old, (AHEAD, t))]
 
             def sums(at: Any) -> dict[int, Any]:
                 """T_i of one vector."""
@@ -155,51 +160,112 @@ def line_sweep(shape: Shape, classes: tuple[int, ...], real: str) -> Any:
                         total[i] = vectors.multiply_add(total[i], w[number], together)
                 return total
 
-            def from_before(before: Mapping[int, Any], now: Mapping[int, Any]) -> Any:
-                """What the vector `now` gets from itself and the one before."""
-                parts = [now[0]] if now[0] is not None else []
-                return vectors.sum(parts + [vectors.concatenate(before[i], now[i], vectors.lanes - i) for i in moved])
+            return Row(sums, [Output(0, [(i, i, i) for i in moved], here, old, new)], ahead)
 
-            def finish(x: Any, total: Any, now: Mapping[int, Any], store: Callable[[Any, Any], None]) -> tuple[dict[int, Any], Any]:
-                """Write one vector; T_i and the sum so far of the next."""
-                at = builder.mul(x, _I64(size))
-                for address in ahead:
-                    vectors.prefetch(builder.add(address, at))
-                following = sums(builder.add(at, _I64(vectors.lanes * size)))
-                total = vectors.sum([total] + [vectors.concatenate(now[i], following[i], i) for i in moved])
-                total = vectors.multiply_add(total, b_all, vectors.load(builder.add(old, at)))
-                store(vectors.multiply_add(total, a_all, vectors.load(builder.add(here, at))), builder.add(new, at))
-                return following, from_before(now, following)
+        sweep_lines(vectors, args, tile_nodes(len(terms_of), vectors.size), prepare)
 
-            first = sums(_I64(0))
-            start = [_I64(0), from_before(sums(_I64(-vectors.lanes * size)), first), *(first[i] for i in moved)]
-            rest = builder.srem(length, width)
-            whole = builder.sub(length, rest)
-            before, test, body, after = builder.block, *(builder.append_basic_block(name) for name in ("test", "vector", "rest"))
-            builder.branch(test)
-            builder.position_at_end(test)
-            carried = [builder.phi(value.type) for value in start]
-            x, total, *sums_now = carried
-            now = dict(zip(moved, sums_now, strict=True))
-            builder.cbranch(builder.icmp_signed("<", x, whole), body, after)
-            builder.position_at_end(body)
-            following, begun = finish(x, total, now, vectors.store)
-            end = [builder.add(x, width), begun, *(following[i] for i in moved)]
-            for phi, entering, coming in zip(carried, start, end, strict=True):
-                phi.add_incoming(entering, before)
-                phi.add_incoming(coming, builder.block)
-            builder.branch(test)
-            builder.position_at_end(after)
-            with builder.if_then(builder.icmp_signed(">", rest, _I64(0))):
-                finish(x, total, now, vectors.store_first(rest))
+    return sweep_intrinsic(emit, real)
 
-        with cgutils.for_range_slice(builder, _I64(0), n, tile, _I64) as (x0, _):
-            left = builder.sub(n, x0)
-            length = builder.select(builder.icmp_signed("<", left, tile), left, tile)
-            with cgutils.for_range_slice(builder, _I64(0), count, _I64(1), _I64) as (number, _):
-                row(x0, length, number)
 
-    return _sweep_intrinsic(emit, real)
+@dataclass(frozen=True)
+class Output:
+    """One field of a row: addresses of its first node, and which sums of a vector it gets.
+
+    Attributes
+    ----------
+    centre : hashable
+        Name of the sum that stays where it is.
+    moved : list of (i, ahead, behind)
+        The sum `ahead` comes from i nodes further on along the row, the sum `behind` from i nodes back.
+    here, old, new : address
+        In ``src``, ``base`` and ``out``.
+    """
+
+    centre: Hashable
+    moved: Sequence[tuple[int, Hashable, Hashable]]
+    here: Any
+    old: Any
+    new: Any
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of nodes: the sums of the vector at a distance from its first node, by name, None for an empty one; its fields; what to fetch ahead."""
+
+    sums: Callable[[Any], Mapping[Any, Any]]
+    outputs: Sequence[Output]
+    ahead: Sequence[Any]
+
+
+def sweep_lines(vectors: Vectors, args: tuple[Any, ...], length_of_tile: int, prepare: Callable[[Any, Any, Any], Row]) -> None:
+    """The loops of a sweep of rows whose nodes are neighbours in memory, tile by tile.
+
+    Parameters
+    ----------
+    vectors : Vectors
+    args : tuple
+        Arguments of the sweep (see `line_sweep`).
+    length_of_tile : int
+    prepare : callable
+        The `Row` that begins at given addresses in ``src``, ``base`` and ``out``.
+    """
+    builder = vectors.builder
+    src, base, out, _, a, b, n, count, _, _, _, step, t, _ = args
+    size, width = vectors.size, I64(vectors.lanes)
+    a_all, b_all = vectors.splat(a), vectors.splat(b)
+    tile = I64(length_of_tile)
+
+    def row(x0: Any, length: Any, number: Any) -> None:
+        here = vectors.shifted(src, (1, x0), (1, builder.mul(number, step)))
+        old, new = (vectors.shifted(start, (1, x0), (1, builder.mul(number, t))) for start in (base, out))
+        made = prepare(here, old, new)
+        names = list(dict.fromkeys(name for o in made.outputs for _, *both in o.moved for name in both))
+
+        def from_before(output: Output, before: Mapping[Any, Any], now: Mapping[Any, Any]) -> Any:
+            """What the vector `now` gets from itself and the one before."""
+            parts = [now[output.centre]] if now[output.centre] is not None else []
+            return vectors.sum(parts + [vectors.concatenate(before[name], now[name], vectors.lanes - i) for i, _, name in output.moved])
+
+        def finish(x: Any, totals: Sequence[Any], now: Mapping[Any, Any], store: Callable[[Any, Any], None]) -> tuple[Mapping[Any, Any], list[Any]]:
+            """Write one vector; the sums and the totals so far of the next."""
+            at = builder.mul(x, I64(size))
+            for address in made.ahead:
+                vectors.prefetch(builder.add(address, at))
+            following = made.sums(builder.add(at, I64(vectors.lanes * size)))
+            for output, begun in zip(made.outputs, totals, strict=True):
+                total = vectors.sum([begun] + [vectors.concatenate(now[name], following[name], i) for i, name, _ in output.moved])
+                total = vectors.multiply_add(total, b_all, vectors.load(builder.add(output.old, at)))
+                store(vectors.multiply_add(total, a_all, vectors.load(builder.add(output.here, at))), builder.add(output.new, at))
+            return following, [from_before(output, now, following) for output in made.outputs]
+
+        first = made.sums(I64(0))
+        before_first = made.sums(I64(-vectors.lanes * size))
+        start = [I64(0), *(from_before(output, before_first, first) for output in made.outputs), *(first[name] for name in names)]
+        rest = builder.srem(length, width)
+        whole = builder.sub(length, rest)
+        before, test, body, after = builder.block, *(builder.append_basic_block(name) for name in ("test", "vector", "rest"))
+        builder.branch(test)
+        builder.position_at_end(test)
+        carried = [builder.phi(value.type) for value in start]
+        x, totals, sums_now = carried[0], carried[1 : 1 + len(made.outputs)], carried[1 + len(made.outputs) :]
+        now = dict(zip(names, sums_now, strict=True))
+        builder.cbranch(builder.icmp_signed("<", x, whole), body, after)
+        builder.position_at_end(body)
+        following, begun = finish(x, totals, now, vectors.store)
+        end = [builder.add(x, width), *begun, *(following[name] for name in names)]
+        for phi, entering, coming in zip(carried, start, end, strict=True):
+            phi.add_incoming(entering, before)
+            phi.add_incoming(coming, builder.block)
+        builder.branch(test)
+        builder.position_at_end(after)
+        with builder.if_then(builder.icmp_signed(">", rest, I64(0))):
+            finish(x, totals, now, vectors.store_first(rest))
+
+    with cgutils.for_range_slice(builder, I64(0), n, tile, I64) as (x0, _):
+        left = builder.sub(n, x0)
+        length = builder.select(builder.icmp_signed("<", left, tile), left, tile)
+        with cgutils.for_range_slice(builder, I64(0), count, I64(1), I64) as (number, _):
+            row(x0, length, number)
 
 
 def strided_sweep(shape: Shape, classes: tuple[int, ...], real: str, increments: bool) -> Any:
@@ -213,8 +279,8 @@ def strided_sweep(shape: Shape, classes: tuple[int, ...], real: str, increments:
         members.setdefault(number, []).extend((o0, o1, side * i) for side in ((1, -1) if i else (1,)))
 
     def emit(builder: ir.IRBuilder, args: tuple[Any, ...]) -> None:
-        src, base, out, weights, a, b, n, count, s0, s1, s2, step, t = args
-        vectors = _Vectors.of(builder, real)
+        src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, _ = args
+        vectors = Vectors.of(builder, real)
         w = vectors.splat_all(weights, max(classes) + 1)
         a_all, b_all = vectors.splat(a), vectors.splat(b)
 
@@ -224,7 +290,7 @@ def strided_sweep(shape: Shape, classes: tuple[int, ...], real: str, increments:
             places = {o: vectors.shifted(here, *zip(o, (s0, s1, s2), strict=True)) for equal in members.values() for o in equal}
 
             def chunk(x: Any, store: Callable[[Any, Any], None]) -> None:
-                at = builder.mul(x, _I64(vectors.size))
+                at = builder.mul(x, I64(vectors.size))
                 own = vectors.load(builder.add(here, at))
                 total = None
                 for number, equal in members.items():
@@ -235,28 +301,23 @@ def strided_sweep(shape: Shape, classes: tuple[int, ...], real: str, increments:
                     store(total, builder.add(old, at))
                 store(builder.fadd(own, total) if increments else vectors.multiply_add(total, a_all, own), builder.add(new, at))
 
-            rest = builder.srem(n, _I64(vectors.lanes))
-            whole = builder.sub(n, rest)
-            with cgutils.for_range_slice(builder, _I64(0), whole, _I64(vectors.lanes), _I64) as (x, _):
-                chunk(x, vectors.store)
-            with builder.if_then(builder.icmp_signed(">", rest, _I64(0))):
-                chunk(whole, vectors.store_first(rest))
+            vectors.in_chunks(n, chunk)
 
-        with cgutils.for_range_slice(builder, _I64(0), count, _I64(1), _I64) as (number, _):
+        with cgutils.for_range_slice(builder, I64(0), count, I64(1), I64) as (number, _):
             row(number)
 
-    return _sweep_intrinsic(emit, real)
+    return sweep_intrinsic(emit, real)
 
 
-def _tile(lines: int, size: int) -> int:
+def tile_nodes(lines: int, size: int) -> int:
     """Nodes of a row to sweep at a time, so that all lines read and written stay in the first cache; lines too many for that go whole."""
     fitting = _FIRST_CACHE // ((lines + 3) * size) // 64 * 64
     return fitting if fitting * size >= 2048 else 1 << 30
 
 
-def _sweep_intrinsic(emit: Callable[[ir.IRBuilder, tuple[Any, ...]], None], real: str) -> Any:
+def sweep_intrinsic(emit: Callable[[ir.IRBuilder, tuple[Any, ...]], None], real: str) -> Any:
     @intrinsic
-    def sweep(typingctx, src, base, out, weights, a, b, n, count, s0, s1, s2, step, t):  # type: ignore[no-untyped-def]
+    def sweep(typingctx, src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, shifts):  # type: ignore[no-untyped-def]
         def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
             emit(builder, args)
             return context.get_dummy_value()
@@ -268,13 +329,13 @@ def _sweep_intrinsic(emit: Callable[[ir.IRBuilder, tuple[Any, ...]], None], real
 
 def sweep_signature(real: str) -> Any:
     """Numba signature of a sweep."""
-    return types.void(*[types.int64] * 4, *[getattr(types, real)] * 2, *[types.int64] * 7)
+    return types.void(*[types.int64] * 4, *[getattr(types, real)] * 2, *[types.int64] * 8)
 
 
 @intrinsic
-def call_sweep(typingctx, function, src, base, out, weights, a, b, n, count, s0, s1, s2, step, t):  # type: ignore[no-untyped-def]
+def call_sweep(typingctx, function, src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, shifts):  # type: ignore[no-untyped-def]
     """Call a compiled sweep by its address: the driver need not be compiled again for every stencil."""
-    signature = types.void(*[types.int64] * 5, a, a, *[types.int64] * 7)
+    signature = types.void(*[types.int64] * 5, a, a, *[types.int64] * 8)
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
         kind = ir.FunctionType(ir.VoidType(), [arg.type for arg in args[1:]])
@@ -296,7 +357,7 @@ def sweep_phases(typingctx, src, coefficient, base, out, offsets, weights, bonds
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
         src, coefficient, base, out, offsets, weights, bonds, a, b, n, count, step, t = args
-        vectors = _Vectors(builder, a.type, 8 if isinstance(a.type, ir.DoubleType) else 16)
+        vectors = Vectors(builder, a.type, 8 if isinstance(a.type, ir.DoubleType) else 16)
         size, width = vectors.size, 16
         parts = range(width // vectors.lanes)
         zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
@@ -304,22 +365,22 @@ def sweep_phases(typingctx, src, coefficient, base, out, offsets, weights, bonds
         absolute = cgutils.get_or_insert_function(builder.module, kind, f"llvm.fabs.v{vectors.lanes}f{size * 8}")
 
         def at(address: Any, part: int) -> Any:
-            return builder.add(address, _I64(part * vectors.lanes * size))
+            return builder.add(address, I64(part * vectors.lanes * size))
 
         def chunk(row: tuple[Any, ...], x: Any, stores: list[Any]) -> None:
-            shift = builder.mul(x, _I64(size))
+            shift = builder.mul(x, I64(size))
             here, phase, older, new = (builder.add(address, shift) for address in row)
             own = [vectors.load(at(here, part)) for part in parts]
             before, body, after = builder.block, builder.append_basic_block("bonds"), builder.append_basic_block("done")
             builder.branch(body)
             builder.position_at_end(body)
-            bond = builder.phi(_I64)
+            bond = builder.phi(I64)
             sums = [builder.phi(vectors.type) for _ in range(2 * len(parts))]
-            for phi, first in zip([bond, *sums], [_I64(0), *[zero] * len(sums)], strict=True):
+            for phi, first in zip([bond, *sums], [I64(0), *[zero] * len(sums)], strict=True):
                 phi.add_incoming(first, before)
-            distance = builder.load(vectors.pointer(builder.add(offsets, builder.mul(bond, _I64(8))), _I64))
-            distance = builder.mul(distance, _I64(size))
-            weight = vectors.splat(builder.load(vectors.pointer(builder.add(weights, builder.mul(bond, _I64(size))), vectors.scalar)))
+            distance = builder.load(vectors.pointer(builder.add(offsets, builder.mul(bond, I64(8))), I64))
+            distance = builder.mul(distance, I64(size))
+            weight = vectors.splat(builder.load(vectors.pointer(builder.add(weights, builder.mul(bond, I64(size))), vectors.scalar)))
             there, other = builder.add(here, distance), builder.add(phase, distance)
             grown = []
             for part in parts:
@@ -327,7 +388,7 @@ def sweep_phases(typingctx, src, coefficient, base, out, offsets, weights, bonds
                 theirs = vectors.load(at(other, part))
                 grown.append(vectors.multiply_add(sums[2 * part], flow, builder.call(absolute, [theirs])))
                 grown.append(builder.fadd(sums[2 * part + 1], builder.select(builder.fcmp_ordered(">", theirs, zero), flow, zero)))
-            following = builder.add(bond, _I64(1))
+            following = builder.add(bond, I64(1))
             for phi, value in zip([bond, *sums], [following, *grown], strict=True):
                 phi.add_incoming(value, builder.block)
             builder.cbranch(builder.icmp_signed("<", following, bonds), body, after)
@@ -339,15 +400,15 @@ def sweep_phases(typingctx, src, coefficient, base, out, offsets, weights, bonds
                 total = vectors.multiply_add(total, vectors.splat(b), vectors.load(at(older, part)))
                 store(vectors.multiply_add(total, vectors.splat(a), own[part]), at(new, part))
 
-        rest = builder.srem(n, _I64(width))
+        rest = builder.srem(n, I64(width))
         whole = builder.sub(n, rest)
         with cgutils.for_range(builder, count) as rows:
-            read, written = (builder.mul(builder.mul(rows.index, distance), _I64(size)) for distance in (step, t))
+            read, written = (builder.mul(builder.mul(rows.index, distance), I64(size)) for distance in (step, t))
             row = builder.add(src, read), builder.add(coefficient, read), builder.add(base, written), builder.add(out, written)
-            with cgutils.for_range_slice(builder, _I64(0), whole, _I64(width), _I64) as (x, _):
+            with cgutils.for_range_slice(builder, I64(0), whole, I64(width), I64) as (x, _):
                 chunk(row, x, [vectors.store for _ in parts])
-            with builder.if_then(builder.icmp_signed(">", rest, _I64(0))):
-                chunk(row, whole, [vectors.store_first(builder.sub(rest, _I64(part * vectors.lanes))) for part in parts])
+            with builder.if_then(builder.icmp_signed(">", rest, I64(0))):
+                chunk(row, whole, [vectors.store_first(builder.sub(rest, I64(part * vectors.lanes))) for part in parts])
         return context.get_dummy_value()
 
     return types.void(*[types.int64] * 7, a, a, *[types.int64] * 4), codegen
@@ -365,23 +426,23 @@ def stretch_chain(lines: int, remember: bool) -> Any:
     stores: what a masked store wrote cannot be read back before it has reached the cache.
     """
 
-    def chain(builder: ir.IRBuilder, args: tuple[Any, ...], vectors: _Vectors, stores: list[Any]) -> None:
+    def chain(builder: ir.IRBuilder, args: tuple[Any, ...], vectors: Vectors, stores: list[Any]) -> None:
         near, diagonal, here, far, step, memory, r, e, f, turn, n, _, like = args
         parts = range(len(stores))
 
         def at(address: Any, part: int) -> Any:
-            return builder.add(address, _I64(part * vectors.lanes * vectors.size))
+            return builder.add(address, I64(part * vectors.lanes * vectors.size))
 
         start = [vectors.load(at(address, part)) for address in (near, diagonal) for part in parts]
         before, body, after = builder.block, builder.append_basic_block("columns"), builder.append_basic_block("done")
         builder.branch(body)
         builder.position_at_end(body)
-        column = builder.phi(_I64)
+        column = builder.phi(I64)
         carried = [builder.phi(vectors.type) for _ in start]
-        for phi, first in zip([column, *carried], [_I64(0), *start], strict=True):
+        for phi, first in zip([column, *carried], [I64(0), *start], strict=True):
             phi.add_incoming(first, before)
-        move, turned = builder.mul(column, step), builder.mul(builder.mul(column, turn), _I64(vectors.size))
-        kept = builder.add(memory, builder.mul(column, _I64(lines * vectors.size)))
+        move, turned = builder.mul(column, step), builder.mul(builder.mul(column, turn), I64(vectors.size))
+        kept = builder.add(memory, builder.mul(column, I64(lines * vectors.size)))
         r_all, e_all, f_all = (vectors.splat(builder.load(vectors.pointer(builder.add(table, turned), like.type))) for table in (r, e, f))
         heres, news = [], []
         for part, store in enumerate(stores):
@@ -395,7 +456,7 @@ def stretch_chain(lines: int, remember: bool) -> Any:
             store(new, at(builder.add(far, move), part))
             heres.append(value)
             news.append(new)
-        following = builder.add(column, _I64(1))
+        following = builder.add(column, I64(1))
         for phi, value in zip([column, *carried], [following, *heres, *news], strict=True):
             phi.add_incoming(value, builder.block)
         builder.cbranch(builder.icmp_signed("<", following, n), body, after)
@@ -406,15 +467,15 @@ def stretch_chain(lines: int, remember: bool) -> Any:
         def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
             count, like = args[-2:]
             full = 8 if isinstance(like.type, ir.DoubleType) else 16
-            one, many = _Vectors(builder, like.type, 1), _Vectors(builder, like.type, full)
-            with builder.if_else(builder.icmp_signed("==", count, _I64(lines))) as (whole, part):
+            one, many = Vectors(builder, like.type, 1), Vectors(builder, like.type, full)
+            with builder.if_else(builder.icmp_signed("==", count, I64(lines))) as (whole, part):
                 with whole:
                     chain(builder, args, many, [many.store] * (lines // full))
-                with part, builder.if_else(builder.icmp_signed("==", count, _I64(1))) as (single, several):
+                with part, builder.if_else(builder.icmp_signed("==", count, I64(1))) as (single, several):
                     with single:
                         chain(builder, args, one, [one.store])
                     with several:
-                        chain(builder, args, many, [many.store_first(builder.sub(count, _I64(first))) for first in range(0, lines, full)])
+                        chain(builder, args, many, [many.store_first(builder.sub(count, I64(first))) for first in range(0, lines, full)])
             return context.get_dummy_value()
 
         return types.void(*[types.int64] * 12, like), codegen

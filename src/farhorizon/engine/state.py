@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -28,8 +29,9 @@ class State:
 
     def __init__(self, engine: Engine) -> None:
         self.engine = engine
-        self._nodes = np.concatenate([b.node_indices().ravel() for b in engine.layout.blocks.values()])
-        self._memory = np.concatenate([np.zeros(0, np.int64), *(cells.ravel() for face in self._faces() for cells in face)])
+        self._nodes = engine.all_components(np.concatenate([b.node_indices().ravel() for b in engine.layout.blocks.values()]))
+        cells = np.concatenate([np.zeros(0, np.int64), *(cells.ravel() for face in self._faces() for cells in face)])
+        self._memory = (cells + engine.memory.size // engine.components * np.arange(engine.components)[:, None]).ravel()
         poles = engine.poles
         self._modes = np.nonzero(np.concatenate([poles.any(1)] * 2, axis=1))
         self.size = len(self.read())
@@ -80,10 +82,15 @@ class State:
         return self.read()
 
     def field(self, values: np.ndarray) -> np.ndarray:
-        """The field of a state on the core, shape of the core; complex for complex states."""
-        level = np.zeros(self.engine.layout.size, values.dtype)
+        """The field of a state on the core, shape of the core, after the components if there are several; complex for complex states."""
+        level = np.zeros(self.engine.levels.shape[1], values.dtype)
         level[self._nodes] = values[: len(self._nodes)]
         return self.engine.core.view(level).copy()
+
+    def portrait(self, values: np.ndarray) -> np.ndarray:
+        """What a picture shows of the field of a state: of vectors the component that is largest somewhere, shape of the core."""
+        found = self.field(values)
+        return found if self.engine.components == 1 else found[np.unravel_index(np.argmax(np.abs(found)), found.shape)[0]]
 
     def rows(self) -> Rows:
         """Places of the state by (entry of one row along the normal, row), for an engine whose layers all lie on its first axis.
@@ -91,27 +98,32 @@ class State:
         The rows are its translations along the other axes, the last axis fastest.
         """
         axis = next(a for a in range(3) if self.engine.layout.reach[a])
+        components, blocks = self.engine.components, self.engine.layout.blocks.values()
         place, names, start = [], [], 0
-        for level in range(len(self._levels(0))):
-            for block in self.engine.layout.blocks.values():
+        for level, c in itertools.product(range(len(self._levels(0))), range(components)):
+            for block in blocks:
                 count, side, n = int(np.prod(block.nodes)), block.segment[axis], block.nodes[axis]
                 place.append(np.moveaxis(np.arange(start, start + count).reshape(block.nodes), axis, 0).reshape(n, -1))
-                names += [(level, side, p, n) for p in range(n)]  # a layer's nodes are counted outwards
+                names += [(level, c, side, p, n) for p in range(n)]  # a layer's nodes are counted outwards
                 start += count
-        for (_, side), face in zip(self.engine.layout.task_sides, self._faces(), strict=False):
-            found = []
-            for cells in face:
-                found.append(np.arange(start, start + cells.size).reshape(cells.shape))
-                start += cells.size
-            place.append(np.concatenate(found, axis=1))
-            names += [(-1, side, p, len(place[-1])) for p in range(len(place[-1]))]
+        for c in range(components):
+            for (_, side), face in zip(self.engine.layout.task_sides, self._faces(), strict=False):
+                found = []
+                for cells in face:
+                    found.append(np.arange(start, start + cells.size).reshape(cells.shape))
+                    start += cells.size
+                place.append(np.concatenate(found, axis=1))
+                names += [(-1, c, side, p, len(place[-1])) for p in range(len(place[-1]))]
         number = {name: i for i, name in enumerate(names)}
-        images = [number.get((level, -side, p if side else n - 1 - p, n)) for level, side, p, n in names]
-        near = [[number[level, 0, p, n] for p in range(n)] for level, n in {(name[0], name[3]) for name in names if name[1] == 0}]
-        columns = {side: n for level, side, _, n in names if level == 0 and side}
-        levels = sorted({level for level, *_ in names if level >= 0})
-        layers = {side: np.array([[number[level, side, p, n] for p in range(n)] for level in levels]) for side, n in columns.items()}
-        return Rows(np.concatenate(place), None if None in images else np.array(images), np.array(sorted(near)), layers)
+        images = [number.get((level, c, -side, p if side else n - 1 - p, n)) for level, c, side, p, n in names]
+        signs = np.array([-1 if components > 1 and c == 0 else 1 for _, c, *_ in names])  # the first component is that along the normal
+        kinds = sorted({(level, c, n) for level, c, side, _, n in names if side == 0})
+        near = np.array([[number[level, c, 0, p, n] for p in range(n)] for level, c, n in kinds])
+        layers = {}
+        for side, n in {side: n for level, _, side, _, n in names if level == 0 and side}.items():
+            levels = range(len(self._levels(0)))
+            layers[side] = np.array([[[number[level, c, side, p, n] for p in range(n)] for c in range(components)] for level in levels])
+        return Rows(np.concatenate(place), None if None in images else np.array(images), signs, near, layers)
 
 
 @dataclass(frozen=True)
@@ -124,13 +136,16 @@ class Rows:
         Where the entries of each row stand in the state.
     images : ndarray of int, shape (entries,), or None
         Each entry's mirror image in the middle between the sides; None where the sides differ.
-    near : ndarray of int, shape (levels, nodes)
+    signs : ndarray of int, shape (entries,)
+        What an entry is multiplied with in that mirror: -1 for the component along the normal, else 1.
+    near : ndarray of int, shape (levels * components, nodes)
         Entries of the core's nodes.
-    layers : mapping of int to ndarray of int, shape (levels, columns)
+    layers : mapping of int to ndarray of int, shape (levels, components, columns)
         Entries of the nodes of the low (-1) and the high layer (1), outwards.
     """
 
     place: np.ndarray
     images: np.ndarray | None
+    signs: np.ndarray
     near: np.ndarray
     layers: Mapping[int, np.ndarray]

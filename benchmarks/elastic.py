@@ -1,0 +1,126 @@
+"""Speed, memory and accuracy of elastic steps: matrix stencils against the machine's multiply-adds, layers against the infinite lattice.
+
+- speed: near fields on one thread in double precision. Useful multiply-adds are those of the plain stencil, one for each entry of a bond's matrix
+  that is not zero (the centre and the time update are not counted); the compiled rows need fewer, for they combine mirror images first, so that a
+  share above 100 % is possible. The peak is measured beside it: independent multiply-adds on whole vectors in registers. Targets: 40 %
+  of the peak; in 3D with m = 3 ten times the rates of particle codes, which do 1e6 nodes/s (linear bond-based) and 0.36e6 nodes/s
+  (ordinary state-based); 150 bytes a node.
+- layers: largest error of the near field against the infinite lattice, relative to the largest initial value, over four crossings of the
+  P wave; pulses of all components that meet sides and corners. Targets in 3D: 1e-5 with 10 nodes, 1e-7 with 20.
+
+Run: ``python benchmarks/elastic.py [speed] [layers] [--json FILE] [--repeats N]``. Takes two minutes and 2 GB.
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import numpy as np
+from common import bare_engine, interleaved, median, ratio, run_parts, steps, verdict
+from llvmlite import ir
+from numba import njit, types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+from farhorizon import Elastic, Kernel, Lattice, LatticePML, Simulation
+from farhorizon.analysis import InfiniteLattice
+from farhorizon.engine.simd import I64, Vectors
+
+CHAINS = 16  # independent sums: more than a multiply-add takes cycles, times how many begin in one
+PEAK_STEP = 100_000  # rounds of all chains in a timed step
+
+SPEED = {
+    "2D bond-based": (2, 1000, 3, "full", "bond-based"),
+    "2D state-based": (2, 1000, 3, "full", "state-based"),
+    "2D correspondence": (2, 1000, 3, "full", "correspondence"),
+    "3D bond-based": (3, 100, 3, "full", "bond-based"),
+    "3D bond-based, ramp": (3, 100, 3, "ramp", "bond-based"),
+    "3D state-based, m = 2": (3, 80, 2, "full", "state-based"),
+    "3D state-based": (3, 80, 3, "full", "state-based"),
+}
+LAYERS = {
+    "2D bond-based, m = 2": (2, Kernel(2.0, 1), {}, (12, 20)),
+    "2D bond-based, m = 3": (2, Kernel(3.0, 1), {}, (12, 20)),
+    "2D state-based, m = 2": (2, Kernel(2.0, 1), {"poisson": 0.3, "material": "state-based"}, (12, 20)),
+    "2D bilinear elements": (2, None, {"poisson": 0.3, "material": "finite-element"}, (12, 20)),
+    "2D correspondence, gaussian": (2, Kernel(3.0, 0, "gaussian", volume="full"),
+                                    {"poisson": 0.3, "material": "correspondence", "stabilisation": 0.5}, (12, 20)),
+    "3D bond-based, m = 2": (3, Kernel(2.0, 1), {}, (10, 20)),
+    "3D correspondence, m = 1.5": (3, Kernel(1.5, 1), {"poisson": 0.3, "material": "correspondence", "stabilisation": 0.5}, (10, 20)),
+}  # fmt: skip
+
+
+@intrinsic
+def _multiply_adds(typingctx, rounds, like):  # type: ignore[no-untyped-def]
+    """`rounds` multiply-adds in each of `CHAINS` independent vectors; their sum, so that none is left out."""
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        vectors = Vectors.of(builder, "float64")
+        factor = vectors.splat(args[1])
+        slots = [cgutils.alloca_once_value(builder, vectors.splat(builder.fadd(args[1], ir.Constant(ir.DoubleType(), i)))) for i in range(CHAINS)]
+        with cgutils.for_range_slice(builder, I64(0), args[0], I64(1), I64):
+            for slot in slots:
+                builder.store(vectors.multiply_add(factor, factor, builder.load(slot)), slot)
+        total = vectors.sum([builder.load(slot) for slot in slots])
+        return builder.extract_element(total, ir.IntType(32)(0))
+
+    return types.float64(types.int64, types.float64), codegen
+
+
+@njit
+def _peak(rounds, like):  # type: ignore[no-untyped-def]
+    return _multiply_adds(rounds, like)
+
+
+def peak_case(count: int) -> None:
+    """Multiply-adds that nothing holds up, as a timing case."""
+    _peak(PEAK_STEP * count, 0.5)
+
+
+def speed(given: argparse.Namespace) -> list[dict[str, Any]]:
+    """One row a material."""
+    rows = []
+    for name, (dim, n, m, volume, material) in SPEED.items():
+        model = Elastic(Kernel(float(m), 1, volume=volume), 1.0, None if material == "bond-based" else 0.3, material=material)
+        stencil = model.stencil(1.0, dim)
+        engine = bare_engine(stencil, (n,) * dim, 1)
+        times = interleaved({"step": steps(engine), "peak": peak_case}, given.repeats)
+        useful = int(np.count_nonzero(stencil.weights))
+        share = ratio(times, "peak", "step") * useful * n**dim / (PEAK_STEP * CHAINS * 8)
+        rate = n**dim / median(times, "step")
+        wanted = {"3D bond-based": 1e7, "3D state-based": 3.6e6}.get(name, 0.0)
+        rows.append({
+            "case": f"{name}, {n}^{dim}", "neighbours": len(stencil.weights), "multiply-adds": useful, "Mnodes/s": rate / 1e6, "of peak": share,
+            "bytes/node": engine.nbytes / n**dim, "share met": verdict(share, 0.4, True), "rate met": verdict(rate, wanted, True) if wanted else "",
+            "memory met": verdict(engine.nbytes / n**dim, 150, False),
+        })  # fmt: skip
+    return rows
+
+
+def layers(given: argparse.Namespace) -> list[dict[str, Any]]:
+    """One row a material and thickness."""
+    rows = []
+    for name, (dim, kernel, options, thicknesses) in LAYERS.items():
+        half, width = (14.0, 3.0) if dim == 2 else (9.0, 1.9)
+        model = Elastic(kernel, 1.0, **options)
+        lattice = Lattice(1.0, (-half,) * dim, (half,) * dim)
+        x = lattice.coordinates()
+        bump = np.exp(-sum(c**2 for c in x) / width**2)
+        u = np.stack([(1 + 0.3 * i + 0.2 * x[i - 1] / width) * bump for i in range(dim)])
+        for nodes in thicknesses:
+            sim = Simulation(lattice, model, LatticePML(nodes=nodes), {"u": u})
+            moments = [int(np.ceil(half * k / model.p_speed / sim.dt)) for k in (1, 2, 3, 4, 6, 8)]
+            exact = InfiniteLattice(sim.stencil, model.coefficient, model.integrator, sim.dt, moments[-1], sim.start_u)
+            errors = []
+            for step in moments:
+                sim.step(step - sim.step_count)
+                errors.append(float(np.abs(sim.fields["u"] - exact.after(step)).max() / np.abs(u).max()))
+            wanted = {10: 1e-5, 20: 1e-7}[nodes] if dim == 3 else 0.0
+            rows.append({"case": name, "nodes": nodes, "error": max(errors), "at the end": errors[-1],
+                         "met": verdict(max(errors), wanted, False) if wanted else ""})  # fmt: skip
+    return rows
+
+
+if __name__ == "__main__":
+    run_parts(__doc__, {"speed": ("Steps on one thread", speed), "layers": ("Errors against the infinite lattice", layers)})

@@ -1,0 +1,87 @@
+"""Which short waves a layer must damp, and by how much: what makes the lattice PML stable for every kernel.
+
+In a layer a wave is stretched along its phase velocity. One whose group velocity points the other way, a *backward wave*, then grows where it
+should decay: by ``sigma gamma`` per unit time, to first order in the strength sigma of the layer, with gamma from the symbol (`Stencil.layer_growth`).
+On a lattice such waves are short, and no run with a resolved field needs them. So the layer damps the velocity of what a high-pass filter F lets
+through, at a rate nu that follows sigma; a wave in which F is f then decays by ``nu f / 2`` per unit time, and ``nu f >= 2 sigma gamma`` stops it.
+
+The filter is a maximally flat polynomial of ``y = sin^2(k spacing / 2)`` along each axis, the regularised incomplete beta function ``I_y(rise, fall)``:
+it is 0 to the order `rise` at k = 0, 1 to the order `fall` at the shortest wave, and between 0 and 1 everywhere, so it never feeds a wave.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy import special
+
+from farhorizon.stencil import Stencil
+
+_TAPS = 17  # neighbours that a filter reads to either side along an axis, at least
+_TAPS_PER_REACH = 6  # and per node of the stencil's reach: wide stencils have longer backward waves, which take sharper filters
+_RESOLVED = 0.6  # share of the first backward wavenumber up to which waves are to pass unharmed
+_MOST = 1.0  # largest damping rate over sigma that is wanted: more of it reflects more, and where it is far more than needed it drives slow modes
+
+
+@dataclass(frozen=True)
+class HighPass:
+    """Damping of short waves in a layer.
+
+    Attributes
+    ----------
+    rise, fall : int
+        Orders of the filter ``I_y(rise, fall)``.
+    strength : float
+        Damping rate over sigma.
+    """
+
+    rise: int
+    fall: int
+    strength: float
+
+    def passed(self, angle: np.ndarray | float) -> np.ndarray:
+        """Share of a wave of given wavenumbers times spacing along one axis that the filter lets through."""
+        return np.asarray(special.betainc(self.rise, self.fall, np.sin(np.asarray(angle) / 2) ** 2))
+
+    def taps(self) -> np.ndarray:
+        """The filter on the lattice: its weight of the node itself, of both neighbours, and so on, shape (rise + fall,)."""
+        count = 8 * (self.rise + self.fall)
+        return np.fft.ifft(self.passed(2 * np.pi * np.arange(count) / count)).real[: self.rise + self.fall]
+
+
+def high_pass(stencil: Stencil) -> HighPass | None:
+    """The filter that stops all backward waves of a stencil and touches resolved ones least; None if there are none.
+
+    Parameters
+    ----------
+    stencil : Stencil
+
+    Returns
+    -------
+    HighPass or None
+        Of all filters of one length that need a rate of at most sigma, the one that damps waves of 60 % of the first backward wavenumber least;
+        where none is enough, the one that needs the least rate.
+    """
+    return _high_pass(stencil.offsets.tobytes(), stencil.weights.tobytes(), stencil.weights.shape)
+
+
+@lru_cache(maxsize=64)  # each side, and each copy of a set-up, asks again
+def _high_pass(offsets: bytes, weights: bytes, shape: tuple[int, ...]) -> HighPass | None:
+    stencil = Stencil(np.frombuffer(offsets, int).reshape(shape[0], -1), np.frombuffer(weights).reshape(shape))
+    zone, growth = stencil.layer_growth
+    worst = growth.max(-1)
+    backward = np.nonzero(worst > 1e-6)
+    if not backward[0].size:
+        return None
+    first = stencil.backward_waves().first_wavenumber
+    count = max(_TAPS, _TAPS_PER_REACH * max(stencil.reach))
+    found = []
+    for rise in range(1, count + 1):
+        filtered = HighPass(rise, count + 1 - rise, 1.0)
+        passed = sum(filtered.passed(axis).ravel()[index] for axis, index in zip(zone, backward, strict=True))
+        rate = float((2 * worst[backward] / np.maximum(passed, 1e-300)).max())
+        found.append((max(rate, _MOST), rate * float(filtered.passed(min(_RESOLVED * first, 1.0))), rise, rate))
+    _, _, rise, rate = min(found)
+    return HighPass(rise, count + 1 - rise, rate)

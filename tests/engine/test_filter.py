@@ -1,0 +1,97 @@
+"""The compiled damping of short waves against dense matrices."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.analysis.short_waves import HighPass
+from farhorizon.engine import Layer
+from farhorizon.engine.filter import line_damping
+from farhorizon.engine.state import State
+
+TAPS = HighPass(3, 2, 1.0).taps()
+RATE = np.array([0.1, 0.4, 0.9, 1.5])
+
+
+def layer(damping=RATE):
+    return fh.LatticePML(nodes=4, profile=Layer(np.ones(5), np.zeros(5), np.zeros(5), damping, TAPS))
+
+
+def simulation(boundary, shape, dtype="float64", threads=1):
+    lattice = fh.Lattice(1.0, (0.0,) * len(shape), [n - 1.0 for n in shape])
+    return fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), boundary, dtype=dtype, threads=threads)
+
+
+def natural(engine):
+    """Places of all nodes of a level in their natural order, and the distance of each from the core along each axis, 0 inside."""
+    nodes, depth = [], []
+    for segment in itertools.product((-1, 0, 1), repeat=3):
+        if segment in engine.layout.blocks:
+            block = engine.layout.blocks[segment]
+            at = np.indices(block.nodes)
+            place = [np.where(s < 0, -1 - at[a], np.where(s > 0, engine.core.nodes[a] + at[a], at[a])) for a, s in enumerate(segment)]
+            nodes.append(np.stack([*place, block.node_indices()], -1).reshape(-1, 4))
+            depth.append(np.stack([at[a] + 1 if s else 0 * at[a] for a, s in enumerate(segment)], -1).reshape(-1, 3))
+    table, far = np.concatenate(nodes), np.concatenate(depth)
+    order = np.lexsort(table[:, 2::-1].T)
+    return table[order], far[order]
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("periodic", [False, True])
+@pytest.mark.parametrize("shape", [(9,), (7, 8), (6, 5, 7)])
+def test_filter_is_the_matrix_it_is_said_to_be(shape, periodic, threads):
+    """A step with damping is one without, less D F D times the increments, F a matrix over all nodes with the taps along each axis."""
+    dim = len(shape)
+    if periodic and dim == 1:
+        pytest.skip("one axis")
+    sides = {axis: layer() for axis in "xyz"[:dim]}
+    plain = {axis: layer(np.zeros(0)) for axis in "xyz"[:dim]}
+    if periodic:
+        sides["y"] = plain["y"] = fh.Periodic()
+    sim, bare = simulation(sides, shape, threads=threads), simulation(plain, shape)
+    state, other = State(sim.engine), State(bare.engine)
+    start = np.random.default_rng(0).standard_normal(state.size)
+    state.after(start), other.after(start)
+    new, undamped, old = (e.levels[k] for e, k in ((sim.engine, 0), (bare.engine, 0), (bare.engine, 1)))
+    new, undamped = sim.engine.current, bare.engine.current
+    table, depth = natural(bare.engine)
+    at = table[:, 3]
+    other.write(start)
+    old = bare.engine.current[at].copy()
+    other.after(start)
+    undamped = bare.engine.current[at]
+    rates = np.append(0.0, RATE)[depth].sum(1)
+    strength = np.sqrt(-np.expm1(-dim * rates * sim.dt) / dim)
+    filtered = np.zeros((len(at), len(at)))
+    for axis in range(3 - dim, 3):
+        gap = np.abs(table[:, None, :3] - table[None, :, :3])
+        if periodic and axis == 4 - dim:
+            for turn in range(-5, 6):  # all images that the taps reach
+                far = np.abs(table[:, None, axis] - table[None, :, axis] + turn * shape[1])
+                filtered += np.where((np.delete(gap, axis, 2) == 0).all(2), np.append(TAPS, np.zeros(100))[np.minimum(far, 99)], 0.0)
+        else:
+            filtered += np.where((np.delete(gap, axis, 2) == 0).all(2), np.append(TAPS, np.zeros(100))[np.minimum(gap[:, :, axis], 99)], 0.0)
+    expected = undamped - strength * (filtered @ (strength * (undamped - old)))
+    assert np.abs(sim.engine.current[at] - expected).max() <= 1e-13 * np.abs(expected).max()
+    assert np.linalg.eigvalsh(strength[:, None] * filtered * strength).max() <= 1 + 1e-12  # never turns an increment round
+    assert np.linalg.eigvalsh(strength[:, None] * filtered * strength).min() >= -1e-12  # never gives energy
+
+
+def test_single_precision():
+    single, double = (simulation(layer(), (9, 8), dtype) for dtype in ("float32", "float64"))
+    for sim in (single, double):
+        sim.engine.core.view(sim.engine.current)[0, 4, 4] = 1.0
+        sim.engine.advance_alone(30)
+    a, b = (s.engine.core.view(s.engine.current) for s in (single, double))
+    assert np.abs(a - b).max() <= 1e-5 * np.abs(b).max() + 1e-6  # 30 steps of 6e-8
+
+
+def test_line_damping_is_the_strip_of_it():
+    """Along a wave the filter across is a number."""
+    found = line_damping(RATE, TAPS, 0.3, np.array([np.pi]))
+    strength = np.sqrt(-np.expm1(-2 * RATE * 0.3) / 2)
+    lone = line_damping(RATE, TAPS, 0.6, np.zeros(0))  # the same strengths but for the factor 1/2 that two axes share
+    assert np.abs(found - (lone / 2 + np.diag(strength**2 * HighPass(3, 2, 1.0).passed(np.pi)))).max() <= 1e-15

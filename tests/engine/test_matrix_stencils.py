@@ -1,0 +1,167 @@
+"""Fields of several components: the compiled sweeps of matrix stencils against plain numpy, halos, bonds that are absent, threads."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from farhorizon import Elastic, Fixed, Free, Kernel, LatticePML, Periodic, Simulation, Sponge, Stencil
+from farhorizon.engine.state import State
+from farhorizon.integrators import Verlet
+from helpers import engine_apply, lattice_of, periodic_engine, roll_apply
+
+VERLET = Verlet.stages(0.1)
+TOLERANCE = {"float64": 1e-13, "float32": 3e-5}
+
+
+def elastic(dim, reach, material="bond-based", **options):
+    """Stencil of a material on a unit lattice."""
+    poisson = None if material == "bond-based" else 0.3
+    kernel = None if material == "finite-element" else Kernel(float(reach), exponent=1, **options)
+    return Elastic(kernel, 1.0, poisson, material=material).stencil(1.0, dim)
+
+
+def random_stencil(dim, seed=4):
+    """No symmetry but the one that every stencil has."""
+    rng = np.random.default_rng(seed)
+    half = [o for o in itertools.product((-1, 0, 1), repeat=dim) if o > (0,) * dim]
+    weights = rng.uniform(-0.2, 1, (len(half), dim, dim))
+    return Stencil(np.concatenate([half, -np.array(half)]), np.concatenate([weights, np.swapaxes(weights, 1, 2)]))
+
+
+def stretched(stencil):
+    """The same with other weights along each axis: mirrors are left, exchanges of axes are not."""
+    factors = 1.0 + 0.2 * np.abs(stencil.offsets) @ np.arange(1, stencil.dim + 1)
+    return Stencil(stencil.offsets, stencil.weights * factors[:, None, None])
+
+
+STENCILS = {
+    **{f"2D m{m}": (elastic(2, m), (17, 21)) for m in (1, 2, 3)},
+    "2D m6": (elastic(2, 6), (15, 33)),
+    "2D state-based": (elastic(2, 2, "state-based"), (11, 19)),
+    "2D correspondence": (elastic(2, 3, "correspondence"), (15, 22)),
+    "2D elements": (elastic(2, 1, "finite-element"), (9, 12)),
+    "2D stretched": (stretched(elastic(2, 2)), (9, 18)),
+    "2D without symmetry": (random_stencil(2), (9, 18)),
+    "3D m1": (elastic(3, 1), (7, 8, 19)),
+    "3D m2 linear": (elastic(3, 2, influence="linear"), (7, 8, 19)),
+    "3D without symmetry": (random_stencil(3), (5, 6, 9)),
+}
+SOME = {name: STENCILS[name] for name in ("2D m3", "2D without symmetry", "3D m1")}
+
+
+def check_apply(shape, stencil, real="float64", threads=1, coefficient=None, rule="both"):
+    u = np.random.default_rng(3).uniform(-1, 1, (stencil.dim, *shape))
+    engine = periodic_engine(shape, stencil, VERLET, 0.1, coefficient, rule=rule, real=real, threads=threads)
+    scale = float(np.abs(stencil.weights).sum()) * (1.0 if coefficient is None else coefficient.max())
+    expected = roll_apply(u, stencil.offsets, stencil.weights, coefficient, rule)
+    np.testing.assert_allclose(engine_apply(engine, u), expected, rtol=0, atol=TOLERANCE[real] * scale)
+    return engine
+
+
+@pytest.mark.parametrize(("stencil", "shape"), STENCILS.values(), ids=STENCILS)
+def test_operator(stencil, shape):
+    """Sum of matrices times differences, for stencils with all symmetries, with mirrors alone and with none."""
+    check_apply(shape, stencil)
+
+
+@pytest.mark.parametrize(("stencil", "shape"), SOME.values(), ids=SOME)
+def test_operator_in_single_precision(stencil, shape):
+    """The same to the precision of float32."""
+    check_apply(shape, stencil, real="float32")
+
+
+@pytest.mark.parametrize("rule", ["both", "arithmetic", "harmonic"])
+@pytest.mark.parametrize(("stencil", "shape"), SOME.values(), ids=SOME)
+def test_factors_on_bonds(stencil, shape, rule):
+    """A coefficient on the nodes multiplies all entries of a bond's matrix."""
+    coefficient = np.random.default_rng(5).uniform(0, 2, shape)
+    check_apply(shape, stencil, coefficient=coefficient, rule=rule)
+
+
+def test_mirrored_stencils_are_compiled_and_others_are_not():
+    """The rows of one function serve all blocks of a stencil that looks alike along all axes."""
+    assert check_apply((9, 18), STENCILS["2D m2"][0])._sweeps[2].all()
+    assert not check_apply((9, 18), STENCILS["2D without symmetry"][0])._sweeps[2].any()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_layers_are_swept_alike_with_and_without_compiled_rows(dim, monkeypatch):
+    """Faces, edges and corners: the general sweep computes what the compiled rows do, order of summation apart."""
+    stencil, lattice = elastic(dim, 2), lattice_of((9, 8, 7)[:dim])
+    initial = {"u": np.random.default_rng(2).standard_normal((dim, *lattice.shape))}
+
+    def run():
+        sim = Simulation(lattice, Elastic(stencil, 1.0), LatticePML(nodes=4), initial, threads=1)
+        sim.step(12)
+        return sim
+
+    fast = run()
+    assert fast.engine._sweeps[2].all()
+    monkeypatch.setattr("farhorizon.engine.stencil_rows._UNROLLED_LIMIT", 0)
+    slow = run()
+    assert not slow.engine._sweeps[2].any()
+    for name in ("levels", "memory"):
+        np.testing.assert_allclose(getattr(fast.engine, name), getattr(slow.engine, name), rtol=0, atol=1e-12)
+
+
+def test_two_threads_compute_what_one_does(monkeypatch):
+    """Bit by bit, layers, periodic copies and damped nodes included."""
+    monkeypatch.setattr("farhorizon.engine._PARALLEL_NODES", 0)
+    lattice = lattice_of((15, 40))
+    runs = []
+    for threads in (1, 2):
+        monkeypatch.setattr("farhorizon.assembly.available_threads", lambda n=threads: n)
+        sim = Simulation(
+            lattice, Elastic(Kernel(2.0), 1.0), {"x-": LatticePML(nodes=4), "x+": Sponge(5), "y": Periodic()},
+            {"u": np.random.default_rng(2).standard_normal((2, *lattice.shape))}, threads=threads,
+        )  # fmt: skip
+        sim.step(9)
+        runs.append(sim)
+    np.testing.assert_array_equal(*[sim.engine.levels for sim in runs])
+    np.testing.assert_array_equal(*[sim.engine.memory for sim in runs])
+
+
+def test_absent_bonds():
+    """A free body: the operator is the sum over the bonds that are left, along a crack, too."""
+    shape = (9, 11)
+    lattice, stencil = lattice_of(shape), elastic(2, 2)
+    u = np.random.default_rng(6).standard_normal((2, *shape))
+    sim = Simulation(lattice, Elastic(stencil, 1.0), Free(), {"u": u}, cracks=[[(3.5, 2.2), (3.5, 7.8)]], threads=1)
+    expected = np.zeros_like(u)
+    for i in itertools.product(*map(range, shape)):
+        for o, w in zip(stencil.offsets, stencil.weights, strict=True):
+            j = tuple(np.array(i) + o)
+            inside = all(0 <= a < n for a, n in zip(j, shape, strict=True))
+            if inside and (i[0] < 3.5) != (j[0] < 3.5):
+                meets = i[1] + (3.5 - i[0]) / (j[0] - i[0]) * (j[1] - i[1])
+                inside = not 2.2 <= meets <= 7.8
+            if inside:
+                expected[(slice(None), *i)] += w @ (u[(slice(None), *j)] - u[(slice(None), *i)])
+    expected *= sim.model.coefficient
+    level = sim.engine.apply(sim.engine.current)
+    np.testing.assert_allclose(sim.engine.core.view(level)[:, 0], expected, rtol=0, atol=1e-13)
+
+
+SETUPS = {
+    "corners": (lattice_of((7, 8)), LatticePML(nodes=3)),
+    "free and periodic": (lattice_of((7, 6)), {"x-": LatticePML(nodes=3), "x+": Free(), "y": Periodic()}),
+    "space": (lattice_of((5, 5, 6)), {"x": LatticePML(nodes=2), "y": Fixed(), "z": LatticePML(nodes=2)}),
+}
+
+
+@pytest.mark.parametrize("name", SETUPS)
+def test_a_state_has_all_that_a_run_needs(name):
+    """A run set to a state read before goes on bit by bit as it did; every number of the state is some node's or some memory's."""
+    lattice, boundary = SETUPS[name]
+    u = np.random.default_rng(5).standard_normal((lattice.dim, *lattice.shape))
+    sim = Simulation(lattice, Elastic(Kernel(2.0), 1.0), boundary, {"u": u}, threads=1)
+    sim.step(3)
+    state = State(sim.engine)
+    before = state.read()
+    sim.step(5)
+    after = sim.fields["u"]
+    sim.engine.slots[:] = 0  # scratch
+    np.testing.assert_array_equal(state.read(), state.after(before, 5))
+    np.testing.assert_array_equal(sim.fields["u"], after)
+    assert np.abs(state.after(np.eye(state.size)[-1])).max() > 0
