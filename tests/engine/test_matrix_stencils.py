@@ -7,11 +7,7 @@ import pytest
 
 from farhorizon import Elastic, Fixed, Free, Kernel, LatticePML, Periodic, Simulation, Sponge, Stencil
 from farhorizon.engine.state import State
-from farhorizon.integrators import Verlet
-from helpers import engine_apply, lattice_of, periodic_engine, roll_apply
-
-VERLET = Verlet.stages(0.1)
-TOLERANCE = {"float64": 1e-13, "float32": 3e-5}
+from helpers import check_apply, lattice_of
 
 
 def elastic(dim, reach, material="bond-based", **options):
@@ -48,15 +44,6 @@ STENCILS = {
     "3D without symmetry": (random_stencil(3), (5, 6, 9)),
 }
 SOME = {name: STENCILS[name] for name in ("2D m3", "2D without symmetry", "3D m1")}
-
-
-def check_apply(shape, stencil, real="float64", threads=1, coefficient=None, rule="both"):
-    u = np.random.default_rng(3).uniform(-1, 1, (stencil.dim, *shape))
-    engine = periodic_engine(shape, stencil, VERLET, 0.1, coefficient, rule=rule, real=real, threads=threads)
-    scale = float(np.abs(stencil.weights).sum()) * (1.0 if coefficient is None else coefficient.max())
-    expected = roll_apply(u, stencil.offsets, stencil.weights, coefficient, rule)
-    np.testing.assert_allclose(engine_apply(engine, u), expected, rtol=0, atol=TOLERANCE[real] * scale)
-    return engine
 
 
 @pytest.mark.parametrize(("stencil", "shape"), STENCILS.values(), ids=STENCILS)
