@@ -13,6 +13,8 @@ from farhorizon.analysis.chain import Recursion
 from farhorizon.analysis.reflection import chain_modes, chain_weights, factor_of_wave, reflection
 from farhorizon.analysis.stability import Growth, dense_growth, fastest
 from farhorizon.boundaries import Boundary, Fixed, Free, LatticePML, Periodic
+from farhorizon.engine import Layer
+from farhorizon.engine.filter import line_damping
 from farhorizon.engine.state import State
 from farhorizon.lattice import AXES, Lattice
 from farhorizon.shapes import Ball, Disc
@@ -33,6 +35,13 @@ def pinned(sim: Simulation) -> dict[tuple[int, int], Boundary]:
         if isinstance(boundary, Fixed):
             found[key] = Fixed(0.0)
     return found
+
+
+def _undamped(boundary: Boundary) -> Boundary:
+    """The same side without damping of short waves."""
+    if isinstance(boundary, LatticePML) and isinstance(boundary.profile, Layer):
+        return replace(boundary, profile=replace(boundary.profile, damping=np.zeros(0)))
+    return boundary
 
 
 def plain_twin(sim: Simulation, lattice: Lattice | None = None) -> Simulation:
@@ -106,13 +115,19 @@ class Strip:
         lattice = Lattice(spacing, (0.0,) * dim, spacing * (np.array(shape) - 1))
         ends = sides or (pinned(sim)[axis, -1], pinned(sim)[axis, 1])
         boundary: dict[str, Boundary] = {"x-": ends[0], "x+": ends[1]} | {AXES[a]: Periodic() for a in range(1, dim)}
+        self._filters = {}
+        if dim > 1:  # the filters of the layers reach farther than the rows that the responses below need
+            known = {side: b.profile for side, b in zip((-1, 1), ends, strict=True) if isinstance(b, LatticePML)}
+            self._filters = {side: layer for side, layer in known.items() if isinstance(layer, Layer)}
+            ends = tuple(_undamped(b) for b in ends)  # type: ignore[assignment]
+            boundary |= {"x-": ends[0], "x+": ends[1]}
         self.sim = sim.remade(
             lattice=lattice, model=sim.model.with_stencil(sim.stencil.along(axis)), boundary=boundary, dtype="float64", threads=1, background=0.0,
         )  # fmt: skip
         self.width, self.dt = width, sim.dt
         self.state = State(self.sim.engine)
         rows = self.state.rows()
-        self.place, self._images, self._signs, self._near = rows.place, rows.images, rows.signs, rows.near
+        self.place, self._images, self._signs, self._near, self._layers = rows.place, rows.images, rows.signs, rows.near, rows.layers
         self.size = len(self.place)
         self.coarse = 11 if dim == 2 else 6
         endless = all(isinstance(b, Periodic | Free) for (a, _), b in sim.sides.items() if a != axis)
@@ -136,7 +151,17 @@ class Strip:
             row = np.arange(len(total))
             shift = np.where(row > len(row) // 2, row - len(row), row)
             total = np.tensordot(np.exp(-1j * angle * shift), total, 1)
-        return total
+        return self._filtered(total, np.array(angles))
+
+    def _filtered(self, matrix: np.ndarray, angles: np.ndarray) -> np.ndarray:
+        """The map of a step followed by the filters of the layers, for levels u(n), u(n - 1)."""
+        matrix = matrix.copy()
+        for side, layer in self._filters.items():
+            if layer.damping.size:
+                damping = line_damping(layer.damping, layer.taps, self.dt, angles)
+                for new, old in zip(*self._layers[side], strict=True):  # component by component
+                    matrix[new] -= damping @ (matrix[new] - matrix[old])
+        return matrix
 
     def growth(self, *angles: float) -> Growth:
         """The fastest mode at given tangential wavenumbers; between like sides modes are even or odd."""

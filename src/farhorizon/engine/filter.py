@@ -59,7 +59,7 @@ def filter_tables(layout: Layout, rates: Mapping[tuple[int, int], np.ndarray], t
             shape = block.nodes
             places.append(np.broadcast_to(place, shape).ravel())
             nodes.append(block.node_indices().ravel())
-            strengths.append(np.broadcast_to(np.sqrt(-np.expm1(-rate * dt) / len(axes)), shape).ravel())
+            strengths.append(np.broadcast_to(np.sqrt(-np.expm1(-len(axes) * rate * dt) / len(axes)), shape).ravel())
     box_places = np.concatenate(places)
     order = np.argsort(box_places)
     box_places = box_places[order]
@@ -67,6 +67,30 @@ def filter_tables(layout: Layout, rates: Mapping[tuple[int, int], np.ndarray], t
         np.asarray(taps, float), step[axes], np.zeros(int(np.prod(extent))), np.concatenate(nodes)[order], np.concatenate(strengths)[order],
         _runs(box_places), _wrapped(box_places, layout, step, pads, extent, low),
     )  # fmt: skip
+
+
+def line_damping(rates: np.ndarray, taps: np.ndarray, dt: float, across: np.ndarray) -> np.ndarray:
+    """What a step takes of the increments along a layer's normal, ``D F D`` for a wave along the layer.
+
+    Parameters
+    ----------
+    rates : ndarray, shape (columns,)
+    taps : ndarray, shape (R + 1,)
+    dt : float
+    across : ndarray, shape (dim - 1,)
+        Wavenumbers along the layer times spacing.
+
+    Returns
+    -------
+    ndarray, shape (columns, columns)
+    """
+    strengths = np.sqrt(-np.expm1(-(1 + across.size) * rates * dt) / (1 + across.size))
+    row = np.zeros(max(len(rates), len(taps)))
+    row[: len(taps)] = taps
+    places = np.arange(len(rates))
+    passed = row[np.abs(places[:, None] - places)]
+    passed += np.diag(np.full(len(rates), (taps[0] + 2 * np.cos(np.outer(across, np.arange(1, len(taps)))) @ taps[1:]).sum()))
+    return strengths[:, None] * passed * strengths
 
 
 def _runs(places: np.ndarray) -> np.ndarray:

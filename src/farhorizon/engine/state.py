@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -118,7 +119,11 @@ class State:
         signs = np.array([-1 if components > 1 and c == 0 else 1 for _, c, *_ in names])  # the first component is that along the normal
         kinds = sorted({(level, c, n) for level, c, side, _, n in names if side == 0})
         near = np.array([[number[level, c, 0, p, n] for p in range(n)] for level, c, n in kinds])
-        return Rows(np.concatenate(place), None if None in images else np.array(images), signs, near)
+        layers = {}
+        for side, n in {side: n for level, _, side, _, n in names if level == 0 and side}.items():
+            levels = range(len(self._levels(0)))
+            layers[side] = np.array([[[number[level, c, side, p, n] for p in range(n)] for c in range(components)] for level in levels])
+        return Rows(np.concatenate(place), None if None in images else np.array(images), signs, near, layers)
 
 
 @dataclass(frozen=True)
@@ -135,9 +140,12 @@ class Rows:
         What an entry is multiplied with in that mirror: -1 for the component along the normal, else 1.
     near : ndarray of int, shape (levels * components, nodes)
         Entries of the core's nodes.
+    layers : mapping of int to ndarray of int, shape (levels, components, columns)
+        Entries of the nodes of the low (-1) and the high layer (1), outwards.
     """
 
     place: np.ndarray
     images: np.ndarray | None
     signs: np.ndarray
     near: np.ndarray
+    layers: Mapping[int, np.ndarray]
