@@ -47,7 +47,7 @@ LAYERS = {
     "2D correspondence, gaussian": (2, Kernel(3.0, 0, "gaussian", volume="full"),
                                     {"poisson": 0.3, "material": "correspondence", "stabilisation": 0.5}, (12, 20)),
     "3D bond-based, m = 2": (3, Kernel(2.0, 1), {}, (10, 20)),
-    "3D correspondence, m = 1.5": (3, Kernel(1.5, 1), {"poisson": 0.3, "material": "correspondence", "stabilisation": 0.5}, (10, 20)),
+    "3D correspondence, m = 1.5": (3, Kernel(1.5, 2), {"poisson": 0.3, "material": "correspondence", "stabilisation": 0.5}, (10, 20)),
 }  # fmt: skip
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from farhorizon import Kernel, Lattice, Stencil
 from farhorizon.engine import Engine
+from farhorizon.integrators import Euler
 
 #: Factor of a bond from the coefficients of its ends.
 RULES = {
@@ -73,6 +74,19 @@ def periodic_engine(shape, stencil, stages, dt, coefficient=None, **options):
     grown = None if coefficient is None else np.reshape(coefficient, core)
     periodic = frozenset(range(lead, 3))
     return Engine(core, offsets, stencil.weights, stages, dt, layers={}, periodic=periodic, coefficient=grown, **options)
+
+
+TOLERANCE = {"float64": 1e-13, "float32": 3e-5}
+
+
+def check_apply(shape, stencil, stages=None, real="float64", coefficient=None, rule="both", threads=1):
+    """The engine's operator on white noise against np.roll; errors relative to the sum of the weights. Returns the engine."""
+    u = np.random.default_rng(3).uniform(-1, 1, shape if stencil.components == 1 else (stencil.components, *shape))
+    engine = periodic_engine(shape, stencil, stages or Euler.stages(0.1), 0.1, coefficient, rule=rule, real=real, threads=threads)
+    scale = float(np.abs(stencil.weights).sum()) * (1.0 if coefficient is None else coefficient.max())
+    expected = roll_apply(u, stencil.offsets, stencil.weights, coefficient, rule)
+    np.testing.assert_allclose(engine_apply(engine, u), expected, rtol=0, atol=TOLERANCE[real] * scale)
+    return engine
 
 
 def fitted_rate(sizes, errors):

@@ -1,5 +1,7 @@
 """Stencils: moments, symbols, largest symbol and backward waves, against textbook formulas, brute force and published numbers."""
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -251,3 +253,58 @@ def test_bad_tables_are_refused(offsets, weights, match):
     """Asymmetric, repeated, incomplete or non-finite tables."""
     with pytest.raises(InputError, match=match):
         Stencil(offsets, weights)
+
+
+def matrix_stencil():
+    """Bonds along the axes and diagonals of the plane, springs of two strengths."""
+    offsets = np.array([o for o in itertools.product((-1, 0, 1), repeat=2) if any(o)])
+    n = offsets / np.linalg.norm(offsets, axis=1)[:, None]
+    strength = np.where(np.abs(offsets).sum(1) == 1, 1.0, 0.5)
+    return Stencil(offsets, strength[:, None, None] * n[:, :, None] * n[:, None, :])
+
+
+def test_matrix_symbol():
+    """Hermitian, by the definition; its gradient and the slopes of its eigenvalues by differences."""
+    stencil = matrix_stencil()
+    skewed = stencil.weights + np.where(stencil.offsets[:, :1, None] > 0, 1, -1) * np.array([[0, 0.1], [-0.1, 0]]) * (
+        stencil.offsets[:, :1, None] != 0
+    )
+    for table in (stencil, Stencil(stencil.offsets, skewed)):
+        k = np.array([0.7, -1.9])
+        expected = sum(w * (1 - np.exp(1j * (o @ k))) for o, w in zip(table.offsets, table.weights, strict=True))
+        np.testing.assert_allclose(table.symbol(*k), expected, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(expected, expected.conj().T, rtol=0, atol=1e-14)
+        step = 1e-6
+        for axis in range(2):
+            ahead, behind = (k + side * step * np.eye(2)[axis] for side in (1, -1))
+            slope = (table.symbol(*ahead) - table.symbol(*behind)) / (2 * step)
+            np.testing.assert_allclose(table.symbol_gradient(axis, *k), slope, rtol=0, atol=1e-8)
+            slopes = (table.branches(*ahead) - table.branches(*behind)) / (2 * step)
+            np.testing.assert_allclose(table.branches_with_gradient(*k)[1][axis], slopes, rtol=0, atol=1e-8)
+        assert table.symbol_maximum >= table.branches(*np.meshgrid(*[np.linspace(-np.pi, np.pi, 41)] * 2)).max() - 1e-12
+
+
+def test_symmetries_of_matrices():
+    """Mirrors turn the component along them, exchanges of axes take the components with them; springs gain no energy, a part of them neither."""
+    stencil = matrix_stencil()
+    assert stencil.components == 2 and stencil.positive
+    assert stencil.even_along(0) and stencil.even_along(1) and stencil.same_along(0, 1)
+    wide = Stencil(stencil.offsets, stencil.weights * (1 + np.abs(stencil.offsets[:, :1, None])))
+    assert wide.even_along(0) and not wide.same_along(0, 1)
+    np.testing.assert_allclose(wide.along(1).symbol(0.3, 0.8), wide.symbol(0.8, 0.3)[::-1, ::-1], rtol=0, atol=1e-15)
+    assert not Stencil(stencil.offsets, stencil.weights - 0.3 * np.eye(2)).positive
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda w: w[:, :1], "one weight an offset"),
+        (lambda w: w + np.arange(8)[:, None, None], "equal weights at k and -k"),
+        (lambda w: w + np.array([[0, 1], [0, 0]]), "of matrices the transpose"),
+        (lambda w: w * np.nan, "finite"),
+    ],
+)
+def test_bad_matrices(change, message):
+    stencil = matrix_stencil()
+    with pytest.raises(InputError, match=message):
+        Stencil(stencil.offsets, change(stencil.weights))

@@ -1,4 +1,4 @@
-"""farhorizon: peridynamic and classical waves, diffusion, heat and corrosion in an unbounded medium, on a small grid."""
+"""farhorizon: peridynamic and classical waves, elasticity, diffusion, heat and corrosion in an unbounded medium, on a small grid."""
 
 from farhorizon.boundaries import Exact, FirstOrder, Fixed, Free, Higdon, LatticePML, Periodic, PlaneWave, Sponge
 from farhorizon.certificate import Certificate

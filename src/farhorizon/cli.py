@@ -253,7 +253,8 @@ def _compare_case(case: Any, folder: Path, times: Sequence[float] | None, moment
     fields = [(f"{name}, t = {result.shown_time:.3g}", value) for name, value in shown.items()]
     folder.mkdir(parents=True, exist_ok=True)
     picture, history = folder / "compare.png", folder / "error.png"
-    field_panels(fields, case.lattice.axes, picture, cracks=cracks)
+    label = "|u|" if any(value.ndim > case.lattice.dim for value in result.fields.values()) else "u"
+    field_panels(fields, case.lattice.axes, picture, cracks=cracks, label=label)
     curves = {name: (c["times"], c["error_rel_initial"]) for name, c in result.curves.items()}
     error_history(curves, history, f"max error / {result.scale}", "Error against the infinite medium")
     print(f"pictures: {picture}, {history}")

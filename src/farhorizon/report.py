@@ -156,7 +156,7 @@ class Report:
         total = int(np.prod(engine.core.nodes))
         extra = sum(int(np.prod(b.nodes)) for b in engine.layout.blocks.values()) - int(np.prod(lattice.shape))
         say("nodes computed", f"{total} in the core, {extra} beyond the near field")
-        say("memory", f"{engine.nbytes / 2**20:.3g} MiB = {engine.nbytes / (np.prod(lattice.shape) * engine.dtype.itemsize):.3g} near fields")
+        say("memory", f"{engine.nbytes / 2**20:.3g} MiB = {engine.nbytes / (np.prod(sim.field_shape) * engine.dtype.itemsize):.3g} near fields")
         say("absent bonds", str(engine.absent_bonds))
         self.numbers |= {"dt": sim.dt, "step_limit": sim.step_limit, "memory": float(engine.nbytes)}
 

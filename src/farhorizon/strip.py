@@ -117,7 +117,8 @@ class Strip:
         boundary: dict[str, Boundary] = {"x-": ends[0], "x+": ends[1]} | {AXES[a]: Periodic() for a in range(1, dim)}
         self._filters = {}
         if dim > 1:  # the filters of the layers reach farther than the rows that the responses below need
-            self._filters = {side: b.profile for side, b in zip((-1, 1), ends, strict=True) if isinstance(b, LatticePML) and isinstance(b.profile, Layer)}
+            known = {side: b.profile for side, b in zip((-1, 1), ends, strict=True) if isinstance(b, LatticePML)}
+            self._filters = {side: layer for side, layer in known.items() if isinstance(layer, Layer)}
             ends = tuple(_undamped(b) for b in ends)  # type: ignore[assignment]
             boundary |= {"x-": ends[0], "x+": ends[1]}
         self.sim = sim.remade(

@@ -5,12 +5,11 @@ import pytest
 
 from farhorizon import Diffusion, Fixed, Free, InputError, LatticePML, Periodic, Simulation, Source, Sponge, Stencil, Wave
 from farhorizon.integrators import Euler, RungeKutta4, Verlet
-from helpers import RULES, dense_operator, engine_apply, kernel_stencil, lattice_of, periodic_engine, roll_apply
+from helpers import RULES, TOLERANCE, check_apply, dense_operator, engine_apply, kernel_stencil, lattice_of, periodic_engine, roll_apply
 
 EULER = Euler.stages(0.1)
 RANDOM = np.random.default_rng(7)
 EPS = np.finfo(float).eps
-TOLERANCE = {"float64": 1e-13, "float32": 3e-5}
 
 
 def symmetric(dim, table):
@@ -44,16 +43,6 @@ STENCILS = {
     "big 2D": (kernel_stencil(2, 8, 1), (19, 29)),
 }
 SOME = {name: STENCILS[name] for name in ("1D m2", "2D m3", "3D m1", "skewed 2D")}
-
-
-def check_apply(shape, stencil, stages=EULER, real="float64", coefficient=None, rule="both", threads=1):
-    """The engine's operator on white noise against np.roll; errors relative to the sum of the weights."""
-    u = np.random.default_rng(3).uniform(-1, 1, shape)
-    engine = periodic_engine(shape, stencil, stages, 0.1, coefficient, rule=rule, real=real, threads=threads)
-    scale = float(np.abs(stencil.weights).sum()) * (1.0 if coefficient is None else coefficient.max())
-    expected = roll_apply(u, stencil.offsets, stencil.weights, coefficient, rule)
-    np.testing.assert_allclose(engine_apply(engine, u), expected, rtol=0, atol=TOLERANCE[real] * scale)
-    return engine
 
 
 @pytest.mark.parametrize(("stencil", "shape"), STENCILS.values(), ids=STENCILS)

@@ -5,13 +5,12 @@ import itertools
 import numpy as np
 import pytest
 
-from farhorizon import Elastic, Fixed, Free, Kernel, LatticePML, Periodic, Simulation, Sponge, Stencil
+from farhorizon import Elastic, Fixed, Free, Kernel, LatticePML, Periodic, Simulation, Sponge, Stencil, Wave
+from farhorizon.engine import Layer
 from farhorizon.engine.state import State
-from farhorizon.integrators import Verlet
-from helpers import engine_apply, lattice_of, periodic_engine, roll_apply
+from helpers import check_apply, kernel_stencil, lattice_of
 
-VERLET = Verlet.stages(0.1)
-TOLERANCE = {"float64": 1e-13, "float32": 3e-5}
+TAPS = np.array([6.0, -4.0, 1.0]) / 16  # (1 - cos k)^2 / 4, a filter that passes short waves
 
 
 def elastic(dim, reach, material="bond-based", **options):
@@ -48,15 +47,6 @@ STENCILS = {
     "3D without symmetry": (random_stencil(3), (5, 6, 9)),
 }
 SOME = {name: STENCILS[name] for name in ("2D m3", "2D without symmetry", "3D m1")}
-
-
-def check_apply(shape, stencil, real="float64", threads=1, coefficient=None, rule="both"):
-    u = np.random.default_rng(3).uniform(-1, 1, (stencil.dim, *shape))
-    engine = periodic_engine(shape, stencil, VERLET, 0.1, coefficient, rule=rule, real=real, threads=threads)
-    scale = float(np.abs(stencil.weights).sum()) * (1.0 if coefficient is None else coefficient.max())
-    expected = roll_apply(u, stencil.offsets, stencil.weights, coefficient, rule)
-    np.testing.assert_allclose(engine_apply(engine, u), expected, rtol=0, atol=TOLERANCE[real] * scale)
-    return engine
 
 
 @pytest.mark.parametrize(("stencil", "shape"), STENCILS.values(), ids=STENCILS)
@@ -120,6 +110,30 @@ def test_two_threads_compute_what_one_does(monkeypatch):
         runs.append(sim)
     np.testing.assert_array_equal(*[sim.engine.levels for sim in runs])
     np.testing.assert_array_equal(*[sim.engine.memory for sim in runs])
+
+
+BOUNDARIES = {
+    "filtered layers": LatticePML(nodes=6, profile=Layer(np.ones(7), np.linspace(0, 1, 7), np.full(7, 0.01), np.linspace(0, 0.5, 6), TAPS)),
+    "mixed": {"x-": Sponge(5), "x+": Free(), "y-": LatticePML(nodes=4), "y+": Fixed()},
+    "periodic": {"x": LatticePML(nodes=5), "y": Periodic()},
+}
+
+
+@pytest.mark.parametrize("boundary", BOUNDARIES.values(), ids=BOUNDARIES)
+def test_components_that_do_not_couple_are_scalar_waves(boundary):
+    """With multiples of the unit matrix each component is a run of its own: layers and their filters, sponges, sides, a coefficient."""
+    lattice, scalar = lattice_of((15, 13)), kernel_stencil(2, 2)
+    coefficient = np.where(np.arange(13) < 6, 1.0, 0.5) * np.ones((15, 1)) if isinstance(boundary, dict) and "x" in boundary else None
+    u = np.random.default_rng(2).standard_normal((2, *lattice.shape))
+    vector = Elastic(Stencil(scalar.offsets, scalar.weights[:, None, None] * np.eye(2)), shear=1 / 3, poisson=0.25)
+    assert vector.coefficient == pytest.approx(1.0)
+    options = {"coefficient": coefficient, "threads": 1, "dt": 0.3}
+    both = Simulation(lattice, vector, boundary, {"u": u}, **options)
+    alone = [Simulation(lattice, Wave(scalar), boundary, {"u": part}, **options) for part in u]
+    for sim in (both, *alone):
+        sim.step(60)
+    np.testing.assert_allclose(both.fields["u"], [sim.fields["u"] for sim in alone], rtol=0, atol=1e-12)
+    assert both.energy() == pytest.approx(sum(sim.energy() for sim in alone), rel=1e-10)
 
 
 def test_absent_bonds():

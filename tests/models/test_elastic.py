@@ -319,7 +319,7 @@ def test_layers_with_corners_against_the_infinite_lattice(name):
 def test_layers_in_space(material, nodes, wanted):
     """The bounds that are asked of ten and of twenty nodes."""
     options = {} if material == "bond-based" else {"poisson": 0.3, "material": material, "stabilisation": 0.5}
-    kernel = PROFILE if material == "bond-based" else fh.Kernel(1.5, exponent=1)
+    kernel = PROFILE if material == "bond-based" else fh.Kernel(1.5)
     sim = fh.Simulation(box(9.0, 3), elastic(1.0, kernel, **options), fh.LatticePML(nodes=nodes), {"u": pulse(3, 1.9)})
     assert worst_error(sim, 9.0 / sim.model.p_speed * np.array([1.0, 2.0, 3.0, 4.0])) < wanted
 
@@ -351,7 +351,7 @@ def test_modes_between_like_sides_are_even_or_odd():
 @pytest.mark.slow
 def test_stabilised_correspondence_needs_no_filter():
     """No backward waves, so that nothing grows in the layer: certified, corners included."""
-    kernel = fh.Kernel(1.5, exponent=1)
+    kernel = fh.Kernel(1.5)
     sim = fh.Simulation(box(12.0, 2), elastic(1.0, kernel, poisson=0.25, material="correspondence", stabilisation=0.5), fh.LatticePML(nodes=12))
     assert not sim.stencil.backward_waves()
     assert sim.certificate(300.0).verdict == "certified"

@@ -20,6 +20,7 @@ from farhorizon.engine.simd import call_sweep, stretch_chain, sweep_phases
 from farhorizon.engine.threads import barrier, claim
 
 CHUNK = 64
+SHIFTS = 12  # column of a block's row where the distances of the components begin
 LONG, GRAIN = 256, 16  # nodes of a row that is worth cutting, and of the pieces: whole cache lines
 
 stretch_remembering = stretch_chain(LINES, True)
@@ -130,7 +131,7 @@ def sweep_part(src, base, out, block, number, depth, first, last, function, weig
     if function != 0:
         size = src.itemsize
         call_sweep(function, src.ctypes.data + start * size, base.ctypes.data + to * size, out.ctypes.data + to * size, weights.ctypes.data,
-                   a, b, last - first, count, block[6], block[7], block[8], block[5], block[11], block[12:].ctypes.data)  # fmt: skip
+                   a, b, last - first, count, block[6], block[7], block[8], block[5], block[11], block.ctypes.data + 8 * SHIFTS)  # fmt: skip
     elif components == 1:
         for row in range(count):
             sweep_general(src, base, out, start + row * block[5], to + row * block[11], last - first, offsets, general, a_difference, b,
@@ -330,11 +331,11 @@ def fill_tree(lane, lanes, sync, tree, level, slots, memory, work, components, c
         first, last = task_ranges[tree, axis, 0], task_ranges[tree, axis, 1]
         if first < last:
             own = share(lane, lanes, last - first, 1)
-            for t in range(first + own[0], first + own[1]):
-                profile = tasks[t, 13]
-                for c in range(components):
-                    fill_task(component(level, c, components), component(slots, c, components), component(memory, c, components), work[lane],
-                              tasks[t], reach[axis], r[profile], e[profile], f[profile], remember)  # fmt: skip
+            for c in range(components):
+                values, places, past = component(level, c, components), component(slots, c, components), component(memory, c, components)
+                for t in range(first + own[0], first + own[1]):
+                    profile = tasks[t, 13]
+                    fill_task(values, places, past, work[lane], tasks[t], reach[axis], r[profile], e[profile], f[profile], remember)
             barrier(sync, lanes)
 
 

@@ -1,4 +1,4 @@
-"""What the models of one scalar field share: a stencil and the constant in front of it."""
+"""What the models share: a stencil and the constant in front of it. (Only `Elastic` has a field of several components.)"""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from farhorizon.stencil import Stencil
 
 
 class ScalarModel:
-    """A linear model of one field u whose operator is ``coefficient * L``.
+    """A linear model of one field u, a scalar unless its stencil has matrices, whose operator is ``coefficient * L``.
 
     Attributes
     ----------
