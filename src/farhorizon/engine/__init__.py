@@ -13,7 +13,7 @@ import numpy as np
 
 from farhorizon.engine.build import load_driver, load_rows
 from farhorizon.engine.layout import ALIGN, LINES, TASK_FIELDS, Block, Layout
-from farhorizon.engine.phases import NEVER, TILE, TILE_ROWS, count_solid
+from farhorizon.engine.phases import NEVER, TILE, TILE_ROWS, count_solid, find_runs
 
 __all__ = ["NEVER", "Engine", "Layer", "Layout", "available_threads"]
 
@@ -141,7 +141,7 @@ class Engine:
             self._coefficient = self.spread(coefficient)
         self.set_cuts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
         self.set_damping(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros(0))
-        self._set_tiles(np.zeros((0, 0), np.int64), np.zeros((0, 0), np.int64), np.zeros(0, np.int64), 0.0)
+        self._set_tiles(np.zeros((0, 0), np.int64), np.zeros((0, 0), np.int64), np.zeros(0, np.int64), 1.0, 0.0)
         self.set_ends(np.zeros((0, 0), np.int64), 1.0)
         self.hold(np.zeros(0, np.int64))
         self.set_tied(np.zeros(0, np.int64), np.zeros(1, np.int64), np.zeros(0, np.int64), np.zeros(0))
@@ -277,15 +277,19 @@ class Engine:
         self.core.view(steps)[...] = dissolved
         depths = self._sweeps[3]
         depths[0] = -(-depths[0] // TILE_ROWS) * TILE_ROWS
-        self._set_tiles(*self._count_solid(), steps, saturation)
+        self._set_tiles(*self._count_solid(), steps, interface, saturation)
 
     def _count_solid(self) -> tuple[np.ndarray, np.ndarray]:
         """Solid nodes, and all nodes, of each tile and within one reach of it."""
         return count_solid(self.core.plane.all(self._coefficient) < 0, self.layout.reach, (1, TILE_ROWS, TILE))
 
-    def _set_tiles(self, solids: np.ndarray, volumes: np.ndarray, dissolved: np.ndarray, saturation: float) -> None:
+    def _set_tiles(self, solids: np.ndarray, volumes: np.ndarray, dissolved: np.ndarray, interface: float, saturation: float) -> None:
         period = np.array([n if a in self.layout.periodic else 0 for a, n in enumerate(self.core.nodes)])
-        self._tiles, self._dissolution = (solids, volumes), (dissolved, np.zeros(1, np.int64), float(saturation), period)
+        changed, runs = np.ones(len(solids), bool), np.zeros((*solids.shape, 2), np.int32)
+        find_runs(0, 1, solids, volumes, changed, runs)
+        self._runs = runs, self.dtype.type(interface)
+        self._tiles = solids, volumes, changed
+        self._dissolution = dissolved, np.zeros(1, np.int64), float(saturation), period
 
     @property
     def dissolved(self) -> np.ndarray:
@@ -417,7 +421,8 @@ class Engine:
         out, base, numbers = self._plain(level)
         self._driver.stage(
             0, 1, _ALONE, level, base, out, numbers, self.stages.increments, False, self.slots, self.memory.copy(), self._work,
-            *self._first_sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts, *self._tiles,
+            *self._first_sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
+            *self._runs,
         )  # fmt: skip
         return (base if self.stages.increments else out) / numbers[3]
 
@@ -427,7 +432,7 @@ class Engine:
         _, blocks, functions, depths, weights, offsets, general = self._first_sweeps
         law = (general, *numbers[:3], self.stages.increments, self._rule)
         first = blocks[0], functions[0], depths[0], False, weights[0], offsets[0]
-        self._driver.sweep_core(0, 1, _ALONE, level, base, out, *first, self._coefficient, law, *self._tiles)
+        self._driver.sweep_core(0, 1, _ALONE, level, base, out, *first, self._coefficient, law, *self._runs)
         ranges, *cuts = self._cuts
         self._driver.cut(0, 1, _ALONE, level, level, base, out, numbers[3], ranges[-1], len(cuts[0]), *cuts, self.stages.increments,
                          self._coefficient, self._coefficient, self._rule)  # fmt: skip
@@ -454,7 +459,7 @@ class Engine:
         state = (
             self.phase, self.levels, self._rotation, self._numbers, self.stages.increments, self.slots, self.memory, self._work,
             *self._sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
-            *self._tiles, *self._dissolution, self.steps_done, *self._damping,
+            *self._runs, *self._tiles, *self._dissolution, self.steps_done, *self._damping,
             (*self._ends, self.heads, self.past, self.history), *self._tied, *self._books, self.flows, self._fringe,
             source_nodes, source_fields, source_times,
             self.held, _NOTHING if held_values is None else held_values, tied_fields, tied_times,
@@ -479,8 +484,8 @@ class Engine:
     @contextmanager
     def as_before(self) -> Iterator[None]:
         """Whatever runs inside leaves no trace."""
-        arrays = [self.levels, self.memory, self.states, self.forces, self.clock, self.flows, self.fringe_history, self._coefficient, *self._tiles,
-                  *self._dissolution[:2]]  # fmt: skip
+        arrays = [self.levels, self.memory, self.states, self.forces, self.clock, self.flows, self.fringe_history, self._coefficient, self._runs[0],
+                  *self._tiles, *self._dissolution[:2]]  # fmt: skip
         kept, phase, steps = [a.copy() for a in arrays], self.phase, self.steps_done
         try:
             yield
@@ -508,6 +513,6 @@ class Engine:
     def nbytes(self) -> int:
         """Bytes of all time levels, slots, layer memory, phases, the memory of exact ends and of fringes."""
         ends = self.heads.nbytes + self.past.nbytes + self.history.nbytes + sum(np.asarray(a).nbytes for a in self._ends)
-        phases = sum(np.asarray(a).nbytes for a in (*self._tiles, *self._dissolution))
+        phases = sum(np.asarray(a).nbytes for a in (*self._runs, *self._tiles, *self._dissolution))
         fringe = sum(a.nbytes for a in self._fringe)
         return self.levels.nbytes + self.slots.nbytes + self.memory.nbytes + self._coefficient.nbytes + ends + phases + fringe

@@ -285,72 +285,95 @@ def call_sweep(typingctx, function, src, base, out, weights, a, b, n, count, s0,
 
 
 @intrinsic
-def sweep_phases(typingctx, src, coefficient, base, out, offsets, weights, bonds, a, b, n, count, step, t):  # type: ignore[no-untyped-def]
-    """``out = a*src + b*base + sum over the bonds`` on `count` rows of `n` nodes, where bonds differ by the phases of their ends.
+def sweep_phases(typingctx, src, coefficient, base, out, offsets, weights, bonds, a, b, interface, n, count, step, t):  # type: ignore[no-untyped-def]
+    """``out = a*src + b*base + sum over the bonds`` on up to four rows of `n` nodes, where bonds differ by the phases of their ends.
 
-    All but a, b and the counts are byte addresses: of the first node in each array, of the distances (int64) to the neighbours and of their
-    weights. Rows lie `step` elements apart in src and coefficient, t in base and out. A node with the coefficient c > 0
-    (which is 1) sums ``w |c'| (u' - u)``, another one ``w |c| (u' - u)`` over liquid neighbours only, so that nothing at all flows
-    between solid nodes. Reads up to 16 nodes beyond the end of a row, writes none.
+    All but a, b, the factor `interface` of bonds between the phases and the counts are byte addresses: of the first node in each array, of the
+    distances (int64) to the neighbours and of their weights. Rows lie `step` elements apart in src and coefficient, t in base and out; a
+    coefficient above 0 marks the liquid. With the sums ``all = sum w (u' - u)`` and ``open``, over liquid neighbours only, a liquid node gains
+    ``interface all + (1 - interface) open``, a solid one ``interface open``, so that nothing at all flows between solid nodes. Rows that are
+    not there repeat the last one: their sums cost less than a loop of another length. Reads up to 8 nodes beyond the end of a row, writes none.
     """
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-        src, coefficient, base, out, offsets, weights, bonds, a, b, n, count, step, t = args
-        vectors = _Vectors(builder, a.type, 8 if isinstance(a.type, ir.DoubleType) else 16)
-        size, width = vectors.size, 16
-        parts = range(width // vectors.lanes)
+        src, coefficient, base, out, offsets, weights, bonds, a, b, interface, n, count, step, t = args
+        vectors = _Vectors(builder, a.type, 8)
+        size = vectors.size
         zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
-        kind = ir.FunctionType(vectors.type, [vectors.type])
-        absolute = cgutils.get_or_insert_function(builder.module, kind, f"llvm.fabs.v{vectors.lanes}f{size * 8}")
+        a_all, b_all, between = (vectors.splat(value) for value in (a, b, interface))
+        within = builder.fsub(ir.Constant(vectors.type, [1.0] * vectors.lanes), between)
+        last = builder.sub(count, _I64(1))
+        numbers = [builder.select(builder.icmp_signed("<", last, _I64(row)), last, _I64(row)) for row in range(4)]
+        apart = builder.sub(coefficient, src)
 
-        def at(address: Any, part: int) -> Any:
-            return builder.add(address, _I64(part * vectors.lanes * size))
+        def liquid(address: Any) -> Any:
+            return builder.fcmp_ordered(">", vectors.load(address), zero)
 
-        def chunk(row: tuple[Any, ...], x: Any, stores: list[Any]) -> None:
-            shift = builder.mul(x, _I64(size))
-            here, phase, older, new = (builder.add(address, shift) for address in row)
-            own = [vectors.load(at(here, part)) for part in parts]
+        def chunk(x: Any, store: Callable[[Any, Any], None]) -> None:
+            heres = [vectors.shifted(src, (1, x), (1, builder.mul(number, step))) for number in numbers]
+            own = [vectors.load(here) for here in heres]
             before, body, after = builder.block, builder.append_basic_block("bonds"), builder.append_basic_block("done")
             builder.branch(body)
             builder.position_at_end(body)
             bond = builder.phi(_I64)
-            sums = [builder.phi(vectors.type) for _ in range(2 * len(parts))]
+            sums = [builder.phi(vectors.type) for _ in range(2 * len(heres))]
             for phi, first in zip([bond, *sums], [_I64(0), *[zero] * len(sums)], strict=True):
                 phi.add_incoming(first, before)
             distance = builder.load(vectors.pointer(builder.add(offsets, builder.mul(bond, _I64(8))), _I64))
             distance = builder.mul(distance, _I64(size))
             weight = vectors.splat(builder.load(vectors.pointer(builder.add(weights, builder.mul(bond, _I64(size))), vectors.scalar)))
-            there, other = builder.add(here, distance), builder.add(phase, distance)
             grown = []
-            for part in parts:
-                flow = builder.fmul(weight, builder.fsub(vectors.load(at(there, part)), own[part]))
-                theirs = vectors.load(at(other, part))
-                grown.append(vectors.multiply_add(sums[2 * part], flow, builder.call(absolute, [theirs])))
-                grown.append(builder.fadd(sums[2 * part + 1], builder.select(builder.fcmp_ordered(">", theirs, zero), flow, zero)))
+            for row, here in enumerate(heres):
+                there = builder.add(here, distance)
+                difference = builder.fsub(vectors.load(there), own[row])
+                grown.append(vectors.multiply_add(sums[2 * row], weight, difference))
+                opened = vectors.multiply_add(sums[2 * row + 1], weight, difference)
+                grown.append(builder.select(liquid(builder.add(there, apart)), opened, sums[2 * row + 1]))
             following = builder.add(bond, _I64(1))
             for phi, value in zip([bond, *sums], [following, *grown], strict=True):
                 phi.add_incoming(value, builder.block)
             builder.cbranch(builder.icmp_signed("<", following, bonds), body, after)
             builder.position_at_end(after)
-            for part, store in zip(parts, stores, strict=True):
-                mine = vectors.load(at(phase, part))
-                solid = builder.fmul(builder.call(absolute, [mine]), grown[2 * part + 1])
-                total = builder.select(builder.fcmp_ordered(">", mine, zero), grown[2 * part], solid)
-                total = vectors.multiply_add(total, vectors.splat(b), vectors.load(at(older, part)))
-                store(vectors.multiply_add(total, vectors.splat(a), own[part]), at(new, part))
+            places = [vectors.shifted(_I64(0), (1, x), (1, builder.mul(number, t))) for number in numbers]
+            olds = [vectors.load(builder.add(base, place)) for place in places]  # before any store: rows may be repeated, and base be out
+            for row, (here, place) in enumerate(zip(heres, places, strict=True)):
+                everywhere, opened = grown[2 * row], grown[2 * row + 1]
+                total = builder.fmul(builder.select(liquid(builder.add(here, apart)), within, between), opened)
+                total = builder.select(liquid(builder.add(here, apart)), vectors.multiply_add(total, between, everywhere), total)
+                total = vectors.multiply_add(total, b_all, olds[row])
+                store(vectors.multiply_add(total, a_all, own[row]), builder.add(out, place))
 
-        rest = builder.srem(n, _I64(width))
+        rest = builder.srem(n, _I64(vectors.lanes))
         whole = builder.sub(n, rest)
-        with cgutils.for_range(builder, count) as rows:
-            read, written = (builder.mul(builder.mul(rows.index, distance), _I64(size)) for distance in (step, t))
-            row = builder.add(src, read), builder.add(coefficient, read), builder.add(base, written), builder.add(out, written)
-            with cgutils.for_range_slice(builder, _I64(0), whole, _I64(width), _I64) as (x, _):
-                chunk(row, x, [vectors.store for _ in parts])
-            with builder.if_then(builder.icmp_signed(">", rest, _I64(0))):
-                chunk(row, whole, [vectors.store_first(builder.sub(rest, _I64(part * vectors.lanes))) for part in parts])
+        with cgutils.for_range_slice(builder, _I64(0), whole, _I64(vectors.lanes), _I64) as (x, _):
+            chunk(x, vectors.store)
+        with builder.if_then(builder.icmp_signed(">", rest, _I64(0))):
+            chunk(whole, vectors.store_first(rest))
         return context.get_dummy_value()
 
-    return types.void(*[types.int64] * 7, a, a, *[types.int64] * 4), codegen
+    return types.void(*[types.int64] * 7, a, a, a, *[types.int64] * 4), codegen
+
+
+@intrinsic
+def any_below(typingctx, coefficient, values, limit, n, count, step):  # type: ignore[no-untyped-def]
+    """Whether a node with a coefficient of at most 0 may have a value below `limit`, on `count` rows of `n` nodes that lie `step` elements apart.
+
+    Takes byte addresses of the first node, and looks at whole vectors: up to 7 nodes beyond the end of a row count, too.
+    """
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        coefficient, values, limit, n, count, step = args
+        vectors = _Vectors(builder, limit.type, 8)
+        limits, zero = vectors.splat(limit), ir.Constant(vectors.type, [0.0] * vectors.lanes)
+        found = cgutils.alloca_once_value(builder, ir.Constant(ir.VectorType(ir.IntType(1), vectors.lanes), [0] * vectors.lanes))
+        with cgutils.for_range(builder, count) as rows, cgutils.for_range_slice(builder, _I64(0), n, _I64(vectors.lanes), _I64) as (x, _):
+            hard, value = (vectors.load(vectors.shifted(start, (1, x), (1, builder.mul(rows.index, step)))) for start in (coefficient, values))
+            low = builder.and_(builder.fcmp_ordered("<=", hard, zero), builder.fcmp_ordered("<", value, limits))
+            builder.store(builder.or_(builder.load(found), low), found)
+        mask = builder.bitcast(builder.load(found), ir.IntType(vectors.lanes))
+        return builder.icmp_unsigned("!=", mask, ir.Constant(mask.type, 0))
+
+    return types.boolean(types.int64, types.int64, limit, *[types.int64] * 3), codegen
 
 
 def stretch_chain(lines: int, remember: bool) -> Any:
