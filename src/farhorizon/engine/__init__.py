@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import itertools
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -12,8 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from farhorizon.engine.build import load_driver, load_rows
+from farhorizon.engine.fringe import split_sums
 from farhorizon.engine.layout import ALIGN, LINES, TASK_FIELDS, Block, Layout
 from farhorizon.engine.phases import NEVER, TILE, TILE_ROWS, count_solid, find_runs
+from farhorizon.engine.simd import WINDOW
 
 __all__ = ["NEVER", "Engine", "Layer", "Layout", "available_threads"]
 
@@ -64,22 +65,6 @@ def _weight_classes(weights: np.ndarray) -> tuple[tuple[int, ...], np.ndarray]:
     _, first, inverse = np.unique(weights, axis=1, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))
     return tuple(rank[inverse.ravel()].tolist()), np.ascontiguousarray(weights[:, np.sort(first)])
-
-
-def _shared_rows(starts: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First weight of each compressed row in a list where equal rows stand once, and that list."""
-    places: dict[bytes, int] = {}
-    pieces: list[np.ndarray] = [np.zeros(0)]
-    kinds, end = np.zeros(len(starts) - 1, np.int64), 0
-    for row, (start, stop) in enumerate(itertools.pairwise(starts)):
-        piece = np.asarray(weights[start:stop], float)
-        key = piece.tobytes()
-        if key not in places:
-            places[key] = end
-            pieces.append(piece)
-            end += piece.size
-        kinds[row] = places[key]
-    return kinds, np.concatenate(pieces)
 
 
 def _zeros(count: int, dtype: np.dtype, rows: int = 0) -> np.ndarray:
@@ -347,14 +332,18 @@ class Engine:
         self, nodes: np.ndarray, levels: int, fronts: np.ndarray, rows: np.ndarray, starts: np.ndarray, columns: np.ndarray, weights: np.ndarray,
         outside: np.ndarray,
     ) -> None:  # fmt: skip
-        """Halo nodes along an outline that are sums over a fringe of nodes, as `fringe.close_fringe` has it; `levels` rows of `history` a node."""
-        self.fringe_history = np.zeros((levels, nodes.size))
-        kinds, shared = _shared_rows(starts, weights)
+        """Halo nodes along an outline that are sums over a fringe of `nodes`, as `fringe.split_sums` has it; `rows`: places of the halo nodes there.
+
+        The rows of `fringe_history`, shape (levels - 1, S), are the fringe's values one step ago, two and so on; a step forgets the last.
+        """
+        count = nodes.size * (levels - 1)
+        history = _zeros(count + WINDOW, np.dtype(float))[:count].reshape(nodes.size, levels - 1)  # the last windows reach beyond it
+        self.fringe_history = history.T
         edges = np.flatnonzero(np.diff(np.sort(outside), prepend=-2, append=-2) != 1)
         runs = np.stack([np.sort(outside)[edges[:-1]], np.sort(outside)[edges[1:] - 1] + 1], axis=1) if outside.size else np.zeros((0, 2))
         self._fringe = (
-            nodes.astype(np.int64), self.fringe_history, fronts.astype(np.int64), rows.astype(np.int64), starts.astype(np.int64),
-            columns.astype(np.uint32), kinds, shared, runs.astype(np.int64),
+            nodes.astype(np.uint32), history, *split_sums(fronts, rows, starts, columns, np.asarray(weights, float), nodes, levels),
+            runs.astype(np.int64),
         )  # fmt: skip
 
     def set_books(
@@ -476,7 +465,7 @@ class Engine:
         layers = [a for _, layer in sorted(self.layers.items()) for a in (layer.kappa, layer.sigma, layer.alpha)]
         mark.update(repr([(name, layer.columns) for name, layer in sorted(self.layers.items())]).encode())
         ends = [np.asarray(a) for a in self._ends[2:6]]
-        fringe = [a for a in self._fringe if a is not self.fringe_history]
+        fringe = [a for a in self._fringe if a is not self._fringe[1]]
         for array in (self.offsets, self.weights, *layers, self._coefficient, *self._cuts, *self._damping, *self._tied, self.held, *ends, *fringe):
             mark.update(np.ascontiguousarray(array).tobytes())
         return mark.hexdigest()

@@ -354,6 +354,74 @@ def sweep_phases(typingctx, src, coefficient, base, out, offsets, weights, bonds
     return types.void(*[types.int64] * 7, a, a, a, *[types.int64] * 4), codegen
 
 
+#: Neighbouring values that a window has, and sums that are taken side by side.
+WINDOW, BUNDLE = 8, 4
+
+
+@intrinsic
+def window_sums(typingctx, sums, count, places, values, first, second, third, fourth):  # type: ignore[no-untyped-def]
+    """Four sums over as many windows of `values` with weights, side by side: one alone would wait for its own additions.
+
+    Takes the number of windows and byte addresses: of the results, of ``places[k, sum]``, the distance in bytes (uint32) of a window from
+    `values`, and of the weights (float64) of each sum, `WINDOW` a window.
+    """
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        sums, count, places, values, *weights = args
+        vectors = _Vectors(builder, ir.DoubleType(), WINDOW)
+        totals = [cgutils.alloca_once(builder, vectors.type) for _ in weights]
+        for total in totals:
+            builder.store(ir.Constant(vectors.type, [0.0] * WINDOW), total)
+        with cgutils.for_range(builder, count) as loop:
+            here = builder.add(places, builder.mul(loop.index, _I64(4 * BUNDLE)))
+            for number, (total, weight) in enumerate(zip(totals, weights, strict=True)):
+                place = builder.load(vectors.pointer(builder.add(here, _I64(4 * number)), _I32))
+                value = vectors.load(builder.add(values, builder.zext(place, _I64)))
+                factor = vectors.load(vectors.shifted(weight, (WINDOW, loop.index)))
+                builder.store(vectors.multiply_add(builder.load(total), factor, value), total)
+
+        def added(low: Any, high: Any, *places: Sequence[int]) -> Any:
+            """Sum of two choices from the lanes of two vectors one after the other."""
+            return builder.fadd(*(builder.shuffle_vector(low, high, ir.Constant(ir.VectorType(_I32, len(p)), list(p))) for p in places))
+
+        pairs = [
+            added(builder.load(totals[i]), builder.load(totals[i + 1]), (0, 8, 2, 10, 4, 12, 6, 14), (1, 9, 3, 11, 5, 13, 7, 15)) for i in (0, 2)
+        ]
+        halves = added(*pairs, (0, 1, 8, 9, 4, 5, 12, 13), (2, 3, 10, 11, 6, 7, 14, 15))
+        _Vectors(builder, ir.DoubleType(), BUNDLE).store(added(halves, halves, (0, 1, 2, 3), (4, 5, 6, 7)), sums)
+        return context.get_dummy_value()
+
+    return types.void(*[types.int64] * 8), codegen
+
+
+@intrinsic
+def move_up(typingctx, address, count):  # type: ignore[no-untyped-def]
+    """Move `count` neighbouring numbers of 8 bytes from a byte address on by one place."""
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        address, count = args
+        low, high = (builder.inttoptr(builder.add(address, _I64(shift)), _I64.as_pointer()) for shift in (0, 8))
+        cgutils.raw_memmove(builder, high, low, count, 8)
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.int64), codegen
+
+
+@intrinsic
+def clear(typingctx, address, count, like):  # type: ignore[no-untyped-def]
+    """Set `count` neighbouring values of the type of `like` to zero, from a byte address on; made for a few dozen."""
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        address, count, _ = args
+        vectors = _Vectors.of(builder, str(signature.args[2]))
+        zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
+        with cgutils.for_range_slice(builder, _I64(0), count, _I64(vectors.lanes), _I64) as (x, _):
+            vectors.store_first(builder.sub(count, x))(zero, vectors.shifted(address, (1, x)))
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.int64, like), codegen
+
+
 @intrinsic
 def any_below(typingctx, coefficient, values, limit, n, count, step):  # type: ignore[no-untyped-def]
     """Whether a node with a coefficient of at most 0 may have a value below `limit`, on `count` rows of `n` nodes that lie `step` elements apart.
