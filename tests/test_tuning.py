@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
+from farhorizon import tuning
 from farhorizon.papers import hermann2023
 from farhorizon.tuning import flat_reflection
 
@@ -77,3 +78,18 @@ def test_what_is_not_tuned():
     for sim in (disc(fh.LatticePML(nodes=8)), fh.Simulation(fh.Lattice(0.25, window=fh.Disc(3.0)), fh.Diffusion(fh.Kernel(0.5)), fh.PlaneWave())):
         with pytest.raises(fh.InputError, match="PlaneWave or Higdon"):
             fh.tuned(sim)
+
+
+@pytest.mark.parametrize("wrong", [{"angle": 90.0}, {"band": (30.0, 3.0)}, {"band": (-3.0, 3.0)}, {"budget": 0.0}])
+def test_numbers_out_of_range(wrong):
+    with pytest.raises(fh.InputError, match=next(iter(wrong))):
+        fh.tuned(disc(fh.PlaneWave(), radius=3.1), **wrong)
+
+
+def test_nothing_certified(monkeypatch):
+    """Where clouds of several spacings are all there is, in space: said so, with what to do."""
+    monkeypatch.setattr(tuning, "_RADII", (3.0,))
+    model = fh.Wave(fh.Kernel(0.5, 2, influence="linear"), damping=0.0125)
+    sim = fh.Simulation(fh.Lattice(0.25, window=fh.Ball(1.62)), model, fh.PlaneWave(cone=30.0, angles=5), dt=0.05)
+    with pytest.raises(fh.InputError, match=r"no setting is certified.*Higdon"):
+        fh.tuned(sim, band=(3.0, 30.0), budget=5.0)
