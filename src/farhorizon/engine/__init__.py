@@ -13,8 +13,8 @@ import numpy as np
 from farhorizon.engine.build import load_driver, load_rows
 from farhorizon.engine.fringe import split_sums
 from farhorizon.engine.layout import ALIGN, LINES, TASK_FIELDS, Block, Layout
-from farhorizon.engine.phases import NEVER, TILE, TILE_ROWS, count_solid, find_runs
-from farhorizon.engine.simd import WINDOW
+from farhorizon.engine.phases import NEVER, count_solid, find_runs
+from farhorizon.engine.simd import TILE, TILE_ROWS, WINDOW
 
 __all__ = ["NEVER", "Engine", "Layer", "Layout", "available_threads"]
 

@@ -12,11 +12,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from farhorizon.engine.simd import any_below
+from farhorizon.engine.simd import TILE, TILE_ROWS, any_below
 from farhorizon.engine.threads import add
 
-TILE = 8
-TILE_ROWS = 4
 LIQUID, MIXED, SOLID = 0, 1, 2
 #: Step of dissolution of a node that is still solid.
 NEVER = np.iinfo(np.int64).max

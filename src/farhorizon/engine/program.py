@@ -13,8 +13,8 @@ from numba import njit
 from farhorizon.engine.ends import exact_ends
 from farhorizon.engine.fringe import close_fringe
 from farhorizon.engine.layout import LINES
-from farhorizon.engine.phases import LIQUID, SOLID, TILE, TILE_ROWS, dissolve, find_runs
-from farhorizon.engine.simd import call_sweep, stretch_chain, sweep_phases
+from farhorizon.engine.phases import LIQUID, SOLID, dissolve, find_runs
+from farhorizon.engine.simd import TILE, TILE_ROWS, call_sweep, stretch_chain, sweep_phases
 from farhorizon.engine.threads import barrier, claim
 
 CHUNK = 64

@@ -284,9 +284,13 @@ def call_sweep(typingctx, function, src, base, out, weights, a, b, n, count, s0,
     return signature, codegen
 
 
+#: Nodes of a row, and rows, that `sweep_phases` takes at a time: a vector a row, so that all sums of a tile stay in registers.
+TILE, TILE_ROWS = 8, 4
+
+
 @intrinsic
 def sweep_phases(typingctx, src, coefficient, base, out, offsets, weights, bonds, a, b, interface, n, count, step, t):  # type: ignore[no-untyped-def]
-    """``out = a*src + b*base + sum over the bonds`` on up to four rows of `n` nodes, where bonds differ by the phases of their ends.
+    """``out = a*src + b*base + sum over the bonds`` on up to `TILE_ROWS` rows of `n` nodes, where bonds differ by the phases of their ends.
 
     All but a, b, the factor `interface` of bonds between the phases and the counts are byte addresses: of the first node in each array, of the
     distances (int64) to the neighbours and of their weights. Rows lie `step` elements apart in src and coefficient, t in base and out; a
@@ -297,13 +301,13 @@ def sweep_phases(typingctx, src, coefficient, base, out, offsets, weights, bonds
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
         src, coefficient, base, out, offsets, weights, bonds, a, b, interface, n, count, step, t = args
-        vectors = _Vectors(builder, a.type, 8)
+        vectors = _Vectors(builder, a.type, TILE)
         size = vectors.size
         zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
         a_all, b_all, between = (vectors.splat(value) for value in (a, b, interface))
         within = builder.fsub(ir.Constant(vectors.type, [1.0] * vectors.lanes), between)
         last = builder.sub(count, _I64(1))
-        numbers = [builder.select(builder.icmp_signed("<", last, _I64(row)), last, _I64(row)) for row in range(4)]
+        numbers = [builder.select(builder.icmp_signed("<", last, _I64(row)), last, _I64(row)) for row in range(TILE_ROWS)]
         apart = builder.sub(coefficient, src)
 
         def liquid(address: Any) -> Any:
