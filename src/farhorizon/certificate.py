@@ -9,7 +9,7 @@ import tempfile
 import time
 import zipfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -411,7 +411,7 @@ def _same_sides(sim: Simulation, axis: int, other: int) -> bool:
         one, two = (sim.engine.layers.get((lead + a, side)) for a in (axis, other))
         if one is None or two is None:
             return one is two and sim.sides[axis, side] == sim.sides[other, side]
-        return all(np.array_equal(getattr(one, name), getattr(two, name)) for name in ("kappa", "sigma", "alpha"))
+        return all(np.array_equal(getattr(one, f.name), getattr(two, f.name)) for f in fields(one))
 
     symmetric = all(abs(table.get(swapped(o), np.inf) - w) <= 1e-12 * abs(w) for o, w in table.items())
     return symmetric and sim.lattice.shape[axis] == sim.lattice.shape[other] and alike(-1) and alike(1)

@@ -13,6 +13,8 @@ from farhorizon.analysis.chain import Recursion
 from farhorizon.analysis.reflection import chain_modes, chain_weights, factor_of_wave, reflection
 from farhorizon.analysis.stability import Growth, dense_growth, fastest
 from farhorizon.boundaries import Boundary, Fixed, Free, LatticePML, Periodic
+from farhorizon.engine import Layer
+from farhorizon.engine.filter import line_damping
 from farhorizon.engine.state import State
 from farhorizon.lattice import AXES, Lattice
 from farhorizon.shapes import Ball, Disc
@@ -28,12 +30,18 @@ def pinned(sim: Simulation) -> dict[tuple[int, int], Boundary]:
     lead = 3 - sim.lattice.dim
     found = dict(sim.sides)
     for (axis, side), layer in sim.engine.layers.items():
-        profile = {name: getattr(layer, name) for name in ("kappa", "sigma", "alpha")}
-        found[axis - lead, side] = LatticePML(nodes=layer.columns, profile=profile)
+        found[axis - lead, side] = LatticePML(nodes=layer.columns, profile=layer)
     for key, boundary in found.items():
         if isinstance(boundary, Fixed):
             found[key] = Fixed(0.0)
     return found
+
+
+def _undamped(boundary: Boundary) -> Boundary:
+    """The same side without damping of short waves."""
+    if isinstance(boundary, LatticePML) and isinstance(boundary.profile, Layer):
+        return replace(boundary, profile=replace(boundary.profile, damping=np.zeros(0)))
+    return boundary
 
 
 def plain_twin(sim: Simulation, lattice: Lattice | None = None) -> Simulation:
@@ -107,13 +115,20 @@ class Strip:
         lattice = Lattice(spacing, (0.0,) * dim, spacing * (np.array(shape) - 1))
         ends = sides or (pinned(sim)[axis, -1], pinned(sim)[axis, 1])
         boundary: dict[str, Boundary] = {"x-": ends[0], "x+": ends[1]} | {AXES[a]: Periodic() for a in range(1, dim)}
+        self._filters = {}
+        if dim > 1:  # the filters of the layers reach farther than the rows that the responses below need
+            self._filters = {
+                side: b.profile for side, b in zip((-1, 1), ends, strict=True) if isinstance(b, LatticePML) and isinstance(b.profile, Layer)
+            }
+            ends = tuple(_undamped(b) for b in ends)  # type: ignore[assignment]
+            boundary |= {"x-": ends[0], "x+": ends[1]}
         self.sim = sim.remade(
             lattice=lattice, model=sim.model.with_stencil(sim.stencil.along(axis)), boundary=boundary, dtype="float64", threads=1, background=0.0,
         )  # fmt: skip
         self.width, self.dt = width, sim.dt
         self.state = State(self.sim.engine)
         rows = self.state.rows()
-        self.place, self._images, self._near = rows.place, rows.images, rows.near
+        self.place, self._images, self._near, self._layers = rows.place, rows.images, rows.near, rows.layers
         self.size = len(self.place)
         self.coarse = 11 if dim == 2 else 6
         endless = all(isinstance(b, Periodic | Free) for (a, _), b in sim.sides.items() if a != axis)
@@ -135,7 +150,16 @@ class Strip:
             row = np.arange(len(total))
             shift = np.where(row > len(row) // 2, row - len(row), row)
             total = np.tensordot(np.exp(-1j * angle * shift), total, 1)
-        return total
+        return self._filtered(total, np.array(angles))
+
+    def _filtered(self, matrix: np.ndarray, angles: np.ndarray) -> np.ndarray:
+        """The map of a step followed by the filters of the layers, for levels u(n), u(n - 1)."""
+        matrix = matrix.copy()
+        for side, layer in self._filters.items():
+            if layer.damping.size:
+                new, old = self._layers[side]
+                matrix[new] -= line_damping(layer.damping, layer.taps, self.dt, angles) @ (matrix[new] - matrix[old])
+        return matrix
 
     def growth(self, *angles: float) -> Growth:
         """The fastest mode at given tangential wavenumbers; between like sides modes are even or odd."""

@@ -38,9 +38,9 @@ class LatticePML:
         The program chooses the thickness from it.
     nodes : int, optional
         Fixes the thickness in nodes.
-    profile : mapping, optional
+    profile : mapping or Layer, optional
         Stretch by hand: "kappa" (>= 1), "sigma" (1/time), "alpha" (1/time), each a number or an array of
-        ``nodes + 1`` values from the near field outwards; names left out keep 1, 0 and 0. Needs nodes.
+        ``nodes + 1`` values from the near field outwards; names left out keep 1, 0 and 0. Needs nodes. Or a whole layer as `chosen` makes it.
     angle : float, optional
         Waves: the thinnest layer is chosen, of a family of profiles, that sends back less than the target of every plane wave up to this angle
         of incidence, in degrees. Without it the thickness is that of a rule for the target alone.
@@ -56,7 +56,7 @@ class LatticePML:
 
     target: float | None = None
     nodes: int | None = None
-    profile: Mapping[str, np.ndarray | float] | None = None
+    profile: Mapping[str, np.ndarray | float] | Layer | None = None
     angle: float | None = None
     wavelengths: tuple[float, float] | None = None
 
@@ -68,7 +68,7 @@ class LatticePML:
         if self.profile is not None:
             if self.nodes is None:
                 raise InputError("a profile by hand needs nodes", key="boundary.profile", remedy="give nodes=...")
-            unknown = set(self.profile) - {"kappa", "sigma", "alpha"}
+            unknown = set() if isinstance(self.profile, Layer) else set(self.profile) - {"kappa", "sigma", "alpha"}
             if unknown:
                 raise InputError("unknown profile", value=sorted(unknown), limit="kappa, sigma, alpha", key="boundary.profile")
 
@@ -134,6 +134,8 @@ class LatticePML:
         dim : int
         """
         target = self.wanted(order)
+        if isinstance(self.profile, Layer):
+            return self.profile
         if self.profile is not None and self.nodes is not None:
             values = {}
             for name, default in (("kappa", 1.0), ("sigma", 0.0), ("alpha", 0.0)):

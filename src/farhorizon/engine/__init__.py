@@ -6,11 +6,12 @@ import hashlib
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from farhorizon.engine.build import load_driver, load_rows
+from farhorizon.engine.filter import filter_tables
 from farhorizon.engine.fringe import split_sums
 from farhorizon.engine.layout import ALIGN, LINES, TASK_FIELDS, Block, Layout
 from farhorizon.engine.phases import NEVER, count_solid, find_runs
@@ -33,11 +34,23 @@ Poles = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class Layer:
-    """Stretch ``kappa + sigma / (s + alpha)`` on the edges p = 0..columns between a layer's columns, arrays (columns + 1,)."""
+    """What a layer is made of, from the near field outwards.
+
+    Attributes
+    ----------
+    kappa, sigma, alpha : ndarray, shape (columns + 1,)
+        Stretch ``kappa + sigma / (s + alpha)`` on the edges p = 0..columns between its columns.
+    damping : ndarray, shape (columns,), or empty
+        Rate at which its nodes lose the short waves that pass `taps`.
+    taps : ndarray
+        High-pass filter along one axis, see `engine.filter`.
+    """
 
     kappa: np.ndarray
     sigma: np.ndarray
     alpha: np.ndarray
+    damping: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    taps: np.ndarray = field(default_factory=lambda: np.zeros(1))
 
     @property
     def columns(self) -> int:
@@ -133,6 +146,7 @@ class Engine:
         none = np.zeros(0, np.int64)
         self.set_fringe(none, 1, np.zeros(1, np.int64), none, np.zeros(1, np.int64), none, np.zeros(0), none)
         self.set_books(none, none, none, np.zeros(0), np.zeros(len(stages.numbers)), 0)
+        self._collect_filter()
         self._driver = load_driver()
 
     # --- tables of the compiled loop ---------------------------------------------------------------------------
@@ -204,6 +218,14 @@ class Engine:
             parts.append(np.ascontiguousarray(np.concatenate(pieces, axis=axis_of)))
             ranges.append(bounds)
         self._fills = parts[0], ranges[0], parts[1], ranges[1], np.array(layout.reach)
+
+    def _collect_filter(self) -> None:
+        """Tables of the filter that damps short waves in the layers; all layers share the longest one."""
+        layers = self.layers.values()
+        taps = max((layer.taps for layer in layers), key=len, default=np.zeros(1))
+        rates = {name: layer.damping if layer.damping.size else np.zeros(layer.columns) for name, layer in self.layers.items()}
+        tables = filter_tables(self.layout, rates, taps, self.dt)
+        self._filter = tuple(a.astype(self.dtype) if a.dtype == np.float64 else a for a in tables)
 
     def spread(self, core: np.ndarray, beyond: Mapping[tuple[int, int], float] | None = None) -> np.ndarray:
         """Nodal values of the core on every place of a level and of the slots: constant along each normal from the core's edge on.
@@ -449,7 +471,7 @@ class Engine:
             self.phase, self.levels, self._rotation, self._numbers, self.stages.increments, self.slots, self.memory, self._work,
             *self._sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
             *self._runs, *self._tiles, *self._dissolution, self.steps_done, *self._damping,
-            (*self._ends, self.heads, self.past, self.history), *self._tied, *self._books, self.flows, self._fringe,
+            (*self._ends, self.heads, self.past, self.history), *self._tied, *self._books, self.flows, self._fringe, self._filter,
             source_nodes, source_fields, source_times,
             self.held, _NOTHING if held_values is None else held_values, tied_fields, tied_times,
         )  # fmt: skip
@@ -462,7 +484,7 @@ class Engine:
     def digest(self) -> str:
         """Hash of all that decides the map of a step: engines of one digest have one map."""
         mark = hashlib.sha256(repr((self.dt, self.stages, self.core.nodes, sorted(self.layout.periodic), self._rule, self.dtype.name)).encode())
-        layers = [a for _, layer in sorted(self.layers.items()) for a in (layer.kappa, layer.sigma, layer.alpha)]
+        layers = [a for _, layer in sorted(self.layers.items()) for a in (layer.kappa, layer.sigma, layer.alpha, layer.damping, layer.taps)]
         mark.update(repr([(name, layer.columns) for name, layer in sorted(self.layers.items())]).encode())
         ends = [np.asarray(a) for a in self._ends[2:6]]
         fringe = [a for a in self._fringe if a is not self._fringe[1]]
@@ -500,8 +522,8 @@ class Engine:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all time levels, slots, layer memory, phases, the memory of exact ends and of fringes."""
+        """Bytes of all time levels, slots, layer memory, phases, the memory of exact ends, of fringes and of the filter."""
         ends = self.heads.nbytes + self.past.nbytes + self.history.nbytes + sum(np.asarray(a).nbytes for a in self._ends)
         phases = sum(np.asarray(a).nbytes for a in (*self._runs, *self._tiles, *self._dissolution))
-        fringe = sum(a.nbytes for a in self._fringe)
-        return self.levels.nbytes + self.slots.nbytes + self.memory.nbytes + self._coefficient.nbytes + ends + phases + fringe
+        sparse = sum(a.nbytes for a in (*self._fringe, *self._filter))
+        return self.levels.nbytes + self.slots.nbytes + self.memory.nbytes + self._coefficient.nbytes + ends + phases + sparse

@@ -58,7 +58,7 @@ def _load(name: str, **settings: Any) -> ModuleType:
         assert count == 1, f"the template has no setting {key}"
     import numba
 
-    parts = [(_HERE / f"{part}.py").read_text() for part in ("ends", "phases", "simd", "fringe", "layout", "threads")]
+    parts = [(_HERE / f"{part}.py").read_text() for part in ("ends", "filter", "phases", "simd", "fringe", "layout", "threads")]
     mark = "\n".join([template, *parts, numba.__version__, platform.machine()])
     name = f"{name}_" + hashlib.sha256(mark.encode()).hexdigest()[:20]
     with _LOADING:

@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 
 from farhorizon.engine.ends import exact_ends
+from farhorizon.engine.filter import damp_short_waves
 from farhorizon.engine.fringe import close_fringe
 from farhorizon.engine.layout import LINES
 from farhorizon.engine.phases import LIQUID, SOLID, dissolve, find_runs
@@ -408,12 +409,13 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
         cut_ranges, cut_nodes, cut_neighbours, cut_weights, runs, interface, solids, volumes, changed, dissolved, total, saturation, period,
         steps_before, damped, damp_before, damp_after, damp_leak, ends,
         tied, tied_starts, tied_sources, tied_weights, books, book_nodes, book_neighbours, book_weights, book_effects, end_books, flows,
-        fringe, source_nodes, source_fields, source_times, held, held_times, tied_fields, tied_times):  # fmt: skip
+        fringe, short_waves, source_nodes, source_fields, source_times, held, held_times, tied_fields, tied_times):  # fmt: skip
     """One lane's share of `steps` steps from the rotation `phase`.
 
     After them the level ``stages[(phase + steps) % rotations, 0, 0]`` holds the state, where stages[phase, stage] = (in, base, out)
     are level numbers; numbers[stage] as in `stage`. source_times[step, stage, j] multiplies source_fields[j] on source_nodes. `ends`: the last
-    arguments of `ends.exact_ends`; `fringe`: those of `fringe.close_fringe`. After each step the nodes `held` have the values ``held_times[step]``.
+    arguments of `ends.exact_ends`; `fringe`: those of `fringe.close_fringe`; `short_waves`: those of `filter.damp_short_waves`. After each step the
+    nodes `held` have the values ``held_times[step]``.
     From runs to steps_before: see `engine.phases`.
     """
     per_step = stages.shape[1]
@@ -458,6 +460,8 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                     if increments:
                         base[node] = out[node] - src[node]
                 barrier(sync, lanes)
+            if short_waves[5].size:
+                damp_short_waves(lane, lanes, sync, src, base, out, increments, *short_waves)
             if held.size:
                 for i in range(lane, held.size, lanes):
                     node = held[i]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -107,7 +108,10 @@ class State:
         number = {name: i for i, name in enumerate(names)}
         images = [number.get((level, -side, p if side else n - 1 - p, n)) for level, side, p, n in names]
         near = [[number[level, 0, p, n] for p in range(n)] for level, n in {(name[0], name[3]) for name in names if name[1] == 0}]
-        return Rows(np.concatenate(place), None if None in images else np.array(images), np.array(sorted(near)))
+        columns = {side: n for level, side, _, n in names if level == 0 and side}
+        levels = sorted({level for level, *_ in names if level >= 0})
+        layers = {side: np.array([[number[level, side, p, n] for p in range(n)] for level in levels]) for side, n in columns.items()}
+        return Rows(np.concatenate(place), None if None in images else np.array(images), np.array(sorted(near)), layers)
 
 
 @dataclass(frozen=True)
@@ -122,8 +126,11 @@ class Rows:
         Each entry's mirror image in the middle between the sides; None where the sides differ.
     near : ndarray of int, shape (levels, nodes)
         Entries of the core's nodes.
+    layers : mapping of int to ndarray of int, shape (levels, columns)
+        Entries of the nodes of the low (-1) and the high layer (1), outwards.
     """
 
     place: np.ndarray
     images: np.ndarray | None
     near: np.ndarray
+    layers: Mapping[int, np.ndarray]

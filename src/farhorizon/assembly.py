@@ -1,0 +1,694 @@
+"""Assembly: validates lattice, model, boundaries, cracks and sources, and builds the engine from them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from farhorizon.analysis.chain import Recursion, half_weights
+from farhorizon.analysis.choice import Choice
+from farhorizon.analysis.spectrum import band
+from farhorizon.beyond import Beyond
+from farhorizon.boundaries import (
+    Absorbing,
+    Boundary,
+    Closing,
+    Closure,
+    Exact,
+    ExactEnds,
+    Fixed,
+    Free,
+    LatticePML,
+    Outline,
+    Periodic,
+    PlaneWave,
+    Sponge,
+    sides,
+)  # fmt: skip
+from farhorizon.boundaries.plane_wave import SERIES, Medium
+from farhorizon.conditions import Conditions, Constraint, resolve
+from farhorizon.constraints import Holds, Prescribed
+from farhorizon.cracks import Crack, as_crack, cut_bonds
+from farhorizon.engine import NEVER, Engine, Layer, available_threads
+from farhorizon.engine.layout import Block
+from farhorizon.errors import InputError
+from farhorizon.integrators import Euler, Verlet
+from farhorizon.kernel import Kernel
+from farhorizon.lattice import AXES, Lattice
+from farhorizon.machine import available_memory
+from farhorizon.models import Corrosion, ScalarModel
+from farhorizon.shapes import Cut, Shape
+from farhorizon.sources import checked, parts, split
+from farhorizon.specimens import Specimen, place
+from farhorizon.stencil import Stencil
+
+
+class Assembly:
+    """The parts of a run put together: what `Simulation` advances. Its parameters are those of `Simulation`.
+
+    Attributes
+    ----------
+    step_limit : float
+        Largest stable time step.
+    engine : Engine
+    stencil : Stencil
+    sides : dict of (axis, side) to Boundary
+    sources : list
+        (space, time) of each source, as `farhorizon.sources.split` gives them.
+    conditions : Conditions
+    """
+
+    def __init__(
+        self,
+        lattice: Lattice,
+        model: ScalarModel,
+        boundary: Boundary | Mapping[str, Boundary] | None,
+        initial: Mapping[str, Any],
+        sources: Sequence[Any],
+        cracks: Sequence[Any],
+        coefficient: Any,
+        background: float,
+        dt: float | None,
+        dtype: str,
+        threads: int | None,
+        rule: str,
+        rim: str,
+        constraints: Sequence[Constraint | Prescribed],
+        specimens: Sequence[Specimen],
+    ) -> None:
+        self.lattice, self.model, self.background = lattice, model, float(background)
+        self.sides = sides(LatticePML() if boundary is None else boundary, lattice.dim)
+        self._check_model(cracks, coefficient, specimens)
+        if dtype not in ("float64", "float32"):
+            raise InputError("unknown number type", value=dtype, limit="float64, float32", key="dtype")
+        if threads is not None and not 1 <= threads <= available_threads():
+            raise InputError("so many threads are not to be had", value=threads, limit=f"1 to {available_threads()}", key="threads",
+                             remedy="leave it out, or set NUMBA_NUM_THREADS before the program starts")  # fmt: skip
+        if rim not in ("free", "fixed"):
+            raise InputError("unknown rim of a body", value=rim, limit="free, fixed", key="rim")
+        if rim == "fixed" and lattice.body is None:
+            raise InputError("only a body has a rim", value=rim, key="rim", remedy="give the lattice a body, or fix the sides: Fixed(...)")
+        self.rim = rim
+        if not np.isfinite(self.background):
+            raise InputError("the background must be finite", value=background, key="background")
+        self.stencil = model.stencil(lattice.spacing, lattice.dim)
+        self._check_closing()
+        self._layers = self._make_layers()
+        self._check_size()
+        self._check_memory(dtype)
+        factor = None if coefficient is None else checked(coefficient, lattice, "coefficient")
+        if factor is not None and (factor < 0).any():
+            raise InputError("a coefficient must not be negative", value=float(factor.min()), limit=">= 0", key="coefficient")
+        self.strongest = model.strongest if factor is None else float(factor.max())
+        self.varied = factor is not None and bool(np.ptp(factor) > 0)
+        self.conditions = self._resolve(constraints, factor)
+        self._hidden = self._hide()
+        self.rate_limit = self.stencil.symbol_maximum * model.coefficient / lattice.spacing**2 * max(self.strongest, 1e-300)
+        self.rate_limit += float(self.leak().max(initial=0))
+        self.step_limit = model.integrator.step_limit(self.rate_limit)
+        self.dt = self._choose_step(dt)
+        self.choices: dict[str, Choice] = {}
+        self._choose_layers(initial, sources, dtype)
+        self._beyond = Beyond(lattice, self.sides, model.order, self._depth(), self._near_field)
+        u = self._initial("u", initial)
+        v = self._initial("v", initial) if "v" in initial and model.order == 2 else np.broadcast_to(0.0, lattice.shape)
+        for name in set(initial) - ({"u", "v"} if model.order == 2 else {"u"}):
+            raise InputError("unknown initial field", value=name, limit="u, v" if model.order == 2 else "u", key="initial")
+        self._holds = Holds(tuple(c for c in constraints if isinstance(c, Prescribed)), lattice, model.integrator, self.dt, self.background)
+        u = self._holds.start(u)
+        solid, metal = self._place(specimens)
+        u = np.where(solid, metal - self.background, u) if solid.any() else u
+        self.varied |= bool(solid.any())
+        self.start_u, self.start_v, self._first_solid, self._factor = u, v, int(solid.sum()), factor
+        self._cracks = [as_crack(c, lattice.dim) for c in cracks]
+        cuts = [c.cut for c in self._cracks]
+        self._beyond.check_cracks(cuts, self.stencil.reach)
+        self._unsplit: list[Callable[..., Any]] = []
+        self.sources = [self._split_source(s, f"source[{i}]" if len(sources) > 1 else "source") for i, s in enumerate(sources)]
+        self._drives = self.sources + [drive for _, drive in self.conditions.sources]
+        self._margins = self._choose_margins(u, v, solid.astype(float) if solid.any() else factor, cuts)
+        self._check_conditions()
+        self._make_engine(factor, rule, dtype, threads)
+        self._set_phases(np.where(solid, NEVER, 0))
+        if solid.any():
+            self._check_dry()
+        self.closure = self._close(factor)
+        self._cut(self._cracks)
+        self._hold_and_damp()
+        self._ends = self._make_ends(factor)
+
+    def _check_model(self, cracks: Sequence[Any], coefficient: Any, specimens: Sequence[Specimen]) -> None:
+        """Sides, bonds and phases that the model does not have."""
+        model = self.model
+        for (axis, side), boundary in self.sides.items():
+            if model.sides and type(boundary).__name__ not in model.sides:
+                raise InputError(f"{type(model).__name__} has no such side", value=type(boundary).__name__, limit=", ".join(model.sides),
+                                 key=f"boundary.{AXES[axis]}{'-+'[side > 0]}", remedy=model.sides[0])  # fmt: skip
+        if not model.bonds and (len(cracks) or coefficient is not None or self.lattice.body is not None):
+            key = "crack" if len(cracks) else "coefficient" if coefficient is not None else "lattice.body"
+            raise InputError(f"the bonds of a {type(model).__name__} cannot be cut or weakened one by one", key=key, remedy="leave it out")
+        if isinstance(model, Corrosion) and coefficient is not None:
+            raise InputError("the phases are the coefficient of a Corrosion", key="coefficient", remedy="leave it out")
+        if len(specimens) and not isinstance(model, Corrosion):
+            raise InputError("only a Corrosion has specimens", value=type(model).__name__, key="specimens", remedy="Corrosion(...)")
+
+    def _check_closing(self) -> None:
+        """Conditions along an outline: integrators of one stage, windows closed by one condition all around."""
+        closing = {key: b for key, b in self.sides.items() if isinstance(b, Closing)}
+        self._near_field: np.ndarray | None = None  # nodes of a window that a condition closes along its outline
+        if not closing:
+            return
+        name = type(next(iter(closing.values()))).__name__
+        if not isinstance(self.model.integrator, Euler | Verlet):
+            raise InputError(f"{name} goes along with one stage a step", value=self.model.integrator.name, key="model.integrator",
+                             limit="forward Euler, velocity Verlet", remedy='integrator="euler", or LatticePML')  # fmt: skip
+        if self.lattice.window is None:
+            return
+        if len(closing) < len(self.sides) or len({repr(b) for b in closing.values()}) > 1:
+            raise InputError(f"{name} closes a window along its outline, all around", key="boundary", remedy="the same condition on all sides")
+        self._near_field = self.lattice.mask
+
+    def _close(self, factor: np.ndarray | None) -> Closure | None:
+        """The conditions along the outline; None without."""
+        closing = {key: b for key, b in self.sides.items() if isinstance(b, Closing)}
+        if not closing:
+            return None
+        lattice, model, dx = self.lattice, self.model, self.lattice.spacing
+        shape = self.engine.core.nodes[3 - lattice.dim :]
+        near = np.zeros(shape, bool)
+        inside = self._near[3 - lattice.dim :]
+        near[inside] = True if self._near_field is None else self._near_field
+        outline = Outline(
+            self._origin, dx, near, lattice.window, closing, frozenset(a for (a, _), b in self.sides.items() if isinstance(b, Periodic)),
+            frozenset(key for key, b in self.sides.items() if isinstance(b, Free)), self.stencil.offsets,
+        )  # fmt: skip
+        scale = 1.0 if factor is None else float(factor[0 if self._near_field is None else tuple(np.argwhere(self._near_field)[0])].flat[0])
+        kernel = model.operator if isinstance(model.operator, Kernel) else None
+        medium = Medium(
+            model.order, model.coefficient * scale, self.dt, model.damping, dx * self.stencil.offsets,
+            self.stencil.weights * model.coefficient * scale / dx**2, 0.0 if kernel is None else kernel.horizon,
+            () if kernel is None else tuple(kernel.series(lattice.dim, SERIES)),
+        )  # fmt: skip
+        closure = Closure(outline, medium)
+        indices = self.engine.core.node_indices().reshape(shape)
+        closure.attach(self.engine, indices)
+        self._check_fringe(closure, factor)
+        return closure
+
+    def _check_fringe(self, closure: Closure, factor: np.ndarray | None) -> None:
+        """What a condition along the outline reads is the homogeneous medium: no other material, no body's end, no constraint."""
+        lattice = self.lattice
+        material = np.ones(lattice.shape) if factor is None else factor.copy()
+        if lattice.body is not None and lattice.mask is not None:
+            material[~lattice.mask] = np.nan
+        solid = self._solid if isinstance(self.model, Corrosion) else np.zeros(0)
+        for nodes in (*self._holds.nodes, self.conditions.nodes, np.flatnonzero(self.leak()), np.flatnonzero(solid)):
+            material.flat[nodes] = np.nan
+        pads = [(self._margins[a, -1], self._margins[a, 1]) for a in range(lattice.dim)]
+        read = np.pad(material, pads, mode="edge")[tuple(closure.fringe.index.T)]
+        if not np.ptp(read) == 0:
+            raise InputError("a condition along the outline reads metal, or nodes where the material varies, the body ends or a constraint holds",
+                             key="boundary", limit=f"uniform within {closure.fringe.depth:g} of the outline",
+                             remedy="enlarge the near field, or use a LatticePML")  # fmt: skip
+
+    def _check_size(self) -> None:
+        for axis, (n, m) in enumerate(zip(self.lattice.shape, self.stencil.reach, strict=True)):
+            if n < 2 * m + 1:
+                raise InputError(
+                    "the near field is thinner than the stencil", value=f"{n} nodes along {AXES[axis]}", limit=f">= {2 * m + 1}",
+                    key="lattice", remedy="enlarge the lattice or refine it",
+                )  # fmt: skip
+
+    def _check_memory(self, dtype: str) -> None:
+        need = self._memory_needed(np.dtype(dtype).itemsize)
+        if need > available_memory():
+            raise InputError("the run does not fit into memory", value=f"about {need / 2**30:.3g} GiB for {int(np.prod(self.lattice.shape))} nodes",
+                             limit=f"{available_memory() / 2**30:.3g} GiB available", key="lattice",
+                             remedy="a coarser or smaller lattice, thinner layers, or float32")  # fmt: skip
+
+    def _memory_needed(self, itemsize: int) -> float:
+        """Bytes at the peak, in setting up: three levels and the layers' memory once more, and about seven fields besides coordinates."""
+        reach = self.stencil.reach
+        more = {key: self._width(key) for key, b in self.sides.items() if isinstance(b, Sponge | Closing)}
+        shape = [n + sum(width for (a, _), width in more.items() if a == axis) for axis, n in enumerate(self.lattice.shape)]
+        columns = [sum(layer.columns for (a, _), layer in self._layers.items() if a == axis) for axis in range(self.lattice.dim)]
+        nodes = [float(n + 2 * m + c) for n, m, c in zip(shape, reach, columns, strict=True)]
+        slots = [float(n + 2 * m + c * (2 * m + 1)) for n, m, c in zip(shape, reach, columns, strict=True)]
+        tree = max(c * (2 * m + 1) / (2 if c else 1) * np.prod(slots) / s for c, m, s in zip(columns, reach, slots, strict=True))
+        memory = sum(2 * m * c * np.prod(slots[:a]) * np.prod(nodes[a + 1 :]) for a, (c, m) in enumerate(zip(columns, reach, strict=True)))
+        levels = self.model.integrator.stages(1.0, 0.0, self.lattice.dim == 1).levels
+        return float(itemsize * ((levels + 3) * np.prod(nodes) + tree + 2 * memory) + 8 * (self.lattice.dim + 7) * np.prod(self.lattice.shape))
+
+    def _choose_step(self, dt: float | None) -> float:
+        if dt is None:
+            fitted = [b.step_limit(self.model, self.lattice.spacing, self.lattice.dim) for b in self.sides.values() if isinstance(b, PlaneWave)]
+            return 0.5 * min([self.step_limit, *fitted])
+        if not (np.isfinite(dt) and 0 < dt):
+            raise InputError("the time step must be positive", value=dt, key="run.dt")
+        if dt > self.step_limit * (1 + 1e-12):
+            raise InputError("the time step is above the stable limit", value=dt, limit=f"{self.step_limit:.6g}", key="run.dt",
+                             remedy=f"dt <= {0.9 * self.step_limit:.4g}, or leave dt out")  # fmt: skip
+        return float(dt)
+
+    def _initial(self, name: str, initial: Mapping[str, Any]) -> np.ndarray:
+        """Initial values less the background; refuses data that the infinite medium would have beyond the near field."""
+        level = self.background if name == "u" else 0.0
+        value, key = initial.get(name, level), f"initial.{name}"
+        given = checked(value(*self.lattice.coordinates()) if callable(value) else value, self.lattice, key) - level
+        values = self._inside(given)
+        if np.ndim(value):
+            self._beyond.check_values(given if self._near_field is not None else values, key)
+        elif name in initial:
+            function = value if callable(value) else lambda *_: value
+            self._beyond.check_function(function, float(np.abs(values).max(initial=0)), key, level, "initial value")
+        return values
+
+    def _resolve(self, constraints: Sequence[Constraint | Prescribed], factor: np.ndarray | None) -> Conditions:
+        if not constraints:
+            return resolve((), self.lattice, self.stencil.reach)
+        conductivity = self.model.coefficient / self.model.source_factor * (1.0 if factor is None else factor)
+        return resolve(constraints, self.lattice, self.stencil.reach, conductivity, self.background)
+
+    def _hide(self) -> np.ndarray | None:
+        """Nodes of the lattice whose values are not of the body or window; None if there are none."""
+        hidden = np.zeros(self.lattice.shape, bool) if self.lattice.mask is None else ~self.lattice.mask
+        hidden.ravel()[self.conditions.images] = True
+        return hidden if hidden.any() else None
+
+    def _place(self, specimens: Sequence[Specimen]) -> tuple[np.ndarray, np.ndarray]:
+        """The solid nodes and what they hold; refuses metal at and beyond an absorbing side, where all must be liquid."""
+        if not isinstance(self.model, Corrosion):
+            return np.zeros(self.lattice.shape, bool), np.zeros(self.lattice.shape)
+        solid, metal = place(specimens, self.lattice, self.model.saturation, self.background)
+        for (axis, side), boundary in self.sides.items():
+            if isinstance(boundary, Absorbing) and np.take(solid, 0 if side < 0 else -1, axis).any():
+                raise InputError(f"a specimen touches the absorbing side {AXES[axis]}{'-+'[side > 0]}; beyond it all is liquid", key="specimens",
+                                 remedy="enlarge the near field, or end the specimen at a Free side")  # fmt: skip
+        for number, specimen in enumerate(specimens):
+            if isinstance(specimen.where, Shape):
+                shape = specimen.where
+                self._beyond.check_function(lambda *at, shape=shape: shape.contains(np.stack(at, -1)), 1.0, f"specimen[{number}]")
+        return solid, metal
+
+    def _set_phases(self, dissolved: np.ndarray) -> None:
+        """Give the engine the step at which each node of the near field became liquid (`NEVER`: solid), for a corrosion."""
+        if isinstance(self.model, Corrosion):
+            core = np.zeros(self.engine.core.nodes, np.int64)
+            core[self._near] = dissolved.reshape(core[self._near].shape)
+            self.engine.set_phases(core, self.model.interface, self.model.saturation - self.background)
+
+    def _check_dry(self) -> None:
+        """Metal changes by what it loses to the liquid alone: neither conditions nor sources act on it."""
+        busy = np.zeros(self.lattice.shape, bool)
+        busy.ravel()[np.concatenate([self.conditions.nodes, *self._holds.nodes]).astype(int)] = True
+        for space, _ in self._drives:
+            busy |= False if space is None else space != 0
+        leak = self.leak()
+        self._refuse_wet(busy | (leak > 0) if leak.size else busy)
+
+    def _refuse_wet(self, busy: np.ndarray) -> None:
+        if (busy & self._solid).any():
+            raise InputError("a source or a condition acts on solid nodes", value=f"{int((busy & self._solid).sum())} nodes", key="specimens",
+                             remedy="keep sources and conditions in the liquid")  # fmt: skip
+
+    @property
+    def _solid(self) -> np.ndarray:
+        """The nodes of the near field that are solid now, in a corrosion."""
+        return (self.engine.dissolved[self._near] == NEVER).reshape(self.lattice.shape)
+
+    def _check_conditions(self) -> None:
+        """The layer beyond an absorbing side continues the medium, not a condition on its nodes."""
+        leak = self.leak()
+        if not self.conditions.nodes.size and not leak.any():
+            return
+        busy = np.zeros(self.lattice.shape, bool)
+        busy.ravel()[self.conditions.nodes] = True
+        if leak.size:
+            busy |= leak > 0
+        for (axis, side), boundary in self.sides.items():
+            m = self.stencil.reach[axis] - self._margins[axis, side] + 1
+            if isinstance(boundary, LatticePML | Sponge) and m > 0:
+                last = np.arange(m) if side < 0 else self.lattice.shape[axis] - 1 - np.arange(m)
+                if np.take(busy, last, axis).any():
+                    raise InputError(
+                        f"a condition holds on nodes within one reach of the absorbing side {AXES[axis]}{'-+'[side > 0]}", key="constraints",
+                        limit=f"none on the last {m} nodes", remedy="a Free side there, or restrict the condition by `within`",
+                    )  # fmt: skip
+
+    def _split_source(self, source: Any, key: str) -> tuple[np.ndarray | None, Callable[..., Any]]:
+        """A source as a function of space times one of time if it splits; refuses what the near field would miss."""
+        space, time = parts(source)
+        found = split(source, self.lattice)
+        values = found[0]
+        inside = self._near_field
+        if space is None or values is None:
+            self._unsplit.append(time)
+        elif np.ndim(space):
+            self._beyond.check_values(values, key)
+        else:
+            function = space if callable(space) else lambda *_: space
+            peak = float(np.abs(values if inside is None else values[inside]).max(initial=0))
+            self._beyond.check_function(function, peak, key, missed="source value")
+        return found
+
+    def _inside(self, values: np.ndarray) -> np.ndarray:
+        """Zero outside a body, where there are no nodes, and beyond a window's outline if a condition closes it."""
+        if self._near_field is not None:
+            return np.where(self._near_field, values, 0.0)
+        return np.where(self.lattice.mask, values, 0.0) if self.lattice.body is not None and self.lattice.mask is not None else values
+
+    def _make_layers(self) -> dict[tuple[int, int], Layer]:
+        """The stretch of each layer that follows from the target alone or is given, by (axis, side)."""
+        lattice, model = self.lattice, self.model
+        half_width = max(float((lattice.upper - lattice.lower).max()) / 2, lattice.spacing)
+        return {
+            (axis, side): boundary.layer(model.order, model.coefficient, lattice.spacing, self.stencil.reach[axis], half_width, lattice.dim)
+            for (axis, side), boundary in self.sides.items()
+            if isinstance(boundary, LatticePML) and boundary.angle is None
+        }
+
+    def _choose_layers(self, initial: Mapping[str, Any], sources: Sequence[Any], dtype: str) -> None:
+        """Add the layers that are chosen by angle, which takes the step and the waves of the data; one choice for sides that are alike."""
+        known: dict[Any, tuple[Layer, Choice]] = {}
+        for (axis, side), boundary in self.sides.items():
+            if isinstance(boundary, LatticePML) and boundary.angle is not None:
+                name, stencil = AXES[axis] + "-+"[side > 0], self.stencil.along(axis)
+                like = boundary, stencil.offsets.tobytes(), stencil.weights.tobytes()
+                if like not in known:
+                    known[like] = self._chosen(boundary, stencil, name, initial, sources)
+                self._layers[axis, side], self.choices[name] = known[like]
+        if known:
+            self._check_memory(dtype)
+
+    def _chosen(
+        self, boundary: LatticePML, stencil: Stencil, name: str, initial: Mapping[str, Any], sources: Sequence[Any]
+    ) -> tuple[Layer, Choice]:  # fmt: skip
+        """A layer chosen for the waves of the data, unless the boundary names them."""
+        if self.model.order != 2:
+            raise InputError("only for waves a layer is chosen by angle", value=boundary.angle, key=f"boundary.{name}.angle", remedy="leave it out")
+        waves = (0.0, 0.0) if boundary.wavelengths else self._data_band(initial, sources, f"boundary.{name}.wavelengths")
+        recursion = Recursion.of(self.model.integrator, self.dt, self.model.damping)
+        return boundary.chosen(stencil, self.model.coefficient, self.lattice.spacing, recursion, self.dt, waves)
+
+    def _data_band(self, initial: Mapping[str, Any], sources: Sequence[Any], key: str) -> tuple[float, float]:
+        """Shortest and longest wave of initial data and sources."""
+        fields = [np.zeros(self.lattice.shape)] * 2
+        for number, name in enumerate(("u", "v")):
+            value = initial.get(name, 0.0)
+            fields[number] = checked(value(*self.lattice.coordinates()) if callable(value) else value, self.lattice, f"initial.{name}")
+        fields[0] = fields[0] - (self.background if "u" in initial else 0.0)
+        found = [split(s, self.lattice)[0] for s in sources]
+        spaces = [f for f in found if f is not None]
+        waves = band([*fields, *spaces], self.lattice.spacing, [1, 0] + [0] * len(spaces)) if len(spaces) == len(found) else None
+        if waves is None:
+            raise InputError("the wavelengths cannot be read from data and sources", key=key, remedy="give wavelengths = [shortest, longest]",
+                             limit="initial data, or sources that split into space and time")  # fmt: skip
+        return waves.shortest, waves.longest
+
+    def _depth(self) -> dict[tuple[int, int], int]:
+        """Nodes beyond each absorbing side at which data and sources are looked at: its layer or sponge, or one reach if that is more.
+
+        Beyond an exact end, where there is no layer, as many as the near field has.
+        """
+        nodes = {key: layer.columns for key, layer in self._layers.items()}
+        nodes |= {key: self.lattice.shape[key[0]] for key, b in self.sides.items() if isinstance(b, Exact)}
+        nodes |= {key: self._width(key) for key, b in self.sides.items() if isinstance(b, Sponge | Closing)}
+        return {key: max(n, self.stencil.reach[key[0]]) for key, n in nodes.items()}
+
+    def _width(self, key: tuple[int, int]) -> int:
+        """Nodes of the core beyond the near field that a sponge, or a condition along the outline, takes."""
+        boundary = self.sides[key]
+        if isinstance(boundary, Sponge):
+            return boundary.nodes
+        thick = boundary.layer if isinstance(boundary, PlaneWave) else None
+        return self.stencil.reach[key[0]] if thick is None else int(thick / self.lattice.spacing + 1e-9)
+
+    def _choose_margins(self, u: np.ndarray, v: np.ndarray, factor: np.ndarray | None, cuts: Sequence[Cut]) -> dict[tuple[int, int], int]:
+        """Nodes of the core beyond the near field: a sponge, or unstretched nodes in front of a layer.
+
+        A layer's entrance must be free of sources, data, cracks and changes of the material. One node keeps sources
+        out; the others need as many more as the stencil reaches. An exact end must be free of cracks and changes of the material.
+        """
+        margins = {}
+        for (axis, side), boundary in self.sides.items():
+            if isinstance(boundary, Sponge | Closing):
+                margins[axis, side] = self._width((axis, side))
+            elif isinstance(boundary, LatticePML | Exact):
+                m = self.stencil.reach[axis]
+                last = np.arange(m + 1) if side < 0 else self.lattice.shape[axis] - 1 - np.arange(m + 1)
+                least = int(isinstance(boundary, LatticePML))
+                faint = 1e-3 * boundary.wanted(self.model.order)
+                busy = bool(least) and any(np.abs(np.take(f, last, axis)).max() > faint * np.abs(f).max() for f in (u, v))
+                busy |= factor is not None and bool(np.ptp(np.take(factor, last, axis), axis=axis).any())
+                edge = (self.lattice.lower if side < 0 else self.lattice.upper)[axis]
+                near = [side * (edge - cut.bounds()[(side + 1) // 2][axis]) < (m + 1) * self.lattice.spacing for cut in cuts]
+                margins[axis, side] = 1 + m if busy or any(near) else least
+            else:
+                margins[axis, side] = 0
+        return margins
+
+    def _make_engine(self, factor: np.ndarray | None, rule: str, dtype: str, threads: int | None) -> None:
+        lattice, model = self.lattice, self.model
+        lead = 3 - lattice.dim
+        core = (1,) * lead + tuple(n + self._margins[a, -1] + self._margins[a, 1] for a, n in enumerate(lattice.shape))
+        offsets = np.zeros((len(self.stencil.weights), 3), int)
+        offsets[:, lead:] = self.stencil.offsets
+        if rule not in ("both", "arithmetic", "harmonic"):
+            raise InputError("unknown bond rule", value=rule, limit="both, arithmetic, harmonic", key="rule")
+        layers = {(lead + axis, side): layer for (axis, side), layer in self._layers.items()}
+        periodic = frozenset(lead + a for (a, side), b in self.sides.items() if side < 0 and isinstance(b, Periodic))
+        stages = model.integrator.stages(self.dt, model.damping, lattice.dim == 1)
+        grown = None
+        if factor is not None:
+            pads = [(self._margins[a, -1], self._margins[a, 1]) for a in range(lattice.dim)]
+            grown = np.pad(factor, pads, mode="edge").reshape(core)
+            self._check_material(grown, lead)
+        self.engine = Engine(
+            core, offsets, self.stencil.weights * model.coefficient / lattice.spacing**2, stages, self.dt, layers=layers, periodic=periodic,
+            real=dtype, threads=threads or available_threads(), coefficient=grown, rule=rule,
+        )  # fmt: skip
+        self._near = tuple([slice(None)] * lead + [slice(self._margins[a, -1], self._margins[a, -1] + n) for a, n in enumerate(lattice.shape)])
+        self._origin = lattice.lower - lattice.spacing * np.array([self._margins[a, -1] for a in range(lattice.dim)])
+        for (axis, side), boundary in self.sides.items():
+            if isinstance(boundary, Fixed) and boundary.value != self.background:
+                self._fix(lead + axis, side, boundary.value - self.background)
+
+    def _make_ends(self, factor: np.ndarray | None) -> ExactEnds | None:
+        """The exact ends, whose chains have the bonds of the last nodes; None without."""
+        found = [(side, b) for (_, side), b in self.sides.items() if isinstance(b, Exact)]
+        if not found:
+            return None
+        if factor is not None and any(factor[0 if side < 0 else -1] == 0 for side, _ in found):
+            raise InputError("the medium beyond an exact end needs bonds", value=0.0, limit="positive at the end", key="coefficient", remedy="Free")
+        recursion = Recursion.of(self.model.integrator, self.dt, self.model.damping)
+        bonds = half_weights(self.stencil, self.model.coefficient / self.lattice.spacing**2)
+        line = self.engine.core.node_indices().ravel()
+        return ExactEnds(
+            self.engine, ["x-" if side < 0 else "x+" for side, _ in found], [b for _, b in found],
+            [bonds * (1.0 if factor is None else factor[0 if side < 0 else -1]) for side, _ in found], recursion,
+            np.array([line[0] + np.arange(bonds.size) if side < 0 else line[-1] - np.arange(bonds.size) for side, _ in found]),
+        )  # fmt: skip
+
+    def _check_material(self, core: np.ndarray, lead: int) -> None:
+        """A layer, and an exact end, continue the material along the normal: it must not vary there within one reach."""
+        for (axis, side), boundary in self.sides.items():
+            if isinstance(boundary, LatticePML | Exact):
+                n, m = core.shape[lead + axis], self.stencil.reach[axis]
+                last = np.take(core, np.arange(m + 1) if side < 0 else np.arange(n - m - 1, n), lead + axis)
+                if np.any(np.ptp(last, axis=lead + axis) > 0):
+                    raise InputError(
+                        f"the material varies along {AXES[axis]} within one reach of an absorbing side", key="coefficient",
+                        limit=f"constant over the last {m + 1 - self._margins[axis, side]} nodes", remedy="enlarge the near field",
+                    )  # fmt: skip
+
+    def _fix(self, axis: int, side: int, value: float) -> None:
+        """Set the halo of a side, in every level, to a value above the background."""
+        if any(isinstance(b, LatticePML) for (a, _), b in self.sides.items() if a != axis - (3 - self.lattice.dim)):
+            raise InputError(
+                "a Fixed value beside a LatticePML must equal the background: the layer would have to absorb a state that never decays",
+                value=value + self.background, limit=self.background, key="boundary", remedy="set background, or use Periodic or Free",
+            )  # fmt: skip
+        block = self.engine.core
+        m = block.reach[axis]
+        strip = tuple((slice(0, m) if side < 0 else slice(-m, None)) if a == axis else slice(None) for a in range(3))
+        for level in self.engine.levels[: 3 - self.engine.stages.increments]:
+            block.plane.all(level)[strip] = value
+
+    def _cut(self, cracks: Sequence[Crack]) -> None:
+        """Absent bonds: cut by cracks, across a free side, or to nodes outside a body."""
+        engine, lead = self.engine, 3 - self.lattice.dim
+        block = engine.core
+        offsets = engine.offsets
+        found: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        shape = block.nodes[lead:]
+        for crack in cracks:
+            cut, lost = crack.cut, 1 - crack.factor
+            crossed = self._crossed(cut)
+            nodes, bonds = cut_bonds(cut, self._origin, self.lattice.spacing, shape, self.stencil.offsets)
+            flat = block.plane.origin + nodes @ np.array(block.stride[lead:])
+            found.append((flat, flat + offsets[bonds] @ np.array(block.stride), lost * engine.weights[bonds]))
+            if self.closure is not None and np.isin(flat, self.closure.nodes).any():
+                raise InputError("a crack cuts bonds of nodes that a condition along the outline reads", key="crack",
+                                 value=[b.tolist() for b in cut.bounds()], remedy="enlarge the near field, or use a LatticePML")  # fmt: skip
+            for axis, side in crossed:
+                *ends, weights = self._continue_crack(cut, nodes, bonds, axis, side)
+                found.append((ends[0], ends[1], lost * weights))
+        if any(isinstance(b, Free) for b in self.sides.values()) or (self.lattice.body is not None and self.rim == "free"):
+            exists = self._existing(self.rim == "free")
+            for part in engine.layout.blocks.values():
+                found += self._absent(part, exists)
+        if self.closure is not None:
+            found += self._beyond_halo(self.closure)
+        if not found:
+            engine.set_cuts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
+            return
+        nodes, neighbours, weights = (np.concatenate([f[i] for f in found]) for i in range(3))
+        order = np.argsort(-np.abs(weights), kind="stable")  # of two cracks across a bond the one that takes more counts
+        nodes, neighbours, weights = nodes[order], neighbours[order], weights[order]
+        _, first = np.unique(nodes * engine.layout.places + neighbours, return_index=True)
+        engine.set_cuts(nodes[first], neighbours[first], weights[first])
+
+    def _beyond_halo(self, closure: Closure) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Bonds of the near field beyond a halo that is thinner than the stencil reaches."""
+        engine, block = self.engine, self.engine.core
+        lead = 3 - self.lattice.dim
+        exists = engine.spread(np.reshape(~closure.outside, block.nodes), {(lead + a, side): 0.0 for a, side in closure.outline.sides}) > 0.5
+        near = block.node_indices().reshape(closure.halo.shape)[closure.outline.near]
+        rows = []
+        for offset, weight in zip(engine.offsets, engine.weights, strict=True):
+            other = near + int(offset @ np.array(block.stride))
+            lost = ~exists[other]
+            rows.append((near[lost], other[lost], np.full(int(lost.sum()), weight)))
+        return rows
+
+    def _crossed(self, cut: Cut) -> list[tuple[int, int]]:
+        """Sides (axis, side) with a layer that a crack runs into; InputError where it crosses a sponge or a periodic side."""
+        crossed = []
+        for (axis, side), boundary in self.sides.items():
+            edge, end = ((self.lattice.lower, self.lattice.upper)[(side + 1) // 2][axis], cut.bounds()[(side + 1) // 2][axis])
+            if side * (end - edge) > 1e-9 * self.lattice.spacing and not isinstance(boundary, Free | Fixed):
+                if not isinstance(boundary, LatticePML):
+                    raise InputError("a crack crosses a side that cannot continue it", value=AXES[axis] + "-+"[side > 0], key="crack",
+                                     remedy="shorten it, or use a LatticePML there")  # fmt: skip
+                crossed.append((axis, side))
+        return crossed
+
+    def _continue_crack(self, cut: Cut, nodes: np.ndarray, bonds: np.ndarray, axis: int, side: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Bonds that a crack parallel to a layer's normal cuts inside the layer, from those at the core's last nodes."""
+        block = self.engine.core
+        lead = 3 - self.lattice.dim
+        count, m = block.nodes[lead + axis], self.stencil.reach[axis]
+        last = [count - 1 - j if side > 0 else j for j in range(m + 1)]
+        found = []
+        for column in last:
+            at = nodes[:, axis] == column
+            rest = nodes[at].copy()
+            rest[:, axis] = 0
+            found.append({(*r, b) for r, b in zip(rest.tolist(), bonds[at].tolist(), strict=True)})
+        if any(f != found[0] for f in found):
+            raise self._oblique(cut, axis, side)
+        self._check_straight(cut, found[0], axis, side)
+        layer = self.engine.layout.blocks[tuple(side if a == lead + axis else 0 for a in range(3))]
+        table = np.array(sorted(found[0]), int).reshape(-1, self.lattice.dim + 1)
+        at = table[:, :-1].T
+        normal = np.arange(layer.nodes[lead + axis])[:, None]
+        index: tuple[Any, ...] = (*[0] * lead, *(normal if a == axis else at[a] for a in range(self.lattice.dim)))
+        flat = layer.node_indices()[index]
+        other = layer.slot_indices()[index] + self.engine.offsets[table[:, -1]] @ np.array(layer.stride)
+        return flat.ravel(), other.ravel(), np.broadcast_to(self.engine.weights[table[:, -1]], flat.shape).ravel()
+
+    def _check_straight(self, cut: Cut, continued: set[tuple[int, ...]], axis: int, side: int) -> None:
+        """Beyond the core a crack may end, but cut nothing that its straight continuation does not cut."""
+        columns = self._layers[axis, side].columns
+        shape = list(self.engine.core.nodes[3 - self.lattice.dim :])
+        origin = self._origin.copy()
+        origin[axis] += self.lattice.spacing * (shape[axis] if side > 0 else -columns)
+        shape[axis] = columns
+        nodes, bonds = cut_bonds(cut, origin, self.lattice.spacing, tuple(shape), self.stencil.offsets)
+        nodes[:, axis] = 0
+        if not {(*r, b) for r, b in zip(nodes.tolist(), bonds.tolist(), strict=True)} <= continued:
+            raise self._oblique(cut, axis, side)
+        if not continued:
+            return
+        note = f"the crack that runs into the layer at {AXES[axis]}{'-+'[side > 0]} is taken to go on straight without end"
+        if note not in self._beyond.notes:
+            self._beyond.notes.append(note)
+
+    def _oblique(self, cut: Cut, axis: int, side: int) -> InputError:
+        return InputError(
+            f"a crack may run across the absorbing side {AXES[axis]}{'-+'[side > 0]} only straight along its normal, and beyond its first nodes",
+            key="crack", value=[b.tolist() for b in cut.bounds()], limit=f"{self.lattice.lower.tolist()} to {self.lattice.upper.tolist()}",
+            remedy="end it inside, turn it, or enlarge the near field",
+        )  # fmt: skip
+
+    def _existing(self, body: bool) -> np.ndarray:
+        """True where a node of the medium is, False beyond free sides and, if wanted, outside the body; over a level and the slots."""
+        lead = 3 - self.lattice.dim
+        core = np.ones(self.engine.core.nodes)
+        if body and self.lattice.body is not None and self.lattice.mask is not None:
+            pads = [(self._margins[a, -1], self._margins[a, 1]) for a in range(self.lattice.dim)]
+            core = np.pad(self.lattice.mask.astype(float), pads, mode="edge").reshape(core.shape)
+            self._check_material(core, lead)
+        beyond = {(lead + a, side): 0.0 for (a, side), b in self.sides.items() if isinstance(b, Free)}
+        return self.engine.spread(core, beyond) > 0.5
+
+    def _absent(self, block: Block, exists: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        if block.slots.all(exists).all():
+            return []
+        flat, slots = block.node_indices(), block.slot_indices()
+        here = exists[slots]
+        rows = []
+        for offset, weight in zip(self.engine.offsets, self.engine.weights, strict=True):
+            other = slots + int(offset @ np.array(block.stride))
+            cut = here != exists[other]
+            rows.append((flat[cut], other[cut], np.full(int(cut.sum()), weight)))
+        return rows
+
+    def _hold_and_damp(self) -> None:
+        """Nodal factors: damping of the sponges, in the core and in the layers along it; nodes outside a fixed rim never move."""
+        tables = []
+        if any(isinstance(b, Sponge) for b in self.sides.values()):
+            tables.append(self._damped())
+        self._held = np.zeros(0, np.int64)
+        if self.rim == "fixed":
+            exists = self._existing(True)
+            self._held = np.concatenate([b.node_indices()[~exists[b.slot_indices()]] for b in self.engine.layout.blocks.values()])
+            tables.append((self._held, *np.zeros((3, len(self._held)))))
+        leak = self.leak().ravel()
+        lossy = np.flatnonzero(leak)
+        if lossy.size:
+            tables.append((self._near_indices()[lossy], *np.ones((2, lossy.size)), leak[lossy]))
+        if tables:
+            self.engine.set_damping(*(np.concatenate(columns) for columns in zip(*tables, strict=True)))
+
+    def _damped(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Nodes of the sponges, and their factors on the old and on the new increment and their loss rate."""
+        lead = 3 - self.lattice.dim
+        nodes, rates = [], []
+        for block in self.engine.layout.blocks.values():
+            rate = np.zeros(block.nodes)
+            for (axis, side), boundary in self.sides.items():
+                if isinstance(boundary, Sponge) and block.segment[lead + axis] == 0:
+                    values = boundary.damping(self.model.order, self.model.coefficient, self.lattice.spacing)
+                    line = np.zeros(block.nodes[lead + axis])
+                    line[: len(values)] = values[::-1]
+                    rate = rate + (line if side < 0 else line[::-1]).reshape([-1 if a == lead + axis else 1 for a in range(3)])
+            where = np.nonzero(rate)
+            nodes.append(block.node_indices()[where])
+            rates.append(rate[where])
+        rate = np.concatenate(rates)
+        index = np.concatenate(nodes)
+        if self.model.order == 1:
+            return index, np.ones_like(rate), np.ones_like(rate), rate
+        share, total = self.model.damping * self.dt, (self.model.damping + rate) * self.dt
+        return index, (1 - total) / (1 - share), (1 + share) / (1 + total), np.zeros_like(rate)
+
+    def _near_indices(self) -> np.ndarray:
+        return np.ascontiguousarray(self.engine.core.node_indices()[self._near].ravel())
+
+    def leak(self) -> np.ndarray:
+        """Rate at which each node loses its value to what surrounds the body; of the lattice's shape, empty without."""
+        leaks = [leak for _, leak in self.conditions.leaks]
+        return self.model.source_factor * sum(leaks[1:], leaks[0]) if leaks else np.zeros(0)

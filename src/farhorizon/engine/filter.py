@@ -1,0 +1,159 @@
+"""Damping of short waves in the layers: each step takes from the increments there what a high-pass filter passes.
+
+With the increment d of a step and the layers' nodal strengths D, zero outside, ``d <- d - D F D d``, where F is the sum over the axes of one
+symmetric filter along each of them. F is positive semi-definite and D F D at most 1, so this takes energy and never gives any, at every time step.
+
+The increments are put into a *box*, an array of all nodes in their natural order with margins as wide as the filter, in which the layers are a frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numba import njit
+
+from farhorizon.engine.layout import Layout
+from farhorizon.engine.threads import barrier
+
+_PIECE = 256  # nodes of a run that one lane takes at a time
+
+
+def filter_tables(layout: Layout, rates: Mapping[tuple[int, int], np.ndarray], taps: np.ndarray, dt: float) -> tuple[np.ndarray, ...]:
+    """What `damp_short_waves` reads, for float64; empty runs where nothing is damped.
+
+    Parameters
+    ----------
+    layout : Layout
+    rates : mapping of (axis, side) to ndarray, shape (columns,)
+        Damping rate of what passes the filter, from the near field outwards; where layers meet the rates add.
+    taps : ndarray, shape (R + 1,)
+        Filter along one axis: its weight of the node itself, of both neighbours, and so on.
+    dt : float
+
+    Returns
+    -------
+    taps, steps, box, nodes, strengths, runs, copies : ndarray
+    """
+    if not any(np.any(rate) for rate in rates.values()):
+        none = np.zeros(0, np.int64)
+        return np.zeros(1), none, np.zeros(0), none, np.zeros(0), np.zeros((0, 3), np.int64), np.zeros((2, 0), np.int64)
+    reach = len(taps) - 1
+    axes = [a for a in range(3) if layout.reach[a]]
+    low = [layout.layers[a, -1][0] if (a, -1) in layout.layers else 0 for a in range(3)]
+    high = [layout.layers[a, 1][0] if (a, 1) in layout.layers else 0 for a in range(3)]
+    pads = [reach if a in axes else 0 for a in range(3)]
+    extent = [n + low[a] + high[a] + 2 * pads[a] for a, n in enumerate(layout.core)]
+    step = np.array([extent[1] * extent[2], extent[2], 1])
+    places, nodes, strengths = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
+    for segment, block in layout.blocks.items():
+        rate, place = np.zeros((1, 1, 1)), np.zeros((1, 1, 1), np.int64)
+        for axis, (side, count) in enumerate(zip(segment, block.nodes, strict=True)):
+            along = [-1 if a == axis else 1 for a in range(3)]
+            columns = np.arange(count)
+            at = low[axis] + (columns if side == 0 else -1 - columns if side < 0 else layout.core[axis] + columns)
+            place = place + step[axis] * (pads[axis] + at).reshape(along)
+            if side:
+                rate = rate + np.asarray(rates[axis, side], float).reshape(along)
+        if np.any(rate):
+            shape = block.nodes
+            places.append(np.broadcast_to(place, shape).ravel())
+            nodes.append(block.node_indices().ravel())
+            strengths.append(np.broadcast_to(np.sqrt(-np.expm1(-len(axes) * rate * dt) / len(axes)), shape).ravel())
+    box_places = np.concatenate(places)
+    order = np.argsort(box_places)
+    box_places = box_places[order]
+    return (
+        np.asarray(taps, float), step[axes], np.zeros(int(np.prod(extent))), np.concatenate(nodes)[order], np.concatenate(strengths)[order],
+        _runs(box_places), _wrapped(box_places, layout, step, pads, extent, low),
+    )  # fmt: skip
+
+
+def line_damping(rates: np.ndarray, taps: np.ndarray, dt: float, across: np.ndarray) -> np.ndarray:
+    """What a step takes of the increments along a layer's normal, ``D F D`` for a wave along the layer.
+
+    Parameters
+    ----------
+    rates : ndarray, shape (columns,)
+    taps : ndarray, shape (R + 1,)
+    dt : float
+    across : ndarray, shape (dim - 1,)
+        Wavenumbers along the layer times spacing.
+
+    Returns
+    -------
+    ndarray, shape (columns, columns)
+    """
+    strengths = np.sqrt(-np.expm1(-(1 + across.size) * rates * dt) / (1 + across.size))
+    row = np.zeros(max(len(rates), len(taps)))
+    row[: len(taps)] = taps
+    places = np.arange(len(rates))
+    passed = row[np.abs(places[:, None] - places)]
+    passed += np.diag(np.full(len(rates), (taps[0] + 2 * np.cos(np.outer(across, np.arange(1, len(taps)))) @ taps[1:]).sum()))
+    return strengths[:, None] * passed * strengths
+
+
+def _runs(places: np.ndarray) -> np.ndarray:
+    """Pieces of neighbouring places: (first place, first entry, entries), shape (P, 3)."""
+    edges = np.flatnonzero(np.diff(places, prepend=-2) != 1)
+    rows = []
+    for first, last in zip(edges, np.append(edges[1:], len(places)), strict=True):
+        rows += [(places[i], i, min(_PIECE, last - i)) for i in range(first, last, _PIECE)]
+    return np.array(rows, np.int64).reshape(-1, 3)
+
+
+def _wrapped(places: np.ndarray, layout: Layout, step: np.ndarray, pads: list[int], extent: list[int], low: list[int]) -> np.ndarray:
+    """Margins of the box that repeat what lies on the other side of a periodic axis: places to and from, shape (2, C)."""
+    found = [np.zeros((2, 0), np.int64)]
+    for axis in layout.periodic:
+        count, margin = layout.core[axis], pads[axis]
+        at = places // step[axis] % extent[axis]
+        lines = places[at == margin] - margin * step[axis]
+        beyond = np.concatenate([np.arange(margin), margin + count + np.arange(margin)])
+        inside = margin + (beyond - margin) % count
+        found.append(np.array([np.add.outer(a * step[axis], lines).ravel() for a in (beyond, inside)]))
+    return np.concatenate(found, axis=1)
+
+
+@njit(error_model="numpy", cache=True)
+def damp_short_waves(lane, lanes, sync, src, base, out, increments, taps, steps, box, nodes, strengths, runs, copies):  # type: ignore[no-untyped-def]
+    """Filter the increments of a step, ``out - src`` or `base`; one lane's share.
+
+    Parameters
+    ----------
+    lane, lanes, sync
+        Threads that share the work, and where they meet.
+    src, base, out : ndarray
+        Levels of the step.
+    increments : bool
+        Whether `base` holds the increments.
+    taps, steps, box, nodes, strengths, runs, copies : ndarray
+        From `filter_tables`.
+    """
+    for piece in range(lane, runs.shape[0], lanes):
+        place, first, count = runs[piece]
+        for i in range(count):
+            node = nodes[first + i]
+            box[place + i] = strengths[first + i] * (out[node] - src[node])
+    barrier(sync, lanes)
+    if copies.shape[1]:
+        for i in range(lane, copies.shape[1], lanes):
+            box[copies[0, i]] = box[copies[1, i]]
+        barrier(sync, lanes)
+    passed = np.empty(_PIECE, box.dtype)
+    for piece in range(lane, runs.shape[0], lanes):
+        place, first, count = runs[piece]
+        for i in range(count):
+            passed[i] = steps.size * taps[0] * box[place + i]
+        for step in steps:
+            for k in range(1, taps.size):
+                before, after = box[place - k * step : place - k * step + count], box[place + k * step : place + k * step + count]
+                for i in range(count):
+                    passed[i] += taps[k] * (before[i] + after[i])
+        for i in range(count):
+            node = nodes[first + i]
+            taken = strengths[first + i] * passed[i]
+            out[node] -= taken
+            if increments:
+                base[node] -= taken
+    barrier(sync, lanes)
