@@ -117,7 +117,10 @@ def tuned(sim: Simulation, angle: float = 60.0, band: tuple[float, float] | None
         left = budget - (time.monotonic() - begin)
         if left <= 0:
             break
-        certificate = sim.remade(boundary=candidate, initial={}).certificate(min(left, _SHARE * budget))
+        try:
+            certificate = sim.remade(boundary=candidate, initial={}).certificate(min(left, _SHARE * budget))
+        except InputError:  # served a flat side, but not this outline
+            continue
         if certificate.verdict == CERTIFIED:
             return Tuning(candidate, amplitude, angle, certificate, refused)
     raise InputError("no setting is certified", value=f"{type(given).__name__}, {len(ranked)} settings", limit=f"{budget:g} s", key="boundary",
