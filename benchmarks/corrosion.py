@@ -73,7 +73,7 @@ def fronts(repeats: int) -> list[dict[str, Any]]:
             solid = np.hypot(*np.meshgrid(x % 50 - 25, x % 50 - 25, indexing="ij")) < 12
         times = interleaved({"phases": steps(simulation(n, solid, 1).engine), "diffusion": steps(simulation(n, None, 1).engine)}, repeats)
         engine = simulation(n, solid, 1).engine
-        solids, volumes = engine._tiles
+        solids, volumes, _ = engine._tiles
         rows.append({
             "one thread": name, "nodes": f"{n}^2", "solid %": float(100 * solid.mean()),
             "mixed tiles %": float(100 * ((solids > 0) & (solids < volumes)).mean()), "step ms": 1e3 * median(times, "phases"),

@@ -1,10 +1,10 @@
 """What conditions along an outline add to a step.
 
-Measures, in one process with interleaved repeats (medians of the ratios of a round), one thread: the step of a near field closed by each condition
-against the same engine without it, which sweeps the same nodes.
+Measures, in one process with interleaved repeats (medians of the ratios of a round): the step of a near field closed by each condition
+against the same engine without it, which sweeps the same nodes. One thread, but for the disc.
 
-- disc: examples 2 and 3 of Hermann et al. (2023), radius 26, spacing 0.25, horizon 3 and 6 spacings. Target: a `PlaneWave` whose clouds have
-  10 nodes adds at most one step of the near field. For comparison a 12-node `LatticePML` around the same window.
+- disc: examples 2 and 3 of Hermann et al. (2023), radius 26, spacing 0.25, horizon 3 and 6 spacings, one and two threads. Target: a `PlaneWave`
+  whose clouds have 10 nodes adds at most one step of the near field. For comparison a 12-node `LatticePML` around the same window.
 - mesh: their example 1, finite elements on 103^2 nodes.
 - bar: their appendix B, 2001 nodes, horizon 25 spacings.
 - ball: diffusion in a ball of radius 5, spacing 0.1, horizon 2 spacings (example 3 of Shojaei et al. 2020, without the metal).
@@ -14,6 +14,7 @@ Run: ``python benchmarks/outline.py [disc] [mesh] [bar] [ball] [--json FILE] [--
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from typing import Any
 
@@ -22,24 +23,26 @@ from common import interleaved, median, ratio, run_parts, steps, verdict
 
 import farhorizon as fh
 from farhorizon.boundaries import Boundary
+from farhorizon.engine import available_threads
 from farhorizon.models import ScalarModel
 
 
-def simulation(lattice: fh.Lattice, model: ScalarModel, boundary: Boundary) -> fh.Simulation:
+def simulation(lattice: fh.Lattice, model: ScalarModel, boundary: Boundary, threads: int = 1) -> fh.Simulation:
     """Starts from noise, so that nothing becomes denormal; a tiny step, so that nothing overflows either."""
-    sim = fh.Simulation(lattice, model, boundary, threads=1, dt=1e-6)
+    sim = fh.Simulation(lattice, model, boundary, threads=threads, dt=1e-6)
     for level in range(model.order):
         sim.engine.core.view(sim.engine.levels[level])[...] = np.random.default_rng(1).standard_normal(sim.engine.core.nodes)
     return sim
 
 
 def measure(
-    what: str, lattice: fh.Lattice, model: ScalarModel, conditions: Mapping[str, Boundary], repeats: int, target: str = ""
-) -> list[dict[str, Any]]:
+    what: str, lattice: fh.Lattice, model: ScalarModel, conditions: Mapping[str, Boundary], repeats: int, target: str = "",
+    threads: int = 1,
+) -> list[dict[str, Any]]:  # fmt: skip
     """One row a condition; `target` names the one that must add at most one step."""
-    sims = {name: simulation(lattice, model, boundary) for name, boundary in conditions.items()}
+    sims = {name: simulation(lattice, model, boundary, threads) for name, boundary in conditions.items()}
     cases = {name: steps(sim.engine) for name, sim in sims.items()}
-    bare = simulation(lattice, model, fh.Higdon() if model.order == 2 else fh.PlaneWave())  # all have margins of one reach
+    bare = simulation(lattice, model, fh.Higdon() if model.order == 2 else fh.PlaneWave(), threads)  # all have margins of one reach
     none = np.zeros(0, np.int64)
     bare.engine.set_fringe(none, 1, np.zeros(1, np.int64), none, np.zeros(1, np.int64), none, np.zeros(0), none)
     times = interleaved({"bare": steps(bare.engine), **cases}, repeats)
@@ -55,16 +58,16 @@ def measure(
 
 
 def disc(repeats: int) -> list[dict[str, Any]]:
-    """Both horizons."""
+    """Both horizons, on one thread and on two."""
     rows = []
-    for reach in (3, 6):
+    for reach, threads in itertools.product((3, 6), sorted({1, available_threads()})):
         conditions: dict[str, Boundary] = {
             "PlaneWave, 10 nodes": fh.PlaneWave(), "PlaneWave, whole cone": fh.PlaneWave(thin=1), "Higdon (0, 45)": fh.Higdon(),
             "LatticePML, 12 nodes": fh.LatticePML(nodes=12),
         }  # fmt: skip
         lattice, model = fh.Lattice(0.25, window=fh.Disc(26 - 0.25 * reach)), fh.Wave(fh.Kernel(0.25 * reach, 2), damping=0.0125)
-        found = measure("disc", lattice, model, conditions, repeats, "PlaneWave, 10 nodes")
-        rows += [{"disc": f"{reach} spacings, {row.pop('disc')}", **row} for row in found]
+        found = measure("disc", lattice, model, conditions, repeats, "PlaneWave, 10 nodes", threads)
+        rows += [{"disc": f"{reach} spacings, {row.pop('disc')}", "threads": threads, **row} for row in found]
     return rows
 
 

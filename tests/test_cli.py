@@ -93,6 +93,21 @@ def test_plot_check_info(tmp_path, capsys, monkeypatch):
     assert "numba" in capsys.readouterr().out
 
 
+def test_check_tunes_an_outline(tmp_path, capsys, monkeypatch):
+    """The line for the case file is one: it reads as the boundary that was found, and is certified."""
+    monkeypatch.chdir(tmp_path)
+    words = """[lattice]\nspacing = 0.25\nwindow = { disc = { radius = 5.12 } }
+[model]\ntype = "wave"\nspeed = 1.0\ndamping = 0.0125\nkernel = { horizon = 0.75, exponent = 2 }
+[initial]\nu = "exp(-2*(x**2+y**2))"\n[run]\nuntil = 1.0\n[boundary]\nall = { type = "plane-wave" }\n"""
+    Path("disc.toml").write_text(words)
+    assert main(["check", "disc.toml", "--tune", "--json", "tuned.json"]) == 0
+    found = json.loads(Path("tuned.json").read_text())["tuned"]
+    assert f"all = {found['boundary']}" in capsys.readouterr().out and found["verdict"] == "certified"
+    Path("disc.toml").write_text(words.replace('{ type = "plane-wave" }', found["boundary"]))
+    assert main(["check", "disc.toml", "--json", "check.json"]) == 0
+    assert json.loads(Path("check.json").read_text())["certificate"]["verdict"] == "certified"
+
+
 @pytest.mark.parametrize(
     "arguments",
     [["run", "missing.toml"], ["check", "bad.toml"], ["plot", "missing.h5"], ["plot", "bad.toml"], ["run", "good.toml", "--resume"],

@@ -41,6 +41,15 @@ def test_field_panels(tmp_path, dim, number, shared):
     assert is_picture(tmp_path / "u.png")
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_gradient_panels(tmp_path, dim):
+    """Of a field that is constant somewhere, outside a window and beside a solid."""
+    axes = axes_of(dim)
+    fields = [("a", wave(axes, 0.0)), ("b", np.zeros([a.size for a in axes]))]
+    plot.gradient_panels(fields, axes, tmp_path / "u.png", solids=[u > 0.9 for _, u in fields])
+    assert is_picture(tmp_path / "u.png")
+
+
 @pytest.mark.parametrize("value", [0.0, 3.0, -2.0, np.nan])
 @pytest.mark.parametrize("dim", [1, 2, 3])
 def test_constant_and_empty_fields(tmp_path, dim, value):

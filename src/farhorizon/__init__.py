@@ -18,6 +18,7 @@ from farhorizon.simulation import Simulation
 from farhorizon.sources import Source
 from farhorizon.specimens import Specimen
 from farhorizon.stencil import Stencil
+from farhorizon.tuning import tuned
 
 __version__ = "0.1.0"
 
@@ -26,4 +27,5 @@ __all__ = [
     "FarhorizonError", "FileFormatError", "FirstOrder", "Fixed", "Flux", "Free", "Heat", "Higdon", "ImageMask", "InputError", "Insulated", "Kernel",
     "Lattice", "LatticePML", "Periodic", "PlaneWave", "PointCut", "Polygon", "PolygonCut", "Polyline", "Prescribed", "Rectangle",
     "RungeKuttaChebyshev", "Simulation", "Source", "Specimen", "Sponge", "Stencil", "Temperature", "Text", "UnstableError", "Wave", "open_results",
+    "tuned",
 ]  # fmt: skip

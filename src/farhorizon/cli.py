@@ -60,6 +60,7 @@ def _parser() -> argparse.ArgumentParser:
     check = add("check", _check, "check a case without running it: step limit, stability, reflection, layer, memory, time")
     check.add_argument("case", help="case file (TOML)")
     check.add_argument("--out", metavar="DIR", help="draw reflection and a growing mode into this folder (default: no pictures)")
+    check.add_argument("--tune", action="store_true", help="search the settings of a PlaneWave or Higdon for the best that are certified")
     check.add_argument("--budget", type=float, metavar="SECONDS", help="time for the stability certificate (default: that of the run, 2 to 30 s)")
     compare = add("compare", _compare, "compare a case with the infinite medium, beside a fixed and a free edge")
     compare.add_argument("case", help="case file (TOML)")
@@ -230,7 +231,15 @@ def _check(options: argparse.Namespace) -> int:
     if options.out:
         for picture in report.draw(_folder(options.out), case.name, case.lattice.spacing):
             print(f"picture: {picture}")
-    _write_json(options.json, report.as_json())
+    facts = report.as_json()
+    if options.tune:
+        from farhorizon.tuning import BUDGET, tuned
+
+        with case.naming():
+            found = tuned(sim, budget=options.budget or BUDGET)
+        print(f"tuned: {found}\nin the case file: all = {found.toml}")
+        facts["tuned"] = {"boundary": found.toml, "amplitude": found.amplitude, "angle": found.angle, **found.certificate.as_json()}
+    _write_json(options.json, facts)
     return GOOD
 
 

@@ -39,6 +39,7 @@ _COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 _DASHES = ("-", "--", "-.", ":")
 # A logarithmic axis shows at most so many decades below its maximum; double precision resolves 16.
 _DECADES = 20
+_ARROWS = 18  # along an axis
 _RIM = (("white", 2.2), ("0.1", 0.9))  # a light rim shows a line on dark colours
 _SHARED = 0.2  # panels whose largest values differ by more than this factor have colour scales of their own
 
@@ -185,6 +186,41 @@ def field_panels(
     _images(arrays, titles, coordinates[:2], path, shared_scale=shared_scale, cracks=polylines, label=label, solids=solids)
 
 
+def gradient_panels(
+    fields: Sequence[tuple[str, np.ndarray]], axes: Sequence[np.ndarray], path: str | Path, *, solids: Sequence[np.ndarray], label: str = "|grad u|"
+) -> None:
+    """Draw gradients outside solids side by side, by central differences: magnitudes as colours, downhill directions as arrows.
+
+    Parameters
+    ----------
+    fields : sequence of (title, ndarray)
+        Fields of the lattice shape (nx, ny[, nz]), nan outside a window; of nz slices the one in the middle.
+    axes : sequence of ndarray
+        Coordinates of the nodes along each axis, equally far apart.
+    path : str or Path
+        The PNG file.
+    solids : sequence of ndarray of bool
+        For each field the nodes that are solid: they are left blank, and their outline is drawn.
+    label : str
+        Name of the magnitude.
+    """
+    middle: Any = (slice(None), slice(None), *[axis.size // 2 for axis in axes[2:]])
+    titles, spacing = [title for title, _ in fields], float(axes[0][1] - axes[0][0])
+    slopes = [np.array(np.gradient(np.where(solid, np.nan, u)[middle], spacing)) for (_, u), solid in zip(fields, solids, strict=True)]
+    _images([np.hypot(*slope) for slope in slopes], titles, axes[:2], path, shared_scale=False, cracks=(), label=label,
+            solids=[solid[middle] for solid in solids], arrows=[-slope for slope in slopes])  # fmt: skip
+
+
+def _arrows(panel: Any, vectors: np.ndarray, axes: Sequence[np.ndarray]) -> None:
+    """Directions of vectors (2, nx, ny) as arrows of one length, some `_ARROWS` along an axis."""
+    every = max(1, max(vectors.shape[1:]) // _ARROWS)
+    thin = (slice(every // 2, None, every),) * 2
+    length = np.hypot(*vectors)[thin]
+    x, y = (part[thin] / np.where(length > 0, length, np.inf) for part in vectors)
+    panel.quiver(axes[0][thin[0]], axes[1][thin[1]], x.T, y.T, color="white", pivot="mid", scale=1.3 * x.shape[0], width=0.006, edgecolor="0.1",
+                 linewidth=0.3)  # fmt: skip
+
+
 def _extent(axes: Sequence[np.ndarray]) -> tuple[float, float, float, float]:
     """Left, right, lower and upper edge of the cells of two axes."""
     spacing = max(float(axis[1] - axis[0]) if axis.size > 1 else 0.0 for axis in axes) or 1.0
@@ -259,6 +295,7 @@ def _images(
     cracks: Sequence[np.ndarray],
     label: str,
     solids: Sequence[np.ndarray] = (),
+    arrows: Sequence[np.ndarray] = (),
 ) -> None:
     """Draw checked 2D fields as images."""
     left, right, bottom, top = _extent(axes)
@@ -281,6 +318,8 @@ def _images(
             if solids and min(array.shape) > 1:
                 for color, width_of_line in _RIM:
                     panel.contour(*axes, solids[number].T.astype(float), levels=[0.5], colors=color, linewidths=width_of_line)
+            if arrows:
+                _arrows(panel, arrows[number], axes)
             for points in cracks:
                 for color, width_of_line in _RIM:
                     panel.plot(points[:, 0], points[:, 1], color=color, linewidth=width_of_line, linestyle="-", scalex=False, scaley=False)

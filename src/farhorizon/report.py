@@ -299,6 +299,9 @@ def _plain_seconds(sim: Simulation) -> float:
 
 def _remedy(sim: Simulation, backward: BackwardWaves) -> str:
     """What to do about growth in a layer."""
+    if sim.closure is not None:
+        few = " A window whose radius is no whole number of spacings has no single nodes at its poles, which grow." if sim.lattice.window else ""
+        return f"Use Higdon(angles=(0, 45)), settings that 'check --tune' finds, or a LatticePML.{few}"
     other = "Exact ends, or " if sim.lattice.dim == 1 else ""
     if not backward:
         return f"Use {other}a thicker layer or one with a gentler profile, a smaller step, or a Sponge."

@@ -253,8 +253,8 @@ class Stencil:
     def layer_growth(self) -> tuple[list[np.ndarray], np.ndarray]:
         """Wavenumbers (open grids) and how fast waves grow in a layer, to first order in its strength sigma, per unit of it.
 
-        Along an axis with wavenumber k (times spacing) a wave of frequency w grows by ``-sin(k) d(w^2)/dk / (2 w^2)``; the largest over the axes counts,
-        and 0 for waves that decay. One more axis at the end has the branches of a field of vectors.
+        Along an axis with wavenumber k (times spacing) a wave of frequency w grows by ``-sin(k) d(w^2)/dk / (2 w^2)``; the largest over the axes
+        counts, and 0 for waves that decay. One more axis at the end has the branches of a field of vectors.
         """
         zone = self._zone()
         value, slopes = self.branches_with_gradient(*zone)

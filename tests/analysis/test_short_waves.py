@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from tests.helpers import kernel_stencil
 
 import farhorizon as fh
 from farhorizon.analysis.infinite import InfiniteLattice
 from farhorizon.analysis.short_waves import HighPass, high_pass
 from farhorizon.certificate import certify
 from farhorizon.engine.state import State
-from tests.helpers import kernel_stencil
 
 BACKWARD = [(1, 2, 0), (1, 3, 0), (2, 2, 0), (2, 3, 0), (2, 2, 1), (2, 3, 1)]  # dimension, reach, exponent
 
@@ -86,7 +86,8 @@ def test_certified_with_corners(operator):
 def test_white_noise_of_the_whole_state_decays(dim, reach, exponent):
     """1e5 steps in 1D and 2D, 5000 in 3D, from noise in all nodes and all memory."""
     side, steps = 2.0 * reach + 3, 100_000 if dim < 3 else 5000
-    sim = fh.Simulation(fh.Lattice(1.0, (0.0,) * dim, (side,) * dim), fh.Wave(kernel_stencil(dim, reach, exponent)), fh.LatticePML(nodes=10), threads=1)
+    model = fh.Wave(kernel_stencil(dim, reach, exponent))
+    sim = fh.Simulation(fh.Lattice(1.0, (0.0,) * dim, (side,) * dim), model, fh.LatticePML(nodes=10), threads=1)
     state = State(sim.engine)
     noise = np.random.default_rng(0).standard_normal(state.size)
     sizes = [float(np.linalg.norm(noise))]

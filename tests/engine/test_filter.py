@@ -54,9 +54,7 @@ def test_filter_is_the_matrix_it_is_said_to_be(shape, periodic, threads):
     sim, bare = simulation(sides, shape, threads=threads), simulation(plain, shape)
     state, other = State(sim.engine), State(bare.engine)
     start = np.random.default_rng(0).standard_normal(state.size)
-    state.after(start), other.after(start)
-    new, undamped, old = (e.levels[k] for e, k in ((sim.engine, 0), (bare.engine, 0), (bare.engine, 1)))
-    new, undamped = sim.engine.current, bare.engine.current
+    state.after(start)
     table, depth = natural(bare.engine)
     at = table[:, 3]
     other.write(start)

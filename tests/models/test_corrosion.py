@@ -72,12 +72,16 @@ def test_against_plain_numpy(name, sides):
 
 
 def check_counts(sim):
-    """The tiles' counts are those of a new classification."""
+    """The tiles' counts and runs are those of a new classification."""
     engine = sim.engine
-    solids, volumes = engine._tiles
+    (solids, volumes, changed), (runs, _) = engine._tiles, engine._runs
     anew = engine._count_solid()
     np.testing.assert_array_equal(solids, anew[0])
     np.testing.assert_array_equal(volumes, anew[1])
+    assert not changed.any()
+    for row, kinds in zip(runs, np.sign(solids) + (solids == volumes), strict=True):
+        last = list(row[:, 1]).index(len(kinds))
+        np.testing.assert_array_equal(np.repeat(row[: last + 1, 0], np.diff(row[: last + 1, 1], prepend=0)), kinds)
 
 
 def test_threads_and_precision():

@@ -7,7 +7,7 @@ from farhorizon.boundaries import Fixed, LatticePML
 from farhorizon.kernel import Kernel
 from farhorizon.papers import find
 from farhorizon.papers import shojaei2020 as paper
-from farhorizon.papers.measure import infinite, run, spectral_radius
+from farhorizon.papers.measure import infinite, run, stability
 from farhorizon.stencil import Stencil
 
 COARSE = 0.005  # five times the paper's step: errors of the conditions change in the third digit
@@ -43,15 +43,12 @@ def test_held_at_zero_and_lattice_pml():
     assert largest(setup, LatticePML()) < 1e-5
 
 
-def test_spectral_radius():
-    """Of the published layers: stable for four spacings, unstable for one; of fixed ends, the slowest mode of the bar."""
-    setup = {**paper.line(Kernel(0.5, 1), 4)}
-    assert spectral_radius(setup, paper.published(0.25)) < 1
-    assert spectral_radius(paper.line(Kernel(0.5, 1), 1), paper.published(0.25, layer=1)) > 1.01
-    bar = {**paper.line(Stencil.finite_element(1), 1)}
-    nodes = bar["lattice"].shape[0]
-    exact = 1 - bar["dt"] / paper.SPACING**2 * (2 * np.sin(np.pi / 2 / (nodes + 1))) ** 2
-    assert spectral_radius(bar, Fixed()) == pytest.approx(exact, rel=1e-12)
+def test_stability():
+    """Of the published layers: certified for four spacings, refused for one; that fixed ends cannot grow is a proof."""
+    assert stability(paper.line(Kernel(0.5, 1), 4), paper.published(0.25), COARSE)[0] < 0
+    less_one, how = stability(paper.line(Kernel(0.5, 1), 1), paper.published(0.25, layer=1), COARSE)
+    assert less_one > 0.01 and how == "not certified"
+    assert stability(paper.line(Stencil.finite_element(1), 1), Fixed(), COARSE) == (0.0, "at most: proof")
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ import pytest
 
 from farhorizon import Kernel
 from farhorizon.papers import find
-from farhorizon.papers.shojaei2020_corrosion import CLOSURES, INTERFACE, LETTERS, LIQUID, SPHERE, asymmetry, follow, last_dissolution
+from farhorizon.papers.shojaei2020_corrosion import CLOSURES, INTERFACE, LETTERS, LIQUID, SPHERE, asymmetry, follow, last_dissolution, outward_share
 
 
 def test_constants_are_those_of_exponent_two():
@@ -41,6 +41,15 @@ def test_letters_dissolve_in_time_with_exponent_two_only():
     """Before t = 0.085, when the near field is almost empty in the paper; at four times the spacing."""
     times = [last_dissolution(replace(LETTERS, coarser=4, exponent=p)) for p in (2, 1)]
     assert times[0] < 0.085 < times[1]
+
+
+def test_outward_share():
+    """All of the rim where a hill about 0 falls, none in a bowl, half on a slope."""
+    axes = [np.arange(-10, 11) * LETTERS.spacing] * 2
+    x, y = np.meshgrid(*axes, indexing="ij")
+    disc = np.hypot(x, y) <= 9.5 * LETTERS.spacing
+    shares = [outward_share(np.where(disc, u, np.nan), axes, LETTERS) for u in (-(x**2) - y**2, x**2 + y**2, x + 1e-3 * y)]
+    assert shares == [1.0, 0.0, 0.5]
 
 
 def test_asymmetry():

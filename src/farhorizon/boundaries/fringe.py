@@ -243,12 +243,11 @@ class Closure:
                          indices[self.outside])  # fmt: skip
 
     def start(self) -> None:
-        """The memory holds the present state and the one before; beyond that all was at rest."""
+        """The memory holds the state one step ago; before that all was at rest."""
         history = self.engine.fringe_history
         history[...] = 0
-        history[0] = self.engine.current[self.nodes]
         if self.levels > 2:
-            history[1] = self.engine.older[self.nodes]
+            history[0] = self.engine.older[self.nodes]
 
     def mark(self) -> float:
         """A number that differs for other conditions."""

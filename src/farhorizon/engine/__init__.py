@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import itertools
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -13,8 +12,10 @@ import numpy as np
 
 from farhorizon.engine.build import load_driver
 from farhorizon.engine.filter import filter_tables
+from farhorizon.engine.fringe import split_sums
 from farhorizon.engine.layout import ALIGN, LINES, TASK_FIELDS, Block, Layout
-from farhorizon.engine.phases import NEVER, TILE, TILE_ROWS, count_solid
+from farhorizon.engine.phases import NEVER, count_solid, find_runs
+from farhorizon.engine.simd import TILE, TILE_ROWS, WINDOW
 from farhorizon.engine.stencil_rows import compiled_rows
 
 __all__ = ["NEVER", "Engine", "Layer", "Layout", "available_threads"]
@@ -70,22 +71,6 @@ def available_threads() -> int:
 
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return min(cores, int(getattr(numba.config, "NUMBA_NUM_THREADS", cores)))
-
-
-def _shared_rows(starts: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First weight of each compressed row in a list where equal rows stand once, and that list."""
-    places: dict[bytes, int] = {}
-    pieces: list[np.ndarray] = [np.zeros(0)]
-    kinds, end = np.zeros(len(starts) - 1, np.int64), 0
-    for row, (start, stop) in enumerate(itertools.pairwise(starts)):
-        piece = np.asarray(weights[start:stop], float)
-        key = piece.tobytes()
-        if key not in places:
-            places[key] = end
-            pieces.append(piece)
-            end += piece.size
-        kinds[row] = places[key]
-    return kinds, np.concatenate(pieces)
 
 
 def _zeros(count: int, dtype: np.dtype, rows: int = 0) -> np.ndarray:
@@ -148,7 +133,7 @@ class Engine:
             self._coefficient = self.spread(coefficient)
         self.set_cuts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
         self.set_damping(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros(0))
-        self._set_tiles(np.zeros((0, 0), np.int64), np.zeros((0, 0), np.int64), np.zeros(0, np.int64), 0.0)
+        self._set_tiles(np.zeros((0, 0), np.int64), np.zeros((0, 0), np.int64), np.zeros(0, np.int64), 1.0, 0.0)
         self.set_ends(np.zeros((0, 0), np.int64), 1.0)
         self.hold(np.zeros(0, np.int64))
         self.set_tied(np.zeros(0, np.int64), np.zeros(1, np.int64), np.zeros(0, np.int64), np.zeros(0))
@@ -284,15 +269,19 @@ class Engine:
         self.core.view(steps)[...] = dissolved
         depths = self._sweeps[3]
         depths[0] = -(-depths[0] // TILE_ROWS) * TILE_ROWS
-        self._set_tiles(*self._count_solid(), steps, saturation)
+        self._set_tiles(*self._count_solid(), steps, interface, saturation)
 
     def _count_solid(self) -> tuple[np.ndarray, np.ndarray]:
         """Solid nodes, and all nodes, of each tile and within one reach of it."""
         return count_solid(self.core.plane.all(self._coefficient) < 0, self.layout.reach, (1, TILE_ROWS, TILE))
 
-    def _set_tiles(self, solids: np.ndarray, volumes: np.ndarray, dissolved: np.ndarray, saturation: float) -> None:
+    def _set_tiles(self, solids: np.ndarray, volumes: np.ndarray, dissolved: np.ndarray, interface: float, saturation: float) -> None:
         period = np.array([n if a in self.layout.periodic else 0 for a, n in enumerate(self.core.nodes)])
-        self._tiles, self._dissolution = (solids, volumes), (dissolved, np.zeros(1, np.int64), float(saturation), period)
+        changed, runs = np.ones(len(solids), bool), np.zeros((*solids.shape, 2), np.int32)
+        find_runs(0, 1, solids, volumes, changed, runs)
+        self._runs = runs, self.dtype.type(interface)
+        self._tiles = solids, volumes, changed
+        self._dissolution = dissolved, np.zeros(1, np.int64), float(saturation), period
 
     @property
     def dissolved(self) -> np.ndarray:
@@ -350,14 +339,18 @@ class Engine:
         self, nodes: np.ndarray, levels: int, fronts: np.ndarray, rows: np.ndarray, starts: np.ndarray, columns: np.ndarray, weights: np.ndarray,
         outside: np.ndarray,
     ) -> None:  # fmt: skip
-        """Halo nodes along an outline that are sums over a fringe of nodes, as `fringe.close_fringe` has it; `levels` rows of `history` a node."""
-        self.fringe_history = np.zeros((levels, nodes.size))
-        kinds, shared = _shared_rows(starts, weights)
+        """Halo nodes along an outline that are sums over a fringe of `nodes`, as `fringe.split_sums` has it; `rows`: places of the halo nodes there.
+
+        The rows of `fringe_history`, shape (levels - 1, S), are the fringe's values one step ago, two and so on; a step forgets the last.
+        """
+        count = nodes.size * (levels - 1)
+        history = _zeros(count + WINDOW, np.dtype(float))[:count].reshape(nodes.size, levels - 1)  # the last windows reach beyond it
+        self.fringe_history = history.T
         edges = np.flatnonzero(np.diff(np.sort(outside), prepend=-2, append=-2) != 1)
         runs = np.stack([np.sort(outside)[edges[:-1]], np.sort(outside)[edges[1:] - 1] + 1], axis=1) if outside.size else np.zeros((0, 2))
         self._fringe = (
-            nodes.astype(np.int64), self.fringe_history, fronts.astype(np.int64), rows.astype(np.int64), starts.astype(np.int64),
-            columns.astype(np.uint32), kinds, shared, runs.astype(np.int64),
+            nodes.astype(np.uint32), history, *split_sums(fronts, rows, starts, columns, np.asarray(weights, float), nodes, levels),
+            runs.astype(np.int64),
         )  # fmt: skip
 
     def set_books(
@@ -429,7 +422,7 @@ class Engine:
         self._driver.stage(
             0, 1, _ALONE, level, base, out, numbers, self.stages.increments, False, self.slots, self.memory.copy(), self._work,
             self.components, *self._first_sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
-            *self._tiles,
+            *self._runs,
         )  # fmt: skip
         return (base if self.stages.increments else out) / numbers[3]
 
@@ -439,7 +432,7 @@ class Engine:
         _, blocks, functions, depths, weights, offsets, general = self._first_sweeps
         law = (general, *numbers[:3], self.stages.increments, self._rule, self.components)
         first = blocks[0], functions[0], depths[0], False, weights[0], offsets[0]
-        self._driver.sweep_core(0, 1, _ALONE, level, base, out, *first, self._coefficient, law, *self._tiles)
+        self._driver.sweep_core(0, 1, _ALONE, level, base, out, *first, self._coefficient, law, *self._runs)
         ranges, *cuts = self._cuts
         self._driver.cut(0, 1, _ALONE, level, level, base, out, numbers[3], self.components, ranges[-1], len(cuts[0]), *cuts, self.stages.increments,
                          self._coefficient, self._coefficient, self._rule)  # fmt: skip
@@ -466,7 +459,7 @@ class Engine:
         state = (
             self.phase, self.levels, self._rotation, self._numbers, self.stages.increments, self.slots, self.memory, self._work,
             self.components, *self._sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
-            *self._tiles, *self._dissolution, self.steps_done, *self._damping,
+            *self._runs, *self._tiles, *self._dissolution, self.steps_done, *self._damping,
             (*self._ends, self.heads, self.past, self.history), *self._tied, *self._books, self.flows, self._fringe, self._filter,
             source_nodes, source_fields, source_times,
             self.held, _NOTHING if held_values is None else held_values, tied_fields, tied_times,
@@ -483,7 +476,7 @@ class Engine:
         layers = [a for _, layer in sorted(self.layers.items()) for a in (layer.kappa, layer.sigma, layer.alpha, layer.damping, layer.taps)]
         mark.update(repr([(name, layer.columns) for name, layer in sorted(self.layers.items())]).encode())
         ends = [np.asarray(a) for a in self._ends[2:6]]
-        fringe = [a for a in self._fringe if a is not self.fringe_history]
+        fringe = [a for a in self._fringe if a is not self._fringe[1]]
         for array in (self.offsets, self.weights, *layers, self._coefficient, *self._cuts, *self._damping, *self._tied, self.held, *ends, *fringe):
             mark.update(np.ascontiguousarray(array).tobytes())
         return mark.hexdigest()
@@ -491,8 +484,8 @@ class Engine:
     @contextmanager
     def as_before(self) -> Iterator[None]:
         """Whatever runs inside leaves no trace."""
-        arrays = [self.levels, self.memory, self.states, self.forces, self.clock, self.flows, self.fringe_history, self._coefficient, *self._tiles,
-                  *self._dissolution[:2]]  # fmt: skip
+        arrays = [self.levels, self.memory, self.states, self.forces, self.clock, self.flows, self.fringe_history, self._coefficient, self._runs[0],
+                  *self._tiles, *self._dissolution[:2]]  # fmt: skip
         kept, phase, steps = [a.copy() for a in arrays], self.phase, self.steps_done
         try:
             yield
@@ -520,6 +513,6 @@ class Engine:
     def nbytes(self) -> int:
         """Bytes of all time levels, slots, layer memory, phases, the memory of exact ends, of fringes and of the filter."""
         ends = self.heads.nbytes + self.past.nbytes + self.history.nbytes + sum(np.asarray(a).nbytes for a in self._ends)
-        phases = sum(np.asarray(a).nbytes for a in (*self._tiles, *self._dissolution))
+        phases = sum(np.asarray(a).nbytes for a in (*self._runs, *self._tiles, *self._dissolution))
         sparse = sum(a.nbytes for a in (*self._fringe, *self._filter))
         return self.levels.nbytes + self.slots.nbytes + self.memory.nbytes + self._coefficient.nbytes + ends + phases + sparse

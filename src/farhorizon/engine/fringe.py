@@ -1,23 +1,126 @@
-"""The fringe along an outline in the compiled loop: halo nodes whose values are sums over near nodes at this and at earlier steps."""
+"""The fringe along an outline in the compiled loop: halo nodes whose values are sums over near nodes at this and at earlier steps.
 
+The fringe's earlier values lie node by node, the present one first. Nodes that are neighbours along the fastest axis are neighbours there, too,
+so a sum over a cloud of nodes at two or three steps is one over a few *windows*, stretches of `WINDOW` values from any place on. Sums over equally
+many windows are taken in bundles.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
 from numba import njit
 
+from farhorizon.engine.simd import BUNDLE, WINDOW, clear, move_up, window_sums
 from farhorizon.engine.threads import barrier
 
-_ANY_ORDER = {"reassoc", "contract", "nsz"}  # sums may be taken in vectors
+
+def split_sums(
+    fronts: np.ndarray, rows: np.ndarray, starts: np.ndarray, columns: np.ndarray, weights: np.ndarray, nodes: np.ndarray, levels: int
+) -> tuple[np.ndarray, ...]:  # fmt: skip
+    """Sums over values at several steps in the form that the compiled loop wants: bundles of sums over windows, and new values apart.
+
+    Parameters
+    ----------
+    fronts : ndarray of int, shape (F + 1,)
+        Rows of each front.
+    rows : ndarray of int, shape (R,)
+        Place in the fringe of the node that a sum is for.
+    starts, columns, weights : ndarray
+        Compressed rows; column ``level * S + place`` is the value of a place of the fringe `level` steps before the new one.
+    nodes : ndarray of int, shape (S,)
+        Nodes of the fringe in a level.
+    levels : int
+
+    Returns
+    -------
+    fronts : ndarray of int, shape (F + 1,)
+        Bundles of each front.
+    owners : ndarray of unsigned int, shape (B, BUNDLE)
+        Node in a level that each sum of a bundle is for; the last one is repeated where sums are missing.
+    starts, places : ndarray of unsigned int
+        Compressed bundles: where the windows lie in the memory, in bytes, those of the sums side by side.
+    kinds : ndarray of unsigned int, shape (B, BUNDLE)
+        First of a sum's windows in `table`: sums that are alike share them, which keeps them in the cache.
+    table : ndarray, shape (T, WINDOW)
+        Weights.
+    new_starts, new_nodes : ndarray of unsigned int
+        Compressed sums, one after the other: nodes whose value at the new step counts.
+    new_weights : ndarray
+    """
+    owner = np.repeat(np.arange(len(rows)), np.diff(starts))
+    level, place = np.divmod(columns.astype(np.int64), max(nodes.size, 1))
+    known = level > 0
+    first, windows, table = _windows(owner[known], place[known] * (levels - 1) + level[known] - 1, weights[known], len(rows))
+    new_first = np.searchsorted(owner[~known], np.arange(len(rows) + 1))
+    kinds, table = _shared_rows(first, table)
+    bundles, ends = _bundled(fronts, np.diff(first))
+    sums, places = bundles.ravel(), _gathered(first, bundles)
+    fresh = _gathered(new_first, sums[:, None])[:, 0]
+    unsigned = (
+        nodes[rows[bundles]], _starts(np.diff(first)[bundles[:, 0]]), 8 * windows[places], kinds[bundles], _starts(np.diff(new_first)[sums]),
+        nodes[place[~known]][fresh],
+    )  # fmt: skip
+    owners, starts, places, kinds, new_starts, new_nodes = (a.astype(np.uint32) for a in unsigned)
+    return ends, owners, starts, places, kinds, table, new_starts, new_nodes, weights[~known][fresh]
 
 
-@njit(error_model="numpy", fastmath=_ANY_ORDER, cache=True)
-def combination(columns, weights, values):
-    """Sum of some values with weights."""
-    total = 0.0
-    for k in range(columns.size):
-        total += weights[k] * values[columns[k]]
-    return total
+def _windows(owner: np.ndarray, columns: np.ndarray, weights: np.ndarray, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Compressed rows of windows that hold all columns: where the rows start, the first column of each window, and the weights, shape (W, WINDOW)."""
+    order = np.lexsort((columns, owner))
+    owner, columns, weights = owner[order], columns[order], weights[order]
+    opens, row, begin = np.zeros(len(owner), bool), -1, 0
+    for i, (r, column) in enumerate(zip(owner.tolist(), columns.tolist(), strict=True)):
+        if r != row or column >= begin + WINDOW:
+            opens[i], row, begin = True, r, column
+    number = np.cumsum(opens) - 1
+    table = np.zeros((int(opens.sum()), WINDOW))
+    np.add.at(table, (number, columns - columns[opens][number]), weights)
+    return np.searchsorted(owner[opens], np.arange(rows + 1)), columns[opens], table
+
+
+def _shared_rows(starts: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First value of each compressed row in a list where equal rows stand once, and that list."""
+    places: dict[bytes, int] = {}
+    pieces: list[np.ndarray] = [values[:0]]
+    kinds, end = np.zeros(len(starts) - 1, np.int64), 0
+    for row, (start, stop) in enumerate(itertools.pairwise(starts)):
+        piece = values[start:stop]
+        key = piece.tobytes()
+        if key not in places:
+            places[key] = end
+            pieces.append(piece)
+            end += len(piece)
+        kinds[row] = places[key]
+    return kinds, np.concatenate(pieces)
+
+
+def _bundled(fronts: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of one front and of as many windows in bundles, shape (B, BUNDLE), and the bundles of each front."""
+    bundles, ends = [np.zeros((0, BUNDLE), int)], [0]
+    for first, last in itertools.pairwise(fronts):
+        for count in np.unique(counts[first:last]):
+            rows = first + np.flatnonzero(counts[first:last] == count)
+            bundles.append(np.pad(rows, (0, -len(rows) % BUNDLE), mode="edge").reshape(-1, BUNDLE))
+        ends.append(sum(map(len, bundles)))
+    return np.concatenate(bundles), np.array(ends)
+
+
+def _starts(counts: np.ndarray) -> np.ndarray:
+    return np.concatenate([[0], np.cumsum(counts)])
+
+
+def _gathered(starts: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Entries of compressed rows, those of rows that stand side by side (B, n) side by side, shape (entries, n)."""
+    counts = np.diff(starts)[rows[:, 0]]
+    within = np.arange(counts.sum()) - np.repeat(_starts(counts)[:-1], counts)
+    return np.asarray(np.repeat(starts[rows], counts, axis=0) + within[:, None])
 
 
 @njit(error_model="numpy", cache=True)
-def close_fringe(lane, lanes, sync, src, base, out, increments, nodes, history, fronts, rows, starts, columns, kinds, weights, outside):
+def close_fringe(lane, lanes, sync, src, base, out, increments, nodes, history, fronts, owners, starts, places, kinds, table,
+                 new_starts, new_nodes, new_weights, outside):  # fmt: skip
     """Give the halo nodes of a step's new level `out` their values; one lane's share.
 
     Parameters
@@ -27,42 +130,45 @@ def close_fringe(lane, lanes, sync, src, base, out, increments, nodes, history, 
     src, base, out : ndarray
         Levels of the stage.
     increments : bool
-    nodes : ndarray of int, shape (S,)
+    nodes : ndarray of unsigned int, shape (S,)
         Nodes of the fringe in a level: all that any sum reads, and those with sums.
-    history : ndarray, shape (L, S)
-        Their values at the new step (first row), at the present one and before; moved on by one step.
-    fronts : ndarray of int, shape (F + 1,)
-        Rows of one front, fronts[f] to fronts[f + 1], read new values of earlier fronts only.
-    rows : ndarray of int, shape (R,)
-        Place in the fringe of the node that a sum is for.
-    starts, columns : ndarray of int
-        Sums over places in `history`, as compressed rows; columns without sign, which saves looking for negative ones.
-    kinds : ndarray of int, shape (R,)
-        First of a row's weights in `weights`: rows that are alike share them, which keeps them in the cache.
-    weights : ndarray
+    history : ndarray, shape (S, L)
+        Their values one step ago (first), two and so on; moved on by one step, after which the present ones come first.
+    fronts, owners, starts, places, kinds, table, new_starts, new_nodes, new_weights : ndarray
+        The sums, see `split_sums`. Those of one front read new values of earlier fronts only.
     outside : ndarray of int, shape (N, 2)
         First and last + 1 of neighbouring nodes beyond the halo, which stay at zero.
     """
-    levels, size = history.shape
-    first, last = lane * size // lanes, (lane + 1) * size // lanes
-    for level in range(levels - 1, 0, -1):
-        for i in range(first, last):
-            history[level, i] = history[level - 1, i]
-    for i in range(first, last):
-        history[0, i] = out[nodes[i]]
-    for i in range(lane, outside.shape[0], lanes):
-        out[outside[i, 0] : outside[i, 1]] = 0
+    first, last = lane * nodes.size // lanes, (lane + 1) * nodes.size // lanes
+    present, read = history[first:last, 0], nodes[first:last]
+    if last > first and history.shape[1] > 1:  # all at once: the last value of a place makes room for the present one of the next
+        move_up(present.ctypes.data, (last - first) * history.shape[1] - 1)
+    for i in range(last - first):
+        present[i] = src[read[i]]
+    for run in range(lane * len(outside) // lanes, (lane + 1) * len(outside) // lanes):
+        start, count = outside[run, 0], outside[run, 1] - outside[run, 0]
+        clear(out.ctypes.data + start * out.itemsize, count, out[0])
         if increments:
-            base[outside[i, 0] : outside[i, 1]] = 0
+            clear(base.ctypes.data + start * out.itemsize, count, out[0])
     barrier(sync, lanes)
-    values = history.ravel()
+    memory = history.ctypes.data
+    totals, first_place, first_weight, width = np.empty(BUNDLE), places.ctypes.data, table.ctypes.data, 8 * WINDOW
+    sums = totals.ctypes.data
     for front in range(fronts.size - 1):
-        for row in range(fronts[front] + lane, fronts[front + 1], lanes):
-            place = rows[row]
-            node = nodes[place]
-            total = combination(columns[starts[row] : starts[row + 1]], weights[kinds[row] :], values)
-            history[0, place] = total
-            out[node] = total
+        first, count = fronts[front], fronts[front + 1] - fronts[front]
+        for bundle in range(first + lane * count // lanes, first + (lane + 1) * count // lanes):
+            start, stop = np.int64(starts[bundle]), np.int64(starts[bundle + 1])
+            window_sums(sums, stop - start, first_place + 4 * BUNDLE * start, memory, first_weight + width * np.int64(kinds[bundle, 0]),
+                        first_weight + width * np.int64(kinds[bundle, 1]), first_weight + width * np.int64(kinds[bundle, 2]),
+                        first_weight + width * np.int64(kinds[bundle, 3]))  # fmt: skip
+            if new_weights.size:
+                for i in range(BUNDLE):
+                    for k in range(new_starts[BUNDLE * bundle + i], new_starts[BUNDLE * bundle + i + 1]):
+                        totals[i] += new_weights[k] * out[new_nodes[k]]
+            for i in range(BUNDLE):
+                out[owners[bundle, i]] = totals[i]
             if increments:
-                base[node] = out[node] - src[node]
+                for i in range(BUNDLE):
+                    node = owners[bundle, i]
+                    base[node] = out[node] - src[node]
         barrier(sync, lanes)

@@ -1,9 +1,10 @@
 """Solid and liquid: tiles that are all liquid, all solid or mixed, and the solid nodes that become liquid.
 
 The coefficient of a node is its phase: 1 in the liquid, minus the factor of interface bonds in the solid (`program.bond_factor`, rule
-"phases"). A *tile* is a stretch of `TILE` nodes of up to `TILE_ROWS` neighbouring rows. It knows how many solid nodes
-lie in it or within one reach of it: none, and the stencil's plain rows serve; all, and nothing changes there; else bonds are looked
-at one by one. A node that becomes liquid is taken off these counts, so that nothing is ever classified anew.
+"phases"). A *tile* is a stretch of `TILE` nodes of up to `TILE_ROWS` neighbouring rows, small, so that few nodes share one with a front. It
+knows how many solid nodes lie in it or within one reach of it: none, and the stencil's plain rows serve; all, and nothing changes there; else
+bonds are looked at one by one. A node that becomes liquid is taken off these counts. What a step goes through are *runs*, neighbouring tiles of
+one kind in a row of tiles; they are found anew in the rows whose counts have changed.
 """
 
 from __future__ import annotations
@@ -11,10 +12,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from farhorizon.engine.simd import TILE, TILE_ROWS, any_below
 from farhorizon.engine.threads import add
 
-TILE = 16
-TILE_ROWS = 8
 LIQUID, MIXED, SOLID = 0, 1, 2
 #: Step of dissolution of a node that is still solid.
 NEVER = np.iinfo(np.int64).max
@@ -55,7 +55,21 @@ def phase_of(solid, volume):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy", cache=True)
-def uncount(at, nodes, reach, period, solids):  # type: ignore[no-untyped-def]
+def find_runs(lane, lanes, solids, volumes, changed, runs):  # type: ignore[no-untyped-def]
+    """Runs of the rows of tiles that have `changed`: ``runs[row, i]`` is the kind of a run and the tile after its last; one lane's share."""
+    rows, tiles = solids.shape
+    for row in range(lane * rows // lanes, (lane + 1) * rows // lanes):
+        if not changed[row]:
+            continue
+        changed[row], found = False, 0
+        for tile in range(tiles):
+            runs[row, found, 0], runs[row, found, 1] = phase_of(solids[row, tile], volumes[row, tile]), tile + 1
+            if tile + 1 < tiles and phase_of(solids[row, tile + 1], volumes[row, tile + 1]) != runs[row, found, 0]:
+                found += 1
+
+
+@njit(error_model="numpy", cache=True)
+def uncount(at, nodes, reach, period, solids, changed):  # type: ignore[no-untyped-def]
     """Take the node at the three coordinates `at`, and its periodic images, off the counts of all tiles around it."""
     word = np.int64(solids.ctypes.data)
     for i0 in range(at[0] - period[0], at[0] + period[0] + 1, max(period[0], 1)):
@@ -66,39 +80,35 @@ def uncount(at, nodes, reach, period, solids):  # type: ignore[no-untyped-def]
                 ):  # fmt: skip
                     for t0 in range(max(i0 - reach[0], 0), min(i0 + reach[0], nodes[0] - 1) + 1):
                         for t1 in range(max(i1 - reach[1], 0) // TILE_ROWS, min(i1 + reach[1], nodes[1] - 1) // TILE_ROWS + 1):
+                            changed[t1 * nodes[0] + t0] = True
                             for t2 in range(max(i2 - reach[2], 0) // TILE, min(i2 + reach[2], nodes[2] - 1) // TILE + 1):
                                 add(word + 8 * ((t1 * nodes[0] + t0) * solids.shape[1] + t2), -1)
 
 
-@njit(error_model="numpy", inline="always")
-def any_below(coefficient, u, saturation):  # type: ignore[no-untyped-def]
-    """Whether a solid node has a value below the saturation; without branches, for it is asked of every mixed row in every step."""
-    found = 0
-    for i in range(u.size):
-        found += (coefficient[i] <= 0) & (u[i] < saturation)
-    return found > 0
-
-
 @njit(error_model="numpy", cache=True)
-def dissolve(lane, lanes, u, coefficient, dissolved, total, step, saturation, block, solids, volumes, reach, period):  # type: ignore[no-untyped-def]
+def dissolve(lane, lanes, u, coefficient, dissolved, total, step, block, solids, changed, saturation, period, runs, reach):  # type: ignore[no-untyped-def]
     """Solid nodes of mixed tiles whose value is below `saturation` become liquid; `dissolved` says at which step, `total` how many there were.
 
-    Lanes share the tiles. The counts that they change beside each other concern tiles that hold no such node, or have been looked at.
+    Lanes share the rows of tiles; the runs stay as they are meanwhile.
     """
     nodes = (block[1], block[2], block[3])
+    limit = u.dtype.type(saturation)
+    metal, values = coefficient.ctypes.data, u.ctypes.data
     for number in range(lane, solids.shape[0], lanes):
         i0, first = number % nodes[0], (number // nodes[0]) * TILE_ROWS
-        for column in range(solids.shape[1]):
-            if phase_of(solids[number, column], volumes[number, column]) != MIXED:
+        corner = block[0] + i0 * block[4] + first * block[5]
+        run, stop = 0, 0
+        while stop < nodes[2]:
+            start, stop, kind = stop, min(runs[number, run, 1] * TILE, nodes[2]), runs[number, run, 0]
+            run += 1
+            place, count = (corner + start) * u.itemsize, min(TILE_ROWS, nodes[1] - first)
+            if kind != MIXED or not any_below(metal + place, values + place, limit, stop - start, count, block[5]):
                 continue
-            for i1 in range(first, min(first + TILE_ROWS, nodes[1])):
+            for i1 in range(first, first + count):
                 row = block[0] + i0 * block[4] + i1 * block[5]
-                stretch = slice(row + column * TILE, row + min((column + 1) * TILE, nodes[2]))
-                if not any_below(coefficient[stretch], u[stretch], saturation):
-                    continue
-                for i2 in range(column * TILE, min((column + 1) * TILE, nodes[2])):
-                    if coefficient[row + i2] <= 0 and u[row + i2] < saturation:
+                for i2 in range(start, stop):
+                    if coefficient[row + i2] <= 0 and u[row + i2] < limit:
                         coefficient[row + i2] = 1
                         dissolved[row + i2] = step
-                        uncount((i0, i1, i2), nodes, reach, period, solids)
+                        uncount((i0, i1, i2), nodes, reach, period, solids, changed)
                         add(np.int64(total.ctypes.data), 1)

@@ -15,8 +15,8 @@ from farhorizon.engine.ends import exact_ends
 from farhorizon.engine.filter import damp_short_waves
 from farhorizon.engine.fringe import close_fringe
 from farhorizon.engine.layout import LINES
-from farhorizon.engine.phases import LIQUID, MIXED, TILE, TILE_ROWS, dissolve, phase_of
-from farhorizon.engine.simd import call_sweep, stretch_chain, sweep_phases
+from farhorizon.engine.phases import LIQUID, SOLID, dissolve, find_runs
+from farhorizon.engine.simd import TILE, TILE_ROWS, call_sweep, stretch_chain, sweep_phases
 from farhorizon.engine.threads import barrier, claim
 
 CHUNK = 64
@@ -143,51 +143,43 @@ def sweep_part(src, base, out, block, number, depth, first, last, function, weig
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_mixed(src, base, out, block, number, first, last, offsets, coefficient, law):
-    """Nodes `first` to `last` of a row of tiles, in both phases."""
-    general, _, a, b, _, _, _ = law
-    i0, i1 = number % block[1], (number // block[1]) * TILE_ROWS
-    size = src.itemsize
-    start = (block[0] + i0 * block[4] + i1 * block[5] + first) * size
-    to = (block[9] + i0 * block[10] + i1 * block[11] + first) * size
-    sweep_phases(src.ctypes.data + start, coefficient.ctypes.data + start, base.ctypes.data + to, out.ctypes.data + to, offsets.ctypes.data,
-                 general.ctypes.data, offsets.size, a, b, last - first, min(TILE_ROWS, block[2] - i1), block[5], block[11])  # fmt: skip
+def sweep_two_phases(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, runs, interface):
+    """A part of the core in two phases: runs of liquid tiles by the compiled rows, of mixed ones bond by bond, of solid ones not at all.
 
-
-@njit(error_model="numpy", cache=True)
-def sweep_tiles(src, base, out, block, number, function, weights, offsets, coefficient, law, solids, volumes):
-    """A row of tiles: stretches of liquid ones by the compiled rows, of mixed ones bond by bond, of solid ones not at all."""
-    first, count = 0, solids.shape[1]
-    while first < count:
-        here = phase_of(solids[number, first], volumes[number, first])
-        last = first + 1
-        while last < count and phase_of(solids[number, last], volumes[number, last]) == here:
-            last += 1
-        start, stop = first * TILE, min(last * TILE, block[3])
-        if here == LIQUID:
-            sweep_part(src, base, out, block, number, TILE_ROWS, start, stop, function, weights, offsets, coefficient, law)
-        elif here == MIXED:
-            sweep_mixed(src, base, out, block, number, start, stop, offsets, coefficient, law)
-        first = last
-
-
-@njit(error_model="numpy", cache=True)
-def sweep_two_phases(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, solids, volumes):
-    """A part of the core, several rows of tiles, in two phases."""
+    Between runs there are addresses only: Numba counts the references to an array that it passes on, which takes longer than a tile.
+    """
     i0, first = number % block[1], (number // block[1]) * depth // TILE_ROWS
     last = min(first + depth // TILE_ROWS, (block[2] + TILE_ROWS - 1) // TILE_ROWS)
-    metal = 0
+    metal = False
     for row in range(first, last):
-        metal += solids[row * block[1] + i0].sum()
-    if metal == 0:
+        metal |= runs[row * block[1] + i0, 0, 0] != LIQUID or runs[row * block[1] + i0, 0, 1] * TILE < block[3]
+    if not metal:
         sweep_part(src, base, out, block, number, depth, 0, block[3], function, weights, offsets, coefficient, law)
         return
+    general, a, a_difference, b, _, _, _ = law
+    size = src.itemsize
+    places = src.ctypes.data, coefficient.ctypes.data, base.ctypes.data, out.ctypes.data
+    bonds, apart, between, plain = offsets.size, offsets.ctypes.data, general.ctypes.data, weights.ctypes.data
     for row in range(first, last):
-        sweep_tiles(src, base, out, block, row * block[1] + i0, function, weights, offsets, coefficient, law, solids, volumes)
+        at = (block[0] + i0 * block[4] + row * TILE_ROWS * block[5]) * size
+        to = (block[9] + i0 * block[10] + row * TILE_ROWS * block[11]) * size
+        count = min(TILE_ROWS, block[2] - row * TILE_ROWS)
+        run, stop = 0, 0
+        while stop < block[3]:
+            start, kind = stop, runs[row * block[1] + i0, run, 0]
+            stop = min(runs[row * block[1] + i0, run, 1] * TILE, block[3])
+            run += 1
+            here, there = at + start * size, to + start * size
+            if kind == LIQUID and function != 0:
+                call_sweep(function, places[0] + here, places[2] + there, places[3] + there, plain, a, b, stop - start, count,
+                           block[6], block[7], block[8], block[5], block[11])  # fmt: skip
+            elif kind != SOLID:
+                sweep_phases(places[0] + here, places[1] + here, places[2] + there, places[3] + there, apart, between, bonds,
+                             a_difference, b, interface, stop - start, count, block[5], block[11])  # fmt: skip
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_core(lane, lanes, sync, src, base, out, block, function, depth, backward, weights, offsets, coefficient, law, solids, volumes):
+def sweep_core(lane, lanes, sync, src, base, out, block, function, depth, backward, weights, offsets, coefficient, law, runs, interface):
     """All parts of the core; in every other stage the last first: it meets what the last stage left in the cache.
 
     Each lane has a share of its own, the same in all steps, for the threads' caches may lie far apart. It claims some parts as it goes, and when it
@@ -203,8 +195,8 @@ def sweep_core(lane, lanes, sync, src, base, out, block, function, depth, backwa
         while claimed * size < share:
             for i in range(claimed * size, min(share, (claimed + 1) * size)):
                 number = first + (share - 1 - i if backward else i)
-                if solids.size:
-                    sweep_two_phases(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, solids, volumes)
+                if runs.size:
+                    sweep_two_phases(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, runs, interface)
                 else:
                     sweep_part(src, base, out, block, number, depth, 0, block[3], function, weights, offsets, coefficient, law)
             claimed = claim(sync, owner) if lanes > 1 else 1
@@ -383,7 +375,7 @@ def cut(lane, lanes, sync, src, values, base, out, scale, components, first, las
 @njit(error_model="numpy", cache=True)
 def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slots, memory, work, components, trees, blocks, functions, depths,
           weights, offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
-          cut_ranges, cut_nodes, cut_neighbours, cut_weights, solids, volumes):  # fmt: skip
+          cut_ranges, cut_nodes, cut_neighbours, cut_weights, runs, interface):  # fmt: skip
     """``out = a*src + b*base + scale*L(src)`` everywhere; fills the halo of `src` and advances the layers' memory to its time.
 
     trees[tree] = (axis, first block, last block + 1, first coefficient); numbers = (a, a for differences, b, scale, source scale).
@@ -408,7 +400,22 @@ def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slot
                 cut(lane, lanes, sync, src, slots, base, out, scale, components, cut_ranges[tree], cut_ranges[tree + 1], cut_nodes, cut_neighbours,
                     cut_weights, increments, coefficient, material, rule)  # fmt: skip
     sweep_core(
-        lane, lanes, sync, src, base, out, blocks[0], functions[0], depths[0], backward, weights[0], offsets[0], coefficient, law, solids, volumes
+        lane,
+        lanes,
+        sync,
+        src,
+        base,
+        out,
+        blocks[0],
+        functions[0],
+        depths[0],
+        backward,
+        weights[0],
+        offsets[0],
+        coefficient,
+        law,
+        runs,
+        interface,
     )
     barrier(sync, lanes)
     cut(lane, lanes, sync, src, src, base, out, scale, components, cut_ranges[trees.shape[0]], cut_nodes.size, cut_nodes, cut_neighbours, cut_weights,
@@ -460,8 +467,8 @@ def book_ends(books, forces, effect, flows):
 @njit(error_model="numpy", nogil=True, cache=True)
 def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, slots, memory, work, components, trees, blocks, functions, depths,
         weights, offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
-        cut_ranges, cut_nodes, cut_neighbours, cut_weights, solids, volumes, dissolved, total, saturation, period, steps_before,
-        damped, damp_before, damp_after, damp_leak, ends,
+        cut_ranges, cut_nodes, cut_neighbours, cut_weights, runs, interface, solids, volumes, changed, dissolved, total, saturation, period,
+        steps_before, damped, damp_before, damp_after, damp_leak, ends,
         tied, tied_starts, tied_sources, tied_weights, books, book_nodes, book_neighbours, book_weights, book_effects, end_books, flows,
         fringe, short_waves, source_nodes, source_fields, source_times, held, held_times, tied_fields, tied_times):  # fmt: skip
     """One lane's share of `steps` steps from the rotation `phase`.
@@ -470,7 +477,7 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
     are level numbers; numbers[stage] as in `stage`. source_times[step, stage, j] multiplies source_fields[j] on source_nodes. `ends`: the last
     arguments of `ends.exact_ends`; `fringe`: those of `fringe.close_fringe`; `short_waves`: those of `filter.damp_short_waves`. After each step the
     nodes `held` have the values ``held_times[step]``.
-    From solids to steps_before: see `engine.phases`.
+    From runs to steps_before: see `engine.phases`.
     """
     per_step = stages.shape[1]
     bounded = ends[2].shape[0] > 0
@@ -491,7 +498,7 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                 barrier(sync, lanes)
             stage(lane, lanes, sync, src, base, out, numbers[part], increments, (phase + part) % 2 == 1, slots, memory, work, components, trees,
                   blocks, functions, depths, weights[part], offsets, general[part], copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember,
-                  coefficient, rule, cut_ranges, cut_nodes, cut_neighbours, cut_weights, solids, volumes)  # fmt: skip
+                  coefficient, rule, cut_ranges, cut_nodes, cut_neighbours, cut_weights, runs, interface)  # fmt: skip
             if bounded:
                 if lane == 0:
                     exact_ends(src, base, out, scale, increments, *ends)
@@ -534,12 +541,14 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                 barrier(sync, lanes)
             if fringe[0].size:
                 close_fringe(lane, lanes, sync, src, base, out, increments, *fringe)
-        if solids.size:
-            dissolve(lane, lanes, levels[stages[phase, per_step - 1, 2]], coefficient, dissolved, total, steps_before + step + 1, saturation,
-                     blocks[0], solids, volumes, reach, period)  # fmt: skip
+        if runs.size:
+            dissolve(lane, lanes, levels[stages[phase, per_step - 1, 2]], coefficient, dissolved, total, steps_before + step + 1, blocks[0],
+                     solids, changed, saturation, period, runs, reach)  # fmt: skip
             barrier(sync, lanes)
             if total[0] != known:
                 known = total[0]
+                find_runs(lane, lanes, solids, volumes, changed, runs)
+                barrier(sync, lanes)
                 for axis in range(3):
                     if period[axis] > 0:
                         if lane == 0:

@@ -20,7 +20,7 @@ Shape = tuple[tuple[int, int, int], ...]
 
 _CONTRACT = ("contract",)
 I64 = ir.IntType(64)
-_I32 = ir.IntType(32)
+I32 = ir.IntType(32)
 _FIRST_CACHE = 41_000  # bytes of the first cache that a tile may take
 AHEAD = 2  # rows between use and prefetch: one lasts less than a fetch from memory
 
@@ -41,8 +41,8 @@ class Vectors:
     def splat(self, value: Any) -> Any:
         """The same value in every lane."""
         kind = ir.VectorType(value.type, self.lanes)
-        first = self.builder.insert_element(ir.Constant(kind, ir.Undefined), value, _I32(0))
-        return self.builder.shuffle_vector(first, ir.Constant(kind, ir.Undefined), ir.Constant(ir.VectorType(_I32, self.lanes), [0] * self.lanes))
+        first = self.builder.insert_element(ir.Constant(kind, ir.Undefined), value, I32(0))
+        return self.builder.shuffle_vector(first, ir.Constant(kind, ir.Undefined), ir.Constant(ir.VectorType(I32, self.lanes), [0] * self.lanes))
 
     def splat_all(self, address: Any, count: int) -> list[Any]:
         """Each of `count` values in every lane of a vector of its own."""
@@ -56,13 +56,13 @@ class Vectors:
 
     def concatenate(self, low: Any, high: Any, first: int) -> Any:
         """The lanes from `first` on of two vectors one after the other."""
-        return self.builder.shuffle_vector(low, high, ir.Constant(ir.VectorType(_I32, self.lanes), list(range(first, first + self.lanes))))
+        return self.builder.shuffle_vector(low, high, ir.Constant(ir.VectorType(I32, self.lanes), list(range(first, first + self.lanes))))
 
     def prefetch(self, address: Any) -> None:
         """Fetch the cache line of an address, which need not exist."""
         kind = ir.IntType(8).as_pointer()
-        fetch = cgutils.get_or_insert_function(self.builder.module, ir.FunctionType(ir.VoidType(), [kind, _I32, _I32, _I32]), "llvm.prefetch.p0i8")
-        self.builder.call(fetch, [self.pointer(address, ir.IntType(8)), _I32(0), _I32(3), _I32(1)])
+        fetch = cgutils.get_or_insert_function(self.builder.module, ir.FunctionType(ir.VoidType(), [kind, I32, I32, I32]), "llvm.prefetch.p0i8")
+        self.builder.call(fetch, [self.pointer(address, ir.IntType(8)), I32(0), I32(3), I32(1)])
 
     def sum(self, terms: Sequence[Any]) -> Any:
         """The terms added up from the left."""
@@ -86,10 +86,10 @@ class Vectors:
         """A store of the first `count` lanes only."""
         numbers = ir.VectorType(I64, self.lanes)
         mask = self.builder.icmp_signed("<", ir.Constant(numbers, list(range(self.lanes))), self.splat(count))
-        parts = [self.type, self.type.as_pointer(), _I32, ir.VectorType(ir.IntType(1), self.lanes)]
+        parts = [self.type, self.type.as_pointer(), I32, ir.VectorType(ir.IntType(1), self.lanes)]
         suffix = f"v{self.lanes}f{self.size * 8}"
         masked = cgutils.get_or_insert_function(self.builder.module, ir.FunctionType(ir.VoidType(), parts), f"llvm.masked.store.{suffix}.p0{suffix}")
-        return lambda value, address: self.builder.call(masked, [value, self.pointer(address), _I32(self.size), mask])
+        return lambda value, address: self.builder.call(masked, [value, self.pointer(address), I32(self.size), mask])
 
     def in_chunks(self, count: Any, chunk: Callable[[Any, Callable[[Any, Any], None]], None]) -> None:
         """Call ``chunk(x, store)`` for every whole vector of `count` values and for the rest."""
@@ -345,73 +345,168 @@ def call_sweep(typingctx, function, src, base, out, weights, a, b, n, count, s0,
     return signature, codegen
 
 
-@intrinsic
-def sweep_phases(typingctx, src, coefficient, base, out, offsets, weights, bonds, a, b, n, count, step, t):  # type: ignore[no-untyped-def]
-    """``out = a*src + b*base + sum over the bonds`` on `count` rows of `n` nodes, where bonds differ by the phases of their ends.
+#: Nodes of a row, and rows, that `sweep_phases` takes at a time: a vector a row, so that all sums of a tile stay in registers.
+TILE, TILE_ROWS = 8, 4
 
-    All but a, b and the counts are byte addresses: of the first node in each array, of the distances (int64) to the neighbours and of their
-    weights. Rows lie `step` elements apart in src and coefficient, t in base and out. A node with the coefficient c > 0
-    (which is 1) sums ``w |c'| (u' - u)``, another one ``w |c| (u' - u)`` over liquid neighbours only, so that nothing at all flows
-    between solid nodes. Reads up to 16 nodes beyond the end of a row, writes none.
+
+@intrinsic
+def sweep_phases(typingctx, src, coefficient, base, out, offsets, weights, bonds, a, b, interface, n, count, step, t):  # type: ignore[no-untyped-def]
+    """``out = a*src + b*base + sum over the bonds`` on up to `TILE_ROWS` rows of `n` nodes, where bonds differ by the phases of their ends.
+
+    All but a, b, the factor `interface` of bonds between the phases and the counts are byte addresses: of the first node in each array, of the
+    distances (int64) to the neighbours and of their weights. Rows lie `step` elements apart in src and coefficient, t in base and out; a
+    coefficient above 0 marks the liquid. With the sums ``all = sum w (u' - u)`` and ``open``, over liquid neighbours only, a liquid node gains
+    ``interface all + (1 - interface) open``, a solid one ``interface open``, so that nothing at all flows between solid nodes. Rows that are
+    not there repeat the last one: their sums cost less than a loop of another length. Reads up to 8 nodes beyond the end of a row, writes none.
     """
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-        src, coefficient, base, out, offsets, weights, bonds, a, b, n, count, step, t = args
-        vectors = Vectors(builder, a.type, 8 if isinstance(a.type, ir.DoubleType) else 16)
-        size, width = vectors.size, 16
-        parts = range(width // vectors.lanes)
+        src, coefficient, base, out, offsets, weights, bonds, a, b, interface, n, count, step, t = args
+        vectors = Vectors(builder, a.type, TILE)
+        size = vectors.size
         zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
-        kind = ir.FunctionType(vectors.type, [vectors.type])
-        absolute = cgutils.get_or_insert_function(builder.module, kind, f"llvm.fabs.v{vectors.lanes}f{size * 8}")
+        a_all, b_all, between = (vectors.splat(value) for value in (a, b, interface))
+        within = builder.fsub(ir.Constant(vectors.type, [1.0] * vectors.lanes), between)
+        last = builder.sub(count, I64(1))
+        numbers = [builder.select(builder.icmp_signed("<", last, I64(row)), last, I64(row)) for row in range(TILE_ROWS)]
+        apart = builder.sub(coefficient, src)
 
-        def at(address: Any, part: int) -> Any:
-            return builder.add(address, I64(part * vectors.lanes * size))
+        def liquid(address: Any) -> Any:
+            return builder.fcmp_ordered(">", vectors.load(address), zero)
 
-        def chunk(row: tuple[Any, ...], x: Any, stores: list[Any]) -> None:
-            shift = builder.mul(x, I64(size))
-            here, phase, older, new = (builder.add(address, shift) for address in row)
-            own = [vectors.load(at(here, part)) for part in parts]
+        def chunk(x: Any, store: Callable[[Any, Any], None]) -> None:
+            heres = [vectors.shifted(src, (1, x), (1, builder.mul(number, step))) for number in numbers]
+            own = [vectors.load(here) for here in heres]
             before, body, after = builder.block, builder.append_basic_block("bonds"), builder.append_basic_block("done")
             builder.branch(body)
             builder.position_at_end(body)
             bond = builder.phi(I64)
-            sums = [builder.phi(vectors.type) for _ in range(2 * len(parts))]
+            sums = [builder.phi(vectors.type) for _ in range(2 * len(heres))]
             for phi, first in zip([bond, *sums], [I64(0), *[zero] * len(sums)], strict=True):
                 phi.add_incoming(first, before)
             distance = builder.load(vectors.pointer(builder.add(offsets, builder.mul(bond, I64(8))), I64))
             distance = builder.mul(distance, I64(size))
             weight = vectors.splat(builder.load(vectors.pointer(builder.add(weights, builder.mul(bond, I64(size))), vectors.scalar)))
-            there, other = builder.add(here, distance), builder.add(phase, distance)
             grown = []
-            for part in parts:
-                flow = builder.fmul(weight, builder.fsub(vectors.load(at(there, part)), own[part]))
-                theirs = vectors.load(at(other, part))
-                grown.append(vectors.multiply_add(sums[2 * part], flow, builder.call(absolute, [theirs])))
-                grown.append(builder.fadd(sums[2 * part + 1], builder.select(builder.fcmp_ordered(">", theirs, zero), flow, zero)))
+            for row, here in enumerate(heres):
+                there = builder.add(here, distance)
+                difference = builder.fsub(vectors.load(there), own[row])
+                grown.append(vectors.multiply_add(sums[2 * row], weight, difference))
+                opened = vectors.multiply_add(sums[2 * row + 1], weight, difference)
+                grown.append(builder.select(liquid(builder.add(there, apart)), opened, sums[2 * row + 1]))
             following = builder.add(bond, I64(1))
             for phi, value in zip([bond, *sums], [following, *grown], strict=True):
                 phi.add_incoming(value, builder.block)
             builder.cbranch(builder.icmp_signed("<", following, bonds), body, after)
             builder.position_at_end(after)
-            for part, store in zip(parts, stores, strict=True):
-                mine = vectors.load(at(phase, part))
-                solid = builder.fmul(builder.call(absolute, [mine]), grown[2 * part + 1])
-                total = builder.select(builder.fcmp_ordered(">", mine, zero), grown[2 * part], solid)
-                total = vectors.multiply_add(total, vectors.splat(b), vectors.load(at(older, part)))
-                store(vectors.multiply_add(total, vectors.splat(a), own[part]), at(new, part))
+            places = [vectors.shifted(I64(0), (1, x), (1, builder.mul(number, t))) for number in numbers]
+            olds = [vectors.load(builder.add(base, place)) for place in places]  # before any store: rows may be repeated, and base be out
+            for row, (here, place) in enumerate(zip(heres, places, strict=True)):
+                everywhere, opened = grown[2 * row], grown[2 * row + 1]
+                total = builder.fmul(builder.select(liquid(builder.add(here, apart)), within, between), opened)
+                total = builder.select(liquid(builder.add(here, apart)), vectors.multiply_add(total, between, everywhere), total)
+                total = vectors.multiply_add(total, b_all, olds[row])
+                store(vectors.multiply_add(total, a_all, own[row]), builder.add(out, place))
 
-        rest = builder.srem(n, I64(width))
+        rest = builder.srem(n, I64(vectors.lanes))
         whole = builder.sub(n, rest)
-        with cgutils.for_range(builder, count) as rows:
-            read, written = (builder.mul(builder.mul(rows.index, distance), I64(size)) for distance in (step, t))
-            row = builder.add(src, read), builder.add(coefficient, read), builder.add(base, written), builder.add(out, written)
-            with cgutils.for_range_slice(builder, I64(0), whole, I64(width), I64) as (x, _):
-                chunk(row, x, [vectors.store for _ in parts])
-            with builder.if_then(builder.icmp_signed(">", rest, I64(0))):
-                chunk(row, whole, [vectors.store_first(builder.sub(rest, I64(part * vectors.lanes))) for part in parts])
+        with cgutils.for_range_slice(builder, I64(0), whole, I64(vectors.lanes), I64) as (x, _):
+            chunk(x, vectors.store)
+        with builder.if_then(builder.icmp_signed(">", rest, I64(0))):
+            chunk(whole, vectors.store_first(rest))
         return context.get_dummy_value()
 
-    return types.void(*[types.int64] * 7, a, a, *[types.int64] * 4), codegen
+    return types.void(*[types.int64] * 7, a, a, a, *[types.int64] * 4), codegen
+
+
+#: Neighbouring values that a window has, and sums that are taken side by side.
+WINDOW, BUNDLE = 8, 4
+
+
+@intrinsic
+def window_sums(typingctx, sums, count, places, values, first, second, third, fourth):  # type: ignore[no-untyped-def]
+    """Four sums over as many windows of `values` with weights, side by side: one alone would wait for its own additions.
+
+    Takes the number of windows and byte addresses: of the results, of ``places[k, sum]``, the distance in bytes (uint32) of a window from
+    `values`, and of the weights (float64) of each sum, `WINDOW` a window.
+    """
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        sums, count, places, values, *weights = args
+        vectors = Vectors(builder, ir.DoubleType(), WINDOW)
+        totals = [cgutils.alloca_once(builder, vectors.type) for _ in weights]
+        for total in totals:
+            builder.store(ir.Constant(vectors.type, [0.0] * WINDOW), total)
+        with cgutils.for_range(builder, count) as loop:
+            here = builder.add(places, builder.mul(loop.index, I64(4 * BUNDLE)))
+            for number, (total, weight) in enumerate(zip(totals, weights, strict=True)):
+                place = builder.load(vectors.pointer(builder.add(here, I64(4 * number)), I32))
+                value = vectors.load(builder.add(values, builder.zext(place, I64)))
+                factor = vectors.load(vectors.shifted(weight, (WINDOW, loop.index)))
+                builder.store(vectors.multiply_add(builder.load(total), factor, value), total)
+
+        def added(low: Any, high: Any, *places: Sequence[int]) -> Any:
+            """Sum of two choices from the lanes of two vectors one after the other."""
+            return builder.fadd(*(builder.shuffle_vector(low, high, ir.Constant(ir.VectorType(I32, len(p)), list(p))) for p in places))
+
+        pairs = [
+            added(builder.load(totals[i]), builder.load(totals[i + 1]), (0, 8, 2, 10, 4, 12, 6, 14), (1, 9, 3, 11, 5, 13, 7, 15)) for i in (0, 2)
+        ]
+        halves = added(*pairs, (0, 1, 8, 9, 4, 5, 12, 13), (2, 3, 10, 11, 6, 7, 14, 15))
+        Vectors(builder, ir.DoubleType(), BUNDLE).store(added(halves, halves, (0, 1, 2, 3), (4, 5, 6, 7)), sums)
+        return context.get_dummy_value()
+
+    return types.void(*[types.int64] * 8), codegen
+
+
+@intrinsic
+def move_up(typingctx, address, count):  # type: ignore[no-untyped-def]
+    """Move `count` neighbouring numbers of 8 bytes from a byte address on by one place."""
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        address, count = args
+        low, high = (builder.inttoptr(builder.add(address, I64(shift)), I64.as_pointer()) for shift in (0, 8))
+        cgutils.raw_memmove(builder, high, low, count, 8)
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.int64), codegen
+
+
+@intrinsic
+def clear(typingctx, address, count, like):  # type: ignore[no-untyped-def]
+    """Set `count` neighbouring values of the type of `like` to zero, from a byte address on; made for a few dozen."""
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        address, count, _ = args
+        vectors = Vectors.of(builder, str(signature.args[2]))
+        zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
+        with cgutils.for_range_slice(builder, I64(0), count, I64(vectors.lanes), I64) as (x, _):
+            vectors.store_first(builder.sub(count, x))(zero, vectors.shifted(address, (1, x)))
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.int64, like), codegen
+
+
+@intrinsic
+def any_below(typingctx, coefficient, values, limit, n, count, step):  # type: ignore[no-untyped-def]
+    """Whether a node with a coefficient of at most 0 may have a value below `limit`, on `count` rows of `n` nodes that lie `step` elements apart.
+
+    Takes byte addresses of the first node, and looks at whole vectors: up to 7 nodes beyond the end of a row count, too.
+    """
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        coefficient, values, limit, n, count, step = args
+        vectors = Vectors(builder, limit.type, 8)
+        limits, zero = vectors.splat(limit), ir.Constant(vectors.type, [0.0] * vectors.lanes)
+        found = cgutils.alloca_once_value(builder, ir.Constant(ir.VectorType(ir.IntType(1), vectors.lanes), [0] * vectors.lanes))
+        with cgutils.for_range(builder, count) as rows, cgutils.for_range_slice(builder, I64(0), n, I64(vectors.lanes), I64) as (x, _):
+            hard, value = (vectors.load(vectors.shifted(start, (1, x), (1, builder.mul(rows.index, step)))) for start in (coefficient, values))
+            low = builder.and_(builder.fcmp_ordered("<=", hard, zero), builder.fcmp_ordered("<", value, limits))
+            builder.store(builder.or_(builder.load(found), low), found)
+        mask = builder.bitcast(builder.load(found), ir.IntType(vectors.lanes))
+        return builder.icmp_unsigned("!=", mask, ir.Constant(mask.type, 0))
+
+    return types.boolean(types.int64, types.int64, limit, *[types.int64] * 3), codegen
 
 
 def stretch_chain(lines: int, remember: bool) -> Any:
