@@ -545,10 +545,15 @@ class Body:
 
     # --- results -----------------------------------------------------------------------------------------------------------------------
 
+    def displacements(self, layers: bool = False) -> np.ndarray:
+        """Displacements of the near field, shape (dim, *lattice.shape), or with the `layers` of the whole box."""
+        box = self._view(self._u)
+        return box.reshape(self.dim, *self._box[3 - self.dim :]).copy() if layers else self._shown(box)
+
     @property
     def u(self) -> np.ndarray:
         """Displacements of the near field, shape (dim, *lattice.shape)."""
-        return self._shown(self._view(self._u))
+        return self.displacements()
 
     @property
     def v(self) -> np.ndarray:
