@@ -549,10 +549,10 @@ def waterfall(
         axes = figure.add_subplot()
         base = gap * len(times)
         axes.fill_between(x, base, base + 0.6 * np.ptp(lines[0]) * values / values.max(), color="0.85", linewidth=0, label=name)
-        for number in reversed(range(len(times))):
+        for number in range(len(times)):
             base = gap * number
-            axes.fill_between(x, lines.min() - gap, base + lines[number], color="white", linewidth=0)
-            axes.plot(x, base + lines[number], color=_COLORS[0], linestyle="-", linewidth=0.9)
+            axes.fill_between(x, lines.min() - gap, base + lines[number], color="white", linewidth=0, zorder=2.5 - number / len(times))
+            axes.plot(x, base + lines[number], color=_COLORS[0], linestyle="-", linewidth=0.9, zorder=2.5 - number / len(times))
         shown = range(0, len(times), max(1, len(times) // 5))
         axes.set_yticks([gap * number for number in shown], [f"{times[number]:g}" for number in shown])
         axes.set(xlabel=xlabel, ylabel="t")

@@ -52,7 +52,7 @@ class NonlocalPML:
     nodes: int = 30
     ramp: str = "cubic"
     strength: float | None = None
-    reflection: float = 1e-4
+    reflection: float = 1e-3
     plateau: float = 1 / 3
     form: str = "displacement"
     cross: float = 0.0
