@@ -402,15 +402,16 @@ def _push(p, tile, dim, inverse, work):
     start, count = tile[0], tile[1]
     for a in range(dim):
         for b in range(dim):
-            to = p[a * dim + b, start : start + count]
-            if tile[2] & ODD:
-                to[:] = 0
-                for c in range(dim):
-                    stress, factor = work[2 * dim * dim + a * dim + c], inverse[tile[4], c * dim + b]
-                    for i in range(count):
-                        to[i] += stress[i] * factor[i]
-            else:
-                to[:] = work[2 * dim * dim + a * dim + b, :count]
+            to, stress = p[a * dim + b, start : start + count], work[2 * dim * dim + a * dim + b]
+            if not tile[2] & ODD:
+                for i in range(count):
+                    to[i] = stress[i]
+                continue
+            to[:] = 0
+            for c in range(dim):
+                stress, factor = work[2 * dim * dim + a * dim + c], inverse[tile[4], c * dim + b]
+                for i in range(count):
+                    to[i] += stress[i] * factor[i]
 
 
 @njit(error_model="numpy", fastmath=_ANY_ORDER, cache=True)
@@ -695,3 +696,28 @@ def strains(u, tiles, pairs, bonds, slots, out):
         tile = tiles[number]
         _plain_strain(u, tile, pairs, bonds, slots, work)
         out[:, tile[0] : tile[0] + tile[1]] = work[:, : tile[1]]
+
+
+@njit(error_model="numpy", cache=True)
+def accelerations(u, p, force, tiles, medium, pairs, bonds, slots, out):
+    """Accelerations without layers, loads and damping into `out`, shape (dim, size); p and force are room, as of `advance`."""
+    dim = u.shape[0]
+    rows = dim * dim
+    work = np.zeros((3 * rows + 1, TILE))
+    for number in range(tiles.shape[0]):
+        tile = tiles[number]
+        _plain_strain(u, tile, pairs, bonds, slots, work)
+        _stress(tile[1], dim, medium, work)
+        _push(p, tile, dim, slots[1], work)
+        if medium[2] > 0:
+            work[rows : 2 * rows] = work[:rows]
+            _stabilise(u, tile, medium, bonds, slots[0][max(tile[4], 0)], p, force, work)
+    for number in range(tiles.shape[0]):
+        tile = tiles[number]
+        _split_divergence(p, tile, pairs, bonds, slots, work)
+        for a in range(dim):
+            for i in range(tile[1]):
+                total = force[a, tile[0] + i] if medium[2] > 0 else 0.0
+                for b in range(dim):
+                    total += work[a * dim + b, i]
+                out[a, tile[0] + i] = total
