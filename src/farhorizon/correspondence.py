@@ -382,18 +382,19 @@ class Body:
                     kind |= engine.BREAKABLE if may and first < high[2] and last > low[2] else 0
                     kind |= (engine.ODD if odd[here].any() else 0) | (engine.LOADED if loaded[here].any() else 0)
                     start = self._origin + int(np.array([i0, i1, first]) @ self._strides)
-                    slots = [layer if kind & engine.LAYER else -1, slot if kind & (engine.ODD | engine.BREAKABLE) else -1]
-                    layer, slot = layer + (slots[0] >= 0), slot + (slots[1] >= 0)
-                    tiles.append([start, last - first, kind, *slots, i0, i1, first])
+                    count = int(last - first)
+                    places = [layer if kind & engine.LAYER else -1, slot if kind & (engine.ODD | engine.BREAKABLE) else -1]
+                    layer, slot = layer + count * (places[0] >= 0), slot + count * (places[1] >= 0)
+                    tiles.append([start, count, kind, *places, i0, i1, first])
         self._tiles = np.array(tiles, np.int64)
         self._layer_count = layer
-        self._slots = (np.zeros((slot, len(full), engine.TILE), np.uint64), np.zeros((slot, self.dim**2, engine.TILE)))
+        self._slots = (np.zeros((len(full), slot), np.uint64), np.zeros((self.dim**2, slot)), full)
         if whole is not None:
             # with a kept shape tensor cracks do not change it, the ends of the body do
             for bits in (self._uncut, whole) if kept else (whole,):
                 self._fill_bits(bits)
                 if bits is self._uncut or not kept:
-                    engine.shape_inverses(self._tiles, *self._bonds[1:], *self._slots)
+                    engine.shape_inverses(self._tiles, *self._bonds[1:], *self._slots[:2])
             self._check_layers()
         limits = (1 + (np.inf if self._critical is None else self._critical)) ** 2 * (self._bonds[2] ** 2).sum(1)
         self._fracture = (limits, low, high, kept)
@@ -403,13 +404,13 @@ class Body:
     def _fill_bits(self, bits: np.ndarray) -> None:
         for _, count, _, _, slot, i0, i1, first in self._tiles:
             if slot >= 0:
-                self._slots[0][slot, :, :count] = bits[:, i0, i1, first : first + count]
+                self._slots[0][:, slot : slot + count] = bits[:, i0, i1, first : first + count]
 
     def _check_layers(self) -> None:
         """A derivative along an axis must not see bonds along another: K is diagonal in the layers."""
         off = [a * self.dim + b for a in range(self.dim) for b in range(self.dim) if a != b]
         for tile in self._tiles:
-            if tile[2] & engine.LAYER and tile[4] >= 0 and np.abs(self._slots[1][tile[4]][off, : tile[1]]).max() > 1e-9:
+            if tile[2] & engine.LAYER and tile[4] >= 0 and np.abs(self._slots[1][off, tile[4] : tile[4] + tile[1]]).max() > 1e-9:
                 raise InputError("missing bonds in a layer must be those of a plane along its normal", key="boundary",
                                  remedy="keep cracks, corners and holes in the near field, one reach away from the layers")  # fmt: skip
 
@@ -434,7 +435,7 @@ class Body:
                 other = rows + self._triples[k]
                 gone = ~((other >= self._before) & (other < end)).all(1)
                 if kind & engine.ODD:
-                    gone &= (bits[slot, k >> 6, :count] >> np.uint64(k & 63)) & np.uint64(1) != 0
+                    gone &= (bits[k >> 6, slot : slot + count] >> np.uint64(k & 63)) & np.uint64(1) != 0
                 nodes = np.flatnonzero(gone)
                 found.append(np.column_stack([start + nodes, np.full(len(nodes), k)]))
         return np.concatenate(found)
@@ -487,15 +488,14 @@ class Body:
         rate = phi + shift
         keep = np.exp(-rate * self.dt)
         gain = -0.5 * np.where(rate > 0, phi / np.where(rate > 0, rate, 1.0), 0.0) * (1 - keep)
-        shape = (self._layer_count, self.dim, engine.TILE)
-        memory = np.zeros((self._layer_count, 2 * self.dim**2, engine.TILE))
-        self._layers = (memory, np.ones(shape), np.zeros(shape), np.zeros((self._layer_count, engine.TILE)))
-        self._phi = np.zeros(shape)
+        count = self._layer_count
+        self._layers = (np.zeros((2 * self.dim**2, count)), *(np.zeros((self.dim, count)) for _ in range(2)), np.zeros(count))
+        self._phi = np.zeros((self.dim, count))
         for _, count, _, slot, _, i0, i1, first in self._tiles:
             if slot >= 0:
                 here = (slice(None), i0, i1, slice(first, first + count))
-                for to, values in ((self._layers[1], keep), (self._layers[2], gain), (self._phi, phi), (self._layers[3][:, None], damping[None])):
-                    to[slot, :, :count] = values[here]
+                for to, values in ((self._layers[1], keep), (self._layers[2], gain), (self._phi, phi), (self._layers[3][None], damping[None])):
+                    to[:, slot : slot + count] = values[here]
 
     def _set_fields(self, initial: Mapping[str, Sequence[Any]]) -> None:
         unknown = set(initial) - {"u", "v"}
@@ -633,7 +633,7 @@ class Body:
         left = self._families.astype(float)
         for _, count, _, _, slot, i0, i1, first in self._tiles:
             if slot >= 0:
-                left[i0, i1, first : first + count] = self._count_bonds(self._slots[0][slot, :, :count])
+                left[i0, i1, first : first + count] = self._count_bonds(np.ascontiguousarray(self._slots[0][:, slot : slot + count]))
         lost = 1 - left / np.maximum(self._families, 1)
         return self._shown(lost[None])[0]
 

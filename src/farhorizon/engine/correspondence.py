@@ -2,8 +2,8 @@
 
 Fields are flat arrays, one row a component, over the box with a halo of one reach on every side; what stands in the halo is zero. Along the last
 axis rows are cut into *tiles* of at most `TILE` nodes, each wholly inside or wholly outside the layers. Tiles whose nodes have all their bonds
-share one shape tensor, and are summed over pairs of opposite bonds in registers; an *odd* tile has a slot with the bonds of its nodes as bits and
-their inverse shape tensors, and looks at every bond. A tile in a layer has a slot with the recursions of its memory.
+share one shape tensor, and are summed over pairs of opposite bonds in registers; of *odd* tiles the bonds are kept as bits, with the inverse
+shape tensors, and where a node lacks some its sums are done anew, bond by bond. Nodes in layers have memory. Both are arrays over such nodes only.
 
 A step has two parts, between which threads meet: from displacements to stresses (where bonds break), and from stresses to displacements.
 With bonds xi and weights w (influence function times volume, scaled so that the shape tensor K = sum w xi xi of an intact node is 1), the
@@ -24,7 +24,7 @@ from numba.extending import intrinsic
 from farhorizon.engine.simd import _Vectors
 from farhorizon.engine.threads import barrier
 
-TILE = 64
+TILE = 256
 #: Kinds of a tile, to be added: bonds missing, in a layer, may break, under load.
 ODD, LAYER, BREAKABLE, LOADED = 1, 2, 4, 8
 #: What is added up over time, by lane: of the last whole step the kinetic and the strain energy; since the start the rest.
@@ -128,11 +128,19 @@ def _whole(bits, node, bond):
     return (bits[bond >> 6, node] >> np.uint64(bond & 63)) & np.uint64(1) != 0
 
 
+@njit(error_model="numpy", inline="always")
+def _complete(bits, node, full):
+    """Whether a node has all its bonds."""
+    for word in range(full.size):
+        if bits[word, node] != full[word]:
+            return False
+    return True
+
+
 @njit(error_model="numpy", cache=True)
-def odd_gradient(u, start, node, bonds, weights, bits, inverse, total, out):
-    """Gradient of u at one node of an odd tile, over the bonds that are there: ``out[a dim + b]``."""
+def odd_gradient(u, i, node, bonds, weights, bits, inverse, total, out):
+    """Gradient of u at node i, which is `node` among those of odd tiles, over the bonds that are there: ``out[a dim + b]``."""
     dim = weights.shape[1] - 1
-    i = start + node
     total[: dim * dim] = 0
     for k in range(bonds.size):
         if _whole(bits, node, k):
@@ -148,16 +156,15 @@ def odd_gradient(u, start, node, bonds, weights, bits, inverse, total, out):
 
 
 @njit(error_model="numpy", cache=True)
-def odd_divergence(p, start, node, bonds, weights, bits, out):
-    """Sums ``w_kb (P_ab(i) + P_ab(i + o_k))`` at one node of an odd tile, over the bonds that are there: ``out[a dim + b, node]``."""
+def odd_divergence(p, i, node, bonds, weights, bits, out):
+    """Sums ``w_kb (P_ab(i) + P_ab(i + o_k))`` at node i, `node` among those of odd tiles, over the bonds that are there: ``out[a dim + b]``."""
     dim = weights.shape[1] - 1
-    i = start + node
     for number in range(dim * dim):
         total = 0.0
         for k in range(bonds.size):
             if _whole(bits, node, k):
                 total += weights[k, number % dim] * (p[number, i] + p[number, i + bonds[k]])
-        out[number, node] = total
+        out[number] = total
 
 
 @njit(error_model="numpy", cache=True)
@@ -194,20 +201,19 @@ def shape_inverse(node, weights, steps, bits, inverse):
 def shape_inverses(tiles, weights, steps, bits, inverse):
     """Inverse shape tensors of all odd tiles."""
     for tile in range(tiles.shape[0]):
-        slot = tiles[tile, 4]
-        if slot >= 0:
-            for node in range(tiles[tile, 1]):
-                shape_inverse(node, weights, steps, bits[slot], inverse[slot])
+        if tiles[tile, 4] >= 0:
+            for node in range(tiles[tile, 4], tiles[tile, 4] + tiles[tile, 1]):
+                shape_inverse(node, weights, steps, bits, inverse)
 
 
 @njit(error_model="numpy", cache=True)
-def _node_energy(u, v, dt, start, node, medium, bonds, bits, inverse, total, e, rate):
-    """Strain energy per mass of a node less half a step of its power, at one node of an odd tile: what breaking takes from it."""
+def _node_energy(u, v, dt, i, node, medium, bonds, bits, inverse, total, e, rate):
+    """Strain energy per mass of node i, `node` among those of odd tiles, less half a step of its power: what breaking takes from it."""
     distances, weights, steps = bonds
     dim = weights.shape[1] - 1
     lame, shear, pull = medium
-    odd_gradient(u, start, node, distances, weights, bits, inverse, total, e)
-    odd_gradient(v, start, node, distances, weights, bits, inverse, total, rate)
+    odd_gradient(u, i, node, distances, weights, bits, inverse, total, e)
+    odd_gradient(v, i, node, distances, weights, bits, inverse, total, rate)
     trace, speed = 0.0, 0.0
     for a in range(dim):
         trace += e[a * dim + a]
@@ -219,7 +225,7 @@ def _node_energy(u, v, dt, start, node, medium, bonds, bits, inverse, total, e, 
     if pull > 0:
         for k in range(distances.size):
             if _whole(bits, node, k):
-                i, j = start + node, start + node + distances[k]
+                j = i + distances[k]
                 for a in range(dim):
                     rest, moving = u[a, j] - u[a, i], v[a, j] - v[a, i]
                     for b in range(dim):
@@ -258,7 +264,7 @@ def largest_stretch(u, tiles, bonds, triples, slots, fracture):
         if tile[2] & BREAKABLE:
             for node in range(tile[1]):
                 for k in range(distances.size):
-                    if _whole(slots[0][tile[4]], node, k) and _inside(tile, node, triples[k], fracture[1], fracture[2]):
+                    if _whole(slots[0], tile[4] + node, k) and _inside(tile, node, triples[k], fracture[1], fracture[2]):
                         ratio = _length(u, tile[0] + node, distances[k], steps[k]) / np.sum(steps[k] ** 2)
                         largest = max(largest, ratio)
     return np.sqrt(largest) - 1
@@ -296,63 +302,61 @@ def _break_bonds(u, v, dt, tile, medium, bonds, triples, bits, inverse, fracture
     total, e, rate = work[0], work[1], work[2]
     any_broken = False
     for node in range(count):
-        before, lost = 0.0, 0
+        before, lost, place = 0.0, 0, tile[4] + node
         for k in range(distances.size):
-            if not _whole(bits, node, k):
+            if not _whole(bits, place, k):
                 continue
             if not _length(u, start + node, distances[k], steps[k]) > limits[k] or not _inside(tile, node, triples[k], low, high):
                 continue
             if lost == 0:
-                before = _node_energy(u, v, dt, start, node, medium, bonds, bits, inverse, total, e, rate)
-            bits[k >> 6, node] &= ~(np.uint64(1) << np.uint64(k & 63))
+                before = _node_energy(u, v, dt, start + node, place, medium, bonds, bits, inverse, total, e, rate)
+            bits[k >> 6, place] &= ~(np.uint64(1) << np.uint64(k & 63))
             lost += 1
         if lost:
             any_broken = True
             if not kept:
-                shape_inverse(node, weights, steps, bits, inverse)
+                shape_inverse(place, weights, steps, bits, inverse)
             books[BONDS] += lost
-            books[BROKEN] += before - _node_energy(u, v, dt, start, node, medium, bonds, bits, inverse, total, e, rate)
+            books[BROKEN] += before - _node_energy(u, v, dt, start + node, place, medium, bonds, bits, inverse, total, e, rate)
     return any_broken
 
 
 @njit(error_model="numpy", cache=True)
-def _smooth(v, out, tile, odd, distances, bits, drag, work):
+def _smooth(v, out, tile, distances, bits, full, drag, work):
     """Velocities of a tile moved by `drag` towards the mean of their neighbours (Wildman and Gazonas 2012, eq. 3-4)."""
     start, count = tile[0], tile[1]
     for a in range(v.shape[0]):
-        here, new = v[a, start : start + count], out[a, start : start + count]
-        if odd:
+        here, new, total = v[a, start : start + count], out[a, start : start + count], work[0]
+        total[:count] = 0
+        for k in range(distances.size):
+            there = v[a, start + distances[k] : start + distances[k] + count]
             for i in range(count):
-                total, number = 0.0, 0
-                for k in range(distances.size):
-                    if _whole(bits, i, k):
-                        total += v[a, start + i + distances[k]]
-                        number += 1
-                new[i] = here[i] + drag * (total / number - here[i]) if number else here[i]
-        else:
-            total = work[0]
-            total[:count] = 0
-            for k in range(distances.size):
-                there = v[a, start + distances[k] : start + distances[k] + count]
-                for i in range(count):
-                    total[i] += there[i]
+                total[i] += there[i]
+        for i in range(count):
+            new[i] = here[i] + drag * (total[i] / distances.size - here[i])
+        if tile[2] & ODD:
             for i in range(count):
-                new[i] = here[i] + drag * (total[i] / distances.size - here[i])
+                if not _complete(bits, tile[4] + i, full):
+                    left, number = 0.0, 0
+                    for k in range(distances.size):
+                        if _whole(bits, tile[4] + i, k):
+                            left += v[a, start + i + distances[k]]
+                            number += 1
+                    new[i] = here[i] + drag * (left / number - here[i]) if number else here[i]
 
 
 @njit(error_model="numpy", cache=True)
 def _plain_strain(u, tile, pairs, bonds, slots, work):
-    """Gradient of the displacements of a tile into ``work[:dim^2]``."""
-    bits, inverse = slots
-    if not tile[2] & ODD:
-        gradient(u, tile[0], tile[1], pairs[0], pairs[1], work)
-        return
-    rows = u.shape[0] ** 2
-    total, e = np.zeros(9), np.zeros(9)
-    for node in range(tile[1]):
-        odd_gradient(u, tile[0], node, bonds[0], bonds[1], bits[tile[4]], inverse[tile[4]], total, e)
-        for row in range(rows):
-            work[row, node] = e[row]
+    """Gradient of the displacements of a tile into ``work[:dim^2]``: as of intact nodes, then anew where bonds are missing."""
+    gradient(u, tile[0], tile[1], pairs[0], pairs[1], work)
+    if tile[2] & ODD:
+        bits, inverse, full = slots
+        total, e = np.zeros(9), np.zeros(9)
+        for node in range(tile[1]):
+            if not _complete(bits, tile[4] + node, full):
+                odd_gradient(u, tile[0] + node, tile[4] + node, bonds[0], bonds[1], bits, inverse, total, e)
+                for row in range(u.shape[0] ** 2):
+                    work[row, node] = e[row]
 
 
 @njit(error_model="numpy", cache=True)
@@ -362,9 +366,10 @@ def _stretch(tile, rows, first_row, layers, first, work):
     One number a derivative is remembered, keep m + gain old, ready for the next step. At the first step there is no memory yet.
     """
     memory, keep, gain, _ = layers
-    slot, dim = tile[3], keep.shape[1]
+    slot, dim = tile[3], keep.shape[0]
     for row in range(rows):
-        value, past, kept, gained = work[row], memory[slot, first_row + row], keep[slot, row % dim], gain[slot, row % dim]
+        value, past = work[row], memory[first_row + row, slot : slot + tile[1]]
+        kept, gained = keep[row % dim, slot : slot + tile[1]], gain[row % dim, slot : slot + tile[1]]
         if first:
             for i in range(tile[1]):
                 past[i] = -gained[i] * value[i]
@@ -409,51 +414,65 @@ def _push(p, tile, dim, inverse, work):
                 continue
             to[:] = 0
             for c in range(dim):
-                stress, factor = work[2 * dim * dim + a * dim + c], inverse[tile[4], c * dim + b]
+                stress, factor = work[2 * dim * dim + a * dim + c], inverse[c * dim + b, tile[4] : tile[4] + count]
                 for i in range(count):
                     to[i] += stress[i] * factor[i]
 
 
 @njit(error_model="numpy", fastmath=_ANY_ORDER, cache=True)
 def _stabilise(u, tile, medium, bonds, bits, p, force, work):
-    """Add what resists zero-energy modes, ``pull w (2 (u_j - u_i) - (e_i + e_j) xi)`` a bond (Silling 2017); its energy per mass.
+    """Add what resists zero-energy modes, ``pull w (2 (u_j - u_i) - (e_i + e_j) xi)`` a bond (Silling 2017).
 
     The part of e_i, which stands in ``work[dim^2:]``, goes into P, the rest into `force`, shape (dim, size).
     """
     distances, weights, steps = bonds
-    pull = medium[2]
-    start, count, odd = tile[0], tile[1], tile[2] & ODD
-    dim = steps.shape[1]
-    e = work[dim * dim : 2 * dim * dim]
-    energy = 0.0
+    start, count, dim = tile[0], tile[1], steps.shape[1]
+    for row in range(dim * dim):
+        e, to = work[dim * dim + row], p[row, start : start + count]
+        for i in range(count):
+            to[i] -= medium[2] * e[i]
     for a in range(dim):
-        for b in range(dim):
-            row = a * dim + b
-            for i in range(count):
-                p[row, start + i] -= pull * e[row, i]
         here, total = u[a, start : start + count], force[a, start : start + count]
         total[:] = 0
         for k in range(distances.size):
-            there, weight = u[a, start + distances[k] : start + distances[k] + count], 2 * pull * weights[k, dim]
-            for i in range(count):
-                if not odd or _whole(bits, i, k):
-                    difference = there[i] - here[i]
-                    rest = difference
+            there, weight = u[a, start + distances[k] : start + distances[k] + count], 2 * medium[2] * weights[k, dim]
+            if tile[2] & ODD:
+                for i in range(count):
+                    if _whole(bits, tile[4] + i, k):
+                        total[i] += weight * (there[i] - here[i])
+            else:
+                for i in range(count):
+                    total[i] += weight * (there[i] - here[i])
+
+
+@njit(error_model="numpy", cache=True)
+def _stabilisation_energy(u, tile, medium, bonds, bits, work):
+    """Energy per mass of what `_stabilise` adds, with the gradient in ``work[dim^2:]``."""
+    distances, weights, steps = bonds
+    dim = steps.shape[1]
+    energy = 0.0
+    for i in range(tile[1]):
+        for k in range(distances.size):
+            if not tile[2] & ODD or _whole(bits, tile[4] + i, k):
+                for a in range(dim):
+                    rest = u[a, tile[0] + i + distances[k]] - u[a, tile[0] + i]
                     for b in range(dim):
-                        rest -= e[a * dim + b, i] * steps[k, b]
-                    total[i] += weight * difference
-                    energy += weight * rest * rest / 4
+                        rest -= work[dim * dim + a * dim + b, i] * steps[k, b]
+                    energy += medium[2] * weights[k, dim] * rest * rest / 2
     return energy
 
 
 @njit(error_model="numpy", cache=True)
 def _split_divergence(p, tile, pairs, bonds, slots, work):
-    """Acceleration of a tile's nodes by the direction of the derivative, ``work[a dim + b]``."""
+    """Acceleration of a tile's nodes by the direction of the derivative, ``work[a dim + b]``: of intact nodes, then anew where bonds are missing."""
+    split_divergence(p, tile[0], tile[1], pairs[0], pairs[1], work)
     if tile[2] & ODD:
+        parts = np.zeros(9)
         for node in range(tile[1]):
-            odd_divergence(p, tile[0], node, bonds[0], bonds[1], slots[0][tile[4]], work)
-    else:
-        split_divergence(p, tile[0], tile[1], pairs[0], pairs[1], work)
+            if not _complete(slots[0], tile[4] + node, slots[2]):
+                odd_divergence(p, tile[0] + node, tile[4] + node, bonds[0], bonds[1], slots[0], parts)
+                for row in range(p.shape[0]):
+                    work[row, node] = parts[row]
 
 
 @njit(error_model="numpy", cache=True)
@@ -515,7 +534,7 @@ def _move(u, v, smoothed, tile, dt, kick, acceleration, outside, damping, book):
         old, new, moved = smoothed[a, start : start + count], v[a, start : start + count], u[a, start : start + count]
         gained, load = acceleration[a], outside[a]
         if tile[2] & LAYER:
-            damped = damping[tile[3]]
+            damped = damping[tile[3] : tile[3] + count]
             for i in range(count):
                 new[i] = ((1 - damped[i] * dt) * old[i] + kick * (gained[i] + load[i])) / (1 + damped[i] * dt)
                 moved[i] += dt * new[i]
@@ -553,7 +572,7 @@ def advance(lane, lanes, sync, steps_to_do, done, dt, drag, u, v, spare, p, forc
     p, force : ndarray, shapes (dim^2, size) and (dim, size)
         Stresses, and the force of the stabilisation (without use if there is none).
     tiles : ndarray of int, shape (N, 8)
-        First node, number of nodes, kind, slot in the layers, slot of odd tiles, place along the three axes.
+        First node, number of nodes, kind, first place among the nodes of layers and of odd tiles (-1: none), place along the three axes.
     medium : tuple of float
         Lame constant and shear modulus over the density, and the stabilisation of a bond.
     pairs : tuple
@@ -563,11 +582,11 @@ def advance(lane, lanes, sync, steps_to_do, done, dt, drag, u, v, spare, p, forc
     triples : ndarray of int, shape (K, 3)
         The bonds in nodes.
     slots : tuple
-        Bits of the bonds, shape (slots, words, TILE), and inverse shape tensors, shape (slots, dim^2, TILE).
+        Bits of the bonds of nodes in odd tiles, shape (words, M), their inverse shape tensors, shape (dim^2, M), bits of a complete node.
     fracture : tuple
         Squared lengths at which bonds break, first and last + 1 node along each axis between which they may, whether K is kept.
     layers : tuple
-        Memory, shape (slots, 2 dim^2, TILE), `keep` and `gain` of its recursion, shape (slots, dim, TILE), damping, shape (slots, TILE).
+        Memory of the layers' nodes, shape (2 dim^2, L), `keep` and `gain` of its recursion, shape (dim, L), damping, shape (L,).
     loads, factors : ndarray, shapes (L, dim, size) and (steps, L)
         Accelerations from outside, and their factors in each step.
     crossing : ndarray of int, shape (C, 2)
@@ -578,7 +597,7 @@ def advance(lane, lanes, sync, steps_to_do, done, dt, drag, u, v, spare, p, forc
     dim = u.shape[0]
     rows = dim * dim
     work = np.zeros((3 * rows + 1, TILE))
-    book, (bits, inverse) = books[lane], slots
+    book, (bits, inverse, full) = books[lane], slots
     first_tile, last_tile = lane * tiles.shape[0] // lanes, (lane + 1) * tiles.shape[0] // lanes
     for step in range(steps_to_do):
         first = done + step == 0
@@ -587,8 +606,7 @@ def advance(lane, lanes, sync, steps_to_do, done, dt, drag, u, v, spare, p, forc
         book[STRAIN] = 0
         for number in range(first_tile, last_tile):
             tile = tiles[number]
-            slot = max(tile[4], 0)
-            if tile[2] & BREAKABLE and _break_bonds(u, v, dt, tile, medium, bonds, triples, bits[slot], inverse[slot], fracture, book, work):
+            if tile[2] & BREAKABLE and _break_bonds(u, v, dt, tile, medium, bonds, triples, bits, inverse, fracture, book, work):
                 tile[2] |= ODD
             _plain_strain(u, tile, pairs, bonds, slots, work)
             if medium[2] > 0:
@@ -598,11 +616,13 @@ def advance(lane, lanes, sync, steps_to_do, done, dt, drag, u, v, spare, p, forc
             energy = _stress(tile[1], dim, medium, work)
             _push(p, tile, dim, inverse, work)
             if medium[2] > 0:
-                energy += _stabilise(u, tile, medium, bonds, bits[slot], p, force, work)
+                _stabilise(u, tile, medium, bonds, bits, p, force, work)
             if not tile[2] & LAYER:
                 book[STRAIN] += energy
+                if medium[2] > 0 and step == steps_to_do - 1:  # the book is read after the last step only
+                    book[STRAIN] += _stabilisation_energy(u, tile, medium, bonds, bits, work)
             if smoothing:
-                _smooth(v, spare, tile, tile[2] & ODD, bonds[0], bits[slot], drag, work)
+                _smooth(v, spare, tile, bonds[0], bits, full, drag, work)
         barrier(sync, lanes)
         if not first:
             book[OUTFLOW] -= book[PENDING_OUTFLOW] + dt / 2 * _outflow(v, p, u, 0.0, medium, crossing, bonds, lane, lanes)
@@ -637,7 +657,7 @@ def advance_split(lane, lanes, sync, steps_to_do, dt, u, parts, histories, p, ti
         Displacement a by the direction b of the derivative that drives it, ``parts[b, a]``.
     histories : ndarray, shape (dim, dim^2, size)
         The same for the time integral of the stress over the density.
-    phi : ndarray, shape (slots, dim, TILE)
+    phi : ndarray, shape (dim, L)
         Stretch in the layers (1/time).
 
     The rest as of `advance`.
@@ -659,7 +679,7 @@ def advance_split(lane, lanes, sync, steps_to_do, dt, u, parts, histories, p, ti
             _push(p, tile, dim, slots[1], work)
             _plain_strain(u, tile, pairs, bonds, slots, work)
             for b in range(dim):
-                fade = phi[tile[3], b] if tile[2] & LAYER else still
+                fade = phi[b, tile[3] : tile[3] + count] if tile[2] & LAYER else still[:count]
                 for a in range(dim):
                     for c in range(dim):
                         history = histories[b, a * dim + c, start : start + count]
@@ -680,7 +700,7 @@ def advance_split(lane, lanes, sync, steps_to_do, dt, u, parts, histories, p, ti
             for a in range(dim):
                 u[a, start : start + count] = 0
                 for b in range(dim):
-                    fade = phi[tile[3], b] if tile[2] & LAYER else still
+                    fade = phi[b, tile[3] : tile[3] + count] if tile[2] & LAYER else still[:count]
                     part = parts[b, a, start : start + count]
                     for i in range(count):
                         part[i] += dt * (work[a * dim + b, i] - fade[i] * part[i])
@@ -711,7 +731,7 @@ def accelerations(u, p, force, tiles, medium, pairs, bonds, slots, out):
         _push(p, tile, dim, slots[1], work)
         if medium[2] > 0:
             work[rows : 2 * rows] = work[:rows]
-            _stabilise(u, tile, medium, bonds, slots[0][max(tile[4], 0)], p, force, work)
+            _stabilise(u, tile, medium, bonds, slots[0], p, force, work)
     for number in range(tiles.shape[0]):
         tile = tiles[number]
         _split_divergence(p, tile, pairs, bonds, slots, work)
