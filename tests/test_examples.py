@@ -68,3 +68,15 @@ def test_mesh_closed_by_plane_waves():
     rims = np.minimum(errors["fixed"], errors["free"])
     assert (3 * errors["plane waves"] < rims).all()
     assert (10 * errors["plane waves, wide clouds"] < rims).all()
+
+
+def test_indentation():
+    """A weak pressure leaves the notches alone, a strong one does not; the shares of the work add up."""
+    example = script("indentation")
+    bonds = []
+    for pressure in (0.001, 0.006):
+        body = example["half_space"](pressure)
+        body.run(40.0)
+        bonds.append(body.broken_bonds)
+        assert sum(example["share"](body).values()) == pytest.approx(1, abs=1e-9)
+    assert bonds[0] == 0 < bonds[1]

@@ -245,3 +245,13 @@ def test_outline_of_metal(tmp_path, dim):
         plot.field_panels([("", field)], axes, tmp_path / f"{name}.png", solids=solids)
     same = (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
     assert same == (dim == 1)
+
+
+def test_waterfall(tmp_path):
+    """Lines over time, with something behind the last."""
+    x, times = np.linspace(0, 1, 51), np.linspace(0, 1, 6)
+    lines = np.array([np.exp(-200 * (x - 0.3 - 0.4 * t) ** 2) for t in times])
+    plot.waterfall(x, times, lines, tmp_path / "w.png", xlabel="x", ylabel="u", backdrop=("ramp", x**2))
+    assert (tmp_path / "w.png").stat().st_size > 10_000
+    with pytest.raises(InputError, match="no directory"):
+        plot.waterfall(x, times, lines, tmp_path / "none" / "w.png", xlabel="x", ylabel="u", backdrop=("ramp", x**2))

@@ -1,9 +1,10 @@
 """farhorizon: peridynamic and classical waves, elasticity, diffusion, heat and corrosion in an unbounded medium, on a small grid."""
 
-from farhorizon.boundaries import Exact, FirstOrder, Fixed, Free, Higdon, LatticePML, Periodic, PlaneWave, Sponge
+from farhorizon.boundaries import Exact, FirstOrder, Fixed, Free, Higdon, LatticePML, NonlocalPML, Periodic, PlaneWave, Sponge
 from farhorizon.certificate import Certificate
 from farhorizon.conditions import Convection, Flux, Insulated, Temperature
 from farhorizon.constraints import Prescribed
+from farhorizon.correspondence import Body, BodyForce, Traction
 from farhorizon.cracks import Crack
 from farhorizon.errors import FarhorizonError, FileFormatError, InputError, UnstableError
 from farhorizon.expressions import Expression
@@ -23,9 +24,9 @@ from farhorizon.tuning import tuned
 __version__ = "0.1.0"
 
 __all__ = [
-    "Ball", "Beam", "Box", "Certificate", "Convection", "Corrosion", "Crack", "Diffusion", "Disc", "DiscCut", "Elastic", "Exact", "Expression",
-    "FarhorizonError", "FileFormatError", "FirstOrder", "Fixed", "Flux", "Free", "Heat", "Higdon", "ImageMask", "InputError", "Insulated", "Kernel",
-    "Lattice", "LatticePML", "Periodic", "PlaneWave", "PointCut", "Polygon", "PolygonCut", "Polyline", "Prescribed", "Rectangle",
-    "RungeKuttaChebyshev", "Simulation", "Source", "Specimen", "Sponge", "Stencil", "Temperature", "Text", "UnstableError", "Wave", "open_results",
-    "tuned",
+    "Ball", "Beam", "Body", "BodyForce", "Box", "Certificate", "Convection", "Corrosion", "Crack", "Diffusion", "Disc", "DiscCut", "Elastic",
+    "Exact", "Expression", "FarhorizonError", "FileFormatError", "FirstOrder", "Fixed", "Flux", "Free", "Heat", "Higdon", "ImageMask", "InputError",
+    "Insulated", "Kernel", "Lattice", "LatticePML", "NonlocalPML", "Periodic", "PlaneWave", "PointCut", "Polygon", "PolygonCut", "Polyline",
+    "Prescribed", "Rectangle", "RungeKuttaChebyshev", "Simulation", "Source", "Specimen", "Sponge", "Stencil", "Temperature", "Text", "Traction",
+    "UnstableError", "Wave", "open_results", "tuned",
 ]  # fmt: skip

@@ -574,3 +574,43 @@ def reflection_picture(angles: np.ndarray, curves: Sequence[tuple[str, np.ndarra
         raise InputError("a picture of reflection needs one curve or more")
     levels = [(name, angles, 20 * np.log10(np.maximum(values, 1e-16))) for name, values in curves]
     _lines(levels, path, xlabel="angle of incidence (degrees)", ylabel="reflection (dB)", title=title)
+
+
+def waterfall(
+    x: np.ndarray, times: np.ndarray, lines: np.ndarray, path: str | Path, *, xlabel: str, ylabel: str, backdrop: tuple[str, np.ndarray],
+) -> None:  # fmt: skip
+    """Draw a field on a line at many times, the latest farthest back.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+    times : ndarray, shape (m,)
+    lines : ndarray, shape (m, n)
+    path : str or Path
+        The PNG file.
+    xlabel, ylabel : str
+    backdrop : (str, ndarray of shape (n,))
+        Name and values of what is drawn behind the last line, scaled to the field.
+
+    Raises
+    ------
+    InputError
+        There is no such directory.
+    """
+    name, values = backdrop
+    gap = np.ptp(lines[0]) / 4  # from one line to the next
+    with _figure(path, (5.6, 4.2)) as figure:
+        axes = figure.add_subplot()
+        base = gap * len(times)
+        axes.fill_between(x, base, base + 0.6 * np.ptp(lines[0]) * values / values.max(), color="0.85", linewidth=0, label=name)
+        for number in range(len(times)):
+            base = gap * number
+            axes.fill_between(x, lines.min() - gap, base + lines[number], color="white", linewidth=0, zorder=2.5 - number / len(times))
+            axes.plot(x, base + lines[number], color=_COLORS[0], linestyle="-", linewidth=0.9, zorder=2.5 - number / len(times))
+        shown = range(0, len(times), max(1, len(times) // 5))
+        axes.set_yticks([gap * number for number in shown], [f"{times[number]:g}" for number in shown])
+        axes.set(xlabel=xlabel, ylabel="t")
+        axes.plot([], [], color=_COLORS[0], linestyle="-", linewidth=0.9, label=ylabel)
+        axes.margins(x=0)
+        axes.legend(loc="upper center", ncols=2)
+        axes.set_ylim(lines.min() - gap, 1.1 * axes.get_ylim()[1])

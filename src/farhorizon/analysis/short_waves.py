@@ -3,10 +3,12 @@
 In a layer a wave is stretched along its phase velocity. One whose group velocity points the other way, a *backward wave*, then grows where it
 should decay: by ``sigma gamma`` per unit time, to first order in the layer's strength sigma, with gamma from the symbol (`Stencil.layer_growth`).
 On a lattice such waves are short, and no run with a resolved field needs them. So the layer damps the velocity of what a high-pass filter lets
-through, at a rate nu that follows sigma; a wave of which it passes the share f then decays by ``nu f / 2`` per unit time, and ``nu f >= 2 sigma gamma`` stops it.
+through, at a rate nu that follows sigma. A wave of which the filter passes the share f then decays by ``nu f / 2`` per unit time, and
+``nu f >= 2 sigma gamma`` stops it.
 
-The filter is a maximally flat polynomial of ``y = sin^2(k spacing / 2)`` along each axis, the regularised incomplete beta function ``I_y(rise, fall)``:
-it is 0 to the order `rise` at k = 0, 1 to the order `fall` at the shortest wave, and between 0 and 1 everywhere, so it never feeds a wave.
+The filter is a maximally flat polynomial of ``y = sin^2(k spacing / 2)`` along each axis, the regularised incomplete beta function
+``I_y(rise, fall)``: it is 0 to the order `rise` at k = 0, 1 to the order `fall` at the shortest wave, and between 0 and 1 everywhere, so it never
+feeds a wave.
 """
 
 from __future__ import annotations

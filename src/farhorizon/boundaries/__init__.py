@@ -3,28 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, get_args
 
 from farhorizon.boundaries.exact import Exact, ExactEnds
 from farhorizon.boundaries.first_order import FirstOrder
 from farhorizon.boundaries.fringe import Closing, Closure, Outline
 from farhorizon.boundaries.higdon import Higdon
 from farhorizon.boundaries.lattice_pml import LatticePML
+from farhorizon.boundaries.nonlocal_pml import NonlocalPML
 from farhorizon.boundaries.plain import Fixed, Free, Periodic
 from farhorizon.boundaries.plane_wave import PlaneWave
 from farhorizon.boundaries.sponge import Sponge
 from farhorizon.errors import InputError
 from farhorizon.lattice import AXES
 
-__all__ = ["Absorbing", "Boundary", "Closing", "Closure", "Exact", "ExactEnds", "FirstOrder", "Fixed", "Free", "Higdon", "LatticePML", "Outline",
-           "Periodic", "PlaneWave", "Sponge", "sides"]  # fmt: skip
+__all__ = ["Absorbing", "Boundary", "Closing", "Closure", "Exact", "ExactEnds", "FirstOrder", "Fixed", "Free", "Higdon", "LatticePML",
+           "NonlocalPML", "Outline", "Periodic", "PlaneWave", "Sponge", "sides"]  # fmt: skip
 
 #: Sides beyond which the medium goes on.
 Absorbing = LatticePML | Exact | Sponge | Closing
 Boundary = Absorbing | Fixed | Free | Periodic
 
 
-def sides(boundary: Boundary | Mapping[str, Boundary], dim: int) -> dict[tuple[int, int], Boundary]:
+def sides(boundary: Any | Mapping[str, Any], dim: int, kinds: Any = Boundary) -> dict[tuple[int, int], Any]:
     """One boundary for each (axis, side), side = -1 or +1.
 
     Parameters
@@ -32,6 +33,8 @@ def sides(boundary: Boundary | Mapping[str, Boundary], dim: int) -> dict[tuple[i
     boundary : Boundary or mapping
         One for all sides, or a mapping with keys "all", "x", "x-", "x+", "y", ...; the more specific key wins.
     dim : int
+    kinds : type or union
+        What may stand on a side.
 
     Raises
     ------
@@ -44,10 +47,10 @@ def sides(boundary: Boundary | Mapping[str, Boundary], dim: int) -> dict[tuple[i
     for key, value in given.items():
         if key not in names:
             raise InputError("unknown side", value=key, limit=", ".join(names), key="boundary")
-        if not isinstance(value, Boundary):
-            raise InputError("not a boundary", value=repr(value), key=f"boundary.{key}",
-                             limit="LatticePML, Exact, PlaneWave, Higdon, FirstOrder, Fixed, Free, Periodic, Sponge")  # fmt: skip
-    found: dict[tuple[int, int], Boundary] = {}
+        if not isinstance(value, kinds):
+            known = ", ".join(sorted(kind.__name__ for kind in get_args(kinds) or (kinds,)))
+            raise InputError("not a boundary that serves here", value=repr(value), key=f"boundary.{key}", limit=known)
+    found: dict[tuple[int, int], Any] = {}
     for axis in range(dim):
         for side, sign in ((-1, "-"), (1, "+")):
             keys = [k for k in (AXES[axis] + sign, AXES[axis], "all") if k in given]

@@ -15,7 +15,7 @@ from typing import Any
 
 from farhorizon.errors import InputError
 
-_MODULES = ("bobaru2010", "hermann2023", "ji2021", "shojaei2020", "shojaei2020_corrosion")
+_MODULES = ("bobaru2010", "hermann2023", "ji2021", "shojaei2020", "shojaei2020_corrosion", "wildman2012")
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,644 @@
+"""Linear correspondence elasticity with damage, in the plane and in space: a body with its layers, its cracks, its loads and its energies.
+
+Silling, Epton, Weckner, Xu and Askari (2007) with the layer of Wildman and Gazonas (2012). The loops are in `engine.correspondence`; here the
+box of nodes is laid out, data are checked, and results are taken off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from farhorizon.analysis.correspondence import bond_weights, largest_frequency
+from farhorizon.boundaries import Fixed, Free, NonlocalPML, Sponge, sides
+from farhorizon.cracks import as_cut, cut_bonds
+from farhorizon.engine import available_threads
+from farhorizon.engine import correspondence as engine
+from farhorizon.engine.threads import side_by_side
+from farhorizon.errors import InputError
+from farhorizon.kernel import Kernel
+from farhorizon.lattice import AXES, Lattice
+from farhorizon.stencil import Stencil
+
+PLANES = ("strain", "stress")
+SHAPE_TENSORS = ("recomputed", "kept")
+_PARALLEL_NODES = 4_000  # fewer finish a step before a second thread has woken up
+_SHATTERS = 10.0  # a load whose first strain is so many times the critical stretch breaks whatever it meets
+
+_ITERATIONS, _MARGIN = 100, 1.05  # of the largest frequency, which iterations find from below
+
+Side = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class BodyForce:
+    """A force per volume on the near field.
+
+    Parameters
+    ----------
+    value : sequence of (ndarray, callable or float)
+        One component an axis: an array of the lattice's shape, a function of the coordinates, or a number.
+    time : callable, optional
+        Factor of t; 1 unless given.
+    """
+
+    value: Sequence[Any]
+    time: Callable[[float], float] | None = None
+
+
+@dataclass(frozen=True)
+class Traction:
+    """A force per area on a free side, a body force on its outermost nodes.
+
+    Parameters
+    ----------
+    side : str
+        "x-", "y+", ...
+    value : sequence of float
+        One component an axis.
+    between : sequence of (float, float), optional
+        Where it acts, along each of the other axes in their order; the whole side unless given. Nodes on either end count.
+    time : callable, optional
+        Factor of t; 1 unless given.
+    """
+
+    side: str
+    value: Sequence[float]
+    between: Sequence[tuple[float, float]] | None = None
+    time: Callable[[float], float] | None = None
+
+
+def lame_constants(young: float, poisson: float, dim: int, plane: str = "strain") -> tuple[float, float]:
+    """Lame's lambda and the shear modulus, for plane stress those of the plane problem.
+
+    Raises
+    ------
+    InputError
+        Young's modulus not positive, Poisson's ratio outside -1..1/2 (plane stress: -1..1), an unknown plane state.
+    """
+    if not (np.isfinite(young) and young > 0):
+        raise InputError("Young's modulus must be finite and positive", value=young, limit="> 0", key="model.young")
+    if plane not in PLANES:
+        raise InputError("unknown plane state", value=plane, limit=", ".join(PLANES), key="model.plane")
+    in_stress = dim == 2 and plane == "stress"
+    most = 1.0 if in_stress else 0.5
+    if not -1 < poisson < most:
+        raise InputError("Poisson's ratio is out of range", value=poisson, limit=f"above -1, below {most}", key="model.poisson",
+                         remedy="0.49 for a nearly incompressible body" if poisson >= most else "")  # fmt: skip
+    shear = young / (2 * (1 + poisson))
+    lame = 2 * shear * poisson / (1 - 2 * poisson) if not in_stress else 2 * shear * poisson / (1 - poisson)
+    return lame, shear
+
+
+class Body:
+    r"""A linear correspondence solid: its near field, what closes it, and its state.
+
+    The deformation gradient and the force density of a node (Silling et al. 2007; Wildman and Gazonas 2012, eqs 2-6 to 2-14) are
+
+    .. math::
+
+        e_i = \Big(\sum_j w\,(u_j - u_i)\,\xi\Big) K_i^{-1}, \quad K_i = \sum_j w\,\xi\,\xi, \quad
+        \rho\,\ddot u_i = \sum_j w\,(\sigma_i K_i^{-1} + \sigma_j K_j^{-1})\,\xi + b_i, \quad \sigma = C : e.
+
+    Parameters
+    ----------
+    lattice : Lattice
+        The near field, 2D or 3D; with a `body`, nodes outside do not exist. A window is refused.
+    operator : Kernel or Stencil
+        Influence function times volume; its scale does not matter.
+    young, poisson, density : float
+    plane : {"strain", "stress"}
+        In 2D.
+    boundary : Fixed, Free, Sponge, NonlocalPML, or a mapping of sides to them
+        Beyond `Fixed` (value 0) and beyond the layers the medium goes on and does not move; beyond `Free` there is nothing. A layer ends fixed.
+    initial : mapping of "u", "v" to sequences of (ndarray, callable or float)
+        One component an axis. Functions of the coordinates go on into the layers; arrays are zero there.
+    loads : sequence of BodyForce and Traction
+    cracks : sequence
+        Cuts: shapes, points of a polyline (2D), corners of a polygon (3D).
+    critical_stretch : float, optional
+        Bonds whose length has grown by more than this part break for good (Silling and Askari 2005), except in the layers, within one reach of
+        them, and of a fixed side. Without it none break.
+    shape_tensor : {"recomputed", "kept"}
+        K of a node that loses bonds: from those that are left (0 where its determinant is below a thousandth of an intact one), or that of the body
+        without cracks, which softens gradually.
+    drag : float
+        Rate D/dt (1/time) at which a velocity moves towards the mean of its neighbours (Wildman and Gazonas 2012, eq. 3-4). It is the rate that is a
+        property of the body: D itself goes with the step.
+    stabilisation : float
+        0 to 1: part that is put back of the energy of displacements which the gradient does not see (Silling 2017); 1 makes longitudinal waves
+        those of the bond-based operator of the same influence function. It stiffens fracture: calibrate it with the critical stretch.
+    balance : bool
+        Record what leaves the near field, too, bond by bond, so that the `energies` add up; it takes time where sides are large.
+    dt : float, optional
+        Half of the stable limit unless given. The limit is that of the body at its start: nodes that have lost nearly all their bonds lower it.
+    threads : int, optional
+
+    Attributes
+    ----------
+    steps : int
+    dt, time : float
+    notes : list of str
+        What is allowed, but worth knowing.
+
+    Raises
+    ------
+    InputError
+        A number out of range, a boundary that does not serve, sides that disagree on the form, a step above the limit, initial data
+        that would break bonds at once, a load that would shatter what it meets, a traction beyond the near field or on a side that is not free,
+        missing bonds in a layer that are not parallel to its normal, damage, loads or stabilisation with split fields.
+    """
+
+    def __init__(
+        self,
+        lattice: Lattice,
+        operator: Kernel | Stencil,
+        *,
+        young: float,
+        poisson: float,
+        density: float = 1.0,
+        plane: str = "strain",
+        boundary: Any = Fixed(),  # noqa: B008  (immutable)
+        initial: Mapping[str, Sequence[Any]] | None = None,
+        loads: Sequence[BodyForce | Traction] = (),
+        cracks: Sequence[Any] = (),
+        critical_stretch: float | None = None,
+        shape_tensor: str = "recomputed",
+        drag: float = 0.0,
+        stabilisation: float = 0.0,
+        balance: bool = False,
+        dt: float | None = None,
+        threads: int | None = None,
+    ) -> None:
+        if lattice.dim not in (2, 3) or lattice.window is not None:
+            raise InputError("correspondence elasticity needs a lattice of two or three dimensions with bounds", value=repr(lattice), key="lattice")
+        self.lattice, self.dim = lattice, lattice.dim
+        self.notes: list[str] = []
+        for name, value, least in (("density", density, 0.0), ("critical_stretch", 1.0 if critical_stretch is None else critical_stretch, 0.0)):
+            if not (np.isfinite(value) and value > least):
+                raise InputError("must be finite and positive", value=value, limit="> 0", key=f"model.{name}")
+        if shape_tensor not in SHAPE_TENSORS:
+            raise InputError("unknown shape tensor", value=shape_tensor, limit=", ".join(SHAPE_TENSORS), key="model.shape_tensor")
+        for name, value, most in (("drag", drag, np.inf), ("stabilisation", stabilisation, 1.0)):
+            if not (0 <= value <= most and np.isfinite(value)):
+                raise InputError("out of range", value=value, limit=f"0 to {most}", key=f"model.{name}")
+        lame, shear = lame_constants(young, poisson, self.dim, plane)
+        self.density, self.lame, self.shear = float(density), lame, shear
+        self.fast, self.slow = float(np.sqrt((lame + 2 * shear) / density)), float(np.sqrt(shear / density))
+        self.stencil = Stencil.from_kernel(operator, lattice.spacing, self.dim) if isinstance(operator, Kernel) else operator
+        self._medium = (lame / density, shear / density, float(stabilisation) * self.fast**2)
+        self._set_sides(boundary)
+        self._critical, self._balance = critical_stretch, balance
+        self._lay_out(threads)
+        self._set_loads(loads)
+        whole = self._set_bonds(cracks)
+        self._cut_tiles(whole, shape_tensor == "kept")
+        self._set_step(dt, drag)
+        self._set_layers()
+        self._set_fields(initial or {})
+        self._check_load_strain()
+        self._refuse_in_split_form(cracks, loads, drag)
+
+    # --- set-up ------------------------------------------------------------------------------------------------------------------------
+
+    def _set_sides(self, boundary: Any) -> None:
+        self.sides: dict[Side, Any] = sides(boundary, self.dim, Fixed | Free | Sponge | NonlocalPML)
+        layers = [b for b in self.sides.values() if isinstance(b, NonlocalPML)]
+        if len({b.form for b in layers}) > 1 or len({b.cross for b in layers}) > 1:
+            raise InputError("the layers of a body need one form and one cross-damping", value=sorted({(b.form, b.cross) for b in layers}),
+                             key="boundary")  # fmt: skip
+        if any(isinstance(b, Fixed) and b.value for b in self.sides.values()):
+            raise InputError("a fixed side holds displacements at zero", limit=0, key="boundary.value")
+        self.split = any(b.form == "split" for b in layers)
+        self._cross = layers[0].cross if layers else 0.0
+
+    def _lay_out(self, threads: int | None) -> None:
+        """Box of the near field and its layers, with a halo of one reach; three axes, of which the first has one node in 2D."""
+        lead = 3 - self.dim
+        depth = {side: b.nodes if isinstance(b, NonlocalPML | Sponge) else 0 for side, b in self.sides.items()}
+        self._before = np.array([0] * lead + [depth[a, -1] for a in range(self.dim)])
+        self._near = np.array([1] * lead + list(self.lattice.shape))
+        self._box = self._before + self._near + np.array([0] * lead + [depth[a, 1] for a in range(self.dim)])
+        self._reach = np.array([0] * lead + list(self.stencil.reach))
+        padded = self._box + 2 * self._reach
+        pitch = -(-padded[2] // 8) * 8
+        self._strides = np.array([padded[1] * pitch, pitch, 1])
+        self._margin = engine.CHUNK * -(-int(self._reach @ self._strides) // engine.CHUNK) + engine.CHUNK
+        self._size = int(padded[0] * padded[1] * pitch) + 2 * self._margin
+        self._origin = self._margin + int(self._reach @ self._strides)
+        xi, w = bond_weights(self.stencil, self.lattice.spacing)
+        self._triples = np.pad(self.stencil.offsets, ((0, 0), (lead, 0))).astype(np.int64)
+        self._bonds = (self._triples @ self._strides, np.ascontiguousarray(np.column_stack([w[:, None] * xi, w])), np.ascontiguousarray(xi))
+        half = self._bonds[0] > 0
+        self._pairs = (self._bonds[0][half], np.ascontiguousarray(w[half, None] * xi[half]))
+        nodes = int(np.prod(self._box))
+        wanted = available_threads() if threads is None else threads
+        if wanted < 1:
+            raise InputError("needs at least one thread", value=threads, limit=">= 1", key="run.threads")
+        self._threads = wanted if nodes >= _PARALLEL_NODES else 1
+
+    def _view(self, flat: np.ndarray) -> np.ndarray:
+        """Rows of flat arrays (rows, size) as (rows, three axes of the box)."""
+        strides = (flat.strides[0], *(self._strides * flat.itemsize))
+        return np.lib.stride_tricks.as_strided(flat[:, self._origin :], (flat.shape[0], *self._box), strides)
+
+    @property
+    def _near_slices(self) -> tuple[slice, ...]:
+        """The near field in the box."""
+        return tuple(slice(b, b + n) for b, n in zip(self._before, self._near, strict=True))
+
+    def _shown(self, rows: np.ndarray) -> np.ndarray:
+        """Box values (rows, three axes) on the near field, shape (rows, *lattice.shape)."""
+        return rows[(slice(None), *self._near_slices)].reshape(rows.shape[0], *self.lattice.shape).copy()
+
+    def _coordinates(self) -> list[np.ndarray]:
+        """Coordinates of the box, one array (three axes) an axis of the lattice."""
+        lead = 3 - self.dim
+        axes = [self.lattice.lower[a] + self.lattice.spacing * (np.arange(self._box[lead + a]) - self._before[lead + a]) for a in range(self.dim)]
+        grid = np.meshgrid(*axes, indexing="ij")
+        return [g.reshape(tuple(self._box)) for g in grid]
+
+    def _set_loads(self, loads: Sequence[BodyForce | Traction]) -> None:
+        self._times: list[Callable[[float], float]] = []
+        values = []
+        for load in loads:
+            values.append(self._traction(load) if isinstance(load, Traction) else self._components(load.value, "load.value", False))
+            self._times.append(load.time or (lambda t: 1.0))
+        self._loads = np.zeros((len(values), self.dim, self._size))
+        for flat, value in zip(self._loads, values, strict=True):
+            self._view(flat)[(slice(None), *self._near_slices)] = value[(slice(None), *self._near_slices)] / self.density
+
+    def _components(self, values: Sequence[Any], key: str, beyond: bool) -> np.ndarray:
+        """A vector field on the box, shape (dim, three axes); functions reach into the layers if `beyond`."""
+        if len(values) != self.dim:
+            raise InputError("needs one component an axis", value=len(values), limit=self.dim, key=key)
+        out = np.zeros((self.dim, *self._box))
+        near = self._near_slices
+        for a, value in enumerate(values):
+            if callable(value):
+                at = self._coordinates()
+                out[a] = value(*at) if beyond else 0.0
+                if not beyond:
+                    out[a][near] = np.broadcast_to(np.asarray(value(*[x[near] for x in at]), float), out[a][near].shape)
+            else:
+                array = np.asarray(value, float)
+                if array.ndim and array.shape != self.lattice.shape:
+                    raise InputError("an array must have the lattice's shape", value=array.shape, limit=self.lattice.shape, key=key)
+                out[a][near] = np.broadcast_to(array, self.lattice.shape).reshape(tuple(self._near))
+        if not np.isfinite(out).all():
+            raise InputError("values must be finite", value=f"{int((~np.isfinite(out)).sum())} nan or inf", key=key)
+        if self.lattice.mask is not None:
+            out *= self._exists()
+        return out
+
+    def _traction(self, load: Traction) -> np.ndarray:
+        names = {AXES[a] + sign: (a, s) for a in range(self.dim) for sign, s in (("-", -1), ("+", 1))}
+        if load.side not in names:
+            raise InputError("unknown side", value=load.side, limit=", ".join(names), key="load.side")
+        axis, side = names[load.side]
+        if not isinstance(self.sides[axis, side], Free):
+            raise InputError("a traction acts on a free side", value=type(self.sides[axis, side]).__name__, key=f"load.{load.side}", remedy="Free()")
+        if len(load.value) != self.dim or not np.isfinite(load.value).all():
+            raise InputError("a traction needs one finite component an axis", value=list(load.value), key="load.value")
+        at = self.lattice.coordinates()
+        place = self.lattice.lower[axis] if side < 0 else self.lattice.upper[axis]
+        inside = np.abs(at[axis] - place) < 0.5 * self.lattice.spacing
+        others = [a for a in range(self.dim) if a != axis]
+        slack = 1e-9 * self.lattice.spacing
+        for a, (low, high) in zip(others, load.between if load.between is not None else [(-np.inf, np.inf)] * len(others), strict=True):
+            first, last = self.lattice.lower[a], self.lattice.upper[a]
+            if load.between is not None and not first - slack <= low <= high <= last + slack:
+                raise InputError("the traction reaches beyond the near field", value=(low, high), limit=(float(first), float(last)),
+                                 key=f"load.between ({AXES[a]})", remedy="a wider lattice or a narrower load")  # fmt: skip
+            inside &= (at[a] >= low - slack) & (at[a] <= high + slack)
+        if not inside.any():
+            raise InputError("the traction meets no node", value=load.between, key="load.between", remedy="a wider load")
+        return self._components([inside * component / self.lattice.spacing for component in load.value], "load.value", False)
+
+    def _exists(self) -> np.ndarray:
+        """Which nodes of the box are there; a body goes on along the normals into the layers."""
+        if self.lattice.mask is None:
+            return np.ones(tuple(self._box), bool)
+        pads = [(b, t - b - n) for b, n, t in zip(self._before, self._near, self._box, strict=True)]
+        return np.pad(self.lattice.mask.reshape(tuple(self._near)), pads, mode="edge")
+
+    def _set_bonds(self, cracks: Sequence[Any]) -> np.ndarray | None:
+        """Bits of the bonds that are there, shape (words, three axes of the box); None if all are and none can break."""
+        lead, m = 3 - self.dim, self._reach
+        there = np.pad(self._exists(), [(r, r) for r in m], mode="edge")
+        for (axis, side), b in self.sides.items():
+            if isinstance(b, Free):
+                part = [slice(None)] * 3
+                width = m[lead + axis]
+                part[lead + axis] = slice(None, width) if side < 0 else slice(-width, None)
+                there[tuple(part)] = False
+        self._present = there[tuple(slice(r, r + n) for r, n in zip(m, self._box, strict=True))]
+        if there.all() and not len(cracks) and self._critical is None:
+            return None
+        count = len(self._triples)
+        whole = np.zeros((-(-count // 64), *self._box), np.uint64)
+        for k, offset in enumerate(self._triples):
+            other = there[tuple(slice(r + o, r + o + n) for r, o, n in zip(m, offset, self._box, strict=True))]
+            whole[k >> 6] |= (self._present & other).astype(np.uint64) << np.uint64(k & 63)
+        self._uncut = whole.copy()
+        lower = self.lattice.lower - self.lattice.spacing * self._before[lead:]
+        for crack in cracks:
+            nodes, bonds = cut_bonds(as_cut(crack, self.dim), lower, self.lattice.spacing, tuple(self._box[lead:]), self.stencil.offsets)
+            grown = np.pad(nodes, ((0, 0), (lead, 0)))
+            np.bitwise_and.at(whole, (bonds >> 6, *grown.T), ~(np.uint64(1) << (bonds & 63).astype(np.uint64)))
+        alone = int(((whole == 0).all(0) & self._present).sum()) if len(cracks) else 0
+        if alone:
+            self.notes.append(f"cracks leave {alone} nodes without any bond: they move freely")
+        return whole
+
+    def _cut_tiles(self, whole: np.ndarray | None, kept: bool) -> None:
+        """Tiles, their kinds and slots, the bonds and shape tensors of those that are odd or may become so."""
+        full = np.zeros(-(-len(self._triples) // 64), np.uint64)
+        for k in range(len(self._triples)):
+            full[k >> 6] |= np.uint64(1) << np.uint64(k & 63)
+        odd = np.zeros(tuple(self._box), bool) if whole is None else (whole != full[:, None, None, None]).any(0)
+        end = self._before + self._near
+        low, high = self._before.copy(), end.copy()
+        for (axis, side), b in self.sides.items():  # no bond breaks within one reach of what is not free
+            row = 3 - self.dim + axis
+            if not isinstance(b, Free) and side < 0:
+                low[row] += self._reach[row]
+            elif not isinstance(b, Free):
+                high[row] -= self._reach[row]
+        loaded = (self._view(np.abs(self._loads).sum((0, 1))[None])[0] > 0) if len(self._loads) else np.zeros(tuple(self._box), bool)
+        cuts = [(0, self._before[2]), (self._before[2], end[2]), (end[2], self._box[2])]
+        stretches = [(a, min(a + engine.TILE, b)) for first, b in cuts for a in range(first, b, engine.TILE)]
+        tiles, layer, slot = [], 0, 0
+        for i0 in range(self._box[0]):
+            for i1 in range(self._box[1]):
+                beside = not (self._before[0] <= i0 < end[0] and self._before[1] <= i1 < end[1])
+                may = self._critical is not None and low[0] <= i0 < high[0] and low[1] <= i1 < high[1]
+                for first, last in stretches:
+                    here = (i0, i1, slice(first, last))
+                    kind = engine.LAYER if beside or first < self._before[2] or first >= end[2] else 0
+                    kind |= engine.BREAKABLE if may and first < high[2] and last > low[2] else 0
+                    kind |= (engine.ODD if odd[here].any() else 0) | (engine.LOADED if loaded[here].any() else 0)
+                    start = self._origin + int(np.array([i0, i1, first]) @ self._strides)
+                    count = int(last - first)
+                    places = [layer if kind & engine.LAYER else -1, slot if kind & (engine.ODD | engine.BREAKABLE) else -1]
+                    layer, slot = layer + count * (places[0] >= 0), slot + count * (places[1] >= 0)
+                    tiles.append([start, count, kind, *places, i0, i1, first])
+        self._tiles = np.array(tiles, np.int64)
+        self._layer_count = layer
+        self._slots = (np.zeros((len(full), slot), np.uint64), np.zeros((self.dim**2, slot)), full)
+        if whole is not None:
+            # with a kept shape tensor cracks do not change it, the ends of the body do
+            for bits in (self._uncut, whole) if kept else (whole,):
+                self._fill_bits(bits)
+                if bits is self._uncut or not kept:
+                    engine.shape_inverses(self._tiles, *self._bonds[1:], *self._slots[:2])
+            self._check_layers()
+        limits = (1 + (np.inf if self._critical is None else self._critical)) ** 2 * (self._bonds[2] ** 2).sum(1)
+        self._fracture = (limits, low, high, kept)
+        self._families = None if whole is None else self._count_bonds(self._uncut)
+        self._crossing = self._leaving(self._slots[0])
+
+    def _fill_bits(self, bits: np.ndarray) -> None:
+        for _, count, _, _, slot, i0, i1, first in self._tiles:
+            if slot >= 0:
+                self._slots[0][:, slot : slot + count] = bits[:, i0, i1, first : first + count]
+
+    def _check_layers(self) -> None:
+        """A derivative along an axis must not see bonds along another: K is diagonal in the layers."""
+        off = [a * self.dim + b for a in range(self.dim) for b in range(self.dim) if a != b]
+        for tile in self._tiles:
+            if tile[2] & engine.LAYER and tile[4] >= 0 and np.abs(self._slots[1][off, tile[4] : tile[4] + tile[1]]).max() > 1e-9:
+                raise InputError("missing bonds in a layer must be those of a plane along its normal", key="boundary",
+                                 remedy="keep cracks, corners and holes in the near field, one reach away from the layers")  # fmt: skip
+
+    def _count_bonds(self, bits: np.ndarray) -> np.ndarray:
+        """Bonds of each node of the box."""
+        return np.unpackbits(bits.view(np.uint8).reshape(*bits.shape, 8), axis=-1).sum((0, -1))
+
+    def _leaving(self, bits: np.ndarray) -> np.ndarray:
+        """Nodes of the near field and their bonds that leave it, shape (C, 2)."""
+        end = self._before + self._near
+        found = [np.zeros((0, 2), np.int64)]
+        if not self._balance:
+            return found[0]
+        distances = self._bonds[0]
+        for start, count, kind, layer, slot, i0, i1, first in self._tiles:
+            if layer >= 0:
+                continue
+            rows = np.array([[i0, i1, first]]) + np.outer(np.arange(count), [0, 0, 1])
+            if (rows.min(0) - self._reach >= self._before).all() and (rows.max(0) + self._reach < end).all():
+                continue
+            for k in range(len(distances)):
+                other = rows + self._triples[k]
+                gone = ~((other >= self._before) & (other < end)).all(1)
+                if kind & engine.ODD:
+                    gone &= (bits[k >> 6, slot : slot + count] >> np.uint64(k & 63)) & np.uint64(1) != 0
+                nodes = np.flatnonzero(gone)
+                found.append(np.column_stack([start + nodes, np.full(len(nodes), k)]))
+        return np.concatenate(found)
+
+    def _set_step(self, dt: float | None, drag: float) -> None:
+        """A mode of frequency w that drag leaves a factor s >= 1 - 2 D of its velocity needs ``(w dt)^2 < 2 (1 + s)``."""
+        frequency = self._largest_frequency()
+        limit = 2 / (drag + np.sqrt(drag**2 + frequency**2))
+        self.dt = 0.5 * limit if dt is None else float(dt)
+        if not 0 < self.dt <= limit:
+            raise InputError("the step is out of range", value=self.dt, limit=f"{limit:.6g}", key="run.dt", remedy=f"dt = {0.5 * limit:.3g}")
+        self._drag = float(drag) * self.dt
+
+    def _largest_frequency(self) -> float:
+        """From the symbol, or where bonds are missing, which makes K smaller and the body stiffer, by power iteration."""
+        most = largest_frequency(self.stencil, self.lattice.spacing, self.fast, self.slow, self._medium[2] / self.fast**2)
+        if not (self._tiles[:, 2] & engine.ODD).any():
+            return most
+        u, out, force, p = np.zeros((self.dim, self._size)), *(np.zeros((n, self._size)) for n in (self.dim, self.dim, self.dim**2))
+        self._view(u)[...] = np.random.default_rng(1).standard_normal((self.dim, *self._box)) * self._present
+        value = 0.0
+        for _ in range(_ITERATIONS):
+            u /= np.linalg.norm(u)
+            engine.accelerations(u, p, force, self._tiles, self._medium, self._pairs, self._bonds, self._slots, out)
+            before, value = value, -float((u * out).sum())
+            u[...] = -out
+            if abs(value - before) < 1e-3 * value:
+                break
+        return max(most, _MARGIN * float(np.sqrt(value)))
+
+    def _set_layers(self) -> None:
+        """Stretch, shift and damping of the layers' nodes, as recursions in their slots."""
+        lead = 3 - self.dim
+        phi, shift, damping = np.zeros((self.dim, *self._box)), np.zeros(tuple(self._box)), np.zeros(tuple(self._box))
+        for (axis, side), b in self.sides.items():
+            if not isinstance(b, NonlocalPML | Sponge):
+                continue
+            outwards = b.stretch(self.lattice.spacing, self.fast) if isinstance(b, NonlocalPML) else b.damping(2, self.fast**2, self.lattice.spacing)
+            line = [1, 1, 1]
+            line[lead + axis] = b.nodes
+            part = [slice(None)] * 3
+            part[lead + axis] = slice(None, b.nodes) if side < 0 else slice(self._box[lead + axis] - b.nodes, None)
+            values = (outwards[::-1] if side < 0 else outwards).reshape(line)
+            if isinstance(b, NonlocalPML):
+                phi[axis][tuple(part)] = values
+                shift[tuple(part)] = np.maximum(shift[tuple(part)], b.shift)
+            else:
+                damping[tuple(part)] = np.maximum(damping[tuple(part)], values)
+        phi = phi + self._cross * (phi.sum(0) - phi)
+        rate = phi + shift
+        keep = np.exp(-rate * self.dt)
+        gain = -0.5 * np.where(rate > 0, phi / np.where(rate > 0, rate, 1.0), 0.0) * (1 - keep)
+        count = self._layer_count
+        self._layers = (np.zeros((2 * self.dim**2, count)), *(np.zeros((self.dim, count)) for _ in range(2)), np.zeros(count))
+        self._phi = np.zeros((self.dim, count))
+        for _, count, _, slot, _, i0, i1, first in self._tiles:
+            if slot >= 0:
+                here = (slice(None), i0, i1, slice(first, first + count))
+                for to, values in ((self._layers[1], keep), (self._layers[2], gain), (self._phi, phi), (self._layers[3][None], damping[None])):
+                    to[:, slot : slot + count] = values[here]
+
+    def _set_fields(self, initial: Mapping[str, Sequence[Any]]) -> None:
+        unknown = set(initial) - {"u", "v"}
+        if unknown:
+            raise InputError("unknown initial field", value=sorted(unknown), limit="u, v", key="initial")
+        nothing = np.zeros((self.dim, 0))
+        self._u, self._v = (np.zeros((self.dim, self._size)) for _ in range(2))
+        self._spare = np.zeros_like(self._v) if self._drag else nothing
+        self._force = np.zeros_like(self._v) if self._medium[2] else nothing
+        for name, flat in (("u", self._u), ("v", self._v)):
+            if name in initial:
+                self._view(flat)[...] = self._components(initial[name], f"initial.{name}", True) * self._present
+        self._p = np.zeros((self.dim**2, self._size))
+        self._books = np.zeros((self._threads, engine.BOOKS))
+        self.steps = 0
+        if self.split:
+            self._parts = np.repeat(self._u[None], self.dim, 0) / self.dim
+            self._histories = np.zeros((self.dim, self.dim**2, self._size))
+        if self._critical is not None:
+            stretch = engine.largest_stretch(self._u, self._tiles, self._bonds, self._triples, self._slots, self._fracture)
+            if stretch > self._critical:
+                raise InputError("the initial displacements stretch bonds beyond the critical stretch", value=self._critical,
+                                 limit=f"> {stretch:.4g}", key="model.critical_stretch", remedy="a smaller start, or cracks")  # fmt: skip
+
+    def _check_load_strain(self) -> None:
+        """A load that is put on at once sends a wave of the strain traction / (lambda + 2 mu)."""
+        if self._critical is None or not len(self._loads):
+            return
+        force = sum(np.abs(load) * abs(time(0.0)) for load, time in zip(self._loads, self._times, strict=True))
+        strain = float(np.max(force)) * self.lattice.spacing / self.fast**2
+        if strain > _SHATTERS * self._critical:
+            raise InputError("the critical stretch is far below the first strain of the load, which would shatter what it meets",
+                             value=self._critical, limit=f">= {strain / _SHATTERS:.3g}", key="model.critical_stretch",
+                             remedy="a smaller load, or one that rises in time")  # fmt: skip
+        if strain > self._critical:
+            self.notes.append(f"the load's first strain, about {strain:.3g}, is above the critical stretch {self._critical:.3g}: bonds break at once")
+
+    def _refuse_in_split_form(self, cracks: Sequence[Any], loads: Sequence[Any], drag: float) -> None:
+        asked = {"critical_stretch": self._critical is not None, "loads": bool(len(loads)), "drag": bool(drag), "cracks": bool(len(cracks)),
+                 "stabilisation": bool(self._medium[2]), "sponge": any(isinstance(b, Sponge) for b in self.sides.values()),
+                 "initial v": bool(self._v.any())}  # fmt: skip
+        if self.split and any(asked.values()):
+            raise InputError("split fields carry the whole history of the stress, which knows no damage, loads or drag", key="boundary.form",
+                             value=", ".join(name for name, given in asked.items() if given), remedy='form = "displacement"')  # fmt: skip
+
+    # --- the run -----------------------------------------------------------------------------------------------------------------------
+
+    @property
+    def time(self) -> float:
+        """Time of the displacements."""
+        return self.steps * self.dt
+
+    def step(self, count: int = 1) -> None:
+        """Advance by a number of steps."""
+        if self.split:
+            state: tuple[Any, ...] = (self.dt, self._u, self._parts, self._histories, self._p, self._tiles, self._medium, self._pairs, self._bonds,
+                                      self._slots, self._phi)  # fmt: skip
+            side_by_side(lambda lane, lanes, sync: engine.advance_split(lane, lanes, sync, count, *state), self._threads)
+        else:
+            moments = (self.steps + np.arange(count)) * self.dt
+            factors = np.array([[time(t) for time in self._times] for t in moments], float).reshape(count, len(self._times))
+            state = (self.steps, self.dt, self._drag, self._u, self._v, self._spare, self._p, self._force, self._tiles, self._medium, self._pairs,
+                     self._bonds, self._triples, self._slots, self._fracture, self._layers, self._loads, factors, self._crossing,
+                     self._books)  # fmt: skip
+            side_by_side(lambda lane, lanes, sync: engine.advance(lane, lanes, sync, count, *state), self._threads)
+        self.steps += count
+
+    def run(self, until: float) -> None:
+        """Advance to the step nearest to a time."""
+        self.step(max(0, round(until / self.dt) - self.steps))
+
+    # --- results -----------------------------------------------------------------------------------------------------------------------
+
+    def displacements(self, layers: bool = False) -> np.ndarray:
+        """Displacements of the near field, shape (dim, *lattice.shape), or with the `layers` of the whole box."""
+        box = self._view(self._u)
+        return box.reshape(self.dim, *self._box[3 - self.dim :]).copy() if layers else self._shown(box)
+
+    @property
+    def u(self) -> np.ndarray:
+        """Displacements of the near field, shape (dim, *lattice.shape)."""
+        return self.displacements()
+
+    @property
+    def v(self) -> np.ndarray:
+        """Velocities of the near field half a step ago, shape (dim, *lattice.shape); zero in the split form."""
+        return self._shown(self._view(self._v))
+
+    @property
+    def _gradient(self) -> np.ndarray:
+        """Gradient of the displacements on the box, shape (dim^2, three axes)."""
+        out = np.zeros_like(self._p)
+        engine.strains(self._u, self._tiles, self._pairs, self._bonds, self._slots, out)
+        return self._view(out)
+
+    @property
+    def gradient(self) -> np.ndarray:
+        """Gradient of the displacements (a, b) = du_a/dx_b on the near field, shape (dim, dim, *lattice.shape)."""
+        return self._shown(self._gradient).reshape(self.dim, self.dim, *self.lattice.shape)
+
+    def strain_energy(self, layers: bool = False) -> float:
+        """Strain energy of the present displacements, of the near field, or with the `layers` (stabilisation left out)."""
+        e = self._gradient if layers else self._gradient[(slice(None), *self._near_slices)]
+        trace = sum(e[a * self.dim + a] for a in range(self.dim))
+        mixed = sum(e[a * self.dim + b] * (e[a * self.dim + b] + e[b * self.dim + a]) for a in range(self.dim) for b in range(self.dim))
+        density = 0.5 * (self.lame * trace**2 + self.shear * mixed)
+        return float(density.sum()) * self.lattice.spacing**self.dim
+
+    def energies(self) -> dict[str, float]:
+        """Energies of the near field, one step ago, and what became of them since the start; displacement form only.
+
+        Returns
+        -------
+        dict of str to float
+            "kinetic", "strain" (with what the stabilisation stores); since the start "work" of the loads, "broken" (dissipated by breaking),
+            "drag" (dissipated by drag, and carried by it), and with `balance` "outflow" (into layers and sides). The sum of the first two changes by
+            the work less the other three, to rounding: with velocities half a step before and after, the kinetic energy is ``v_before . v_after / 2``
+            per mass, which velocity Verlet conserves together with the strain energy.
+        """
+        total = self._books.sum(0) * self.density * self.lattice.spacing**self.dim
+        names = {"kinetic": engine.KINETIC, "strain": engine.STRAIN, "work": engine.WORK, "broken": engine.BROKEN, "drag": engine.DRAG}
+        if self._balance:
+            names["outflow"] = engine.OUTFLOW
+        return {name: float(total[number]) for name, number in names.items()}
+
+    @property
+    def broken_bonds(self) -> int:
+        """Bonds broken since the start."""
+        return int(self._books[:, engine.BONDS].sum()) // 2
+
+    def damage(self) -> np.ndarray:
+        """Part of a node's bonds that are cut or broken, shape of the lattice."""
+        if self._families is None:
+            return np.zeros(self.lattice.shape)
+        left = self._families.astype(float)
+        for _, count, _, _, slot, i0, i1, first in self._tiles:
+            if slot >= 0:
+                left[i0, i1, first : first + count] = self._count_bonds(np.ascontiguousarray(self._slots[0][:, slot : slot + count]))
+        lost = 1 - left / np.maximum(self._families, 1)
+        return self._shown(lost[None])[0]
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the state."""
+        arrays = [self._u, self._v, self._spare, self._force, self._p, self._tiles, *self._slots, *self._layers, self._phi, self._loads]
+        return sum(a.nbytes for a in arrays)

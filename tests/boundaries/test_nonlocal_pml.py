@@ -1,0 +1,168 @@
+"""The published layer: its profile, its own scheme in the form of the paper, both forms against each other, and what grows in it."""
+
+import numpy as np
+import pytest
+
+from farhorizon import Fixed, InputError, Kernel, NonlocalPML
+from farhorizon.correspondence import Body
+from farhorizon.papers import wildman2012 as paper
+from helpers import fitted_rate
+from solids import KERNELS, MATERIAL, Dense, box, noise
+
+
+def stretches(layer, near, speed):
+    """phi along both axes on a box with layers on all sides, shape (dim, ...)."""
+    line = [np.concatenate([layer.stretch(1.0, speed)[::-1], np.zeros(n), layer.stretch(1.0, speed)]) for n in near]
+    return np.stack(np.meshgrid(*line, indexing="ij"))
+
+
+def test_published_profile():
+    """Section 3A: a millionth of the top at the entrance, the top over the last tenth of a metre, integral 7.1 (0.0336 m standard deviation)."""
+    layer = NonlocalPML(30, "gaussian", 50.0)
+    phi = layer.stretch(0.01, 1.0)
+    assert (phi[19:] == 50).all() and (np.diff(phi[:20]) > 0).all()
+    assert layer.shape(0.0) == pytest.approx(1e-6, rel=1e-12)
+    sigma = 0.2 / np.sqrt(2 * np.log(1e6))
+    assert phi[9] == pytest.approx(50 * np.exp(-(0.1**2) / (2 * sigma**2)), rel=1e-12)
+
+
+@pytest.mark.parametrize("ramp", ["cubic", "quadratic", "gaussian"])
+def test_strength_from_reflection(ramp):
+    """exp(-2/c integral of phi) is what was asked for; the sum over nodes is a quadrature of it."""
+    phi = NonlocalPML(400, ramp, reflection=1e-3).stretch(0.1, 2.0)
+    assert np.exp(-2 / 2.0 * (phi.sum() - phi[-1] / 2) * 0.1) == pytest.approx(1e-3, rel=5e-3)
+
+
+@pytest.mark.parametrize("cross", [0.0, 0.3])
+def test_split_form_is_the_two_level_scheme_of_the_paper(cross):
+    """Eqs 2-30 and 2-31 with the derivatives as matrices, over 300 steps; "time step n - 1" before the start is that of split fields at rest."""
+    near, layer, dt = (7, 6), NonlocalPML(4, "gaussian", 0.8, form="split", cross=cross), 0.02
+    u = noise(near, 0.01)
+    body = Body(box(*near), KERNELS["gaussian"], **MATERIAL, boundary=layer, initial={"u": u}, dt=dt)
+    shape = tuple(n + 8 for n in near)
+    dense = Dense(shape, KERNELS["gaussian"], around=2)
+    inside = dense.inside
+    phi = stretches(layer, near, body.fast)
+    phi = phi + cross * phi[::-1]
+    gamma = np.zeros((2, len(inside)))
+    gamma[:, inside] = dt * phi.reshape(2, -1) - 1
+    parts = [np.einsum("ij,ij->ij", dense.w, dense.xi[..., b]) for b in range(2)]
+
+    def slopes(values):
+        """(d_b u_a) of (nodes, a) values, by b; held nodes have none, K is 1."""
+        return [(part @ values - part.sum(1)[:, None] * values) * inside[:, None] for part in parts]
+
+    def stresses(values):
+        """The stress that each direction's slope drives, shape (b, nodes, 2, 2)."""
+        out = []
+        for b, slope in enumerate(slopes(values)):
+            e = np.zeros((len(inside), 2, 2))
+            e[:, :, b] = slope
+            out.append(dense.shear * (e + np.swapaxes(e, 1, 2)) + dense.lame * np.trace(e, axis1=1, axis2=2)[:, None, None] * np.eye(2))
+        return out
+
+    def forces(psi):
+        """What each direction's derivative of the stress gives, shape (b, nodes, 2)."""
+        return [part @ psi[:, :, b] + part.sum(1)[:, None] * psi[:, :, b] for b, part in enumerate(parts)]
+
+    start = np.zeros((len(inside), 2))
+    start[inside] = np.pad(u, ((0, 0), (4, 4), (4, 4))).reshape(2, -1).T
+    us, psis = [start], [np.zeros((len(inside), 2, 2))]
+    # the first step is that of the parts, u / 2 each; from then on two levels suffice
+    first, gains = forces(psis[0]), stresses(start)
+    us.append(sum((-gamma[b][:, None] * start / 2 + dt * first[b]) for b in range(2)) * inside[:, None])
+    psis.append(sum(dt * gains[b] for b in range(2)))
+    both = gamma[0] + gamma[1], gamma[0] * gamma[1]
+    for _ in range(299):
+        new, old, gain_new, gain_old = forces(psis[-1]), forces(psis[-2]), stresses(us[-1]), stresses(us[-2])
+        u_next = -both[0][:, None] * us[-1] - both[1][:, None] * us[-2]
+        psi_next = -both[0][:, None, None] * psis[-1] - both[1][:, None, None] * psis[-2]
+        for b in range(2):
+            u_next += dt * (new[b] + gamma[1 - b][:, None] * old[b])
+            psi_next += dt * (gain_new[b] + gamma[1 - b][:, None, None] * gain_old[b])
+        us, psis = [us[-1], u_next * inside[:, None]], [psis[-1], psi_next]
+    body.step(300)
+    found = body.displacements(layers=True).reshape(2, -1).T
+    assert np.abs(found - us[-1][inside]).max() < 1e-11 * np.abs(u).max()
+
+
+@pytest.mark.parametrize("options", [{}, {"cross": 0.2}])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_forms_agree(options, dim):
+    """Split fields by forward Euler tend to memory variables by velocity Verlet with order 1, corners included."""
+    size, width = (6, 2.0) if dim == 2 else (4, 1.5)
+    lattice = box(*[2 * size + 1] * dim, lower=-size)
+    bell = [lambda *at: np.exp(-sum(x * x for x in at) / width**2), *[0.0] * (dim - 1)]
+    until, fields = 1.6 * size, []
+    for form, dt in (("displacement", 0.01), ("split", 0.04), ("split", 0.02), ("split", 0.01)):
+        layer = NonlocalPML(6, "quadratic", 1.0, form=form, **options)
+        body = Body(lattice, Kernel(2.7, 0, "gaussian", 1.0, volume="full"), **MATERIAL, boundary=layer, initial={"u": bell}, dt=dt)
+        body.run(until)
+        fields.append(body.displacements(layers=True))
+    differences = [np.abs(field - fields[0]).max() for field in fields[1:]]
+    assert fitted_rate([4, 2, 1], differences) == pytest.approx(1, abs=0.15)
+    assert differences[-1] < 0.03 * np.abs(fields[0]).max()
+
+
+def test_three_dimensions():
+    """A pulse in a small cube against one from which nothing returns before t = 29: ten nodes as good as in the plane (1.8e-3), twenty better."""
+    bell = [lambda *at: np.exp(-sum(x * x for x in at) / 9.0), 0.0, 0.0]  # below 1e-4 at 9 from the middle
+    kernel = Kernel(2.2, 0, "gaussian", 0.9, volume="full")
+    cases = [(24, Fixed()), (7, NonlocalPML(10)), (7, NonlocalPML(20))]
+    large, *small = [Body(box(*[2 * n + 1] * 3, lower=-n), kernel, **MATERIAL, boundary=b, initial={"u": bell}, dt=0.4) for n, b in cases]
+    worst, middle = np.zeros(2), (slice(None), *[slice(17, 32)] * 3)
+    for _ in range(6):  # to t = 24
+        for body in (large, *small):
+            body.step(10)
+        worst = np.maximum(worst, [np.abs(body.u - large.u[middle]).max() for body in small])
+    assert worst[0] < 1.8e-3 and worst[1] < 1.8e-4
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    ({"nodes": 0}, "at least one node"), ({"ramp": "linear"}, "unknown ramp"), ({"form": "velocity"}, "unknown form"),
+    ({"strength": -1.0}, "strength"), ({"reflection": 1.0}, "reflection"), ({"plateau": 1.0}, "plateau"), ({"cross": 2.0}, "cross"),
+    ({"shift": -1.0}, "shift"), ({"shift": 1.0, "form": "split"}, "split fields take no shift"),
+])  # fmt: skip
+def test_bad_input(change, words):
+    with pytest.raises(InputError, match=words):
+        NonlocalPML(**change)
+
+
+def test_simulation_refuses_it():
+    """It works on derivatives, which scalar models do not have."""
+    from farhorizon import Simulation, Wave
+
+    with pytest.raises(InputError, match="not a boundary that serves here"):
+        Simulation(box(20, 20), Wave(Kernel(3.0)), boundary=NonlocalPML(10))
+
+
+# An independent program found for the same set-ups, from a pulse (1/s): layers all around decay with the Gaussian kernel (-0.05, -0.08), grow with
+# the Heaviside one (+0.33, +0.25), and stop growing with a cross-damping of 0.5, not of 0.2 (+0.11).
+GROWING = ("Heaviside, as published, 10 nodes", "Heaviside, quadratic", "Heaviside, quadratic, cross 0.2")
+DECAYING = ("Gaussian, as published, 10 nodes", "Gaussian, quadratic", "Gaussian, quadratic, shift 2", "Gaussian, quadratic, cross 0.1",
+            "Gaussian, between fixed faces", "Heaviside, quadratic, cross 0.5")  # fmt: skip
+
+
+def rate(name, **options):
+    kernel, boundary = paper.LONG[name]
+    return paper.growth(paper.KERNELS[kernel], boundary, **options)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", GROWING + DECAYING)
+def test_long_times(name):
+    """To t = 100, a hundred times what the paper shows: the Heaviside kernel grows, cross-damping of 1/2 stops it."""
+    assert 0.08 < rate(name) < 0.4 if name in GROWING else rate(name) < 0
+
+
+@pytest.mark.slow
+def test_long_times_along_free_faces():
+    """A layer that a free face runs into: the Gaussian kernel grows fast between two, slowly on a half-space; cross-damping stops that."""
+    assert 0.2 < rate("Gaussian, between free faces") < 0.8
+    assert 0 < rate("Gaussian, half-space", until=200.0) < 0.2
+    assert rate("Gaussian, half-space, cross 0.1", until=200.0) < 0
+
+
+def test_heaviside_layer_grows():
+    """The fast tier's share of the above."""
+    assert 0.2 < rate("Heaviside, quadratic", until=60.0, dt=0.02) < 0.4

@@ -1,0 +1,115 @@
+"""Wildman and Gazonas (2012): energies, errors and cracks as printed, or as an independent program of the same scheme found them."""
+
+import functools
+
+import numpy as np
+import pytest
+
+from farhorizon import NonlocalPML
+from farhorizon.papers import find
+from farhorizon.papers import wildman2012 as paper
+
+
+def rows(outcome):
+    return {row.what: row for row in outcome.rows}
+
+
+@pytest.mark.parametrize(("kernel", "known"), [
+    # strain energy of the whole square over the initial one at t = 0.5, 1, 1.5, 2, 3, 5, an independent program with the same layer
+    ("Gaussian", (0.146, 1.2e-3, 1.15e-4, 3.8e-5, 8.4e-6, 1.3e-6)), ("Heaviside", (0.214, 1.3e-2, 2.4e-3, 1.3e-3, 5.3e-4, 1.3e-4)),
+])  # fmt: skip
+def test_energy_of_figure_2(kernel, known):
+    whole, near = paper.energies(paper.plate(paper.KERNELS[kernel], paper.published()), (0.5, 1.0, 1.5, 2.0, 3.0, 5.0))
+    assert whole == pytest.approx(known, rel=0.2)
+    assert (near < whole).all()
+
+
+def test_initial_energy():
+    """Integral of the energy of eq. 3-1: 1.2 (Gaussian) of an independent program."""
+    body = paper.plate(paper.KERNELS["Gaussian"], paper.published())
+    assert body.strain_energy(layers=True) == pytest.approx(1.198, abs=5e-4)
+
+
+# Largest difference from a domain three times as large until t = 2.2, over the initial maximum, an independent program (ours: the infinite lattice).
+ERRORS = [
+    ("Gaussian", "layer, as published", 2.3e-4), ("Gaussian", "layer, published ramp, 200/s", 1.0e-3), ("Gaussian", "layer, quadratic, 60/s", 1.5e-4),
+    ("Gaussian", "sponge, quadratic, 40/s", 0.045), ("Gaussian", "fixed", 0.29), ("Gaussian", "free", 0.20),
+    ("Heaviside", "layer, as published", 1.7e-2), ("Heaviside", "layer, quadratic, 60/s", 5.0e-3), ("Heaviside", "layer, cubic, 60/s", 3.2e-3),
+    ("Heaviside", "layer, cubic, 30/s", 1.6e-3),
+]  # fmt: skip
+
+
+@functools.cache
+def infinite(kernel):
+    return paper.Infinite(paper.KERNELS[kernel])
+
+
+@pytest.mark.parametrize(("kernel", "label", "known"), ERRORS)
+def test_errors_of_the_layers(kernel, label, known):
+    """Raising the strength makes it worse, a ramp over the whole layer better, the Heaviside kernel is worse by fifty times."""
+    assert infinite(kernel).error(paper.ABSORBERS[label]) == pytest.approx(known, rel=0.25)
+
+
+def test_thin_layers():
+    """Quadratic ramps for a reflection of 1e-3, 20 and 10 cells: an independent program found 4.1e-4 and 1.8e-3 at most."""
+    for nodes, known in ((20, 4.1e-4), (10, 1.8e-3)):
+        assert 0.5 * known < infinite("Gaussian").error(NonlocalPML(nodes, "quadratic", reflection=1e-3)) < 1.1 * known
+
+
+def test_forward_euler():
+    """The paper's integrator at t = 2: 2.2e-4 with dt = 1e-3 (growing), 3.9e-5 with 5e-4, interior 5.3e-7 (an independent program)."""
+    whole, _ = paper.split_energies(paper.KERNELS["Gaussian"], 1e-3, (1.64, 2.0))
+    assert whole == pytest.approx((1.2e-4, 2.2e-4), rel=0.05)
+    whole, near = paper.split_energies(paper.KERNELS["Gaussian"], 5e-4, (2.0,))
+    assert whole[0] == pytest.approx(3.9e-5, rel=0.02) and near[0] == pytest.approx(5.3e-7, rel=0.2)
+
+
+def test_figure_3(tmp_path):
+    outcome = find("wildman2012-fig3").run(tmp_path)
+    assert rows(outcome)["largest stretch (1/s)"].deviation == 0
+    assert outcome.pictures[0].stat().st_size > 20_000
+
+
+def test_figure_4(tmp_path):
+    """The two part when the fixed edge has answered; at the end the layer's is below a thousandth of the fixed one's."""
+    outcome = find("wildman2012-fig4").run(tmp_path)
+    found = rows(outcome)
+    assert found["time at which the two part (0.1 % of the peak)"].ours == pytest.approx(0.73, abs=0.1)
+    assert found["largest |u_x| after t = 4, layer"].ours < 1e-2 * found["largest |u_x| after t = 4, fixed"].ours
+
+
+def test_figure_5(tmp_path):
+    """11.4 % from the local solution and 3.0 % from the nonlocal one (an independent program)."""
+    found = rows(find("wildman2012-fig5").run(tmp_path))
+    assert found["layer, from the local solution / peak"].ours == pytest.approx(0.114, abs=0.005)
+    assert found["layer, from the nonlocal solution / peak"].ours == pytest.approx(0.030, abs=0.002)
+    assert found["eq. 3-3 at r = 0.05, t = 0"].deviation == pytest.approx(0, abs=1e-12)
+    assert found["cutoff of the kernel"].deviation == pytest.approx(0, abs=0.005)
+
+
+def test_figure_7(tmp_path):
+    """250 N: three nodes down and across, within one; the balance of energies."""
+    outcome = find("wildman2012-fig7").run(tmp_path)
+    found = rows(outcome)
+    assert abs(found["nodes down"].ours - 3) <= 1 and abs(found["nodes across"].ours - 3) <= 1
+    assert found["critical stretch"].deviation == pytest.approx(0, abs=1e-4)
+    assert abs(found["residual of the energy balance / work"].ours) < 1e-12
+    assert all(path.stat().st_size > 10_000 for path in outcome.pictures)
+
+
+@pytest.mark.slow
+def test_figure_9(tmp_path):
+    """Every separation within one node at each tip of the paper's fit."""
+    found = [row for what, row in rows(find("wildman2012-fig9").run(tmp_path)).items() if what.endswith("separation (mm)")]
+    assert len(found) == len(paper.LOADS)
+    assert all(abs(row.ours - row.printed) < 2e3 * paper.GRID for row in found)
+
+
+@pytest.mark.slow
+def test_drag_is_a_rate():
+    """250 N at 10, 20 and 40 ns: the same crack within a node, for D goes with the step."""
+    found = []
+    for dt in (10e-9, 20e-9, 40e-9):
+        body, before, _ = paper.indent(250.0, dt)
+        found.append(paper.crack_extent(before, body.damage()))
+    assert (np.ptp(found, axis=0) <= 1).all()

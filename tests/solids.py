@@ -1,0 +1,88 @@
+"""A correspondence solid as another program would do it: one matrix entry a bond."""
+
+import itertools
+
+import numpy as np
+
+from farhorizon import Kernel, Lattice
+from farhorizon.correspondence import lame_constants
+
+KERNELS = {"gaussian": Kernel(2.7, 0, "gaussian", 0.9, volume="full"), "constant": Kernel(2.1, 0, volume="full"), "ramp": Kernel(2.0, 1)}
+MATERIAL = {"young": 1.0, "poisson": 0.25}
+
+
+def box(*nodes, lower=0.0):
+    return Lattice(1.0, (lower,) * len(nodes), tuple(lower + n - 1.0 for n in nodes))
+
+
+class Dense:
+    """The same solid with one matrix entry a bond: free where `held` nodes do not surround it, which neither move nor carry stress.
+
+    Weights are read off the kernel's own influence function and volumes, and scaled so that K of a complete family is 1.
+    """
+
+    def __init__(self, shape, kernel, around=0, absent=None, drag=0.0, stabilisation=0.0, critical=1e9, kept=False, dt=0.1):
+        grid = np.array(list(itertools.product(*[range(-around, n + around) for n in shape])), float)
+        self.inside = ((grid >= 0) & (grid < shape)).all(1)
+        self.shape, self.dim, self.dt, self.drag, self.critical, self.kept = shape, len(shape), dt, drag, critical, kept
+        self.xi = grid[None] - grid[:, None]
+        family = np.array([o for o in itertools.product(range(-4, 5), repeat=self.dim) if any(o)], float)
+        scale = (self._weight(kernel, np.linalg.norm(family, axis=1)) * family[:, 0] ** 2).sum()
+        self.w = self._weight(kernel, np.linalg.norm(self.xi, axis=2)) / scale
+        np.fill_diagonal(self.w, 0)
+        self.uncut = self.w.copy()
+        if absent is not None:
+            self.w = np.where(absent(grid[:, None], grid[None]), 0.0, self.w)
+        lame, shear = lame_constants(1.0, 0.25, self.dim)
+        self.lame, self.shear, self.pull = lame, shear, stabilisation * (lame + 2 * shear)
+        self._invert(self.uncut if kept else self.w)
+        self.u, self.v = np.zeros((2, len(grid), self.dim))
+        self.steps = 0
+
+    @staticmethod
+    def _weight(kernel, r):
+        share = np.clip(kernel.horizon + 0.5 - r, 0, 1) if kernel.volume == "ramp" else r <= kernel.horizon
+        return kernel.influence_at(r) * share / np.maximum(r, 1e-9) ** kernel.exponent * (r > 0)
+
+    def _invert(self, w):
+        tensor = np.einsum("ij,ija,ijb->iab", w, self.xi, self.xi)
+        good = np.linalg.det(tensor) >= 1e-3
+        self.inverse = np.zeros_like(tensor)
+        self.inverse[good] = np.linalg.inv(tensor[good])
+
+    def gradient(self):
+        return np.einsum("ij,ija,ijb->iab", self.w, self.u[None] - self.u[:, None], self.xi) @ self.inverse
+
+    def step(self, count=1, load=0.0):
+        for _ in range(count):
+            length = np.linalg.norm(self.xi + self.u[None] - self.u[:, None], axis=2)
+            broken = (length > (1 + self.critical) * np.linalg.norm(self.xi, axis=2)) & (self.w > 0)
+            self.w = np.where(broken, 0.0, self.w)
+            if broken.any() and not self.kept:
+                self._invert(self.w)
+            e = self.gradient()
+            stress = self.shear * (e + np.swapaxes(e, 1, 2)) + self.lame * np.trace(e, axis1=1, axis2=2)[:, None, None] * np.eye(self.dim)
+            p = (stress @ self.inverse - self.pull * e) * self.inside[:, None, None]
+            a = np.einsum("ij,ijab,ijb->ia", self.w, p[:, None] + p[None], self.xi)
+            a += 2 * self.pull * np.einsum("ij,ija->ia", self.w, self.u[None] - self.u[:, None])
+            a[:, 0] += load
+            if self.drag and self.steps:
+                bonds = self.w > 0
+                number = bonds.sum(1)[:, None]
+                mean = np.where(number, bonds @ self.v / np.maximum(number, 1), self.v)
+                self.v = self.v + self.drag * self.dt * (mean - self.v)
+            self.v = (self.v + (self.dt if self.steps else self.dt / 2) * a) * self.inside[:, None]
+            self.u = self.u + self.dt * self.v
+            self.steps += 1
+
+    def field(self, values):
+        return np.moveaxis(values[self.inside].reshape(*self.shape, -1), range(self.dim), range(1, self.dim + 1))
+
+    def start(self, u, v=None):
+        for state, values in ((self.u, u), (self.v, v)):
+            if values is not None:
+                state[self.inside] = np.moveaxis(values, 0, -1).reshape(-1, self.dim)
+
+
+def noise(shape, size, seed=1):
+    return np.random.default_rng(seed).standard_normal((len(shape), *shape)) * size
