@@ -21,7 +21,7 @@ from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from farhorizon.engine.simd import _Vectors
+from farhorizon.engine.simd import Vectors
 from farhorizon.engine.threads import barrier
 
 TILE = 256
@@ -49,7 +49,7 @@ def _pair_sums(fields: int, outputs: int) -> Any:
     def sums(typingctx, src, apart, offsets, weights, row, pairs, out, nodes):
         def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
             src, apart, offsets, weights, row, pairs, out, nodes = args
-            vectors = _Vectors.of(builder, "float64")
+            vectors = Vectors.of(builder, "float64")
             wide = vectors.lanes * vectors.size
             zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
             totals = [[cgutils.alloca_once(builder, vectors.type) for _ in range(_UNROLLED)] for _ in range(outputs)]
