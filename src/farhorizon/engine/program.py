@@ -172,7 +172,7 @@ def sweep_two_phases(src, base, out, block, number, depth, function, weights, of
             here, there = at + start * size, to + start * size
             if kind == LIQUID and function != 0:
                 call_sweep(function, places[0] + here, places[2] + there, places[3] + there, plain, a, b, stop - start, count,
-                           block[6], block[7], block[8], block[5], block[11])  # fmt: skip
+                           block[6], block[7], block[8], block[5], block[11], block.ctypes.data + 8 * SHIFTS)  # fmt: skip
             elif kind != SOLID:
                 sweep_phases(places[0] + here, places[1] + here, places[2] + there, places[3] + there, apart, between, bonds,
                              a_difference, b, interface, stop - start, count, block[5], block[11])  # fmt: skip
