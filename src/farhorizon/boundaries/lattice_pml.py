@@ -25,7 +25,6 @@ from farhorizon.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.stencil import Stencil
 
-_SMOOTH = 5  # power of the smooth ramp: a lower one reflects at the entrance, a higher one wastes nodes
 _WEAK = 0.05  # damping rate over sigma up to which the damping is too weak to be felt on the ramps of stencils without backward waves
 _SOFT, _MORE = 4, 12  # power of the ramp of such a damping beside a steeper sigma, and how much more of it that takes near the entrance
 DEFAULT_TARGET = {1: 1e-5, 2: 1e-8}  # diffusion: of the current maximum; waves: of the initial maximum
@@ -165,8 +164,13 @@ def _wave_layer(profile: Profile, nodes: int, speed: float, spacing: float, damp
     if damped is None:
         return Layer(kappa, sigma, alpha)
     depth = np.arange(1, nodes + 1) / (nodes + 1)
-    share = profile.ramp(depth) if profile.power == _SMOOTH else _MORE * smooth_ramp(depth) ** _SOFT
+    share = _MORE * smooth_ramp(depth) ** _SOFT if _weak(damped) else profile.ramp(depth)
     return Layer(kappa, sigma, alpha, damped.strength * profile.strength * 2 * speed / spacing * share, damped.taps())
+
+
+def _weak(damped: HighPass | None) -> bool:
+    """Whether the ramps of stencils without backward waves serve."""
+    return damped is None or damped.strength <= _WEAK
 
 
 def _wave_nodes(target: float, reach: int, damped: HighPass | None) -> int:
@@ -174,7 +178,7 @@ def _wave_nodes(target: float, reach: int, damped: HighPass | None) -> int:
 
     Where strong backward waves are damped 16 nodes keep 1e-6, 30 nodes 1e-8.
     """
-    if damped is not None and damped.strength > _WEAK:
+    if not _weak(damped):
         return max(int(np.ceil(16 + 7 * max(0.0, np.log10(1e-6 / target)))), 4 * reach if reach > 3 else 0)
     nodes = int(np.ceil(12 + 4 * max(0.0, np.log(1e-8 / target) / np.log(30))))
     return max(8 if target > 1e-6 else 12, nodes, 3 * reach if reach > 3 else 0)
@@ -189,8 +193,9 @@ def _wave_profile(nodes: int, stencil: Stencil, damped: HighPass | None) -> Prof
     Where short waves are damped as strongly as backward waves may take, sigma follows the smooth ramp of the damping.
     """
     reach, dim = stencil.reach[0], stencil.dim
-    if damped is not None and damped.strength > _WEAK:
-        return Profile(1.0, 1.0, _SMOOTH, smooth=True) if reach < 5 else Profile(0.7, 1.0, _SMOOTH)
+    if not _weak(damped):
+        strength = 1.0 if reach < 5 and stencil.components == 1 else 0.7  # of vectors, shear waves are slower and feel more
+        return Profile(strength, 1.0, 4 if stencil.components > 1 and nodes < 20 else 5, smooth=reach < 5)
     if reach > 3:
         return Profile(0.5 if reach > 7 else 1.0, 1.0, 2 if reach < 6 else 3)
     if dim == 1:
