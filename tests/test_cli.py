@@ -38,17 +38,16 @@ def test_examples_run_and_agree_with_the_infinite_medium(case, tmp_path, monkeyp
 
 
 def test_dispersive_pulse_says_that_it_grows(tmp_path, monkeypatch, capsys):
-    """Appendix B of Hermann et al. (2023): warned of before the run, measured by compare; to t = 9, when the front has left."""
+    """Appendix B of Hermann et al. (2023): warned of before the run, which stops soon after the front has arrived."""
     monkeypatch.chdir(tmp_path)
     assert main(["check", str(GROWING), "--json", "check.json"]) == 0
     checked = json.loads(Path("check.json").read_text())
     assert any("backward waves" in w for w in checked["warnings"])
     assert checked["certificate"]["rate"] > 1
-    assert main(["run", str(GROWING), "--until", "9", "--allow-unstable"]) == 0
-    assert main(["compare", str(GROWING), "--json", "compare.json", "--times", *"123456789"]) == 0
-    curve = json.loads(Path("compare.json").read_text())["lattice PML"]
-    assert curve["error"][0] < 1e-9  # before the front arrives at speed 3.2 from 10 away
-    assert curve["error_max_over_run"] > 1
+    assert main(["run", str(GROWING), "--until", "9", "--allow-unstable"]) == 1  # it explodes, and stops
+    assert "backward waves" in capsys.readouterr().err
+    assert main(["compare", str(GROWING), "--json", "compare.json", "--times", "1", "2"]) == 0
+    assert json.loads(Path("compare.json").read_text())["lattice PML"]["error"][0] < 1e-9  # before the front arrives at speed 3.2 from 10 away
 
 
 def test_dispersive_pulse_leaves_through_the_sponge_of_its_comment(tmp_path):

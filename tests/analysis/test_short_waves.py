@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.helpers import kernel_stencil
+from helpers import kernel_stencil
 
 import farhorizon as fh
 from farhorizon.analysis.infinite import InfiniteLattice

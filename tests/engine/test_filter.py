@@ -10,6 +10,7 @@ from farhorizon.analysis.short_waves import HighPass
 from farhorizon.engine import Layer
 from farhorizon.engine.filter import line_damping
 from farhorizon.engine.state import State
+from farhorizon.strip import Strip
 
 TAPS = HighPass(3, 2, 1.0).taps()
 RATE = np.array([0.1, 0.4, 0.9, 1.5])
@@ -93,3 +94,23 @@ def test_line_damping_is_the_strip_of_it():
     strength = np.sqrt(-np.expm1(-2 * RATE * 0.3) / 2)
     lone = line_damping(RATE, TAPS, 0.6, np.zeros(0))  # the same strengths but for the factor 1/2 that two axes share
     assert np.abs(found - (lone / 2 + np.diag(strength**2 * HighPass(3, 2, 1.0).passed(np.pi)))).max() <= 1e-15
+
+
+@pytest.mark.parametrize("components", [1, 2])
+def test_strips_know_the_filter(components):
+    """A Bloch wave on long periodic rows, whose filter reaches farther than a strip's rows, advances by the strip's matrix."""
+    rows, model = 40, fh.Wave(fh.Kernel(2.0)) if components == 1 else fh.Elastic(fh.Kernel(2.0, 1), young=1.0)
+    sides = fh.LatticePML(nodes=4, profile=Layer(np.ones(5), np.linspace(0.1, 2, 5), np.full(5, 0.01), RATE, TAPS))
+    lattice = fh.Lattice(1.0, (0.0, 0.0), (7.0, rows - 1.0))
+    sim = fh.Simulation(lattice, model, {"x": sides, "y": fh.Periodic()}, threads=1)
+    strip, state = Strip(sim, 0, 8), State(sim.engine)
+    place = state.rows().place
+    number = 2 * np.pi * 11 / rows
+    random = np.random.default_rng(0)
+    start = random.standard_normal(len(place)) + 1j * random.standard_normal(len(place))
+    phase = np.exp(1j * number * np.arange(rows))
+    whole = np.zeros(state.size, complex)
+    whole[place] = start[:, None] * phase
+    found = state.after(whole, 3)[place]
+    expected = np.linalg.matrix_power(strip.matrix(number), 3) @ start
+    assert np.abs(found - expected[:, None] * phase).max() <= 1e-13 * np.abs(expected).max()

@@ -194,14 +194,16 @@ def _wave_profile(nodes: int, stencil: Stencil, damped: HighPass | None) -> Prof
     """
     reach, dim = stencil.reach[0], stencil.dim
     if not _weak(damped):
-        strength = 1.0 if reach < 5 and stencil.components == 1 else 0.7  # of vectors, shear waves are slower and feel more
-        return Profile(strength, 1.0, 4 if stencil.components > 1 and nodes < 20 else 5, smooth=reach < 5)
+        if stencil.components > 1:  # shear waves are slower and feel more
+            return Profile(0.7, 1.0, 4, smooth=reach < 5) if nodes < 25 else Profile(0.6, 1.0, 5, smooth=reach < 5)
+        return Profile(1.0, 1.0, 5, smooth=True) if reach < 5 else Profile(0.7, 1.0, 5)
     if reach > 3:
         return Profile(0.5 if reach > 7 else 1.0, 1.0, 2 if reach < 6 else 3)
     if dim == 1:
         return Profile(1.5, 1.0, 1)
     thin = 12 / nodes
-    return Profile(2.6 * thin**0.85 if reach < 3 else 1.9 * thin**0.6 if dim == 2 else 1.0, 1.0, 1, 0.7)
+    strength = 1.0 if dim == 3 and reach > 1 else 2.6 * thin**0.85 if reach < 3 else 1.9 * thin**0.6
+    return Profile(strength, 1.0, 1, 0.7)
 
 
 def _diffusion_nodes(target: float) -> int:
