@@ -1,8 +1,9 @@
 """Are layers stable for every kernel, and what does the damping of short waves cost in accuracy?
 
-For each stencil with backward waves: the damping that is chosen, the fastest mode between two sides over tangential wavenumbers (all eigenvalues; negative:
-it decays), and the error against the infinite lattice of a Gaussian pulse whose spectrum has fallen to 1.5e-5 at 8 nodes a wave or at 60 % of the first
-backward wavenumber, over four crossings, all sides and corners, relative to its maximum. Asked: decay, 1e-6 with 16 nodes or 4 horizons, 1e-8 with 30 nodes.
+For each stencil with backward waves: the damping that is chosen, the fastest mode between two sides over tangential wavenumbers (all
+eigenvalues; negative: it decays), and the error against the infinite lattice of a Gaussian pulse whose spectrum has fallen to 1.5e-5 at 8 nodes a
+wave or at 60 % of the first backward wavenumber, over four crossings, all sides and corners, relative to its maximum. Asked: decay, 1e-6 with 16
+nodes or 4 horizons, 1e-8 with 30 nodes.
 """
 
 from __future__ import annotations

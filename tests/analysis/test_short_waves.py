@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from helpers import kernel_stencil
 
 import farhorizon as fh
 from farhorizon.analysis.infinite import InfiniteLattice
 from farhorizon.analysis.short_waves import HighPass, high_pass
 from farhorizon.certificate import certify
 from farhorizon.engine.state import State
+from helpers import kernel_stencil
 
 BACKWARD = [(1, 2, 0), (1, 3, 0), (2, 2, 0), (2, 3, 0), (2, 2, 1), (2, 3, 1)]  # dimension, reach, exponent
 
