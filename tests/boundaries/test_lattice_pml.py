@@ -178,23 +178,25 @@ def cut_off(lattice, function):
     return np.where(values > 1e-4, values, 0.0)
 
 
-@pytest.mark.parametrize(("dim", "reach"), [(1, 1), (1, 2), (1, 3), (2, 1), (2, 2), (2, 3), (2, 4), (2, 5), (2, 6), *slow((3, 1), (3, 2))])
+@pytest.mark.parametrize(("dim", "reach"), [(1, 1), (1, 2), (1, 3), (2, 1), (2, 2), (2, 3), (2, 4), (2, 5), (2, 6), *slow((3, 1), (3, 2), (3, 3))])
 def test_white_noise_decays(dim, reach):
-    """20 crossing times of white noise: the norm of the whole state does not grow over the last third.
+    """20 crossing times of white noise: the norm of the whole state does not grow over the last third, nor beyond that of the beginning.
 
-    A bar moves as a whole if noise beside its layers pushes it, for a time 1/alpha: there the noise ends before them.
+    In space with reach 3 slow waves first gather in the memory of the corners, so it takes 40. A bar moves as a whole if noise beside its layers
+    pushes it, for a time 1/alpha: there the noise ends before them.
     """
     lattice = box(3.0, dim)
     noise = np.random.default_rng(1).standard_normal(lattice.shape)
     if dim == 1:
         noise[: reach + 2] = noise[-reach - 2 :] = 0
     sim = fh.Simulation(lattice, fh.Wave(kernel(reach)), fh.LatticePML(), initial={"u": noise})
-    until = 20 * 6.0
+    until = (40 if (dim, reach) == (3, 3) else 20) * 6.0
+    start = np.linalg.norm(sim.engine.levels)
     sim.run(2 * until / 3)
     before = np.linalg.norm(sim.engine.levels) + np.linalg.norm(sim.engine.memory)
     sim.run(until)
     after = np.linalg.norm(sim.engine.levels) + np.linalg.norm(sim.engine.memory)
-    assert after <= before
+    assert after <= before <= start
 
 
 def entrance(setup, nodes, **stretch):
