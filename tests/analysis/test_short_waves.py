@@ -84,7 +84,7 @@ def test_certified_with_corners(operator):
 
 @pytest.mark.parametrize("dim, reach, exponent", [pytest.param(*case, marks=pytest.mark.slow) for case in [*BACKWARD, (3, 2, 2), (3, 3, 2)]])
 def test_white_noise_of_the_whole_state_decays(dim, reach, exponent):
-    """1e5 steps in 1D and 2D, 5000 in 3D, from noise in all nodes and all memory."""
+    """1e5 steps in 1D and 2D, 5000 in 3D, from noise in all nodes and all memory, which first rises: most of what memory holds is no field's past."""
     side, steps = 2.0 * reach + 3, 100_000 if dim < 3 else 5000
     model = fh.Wave(kernel_stencil(dim, reach, exponent))
     sim = fh.Simulation(fh.Lattice(1.0, (0.0,) * dim, (side,) * dim), model, fh.LatticePML(nodes=10), threads=1)
@@ -94,4 +94,4 @@ def test_white_noise_of_the_whole_state_decays(dim, reach, exponent):
     for _ in range(3):
         noise = state.after(noise, steps // 3)
         sizes.append(float(np.linalg.norm(noise)))
-    assert sizes[3] <= sizes[2] <= sizes[0]
+    assert sizes[3] < sizes[2] < sizes[1]
