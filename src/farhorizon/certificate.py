@@ -25,6 +25,7 @@ from farhorizon.engine.build import cache_folder
 from farhorizon.engine.state import State
 from farhorizon.errors import InputError
 from farhorizon.lattice import AXES
+from farhorizon.machine import one_blas_thread
 from farhorizon.models import Corrosion
 from farhorizon.strip import NARROW, Strip, crossing_steps, plain_twin, small_lattice
 
@@ -112,6 +113,7 @@ class Certificate:
                 "skipped": list(self.skipped), "seconds": self.seconds}  # fmt: skip
 
 
+@one_blas_thread()
 def certify(sim: Simulation, budget: float = BUDGET) -> Certificate:
     """Examine the one-step map of a simulation.
 

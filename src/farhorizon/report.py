@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -51,16 +52,28 @@ class Reflections:
         """Angles of the table; on a line there is one."""
         return ANGLES if self.strip.sim.lattice.dim > 1 else ANGLES[:1]
 
-    def amplitudes(self, angles: tuple[float, ...]) -> np.ndarray:
-        """Amplitude of the reflected wave, shape (wavelengths, angles); nan where there is no such wave."""
+    @property
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """Types of the wave that comes and of one that leaves; of a scalar field one pair without names."""
+        return tuple((one, other) for one in self.strip.types for other in self.strip.types)
 
-        def one(wavelength: float, angle: float) -> float:
+    @property
+    def drawn(self) -> tuple[float, ...]:
+        """Wavelengths of the picture: of vectors, which have a curve for each pair, the typical one alone."""
+        return self.wavelengths if len(self.pairs) == 1 else self.wavelengths[len(self.wavelengths) // 2 :][:1]
+
+    def amplitudes(self, wavelengths: tuple[float, ...], angles: tuple[float, ...]) -> np.ndarray:
+        """Amplitude of the reflected wave, shape (pairs, wavelengths, angles); nan where there is no such wave."""
+        types = self.strip.types
+        found = np.full((len(types), len(types), len(wavelengths), len(angles)), np.nan)
+        for incoming, (i, wavelength), (j, angle) in itertools.product(range(len(types)), enumerate(wavelengths), enumerate(angles)):
             try:
-                return abs(self.strip.reflection(wavelength, angle))
+                back = self.strip.reflections(wavelength, angle, incoming=types[incoming])
             except InputError:
-                return np.nan
-
-        return np.array([[one(w, a) for a in angles] for w in self.wavelengths])
+                continue
+            for name, amplitude in back.items():
+                found[incoming, types.index(name), i, j] = abs(amplitude)
+        return found.reshape(-1, *found.shape[2:])
 
 
 def shown(boundary: Any) -> str:
@@ -106,7 +119,7 @@ class Report:
         if budget is None:
             budget = min(BUDGET, max(_LEAST, report.numbers.get("seconds", BUDGET)))
         report._certify(sim, budget)
-        if sim.model.order == 2 and waves is not None and sim.stencil.components == 1:
+        if sim.model.order == 2 and waves is not None:
             wavelengths = tuple(dict.fromkeys((waves.longest, waves.typical, waves.shortest)))
             report.reflections = [Reflections(names, wavelengths, strip) for names, strip in _sides(sim)]
         if any(isinstance(b, Fixed) for b in sim.sides.values()) and sim.engine.layers:
@@ -194,13 +207,14 @@ class Report:
 
     def as_json(self) -> dict[str, Any]:
         """Facts, numbers, warnings, notes, the certificate and the reflections as plain data."""
-        rows = []
-        for found in self.reflections:
-            for wavelength, amplitudes in zip(found.wavelengths, found.amplitudes(found.angles), strict=True):
-                rows += [
-                    {"sides": found.sides, "wavelength": wavelength, "angle": angle, "amplitude": float(value) if np.isfinite(value) else None}
-                    for angle, value in zip(found.angles, amplitudes, strict=True)
-                ]
+        rows = [
+            {"sides": found.sides, **({"incoming": pair[0], "sent": pair[1]} if pair[0] else {}), "wavelength": wavelength, "angle": angle,
+             "amplitude": float(value) if np.isfinite(value) else None}
+            for found in self.reflections
+            for pair, table in zip(found.pairs, found.amplitudes(found.wavelengths, found.angles), strict=True)
+            for wavelength, amplitudes in zip(found.wavelengths, table, strict=True)
+            for angle, value in zip(found.angles, amplitudes, strict=True)
+        ]  # fmt: skip
         certificate = {} if self.certificate is None else self.certificate.as_json()
         return {"facts": dict(self.rows), "numbers": self.numbers, "warnings": self.warnings, "notes": self.notes, "certificate": certificate,
                 "reflection": rows}  # fmt: skip
@@ -215,10 +229,12 @@ class Report:
             made.append(folder / f"{name}-growing-mode.png")
             mode_picture(worst.field, spacing, f"grows by {worst.growth.rate:.2g} per unit time", made[-1])
         curves = [
-            (f"wavelength {wavelength:.3g}" + f", {found.sides}" * (len(self.reflections) > 1), amplitudes)
+            (", ".join([*_named_pair(pair), f"wavelength {wavelength:.3g}"]) + f", {found.sides}" * (len(self.reflections) > 1), amplitudes)
             for found in self.reflections
             if len(found.angles) > 1
-            for wavelength, amplitudes in zip(found.wavelengths, found.amplitudes(_FINE), strict=True)
+            for pair, table in zip(found.pairs, found.amplitudes(found.drawn, _FINE), strict=True)
+            for wavelength, amplitudes in zip(found.drawn, table, strict=True)
+            if np.nanmax(np.append(amplitudes, 0.0)) > _EXACT
         ]
         if curves:
             made.append(folder / f"{name}-reflection.png")
@@ -232,9 +248,13 @@ class Report:
         lines = []
         for found in self.reflections:
             lines.append(f"predicted reflection by {found.sides} in dB, of plane waves by their angle to the normal")
-            lines.append(f"{'wavelength':>12}" + "".join(f"{f'{a:g} deg':>9}" for a in found.angles))
-            for wavelength, amplitudes in zip(found.wavelengths, found.amplitudes(found.angles), strict=True):
-                lines.append(f"{wavelength:>12.3g}" + "".join(f"{_decibels(v):>9}" for v in amplitudes))
+            lines.append(f"{'wavelength':>18}" + "".join(f"{f'{a:g} deg':>9}" for a in found.angles))
+            for pair, table in zip(found.pairs, found.amplitudes(found.wavelengths, found.angles), strict=True):
+                if not pair[0] or np.nanmax(np.append(table, 0.0)) > _EXACT:  # SH waves are never converted where the side's plane is symmetric
+                    lines += [
+                        f"{'  '.join([*_named_pair(pair), f'{wavelength:.3g}']):>18}" + "".join(f"{_decibels(v):>9}" for v in amplitudes)
+                        for wavelength, amplitudes in zip(found.wavelengths, table, strict=True)
+                    ]
         return lines
 
     def __str__(self) -> str:
@@ -308,6 +328,11 @@ def _remedy(sim: Simulation, backward: BackwardWaves) -> str:
     kernel = "exponent 2 with a reach of at most 3 nodes" if sim.lattice.dim < 3 else "exponent 2 with the linear influence function"
     return (f"The stencil has backward waves, which grow in the layer, by up to {backward.growth:.2g} sigma per unit time, from rounding or noise. "
             f"Use {other}{kernel}; or keep the data smooth and the run short.")  # fmt: skip
+
+
+def _named_pair(pair: tuple[str, str]) -> list[str]:
+    """What comes and what leaves; nothing for scalar fields."""
+    return [f"{pair[0]} to {pair[1]}"] if pair[0] else []
 
 
 def _decibels(amplitude: float) -> str:
