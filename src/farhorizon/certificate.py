@@ -364,9 +364,12 @@ def _side_part(sim: Simulation, axis: int, budget: float) -> tuple[Part, list[st
         return _krylov_part(name, strip.sim, budget), []
     found: dict[tuple[float, ...], Growth] = {}
     sample = list(strip.sample())
+    longest = 0.0
     for angles in sample:
+        begin = time.monotonic()
         found[angles] = strip.growth(*angles)
-        if time.monotonic() > end:
+        longest = max(longest, time.monotonic() - begin)
+        if time.monotonic() + longest > end:  # the next one would not be done in time
             break
     missed = [f"sides {AXES[axis]} at {len(sample) - len(found)} of {len(sample)} tangential wavenumbers"] if len(found) < len(sample) else []
     for angles in sorted(found, key=lambda a: -found[a].rate)[:2]:
