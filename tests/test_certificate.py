@@ -223,3 +223,19 @@ def test_proofs_of_conditions_along_an_outline():
     for sim, why in ((crosses, "maximum cannot grow"), (sides, "add damping")):
         found = sim.certificate()
         assert found.verdict == "certified" and why in found.reason
+
+
+def test_check_predicts_reflection_of_vectors_by_type():
+    """A row for each pair of types; what does not travel is none, in JSON null."""
+    lattice = fh.Lattice(1.0, (-6.0, -6.0), (6.0, 6.0))
+    model = fh.Elastic(None, 1.0, 0.25, material="finite-element")
+    x, y = lattice.coordinates()
+    pulse = np.exp(-(x**2 + y**2) / 2)
+    sim = fh.Simulation(lattice, model, boundary=fh.LatticePML(nodes=6), initial={"u": np.stack([pulse, np.zeros_like(pulse)])})
+    report = sim.check()
+    page, rows = str(report), report.as_json()["reflection"]
+    assert all(f"{a} to {b}" in page for a in "PS" for b in "PS")
+    longest = max(r["wavelength"] for r in rows)  # short P waves are faster than any S wave of the lattice
+    found = {(r["incoming"], r["sent"], r["angle"]): r["amplitude"] for r in rows if r["wavelength"] == longest}
+    assert found["P", "P", 0.0] > 0 and found["P", "S", 0.0] < 1e-12
+    assert found["S", "P", 75.0] is None  # beyond the critical angle, 35 degrees at Poisson's ratio 1/4

@@ -2,7 +2,46 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+_SET = ("openblas_set_num_threads", "openblas_set_num_threads64_", "scipy_openblas_set_num_threads", "scipy_openblas_set_num_threads64_")
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Small dense algebra on one thread: matrices of a few hundred rows gain nothing from more, and lose a hundredfold where cores are busy.
+
+    Holds for every OpenBLAS that the process has loaded, where the operating system tells which these are (Linux); elsewhere it does nothing.
+    """
+    libraries = [(set_threads, count()) for set_threads, count in _openblas()]
+    for set_threads, _ in libraries:
+        set_threads(1)
+    try:
+        yield
+    finally:
+        for set_threads, before in libraries:
+            set_threads(before)
+
+
+def _openblas() -> list[tuple[Callable[[int], object], Callable[[], int]]]:
+    """Functions that set and tell the number of threads of each OpenBLAS in the process."""
+    try:
+        maps = Path("/proc/self/maps").read_text()
+    except OSError:
+        return []
+    found = []
+    for path in sorted(set(re.findall(r"(/\S*openblas\S*\.so\S*)", maps))):
+        library = ctypes.CDLL(path)
+        for name in _SET:
+            if hasattr(library, name):
+                found.append((getattr(library, name), getattr(library, name.replace("_set_", "_get_"))))
+                break
+    return found
 
 
 def available_memory() -> int:

@@ -572,7 +572,7 @@ def reflection_picture(angles: np.ndarray, curves: Sequence[tuple[str, np.ndarra
     """
     if not curves:
         raise InputError("a picture of reflection needs one curve or more")
-    levels = [(name, angles, 20 * np.log10(np.maximum(values, 1e-16))) for name, values in curves]
+    levels = [(name, angles, 20 * np.log10(np.maximum(values, 1e-14))) for name, values in curves]
     _lines(levels, path, xlabel="angle of incidence (degrees)", ylabel="reflection (dB)", title=title)
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,7 +26,8 @@ if TYPE_CHECKING:
 
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)
 _FINE = tuple(np.linspace(0, 85, 35).tolist())  # angles of the picture
-_LEAST = 2.0  # seconds that a certificate may take whatever the run takes
+_LEAST = 1.6  # seconds that it all may take whatever the run takes; with the making of the set-up 2
+_SHARE = 0.4  # of the time: until when wavelengths are predicted, and what the certificate has at least
 _EXACT = 1e-14  # less than this comes back: rounding
 _PROBED = 400_000  # nodes of a plain run that is timed, at most
 
@@ -37,30 +40,50 @@ class Reflections:
     ----------
     sides : str
         Names of the sides that are alike.
-    wavelengths : tuple of float
     strip : Strip
         What computes it.
+    tables : dict of float to ndarray, shape (pairs, angles)
+        Amplitudes for each wavelength, the typical one first.
     """
 
     sides: str
-    wavelengths: tuple[float, ...]
     strip: Strip
+    tables: dict[float, np.ndarray] = field(default_factory=dict)
 
     @property
     def angles(self) -> tuple[float, ...]:
         """Angles of the table; on a line there is one."""
         return ANGLES if self.strip.sim.lattice.dim > 1 else ANGLES[:1]
 
-    def amplitudes(self, angles: tuple[float, ...]) -> np.ndarray:
-        """Amplitude of the reflected wave, shape (wavelengths, angles); nan where there is no such wave."""
+    @property
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """Types of the wave that comes and of one that leaves; of a scalar field one pair without names."""
+        return tuple((one, other) for one in self.strip.types for other in self.strip.types)
 
-        def one(wavelength: float, angle: float) -> float:
+    @property
+    def drawn(self) -> tuple[float, ...]:
+        """Wavelengths of the picture: of vectors, which have a curve for each pair, the typical one alone."""
+        return tuple(self.tables) if len(self.pairs) == 1 else tuple(self.tables)[:1]
+
+    def amplitudes(self, wavelength: float, angles: tuple[float, ...]) -> np.ndarray:
+        """Amplitude of the reflected wave, shape (pairs, angles); nan where there is no such wave."""
+        types = self.strip.types
+        found = np.full((len(types), len(types), len(angles)), np.nan)
+        for incoming, (i, angle) in itertools.product(range(len(types)), enumerate(angles)):
             try:
-                return abs(self.strip.reflection(wavelength, angle))
+                back = self.strip.reflections(wavelength, angle, incoming=types[incoming])
             except InputError:
-                return np.nan
+                continue
+            for name, amplitude in back.items():
+                found[incoming, types.index(name), i] = abs(amplitude)
+        return found.reshape(-1, len(angles))
 
-        return np.array([[one(w, a) for a in angles] for w in self.wavelengths])
+    def rows(self) -> Iterator[tuple[tuple[str, str], float, np.ndarray]]:
+        """Pair, wavelength and amplitudes over the angles; without pairs that never occur, such as SH to P in a plane of symmetry."""
+        for number, pair in enumerate(self.pairs):
+            if len(self.pairs) == 1 or any(np.nanmax(np.append(table[number], 0.0)) > _EXACT for table in self.tables.values()):
+                for wavelength in sorted(self.tables, reverse=True):
+                    yield pair, wavelength, self.tables[wavelength][number]
 
 
 def shown(boundary: Any) -> str:
@@ -98,21 +121,33 @@ class Report:
     @classmethod
     def of(cls, sim: Simulation, until: float | None = None, budget: float | None = None) -> Report:
         """Examine a simulation; see `Simulation.check`."""
+        begin = time.monotonic()
         report = cls()
         waves = content(sim, until)
         report._describe(sim, waves)
         if until is not None:
             report._estimate(sim, until)
-        if budget is None:
-            budget = min(BUDGET, max(_LEAST, report.numbers.get("seconds", BUDGET)))
-        report._certify(sim, budget)
-        if sim.model.order == 2 and waves is not None and sim.stencil.components == 1:
-            wavelengths = tuple(dict.fromkeys((waves.longest, waves.typical, waves.shortest)))
-            report.reflections = [Reflections(names, wavelengths, strip) for names, strip in _sides(sim)]
+        whole = min(BUDGET, max(_LEAST, report.numbers.get("seconds", BUDGET)))
+        if sim.model.order == 2 and waves is not None:
+            wavelengths = tuple(dict.fromkeys((waves.typical, waves.shortest, waves.longest)))
+            report._predict(sim, wavelengths, begin + _SHARE * whole if budget is None else np.inf)
+        left = max(whole - (time.monotonic() - begin), _SHARE * whole)
+        report._certify(sim, left if budget is None else budget)
         if any(isinstance(b, Fixed) for b in sim.sides.values()) and sim.engine.layers:
             report.warnings.append("a Fixed side reflects")
-        report.notes = sim.notes
+        report.notes = [*report.notes, *sim.notes]
         return report
+
+    def _predict(self, sim: Simulation, wavelengths: tuple[float, ...], end: float) -> None:
+        """Reflection by each kind of absorbing side, the typical wave first; what there is no time for is noted."""
+        for names, strip in _sides(sim):
+            found = Reflections(names, strip)
+            for wavelength in wavelengths:
+                if found.tables and time.monotonic() > end:
+                    self.notes.append(f"no time to predict the reflection of waves of length {wavelength:.3g} by {names}")
+                else:
+                    found.tables[wavelength] = found.amplitudes(wavelength, found.angles)
+            self.reflections.append(found)
 
     def _say(self, name: str, value: str) -> None:
         self.rows.append((name, value))
@@ -194,13 +229,13 @@ class Report:
 
     def as_json(self) -> dict[str, Any]:
         """Facts, numbers, warnings, notes, the certificate and the reflections as plain data."""
-        rows = []
-        for found in self.reflections:
-            for wavelength, amplitudes in zip(found.wavelengths, found.amplitudes(found.angles), strict=True):
-                rows += [
-                    {"sides": found.sides, "wavelength": wavelength, "angle": angle, "amplitude": float(value) if np.isfinite(value) else None}
-                    for angle, value in zip(found.angles, amplitudes, strict=True)
-                ]
+        rows = [
+            {"sides": found.sides, **({"incoming": pair[0], "sent": pair[1]} if pair[0] else {}), "wavelength": wavelength, "angle": angle,
+             "amplitude": float(value) if np.isfinite(value) else None}
+            for found in self.reflections
+            for pair, wavelength, amplitudes in found.rows()
+            for angle, value in zip(found.angles, amplitudes, strict=True)
+        ]  # fmt: skip
         certificate = {} if self.certificate is None else self.certificate.as_json()
         return {"facts": dict(self.rows), "numbers": self.numbers, "warnings": self.warnings, "notes": self.notes, "certificate": certificate,
                 "reflection": rows}  # fmt: skip
@@ -215,10 +250,12 @@ class Report:
             made.append(folder / f"{name}-growing-mode.png")
             mode_picture(worst.field, spacing, f"grows by {worst.growth.rate:.2g} per unit time", made[-1])
         curves = [
-            (f"wavelength {wavelength:.3g}" + f", {found.sides}" * (len(self.reflections) > 1), amplitudes)
+            (", ".join([*_named_pair(pair), f"wavelength {wavelength:.3g}"]) + f", {found.sides}" * (len(self.reflections) > 1), amplitudes)
             for found in self.reflections
             if len(found.angles) > 1
-            for wavelength, amplitudes in zip(found.wavelengths, found.amplitudes(_FINE), strict=True)
+            for wavelength in found.drawn
+            for pair, amplitudes in zip(found.pairs, found.amplitudes(wavelength, _FINE), strict=True)
+            if np.nanmax(np.append(amplitudes, 0.0)) > _EXACT
         ]
         if curves:
             made.append(folder / f"{name}-reflection.png")
@@ -232,9 +269,10 @@ class Report:
         lines = []
         for found in self.reflections:
             lines.append(f"predicted reflection by {found.sides} in dB, of plane waves by their angle to the normal")
-            lines.append(f"{'wavelength':>12}" + "".join(f"{f'{a:g} deg':>9}" for a in found.angles))
-            for wavelength, amplitudes in zip(found.wavelengths, found.amplitudes(found.angles), strict=True):
-                lines.append(f"{wavelength:>12.3g}" + "".join(f"{_decibels(v):>9}" for v in amplitudes))
+            lines.append(f"{'wavelength':>18}" + "".join(f"{f'{a:g} deg':>9}" for a in found.angles))
+            for pair, wavelength, amplitudes in found.rows():
+                label = "  ".join([*_named_pair(pair), f"{wavelength:.3g}"])
+                lines.append(f"{label:>18}" + "".join(f"{_decibels(v):>9}" for v in amplitudes))
         return lines
 
     def __str__(self) -> str:
@@ -254,9 +292,9 @@ def content(sim: Simulation, until: float | None = None) -> Band | None:
         (sim.start_u, sim.model.order - 1, None),
         (sim.start_v, 0, None),
     ]
-    for space, time in sim.sources:
+    for space, factor in sim.sources:
         if space is not None:
-            found.append((space, 0, gain_of_time(time, until, rate) if waves and until is not None else None))
+            found.append((space, 0, gain_of_time(factor, until, rate) if waves and until is not None else None))
     scalars = [(part, order, gain) for field, order, gain in found for part in field.reshape(-1, *sim.lattice.shape)]
     fields, orders, gains = zip(*scalars, strict=True)
     return band(fields, sim.lattice.spacing, orders, gains)
@@ -308,6 +346,11 @@ def _remedy(sim: Simulation, backward: BackwardWaves) -> str:
     kernel = "exponent 2 with a reach of at most 3 nodes" if sim.lattice.dim < 3 else "exponent 2 with the linear influence function"
     return (f"The stencil has backward waves, which grow in the layer, by up to {backward.growth:.2g} sigma per unit time, from rounding or noise. "
             f"Use {other}{kernel}; or keep the data smooth and the run short.")  # fmt: skip
+
+
+def _named_pair(pair: tuple[str, str]) -> list[str]:
+    """What comes and what leaves; nothing for scalar fields."""
+    return [f"{pair[0]} to {pair[1]}"] if pair[0] else []
 
 
 def _decibels(amplitude: float) -> str:

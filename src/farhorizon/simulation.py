@@ -676,7 +676,7 @@ class Simulation(Assembly):
         until : float, optional
             End of the run, for its estimated time.
         budget : float, optional
-            Seconds for the certificate; unless given as many as the run to `until`, from 2 to 30; 30 without `until`.
+            Seconds for the certificate. Unless given all of it takes about as long as the run to `until`, from 2 to 30; 30 without `until`.
         """
         return Report.of(self, until, budget)
 

@@ -10,13 +10,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from farhorizon.analysis.chain import Recursion
-from farhorizon.analysis.reflection import chain_modes, chain_weights, factor_of_wave, reflection
+from farhorizon.analysis.reflection import (
+    TYPES,
+    by_type,
+    chain_modes,
+    chain_weights,
+    eigenvalue_of_type,
+    factor_of_wave,
+    polarisations,
+    reflection,
+)
 from farhorizon.analysis.stability import Growth, dense_growth, fastest
 from farhorizon.boundaries import Boundary, Fixed, Free, LatticePML, Periodic
 from farhorizon.engine import Layer
 from farhorizon.engine.filter import line_damping
 from farhorizon.engine.state import State
 from farhorizon.lattice import AXES, Lattice
+from farhorizon.machine import one_blas_thread
 from farhorizon.shapes import Ball, Disc
 
 if TYPE_CHECKING:
@@ -197,8 +207,18 @@ class Strip:
             if not even:
                 yield a, -b
 
+    @property
+    def types(self) -> tuple[str, ...]:
+        """Types of waves: one without a name of a scalar field, P and S, in 3D SV and SH, of vectors."""
+        return TYPES[self.sim.stencil.components]
+
     def reflection(self, wavelength: float, angle: float, azimuth: float = 0.0) -> complex:
-        """Amplitude of the wave that the high side sends back for a plane wave of amplitude 1; second order in time.
+        """Amplitude of the wave that the high side sends back for a plane wave of amplitude 1, of a scalar field; see `reflections`."""
+        return self.reflections(wavelength, angle, azimuth)[""]
+
+    @one_blas_thread()
+    def reflections(self, wavelength: float, angle: float, azimuth: float = 0.0, incoming: str | None = None) -> dict[str, complex]:
+        """Amplitudes by type of the waves that the high side sends back for a plane wave of amplitude 1; second order in time.
 
         Parameters
         ----------
@@ -208,22 +228,33 @@ class Strip:
             Of its wave vector against the normal, in degrees.
         azimuth : float
             In 3D, of its tangential part against the first axis along the side, in degrees.
+        incoming : str, optional
+            Its type, one of `types`; the first of them unless given.
+
+        Returns
+        -------
+        dict of str to complex
+            Of displacements; without the types that do not travel under this angle.
 
         Raises
         ------
         InputError
-            No such wave comes to the side: it is shorter than the lattice carries, or an integrator with several stages.
+            No such wave comes to the side: it is shorter than the lattice carries; or an integrator with several stages.
         """
         sim, spacing = self.sim, self.sim.lattice.spacing
         recursion = Recursion.of(sim.model.integrator, self.dt, sim.model.damping)
-        number = 2 * np.pi * spacing / wavelength
-        along = number * np.sin(np.radians(angle)) * np.array([np.cos(np.radians(azimuth)), np.sin(np.radians(azimuth))])[: sim.lattice.dim - 1]
-        normal = number * np.cos(np.radians(angle))
+        number, tilt, turn = 2 * np.pi * spacing / wavelength, np.radians(angle), np.radians(azimuth)
+        along = number * np.sin(tilt) * np.array([np.cos(turn), np.sin(turn)])[: sim.lattice.dim - 1]
+        normal = number * np.cos(tilt)
         rate = sim.model.coefficient / spacing**2
-        factor = factor_of_wave(-rate * float(sim.stencil.symbol(normal, *along)), recursion)
-        modes = chain_modes(rate * chain_weights(sim.stencil, along), factor, recursion, np.exp(1j * normal))
-        levels = (1.0, 1 - 1 / factor if sim.engine.stages.increments else 1 / factor)[: len(self._near)]
-        return reflection(self.matrix(*along), self._near, levels, factor, modes)
+        chosen = self.types.index(incoming or self.types[0])
+        polarisation = polarisations(len(self.types), tilt, turn)
+        factor = factor_of_wave(-rate * eigenvalue_of_type(sim.stencil.symbol(normal, *along), polarisation, chosen), recursion)
+        modes = chain_modes(rate * chain_weights(sim.stencil, along), factor, recursion, np.exp(1j * normal), polarisation[chosen])
+        near = self._near.reshape(-1, len(self.types), self._near.shape[-1])
+        levels = (1.0, 1 - 1 / factor if sim.engine.stages.increments else 1 / factor)[: len(near)]
+        amplitudes = reflection(self.matrix(*along), near, levels, factor, modes, sim.stencil.reach[0])
+        return by_type(modes, amplitudes, along, turn)
 
     def profile(self, mode: np.ndarray) -> np.ndarray:
         """A mode on the nodes along the normal, of vectors the component that is largest."""

@@ -126,3 +126,15 @@ def test_profile_reads_as_it_is():
     assert str(Profile(1.5, 1.0, 1, 0.5)) == "sigma linear to 1.5 2c/spacing, alpha rising by 0.5"
     assert str(Profile(1.5, 4.0, 2)) == "sigma square to 1.5 2c/spacing, kappa to 4"
     assert sigma[-1] == pytest.approx(1.5 * 2 * 2.0 / 0.5 * (3.5 / 4) ** 2) and kappa[0] == pytest.approx(1 + 3 * 0.5 / 4) and (alpha > 0).all()
+
+
+def test_a_chosen_layer_damps_the_short_waves_that_would_grow():
+    """Reach 4 has weak backward waves: the exact reflection with their damping still meets the target. Strong ones are refused."""
+    lattice = fh.Lattice(1.0, (-12.0, -12.0), (12.0, 12.0))
+    boundary = fh.LatticePML(target=1e-6, angle=70.0, wavelengths=(8.0, 40.0))
+    sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(4.0)), boundary=boundary)
+    assert all(layer.damping.max() > 0 for layer in sim.engine.layers.values())
+    side = Strip(sim, 0, 10, (fh.Fixed(), pinned(sim)[0, 1]))
+    assert max(abs(side.reflection(wavelength, angle)) for wavelength in (8.0, 17.0, 40.0) for angle in (0.0, 35.0, 70.0)) <= 1e-6
+    with pytest.raises(fh.InputError, match="backward waves"):
+        fh.Simulation(lattice, fh.Wave(fh.Kernel(3.0, 0)), boundary=boundary)

@@ -107,14 +107,18 @@ class LatticePML:
         Raises
         ------
         InputError
-            No layer meets the target.
+            No layer meets the target; or the stencil's backward waves need a damping that the choice does not foresee.
         """
         assert self.angle is not None
+        damped = high_pass(stencil)
+        if not _weak(damped):
+            raise InputError("layers that must damp backward waves are not chosen by angle", value=self.angle, key="boundary.angle",
+                             remedy="leave angle out: the rule for the target knows the damping, and check predicts what comes back")  # fmt: skip
         shortest, longest = self.wavelengths or waves
         band = max(shortest / spacing, 2.0), max(longest / spacing, 2.0)
         speed = float(np.sqrt(coefficient))
         choice = choose(stencil, coefficient / spacing**2, recursion, dt, self.wanted(2), band, self.angle, speed, spacing)
-        return Layer(*choice.profile.edges(choice.nodes, speed, spacing)), choice
+        return _wave_layer(choice.profile, choice.nodes, speed, spacing, damped), choice
 
     def wanted(self, order: int) -> float:
         """The target, or the default of the equation's order in time."""
