@@ -20,7 +20,7 @@ from farhorizon.analysis.infinite import InfiniteLattice
 from farhorizon.analysis.short_waves import high_pass
 from farhorizon.strip import Strip
 
-ALONG = [0.005, 0.02, 0.1, 0.3, 0.6, 1.0, 1.4, 1.8, 2.4, np.pi]  # tangential wavenumbers times spacing
+ALONG = [0.005, 0.02, 0.1, 0.3, 0.6, 1.0, 1.4, 1.8, 2.0, 2.4, np.pi]  # tangential wavenumbers times spacing
 CROSSINGS = 4
 
 

@@ -36,8 +36,8 @@ def test_rate_stops_every_backward_wave(dim, reach, exponent):
     value = stencil.symbol(*grid)
     gamma = np.max([-np.sin(a) * stencil.symbol_gradient(i, *grid) / (2 * value) for i, a in enumerate(grid)], axis=0)
     damped = found.strength * sum(found.passed(a) for a in grid)
-    assert gamma.max() > 0 and (damped >= 2 * gamma * (1 - 1e-2)).all()  # 1 %: between the points of the grid it was chosen on
-    assert found.strength <= 1
+    assert gamma.max() > 0 and (damped >= 2 * gamma).all()
+    assert found.strength <= 1.25  # at most sigma, and a margin of a quarter
 
 
 def test_stencils_without_backward_waves_are_left_alone():

@@ -24,6 +24,7 @@ from farhorizon.stencil import Stencil
 _TAPS = 17  # neighbours that a filter reads to either side along an axis, at least
 _TAPS_PER_REACH = 6  # and per node of the stencil's reach: wide stencils have longer backward waves, which take sharper filters
 _RESOLVED = 0.6  # share of the first backward wavenumber up to which waves are to pass unharmed
+_MARGIN = 1.25  # on the rate: between the wavenumbers that are looked at more may be needed
 _MOST = 1.0  # largest damping rate over sigma that is wanted: more of it reflects more, and where it is far more than needed it drives slow modes
 
 
@@ -86,4 +87,4 @@ def _high_pass(offsets: bytes, weights: bytes, shape: tuple[int, ...]) -> HighPa
         rate = float((2 * worst[backward] / np.maximum(passed, 1e-300)).max())
         found.append((max(rate, _MOST), rate * float(filtered.passed(min(_RESOLVED * first, 1.0))), rise, rate))
     _, _, rise, rate = min(found)
-    return HighPass(rise, count + 1 - rise, rate)
+    return HighPass(rise, count + 1 - rise, _MARGIN * rate)

@@ -25,7 +25,7 @@ from farhorizon.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.stencil import Stencil
 
-_WEAK = 0.05  # damping rate over sigma up to which the damping is too weak to be felt on the ramps of stencils without backward waves
+_WEAK = 0.06  # damping rate over sigma up to which the damping is too weak to be felt on the ramps of stencils without backward waves
 _SOFT, _MORE = 4, 12  # power of the ramp of such a damping beside a steeper sigma, and how much more of it that takes near the entrance
 DEFAULT_TARGET = {1: 1e-5, 2: 1e-8}  # diffusion: of the current maximum; waves: of the initial maximum
 
