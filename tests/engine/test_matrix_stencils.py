@@ -169,7 +169,7 @@ SETUPS = {
 }
 
 
-@pytest.mark.parametrize("name", SETUPS)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow) if name == "space" else name for name in SETUPS])
 def test_a_state_has_all_that_a_run_needs(name):
     """A run set to a state read before goes on bit by bit as it did; every number of the state is some node's or some memory's."""
     lattice, boundary = SETUPS[name]
