@@ -34,6 +34,7 @@ from farhorizon.cracks import Crack, as_crack, cut_bonds
 from farhorizon.engine import NEVER, Engine, Layer, available_threads
 from farhorizon.engine.layout import Block
 from farhorizon.errors import InputError
+from farhorizon.incidence import Incidence, IncidentWave, check_scatterers
 from farhorizon.integrators import Euler, Verlet
 from farhorizon.kernel import Kernel
 from farhorizon.lattice import AXES, Lattice
@@ -43,6 +44,8 @@ from farhorizon.shapes import Cut, Shape
 from farhorizon.sources import by_component, checked, field, magnitude, parts, split
 from farhorizon.specimens import Specimen, place
 from farhorizon.stencil import Stencil
+
+_SAID = 1e-9  # part of an incident wave's signal that a note is worth
 
 
 class Assembly:
@@ -60,6 +63,7 @@ class Assembly:
     sources : list
         (space, time) of each source, of a vector field of each of its components, as `farhorizon.sources.split` gives them.
     conditions : Conditions
+    incident : list of Incidence
     """
 
     def __init__(
@@ -114,7 +118,9 @@ class Assembly:
         self.step_limit = model.integrator.step_limit(self.rate_limit)
         self.dt = self._choose_step(dt)
         self.choices: dict[str, Choice] = {}
+        waves = [s.resolved(lattice, self.stencil.reach) for s in sources if isinstance(s, IncidentWave)]
         self._choose_layers(initial, sources, dtype)
+        sources = [s for s in sources if not isinstance(s, IncidentWave)]
         self._beyond = Beyond(lattice, self.sides, model.order, self._depth(), self._near_field)
         u = self._initial("u", initial)
         v = self._initial("v", initial) if "v" in initial and model.order == 2 else np.broadcast_to(0.0, self.field_shape)
@@ -142,6 +148,8 @@ class Assembly:
         self._cut(self._cracks)
         self._hold_and_damp()
         self._ends = self._make_ends(factor)
+        self.incident = [self._incidence(wave, factor, cuts) for wave in waves]
+        self._drives += [(None, lambda t, one=one: one.source(t) / model.source_factor) for one in self.incident]
 
     def _check_model(self, cracks: Sequence[Any], coefficient: Any, specimens: Sequence[Specimen]) -> None:
         """Sides, bonds and phases that the model does not have."""
@@ -232,6 +240,32 @@ class Assembly:
             raise InputError("a condition along the outline reads metal, or nodes where the material varies, the body ends or a constraint holds",
                              key="boundary", limit=f"uniform within {closure.fringe.depth:g} of the outline",
                              remedy="enlarge the near field, or use a LatticePML")  # fmt: skip
+
+    def _incidence(self, wave: IncidentWave, factor: np.ndarray | None, cuts: Sequence[Cut]) -> Incidence:
+        """What joins the total field inside a box to the scattered one outside it."""
+        lattice, model = self.lattice, self.model
+        if not isinstance(model.integrator, Verlet) or model.damping:
+            raise InputError("an incident wave travels through an undamped medium of second order", value=type(model).__name__, key="incident",
+                             limit="Wave or Elastic with damping = 0", remedy="a source, or initial data")  # fmt: skip
+        walls = [AXES[axis] + "-+"[side > 0] for (axis, side), b in self.sides.items() if not isinstance(b, Absorbing)]
+        if walls:
+            self._beyond.notes.append(f"only what is scattered meets {', '.join(walls)}: an incident wave knows the open medium alone")
+        material = np.ones(lattice.shape) if factor is None else factor.copy()
+        if lattice.body is not None and lattice.mask is not None:
+            material[~lattice.mask] = np.nan
+        check_scatterers(wave, lattice, self.stencil.reach, cuts, material)
+
+        def operator(values: np.ndarray) -> np.ndarray:
+            level = np.zeros_like(self.engine.current)
+            near = self.engine.core.view(level)[self._near]
+            near[...] = values.reshape(near.shape)
+            return self.engine.core.view(self.engine.apply_core(level))[self._near].reshape(values.shape)
+
+        found = Incidence(wave, lattice, self.stencil, model.coefficient * float(material.flat[0]), self.dt, operator)
+        if found.pulse.lost > _SAID:
+            self._beyond.notes.append(f"a part of {found.pulse.lost:.1g} of an incident wave's signal is shorter than the lattice carries: "
+                                      "so much leaks from its box")  # fmt: skip
+        return found
 
     def _check_size(self) -> None:
         for axis, (n, m) in enumerate(zip(self.lattice.shape, self.stencil.reach, strict=True)):
@@ -433,7 +467,7 @@ class Assembly:
         for number, name in enumerate(("u", "v")):
             fields[number] = field(initial.get(name, 0.0), self.lattice, 1, f"initial.{name}")
         fields[0] = fields[0] - (self.background if "u" in initial else 0.0)
-        found = [split(s, self.lattice)[0] for s in sources]
+        found = [None if isinstance(s, IncidentWave) else split(s, self.lattice)[0] for s in sources]
         spaces = [f for f in found if f is not None]
         waves = band([*fields, *spaces], self.lattice.spacing, [1, 0] + [0] * len(spaces)) if len(spaces) == len(found) else None
         if waves is None:

@@ -276,6 +276,16 @@ class SourcePart(_Part):
     value: Value
 
 
+class IncidentPart(_Part):
+    """A plane wave that comes from far away."""
+
+    direction: list[Number]
+    signal: str
+    duration: Number
+    polarisation: Literal["P", "S"] | list[Number] = "P"
+    within: BoxPart | None = None
+
+
 class PrescribedPart(_Part):
     """Nodes that follow a value for a while."""
 
@@ -310,6 +320,7 @@ class CasePart(_Part):
     specimen: list[SpecimenPart] = []
     crack: list[CrackPart] = []
     source: list[SourcePart] = []
+    incident: list[IncidentPart] = []
     constraint: list[Annotated[ConstraintPart | PrescribedPart, Field(discriminator="type")]] = []
     coefficient: str | Number | None = None
     rule: str = "both"
@@ -465,13 +476,21 @@ class Case:
         return {
             "lattice": self.lattice, "model": self.model, "boundary": boundary or fh.LatticePML(),
             "initial": {k: self._expression(v, f"initial.{k}") for k, v in parts.initial.items()},
-            "sources": [self._expression(s.value, "source.value") for s in parts.source],
+            "sources": [self._expression(s.value, "source.value") for s in parts.source] + [self._incident(w) for w in parts.incident],
             "specimens": [fh.Specimen(s.region.build(f"specimen[{i}].region"), s.concentration) for i, s in enumerate(parts.specimen)],
             "cracks": [self._crack(c) for c in parts.crack],
             "constraints": [self._constraint(c, f"constraint[{i}]") for i, c in enumerate(parts.constraint)],
             "coefficient": coefficient, "rule": parts.rule, "rim": parts.rim, "background": parts.background,
             "balance": parts.output.balance, "dt": parts.run.dt, "dtype": parts.run.dtype, "threads": parts.run.threads,
         }  # fmt: skip
+
+    def _incident(self, part: IncidentPart) -> fh.IncidentWave:
+        try:
+            signal = fh.Expression(part.signal, 0)
+        except InputError as error:
+            raise InputError(f"incident.signal: {error}; value: {part.signal!r}") from None
+        within = None if part.within is None else fh.Box(part.within.lower, part.within.upper)
+        return fh.IncidentWave(part.direction, signal, part.duration, part.polarisation, within)
 
     def _prescribed(self, part: PrescribedPart, key: str) -> fh.Prescribed:
         if (part.points is None) == (part.region is None):
@@ -548,7 +567,7 @@ _PARTS: dict[str, type[_Part]] = {
     "corrosion": CorrosionPart, "elastic": ElasticPart, "specimen": SpecimenPart,
     "kernel": KernelPart, "lattice-pml": LatticePMLPart, "exact": ExactPart, "fixed": FixedPart, "free": FreePart, "periodic": PeriodicPart,
     "sponge": SpongePart, "plane-wave": PlaneWavePart, "higdon": HigdonPart, "first-order": FirstOrderPart,
-    "crack": CrackPart, "source": SourcePart, "constraint": ConstraintPart,
+    "crack": CrackPart, "source": SourcePart, "incident": IncidentPart, "constraint": ConstraintPart,
     "temperature": ConstraintPart, "flux": ConstraintPart, "insulated": ConstraintPart, "convection": ConstraintPart, "prescribed": PrescribedPart,
     "run": RunPart, "output": OutputPart,
 }  # fmt: skip

@@ -15,6 +15,7 @@ from farhorizon.analysis import InfiniteLattice, undisturbed
 from farhorizon.boundaries import Absorbing, Exact, FirstOrder, Fixed, Free, Higdon, LatticePML, PlaneWave, Sponge
 from farhorizon.cracks import as_cut
 from farhorizon.errors import InputError
+from farhorizon.incidence import IncidentWave
 from farhorizon.lattice import Lattice
 from farhorizon.shapes import Shape
 from farhorizon.simulation import Simulation
@@ -238,6 +239,8 @@ def _extended(setup: dict[str, Any], ours: Simulation, until: float) -> Simulati
     pads = [(open_sides.get((a, -1), 0), open_sides.get((a, 1), 0)) for a in range(lattice.dim)]
 
     def widen(value: Any, mode: str = "constant") -> Any:
+        if isinstance(value, IncidentWave):
+            return value.resolved(lattice, ours.stencil.reach)
         if isinstance(value, Source):
             return Source(widen(value.value), value.time)
         if isinstance(value, list | tuple) and len(value) == ours.stencil.components > 1:

@@ -295,6 +295,7 @@ def content(sim: Simulation, until: float | None = None) -> Band | None:
     for space, factor in sim.sources:
         if space is not None:
             found.append((space, 0, gain_of_time(factor, until, rate) if waves and until is not None else None))
+    found += [(one.field(one.midway), sim.model.order - 1, None) for one in sim.incident]
     scalars = [(part, order, gain) for field, order, gain in found for part in field.reshape(-1, *sim.lattice.shape)]
     fields, orders, gains = zip(*scalars, strict=True)
     return band(fields, sim.lattice.spacing, orders, gains)

@@ -48,7 +48,7 @@ class Simulation(Assembly):
         "u" and, for waves, "v" (velocity): arrays of the lattice's shape, callables of the coordinates, expressions or numbers. Of vectors arrays
         (dim, n..), callables that return the components, or a sequence of one value a component.
     sources : sequence
-        `Source`, array, callable of the coordinates and t, or expression.
+        `Source`, array, callable of the coordinates and t, expression, or `IncidentWave`.
     cracks : sequence
         Cuts, points of polylines (2D), of polygons (3D) or positions (1D); `Crack` for one that conducts a little or opens later.
     constraints : sequence
