@@ -45,7 +45,7 @@ class IncidentWave:
     """
 
     direction: Sequence[float]
-    signal: Callable[..., float]
+    signal: Callable[..., Any]
     duration: float
     polarisation: str | Sequence[float] = "P"
     within: Box | None = None
