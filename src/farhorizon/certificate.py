@@ -26,7 +26,7 @@ from farhorizon.engine.state import State
 from farhorizon.errors import InputError
 from farhorizon.lattice import AXES
 from farhorizon.machine import one_blas_thread
-from farhorizon.models import Corrosion
+from farhorizon.models import Corrosion, Elastic
 from farhorizon.strip import NARROW, Strip, crossing_steps, plain_twin, small_lattice
 
 if TYPE_CHECKING:
@@ -138,6 +138,9 @@ def certify(sim: Simulation, budget: float = BUDGET) -> Certificate:
     if isinstance(sim.model, Corrosion) and (sim.engine.dissolved == NEVER).any():
         found = certify(sim.remade(specimens=()), budget)
         return replace(found, reason=f"{found.reason}; that of the linear form, all liquid")
+    if isinstance(sim.model, Elastic) and sim.model.bondwise:
+        found = certify(sim.remade(model=sim.model.linearised), budget)
+        return replace(found, reason=f"{found.reason}; that of the linear form, in which no bond breaks")
     path = _cache_file(sim)
     known = _recall(path)
     if known is not None:

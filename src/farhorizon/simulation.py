@@ -22,7 +22,7 @@ from farhorizon.describe import describe, rebuild
 from farhorizon.errors import FileFormatError, InputError, UnstableError
 from farhorizon.integrators import stage_effects
 from farhorizon.lattice import AXES, Lattice
-from farhorizon.models import Corrosion, ScalarModel
+from farhorizon.models import Corrosion, Elastic, ScalarModel
 from farhorizon.report import Report
 from farhorizon.results import read_checkpoint, write_checkpoint
 from farhorizon.sources import steady
@@ -86,7 +86,8 @@ class Simulation(Assembly):
         Initial values less the background, and initial velocities.
     fields : dict of str to ndarray
         The near field, "u", vectors as (dim, n..), and for waves "v" (half a step late, (u(n) - u(n-1))/dt); nan outside a window or body, and on
-        the nodes beyond a wall that conditions set as images of those inside. Of a corrosion "solid", 1 in the metal and 0 in the liquid, and
+        the nodes beyond a wall that conditions set as images of those inside. Of bonds that are nonlinear or break "damage", the part of a node's
+        bonds that are cut or broken. Of a corrosion "solid", 1 in the metal and 0 in the liquid, and
         "dissolved", the time at which a node became liquid: 0 where it was from the start, nan in the metal.
 
     Raises
@@ -208,7 +209,12 @@ class Simulation(Assembly):
         """Cut what has opened by now."""
         due = [crack for crack in self._cracks if crack.opens <= self.time + 1e-9 * self.dt]
         if len(due) != self._opened:
+            stored = self._strain_energy() if self.bondwise and self.step_count else 0.0
+            if self.bondwise and not self.step_count:
+                self._set_bonds()
             self._cut(due)
+            if stored:
+                self.engine.book_cut((stored - self._strain_energy()) / self._mass)
             self._opened = len(due)
             if self._balance and self.step_count:
                 self._open_books()
@@ -420,6 +426,8 @@ class Simulation(Assembly):
         out = {"u": self._shown(self.engine.current, self.background)}
         if self.model.order == 2:
             out["v"] = (out["u"] - self._shown(self.engine.older, self.background)) / self.dt
+        if self.bondwise:
+            out["damage"] = self._visible(1 - self._bonds_left() / np.maximum(self._families, 1))
         if isinstance(self.model, Corrosion):
             steps = self.engine.dissolved[self._near].reshape(self.lattice.shape)
             out["solid"] = self._visible(self._solid.astype(float))
@@ -427,14 +435,19 @@ class Simulation(Assembly):
         return out
 
     def energy(self) -> float:
-        """Energy of the near field, the sum of `energies`; bonds across its edge count half."""
-        return sum(self.energies().values())
+        """Energy of the near field, kinetic and strain or stored, of `energies`; bonds across its edge count half."""
+        return sum(value for name, value in self.energies().items() if name in ("kinetic", "strain", "stored"))
 
     def energies(self) -> dict[str, float]:
         """Energies of the near field; bonds across its edge count half.
 
         Waves: "kinetic" and "strain", half a step ago, ``1/2 v . v`` and ``1/4 sum_k (u_k - u) . w_k (u_k^- - u^-)`` times the density of an
         elastic medium; the undamped scheme conserves their sum exactly. Diffusion: "stored", ``1/2 integral (u - background)^2``.
+
+        Bonds that are nonlinear or break: the strain energy is ``c d d^- / 2`` of the elongations d and d^- now and a step ago (bonds to a fixed side
+        count whole), and there are "work", done by the sources since the start, and "broken", what bonds held when they broke. Where no energy
+        leaves through the sides and nothing is damped, kinetic + strain + broken - work stays as it was: exactly for linear bonds, else up to
+        the error of the time step.
         """
         engine, cell = self.engine, self.lattice.spacing**self.lattice.dim / self.model.source_factor
 
@@ -444,6 +457,11 @@ class Simulation(Assembly):
 
         if self.model.order == 1:
             return {"stored": float(0.5 * self.lattice.spacing**self.lattice.dim * (near(engine.current).astype(float) ** 2).sum())}
+        if self.bondwise:
+            kinetic = (near(engine.current).astype(float) - near(engine.older)) / self.dt
+            (broken, _), work = engine.broken, engine.work
+            return {"kinetic": float(cell * 0.5 * (kinetic**2).sum()), "strain": self._strain_energy(), "work": self._mass * work,
+                    "broken": self._mass * broken}  # fmt: skip
         engine.fill(engine.current)
         u, old = engine.current.astype(float), engine.older.astype(float)
         if self._ends is not None:
@@ -458,6 +476,27 @@ class Simulation(Assembly):
             total += apply((each[number] * old.reshape(each.shape)).ravel()).reshape(each.shape)[number]
         kinetic = ((near(u) - near(old)) / self.dt) ** 2
         return {"kinetic": float(cell * 0.5 * kinetic.sum()), "strain": float(cell * 0.25 * near(strain).sum())}
+
+    @property
+    def _mass(self) -> float:
+        """Mass of a node."""
+        return self.lattice.spacing**self.lattice.dim / self.model.source_factor
+
+    def _strain_energy(self) -> float:
+        """Strain energy of bonds that are nonlinear or break."""
+        lattice, lead = self.lattice, 3 - self.lattice.dim
+        first = [0] * lead + [self._margins[a, -1] for a in range(lattice.dim)]
+        box = (1,) * lead + lattice.shape
+        nodes = np.ones(box, bool) if lattice.mask is None else lattice.mask.reshape(box)
+        whole = np.zeros((3, 2), bool)
+        for (axis, side), boundary in self.sides.items():
+            whole[lead + axis, int(side > 0)] = isinstance(boundary, Fixed)
+        return self._mass * self.engine.bond_energy(tuple(first), tuple(f + n for f, n in zip(first, box, strict=True)), nodes, whole)
+
+    @property
+    def broken_bonds(self) -> int:
+        """Bonds that have broken since the start."""
+        return self.engine.broken[1]
 
     # --- heat balance ------------------------------------------------------------------------------------------
 
@@ -692,6 +731,8 @@ class Simulation(Assembly):
             "held": len(self._held), "conditions": len(self.conditions.nodes), "opens": [c.opens for c in self._cracks],
             **({} if self._ends is None else {"exact": self._ends.names}),
             **({} if self.closure is None else {"fringe": list(self.engine.fringe_history.shape), "update": self.closure.mark()}),
+            **({"bonds": [self.model.nonlinear, self.model.critical_stretch_on(self.lattice.spacing, self.lattice.dim)]}
+               if isinstance(self.model, Elastic) and self.model.bondwise else {}),
             **({"constraints": len(self._holds.constraints)} if self._holds.constraints else {}),
             **({"solid": self._first_solid, "saturation": self.model.saturation, "interface": self.model.interface}
                if isinstance(self.model, Corrosion) else {}),
@@ -709,6 +750,8 @@ class Simulation(Assembly):
         if self._ends is not None:
             more, meta["exact"] = self._ends.save()
             arrays |= more
+        if self.bondwise:
+            arrays |= self.engine.bond_state
         if isinstance(self.model, Corrosion):
             arrays["dissolved"] = np.ascontiguousarray(self.engine.dissolved[self._near])
         if self.closure is not None:
@@ -778,6 +821,8 @@ class Simulation(Assembly):
             self._set_phases(arrays["dissolved"])
         self._hold()
         self._open_cracks()
+        for name, array in self.engine.bond_state.items() if self.bondwise else ():
+            array[...] = arrays[name]
         if self._balance:
             self.engine.flows[...], self._powers[...] = arrays["flows"], arrays["powers"]
             self._first_amounts = meta["first_amounts"]

@@ -7,18 +7,22 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
-from farhorizon.engine.build import load_driver
+from farhorizon.engine import bonds as bond_laws
+from farhorizon.engine.bonds import FIRST, ODD, Zone
+from farhorizon.engine.build import load_bonds, load_driver
 from farhorizon.engine.filter import filter_tables
 from farhorizon.engine.fringe import split_sums
 from farhorizon.engine.layout import ALIGN, LINES, TASK_FIELDS, Block, Layout
 from farhorizon.engine.phases import NEVER, count_solid, find_runs
 from farhorizon.engine.simd import TILE, TILE_ROWS, WINDOW
+from farhorizon.engine.simd_bonds import LANES, PLACES, ROWS
 from farhorizon.engine.stencil_rows import compiled_rows
 
-__all__ = ["NEVER", "Engine", "Layer", "Layout", "available_threads"]
+__all__ = ["NEVER", "Engine", "Layer", "Layout", "Zone", "available_threads"]
 
 _NOTHING = np.zeros((0, 0))
 _NO_ENDS = np.zeros((0, 0), np.int64)
@@ -100,6 +104,11 @@ class Engine:
     threads : int
     coefficient : ndarray, shape `core`, optional
         Factor on bonds, combined by `rule`.
+
+    Attributes
+    ----------
+    absent_bonds : int
+        Bonds cut, each counted from both ends.
     """
 
     def __init__(self, core, offsets, weights, stages, dt, *, layers: Mapping[tuple[int, int], Layer], periodic=frozenset(),  # type: ignore[no-untyped-def]
@@ -131,6 +140,7 @@ class Engine:
         self._collect_fills()
         if coefficient is not None:
             self._coefficient = self.spread(coefficient)
+        self._no_bonds()
         self.set_cuts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
         self.set_damping(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros(0))
         self._set_tiles(np.zeros((0, 0), np.int64), np.zeros((0, 0), np.int64), np.zeros(0, np.int64), 1.0, 0.0)
@@ -244,9 +254,137 @@ class Engine:
         for number, (first, last) in enumerate(self.layout.trees):
             inside = (first <= neighbours) & (neighbours < last)
             tree[inside], local[inside] = number, local[inside] - first
+        self.absent_bonds = len(nodes)
+        swept = self._clear(nodes, neighbours) if self.has_bonds else np.zeros(len(nodes), bool)
+        nodes, local, weights, tree = nodes[~swept], local[~swept], weights[~swept], tree[~swept]
         order = np.lexsort((local, nodes, tree))
         ranges = np.searchsorted(tree[order], np.arange(len(self.layout.trees) + 1))
         self._cuts = ranges, nodes[order].astype(np.int64), local[order], weights[order].astype(self.dtype).ravel()
+
+    def _no_bonds(self) -> None:
+        table, places, bits = np.zeros((0, 1), self.dtype), np.zeros((0, PLACES), np.int64), np.zeros((0, 0), np.uint64)
+        self._bonds = (np.zeros(2, np.int64), table, places, bits, np.zeros((0, 0, 0), np.uint8), np.zeros(12, np.int64), np.zeros(1, self.dtype), False,
+                       np.zeros((0, 0, 2)))  # fmt: skip
+        self._work_done = np.zeros(0)
+
+    def set_bonds(self, stiffness: np.ndarray, spacing: float, zone: Zone, nonlinear: bool, limit: float) -> None:
+        """Bonds that follow a law of their own stretch and may break, where both ends lie in a zone of the core; see `engine.bonds`.
+
+        Parameters
+        ----------
+        stiffness : ndarray, shape (K,)
+            Force on a unit of mass over elongation, of each offset.
+        spacing : float
+            Of the nodes, in the unit of the field.
+        zone : Zone
+        nonlinear : bool
+        limit : float
+            Largest ``|xi + eta|^2 / |xi|^2 - 1`` of a bond (linearised: ``2 xi . eta / |xi|^2``) that does not break; may be infinite.
+        """
+        block, components = self.core, self.components
+        functions = np.array(load_bonds(components, nonlinear, self.dtype.name), np.int64)
+        xi = spacing * self.offsets[:, 3 - components :].astype(float)
+        scale = self.stages.numbers[0][2]
+        table = np.column_stack([xi, 1 / (xi**2).sum(1), scale * np.asarray(stiffness)]).astype(self.dtype)
+        places = np.column_stack([self.offsets @ np.array(block.stride), self.offsets]).astype(np.int64)
+        first = block.order[0]
+        end = block.plane.base + block.plane.extent[first] * block.plane.step[first] + 2 * LANES
+        words = -(-len(places) // 64)
+        bits = np.zeros((words, end), np.uint64)
+        nodes = block.node_indices()
+        for word in range(words):
+            bits[word, nodes] = np.uint64((1 << min(64, len(places) - 64 * word)) - 1)
+        high = ROWS[components]
+        self._sweeps[3][0] = -(-self._sweeps[3][0] // high) * high
+        box, table_of_zone = np.array(zone.end) - np.array(zone.first), zone.table(self.layout.reach)
+        shape = (self.core.nodes[0], -(-self.core.nodes[1] // high))
+        kinds = np.zeros((*shape, max(-(-int(box[2]) // LANES), 0)), np.uint8)
+        self._bonds = functions, table, places, bits, kinds, table_of_zone, np.array([limit], self.dtype), nonlinear, np.zeros((*shape, 2))
+        self._work_done = np.zeros(-(-components * int(np.prod(self.core.nodes)) // bond_laws.CHUNK))
+        self._find_kinds()
+
+    @property
+    def has_bonds(self) -> bool:
+        """Whether there are bonds that follow a law of their own."""
+        return len(self._bonds[2]) > 0
+
+    def _clear(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
+        """Clear the bits of bonds of the core; says which of them have their node in the zone, where bits alone count."""
+        _, _, places, bits, _, zone, *_ = self._bonds
+        block = self.core
+        at = np.full(bits.shape[1], -1)
+        at[block.node_indices().ravel()] = np.arange(int(np.prod(block.nodes)))
+        mine = np.flatnonzero((nodes < bits.shape[1]) & (neighbours < self.layout.size))
+        mine = mine[at[nodes[mine]] >= 0]
+        order = np.argsort(places[:, 0])
+        bond = order[np.searchsorted(places[order, 0], neighbours[mine] - nodes[mine])]
+        np.bitwise_and.at(bits, (bond >> 6, nodes[mine]), ~(np.uint64(1) << (bond & 63).astype(np.uint64)))
+        index = np.stack(np.unravel_index(at[nodes[mine]], block.nodes))
+        inside = ((index >= zone[FIRST : FIRST + 3, None]) & (index < zone[FIRST + 3 :, None])).all(0)
+        swept = np.zeros(len(nodes), bool)
+        swept[mine[inside]] = True
+        self._find_kinds()
+        return swept
+
+    def _find_kinds(self) -> None:
+        """Which tiles of the zone are plain: all bonds there, and none leaves the box where bonds follow the law."""
+        _, _, places, bits, kinds, zone, *_ = self._bonds
+        block, high = self.core, ROWS[self.components]
+        full = bits[:, block.node_indices()] == np.array([(1 << min(64, len(places) - 64 * w)) - 1 for w in range(len(bits))], np.uint64)[:, None, None, None]
+        plain = full.all(0)
+        for axis, m in enumerate(self.layout.reach):
+            i = np.arange(block.nodes[axis])
+            deep = (i - m >= zone[axis]) & (i + m < zone[axis] + zone[3 + axis])
+            plain &= deep.reshape([-1 if a == axis else 1 for a in range(3)])
+        first, end = zone[FIRST : FIRST + 3], zone[FIRST + 3 :]
+        odd = ~plain
+        odd[:, : first[1]] = odd[:, end[1] :] = False  # rows beyond the zone, which tiles may have
+        odd = odd[:, :, first[2] : end[2]]
+        rows, columns = kinds.shape[1] * high - odd.shape[1], kinds.shape[2] * LANES - odd.shape[2]
+        odd = np.pad(odd, [(0, 0), (0, rows), (0, columns)])
+        kinds[...] = np.where(odd.reshape(kinds.shape[0], kinds.shape[1], high, kinds.shape[2], LANES).any((2, 4)), ODD, bond_laws.PLAIN)
+
+    @property
+    def alive(self) -> np.ndarray:
+        """Bonds that are left of each node of the core."""
+        bits = np.ascontiguousarray(self._bonds[3][:, self.core.node_indices()])
+        return np.bitwise_count(bits).astype(np.int64).sum(0)
+
+    @property
+    def bond_state(self) -> dict[str, np.ndarray]:
+        """What a checkpoint holds of the bonds: bits, kinds of tiles, and what has been added up of broken bonds and of work; they share memory."""
+        return {"bonds": self._bonds[3], "kinds": self._bonds[4], "broken": self._bonds[8], "work": self._work_done}
+
+    @property
+    def broken(self) -> tuple[float, int]:
+        """Energy of the bonds when they broke, for a unit of mass a node, and their number."""
+        energy, count = self._bonds[8].sum((0, 1))
+        return float(energy) / self.stages.numbers[0][2], round(float(count))
+
+    def book_cut(self, energy: float) -> None:
+        """Add the energy, for a unit of mass a node, of bonds that were cut."""
+        self._bonds[8][0, 0, 0] += energy * self.stages.numbers[0][2]
+
+    @property
+    def work(self) -> float:
+        """Work of the sources, for a unit of mass a node."""
+        return float(self._work_done.sum())
+
+    def bond_energy(self, first: tuple[int, ...], end: tuple[int, ...], nodes: np.ndarray, whole: np.ndarray) -> float:
+        """Energy of the bonds of some nodes from the elongations now and a step ago, for a unit of mass a node.
+
+        `nodes`, of the box from `first` to `end` of the core, says which; bonds to nodes beyond the box count half, across sides that are `whole`,
+        shape (3, 2), fully.
+        """
+        self.fill(self.current)
+        bounds = np.array(first, np.int64), np.array(end, np.int64)
+        total = bond_laws.strain_energy(self.current, self.older, self._sweeps[1][0], *bounds, nodes, whole, self.components, self._bonds)
+        return float(total) / self.stages.numbers[0][2]
+
+    def largest_strain(self) -> float:
+        """Largest ``|xi + eta|^2 / |xi|^2 - 1`` (linearised: ``2 xi . eta / |xi|^2``) of the bonds that may break."""
+        self.fill(self.current)
+        return float(bond_laws.largest_strain(self.current, self._sweeps[1][0], self.components, self._bonds))
 
     def set_damping(self, nodes: np.ndarray, before: np.ndarray, after: np.ndarray, leak: np.ndarray) -> None:
         """Nodal factors of an absorbing zone: on the old increment, on the new increment, and a loss rate."""
@@ -405,7 +543,7 @@ class Engine:
     def older(self) -> np.ndarray:
         """The level with the state one step ago, halos included (second-order integrators)."""
         rotation = self._rotation[self.phase, 0]
-        return self.levels[rotation[2]]
+        return self.levels[rotation[2 if self.stages.increments else 1]]
 
     def all_components(self, nodes: np.ndarray) -> np.ndarray:
         """Indices in a level of all components of nodes that are given by those of the first, component by component."""
@@ -422,7 +560,7 @@ class Engine:
         self._driver.stage(
             0, 1, _ALONE, level, base, out, numbers, self.stages.increments, False, self.slots, self.memory.copy(), self._work,
             self.components, *self._first_sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
-            *self._runs,
+            *self._runs, self._whole_bonds,
         )  # fmt: skip
         return (base if self.stages.increments else out) / numbers[3]
 
@@ -432,7 +570,7 @@ class Engine:
         _, blocks, functions, depths, weights, offsets, general = self._first_sweeps
         law = (general, *numbers[:3], self.stages.increments, self._rule, self.components)
         first = blocks[0], functions[0], depths[0], False, weights[0], offsets[0]
-        self._driver.sweep_core(0, 1, _ALONE, level, base, out, *first, self._coefficient, law, *self._runs)
+        self._driver.sweep_core(0, 1, _ALONE, level, base, out, *first, self._coefficient, law, *self._runs, self._whole_bonds)
         ranges, *cuts = self._cuts
         self._driver.cut(0, 1, _ALONE, level, level, base, out, numbers[3], self.components, ranges[-1], len(cuts[0]), *cuts, self.stages.increments,
                          self._coefficient, self._coefficient, self._rule)  # fmt: skip
@@ -442,6 +580,11 @@ class Engine:
         """Empty output and base, and the numbers of a stage that writes ``scale * L``."""
         scale = self.stages.numbers[0][2]  # the last stage may be without operator
         return np.zeros_like(level), np.zeros_like(level), np.array([scale * self._centre, 0, 0, scale, 0], self.dtype)
+
+    @property
+    def _whole_bonds(self) -> tuple[Any, ...]:
+        """The bonds as they are, of which none breaks."""
+        return (*self._bonds[:6], np.array([np.inf], self.dtype), *self._bonds[7:])
 
     @property
     def _first_sweeps(self) -> tuple[np.ndarray, ...]:
@@ -459,7 +602,7 @@ class Engine:
         state = (
             self.phase, self.levels, self._rotation, self._numbers, self.stages.increments, self.slots, self.memory, self._work,
             self.components, *self._sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
-            *self._runs, *self._tiles, *self._dissolution, self.steps_done, *self._damping,
+            *self._runs, self._bonds, self._work_done, *self._tiles, *self._dissolution, self.steps_done, *self._damping,
             (*self._ends, self.heads, self.past, self.history), *self._tied, *self._books, self.flows, self._fringe, self._filter,
             source_nodes, source_fields, source_times,
             self.held, _NOTHING if held_values is None else held_values, tied_fields, tied_times,
@@ -485,7 +628,7 @@ class Engine:
     def as_before(self) -> Iterator[None]:
         """Whatever runs inside leaves no trace."""
         arrays = [self.levels, self.memory, self.states, self.forces, self.clock, self.flows, self.fringe_history, self._coefficient, self._runs[0],
-                  *self._tiles, *self._dissolution[:2]]  # fmt: skip
+                  *self._tiles, *self._dissolution[:2], *self.bond_state.values()]  # fmt: skip
         kept, phase, steps = [a.copy() for a in arrays], self.phase, self.steps_done
         try:
             yield
@@ -505,14 +648,10 @@ class Engine:
         return self._recursion[2] != 0
 
     @property
-    def absent_bonds(self) -> int:
-        """Bonds cut, each counted from both ends."""
-        return len(self._cuts[1])
-
-    @property
     def nbytes(self) -> int:
         """Bytes of all time levels, slots, layer memory, phases, the memory of exact ends, of fringes and of the filter."""
         ends = self.heads.nbytes + self.past.nbytes + self.history.nbytes + sum(np.asarray(a).nbytes for a in self._ends)
         phases = sum(np.asarray(a).nbytes for a in (*self._runs, *self._tiles, *self._dissolution))
+        phases += sum(np.asarray(a).nbytes for a in self._bonds)
         sparse = sum(a.nbytes for a in (*self._fringe, *self._filter))
         return self.levels.nbytes + self.slots.nbytes + self.memory.nbytes + self._coefficient.nbytes + ends + phases + sparse

@@ -48,6 +48,12 @@ def load_rows(
     return int(_load("rows", SHAPE=shape, CLASSES=classes, REAL=real, INCREMENTS=increments, LINES=lines, PATTERN=pattern).rows.address)
 
 
+def load_bonds(components: int, nonlinear: bool, real: str) -> tuple[int, int]:
+    """Addresses of the sweeps of a plain tile and of an odd one for a law of bonds (see `engine.simd_bonds.bond_sweep`)."""
+    made = _load("bond_rows", COMPONENTS=components, NONLINEAR=nonlinear, REAL=real)
+    return int(made.intact.address), int(made.damaged.address)
+
+
 def _load(name: str, **settings: Any) -> ModuleType:
     """Module of compiled functions: a template with its upper-case names set to `settings`.
 
@@ -60,7 +66,7 @@ def _load(name: str, **settings: Any) -> ModuleType:
         assert count == 1, f"the template has no setting {key}"
     import numba
 
-    parts = [(_HERE / f"{part}.py").read_text() for part in ("ends", "filter", "phases", "simd", "simd_matrix", "fringe", "layout", "threads")]
+    parts = [(_HERE / f"{part}.py").read_text() for part in ("bonds", "ends", "filter", "phases", "simd", "simd_bonds", "simd_matrix", "fringe", "layout", "threads")]
     mark = "\n".join([template, *parts, numba.__version__, platform.machine()])
     name = f"{name}_" + hashlib.sha256(mark.encode()).hexdigest()[:20]
     with _LOADING:

@@ -1,0 +1,24 @@
+"""Sweeps of tiles for one law of bonds. This text is a template: `engine.build` writes it out once per law and number type."""
+
+from numba import cfunc
+
+from farhorizon.engine.simd_bonds import bond_signature, bond_sweep
+
+COMPONENTS = 2
+NONLINEAR = True
+REAL = "float64"
+
+intact_tile = bond_sweep(COMPONENTS, NONLINEAR, REAL, False)
+damaged_tile = bond_sweep(COMPONENTS, NONLINEAR, REAL, True)
+
+
+@cfunc(bond_signature(REAL), cache=True)
+def intact(src, base, out, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit):
+    """A tile with all its bonds."""
+    return intact_tile(src, base, out, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit)
+
+
+@cfunc(bond_signature(REAL), cache=True)
+def damaged(src, base, out, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit):
+    """A tile that lacks bonds, or has bonds that leave the zone."""
+    return damaged_tile(src, base, out, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit)

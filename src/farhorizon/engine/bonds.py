@@ -1,0 +1,191 @@
+"""Bonds that follow a law of their own stretch and break, in a zone of the core, a box of nodes.
+
+A bond whose ends both lie in the zone follows the law and may break; the others are those of the linear stencil. Nodes of the zone are swept tile by
+tile, `LANES` nodes of up to `ROWS` rows. Each bond of each node of the core has a bit, set while the bond is there. A *plain* tile has all its
+bonds, none of which leaves the zone, and is swept without bits until one of them is about to break; from then on, as others from the
+start, it is swept with them. A bond's two ends find out by themselves, and in the same step, that it breaks, so no thread writes what another
+reads. Nodes outside the zone are swept by the plain stencil, their absent bonds taken back one by one as everywhere.
+
+When a bond breaks it had the energy ``1/2 c d(n) d(n-1)``, d its elongation: with velocities half a step late that is what the linear scheme
+loses, to rounding. So the level before the present one must outlive the sweep.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from farhorizon.engine.simd_bonds import LANES, ROWS, call_bonds
+
+PLAIN, ODD = 0, 1
+#: Entries of the table of the zone, each for the three axes: where bonds follow the law (first node, extent), and which nodes the zone has (first, end).
+LAW_FIRST, LAW_EXTENT, FIRST, END = 0, 3, 6, 9
+#: Sources whose work is added up by one thread at a time, in their order.
+CHUNK = 1024
+
+
+@dataclass(frozen=True)
+class Zone:
+    """Where bonds follow the law and break.
+
+    Attributes
+    ----------
+    first, end : tuple of int
+        The box of nodes along the three axes, in nodes of the core.
+    open : tuple of bool
+        Axes along which bonds that leave the box follow the law, too: periodic ones, whose halo holds copies.
+    """
+
+    first: tuple[int, int, int]
+    end: tuple[int, int, int]
+    open: tuple[bool, bool, bool] = (False, False, False)
+
+    def table(self, reach: tuple[int, ...]) -> np.ndarray:
+        """One row of four times three numbers."""
+        more = np.where(self.open, reach, 0)
+        first, end = np.array(self.first), np.array(self.end)
+        return np.concatenate([first - more, end - first + 2 * more, first, end]).astype(np.int64)
+
+
+@njit(error_model="numpy", inline="always")
+def follows_law(zone, i0, i1, i2):  # type: ignore[no-untyped-def]
+    """Whether bonds between this node of the core, or of its halo, and the zone follow the law."""
+    return (
+        0 <= i0 - zone[LAW_FIRST] < zone[LAW_EXTENT]
+        and 0 <= i1 - zone[LAW_FIRST + 1] < zone[LAW_EXTENT + 1]
+        and 0 <= i2 - zone[LAW_FIRST + 2] < zone[LAW_EXTENT + 2]
+    )
+
+
+@njit(error_model="numpy", inline="always")
+def strain_of(level, node, distance, xi, components, nonlinear):  # type: ignore[no-untyped-def]
+    """``|xi + eta|^2 / |xi|^2 - 1`` of one bond, linearised unless `nonlinear`."""
+    apart = level.size // components
+    total, length = 0.0, 0.0
+    for c in range(components):
+        eta = np.float64(level[node + distance + c * apart]) - np.float64(level[node + c * apart])
+        total += eta * (2 * xi[c] + (eta if nonlinear else 0.0))
+        length += xi[c] * xi[c]
+    return total / length
+
+
+@njit(error_model="numpy", inline="always")
+def elongation(e, nonlinear):  # type: ignore[no-untyped-def]
+    """Stretch of a bond: ``|xi + eta| / |xi| - 1``, linearised e/2."""
+    return e / (1 + np.sqrt(1 + e)) if nonlinear else e / 2
+
+
+@njit(error_model="numpy", inline="always")
+def bond_energy(u, old, node, bond, table, places, components, nonlinear):  # type: ignore[no-untyped-def]
+    """``c d d' / 2`` of one bond from its elongations now and a step ago."""
+    xi = table[bond]
+    length = 0.0
+    for c in range(components):
+        length += np.float64(xi[c]) ** 2
+    now = elongation(strain_of(u, node, places[bond, 0], xi, components, nonlinear), nonlinear)
+    before = elongation(strain_of(old, node, places[bond, 0], xi, components, nonlinear), nonlinear)
+    return 0.5 * np.float64(xi[components + 1]) * length * now * before
+
+
+@njit(error_model="numpy", cache=True)
+def book_broken(u, old, alive, kept, node, step, count, n, table, places, components, nonlinear, book):  # type: ignore[no-untyped-def]
+    """Add half the energy, and half the number, of the bonds that have broken now: those of a tile whose bits are `kept` but no longer `alive`."""
+    for row in range(count):
+        for i in range(n):
+            for word in range(alive.shape[0]):
+                gone = kept[word, row, i] & ~alive[word, node + row * step + i]
+                bond = 64 * word
+                while gone != 0:
+                    if gone & np.uint64(1) != 0:
+                        book[0] += 0.5 * bond_energy(u, old, node + row * step + i, bond, table, places, components, nonlinear)
+                        book[1] += 0.5
+                    gone >>= np.uint64(1)
+                    bond += 1
+
+
+@njit(error_model="numpy", cache=True)
+def sweep_tiles(src, base, out, block, i0, first, last, a, b, components, bonds):  # type: ignore[no-untyped-def]
+    """Rows `first` to `last` of a plane of the zone; they end where tiles end."""
+    functions, table, places, alive, kinds, zone, limit, nonlinear, book = bonds
+    size, apart, high = src.itemsize, src.size // components, ROWS_3 if components == 3 else ROWS_2
+    kept = np.empty((alive.shape[0], high, LANES), np.uint64)
+    begin, end = zone[FIRST + 2], zone[END + 2]
+    for tile_row in range(first // high, (last + high - 1) // high):
+        row = max(tile_row * high, first)
+        count = min((tile_row + 1) * high, last) - row
+        for number in range((end - begin + LANES - 1) // LANES):
+            i2 = begin + number * LANES
+            node, n = block[0] + i0 * block[4] + row * block[5] + i2, min(LANES, end - i2)
+            for kind in range(kinds[i0, tile_row, number], ODD + 1):
+                if kind == ODD:
+                    for word in range(alive.shape[0]):
+                        for j in range(count):
+                            for i in range(n):
+                                kept[word, j, i] = alive[word, node + j * block[5] + i]
+                breaks = call_bonds(
+                    functions[kind], src.ctypes.data + node * size, base.ctypes.data + node * size, out.ctypes.data + node * size,
+                    alive.ctypes.data + 8 * node, table.ctypes.data, places.ctypes.data, places.shape[0], zone.ctypes.data, alive.shape[1],
+                    n, count, block[5], apart, i0, row, i2, a, b, limit[0],
+                )  # fmt: skip
+                if breaks == 0:
+                    break
+                kinds[i0, tile_row, number] = ODD
+                if kind == ODD:
+                    book_broken(src, base, alive, kept, node, block[5], count, n, table, places, components, nonlinear, book[i0, tile_row])
+
+
+ROWS_2, ROWS_3 = ROWS[2], ROWS[3]
+
+
+@njit(error_model="numpy", cache=True)
+def book_work(lane, lanes, work, base, out, nodes, fields, times):  # type: ignore[no-untyped-def]
+    """Add the work of sources over one step, ``f . (u(n+1) - u(n-1)) / 2``."""
+    for chunk in range(lane, (nodes.size + CHUNK - 1) // CHUNK, lanes):
+        for j in range(fields.shape[0]):
+            for i in range(chunk * CHUNK, min(nodes.size, (chunk + 1) * CHUNK)):
+                work[chunk] += 0.5 * times[j] * fields[j, i] * (np.float64(out[nodes[i]]) - np.float64(base[nodes[i]]))
+
+
+@njit(error_model="numpy", cache=True)
+def strain_energy(u, old, block, first, end, nodes, whole, components, bonds):  # type: ignore[no-untyped-def]
+    """Energy of all bonds of the nodes `first` to `end` of the core, in units of c; bonds to other nodes count half, across sides `whole` fully."""
+    _, table, places, alive, _, zone, _, nonlinear, _ = bonds
+    total = 0.0
+    for i0 in range(first[0], end[0]):
+        for i1 in range(first[1], end[1]):
+            line = 0.0
+            for i2 in range(first[2], end[2]):
+                node = block[0] + i0 * block[4] + i1 * block[5] + i2
+                if not nodes[i0 - first[0], i1 - first[1], i2 - first[2]]:
+                    continue
+                mine = follows_law(zone, i0, i1, i2)
+                for bond in range(places.shape[0]):
+                    if (alive[bond >> 6, node] >> np.uint64(bond & 63)) & np.uint64(1) == 0:
+                        continue
+                    share = 0.5
+                    for axis, i in enumerate((i0, i1, i2)):
+                        other = i + places[bond, 1 + axis]
+                        if (other < first[axis] and whole[axis, 0]) or (other >= end[axis] and whole[axis, 1]):
+                            share = 1.0
+                    curved = nonlinear and mine and follows_law(zone, i0 + places[bond, 1], i1 + places[bond, 2], i2 + places[bond, 3])
+                    line += share * bond_energy(u, old, node, bond, table, places, components, curved)
+            total += line
+    return total
+
+
+@njit(error_model="numpy", cache=True)
+def largest_strain(u, block, components, bonds):  # type: ignore[no-untyped-def]
+    """Largest e of a bond that may break."""
+    _, table, places, alive, _, zone, _, nonlinear, _ = bonds
+    largest = -1.0
+    for i0 in range(zone[FIRST], zone[END]):
+        for i1 in range(zone[FIRST + 1], zone[END + 1]):
+            for i2 in range(zone[FIRST + 2], zone[END + 2]):
+                node = block[0] + i0 * block[4] + i1 * block[5] + i2
+                for bond in range(places.shape[0]):
+                    there = (alive[bond >> 6, node] >> np.uint64(bond & 63)) & np.uint64(1) != 0
+                    if there and follows_law(zone, i0 + places[bond, 1], i1 + places[bond, 2], i2 + places[bond, 3]):
+                        largest = max(largest, strain_of(u, node, places[bond, 0], table[bond], components, nonlinear))
+    return largest
