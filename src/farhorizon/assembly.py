@@ -142,6 +142,7 @@ class Assembly:
         self.closure = self._close(factor)
         self._set_bonds()
         self._cut(self._cracks)
+        self._note_loose_nodes()
         self._hold_and_damp()
         self._ends = self._make_ends(factor)
 
@@ -198,6 +199,11 @@ class Assembly:
         self.engine.set_bonds(stiffness, lattice.spacing, zone, model.nonlinear, limit)
         self._cut(())
         self._families = self._bonds_left()
+
+    def _note_loose_nodes(self) -> None:
+        alone = int(((self._bonds_left() == 0) & (self._families > 0)).sum()) if self.bondwise and len(self._cracks) else 0
+        if alone:
+            self._beyond.notes.append(f"cracks leave {alone} nodes without any bond: they move freely")
 
     def _bonds_left(self) -> np.ndarray:
         """Bonds of each node of the near field that are there; shape of the lattice."""

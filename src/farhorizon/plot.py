@@ -389,7 +389,7 @@ def plot_results(results: Results, out_dir: str | Path, times: Sequence[float] |
                 continue
             drawn = chosen if name != "dissolved" else chosen[-1:]  # the last one tells all
             found = [results.field(name, int(k)) for k in drawn]
-            for part, label, shown in [(name, name, found)] if results.components == 1 else _parts(name, found):
+            for part, label, shown in _parts(name, found) if name in results.vectors else [(name, name, found)]:
                 written.append(directory / f"{part}.png")
                 fields = [(f"t = {outputs[k]:.4g}", values) for k, values in zip(drawn, shown, strict=True)]
                 field_panels(fields, results.axes, written[-1], shared_scale=_comparable(shown), cracks=cracks, label=label, solids=solids)
@@ -411,7 +411,7 @@ def plot_results(results: Results, out_dir: str | Path, times: Sequence[float] |
     if results.balance:
         written.append(directory / "balance.png")
         curves = [(name, *_recorded(history, values)) for name, values in results.balance.items()]
-        _lines(curves, written[-1], xlabel="t", ylabel="gain since the start, and inflow")
+        _lines(curves, written[-1], xlabel="t", ylabel="energy" if "kinetic" in results.balance else "gain since the start, and inflow")
     return written
 
 

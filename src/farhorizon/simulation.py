@@ -31,6 +31,7 @@ from farhorizon.specimens import Specimen
 _GUARD_STEPS = 200  # steps between two looks of the instability guard, at most; fewer on lattices above
 _GUARD_NODES = 1_000_000  # this many nodes, so that an interrupt is heard within seconds
 _EXPLODED = 1e6  # growth of the largest value over all that initial data and sources explain
+_SHATTERS = 10.0  # a load whose first strain is so many times the critical stretch breaks whatever it meets
 _TABLE = 1 << 20  # numbers in one table of source amplitudes
 
 
@@ -56,7 +57,7 @@ class Simulation(Assembly):
     specimens : sequence of Specimen
         The metal of a `Corrosion`; all else is liquid.
     balance : bool
-        Record what flows into the near field, for `balance`.
+        Record what flows into the near field, for `balance`; of bonds that break the energies.
     coefficient : array_like, optional
         Factor on bonds, given on the nodes.
     rule : {"both", "arithmetic", "harmonic"}
@@ -126,6 +127,7 @@ class Simulation(Assembly):
         self._source_peaks: dict[int, float] = {}
         self._looked = 0.0  # up to this time
         self._balance = balance
+        self._books = balance and not self.bondwise
         self._opened = len(self._cracks)
         self._open_cracks()
         self._first_cuts = self.engine.absent_bonds
@@ -138,7 +140,10 @@ class Simulation(Assembly):
         }  # fmt: skip
         self._scale = max([float(np.abs(self.start_u).max()), float(np.abs(self.start_v).max()) * self.dt, 1e-300, *held])
         self._start(self.start_u, self.start_v)
-        if balance:
+        if self.bondwise:
+            self._check_stretch()
+            self._first_energy = self.energy()
+        if self._books:
             self._open_books()
 
     # --- start -------------------------------------------------------------------------------------------------
@@ -192,6 +197,26 @@ class Simulation(Assembly):
         """Tell the engine which nodes are held from now on."""
         self.engine.hold(self._near_indices()[self._holds.held(self.step_count)])
 
+    def _check_stretch(self) -> None:
+        """Bonds that the start, or the first strain of a load, would break at once."""
+        assert isinstance(self.model, Elastic)
+        limit = self.model.critical_stretch_on(self.lattice.spacing, self.lattice.dim)
+        if not np.isfinite(limit):
+            return
+        strain = self.engine.largest_strain()
+        stretch = float(np.sqrt(1 + strain) - 1 if self.model.nonlinear else strain / 2)
+        if stretch > limit:
+            raise InputError("the initial displacements stretch bonds beyond the critical stretch", value=f"{limit:.6g}", limit=f"> {stretch:.4g}",
+                             key="model.critical_stretch", remedy="a smaller start, or cracks")  # fmt: skip
+        force = np.abs(self._source_now(0.0)).max(initial=0) / self.model.source_factor
+        strain = float(force) * self.lattice.spacing / self.model.p_modulus
+        if strain > _SHATTERS * limit:
+            raise InputError("the critical stretch is far below the first strain of the load, which would shatter what it meets",
+                             value=f"{limit:.6g}", limit=f">= {strain / _SHATTERS:.3g}", key="model.critical_stretch",
+                             remedy="a smaller load, or one that rises in time")  # fmt: skip
+        if strain > limit:
+            self._beyond.notes.append(f"the load's first strain, about {strain:.3g}, is above the critical stretch {limit:.3g}: bonds break at once")
+
     # --- running -----------------------------------------------------------------------------------------------
 
     def _release(self) -> None:
@@ -216,7 +241,7 @@ class Simulation(Assembly):
             if stored:
                 self.engine.book_cut((stored - self._strain_energy()) / self._mass)
             self._opened = len(due)
-            if self._balance and self.step_count:
+            if self._books and self.step_count:
                 self._open_books()
 
     def _until_opening(self) -> int:
@@ -308,7 +333,7 @@ class Simulation(Assembly):
             used = np.any(strength, axis=0)
             engine.advance(n, self._source_nodes[used] if self._drives else self._source_nodes, np.ascontiguousarray(strength[:, used], dtype),
                            amplitudes.astype(dtype), self._prescribed(n), values.astype(dtype), times.astype(dtype))  # fmt: skip
-            if self._balance:
+            if self._books:
                 self._book_sources(strength, amplitudes)
             explained = float(np.abs(strength).max(initial=0) * np.abs(amplitudes).max(initial=0)) * n * self.dt
             self._scale += explained * (max(1.0, self.time) if self.model.order == 2 else 1.0)
@@ -575,6 +600,9 @@ class Simulation(Assembly):
     def balance(self) -> dict[str, float]:
         """What the near field has gained since the start, and from where, for simulations with ``balance=True``.
 
+        Of bonds that are nonlinear or break: the `energies`, and "lost", what is missing to the energy at the start and the work: it left through the
+        sides or was damped, or is the error of the time step.
+
         Free nodes count: those that no condition prescribes. Every entry is heat (the field's integral for a diffusion): heat capacity
         times cell volume times temperature.
 
@@ -592,6 +620,9 @@ class Simulation(Assembly):
         """
         if not self._balance:
             raise InputError("this simulation records no balance", key="balance", remedy="Simulation(..., balance=True)")
+        if self.bondwise:
+            found = self.energies()
+            return {**found, "lost": self._first_energy + found["work"] - self.energy() - found["broken"]}
         unit = self.lattice.spacing**self.lattice.dim / self.model.source_factor
         inflow = {name: unit * float(value) for name, value in zip(self._book_names, self.engine.flows.sum(0), strict=True)}
         owners = [f"source[{i}]" for i in range(len(self.sources))] + [f"constraint[{i}]" for i, _ in self.conditions.sources]
@@ -756,7 +787,7 @@ class Simulation(Assembly):
             arrays["dissolved"] = np.ascontiguousarray(self.engine.dissolved[self._near])
         if self.closure is not None:
             arrays["fringe"] = self.engine.fringe_history
-        if self._balance:
+        if self._books:
             arrays |= {"flows": self.engine.flows, "powers": self._powers}
             meta["first_amounts"] = self._first_amounts
         meta["setup"] = describe(self._setup, arrays)
@@ -823,7 +854,7 @@ class Simulation(Assembly):
         self._open_cracks()
         for name, array in self.engine.bond_state.items() if self.bondwise else ():
             array[...] = arrays[name]
-        if self._balance:
+        if self._books:
             self.engine.flows[...], self._powers[...] = arrays["flows"], arrays["powers"]
             self._first_amounts = meta["first_amounts"]
         return dict(meta["extra"])

@@ -7,19 +7,18 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from farhorizon.engine import bonds as bond_laws
-from farhorizon.engine.bonds import FIRST, ODD, Zone
+from farhorizon.engine.bonds import END, FIRST, ODD, PLAIN, Bonds, Zone, all_bits, no_bonds
 from farhorizon.engine.build import load_bonds, load_driver
 from farhorizon.engine.filter import filter_tables
 from farhorizon.engine.fringe import split_sums
 from farhorizon.engine.layout import ALIGN, LINES, TASK_FIELDS, Block, Layout
 from farhorizon.engine.phases import NEVER, count_solid, find_runs
 from farhorizon.engine.simd import TILE, TILE_ROWS, WINDOW
-from farhorizon.engine.simd_bonds import LANES, PLACES, ROWS
+from farhorizon.engine.simd_bonds import LANES, ROWS
 from farhorizon.engine.stencil_rows import compiled_rows
 
 __all__ = ["NEVER", "Engine", "Layer", "Layout", "Zone", "available_threads"]
@@ -140,7 +139,7 @@ class Engine:
         self._collect_fills()
         if coefficient is not None:
             self._coefficient = self.spread(coefficient)
-        self._no_bonds()
+        self._bonds, self._work_done = no_bonds(self.dtype), np.zeros(0)
         self.set_cuts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
         self.set_damping(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros(0))
         self._set_tiles(np.zeros((0, 0), np.int64), np.zeros((0, 0), np.int64), np.zeros(0, np.int64), 1.0, 0.0)
@@ -261,12 +260,6 @@ class Engine:
         ranges = np.searchsorted(tree[order], np.arange(len(self.layout.trees) + 1))
         self._cuts = ranges, nodes[order].astype(np.int64), local[order], weights[order].astype(self.dtype).ravel()
 
-    def _no_bonds(self) -> None:
-        table, places, bits = np.zeros((0, 1), self.dtype), np.zeros((0, PLACES), np.int64), np.zeros((0, 0), np.uint64)
-        self._bonds = (np.zeros(2, np.int64), table, places, bits, np.zeros((0, 0, 0), np.uint8), np.zeros(12, np.int64), np.zeros(1, self.dtype), False,
-                       np.zeros((0, 0, 2)))  # fmt: skip
-        self._work_done = np.zeros(0)
-
     def set_bonds(self, stiffness: np.ndarray, spacing: float, zone: Zone, nonlinear: bool, limit: float) -> None:
         """Bonds that follow a law of their own stretch and may break, where both ends lie in a zone of the core; see `engine.bonds`.
 
@@ -281,89 +274,80 @@ class Engine:
         limit : float
             Largest ``|xi + eta|^2 / |xi|^2 - 1`` of a bond (linearised: ``2 xi . eta / |xi|^2``) that does not break; may be infinite.
         """
-        block, components = self.core, self.components
-        functions = np.array(load_bonds(components, nonlinear, self.dtype.name), np.int64)
+        block, components, high = self.core, self.components, ROWS[self.components]
         xi = spacing * self.offsets[:, 3 - components :].astype(float)
-        scale = self.stages.numbers[0][2]
-        table = np.column_stack([xi, 1 / (xi**2).sum(1), scale * np.asarray(stiffness)]).astype(self.dtype)
+        table = np.column_stack([xi, 1 / (xi**2).sum(1), self.stages.numbers[0][2] * np.asarray(stiffness)]).astype(self.dtype)
         places = np.column_stack([self.offsets @ np.array(block.stride), self.offsets]).astype(np.int64)
         first = block.order[0]
-        end = block.plane.base + block.plane.extent[first] * block.plane.step[first] + 2 * LANES
-        words = -(-len(places) // 64)
-        bits = np.zeros((words, end), np.uint64)
-        nodes = block.node_indices()
-        for word in range(words):
-            bits[word, nodes] = np.uint64((1 << min(64, len(places) - 64 * word)) - 1)
-        high = ROWS[components]
-        self._sweeps[3][0] = -(-self._sweeps[3][0] // high) * high
-        box, table_of_zone = np.array(zone.end) - np.array(zone.first), zone.table(self.layout.reach)
-        shape = (self.core.nodes[0], -(-self.core.nodes[1] // high))
-        kinds = np.zeros((*shape, max(-(-int(box[2]) // LANES), 0)), np.uint8)
-        self._bonds = functions, table, places, bits, kinds, table_of_zone, np.array([limit], self.dtype), nonlinear, np.zeros((*shape, 2))
+        last = block.plane.base + block.plane.extent[first] * block.plane.step[first] + LANES
+        alive = np.zeros((len(all_bits(len(places))), last), np.uint64)
+        alive[:, block.node_indices()] = all_bits(len(places))[:, None, None, None]
+        rows = block.nodes[0], -(-block.nodes[1] // high)
+        kinds = np.zeros((*rows, -(-(zone.end[2] - zone.first[2]) // LANES)), np.uint8)
+        functions = np.array(load_bonds(components, nonlinear, self.dtype.name), np.int64)
+        self._bonds = Bonds(functions, table, places, alive, kinds, zone.table(self.layout.reach), np.array([limit], self.dtype), nonlinear,
+                            np.zeros((*rows, 2)))  # fmt: skip
         self._work_done = np.zeros(-(-components * int(np.prod(self.core.nodes)) // bond_laws.CHUNK))
+        depths = self._sweeps[3]
+        depths[0] = -(-depths[0] // high) * high
         self._find_kinds()
 
     @property
     def has_bonds(self) -> bool:
         """Whether there are bonds that follow a law of their own."""
-        return len(self._bonds[2]) > 0
+        return len(self._bonds.places) > 0
 
     def _clear(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
         """Clear the bits of bonds of the core; says which of them have their node in the zone, where bits alone count."""
-        _, _, places, bits, _, zone, *_ = self._bonds
-        block = self.core
-        at = np.full(bits.shape[1], -1)
-        at[block.node_indices().ravel()] = np.arange(int(np.prod(block.nodes)))
-        mine = np.flatnonzero((nodes < bits.shape[1]) & (neighbours < self.layout.size))
-        mine = mine[at[nodes[mine]] >= 0]
+        block, places, zone = self.core, self._bonds.places, self._bonds.zone
+        number = np.full(self._bonds.alive.shape[1], -1)
+        number[block.node_indices().ravel()] = np.arange(int(np.prod(block.nodes)))
+        mine = np.flatnonzero((nodes < len(number)) & (neighbours < self.layout.size))
+        mine = mine[number[nodes[mine]] >= 0]
         order = np.argsort(places[:, 0])
         bond = order[np.searchsorted(places[order, 0], neighbours[mine] - nodes[mine])]
-        np.bitwise_and.at(bits, (bond >> 6, nodes[mine]), ~(np.uint64(1) << (bond & 63).astype(np.uint64)))
-        index = np.stack(np.unravel_index(at[nodes[mine]], block.nodes))
-        inside = ((index >= zone[FIRST : FIRST + 3, None]) & (index < zone[FIRST + 3 :, None])).all(0)
-        swept = np.zeros(len(nodes), bool)
-        swept[mine[inside]] = True
+        np.bitwise_and.at(self._bonds.alive, (bond >> 6, nodes[mine]), ~(np.uint64(1) << (bond & 63).astype(np.uint64)))
         self._find_kinds()
+        at = np.stack(np.unravel_index(number[nodes[mine]], block.nodes), axis=1)
+        swept = np.zeros(len(nodes), bool)
+        swept[mine] = ((at >= zone[FIRST:END]) & (at < zone[END:])).all(1)
         return swept
 
     def _find_kinds(self) -> None:
         """Which tiles of the zone are plain: all bonds there, and none leaves the box where bonds follow the law."""
-        _, _, places, bits, kinds, zone, *_ = self._bonds
-        block, high = self.core, ROWS[self.components]
-        full = bits[:, block.node_indices()] == np.array([(1 << min(64, len(places) - 64 * w)) - 1 for w in range(len(bits))], np.uint64)[:, None, None, None]
-        plain = full.all(0)
+        block, high, kinds, zone = self.core, ROWS[self.components], self._bonds.kinds, self._bonds.zone
+        full = all_bits(len(self._bonds.places))[:, None, None, None]
+        odd = (self._bonds.alive[:, block.node_indices()] != full).any(0)
         for axis, m in enumerate(self.layout.reach):
             i = np.arange(block.nodes[axis])
-            deep = (i - m >= zone[axis]) & (i + m < zone[axis] + zone[3 + axis])
-            plain &= deep.reshape([-1 if a == axis else 1 for a in range(3)])
-        first, end = zone[FIRST : FIRST + 3], zone[FIRST + 3 :]
-        odd = ~plain
-        odd[:, : first[1]] = odd[:, end[1] :] = False  # rows beyond the zone, which tiles may have
+            odd |= ((i - m < zone[axis]) | (i + m >= zone[axis] + zone[3 + axis])).reshape([-1 if a == axis else 1 for a in range(3)])
+        first, end = zone[FIRST:END], zone[END:]
+        odd[:, : first[1]] = odd[:, end[1] :] = False  # rows of tiles that are not in the zone
         odd = odd[:, :, first[2] : end[2]]
-        rows, columns = kinds.shape[1] * high - odd.shape[1], kinds.shape[2] * LANES - odd.shape[2]
-        odd = np.pad(odd, [(0, 0), (0, rows), (0, columns)])
-        kinds[...] = np.where(odd.reshape(kinds.shape[0], kinds.shape[1], high, kinds.shape[2], LANES).any((2, 4)), ODD, bond_laws.PLAIN)
+        missing = [(0, count * size - n) for n, count, size in zip(odd.shape, kinds.shape, (1, high, LANES), strict=True)]
+        tiles = np.pad(odd, missing).reshape(kinds.shape[0], kinds.shape[1], high, kinds.shape[2], LANES)
+        kinds[...] = np.where(tiles.any((2, 4)), ODD, PLAIN)
 
     @property
     def alive(self) -> np.ndarray:
         """Bonds that are left of each node of the core."""
-        bits = np.ascontiguousarray(self._bonds[3][:, self.core.node_indices()])
+        bits = np.ascontiguousarray(self._bonds.alive[:, self.core.node_indices()])
         return np.bitwise_count(bits).astype(np.int64).sum(0)
 
     @property
     def bond_state(self) -> dict[str, np.ndarray]:
         """What a checkpoint holds of the bonds: bits, kinds of tiles, and what has been added up of broken bonds and of work; they share memory."""
-        return {"bonds": self._bonds[3], "kinds": self._bonds[4], "broken": self._bonds[8], "work": self._work_done}
+        return {"bonds": self._bonds.alive, "kinds": self._bonds.kinds, "broken": self._bonds.book, "work": self._work_done}
 
     @property
     def broken(self) -> tuple[float, int]:
         """Energy of the bonds when they broke, for a unit of mass a node, and their number."""
-        energy, count = self._bonds[8].sum((0, 1))
+        energy, count = self._bonds.book.sum((0, 1))
         return float(energy) / self.stages.numbers[0][2], round(float(count))
 
     def book_cut(self, energy: float) -> None:
         """Add the energy, for a unit of mass a node, of bonds that were cut."""
-        self._bonds[8][0, 0, 0] += energy * self.stages.numbers[0][2]
+        self._bonds.book[0, 0, 0] += energy * self.stages.numbers[0][2]
 
     @property
     def work(self) -> float:
@@ -560,7 +544,7 @@ class Engine:
         self._driver.stage(
             0, 1, _ALONE, level, base, out, numbers, self.stages.increments, False, self.slots, self.memory.copy(), self._work,
             self.components, *self._first_sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
-            *self._runs, self._whole_bonds,
+            *self._runs, self._lasting_bonds,
         )  # fmt: skip
         return (base if self.stages.increments else out) / numbers[3]
 
@@ -570,7 +554,7 @@ class Engine:
         _, blocks, functions, depths, weights, offsets, general = self._first_sweeps
         law = (general, *numbers[:3], self.stages.increments, self._rule, self.components)
         first = blocks[0], functions[0], depths[0], False, weights[0], offsets[0]
-        self._driver.sweep_core(0, 1, _ALONE, level, base, out, *first, self._coefficient, law, *self._runs, self._whole_bonds)
+        self._driver.sweep_core(0, 1, _ALONE, level, base, out, *first, self._coefficient, law, *self._runs, self._lasting_bonds)
         ranges, *cuts = self._cuts
         self._driver.cut(0, 1, _ALONE, level, level, base, out, numbers[3], self.components, ranges[-1], len(cuts[0]), *cuts, self.stages.increments,
                          self._coefficient, self._coefficient, self._rule)  # fmt: skip
@@ -582,9 +566,9 @@ class Engine:
         return np.zeros_like(level), np.zeros_like(level), np.array([scale * self._centre, 0, 0, scale, 0], self.dtype)
 
     @property
-    def _whole_bonds(self) -> tuple[Any, ...]:
+    def _lasting_bonds(self) -> Bonds:
         """The bonds as they are, of which none breaks."""
-        return (*self._bonds[:6], np.array([np.inf], self.dtype), *self._bonds[7:])
+        return self._bonds._replace(limit=np.array([np.inf], self.dtype))
 
     @property
     def _first_sweeps(self) -> tuple[np.ndarray, ...]:

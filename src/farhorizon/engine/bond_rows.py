@@ -13,12 +13,12 @@ damaged_tile = bond_sweep(COMPONENTS, NONLINEAR, REAL, True)
 
 
 @cfunc(bond_signature(REAL), cache=True)
-def intact(src, base, out, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit):
+def intact(src, base, out, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit):  # type: ignore[no-untyped-def]
     """A tile with all its bonds."""
     return intact_tile(src, base, out, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit)
 
 
 @cfunc(bond_signature(REAL), cache=True)
-def damaged(src, base, out, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit):
+def damaged(src, base, out, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit):  # type: ignore[no-untyped-def]
     """A tile that lacks bonds, or has bonds that leave the zone."""
     return damaged_tile(src, base, out, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit)

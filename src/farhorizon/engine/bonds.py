@@ -13,17 +13,66 @@ loses, to rounding. So the level before the present one must outlive the sweep.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from farhorizon.engine.simd_bonds import LANES, ROWS, call_bonds
+from farhorizon.engine.simd_bonds import LANES, PLACES, ROWS, call_bonds
 
 PLAIN, ODD = 0, 1
-#: Entries of the table of the zone, each for the three axes: where bonds follow the law (first node, extent), and which nodes the zone has (first, end).
+#: Entries of the table of the zone, each for the three axes: where bonds follow the law (first node, extent), and its nodes (first, end).
 LAW_FIRST, LAW_EXTENT, FIRST, END = 0, 3, 6, 9
 #: Sources whose work is added up by one thread at a time, in their order.
 CHUNK = 1024
+
+_ROWS_2, _ROWS_3 = ROWS[2], ROWS[3]
+
+
+class Bonds(NamedTuple):
+    """What the compiled loop knows of the bonds.
+
+    Attributes
+    ----------
+    functions : ndarray of int, shape (2,)
+        Addresses of the sweeps of a plain and of an odd tile.
+    table : ndarray, shape (K, components + 2)
+        ``xi``, ``1 / |xi|^2`` and c, in units of the update, of each bond.
+    places : ndarray of int, shape (K, 4)
+        Distance to the neighbour in a level, and its offset.
+    alive : ndarray of uint64, shape (words, places of the core)
+        Bits.
+    kinds : ndarray, shape (planes, rows of tiles, tiles)
+        `PLAIN` or `ODD`.
+    zone : ndarray of int, shape (12,)
+        See `Zone.table`.
+    limit : ndarray, shape (1,)
+    nonlinear : bool
+    book : ndarray, shape (planes, rows of tiles, 2)
+        Energy, in units of c, and number of the bonds that have broken.
+    """
+
+    functions: np.ndarray
+    table: np.ndarray
+    places: np.ndarray
+    alive: np.ndarray
+    kinds: np.ndarray
+    zone: np.ndarray
+    limit: np.ndarray
+    nonlinear: bool
+    book: np.ndarray
+
+
+def no_bonds(dtype: np.dtype) -> Bonds:
+    """None: the stencil serves everywhere."""
+    places, bits, kinds = np.zeros((0, PLACES), np.int64), np.zeros((0, 0), np.uint64), np.zeros((0, 0, 0), np.uint8)
+    return Bonds(np.zeros(2, np.int64), np.zeros((0, 1), dtype), places, bits, kinds, np.zeros(12, np.int64), np.zeros(1, dtype), False,
+                 np.zeros((0, 0, 2)))  # fmt: skip
+
+
+def all_bits(count: int) -> np.ndarray:
+    """Words in which the first `count` bits are set."""
+    return np.array([(1 << min(64, count - first)) - 1 for first in range(0, count, 64)], np.uint64)
 
 
 @dataclass(frozen=True)
@@ -109,7 +158,7 @@ def book_broken(u, old, alive, kept, node, step, count, n, table, places, compon
 def sweep_tiles(src, base, out, block, i0, first, last, a, b, components, bonds):  # type: ignore[no-untyped-def]
     """Rows `first` to `last` of a plane of the zone; they end where tiles end."""
     functions, table, places, alive, kinds, zone, limit, nonlinear, book = bonds
-    size, apart, high = src.itemsize, src.size // components, ROWS_3 if components == 3 else ROWS_2
+    size, apart, high = src.itemsize, src.size // components, _ROWS_3 if components == 3 else _ROWS_2
     kept = np.empty((alive.shape[0], high, LANES), np.uint64)
     begin, end = zone[FIRST + 2], zone[END + 2]
     for tile_row in range(first // high, (last + high - 1) // high):
@@ -136,9 +185,6 @@ def sweep_tiles(src, base, out, block, i0, first, last, a, b, components, bonds)
                     book_broken(src, base, alive, kept, node, block[5], count, n, table, places, components, nonlinear, book[i0, tile_row])
 
 
-ROWS_2, ROWS_3 = ROWS[2], ROWS[3]
-
-
 @njit(error_model="numpy", cache=True)
 def book_work(lane, lanes, work, base, out, nodes, fields, times):  # type: ignore[no-untyped-def]
     """Add the work of sources over one step, ``f . (u(n+1) - u(n-1)) / 2``."""
@@ -151,7 +197,7 @@ def book_work(lane, lanes, work, base, out, nodes, fields, times):  # type: igno
 @njit(error_model="numpy", cache=True)
 def strain_energy(u, old, block, first, end, nodes, whole, components, bonds):  # type: ignore[no-untyped-def]
     """Energy of all bonds of the nodes `first` to `end` of the core, in units of c; bonds to other nodes count half, across sides `whole` fully."""
-    _, table, places, alive, _, zone, _, nonlinear, _ = bonds
+    table, places, alive, zone, nonlinear = bonds.table, bonds.places, bonds.alive, bonds.zone, bonds.nonlinear
     total = 0.0
     for i0 in range(first[0], end[0]):
         for i1 in range(first[1], end[1]):
@@ -178,7 +224,7 @@ def strain_energy(u, old, block, first, end, nodes, whole, components, bonds):  
 @njit(error_model="numpy", cache=True)
 def largest_strain(u, block, components, bonds):  # type: ignore[no-untyped-def]
     """Largest e of a bond that may break."""
-    _, table, places, alive, _, zone, _, nonlinear, _ = bonds
+    table, places, alive, zone, nonlinear = bonds.table, bonds.places, bonds.alive, bonds.zone, bonds.nonlinear
     largest = -1.0
     for i0 in range(zone[FIRST], zone[END]):
         for i1 in range(zone[FIRST + 1], zone[END + 1]):

@@ -15,6 +15,7 @@ from types import ModuleType
 from typing import Any
 
 _HERE = Path(__file__).parent
+_COMPILED_IN = ("bonds", "ends", "filter", "phases", "simd", "simd_bonds", "simd_matrix", "fringe", "layout", "threads")  # modules that templates use
 _LOADING = threading.RLock()  # simulations may be made side by side
 
 
@@ -66,7 +67,7 @@ def _load(name: str, **settings: Any) -> ModuleType:
         assert count == 1, f"the template has no setting {key}"
     import numba
 
-    parts = [(_HERE / f"{part}.py").read_text() for part in ("bonds", "ends", "filter", "phases", "simd", "simd_bonds", "simd_matrix", "fringe", "layout", "threads")]
+    parts = [(_HERE / f"{part}.py").read_text() for part in _COMPILED_IN]
     mark = "\n".join([template, *parts, numba.__version__, platform.machine()])
     name = f"{name}_" + hashlib.sha256(mark.encode()).hexdigest()[:20]
     with _LOADING:

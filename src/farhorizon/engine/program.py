@@ -148,7 +148,7 @@ def sweep_part(src, base, out, block, number, depth, first, last, function, weig
 @njit(error_model="numpy", cache=True)
 def sweep_bonds(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, bonds):
     """A part of the core with a zone of bonds that follow a law of their own: there tile by tile, around it by the stencil."""
-    zone = bonds[5]
+    zone = bonds.zone
     i0, first = number % block[1], (number // block[1]) * depth
     last = min(first + depth, block[2])
     low, high = max(first, zone[FIRST + 1]), min(last, zone[END + 1])
@@ -221,7 +221,7 @@ def sweep_core(lane, lanes, sync, src, base, out, block, function, depth, backwa
                 number = first + (share - 1 - i if backward else i)
                 if runs.size:
                     sweep_two_phases(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, runs, interface)
-                elif bonds[2].shape[0]:
+                elif bonds.places.shape[0]:
                     sweep_bonds(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, bonds)
                 else:
                     sweep_part(src, base, out, block, number, depth, 0, block[3], function, weights, offsets, coefficient, law)
@@ -477,8 +477,8 @@ def book_ends(books, forces, effect, flows):
 @njit(error_model="numpy", nogil=True, cache=True)
 def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, slots, memory, scratch, components, trees, blocks, functions, depths,
         weights, offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
-        cut_ranges, cut_nodes, cut_neighbours, cut_weights, runs, interface, bonds, work, solids, volumes, changed, dissolved, total, saturation, period,
-        steps_before, damped, damp_before, damp_after, damp_leak, ends,
+        cut_ranges, cut_nodes, cut_neighbours, cut_weights, runs, interface, bonds, work, solids, volumes, changed, dissolved, total, saturation,
+        period, steps_before, damped, damp_before, damp_after, damp_leak, ends,
         tied, tied_starts, tied_sources, tied_weights, books, book_nodes, book_neighbours, book_weights, book_effects, end_books, flows,
         fringe, short_waves, source_nodes, source_fields, source_times, held, held_times, tied_fields, tied_times):  # fmt: skip
     """One lane's share of `steps` steps from the rotation `phase`.
@@ -487,8 +487,8 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
     are level numbers; numbers[stage] as in `stage`. source_times[step, stage, j] multiplies source_fields[j] on source_nodes. `ends`: the last
     arguments of `ends.exact_ends`; `fringe`: those of `fringe.close_fringe`; `short_waves`: those of `filter.damp_short_waves`. After each step the
     nodes `held` have the values ``held_times[step]``.
-    From solids to steps_before, and `runs` and `interface`: see `engine.phases`; `bonds`: see `engine.bonds`, and `work` is where that of sources is added
-    up, where it is wanted.
+    From solids to steps_before, and `runs` and `interface`: see `engine.phases`; `bonds`: see `engine.bonds`; `work` is where that of
+    sources is added up, where it is wanted.
     """
     per_step = stages.shape[1]
     bounded = ends[2].shape[0] > 0

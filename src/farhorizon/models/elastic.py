@@ -67,9 +67,10 @@ class Elastic(ScalarModel):
 
     Notes
     -----
-    Bonds: Silling (2000), linearised unless `nonlinear`; bonds that break: Silling and Askari (2005). State-based: Silling, Epton, Weckner, Xu and Askari (2007), eq 104, linearised: its dilatation acts with
-    lam - mu. Correspondence: the same, section 18, with the gradient of Wildman and Gazonas (2012), eqs 2-8 to 2-13; the stabilisation
-    is that of Silling (2017), eq 21. Bonds of the last three are no springs: they cannot be cut or weakened one by one.
+    Bonds: Silling (2000), linearised unless `nonlinear`; bonds that break: Silling and Askari (2005). State-based: Silling, Epton,
+    Weckner, Xu and Askari (2007), eq 104, linearised: its dilatation acts with lam - mu. Correspondence: the same, section 18,
+    with the gradient of Wildman and Gazonas (2012), eqs 2-8 to 2-13; the stabilisation is that of Silling (2017), eq 21. Bonds of the last
+    three are no springs: they cannot be cut or weakened one by one.
     """
 
     def __init__(
