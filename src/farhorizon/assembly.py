@@ -189,9 +189,6 @@ class Assembly:
             apart = [0 if isinstance(self.sides[axis, s], Free | Periodic) else self.stencil.reach[axis] for s in (-1, 1)]
             first[lead + axis] = self._margins[axis, -1] + apart[0]
             end[lead + axis] = self._margins[axis, -1] + n - apart[1]
-            if end[lead + axis] <= first[lead + axis]:
-                raise InputError("no bond is more than one reach away from the sides", value=f"{n} nodes along {AXES[axis]}", key="lattice",
-                                 limit=f"> {sum(apart)}", remedy="enlarge the near field")  # fmt: skip
         stretch = model.critical_stretch_on(lattice.spacing, lattice.dim)
         limit = stretch * (2 + stretch) if model.nonlinear else 2 * stretch
         stiffness = model.bond_stiffness(self.stencil, lattice.spacing) / model.density
