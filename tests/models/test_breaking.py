@@ -123,7 +123,7 @@ def energy_across(sim):
 
 @pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
 def test_a_straight_crack_spends_its_fracture_energy(nonlinear):
-    """A notched strip, pulled slowly at its edges: the crack runs straight, slower than surface waves, and spends what the bonds across its plane hold.
+    """A notched strip, pulled slowly at its edges: the crack runs straight, slower than surface waves, and spends what bonds across its plane hold.
 
     Within 6 % of that: bonds break one step beyond the critical stretch, by up to some per cent of it, and some beside the plane break, too. The mean
     over all directions, by which a fracture energy is turned into a stretch, is 3 % larger than that along an axis of this lattice.

@@ -293,6 +293,11 @@ class Engine:
         self._find_kinds()
 
     @property
+    def nonlinear(self) -> bool:
+        """Whether the law of the bonds is."""
+        return self._bonds.nonlinear
+
+    @property
     def has_bonds(self) -> bool:
         """Whether there are bonds that follow a law of their own."""
         return len(self._bonds.places) > 0

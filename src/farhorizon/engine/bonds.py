@@ -164,24 +164,30 @@ def sweep_tiles(src, base, out, block, i0, first, last, a, b, components, bonds)
     for tile_row in range(first // high, (last + high - 1) // high):
         row = max(tile_row * high, first)
         count = min((tile_row + 1) * high, last) - row
-        for number in range((end - begin + LANES - 1) // LANES):
+        number, tiles = 0, (end - begin + LANES - 1) // LANES
+        while number < tiles:
+            kind, stop = kinds[i0, tile_row, number], number + 1
+            while kind == PLAIN and stop < tiles and kinds[i0, tile_row, stop] == PLAIN:
+                stop += 1
             i2 = begin + number * LANES
-            node, n = block[0] + i0 * block[4] + row * block[5] + i2, min(LANES, end - i2)
-            for kind in range(kinds[i0, tile_row, number], ODD + 1):
-                if kind == ODD:
-                    for word in range(alive.shape[0]):
-                        for j in range(count):
-                            for i in range(n):
-                                kept[word, j, i] = alive[word, node + j * block[5] + i]
-                breaks = call_bonds(
-                    functions[kind], src.ctypes.data + node * size, base.ctypes.data + node * size, out.ctypes.data + node * size,
-                    alive.ctypes.data + 8 * node, table.ctypes.data, places.ctypes.data, places.shape[0], zone.ctypes.data, alive.shape[1],
-                    n, count, block[5], apart, i0, row, i2, a, b, limit[0],
-                )  # fmt: skip
-                if breaks == 0:
-                    break
-                kinds[i0, tile_row, number] = ODD
-                if kind == ODD:
+            node, n = block[0] + i0 * block[4] + row * block[5] + i2, min(stop * LANES + begin, end) - i2
+            if kind == ODD:
+                for word in range(alive.shape[0]):
+                    for j in range(count):
+                        for i in range(n):
+                            kept[word, j, i] = alive[word, node + j * block[5] + i]
+            found = call_bonds(
+                functions[kind], src.ctypes.data + node * size, base.ctypes.data + node * size, out.ctypes.data + node * size,
+                alive.ctypes.data + 8 * node, table.ctypes.data, places.ctypes.data, places.shape[0], zone.ctypes.data, alive.shape[1],
+                n, count, block[5], apart, i0, row, i2, a, b, limit[0],
+            )  # fmt: skip
+            if kind == PLAIN:
+                number += found
+                if number < stop:
+                    kinds[i0, tile_row, number] = ODD
+            else:
+                number += 1
+                if found:
                     book_broken(src, base, alive, kept, node, block[5], count, n, table, places, components, nonlinear, book[i0, tile_row])
 
 

@@ -28,17 +28,21 @@ _INTEGERS = ir.VectorType(ir.IntType(64), LANES)
 
 
 class _Tile:
-    """Up to `ROWS` rows of up to `LANES` nodes, the loop over their bonds and the update in time. Rows that are not there repeat the last one."""
+    """Up to `ROWS` rows of up to `LANES` nodes, the loop over their bonds and the update in time. Rows that are not there repeat the last one.
 
-    def __init__(self, builder: ir.IRBuilder, args: tuple[Any, ...], components: int, nonlinear: bool, real: str) -> None:
+    It begins `first` nodes further on than the addresses in `args`.
+    """
+
+    def __init__(self, builder: ir.IRBuilder, args: tuple[Any, ...], components: int, nonlinear: bool, real: str, first: Any) -> None:
         self.builder, self.components, self.nonlinear = builder, components, nonlinear
         (self.src, self.base, self.out, self.alive, self.table, self.places, self.count, self.zone, self.words, n, rows, self.step, self.apart,
          *self.node, self.a, self.b, limit) = args  # fmt: skip
         self.vectors = Vectors(builder, ir.DoubleType() if real == "float64" else ir.FloatType(), LANES)
+        self.src, self.base, self.out = (self.vectors.shifted(start, (1, first)) for start in (self.src, self.base, self.out))
         last = builder.sub(rows, I64(1))
         self.rows = [builder.select(builder.icmp_signed("<", last, I64(row)), last, I64(row)) for row in range(ROWS[components])]
         self.limit = self.vectors.splat(limit)
-        self.wanted = self.below(I64(0), n)
+        self.wanted = self.below(first, n)
         self.own = [[self.vectors.load(self.place(self.src, row, c)) for c in range(components)] for row in self.rows]
 
     def constant(self, value: float) -> Any:
@@ -136,8 +140,23 @@ class _Tile:
                 store(vectors.multiply_add(total, a_all, own[c]), self.place(self.out, row, c))
 
 
-def _intact(tile: _Tile, n: Any) -> Any:
-    """A tile that has all its bonds, within the zone: 1, and nothing written, if one of them is about to break."""
+def _intact(builder: ir.IRBuilder, args: tuple[Any, ...], *law: Any) -> Any:
+    """Tiles one after the other that have all their bonds, within the zone: how many, up to the first of which a bond is about to break."""
+    n = args[9]
+    swept = cgutils.alloca_once_value(builder, I64(0))
+    tiles = builder.sdiv(builder.add(n, I64(LANES - 1)), I64(LANES))
+    with cgutils.for_range(builder, tiles) as loop:
+        first = builder.mul(loop.index, I64(LANES))
+        left = builder.sub(n, first)
+        breaks = _sweep_intact(_Tile(builder, args, *law, first), builder.select(builder.icmp_signed("<", left, I64(LANES)), left, I64(LANES)))
+        with builder.if_then(breaks):
+            loop.do_break()
+        builder.store(builder.add(loop.index, I64(1)), swept)
+    return builder.load(swept)
+
+
+def _sweep_intact(tile: _Tile, n: Any) -> Any:
+    """One of them; nothing is written if a bond is about to break."""
     builder = tile.builder
 
     def force(bond: Any, row: int, xi: list[Any], inverse: Any, stiffness: Any, top: Any) -> tuple[Any, list[Any], Any]:
@@ -148,12 +167,13 @@ def _intact(tile: _Tile, n: Any) -> Any:
     breaks = tile.any(builder.and_(builder.fcmp_ordered(">", top, tile.limit), tile.wanted))
     with builder.if_then(builder.not_(breaks)):
         tile.update(sums, n)
-    return builder.zext(breaks, I64)
+    return breaks
 
 
-def _damaged(tile: _Tile, n: Any) -> Any:
+def _damaged(builder: ir.IRBuilder, args: tuple[Any, ...], *law: Any) -> Any:
     """A tile that lacks bonds, or with bonds that leave the zone: 1 if some have broken now."""
-    builder, vectors = tile.builder, tile.vectors
+    tile = _Tile(builder, args, *law, I64(0))
+    vectors = tile.vectors
     none = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
     i0, i1, i2 = tile.node
 
@@ -180,12 +200,15 @@ def _damaged(tile: _Tile, n: Any) -> Any:
         return factor, direction, builder.or_(changed, builder.zext(breaks, I64))
 
     sums, changed = tile.over_bonds(I64(0), force)
-    tile.update(sums, n)
+    tile.update(sums, args[9])
     return changed
 
 
 def bond_sweep(components: int, nonlinear: bool, real: str, damaged: bool) -> Any:
-    """Make the intrinsic that writes ``out = a*src + b*base + sum over the bonds`` on one tile and returns whether a bond breaks.
+    """Make the intrinsic that writes ``out = a*src + b*base + sum over the bonds`` on tiles.
+
+    On a damaged one it returns whether a bond breaks, on intact ones, of which there may be many in a row, how many of them it has swept: up to the
+    first of which a bond is about to break, where nothing is written.
 
     Parameters
     ----------
@@ -194,7 +217,7 @@ def bond_sweep(components: int, nonlinear: bool, real: str, damaged: bool) -> An
     nonlinear : bool
     real : {"float64", "float32"}
     damaged : bool
-        Look at the bits of the bonds and at the ends of the zone, and clear the bits of what breaks. Otherwise nothing is written if a bond breaks.
+        Look at the bits of the bonds and at the ends of the zone, and clear the bits of what breaks.
 
     Returns
     -------
@@ -208,7 +231,7 @@ def bond_sweep(components: int, nonlinear: bool, real: str, damaged: bool) -> An
     @intrinsic
     def sweep(typingctx, src, base, out, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit):  # type: ignore[no-untyped-def]
         def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-            return (_damaged if damaged else _intact)(_Tile(builder, args, components, nonlinear, real), args[9])
+            return (_damaged if damaged else _intact)(builder, args, components, nonlinear, real)
 
         return bond_signature(real), codegen
 
@@ -216,13 +239,13 @@ def bond_sweep(components: int, nonlinear: bool, real: str, damaged: bool) -> An
 
 
 def bond_signature(real: str) -> Any:
-    """Numba signature of the sweep of a tile."""
+    """Numba signature of the sweep of tiles."""
     return types.int64(*[types.int64] * 16, *[getattr(types, real)] * 3)
 
 
 @intrinsic
 def call_bonds(typingctx, function, src, base, out, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit):  # type: ignore[no-untyped-def]
-    """Call a compiled sweep of a tile by its address: the driver need not be compiled again for every law."""
+    """Call a compiled sweep of tiles by its address: the driver need not be compiled again for every law."""
     signature = types.int64(*[types.int64] * 17, a, a, a)
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
