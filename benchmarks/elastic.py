@@ -130,11 +130,20 @@ def breaking(given: argparse.Namespace) -> list[dict[str, Any]]:
         stiffness = model.bond_stiffness(stencil, 1.0)
         zone = Zone((0,) * 3, (1,) * (3 - dim) + (n,) * dim)
         engines = {"linear stencil": bare_engine(stencil, (n,) * dim, 1)}
-        laws = {"whole, linear law": (False, 0.0), "whole": (True, 0.0), "1 % cut": (True, 0.01), "5 % cut": (True, 0.05), "all odd": (True, 0.0)}
+        laws = {
+            "linear, calm": (False, 0.0),
+            "linear, not calm": (False, 0.0),
+            "whole": (True, 0.0),
+            "1 % cut": (True, 0.01),
+            "5 % cut": (True, 0.05),
+            "all odd": (True, 0.0),
+        }
         for name, (nonlinear, share) in laws.items():
             engines[name] = engine = bare_engine(stencil, (n,) * dim, 1, lasting=True)
             engine.levels *= 1e-4  # of the spacing: far from breaking
             engine.set_bonds(stiffness, 1.0, zone, nonlinear, 0.2)
+            if name == "linear, not calm":
+                engine._bonds.limit[1] = 0
             if share:
                 cut_planes(engine, share)
             if name == "all odd":

@@ -285,11 +285,11 @@ class Engine:
         rows = block.nodes[0], -(-block.nodes[1] // high)
         kinds = np.zeros((*rows, -(-(zone.end[2] - zone.first[2]) // LANES)), np.uint8)
         functions = np.array(load_bonds(components, nonlinear, self.dtype.name), np.int64)
-        self._bonds = Bonds(functions, table, places, alive, kinds, zone.table(self.layout.reach), np.array([limit], self.dtype), nonlinear,
-                            np.zeros((*rows, 2)))  # fmt: skip
+        limits = np.array([limit, (limit / 2 * spacing) ** 2], self.dtype)
+        self._bonds = Bonds(functions, table, places, alive, kinds, zone.table(self.layout.reach), limits, nonlinear, np.zeros((*rows, 2)))
         self._work_done = np.zeros(-(-components * int(np.prod(self.core.nodes)) // bond_laws.CHUNK))
         depths = self._sweeps[3]
-        depths[0] = -(-depths[0] // high) * high
+        depths[0] = -(-depths[0] // bond_laws.CALM_ROWS) * bond_laws.CALM_ROWS
         self._find_kinds()
 
     @property
@@ -559,7 +559,7 @@ class Engine:
         _, blocks, functions, depths, weights, offsets, general = self._first_sweeps
         law = (general, *numbers[:3], self.stages.increments, self._rule, self.components)
         first = blocks[0], functions[0], depths[0], False, weights[0], offsets[0]
-        self._driver.sweep_core(0, 1, _ALONE, level, base, out, *first, self._coefficient, law, *self._runs, self._lasting_bonds)
+        self._driver.sweep_core(0, 1, _ALONE, level, base, out, *first, self._coefficient, law, *self._runs, self._lasting_bonds, self._fills[4])
         ranges, *cuts = self._cuts
         self._driver.cut(0, 1, _ALONE, level, level, base, out, numbers[3], self.components, ranges[-1], len(cuts[0]), *cuts, self.stages.increments,
                          self._coefficient, self._coefficient, self._rule)  # fmt: skip
@@ -573,7 +573,7 @@ class Engine:
     @property
     def _lasting_bonds(self) -> Bonds:
         """The bonds as they are, of which none breaks."""
-        return self._bonds._replace(limit=np.array([np.inf], self.dtype))
+        return self._bonds._replace(limit=np.array([np.inf, np.inf], self.dtype))
 
     @property
     def _first_sweeps(self) -> tuple[np.ndarray, ...]:

@@ -18,11 +18,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from farhorizon.engine.simd_bonds import LANES, PLACES, ROWS, call_bonds
+from farhorizon.engine.simd_bonds import LANES, PLACES, ROWS, call_bonds, call_steepness
 
 PLAIN, ODD = 0, 1
 #: Entries of the table of the zone, each for the three axes: where bonds follow the law (first node, extent), and its nodes (first, end).
 LAW_FIRST, LAW_EXTENT, FIRST, END = 0, 3, 6, 9
+#: Rows, and most nodes of a row, of the pieces of the zone that the stencil sweeps where nothing can break: whole tiles, the same for all threads.
+CALM_ROWS, CALM_NODES = 16, 8 * LANES
 #: Sources whose work is added up by one thread at a time, in their order.
 CHUNK = 1024
 
@@ -34,8 +36,8 @@ class Bonds(NamedTuple):
 
     Attributes
     ----------
-    functions : ndarray of int, shape (2,)
-        Addresses of the sweeps of a plain and of an odd tile.
+    functions : ndarray of int, shape (3,)
+        Addresses of the sweeps of plain tiles and of an odd one, and of the bound of their stretch.
     table : ndarray, shape (K, components + 2)
         ``xi``, ``1 / |xi|^2`` and c, in units of the update, of each bond.
     places : ndarray of int, shape (K, 4)
@@ -46,7 +48,8 @@ class Bonds(NamedTuple):
         `PLAIN` or `ODD`.
     zone : ndarray of int, shape (12,)
         See `Zone.table`.
-    limit : ndarray, shape (1,)
+    limit : ndarray, shape (2,)
+        Of the strain e, and of what `simd_bonds.steepness` returns: below it no bond breaks.
     nonlinear : bool
     book : ndarray, shape (planes, rows of tiles, 2)
         Energy, in units of c, and number of the bonds that have broken.
@@ -66,7 +69,7 @@ class Bonds(NamedTuple):
 def no_bonds(dtype: np.dtype) -> Bonds:
     """None: the stencil serves everywhere."""
     places, bits, kinds = np.zeros((0, PLACES), np.int64), np.zeros((0, 0), np.uint64), np.zeros((0, 0, 0), np.uint8)
-    return Bonds(np.zeros(2, np.int64), np.zeros((0, 1), dtype), places, bits, kinds, np.zeros(12, np.int64), np.zeros(1, dtype), False,
+    return Bonds(np.zeros(3, np.int64), np.zeros((0, 1), dtype), places, bits, kinds, np.zeros(12, np.int64), np.zeros(2, dtype), False,
                  np.zeros((0, 0, 2)))  # fmt: skip
 
 
@@ -155,22 +158,48 @@ def book_broken(u, old, alive, kept, node, step, count, n, table, places, compon
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_tiles(src, base, out, block, i0, first, last, a, b, components, bonds):  # type: ignore[no-untyped-def]
-    """Rows `first` to `last` of a plane of the zone; they end where tiles end."""
+def next_piece(src, block, reach, i0, first, last, begin, components, bonds):  # type: ignore[no-untyped-def]
+    """Where a piece of the rows `first` to `last` of a plane ends that begins at a node, and whether it is calm: it has all its bonds, and none may
+    break, so that the stencil serves, too."""
+    high, start, end = _ROWS_3 if components == 3 else _ROWS_2, bonds.zone[FIRST + 2], bonds.zone[END + 2]
+    if bonds.nonlinear:
+        return end, False
+    whole, stop = True, begin
+    while stop < min(begin + CALM_NODES, end):
+        plain = True
+        for row in range(first // high, (last + high - 1) // high):
+            plain &= bonds.kinds[i0, row, (stop - start) // LANES] == PLAIN
+        if stop == begin:
+            whole = plain
+        elif whole != plain:
+            break
+        stop += LANES
+    stop = min(stop, end)
+    if not whole:
+        return stop, False
+    node = block[0] + (i0 - reach[0]) * block[4] + (first - reach[1]) * block[5] + begin - reach[2]
+    steep = call_steepness(bonds.functions[2], src.ctypes.data + node * src.itemsize, 2 * reach[0] + 1, last - first + 2 * reach[1],
+                           stop - begin + 2 * reach[2], block[4], block[5], src.size // components)  # fmt: skip
+    return stop, steep < bonds.limit[1]
+
+
+@njit(error_model="numpy", cache=True)
+def sweep_tiles(src, base, out, block, i0, first, last, begin, end, a, b, components, bonds):  # type: ignore[no-untyped-def]
+    """Nodes `begin` to `end` of the rows `first` to `last` of a plane of the zone; they end where tiles end."""
     functions, table, places, alive, kinds, zone, limit, nonlinear, book = bonds
     size, apart, high = src.itemsize, src.size // components, _ROWS_3 if components == 3 else _ROWS_2
     kept = np.empty((alive.shape[0], high, LANES), np.uint64)
-    begin, end = zone[FIRST + 2], zone[END + 2]
+    start = zone[FIRST + 2]
     for tile_row in range(first // high, (last + high - 1) // high):
         row = max(tile_row * high, first)
         count = min((tile_row + 1) * high, last) - row
-        number, tiles = 0, (end - begin + LANES - 1) // LANES
+        number, tiles = (begin - start) // LANES, (end - start + LANES - 1) // LANES
         while number < tiles:
             kind, stop = kinds[i0, tile_row, number], number + 1
             while kind == PLAIN and stop < tiles and kinds[i0, tile_row, stop] == PLAIN:
                 stop += 1
-            i2 = begin + number * LANES
-            node, n = block[0] + i0 * block[4] + row * block[5] + i2, min(stop * LANES + begin, end) - i2
+            i2 = start + number * LANES
+            node, n = block[0] + i0 * block[4] + row * block[5] + i2, min(start + stop * LANES, end) - i2
             if kind == ODD:
                 for word in range(alive.shape[0]):
                     for j in range(count):

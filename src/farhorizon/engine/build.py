@@ -49,10 +49,10 @@ def load_rows(
     return int(_load("rows", SHAPE=shape, CLASSES=classes, REAL=real, INCREMENTS=increments, LINES=lines, PATTERN=pattern).rows.address)
 
 
-def load_bonds(components: int, nonlinear: bool, real: str) -> tuple[int, int]:
-    """Addresses of the sweeps of a plain tile and of an odd one for a law of bonds (see `engine.simd_bonds.bond_sweep`)."""
+def load_bonds(components: int, nonlinear: bool, real: str) -> tuple[int, int, int]:
+    """Addresses of the sweeps of plain tiles and of an odd one for a law of bonds, and of the bound of their stretch (see `engine.simd_bonds`)."""
     made = _load("bond_rows", COMPONENTS=components, NONLINEAR=nonlinear, REAL=real)
-    return int(made.intact.address), int(made.damaged.address)
+    return int(made.intact.address), int(made.damaged.address), int(made.steep.address)
 
 
 def _load(name: str, **settings: Any) -> ModuleType:

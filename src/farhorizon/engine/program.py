@@ -11,7 +11,7 @@ Several threads go through the same loop, each with its share (`lane` of `lanes`
 import numpy as np
 from numba import njit
 
-from farhorizon.engine.bonds import END, FIRST, book_work, sweep_tiles
+from farhorizon.engine.bonds import CALM_ROWS, END, FIRST, book_work, next_piece, sweep_tiles
 from farhorizon.engine.ends import exact_ends
 from farhorizon.engine.filter import damp_short_waves
 from farhorizon.engine.fringe import close_fringe
@@ -146,8 +146,8 @@ def sweep_part(src, base, out, block, number, depth, first, last, function, weig
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_bonds(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, bonds):
-    """A part of the core with a zone of bonds that follow a law of their own: there tile by tile, around it by the stencil."""
+def sweep_bonds(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, bonds, reach):
+    """A part of the core with a zone of bonds that follow a law of their own: there tile by tile, around it, and where it is calm, by the stencil."""
     zone = bonds.zone
     i0, first = number % block[1], (number // block[1]) * depth
     last = min(first + depth, block[2])
@@ -162,8 +162,16 @@ def sweep_bonds(src, base, out, block, number, depth, function, weights, offsets
     ):
         if i1 < end and start < stop:
             sweep_rows(src, base, out, block, i0, i1, end - i1, start, stop, function, weights, offsets, coefficient, law)
-    if low < high:
-        sweep_tiles(src, base, out, block, i0, low, high, law[2], law[3], law[6], bonds)
+    for row in range(low // CALM_ROWS, (high + CALM_ROWS - 1) // CALM_ROWS if low < high else 0):
+        i1, end = max(row * CALM_ROWS, low), min((row + 1) * CALM_ROWS, high)
+        stop = zone[FIRST + 2]
+        while stop < zone[END + 2]:
+            start = stop
+            stop, calm = next_piece(src, block, reach, i0, i1, end, start, law[6], bonds)
+            if calm:
+                sweep_rows(src, base, out, block, i0, i1, end - i1, start, stop, function, weights, offsets, coefficient, law)
+            else:
+                sweep_tiles(src, base, out, block, i0, i1, end, start, stop, law[2], law[3], law[6], bonds)
 
 
 @njit(error_model="numpy", cache=True)
@@ -203,7 +211,8 @@ def sweep_two_phases(src, base, out, block, number, depth, function, weights, of
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_core(lane, lanes, sync, src, base, out, block, function, depth, backward, weights, offsets, coefficient, law, runs, interface, bonds):
+def sweep_core(lane, lanes, sync, src, base, out, block, function, depth, backward, weights, offsets, coefficient, law, runs, interface, bonds,
+               reach):  # fmt: skip
     """All parts of the core; in every other stage the last first: it meets what the last stage left in the cache.
 
     Each lane has a share of its own, the same in all steps, for the threads' caches may lie far apart. It claims some parts as it goes, and when it
@@ -222,7 +231,7 @@ def sweep_core(lane, lanes, sync, src, base, out, block, function, depth, backwa
                 if runs.size:
                     sweep_two_phases(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, runs, interface)
                 elif bonds.places.shape[0]:
-                    sweep_bonds(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, bonds)
+                    sweep_bonds(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, bonds, reach)
                 else:
                     sweep_part(src, base, out, block, number, depth, 0, block[3], function, weights, offsets, coefficient, law)
             claimed = claim(sync, owner) if lanes > 1 else 1
@@ -426,7 +435,7 @@ def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slot
                 cut(lane, lanes, sync, src, slots, base, out, scale, components, cut_ranges[tree], cut_ranges[tree + 1], cut_nodes, cut_neighbours,
                     cut_weights, increments, coefficient, material, rule)  # fmt: skip
     sweep_core(lane, lanes, sync, src, base, out, blocks[0], functions[0], depths[0], backward, weights[0], offsets[0], coefficient, law, runs,
-               interface, bonds)  # fmt: skip
+               interface, bonds, reach)  # fmt: skip
     barrier(sync, lanes)
     cut(lane, lanes, sync, src, src, base, out, scale, components, cut_ranges[trees.shape[0]], cut_nodes.size, cut_nodes, cut_neighbours, cut_weights,
         increments, coefficient, coefficient, rule)  # fmt: skip

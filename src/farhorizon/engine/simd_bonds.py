@@ -33,7 +33,8 @@ class _Tile:
     It begins `first` nodes further on than the addresses in `args`.
     """
 
-    def __init__(self, builder: ir.IRBuilder, args: tuple[Any, ...], components: int, nonlinear: bool, real: str, first: Any) -> None:
+    def __init__(self, builder: ir.IRBuilder, args: tuple[Any, ...], law: tuple[int, bool, str], first: Any) -> None:
+        components, nonlinear, real = law
         self.builder, self.components, self.nonlinear = builder, components, nonlinear
         (self.src, self.base, self.out, self.alive, self.table, self.places, self.count, self.zone, self.words, n, rows, self.step, self.apart,
          *self.node, self.a, self.b, limit) = args  # fmt: skip
@@ -140,7 +141,7 @@ class _Tile:
                 store(vectors.multiply_add(total, a_all, own[c]), self.place(self.out, row, c))
 
 
-def _intact(builder: ir.IRBuilder, args: tuple[Any, ...], *law: Any) -> Any:
+def _intact(builder: ir.IRBuilder, args: tuple[Any, ...], law: tuple[int, bool, str]) -> Any:
     """Tiles one after the other that have all their bonds, within the zone: how many, up to the first of which a bond is about to break."""
     n = args[9]
     swept = cgutils.alloca_once_value(builder, I64(0))
@@ -148,7 +149,7 @@ def _intact(builder: ir.IRBuilder, args: tuple[Any, ...], *law: Any) -> Any:
     with cgutils.for_range(builder, tiles) as loop:
         first = builder.mul(loop.index, I64(LANES))
         left = builder.sub(n, first)
-        breaks = _sweep_intact(_Tile(builder, args, *law, first), builder.select(builder.icmp_signed("<", left, I64(LANES)), left, I64(LANES)))
+        breaks = _sweep_intact(_Tile(builder, args, law, first), builder.select(builder.icmp_signed("<", left, I64(LANES)), left, I64(LANES)))
         with builder.if_then(breaks):
             loop.do_break()
         builder.store(builder.add(loop.index, I64(1)), swept)
@@ -170,9 +171,9 @@ def _sweep_intact(tile: _Tile, n: Any) -> Any:
     return breaks
 
 
-def _damaged(builder: ir.IRBuilder, args: tuple[Any, ...], *law: Any) -> Any:
+def _damaged(builder: ir.IRBuilder, args: tuple[Any, ...], law: tuple[int, bool, str]) -> Any:
     """A tile that lacks bonds, or with bonds that leave the zone: 1 if some have broken now."""
-    tile = _Tile(builder, args, *law, I64(0))
+    tile = _Tile(builder, args, law, I64(0))
     vectors = tile.vectors
     none = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
     i0, i1, i2 = tile.node
@@ -231,11 +232,78 @@ def bond_sweep(components: int, nonlinear: bool, real: str, damaged: bool) -> An
     @intrinsic
     def sweep(typingctx, src, base, out, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit):  # type: ignore[no-untyped-def]
         def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-            return (_damaged if damaged else _intact)(builder, args, components, nonlinear, real)
+            return (_damaged if damaged else _intact)(builder, args, (components, nonlinear, real))
 
         return bond_signature(real), codegen
 
     return sweep
+
+
+def steepness(components: int, real: str) -> Any:
+    """Make the intrinsic that returns the sum of the squares of the largest differences between neighbours, of each component along each axis.
+
+    With a field linear between them its root bounds the stretch of every bond between the nodes that are looked at: that of ``xi`` is
+    ``n . (D n)`` over the spacing for a matrix D whose entries are no larger than those differences.
+
+    Parameters
+    ----------
+    components : int
+    real : {"float64", "float32"}
+
+    Returns
+    -------
+    numba intrinsic
+        Takes the byte address of the first node, the numbers of planes, rows and nodes of a row, the distances of planes, rows and components, in
+        elements. Looks at whole vectors, and at one neighbour beyond.
+    """
+
+    @intrinsic
+    def measure(typingctx, src, planes, rows, n, step0, step1, apart):  # type: ignore[no-untyped-def]
+        def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+            src, planes, rows, n, step0, step1, apart = args
+            vectors = Vectors(builder, ir.DoubleType() if real == "float64" else ir.FloatType(), LANES)
+            magnitude = cgutils.get_or_insert_function(builder.module, ir.FunctionType(vectors.type, [vectors.type]),
+                                                       f"llvm.fabs.v{LANES}f{vectors.size * 8}")  # fmt: skip
+            steps = [step0, step1, I64(1)][3 - components :]
+            zero = ir.Constant(vectors.type, [0.0] * LANES)
+            tops = [cgutils.alloca_once_value(builder, zero) for _ in range(components * len(steps))]
+            with cgutils.for_range(builder, planes) as plane, cgutils.for_range(builder, rows) as row:
+                line = vectors.shifted(src, (1, builder.mul(plane.index, step0)), (1, builder.mul(row.index, step1)))
+                with cgutils.for_range_slice(builder, I64(0), n, I64(LANES), I64) as (x, _):
+                    for number, top in enumerate(tops):
+                        here = vectors.shifted(line, (1, x), (number // len(steps), apart))
+                        ahead = vectors.load(vectors.shifted(here, (1, steps[number % len(steps)])))
+                        found = builder.call(magnitude, [builder.fsub(ahead, vectors.load(here))])
+                        before = builder.load(top)
+                        builder.store(builder.select(builder.fcmp_ordered(">", found, before), found, before), top)
+            total = ir.Constant(ir.DoubleType(), 0.0)
+            for top in tops:
+                values = [builder.extract_element(builder.load(top), ir.IntType(32)(lane)) for lane in range(LANES)]
+                while len(values) > 1:
+                    values = [builder.select(builder.fcmp_ordered(">", a, b), a, b) for a, b in zip(values[::2], values[1::2], strict=True)]
+                largest = values[0] if real == "float64" else builder.fpext(values[0], ir.DoubleType())
+                total = builder.fadd(total, builder.fmul(largest, largest))
+            return total
+
+        return steepness_signature(), codegen
+
+    return measure
+
+
+def steepness_signature() -> Any:
+    """Numba signature of `steepness`."""
+    return types.float64(*[types.int64] * 7)
+
+
+@intrinsic
+def call_steepness(typingctx, function, src, planes, rows, n, step0, step1, apart):  # type: ignore[no-untyped-def]
+    """Call a compiled `steepness` by its address."""
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        kind = ir.FunctionType(ir.DoubleType(), [arg.type for arg in args[1:]])
+        return builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
+
+    return types.float64(*[types.int64] * 8), codegen
 
 
 def bond_signature(real: str) -> Any:
