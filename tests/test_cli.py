@@ -18,10 +18,15 @@ EXAMPLES = Path(__file__).parent.parent / "examples"
 
 
 BOUNDED = EXAMPLES / "quenched_bar.toml"  # no side is open
+BREAKING = [EXAMPLES / "branching.toml", EXAMPLES / "notch_blast.toml"]  # slow at full size; tests/test_examples.py has them on coarser lattices
 GROWING = EXAMPLES / "dispersive_pulse.toml"  # a kernel that the layer cannot absorb: it has a test of its own
 
 
-@pytest.mark.parametrize("case", sorted(set(EXAMPLES.glob("*.toml")) - {GROWING, BOUNDED}), ids=lambda p: p.stem)
+@pytest.mark.parametrize(
+    "case",
+    sorted(set(EXAMPLES.glob("*.toml")) - {GROWING, BOUNDED, *BREAKING}) + [pytest.param(case, marks=pytest.mark.slow) for case in BREAKING],
+    ids=lambda p: p.stem,
+)
 def test_examples_run_and_agree_with_the_infinite_medium(case, tmp_path, monkeypatch):
     """Each example: results, pictures, and an error a thousand times below that of a fixed edge; a fitted condition a hundred times."""
     monkeypatch.chdir(tmp_path)

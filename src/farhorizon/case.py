@@ -170,6 +170,9 @@ class ElasticPart(_Part):
     plane: str | None = None
     damping: Number = 0.0
     stabilisation: Number = 0.0
+    nonlinear: bool = False
+    critical_stretch: Number | None = None
+    fracture_energy: Number | None = None
     kernel: KernelPart | None = None
 
 
@@ -305,7 +308,7 @@ class RunPart(_Part):
 
 
 class OutputPart(_Part):
-    fields: list[Literal["u", "v", "solid", "dissolved"]] | None = None
+    fields: list[Literal["u", "v", "damage", "solid", "dissolved"]] | None = None
     every: Number | None = None
     probes: list[list[Number]] = []
     pictures: list[Number] | None = None
@@ -384,9 +387,13 @@ class Case:
         return self.parts.output.every if self.parts.output.every is not None else self.parts.run.until / 40
 
     @property
+    def _bondwise(self) -> bool:
+        return isinstance(self.model, fh.Elastic) and self.model.bondwise
+
+    @property
     def fields(self) -> tuple[str, ...]:
-        """What is written: u unless given, of a corrosion the times of dissolution too."""
-        default = ["u", "dissolved"] if isinstance(self.model, fh.Corrosion) else ["u"]
+        """What is written: u unless given, of a corrosion the times of dissolution too, of bonds that break the damage."""
+        default = ["u", "dissolved"] if isinstance(self.model, fh.Corrosion) else ["u", "damage"] if self._bondwise else ["u"]
         return tuple(default if self.parts.output.fields is None else self.parts.output.fields)
 
     def simulation(self, **changes: Any) -> fh.Simulation:
@@ -545,6 +552,7 @@ class Case:
         if self.parts.run.until <= 0:
             raise InputError("must be positive", value=self.parts.run.until, key="run.until")
         known = ["u"] + (["v"] if self.model.order == 2 else []) + (["solid", "dissolved"] if isinstance(self.model, fh.Corrosion) else [])
+        known += ["damage"] if self._bondwise else []
         for name in self.fields:
             if name not in known:
                 raise InputError(f"a {self.parts.model.type} has no such field", value=name, limit=", ".join(known), key="output.fields")

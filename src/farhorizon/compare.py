@@ -133,7 +133,7 @@ def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None =
         runs |= {f"{rim} edge": _ended(setup, ours, rim) for rim in ("fixed", "free") if not ours.model.sides or rim.title() in ours.model.sides}
     homogeneous = all(isinstance(b, Absorbing) for b in ours.sides.values()) and ours.lattice.body is None
     homogeneous &= not setup.get("cracks") and not setup.get("constraints") and setup.get("coefficient") is None and not ours.sources
-    homogeneous &= not setup.get("specimens")
+    homogeneous &= not setup.get("specimens") and not ours.bondwise
     far = None if homogeneous else _extended(setup, ours, steps[-1] * ours.dt)
     infinite = None
     if homogeneous:

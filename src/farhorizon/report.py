@@ -17,7 +17,7 @@ from farhorizon.boundaries import Absorbing, Closing, Exact, Fixed, LatticePML, 
 from farhorizon.certificate import BUDGET, NOT_CERTIFIED, UNDECIDED, Certificate
 from farhorizon.errors import InputError
 from farhorizon.lattice import AXES
-from farhorizon.models import Corrosion
+from farhorizon.models import Corrosion, Elastic
 from farhorizon.stencil import BackwardWaves
 from farhorizon.strip import Strip, pinned
 
@@ -193,6 +193,12 @@ class Report:
         say("nodes computed", f"{total} in the core, {extra} beyond the near field")
         say("memory", f"{engine.nbytes / 2**20:.3g} MiB = {engine.nbytes / (np.prod(sim.field_shape) * engine.dtype.itemsize):.3g} near fields")
         say("absent bonds", str(engine.absent_bonds))
+        if isinstance(sim.model, Elastic) and sim.model.bondwise:
+            stretch = sim.model.critical_stretch_on(lattice.spacing, lattice.dim)
+            breaking = (
+                f"break at a stretch of {stretch:.4g}, except within one reach of sides that are not free" if np.isfinite(stretch) else "none breaks"
+            )
+            say("bonds", f"{'nonlinear' if sim.model.nonlinear else 'linear'}, {breaking}; what is predicted is the linear form, whole")
         self.numbers |= {"dt": sim.dt, "step_limit": sim.step_limit, "memory": float(engine.nbytes)}
 
     def _estimate(self, sim: Simulation, until: float) -> None:
