@@ -4,13 +4,14 @@ from farhorizon.boundaries import Exact, FirstOrder, Fixed, Free, Higdon, Lattic
 from farhorizon.certificate import Certificate
 from farhorizon.conditions import Convection, Flux, Insulated, Temperature
 from farhorizon.constraints import Prescribed
-from farhorizon.correspondence import Body, BodyForce, Traction
+from farhorizon.correspondence import Body
 from farhorizon.cracks import Crack
 from farhorizon.errors import FarhorizonError, FileFormatError, InputError, UnstableError
 from farhorizon.expressions import Expression
 from farhorizon.integrators import RungeKuttaChebyshev
 from farhorizon.kernel import Kernel
 from farhorizon.lattice import Lattice
+from farhorizon.loads import BodyForce, Traction
 from farhorizon.models import Beam, Corrosion, Diffusion, Elastic, Heat, Wave
 from farhorizon.outlines import ImageMask, Text
 from farhorizon.results import open_results
