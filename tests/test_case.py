@@ -254,3 +254,98 @@ def test_damage_is_a_field_of_bonds_that_break():
 def test_a_list_is_for_vectors():
     with pytest.raises(fh.InputError, match="not as many entries"):
         Case(GOOD.replace('u = "exp(-4*(x**2+y**2))"', "u = [1.0, 2.0]"))
+
+
+BODY = """
+[lattice]
+spacing = 1.0
+lower = [-12.0, -16.0]
+upper = [12.0, 0.0]
+[model]
+type = "correspondence"
+young = 1.0
+poisson = 0.2
+critical_stretch = 0.003
+drag = 0.9
+[model.kernel]
+horizon = 3.717
+exponent = 0
+influence = "gaussian"
+width = 1.0
+volume = "full"
+[initial]
+u = ["1e-4*exp(-(x**2+(y+8)**2)/8)", 0.0]
+[boundary]
+all = { type = "nonlocal-pml", nodes = 8, cross = 0.1 }
+"y+" = { type = "free" }
+[[crack]]
+points = [[-5.5, 1.0], [-5.5, -1.1]]
+[[load]]
+type = "traction"
+side = "y+"
+value = [0.0, -0.01]
+between = [[-5.0, 5.0]]
+time = "min(t/10, 1)"
+[[load]]
+type = "body-force"
+value = ["1e-5*exp(-x**2)", 0.0]
+[run]
+until = 30.0
+[output]
+balance = true
+probes = [[0.0, -8.0]]
+"""
+
+
+def test_body_case():
+    """The words of `fh.Body` in a file are the same body."""
+    case = Case(BODY)
+    assert case.fields == ("u", "damage")
+    body = case.run().run(30.0, progress=False)
+    loads = [
+        fh.Traction("y+", (0.0, -0.01), [(-5.0, 5.0)], lambda t: min(t / 10, 1)),
+        fh.BodyForce((lambda x, y: 1e-5 * np.exp(-(x**2)), 0.0)),
+    ]
+    same = fh.Body(
+        fh.Lattice(1.0, (-12, -16), (12, 0)), fh.Kernel(3.717, 0, "gaussian", 1.0, volume="full"), young=1.0, poisson=0.2, critical_stretch=0.003,
+        drag=0.9, boundary={"all": fh.NonlocalPML(8, cross=0.1), "y+": fh.Free()}, loads=loads, cracks=[[(-5.5, 1.0), (-5.5, -1.1)]], balance=True,
+        initial={"u": (lambda x, y: 1e-4 * np.exp(-(x**2 + (y + 8) ** 2) / 8), 0.0)},
+    ).run(30.0, progress=False)  # fmt: skip
+    assert same.broken_bonds == body.broken_bonds > 0
+    np.testing.assert_allclose(body.u, same.u, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("drag = 0.9", "dragg = 0.9", "did you mean 'drag'"),
+        ("poisson = 0.2", "poisson = 0.7", "model.poisson"),
+        ("critical_stretch = 0.003", "critical_stretch = -1", "model.critical_stretch"),
+        ("critical_stretch = 0.003", "critical_stretch = 1e-5", "stretch"),
+        ("cross = 0.1", "crosss = 0.1", "did you mean 'cross'"),
+        ("cross = 0.1", "cross = 2.0", "boundary.all: boundary.cross"),
+        ('type = "nonlocal-pml", nodes = 8, cross = 0.1', 'type = "lattice-pml"', "not a boundary that serves here"),
+        ('side = "y+"', 'side = "x+"', "a traction acts on a free side"),
+        ("between = [[-5.0, 5.0]]", "between = [[-5.0, 50.0]]", "beyond the near field"),
+        ('time = "min(t/10, 1)"', 'time = "x*t"', "load\\[0\\].time: the factor of a load depends on t alone"),
+        ('time = "min(t/10, 1)"', 'tme = "t"', "did you mean 'time'"),
+        ('value = ["1e-5*exp(-x**2)", 0.0]', "value = [0.0]", "load\\[1\\].value: not as many entries"),
+        ('u = ["1e-4*exp(-(x**2+(y+8)**2)/8)", 0.0]', 'u = "x"', "initial.u: needs one component an axis"),
+        ("until = 30.0", "until = 30.0\ndt = 5.0", "run.dt"),
+        ("until = 30.0", 'until = 30.0\ndtype = "float32"', "run.dtype"),
+        ("balance = true", 'fields = ["solid"]', "no such field"),
+        ("[run]", "[[source]]\nvalue = [0.0, 0.0]\n[run]", "forces on a body are"),
+        ("points = [[-5.5, 1.0], [-5.5, -1.1]]", "points = [[-5.5, 1.0], [-5.5, -1.1]]\nopens = 3.0", "from the start"),
+    ],
+)
+def test_bad_body_case(old, new, message):
+    assert old in BODY
+    with pytest.raises(fh.InputError, match=message):
+        Case(BODY.replace(old, new)).run()
+
+
+def test_what_a_body_is_not_for():
+    with pytest.raises(fh.InputError, match=r"model\.type"):
+        Case(BODY).simulation()
+    with pytest.raises(fh.InputError, match="loads act on a body"):
+        Case(GOOD + '[[load]]\ntype = "body-force"\nvalue = [0.0, 0.0]\n')

@@ -20,11 +20,12 @@ EXAMPLES = Path(__file__).parent.parent / "examples"
 BOUNDED = EXAMPLES / "quenched_bar.toml"  # no side is open
 BREAKING = [EXAMPLES / "branching.toml", EXAMPLES / "notch_blast.toml"]  # slow at full size; tests/test_examples.py has them on coarser lattices
 GROWING = EXAMPLES / "dispersive_pulse.toml"  # a kernel that the layer cannot absorb: it has a test of its own
+BODY = EXAMPLES / "indentation.toml"  # not compared with the infinite medium: bonds break
 
 
 @pytest.mark.parametrize(
     "case",
-    sorted(set(EXAMPLES.glob("*.toml")) - {GROWING, BOUNDED, *BREAKING}) + [pytest.param(case, marks=pytest.mark.slow) for case in BREAKING],
+    sorted(set(EXAMPLES.glob("*.toml")) - {GROWING, BOUNDED, BODY, *BREAKING}) + [pytest.param(case, marks=pytest.mark.slow) for case in BREAKING],
     ids=lambda p: p.stem,
 )
 def test_examples_run_and_agree_with_the_infinite_medium(case, tmp_path, monkeypatch):
@@ -222,3 +223,34 @@ def test_corrosion_goes_on_after_an_interrupt(tmp_path, monkeypatch):
         assert np.array_equal(values[-1], part.balance[name][-1])
     assert abs(whole.balance["residual"][-1]) < 1e-12 < 0.1 < whole.balance["dissolved"][-1]
     assert {p.name for p in Path("part/pitting").iterdir()} >= {"u.png", "front.png", "balance.png"}
+
+
+def test_a_killed_run_of_a_breaking_body_goes_on(tmp_path, monkeypatch, capsys):
+    """Half of it, a resumed run that is killed, resumed again: displacements, damage, probes and balance are bitwise those of one run."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", str(BODY), "--out", "whole", "--json", "run.json"]) == 0
+    pictures = {Path(p).name for p in json.loads(Path("run.json").read_text())["pictures"]}
+    assert pictures == {"u.png", "u_x.png", "u_y.png", "damage.png", "probes.png", "energy.png", "balance.png"}
+    assert main(["run", str(BODY), "--out", "part", "--until", "40"]) == 0
+    command = [sys.executable, "-m", "farhorizon", "run", str(BODY), "--out", "part", "--resume"]
+    killed = subprocess.Popen([sys.executable, "-u", *command[1:]], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+    while b"resumed at step" not in killed.stdout.readline():
+        assert killed.poll() is None
+    time.sleep(0.3)
+    killed.kill()
+    killed.stdout.close()
+    killed.wait()
+    assert main(["run", str(BODY), "--out", "part", "--resume"]) == 0
+    whole, part = (open_results(f"{name}/indentation.h5") for name in ("whole", "part"))
+    assert whole.field("damage")[whole.field("damage") > 0.15].size > 20  # nodes of both cracks
+    late = np.searchsorted(whole.times, 41)  # the run to t = 40 ends with an output of its own
+    for name in ("u", "damage"):
+        for index in range(late - len(whole.times), 0):
+            np.testing.assert_array_equal(whole.field(name, index), part.field(name, index))
+    np.testing.assert_array_equal(whole.probe_values[-1], part.probe_values[-1])
+    assert {name: v[-1] for name, v in whole.balance.items()} == {name: v[-1] for name, v in part.balance.items()}
+    assert abs(whole.balance["residual"]).max() < 1e-12 * whole.balance["work"][-1]
+    assert main(["check", str(BODY)]) == 0
+    said = capsys.readouterr().out
+    assert all(word in said for word in ("stable limit", "memory", "stability", "steps to t = 90"))
+    assert main(["compare", str(BODY)]) == 2 and main(["check", str(BODY), "--tune"]) == 2

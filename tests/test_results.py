@@ -117,6 +117,24 @@ def test_vectors(tmp_path, dim):
     assert dataset["probe_values"].sel(component="x").shape == (3, 2)
 
 
+def test_vectors_beside_scalars(tmp_path):
+    """Fields of different width in one file; probes show the vector, also where it is not written."""
+    damage = values(2, "float64", 0)
+    u = np.stack([damage + 1, damage + 2])
+    for fields in (("u", "damage"), ("damage",)):
+        writer = ResultsWriter.create(tmp_path / "a.h5", dim=2, shape=SHAPES[2], spacing=0.5, lower=(0.0, 0.0), fields=fields, dtype="float64",
+                                      probes=np.zeros((1, 2)), components={"u": 2, "damage": 1})  # fmt: skip
+        for k in range(2):
+            writer.append(k, float(k), {name: {"u": u, "damage": damage}[name] + k for name in fields}, 1.0, np.array([[k, 2.0]]))
+        results = open_results(tmp_path / "a.h5")
+        np.testing.assert_array_equal(results.field("damage", 1), damage + 1)
+        np.testing.assert_array_equal(results.probe_values[:, 0], [[0, 2], [1, 2]])
+        dataset = results.to_xarray()
+        assert dataset["damage"].dims == ("time", "x", "y") and dataset["probe_values"].dims == ("history_time", "probe", "component")
+        if "u" in fields:
+            np.testing.assert_array_equal(dataset["u"].sel(component="y", time=1.0), u[1] + 1)
+
+
 def test_without_probes_and_energy(tmp_path):
     writer = ResultsWriter.create(tmp_path / "a.h5", dim=1, shape=(3,), spacing=1, lower=(0,), fields=("u",), dtype="float64")
     empty = open_results(tmp_path / "a.h5")

@@ -4,7 +4,7 @@ from farhorizon.boundaries import Exact, FirstOrder, Fixed, Free, Higdon, Lattic
 from farhorizon.certificate import Certificate
 from farhorizon.conditions import Convection, Flux, Insulated, Temperature
 from farhorizon.constraints import Prescribed
-from farhorizon.correspondence import Body, BodyForce, Traction
+from farhorizon.correspondence import Body
 from farhorizon.cracks import Crack
 from farhorizon.errors import FarhorizonError, FileFormatError, InputError, UnstableError
 from farhorizon.expressions import Expression
@@ -12,6 +12,7 @@ from farhorizon.incidence import IncidentWave
 from farhorizon.integrators import RungeKuttaChebyshev
 from farhorizon.kernel import Kernel
 from farhorizon.lattice import Lattice
+from farhorizon.loads import BodyForce, Traction
 from farhorizon.models import Beam, Corrosion, Diffusion, Elastic, Heat, Wave
 from farhorizon.outlines import ImageMask, Text
 from farhorizon.results import open_results

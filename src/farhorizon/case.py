@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationIn
 import farhorizon as fh
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.lattice import AXES
+from farhorizon.run import Run
 
 
 class _Part(BaseModel):
@@ -176,6 +177,21 @@ class ElasticPart(_Part):
     kernel: KernelPart | None = None
 
 
+class BodyPart(_Part):
+    """`fh.Body`: correspondence elasticity with damage."""
+
+    type: Literal["correspondence"]
+    young: Number
+    poisson: Number
+    density: Number = 1.0
+    plane: str = "strain"
+    critical_stretch: Number | None = None
+    shape_tensor: str = "recomputed"
+    drag: Number = 0.0
+    stabilisation: Number = 0.0
+    kernel: KernelPart
+
+
 class LatticePMLPart(_Part):
     type: Literal["lattice-pml"]
     target: Number | None = None
@@ -209,6 +225,18 @@ class SpongePart(_Part):
     strength: Number | None = None
 
 
+class NonlocalPMLPart(_Part):
+    type: Literal["nonlocal-pml"]
+    nodes: int = 30
+    ramp: str = "cubic"
+    strength: Number | None = None
+    reflection: Number = 1e-3
+    plateau: Number = 1 / 3
+    form: str = "displacement"
+    cross: Number = 0.0
+    shift: Number = 0.0
+
+
 class PlaneWavePart(_Part):
     type: Literal["plane-wave"]
     fit: str | None = None
@@ -240,12 +268,12 @@ class FirstOrderPart(_Part):
 
 
 BoundaryPart = Annotated[
-    LatticePMLPart | ExactPart | FixedPart | FreePart | PeriodicPart | SpongePart | PlaneWavePart | HigdonPart | FirstOrderPart,
+    LatticePMLPart | ExactPart | FixedPart | FreePart | PeriodicPart | SpongePart | NonlocalPMLPart | PlaneWavePart | HigdonPart | FirstOrderPart,
     Field(discriminator="type"),
 ]
 _BOUNDARIES = {
     "lattice-pml": fh.LatticePML, "exact": fh.Exact, "fixed": fh.Fixed, "free": fh.Free, "periodic": fh.Periodic, "sponge": fh.Sponge,
-    "plane-wave": fh.PlaneWave, "higdon": fh.Higdon, "first-order": fh.FirstOrder,
+    "nonlocal-pml": fh.NonlocalPML, "plane-wave": fh.PlaneWave, "higdon": fh.Higdon, "first-order": fh.FirstOrder,
 }  # fmt: skip
 
 
@@ -289,6 +317,24 @@ class IncidentPart(_Part):
     within: BoxPart | None = None
 
 
+class TractionPart(_Part):
+    """A force per area on a free side of a body."""
+
+    type: Literal["traction"]
+    side: str
+    value: list[Number]
+    between: list[tuple[Number, Number]] | None = None
+    time: str | Number = 1.0
+
+
+class BodyForcePart(_Part):
+    """A force per volume on a body."""
+
+    type: Literal["body-force"]
+    value: list[str | Number]
+    time: str | Number = 1.0
+
+
 class PrescribedPart(_Part):
     """Nodes that follow a value for a while."""
 
@@ -317,13 +363,14 @@ class OutputPart(_Part):
 
 class CasePart(_Part):
     lattice: LatticePart
-    model: Annotated[WavePart | DiffusionPart | HeatPart | CorrosionPart | BeamPart | ElasticPart, Field(discriminator="type")]
+    model: Annotated[WavePart | DiffusionPart | HeatPart | CorrosionPart | BeamPart | ElasticPart | BodyPart, Field(discriminator="type")]
     initial: dict[Literal["u", "v"], Value] = {}
     boundary: dict[str, BoundaryPart] = {}
     specimen: list[SpecimenPart] = []
     crack: list[CrackPart] = []
     source: list[SourcePart] = []
     incident: list[IncidentPart] = []
+    load: list[Annotated[TractionPart | BodyForcePart, Field(discriminator="type")]] = []
     constraint: list[Annotated[ConstraintPart | PrescribedPart, Field(discriminator="type")]] = []
     coefficient: str | Number | None = None
     rule: str = "both"
@@ -361,8 +408,15 @@ class Case:
             raise InputError(f"{self.path}: " + _explain(error)) from None
         with self.naming():
             self.lattice = self._lattice()
-            self.model = self._model()
-            self.setup = self._setup()
+            if isinstance(self.parts.model, BodyPart):
+                self.kind: type[Run] = fh.Body
+                self.vector = True
+                self.setup = self._body_setup(self.parts.model)
+            else:
+                self.kind = fh.Simulation
+                self.model = self._model(self.parts.model)
+                self.vector = isinstance(self.model, fh.Elastic)
+                self.setup = self._setup()
             self._check_output()
 
     @classmethod
@@ -388,18 +442,37 @@ class Case:
 
     @property
     def _bondwise(self) -> bool:
-        return isinstance(self.model, fh.Elastic) and self.model.bondwise
+        return self.kind is fh.Simulation and isinstance(self.model, fh.Elastic) and self.model.bondwise
 
     @property
     def fields(self) -> tuple[str, ...]:
-        """What is written: u unless given, of a corrosion the times of dissolution too, of bonds that break the damage."""
-        default = ["u", "dissolved"] if isinstance(self.model, fh.Corrosion) else ["u", "damage"] if self._bondwise else ["u"]
+        """What is written: u unless given, of a corrosion the times of dissolution too, of what breaks the damage."""
+        more = {"corrosion": ["dissolved"], "correspondence": ["damage"]}.get(self.parts.model.type, ["damage"] if self._bondwise else [])
+        default = ["u", *more]
         return tuple(default if self.parts.output.fields is None else self.parts.output.fields)
 
+    def run(self, **changes: Any) -> Run:
+        """A new run of the case: a `Simulation` or a `Body`."""
+        with self.naming():
+            return self.kind(**{**self.setup, **changes})
+
     def simulation(self, **changes: Any) -> fh.Simulation:
-        """A new simulation of the case."""
+        """A new simulation of the case.
+
+        Raises
+        ------
+        InputError
+            The case is a body.
+        """
+        self.must_be_simulation()
         with self.naming():
             return fh.Simulation(**{**self.setup, **changes})
+
+    def must_be_simulation(self) -> None:
+        """Refuse a body where only a `Simulation` serves."""
+        if self.kind is not fh.Simulation:
+            raise InputError("a body is run, checked and drawn; it is not compared with the infinite medium, nor tuned", value=self.parts.model.type,
+                             key="model.type", remedy='type = "elastic", material = "correspondence"')  # fmt: skip
 
     @contextmanager
     def naming(self) -> Iterator[None]:
@@ -415,8 +488,7 @@ class Case:
         body = part.body.build("lattice.body") if part.body else None
         return fh.Lattice(part.spacing, part.lower, part.upper, window=window, body=body)
 
-    def _model(self) -> fh.Wave | fh.Diffusion | fh.Heat | fh.Corrosion | fh.Beam | fh.Elastic:
-        part = self.parts.model
+    def _model(self, part: Any) -> fh.Wave | fh.Diffusion | fh.Heat | fh.Corrosion | fh.Beam | fh.Elastic:
         if isinstance(part, BeamPart):
             return fh.Beam(part.stiffness, part.damping)
         if isinstance(part, ElasticPart):
@@ -442,10 +514,9 @@ class Case:
         return fh.Heat(operator, part.density, part.specific_heat, part.conductivity, integrator, part.self_term)
 
     def _expression(self, value: str | float | list[str | float], key: str) -> Any:
-        vector = isinstance(self.model, fh.Elastic)
         if isinstance(value, list):
-            if not vector or len(value) != self.lattice.dim:
-                limit = f"a list of {self.lattice.dim}" if vector else "one"
+            if not self.vector or len(value) != self.lattice.dim:
+                limit = f"a list of {self.lattice.dim}" if self.vector else "one"
                 raise InputError("not as many entries as the field has components", value=value, limit=limit, key=key)
             return [self._entry(part, f"{key}[{i}]") for i, part in enumerate(value)]
         return self._entry(value, key)
@@ -458,31 +529,41 @@ class Case:
         except InputError as error:
             raise InputError(f"{key}: {error}; value: {value!r}") from None
 
-    def _setup(self) -> dict[str, Any]:
-        parts, dim = self.parts, self.lattice.dim
-        for name, value in parts.initial.items():
-            expression = self._expression(value, f"initial.{name}")
-            for entry in expression if isinstance(expression, list) else [expression]:
+    def _initial(self) -> dict[str, Any]:
+        """Initial values, which do not depend on time."""
+        found: dict[str, Any] = {}
+        for name, value in self.parts.initial.items():
+            found[name] = self._expression(value, f"initial.{name}")
+            for entry in found[name] if isinstance(found[name], list) else [found[name]]:
                 if isinstance(entry, fh.Expression) and entry.uses_time:
                     raise InputError("initial data cannot depend on t", value=value, key=f"initial.{name}")
+        return found
+
+    def _boundary(self) -> dict[str, Any]:
+        """What stands on the sides that are named."""
         boundary: dict[str, Any] = {}
-        for side, part in parts.boundary.items():
+        for side, part in self.parts.boundary.items():
             values = part.model_dump(exclude={"type"}, exclude_none=True)
             try:
                 boundary[side] = _BOUNDARIES[part.type](**values)
             except InputError as error:
                 raise InputError(f"boundary.{side}: {error}") from None
-        allowed = ["all"] + [AXES[a] + s for a in range(dim) for s in ("", "-", "+")]
+        allowed = ["all"] + [AXES[a] + s for a in range(self.lattice.dim) for s in ("", "-", "+")]
         for side in boundary:
             if side not in allowed:
                 raise InputError("unknown side", value=side, limit=", ".join(allowed), key="boundary", remedy=_nearest(side, allowed))
+        return boundary
+
+    def _setup(self) -> dict[str, Any]:
+        parts = self.parts
+        if parts.load:
+            raise InputError("loads act on a body", key="load", remedy='model.type = "correspondence", or [[source]]')
         coefficient = None
         if parts.coefficient is not None:
             expression = self._expression(parts.coefficient, "coefficient")
             coefficient = np.broadcast_to(expression(*self.lattice.coordinates()) if callable(expression) else expression, self.lattice.shape)
         return {
-            "lattice": self.lattice, "model": self.model, "boundary": boundary or fh.LatticePML(),
-            "initial": {k: self._expression(v, f"initial.{k}") for k, v in parts.initial.items()},
+            "lattice": self.lattice, "model": self.model, "initial": self._initial(), "boundary": self._boundary() or fh.LatticePML(),
             "sources": [self._expression(s.value, "source.value") for s in parts.source] + [self._incident(w) for w in parts.incident],
             "specimens": [fh.Specimen(s.region.build(f"specimen[{i}].region"), s.concentration) for i, s in enumerate(parts.specimen)],
             "cracks": [self._crack(c) for c in parts.crack],
@@ -498,6 +579,36 @@ class Case:
             raise InputError(f"incident.signal: {error}; value: {part.signal!r}") from None
         within = None if part.within is None else fh.Box(part.within.lower, part.within.upper)
         return fh.IncidentWave(part.direction, signal, part.duration, part.polarisation, within)
+
+    def _body_setup(self, model: BodyPart) -> dict[str, Any]:
+        parts = self.parts
+        for name in ("specimen", "source", "incident", "constraint", "coefficient", "rule", "rim", "background"):
+            if name in parts.model_fields_set:
+                raise InputError("a body has no such key", key=name, remedy="forces on a body are [[load]]s" if name == "source" else "leave it out")
+        if parts.run.dtype != "float64":
+            raise InputError("a body computes in double precision", value=parts.run.dtype, limit="float64", key="run.dtype")
+        if any(c.factor or c.opens for c in parts.crack):
+            raise InputError("cracks of a body are there from the start and carry nothing", key="crack", remedy="leave factor and opens out")
+        return {
+            "lattice": self.lattice, "operator": fh.Kernel(**model.kernel.model_dump()), **model.model_dump(exclude={"type", "kernel"}),
+            "boundary": self._boundary() or fh.Fixed(), "initial": self._initial(), "cracks": [self._crack(c) for c in parts.crack],
+            "loads": [self._load(load, f"load[{i}]") for i, load in enumerate(parts.load)],
+            "balance": parts.output.balance, "dt": parts.run.dt, "threads": parts.run.threads,
+        }  # fmt: skip
+
+    def _load(self, part: TractionPart | BodyForcePart, key: str) -> fh.Traction | fh.BodyForce:
+        factor = self._entry(part.time, f"{key}.time")
+        if isinstance(factor, fh.Expression):
+            if factor.uses_space:
+                raise InputError("the factor of a load depends on t alone", value=part.time, key=f"{key}.time", remedy="put x, y and z into value")
+            expression, nowhere = factor, (0.0,) * self.lattice.dim
+            factor = lambda t: float(expression(*nowhere, t=t))  # noqa: E731
+        else:
+            constant = float(factor)
+            factor = None if constant == 1 else lambda t: constant
+        if isinstance(part, TractionPart):
+            return fh.Traction(part.side, part.value, part.between, factor)
+        return fh.BodyForce(self._expression(part.value, f"{key}.value"), factor)
 
     def _prescribed(self, part: PrescribedPart, key: str) -> fh.Prescribed:
         if (part.points is None) == (part.region is None):
@@ -551,8 +662,9 @@ class Case:
             raise InputError("must be positive", value=out.every, key="output.every")
         if self.parts.run.until <= 0:
             raise InputError("must be positive", value=self.parts.run.until, key="run.until")
-        known = ["u"] + (["v"] if self.model.order == 2 else []) + (["solid", "dissolved"] if isinstance(self.model, fh.Corrosion) else [])
-        known += ["damage"] if self._bondwise else []
+        known = {"correspondence": ["u", "v", "damage"], "corrosion": ["u", "solid", "dissolved"]}.get(self.parts.model.type, ["u"])
+        if self.kind is fh.Simulation and self.model.order == 2:
+            known = [*known, "v", *(["damage"] if self._bondwise else [])]
         for name in self.fields:
             if name not in known:
                 raise InputError(f"a {self.parts.model.type} has no such field", value=name, limit=", ".join(known), key="output.fields")
@@ -572,7 +684,9 @@ _PARTS: dict[str, type[_Part]] = {
     "lattice": LatticePart, "window": RegionPart, "body": RegionPart, "without": RegionPart, "region": RegionPart, "within": RegionPart,
     "box": BoxPart, "ball": DiscPart, "polygon": PolygonPart, "text": TextPart, "image": ImagePart,
     "wave": WavePart, "beam": BeamPart, "diffusion": DiffusionPart, "heat": HeatPart,
-    "corrosion": CorrosionPart, "elastic": ElasticPart, "specimen": SpecimenPart,
+    "corrosion": CorrosionPart, "elastic": ElasticPart, "correspondence": BodyPart,
+    "load": TractionPart, "traction": TractionPart, "body-force": BodyForcePart,
+    "nonlocal-pml": NonlocalPMLPart, "specimen": SpecimenPart,
     "kernel": KernelPart, "lattice-pml": LatticePMLPart, "exact": ExactPart, "fixed": FixedPart, "free": FreePart, "periodic": PeriodicPart,
     "sponge": SpongePart, "plane-wave": PlaneWavePart, "higdon": HigdonPart, "first-order": FirstOrderPart,
     "crack": CrackPart, "source": SourcePart, "incident": IncidentPart, "constraint": ConstraintPart,
@@ -598,7 +712,22 @@ def _explain(error: ValidationError) -> str:
     problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")  # a misspelt key is why another is missing
     for problem in problems[:3]:
         location = tuple(problem["loc"])
-        tags = {"wave", "beam", "diffusion", "heat", "corrosion", "elastic", "float", "str", "int", "[key]", *_BOUNDARIES}
+        tags = {
+            "wave",
+            "beam",
+            "diffusion",
+            "heat",
+            "corrosion",
+            "elastic",
+            "body",
+            "traction",
+            "body-force",
+            "float",
+            "str",
+            "int",
+            "[key]",
+            *_BOUNDARIES,
+        }
         tags |= {"temperature", "flux", "insulated", "convection", "prescribed"}
         key = ".".join(str(s) for s in location if s not in tags)
         if problem["type"] == "extra_forbidden":

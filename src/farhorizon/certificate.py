@@ -172,13 +172,14 @@ def certify(sim: Simulation, budget: float = BUDGET) -> Certificate:
                 parts, skipped = _with_whole(sim, slow, parts, skipped, budget - (time.monotonic() - begin))
     except InputError as error:
         skipped.append(f"a smaller copy, which is refused ({error.message})")
-    found = _short_lived(sim, _judge(parts, skipped, time.monotonic() - begin))
+    found = _short_lived(sim, judge(parts, skipped, time.monotonic() - begin))
     if not skipped:
         _keep(path, found)
     return found
 
 
-def _judge(parts: list[Part], skipped: list[str], seconds: float) -> Certificate:
+def judge(parts: list[Part], skipped: list[str], seconds: float) -> Certificate:
+    """What follows from the parts that were computed and those that were not."""
     if not parts:
         return Certificate(UNDECIDED, "nothing could be examined", skipped=tuple(skipped), seconds=seconds)
     growths = [p.growth for p in parts]

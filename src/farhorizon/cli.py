@@ -123,6 +123,7 @@ def _run(options: argparse.Namespace) -> int:
     from farhorizon.errors import FarhorizonError, InputError
     from farhorizon.plot import plot_results
     from farhorizon.results import ResultsWriter, open_results
+    from farhorizon.run import Run
 
     case = Case.read(options.case)
     until = case.parts.run.until if options.until is None else options.until
@@ -134,7 +135,7 @@ def _run(options: argparse.Namespace) -> int:
     probe_nodes: list[Any] = [(..., *case.lattice.index(p)) for p in probes]
     if options.resume and not checkpoint.exists():
         raise InputError(f"no checkpoint {checkpoint}", key="--resume", remedy="run without --resume")
-    sim = case.simulation()
+    sim = case.run()
     with case.naming():
         sim.prepare(until)
     certificate = _certified(sim, until, options.allow_unstable)
@@ -145,9 +146,9 @@ def _run(options: argparse.Namespace) -> int:
         _folder(options.out)
         writer = ResultsWriter.create(
             result, dim=case.lattice.dim, shape=case.lattice.shape, spacing=case.lattice.spacing, lower=case.lattice.lower,
-            fields=case.fields, dtype=sim.engine.dtype, probes=probes, accounts=list(sim.balance()) if case.parts.output.balance else [],
-            case=case.text, program=f"farhorizon {fh.__version__}", components=sim.stencil.components,
-            scalars=("damage",),
+            fields=case.fields, dtype=sim.fields["u"].dtype, probes=probes, accounts=list(sim.balance()) if case.parts.output.balance else [],
+            case=case.text, program=f"farhorizon {fh.__version__}",
+            components={name: len(field) if field.ndim > case.lattice.dim else 1 for name, field in sim.fields.items()},
         )  # fmt: skip
         checkpoint.unlink(missing_ok=True)
     for note in sim.notes:
@@ -157,17 +158,17 @@ def _run(options: argparse.Namespace) -> int:
         print(f"resumed at step {sim.step_count}, t = {sim.time:g}")
     saved = [time.monotonic()]
 
-    def record(sim: fh.Simulation) -> None:
+    def record(sim: Run) -> None:
         fields = sim.fields
         values = np.array([fields["u"][node] for node in probe_nodes]) if probe_nodes else None
         writer.append(sim.step_count, sim.time, {k: fields[k] for k in case.fields}, energy=sim.energy(), observed=values,
                       balance=sim.balance() if writer.accounts else None)  # fmt: skip
 
-    def keep(sim: fh.Simulation) -> None:
+    def keep(sim: Run) -> None:
         sim.save(checkpoint, outputs=writer.outputs, rows=writer.rows)
         saved[0] = time.monotonic()
 
-    def observe(sim: fh.Simulation) -> None:
+    def observe(sim: Run) -> None:
         record(sim)
         if time.monotonic() - saved[0] > _CHECKPOINT_SECONDS:
             keep(sim)
@@ -224,7 +225,7 @@ def _check(options: argparse.Namespace) -> int:
     if options.out:
         _check_folder(options.out)
     case = Case.read(options.case)
-    sim = case.simulation()
+    sim = case.run()
     with case.naming():
         sim.prepare(case.parts.run.until)
     report = sim.check(case.parts.run.until, options.budget)
@@ -237,7 +238,7 @@ def _check(options: argparse.Namespace) -> int:
         from farhorizon.tuning import BUDGET, tuned
 
         with case.naming():
-            found = tuned(sim, budget=options.budget or BUDGET)
+            found = tuned(case.simulation(), budget=options.budget or BUDGET)
         print(f"tuned: {found}\nin the case file: all = {found.toml}")
         facts["tuned"] = {"boundary": found.toml, "amplitude": found.amplitude, "angle": found.angle, **found.certificate.as_json()}
     _write_json(options.json, facts)
@@ -256,6 +257,7 @@ def _compare_case(case: Any, folder: Path, times: Sequence[float] | None, moment
     from farhorizon.plot import error_history, field_panels, magnitude
 
     with case.naming():
+        case.must_be_simulation()
         result = compare(case.setup, case.parts.run.until, times, moment)
     print(result.table())
     cracks = _polylines(case)

@@ -6,21 +6,30 @@ box of nodes is laid out, data are checked, and results are taken off.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 from farhorizon.analysis.correspondence import bond_weights, largest_frequency
 from farhorizon.boundaries import Fixed, Free, NonlocalPML, Sponge, sides
+from farhorizon.certificate import BUDGET, Certificate
 from farhorizon.cracks import as_cut, cut_bonds
+from farhorizon.describe import describe, rebuild
 from farhorizon.engine import available_threads
 from farhorizon.engine import correspondence as engine
 from farhorizon.engine.threads import side_by_side
-from farhorizon.errors import InputError
+from farhorizon.errors import FileFormatError, InputError
 from farhorizon.kernel import Kernel
 from farhorizon.lattice import AXES, Lattice
+from farhorizon.loads import BodyForce, Traction
+from farhorizon.report import Report
+from farhorizon.results import read_checkpoint, write_checkpoint
+from farhorizon.run import Run
+from farhorizon.sources import steady
 from farhorizon.stencil import Stencil
 
 PLANES = ("strain", "stress")
@@ -31,44 +40,6 @@ _SHATTERS = 10.0  # a load whose first strain is so many times the critical stre
 _ITERATIONS, _MARGIN = 100, 1.05  # of the largest frequency, which iterations find from below
 
 Side = tuple[int, int]
-
-
-@dataclass(frozen=True)
-class BodyForce:
-    """A force per volume on the near field.
-
-    Parameters
-    ----------
-    value : sequence of (ndarray, callable or float)
-        One component an axis: an array of the lattice's shape, a function of the coordinates, or a number.
-    time : callable, optional
-        Factor of t; 1 unless given.
-    """
-
-    value: Sequence[Any]
-    time: Callable[[float], float] | None = None
-
-
-@dataclass(frozen=True)
-class Traction:
-    """A force per area on a free side, a body force on its outermost nodes.
-
-    Parameters
-    ----------
-    side : str
-        "x-", "y+", ...
-    value : sequence of float
-        One component an axis.
-    between : sequence of (float, float), optional
-        Where it acts, along each of the other axes in their order; the whole side unless given. Nodes on either end count.
-    time : callable, optional
-        Factor of t; 1 unless given.
-    """
-
-    side: str
-    value: Sequence[float]
-    between: Sequence[tuple[float, float]] | None = None
-    time: Callable[[float], float] | None = None
 
 
 def lame_constants(young: float, poisson: float, dim: int, plane: str = "strain") -> tuple[float, float]:
@@ -93,7 +64,7 @@ def lame_constants(young: float, poisson: float, dim: int, plane: str = "strain"
     return lame, shear
 
 
-class Body:
+class Body(Run):
     r"""A linear correspondence solid: its near field, what closes it, and its state.
 
     The deformation gradient and the force density of a node (Silling et al. 2007; Wildman and Gazonas 2012, eqs 2-6 to 2-14) are
@@ -136,13 +107,19 @@ class Body:
     dt : float, optional
         Half of the stable limit unless given. The limit is that of the body at its start: nodes that have lost nearly all their bonds lower it.
     threads : int, optional
+    observe : sequence of callable
+        Called with the body every so often, see `run`.
 
     Attributes
     ----------
-    steps : int
+    step_count : int
     dt, time : float
-    notes : list of str
-        What is allowed, but worth knowing.
+    step_limit : float
+        Largest stable time step.
+    largest_frequency : float
+        That of the shortest waves, or of those at faces and cracks.
+    fields : dict of str to ndarray
+        Of the near field "u", "v" (half a step late), and "damage" (`damage`); nan where the body is not.
 
     Raises
     ------
@@ -172,11 +149,13 @@ class Body:
         balance: bool = False,
         dt: float | None = None,
         threads: int | None = None,
+        observe: Sequence[Callable[[Body], None]] = (),
     ) -> None:
+        self._setup = {name: value for name, value in locals().items() if name not in ("self", "initial", "observe", "__class__")}
         if lattice.dim not in (2, 3) or lattice.window is not None:
             raise InputError("correspondence elasticity needs a lattice of two or three dimensions with bounds", value=repr(lattice), key="lattice")
         self.lattice, self.dim = lattice, lattice.dim
-        self.notes: list[str] = []
+        self._notes: list[str] = []
         for name, value, least in (("density", density, 0.0), ("critical_stretch", 1.0 if critical_stretch is None else critical_stretch, 0.0)):
             if not (np.isfinite(value) and value > least):
                 raise InputError("must be finite and positive", value=value, limit="> 0", key=f"model.{name}")
@@ -201,6 +180,10 @@ class Body:
         self._set_fields(initial or {})
         self._check_load_strain()
         self._refuse_in_split_form(cracks, loads, drag)
+        self._setup |= {"dt": self.dt}
+        self._at_start(observe)
+        self._push = 0.0  # largest acceleration by the loads so far
+        self._first = self.energies() if balance else {}
 
     # --- set-up ------------------------------------------------------------------------------------------------------------------------
 
@@ -266,15 +249,16 @@ class Body:
         values = []
         for load in loads:
             values.append(self._traction(load) if isinstance(load, Traction) else self._components(load.value, "load.value", False))
-            self._times.append(load.time or (lambda t: 1.0))
+            self._times.append(load.time or steady)
         self._loads = np.zeros((len(values), self.dim, self._size))
         for flat, value in zip(self._loads, values, strict=True):
             self._view(flat)[(slice(None), *self._near_slices)] = value[(slice(None), *self._near_slices)] / self.density
 
     def _components(self, values: Sequence[Any], key: str, beyond: bool) -> np.ndarray:
         """A vector field on the box, shape (dim, three axes); functions reach into the layers if `beyond`."""
-        if len(values) != self.dim:
-            raise InputError("needs one component an axis", value=len(values), limit=self.dim, key=key)
+        if not isinstance(values, Sequence | np.ndarray) or isinstance(values, str) or len(values) != self.dim:
+            given = len(values) if isinstance(values, Sequence | np.ndarray) else "one"
+            raise InputError("needs one component an axis", value=given, limit=self.dim, key=key)
         out = np.zeros((self.dim, *self._box))
         near = self._near_slices
         for a, value in enumerate(values):
@@ -351,7 +335,7 @@ class Body:
             np.bitwise_and.at(whole, (bonds >> 6, *grown.T), ~(np.uint64(1) << (bonds & 63).astype(np.uint64)))
         alone = int(((whole == 0).all(0) & self._present).sum()) if len(cracks) else 0
         if alone:
-            self.notes.append(f"cracks leave {alone} nodes without any bond: they move freely")
+            self._notes.append(f"cracks leave {alone} nodes without any bond: they move freely")
         return whole
 
     def _cut_tiles(self, whole: np.ndarray | None, kept: bool) -> None:
@@ -399,6 +383,7 @@ class Body:
         limits = (1 + (np.inf if self._critical is None else self._critical)) ** 2 * (self._bonds[2] ** 2).sum(1)
         self._fracture = (limits, low, high, kept)
         self._families = None if whole is None else self._count_bonds(self._uncut)
+        self._first_bonds = -1 if whole is None else int(self._count_bonds(whole).sum())
         self._crossing = self._leaving(self._slots[0])
 
     def _fill_bits(self, bits: np.ndarray) -> None:
@@ -442,9 +427,10 @@ class Body:
 
     def _set_step(self, dt: float | None, drag: float) -> None:
         """A mode of frequency w that drag leaves a factor s >= 1 - 2 D of its velocity needs ``(w dt)^2 < 2 (1 + s)``."""
-        frequency = self._largest_frequency()
-        limit = 2 / (drag + np.sqrt(drag**2 + frequency**2))
-        self.dt = 0.5 * limit if dt is None else float(dt)
+        self.largest_frequency = self._largest_frequency()
+        limit = 2 / (drag + np.sqrt(drag**2 + self.largest_frequency**2))
+        self.step_limit = float(limit)
+        self.dt = 0.5 * self.step_limit if dt is None else float(dt)
         if not 0 < self.dt <= limit:
             raise InputError("the step is out of range", value=self.dt, limit=f"{limit:.6g}", key="run.dt", remedy=f"dt = {0.5 * limit:.3g}")
         self._drag = float(drag) * self.dt
@@ -510,7 +496,7 @@ class Body:
                 self._view(flat)[...] = self._components(initial[name], f"initial.{name}", True) * self._present
         self._p = np.zeros((self.dim**2, self._size))
         self._books = np.zeros((self._threads, engine.BOOKS))
-        self.steps = 0
+        self._start = float(np.abs(self._u).max()), float(np.abs(self._v).max())
         if self.split:
             self._parts = np.repeat(self._u[None], self.dim, 0) / self.dim
             self._histories = np.zeros((self.dim, self.dim**2, self._size))
@@ -531,7 +517,9 @@ class Body:
                              value=self._critical, limit=f">= {strain / _SHATTERS:.3g}", key="model.critical_stretch",
                              remedy="a smaller load, or one that rises in time")  # fmt: skip
         if strain > self._critical:
-            self.notes.append(f"the load's first strain, about {strain:.3g}, is above the critical stretch {self._critical:.3g}: bonds break at once")
+            self._notes.append(
+                f"the load's first strain, about {strain:.3g}, is above the critical stretch {self._critical:.3g}: bonds break at once"
+            )
 
     def _refuse_in_split_form(self, cracks: Sequence[Any], loads: Sequence[Any], drag: float) -> None:
         asked = {"critical_stretch": self._critical is not None, "loads": bool(len(loads)), "drag": bool(drag), "cracks": bool(len(cracks)),
@@ -543,29 +531,90 @@ class Body:
 
     # --- the run -----------------------------------------------------------------------------------------------------------------------
 
-    @property
-    def time(self) -> float:
-        """Time of the displacements."""
-        return self.steps * self.dt
-
     def step(self, count: int = 1) -> None:
-        """Advance by a number of steps."""
+        """Advance by a number of steps.
+
+        Raises
+        ------
+        InputError
+            A load is not finite.
+        UnstableError
+            The displacements became non-finite or exploded.
+        """
+        last = self.step_count + count
+        while self.step_count < last:
+            self._advance(min(self._guard_steps, last - self.step_count), self.step_count)
+            self._tick(min(self._guard_steps, last - self.step_count))
+            self._guard()
+
+    def _advance(self, count: int, done: int) -> None:
+        """Advance the state by `count` steps after `done` of them."""
         if self.split:
             state: tuple[Any, ...] = (self.dt, self._u, self._parts, self._histories, self._p, self._tiles, self._medium, self._pairs, self._bonds,
                                       self._slots, self._phi)  # fmt: skip
             side_by_side(lambda lane, lanes, sync: engine.advance_split(lane, lanes, sync, count, *state), self._threads)
-        else:
-            moments = (self.steps + np.arange(count)) * self.dt
-            factors = np.array([[time(t) for time in self._times] for t in moments], float).reshape(count, len(self._times))
-            state = (self.steps, self.dt, self._drag, self._u, self._v, self._spare, self._p, self._force, self._tiles, self._medium, self._pairs,
-                     self._bonds, self._triples, self._slots, self._fracture, self._layers, self._loads, factors, self._crossing,
-                     self._books)  # fmt: skip
-            side_by_side(lambda lane, lanes, sync: engine.advance(lane, lanes, sync, count, *state), self._threads)
-        self.steps += count
+            return
+        moments = (done + np.arange(count)) * self.dt
+        factors = np.array([[time(t) for time in self._times] for t in moments], float).reshape(count, len(self._times))
+        if not np.isfinite(factors).all():
+            raise InputError("a load is not finite", value=f"t = {moments[np.argmin(np.isfinite(factors).all(1))]:g}", key="load.time")
+        if factors.size:
+            self._push = max(self._push, float(np.abs(factors).max(0) @ np.abs(self._loads).max((1, 2))))
+        state = (done, self.dt, self._drag, self._u, self._v, self._spare, self._p, self._force, self._tiles, self._medium, self._pairs,
+                 self._bonds, self._triples, self._slots, self._fracture, self._layers, self._loads, factors, self._crossing,
+                 self._books)  # fmt: skip
+        side_by_side(lambda lane, lanes, sync: engine.advance(lane, lanes, sync, count, *state), self._threads)
 
-    def run(self, until: float) -> None:
-        """Advance to the step nearest to a time."""
-        self.step(max(0, round(until / self.dt) - self.steps))
+    def _guard(self) -> None:
+        def cause() -> str:
+            if self.split:
+                return 'forward Euler on split fields grows by half of frequency^2 dt: a smaller dt, or form = "displacement"'
+            if self.broken_bonds:
+                return 'nodes that have lost nearly all their bonds, which lowers the stable step: a smaller dt, or shape_tensor = "kept"'
+            return "a layer that grows (cross-damping stops it), or the loads"
+
+        displacement, velocity = self._start
+        scale = max(displacement + velocity * self.time + self._push * self.time**2 / 2, 1e-300)
+        self._refuse_explosion(self._view(self._u)[(slice(None), *self._near_slices)].reshape(self.dim, *self.lattice.shape),
+                               np.asarray(self.lattice.lower, float), scale, cause)  # fmt: skip
+
+    def linear_map(self) -> tuple[int, Callable[[np.ndarray, int], np.ndarray]]:
+        """The update of displacements, velocities and the layers' memory as a map of vectors, for a body without loads whose bonds do not break.
+
+        Returns
+        -------
+        size : int
+            Numbers in a vector.
+        advance : callable
+            Vector and number of steps to the vector after them; the body's own state is overwritten.
+        """
+        levels = [self._view(self._u), self._view(self._v)]
+        there = np.broadcast_to(self._present, levels[0].shape)
+        memory, gain = self._layers[0], self._layers[2]
+        kept = np.tile(gain != 0, (2 * self.dim, 1))  # a derivative's row follows its direction
+        count = int(there.sum())
+
+        def advance(vector: np.ndarray, steps: int) -> np.ndarray:
+            for level, values in zip(levels, np.split(vector[: 2 * count], 2), strict=True):
+                level[there] = values
+            memory[...] = 0
+            memory[kept] = vector[2 * count :]
+            self._advance(steps, 1)
+            return np.concatenate([*(level[there] for level in levels), memory[kept]])
+
+        return 2 * count + int(kept.sum()), advance
+
+    @contextmanager
+    def _as_before(self) -> Iterator[None]:
+        """Whatever runs inside leaves no trace."""
+        kept = {name: array.copy() for name, array in self._state().items()}
+        push = self._push
+        try:
+            yield
+        finally:
+            for name, array in self._state().items():
+                array[...] = kept[name]
+            self._push = push
 
     # --- results -----------------------------------------------------------------------------------------------------------------------
 
@@ -573,6 +622,17 @@ class Body:
         """Displacements of the near field, shape (dim, *lattice.shape), or with the `layers` of the whole box."""
         box = self._view(self._u)
         return box.reshape(self.dim, *self._box[3 - self.dim :]).copy() if layers else self._shown(box)
+
+    @property
+    def fields(self) -> dict[str, np.ndarray]:
+        """Copies of the near field."""
+        found = {"u": self.u, "v": self.v, "damage": self.damage()}
+        return found if self.lattice.mask is None else {name: np.where(self.lattice.mask, field, np.nan) for name, field in found.items()}
+
+    @property
+    def notes(self) -> list[str]:
+        """What is allowed, but to be known."""
+        return list(self._notes)
 
     @property
     def u(self) -> np.ndarray:
@@ -605,7 +665,7 @@ class Body:
         return float(density.sum()) * self.lattice.spacing**self.dim
 
     def energies(self) -> dict[str, float]:
-        """Energies of the near field, one step ago, and what became of them since the start; displacement form only.
+        """Energies of the near field, one step ago (at the start those of the start), and what became of them since the start.
 
         Returns
         -------
@@ -613,13 +673,47 @@ class Body:
             "kinetic", "strain" (with what the stabilisation stores); since the start "work" of the loads, "broken" (dissipated by breaking),
             "drag" (dissipated by drag, and carried by it), and with `balance` "outflow" (into layers and sides). The sum of the first two changes by
             the work less the other three, to rounding: with velocities half a step before and after, the kinetic energy is ``v_before . v_after / 2``
-            per mass, which velocity Verlet conserves together with the strain energy.
+            per mass, which velocity Verlet conserves together with the strain energy. Of split fields "strain" alone is known.
         """
-        total = self._books.sum(0) * self.density * self.lattice.spacing**self.dim
+        if self.split:
+            return {"strain": self.strain_energy()}
         names = {"kinetic": engine.KINETIC, "strain": engine.STRAIN, "work": engine.WORK, "broken": engine.BROKEN, "drag": engine.DRAG}
         if self._balance:
             names["outflow"] = engine.OUTFLOW
+        if self.step_count == 0:  # the books of the first step tell of its beginning
+            with self._as_before():
+                self._advance(1, 0)
+                books = self._books.sum(0)
+                books[[number for name, number in names.items() if name not in ("kinetic", "strain")]] = 0
+        else:
+            books = self._books.sum(0)
+        total = books * self.density * self.lattice.spacing**self.dim
         return {name: float(total[number]) for name, number in names.items()}
+
+    def energy(self) -> float:
+        """Kinetic and strain energy of the near field, one step ago."""
+        found = self.energies()
+        return found.get("kinetic", 0.0) + found["strain"]
+
+    def balance(self) -> dict[str, float]:
+        """Where the work of the loads has gone since the start, for bodies with ``balance=True``.
+
+        Returns
+        -------
+        dict of str to float
+            Gains of "kinetic" and "strain" energy, "work", "broken", "drag", "outflow" as of `energies`, and the "residual": the work less
+            all others, which is rounding.
+
+        Raises
+        ------
+        InputError
+            The body does not record it.
+        """
+        if not self._balance:
+            raise InputError("this body records no balance", key="balance", remedy="Body(..., balance=True)")
+        found = self.energies()
+        found |= {name: found[name] - self._first[name] for name in ("kinetic", "strain")}
+        return {**found, "residual": 2 * found["work"] - sum(found.values())}
 
     @property
     def broken_bonds(self) -> int:
@@ -642,3 +736,115 @@ class Body:
         """Bytes of the state."""
         arrays = [self._u, self._v, self._spare, self._force, self._p, self._tiles, *self._slots, *self._layers, self._phi, self._loads]
         return sum(a.nbytes for a in arrays)
+
+    def remade(self, lattice: Lattice) -> Body:
+        """The intact body on another lattice, at rest: without loads and cracks, and no bond breaks."""
+        nothing = {"loads": (), "cracks": (), "critical_stretch": None, "balance": False, "threads": 1}
+        return Body(**{**self._setup, **nothing, "lattice": lattice})
+
+    @property
+    def box(self) -> tuple[int, ...]:
+        """Nodes of the near field with its layers along each axis."""
+        return tuple(int(n) for n in self._box[3 - self.dim :])
+
+    # --- before a run ------------------------------------------------------------------------------------------------------------------
+
+    def seconds_per_step(self) -> float:
+        """Time of a step on this machine now, measured for a tenth of a second; the state stays as it is."""
+        with self._as_before():
+            self._advance(1, self.step_count)  # the first one loads compiled programs
+            count, spent = 0, 0.0
+            begin = perf_counter()
+            while spent < 0.1:
+                self._advance(1, self.step_count)
+                count, spent = count + 1, perf_counter() - begin
+        return spent / count
+
+    def certificate(self, budget: float = BUDGET) -> Certificate:
+        """Whether the update of the intact linear form is stable; see `farhorizon.body_report`."""
+        from farhorizon.body_report import certify
+
+        return certify(self, budget)
+
+    def check(self, until: float | None = None, budget: float | None = None) -> Report:
+        """Step limit, stability certificate of the intact linear form, layers, memory, time, before running.
+
+        Parameters
+        ----------
+        until : float, optional
+            End of the run, for its estimated time.
+        budget : float, optional
+            Seconds for the certificate. Unless given about those of the run to `until`, from 2 to 30; 30 without `until`.
+        """
+        from farhorizon.body_report import report
+
+        return report(self, until, budget)
+
+    # --- state -------------------------------------------------------------------------------------------------------------------------
+
+    def _state(self) -> dict[str, np.ndarray]:
+        """All arrays that a step reads before it writes them."""
+        found = {"u": self._u, "v": self._v, "tiles": self._tiles, "bonds": self._slots[0], "inverses": self._slots[1], "memory": self._layers[0],
+                 "books": self._books}  # fmt: skip
+        return found | ({"parts": self._parts, "histories": self._histories} if self.split else {})
+
+    def _fingerprint(self) -> dict[str, Any]:
+        _, low, high, kept = self._fracture
+        return {
+            "run": "Body", "shape": list(self.lattice.shape), "spacing": self.lattice.spacing, "lower": self.lattice.lower.tolist(),
+            "box": self._box.tolist(), "dt": self.dt, "drag": self._drag, "medium": list(self._medium), "density": self.density, "split": self.split,
+            "neighbours": len(self._triples), "weights": float(self._bonds[1].sum()), "critical_stretch": self._critical, "kept": bool(kept),
+            "bonds": self._first_bonds, "loads": [float(np.abs(load).sum()) for load in self._loads], "stretch": float(self._phi.sum()),
+            "memory": float(self._layers[1].sum()), "damping": float(self._layers[3].sum()), "balance": self._balance,
+            "breakable": [low.tolist(), high.tolist()],
+        }  # fmt: skip
+
+    def save(self, path: str | Path, **extra: Any) -> None:
+        """Write the complete state, bonds and the memory of the layers included, under a temporary name and rename it."""
+        arrays = self._state()
+        meta = {"fingerprint": self._fingerprint(), "step": self.step_count, "push": self._push, "start": list(self._start), "first": self._first,
+                "extra": extra}  # fmt: skip
+        write_checkpoint(path, arrays, {**meta, "setup": describe(self._setup, arrays)})
+
+    @classmethod
+    def restore(cls, path: str | Path, **changes: Any) -> Body:
+        """The body that wrote a checkpoint, in the state in which it was saved.
+
+        Parameters
+        ----------
+        path : str or Path
+        **changes
+            Arguments of the constructor to take instead of the stored ones: needed for Python functions (loads), which a file cannot hold.
+
+        Raises
+        ------
+        InputError
+            The set-up held a Python function that is not given again.
+        FileFormatError
+            A damaged or foreign file, or changes that make another set-up.
+        """
+        arrays, meta = read_checkpoint(path)
+        if meta.get("fingerprint", {}).get("run") != "Body":
+            raise FileFormatError("the file holds no body", value=str(path), remedy="a checkpoint written by Body.save")
+        stored = {name: value for name, value in meta["setup"]["dict"].items() if name not in changes}
+        body = cls(**{**{name: rebuild(value, arrays, name) for name, value in stored.items()}, **changes})
+        body.load(path)
+        return body
+
+    def load(self, path: str | Path) -> dict[str, Any]:
+        """Take the state of a checkpoint written by the same set-up; what follows is bitwise the uninterrupted run.
+
+        Raises
+        ------
+        FileFormatError
+            A damaged file, or the checkpoint of another set-up.
+        """
+        arrays, meta = self._read(path)
+        if arrays["books"].shape != self._books.shape:  # another number of threads: who wrote it down does not matter
+            arrays["books"] = np.concatenate([arrays["books"].sum(0)[None], np.zeros_like(self._books[1:])])
+        for name, array in self._state().items():
+            array[...] = arrays[name]
+        self._push, self._start, self._first = float(meta["push"]), tuple(meta["start"]), dict(meta["first"])
+        self.step_count = 0
+        self._tick(int(meta["step"]))
+        return dict(meta["extra"])

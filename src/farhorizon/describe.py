@@ -17,6 +17,7 @@ from farhorizon.incidence import IncidentWave
 from farhorizon.integrators import RungeKuttaChebyshev
 from farhorizon.kernel import Kernel
 from farhorizon.lattice import Lattice
+from farhorizon.loads import BodyForce, Traction
 from farhorizon.models import Beam, Corrosion, Diffusion, Elastic, Heat, Wave
 from farhorizon.models.scalar import INTEGRATORS
 from farhorizon.sources import Source
@@ -26,12 +27,15 @@ from farhorizon.stencil import Stencil
 _TYPES = {
     t.__name__: t
     for t in (
-        *(getattr(boundaries, n) for n in ("LatticePML", "Exact", "FirstOrder", "Fixed", "Free", "Higdon", "Periodic", "PlaneWave", "Sponge")),
+        *(
+            getattr(boundaries, n)
+            for n in ("LatticePML", "Exact", "FirstOrder", "Fixed", "Free", "Higdon", "NonlocalPML", "Periodic", "PlaneWave", "Sponge")
+        ),
         *(getattr(shapes, n) for n in ("Disc", "Ball", "Box", "Polygon", "Union", "Intersection", "Difference")),
         *(getattr(outlines, n) for n in ("ImageMask", "Text")),
         *(getattr(shapes, n) for n in ("PointCut", "Polyline", "Rectangle", "DiscCut", "PolygonCut")),
         *(Beam, Convection, Crack, Diffusion, Expression, Flux, Heat, Insulated, Kernel, Lattice, Prescribed, RungeKuttaChebyshev, Source, Stencil),
-        *(Corrosion, Elastic, IncidentWave, Specimen, Temperature, Wave),
+        *(BodyForce, Corrosion, Elastic, IncidentWave, Specimen, Traction, Temperature, Wave),
     )
 }
 

@@ -396,7 +396,7 @@ def plot_results(results: Results, out_dir: str | Path, times: Sequence[float] |
                 continue
             drawn = chosen if name != "dissolved" else chosen[-1:]  # the last one tells all
             found = [results.field(name, int(k)) for k in drawn]
-            for part, label, shown in _parts(name, found) if name in results.vectors else [(name, name, found)]:
+            for part, label, shown in [(name, name, found)] if results.components[name] == 1 else _parts(name, found):
                 written.append(directory / f"{part}.png")
                 fields = [(f"t = {outputs[k]:.4g}", values) for k, values in zip(drawn, shown, strict=True)]
                 cuts, colors = ((), _DAMAGE) if name == "damage" else (cracks, None)  # damage shows the cracks, those cut in advance among them
@@ -405,8 +405,8 @@ def plot_results(results: Results, out_dir: str | Path, times: Sequence[float] |
     history, values, energy = results.history_times, results.probe_values, results.energy
     if np.isfinite(values).any():
         names = [", ".join(f"{axis} = {_number(x, results.spacing)}" for axis, x in zip("xyz", place, strict=False)) for place in results.probes]
-        if results.components > 1:
-            names = [f"u_{axis} at {name}" for name in names for axis in "xyz"[: results.components]]
+        if values.ndim > 2:
+            names = [f"u_{axis} at {name}" for name in names for axis in "xyz"[: values.shape[2]]]
             values = values.reshape(len(values), -1)
         written.append(directory / "probes.png")
         title = f"probe at {names[0]}" if len(names) == 1 else ""

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)
 _FINE = tuple(np.linspace(0, 85, 35).tolist())  # angles of the picture
-_LEAST = 1.6  # seconds that it all may take whatever the run takes; with the making of the set-up 2
+LEAST = 1.6  # seconds that it all may take whatever the run takes; with the making of the set-up 2
 _SHARE = 0.4  # of the time: until when wavelengths are predicted, and what the certificate has at least
 _EXACT = 1e-14  # less than this comes back: rounding
 _PROBED = 400_000  # nodes of a plain run that is timed, at most
@@ -127,7 +127,7 @@ class Report:
         report._describe(sim, waves)
         if until is not None:
             report._estimate(sim, until)
-        whole = min(BUDGET, max(_LEAST, report.numbers.get("seconds", BUDGET)))
+        whole = min(BUDGET, max(LEAST, report.numbers.get("seconds", BUDGET)))
         if sim.model.order == 2 and waves is not None:
             wavelengths = tuple(dict.fromkeys((waves.typical, waves.shortest, waves.longest)))
             report._predict(sim, wavelengths, begin + _SHARE * whole if budget is None else np.inf)
@@ -205,7 +205,7 @@ class Report:
         """Time of the run, and of one on a domain so large that nothing returns."""
         steps = int(np.ceil(until / sim.dt))
         duration = sim.seconds_per_step() * steps
-        self._say("time", f"about {_seconds(duration)} for {steps} steps to t = {until:g}")
+        self._say("time", f"about {seconds(duration)} for {steps} steps to t = {until:g}")
         self.numbers |= {"steps": float(steps), "seconds": duration}
         open_sides = [axis for (axis, _), b in sim.sides.items() if isinstance(b, Absorbing)]
         if not open_sides:
@@ -367,7 +367,7 @@ def _decibels(amplitude: float) -> str:
     return f"{20 * np.log10(amplitude):.0f}" if amplitude > _EXACT else f"< {20 * np.log10(_EXACT):.0f}"
 
 
-def _seconds(duration: float) -> str:
+def seconds(duration: float) -> str:
     """A duration in words."""
     for unit, length in (("h", 3600.0), ("min", 60.0)):
         if duration >= 2 * length:

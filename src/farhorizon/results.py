@@ -136,19 +136,15 @@ def _accounts(group: Any) -> tuple[str, ...]:
     return tuple(group["accounts"].asstr()[:]) if "accounts" in group else ()
 
 
-def _stored_shapes(shape: tuple[int, ...], components: int) -> tuple[tuple[int, ...], ...]:
-    """Shapes that a stored output may have: in a file of vectors some fields may be scalars."""
-    return tuple(dict.fromkeys((_vtk_shape(shape, components), _vtk_shape(shape, 1))))
+def _components(group: Any) -> dict[str, int]:
+    """Components of each field of a results file; 1 in files that do not say."""
+    names = group["fields"].asstr()[:]
+    return dict(zip(names, (int(n) for n in np.broadcast_to(group.attrs.get("components", 1), len(names))), strict=True))
 
 
-def _components(group: Any) -> int:
-    """Components of the fields of a results file; 1 in files that do not say."""
-    return int(group.attrs.get("components", 1))
-
-
-def _is_vector(file: Any, name: str, shape: tuple[int, ...]) -> bool:
-    """Whether a field has components."""
-    return bool(file["VTKHDF/PointData"][name].shape[1:] != _vtk_shape(shape, 1))
+def _probe_components(group: Any) -> int:
+    """Components of the values at the probes; those of the first field in files that do not say."""
+    return int(group.attrs.get("probe_components", next(iter(_components(group).values()))))
 
 
 def _growing(group: Any, name: str, dtype: str) -> None:
@@ -181,7 +177,7 @@ class ResultsWriter:
     fields : tuple of str
     shape : tuple of int
         Lattice shape (nx[, ny[, nz]]).
-    components : int
+    components : dict of str to int
         Of each field.
 
     Raises
@@ -198,8 +194,8 @@ class ResultsWriter:
             self.fields: tuple[str, ...] = tuple(group["fields"].asstr()[:])
             self.outputs, self.rows = _counts(file, self.path)
             self.components = _components(group)
-            self._vectors = {name for name in self.fields if self.components > 1 and _is_vector(file, name, self.shape)}
-            self._probes = (group["probes"].shape[0], *((self.components,) if self.components > 1 else ()))
+            width = _probe_components(group)
+            self._probes = (group["probes"].shape[0], *((width,) if width > 1 else ()))
             self.accounts = _accounts(group)
             self._last_step = int(group["steps"][self.outputs - 1]) if self.outputs else None
 
@@ -218,8 +214,7 @@ class ResultsWriter:
         accounts: Sequence[str] = (),
         case: str = "",
         program: str = "",
-        components: int = 1,
-        scalars: Sequence[str] = (),
+        components: int | Mapping[str, int] = 1,
     ) -> ResultsWriter:
         """Create an empty results file; an older results file of that name is replaced, any other file is refused.
 
@@ -246,10 +241,9 @@ class ResultsWriter:
             Text of the case file.
         program : str
             Name and version of the program.
-        components : int
-            1, or dim for vector fields. VTK's vectors have three, the missing ones are stored as zeros.
-        scalars : sequence of str
-            Fields that have one component all the same.
+        components : int or mapping of str to int
+            1, or dim for vector fields. VTK's vectors have three, the missing ones are stored as zeros. Probes show
+            the field u if it is named, written or not, else the first one.
 
         Returns
         -------
@@ -286,7 +280,9 @@ class ResultsWriter:
         places = np.zeros((0, dim)) if probes is None else np.asarray(probes, dtype=float)
         if places.ndim != 2 or places.shape[1] != dim:
             raise InputError("probes have the shape (n, dim)", value=places.shape, limit=f"(n, {dim})")
-        if components not in (1, dim):
+        width = dict.fromkeys(fields, components) if isinstance(components, int) else dict(components)
+        probed_width = width.get("u", width[fields[0]])
+        if not set(width.values()) <= {1, dim}:
             raise InputError("fields are scalars or have a component an axis", value=components, limit=f"1 or {dim}")
         padded = (*shape, 1, 1)[:3]
         with h5py.File(path, "w", locking=False) as file:
@@ -302,18 +298,15 @@ class ResultsWriter:
             _growing(steps, "Values", "f8")
             offsets = steps.create_group("PointDataOffsets")
             for name in fields:
-                stored = _vtk_shape(shape, 1 if name in scalars else components)
+                stored = _vtk_shape(shape, width[name])
                 chunk = _chunk(stored, dtype.itemsize)
                 data.create_dataset(name, (0, *stored), dtype, maxshape=(None, *stored), chunks=chunk)
                 _growing(offsets, name, "i8")
-            for kind, names in (("Vectors", [n for n in fields if components > 1 and n not in scalars]),
-                                ("Scalars", [n for n in fields if components == 1 or n in scalars])):  # fmt: skip
-                if names:
-                    data.attrs[kind] = names[0]
+                data.attrs.setdefault("Scalars" if width[name] == 1 else "Vectors", name)
             group = file.create_group("farhorizon")
             group.attrs["format"], group.attrs["version"], group.attrs["program"] = FORMAT, VERSION, program
             group.attrs["dim"], group.attrs["shape"], group.attrs["spacing"], group.attrs["lower"] = dim, shape, float(spacing), origin
-            group.attrs["components"] = components
+            group.attrs["components"], group.attrs["probe_components"] = [width[name] for name in fields], probed_width
             group.attrs["outputs"] = 0
             group.create_dataset("case", data=case, dtype=h5py.string_dtype())
             group.create_dataset("fields", data=list(fields), dtype=h5py.string_dtype())
@@ -325,9 +318,9 @@ class ResultsWriter:
             _growing(history, "times", "f8")
             _growing(history, "energy", "f8")
             if len(places):
-                width = () if components == 1 else (components,)
-                history.create_dataset("values", (0, len(places), *width), "f8", maxshape=(None, len(places), *width),
-                                       chunks=(_CHUNK_ROWS, min(len(places), 64), *width))  # fmt: skip
+                probed = () if probed_width == 1 else (probed_width,)
+                history.create_dataset("values", (0, len(places), *probed), "f8", maxshape=(None, len(places), *probed),
+                                       chunks=(_CHUNK_ROWS, min(len(places), 64), *probed))  # fmt: skip
             if accounts:
                 group.create_dataset("accounts", data=list(accounts), dtype=h5py.string_dtype())
                 history.create_dataset("balance", (0, len(accounts)), "f8", maxshape=(None, len(accounts)), chunks=(_CHUNK_ROWS, len(accounts)))
@@ -414,7 +407,7 @@ class ResultsWriter:
         if set(fields) != set(self.fields):
             raise InputError(f"{self.path}: an output has every field of the file, no other", value=sorted(fields), limit=sorted(self.fields))
         for name, values in fields.items():
-            wanted = (self.components, *self.shape) if name in self._vectors else self.shape
+            wanted = self.shape if self.components[name] == 1 else (self.components[name], *self.shape)
             if np.shape(values) != wanted:
                 raise InputError(f"{self.path}: field {name!r} has not the lattice shape", value=np.shape(values), limit=wanted)
         if self._last_step is not None and step <= self._last_step:
@@ -434,8 +427,8 @@ class ResultsWriter:
             for name in self.fields:
                 dataset = vtk["PointData"][name]
                 values = np.asarray(fields[name]).T.astype(dataset.dtype, order="C", copy=False)
-                if name in self._vectors:
-                    values = np.pad(values, [(0, 0)] * len(self.shape) + [(0, 3 - self.components)])
+                if self.components[name] > 1:
+                    values = np.pad(values, [(0, 0)] * len(self.shape) + [(0, 3 - self.components[name])])
                 _put(dataset, n, values.reshape(1, *dataset.shape[1:]))
                 _put(vtk["Steps/PointDataOffsets"][name], n, [n])
             _put(vtk["Steps/Values"], n, [time])
@@ -511,10 +504,8 @@ class Results:
     lower : tuple of float
         Coordinates of the first node.
     field_names : tuple of str
-    components : int
-        1, or dim where there are vector fields.
-    vectors : set of str
-        Fields that have components.
+    components : dict of str to int
+        Of each field: 1, or dim of vectors.
     probes : ndarray, shape (n, dim)
         Positions of the probes.
     case, program : str
@@ -543,10 +534,9 @@ class Results:
             self.program: str = str(group.attrs["program"])
             self._accounts = _accounts(group)
             self.components = _components(group)
-            self.vectors = {name for name in self.field_names if self.components > 1 and _is_vector(file, name, self.shape)}
             for name in self.field_names:
                 stored = file["VTKHDF/PointData"][name].shape[1:]
-                if stored not in _stored_shapes(self.shape, self.components):
+                if stored != _vtk_shape(self.shape, self.components[name]):
                     raise FileFormatError(f"{self.path} is damaged: field {name!r} has not the lattice shape", value=stored, limit=self.shape)
 
     def __repr__(self) -> str:
@@ -628,11 +618,12 @@ class Results:
         return self._lattice_first(name, stored[np.newaxis])[0]
 
     def _lattice_first(self, name: str, stored: np.ndarray) -> np.ndarray:
-        """Outputs of a field in our order of axes, of vectors without what only VTK has: (outputs[, components], nx[, ny[, nz]])."""
-        width = (3,) if name in self.vectors else ()
+        """Outputs in our order of axes, of vectors without what only VTK has: (outputs[, components], nx[, ny[, nz]])."""
+        components = self.components[name]
+        width = () if components == 1 else (3,)
         values = stored.reshape(len(stored), *self.shape[::-1], *width)
         found = values.transpose(0, *range(values.ndim - 1, 0, -1))
-        return np.ascontiguousarray(found[:, : self.components] if name in self.vectors else found)
+        return np.ascontiguousarray(found if components == 1 else found[:, :components])
 
     def to_xarray(self) -> xarray.Dataset:
         """Read everything into an xarray Dataset (in memory).
@@ -655,16 +646,17 @@ class Results:
         except ImportError as error:
             raise InputError("xarray is not installed", remedy="pip install 'farhorizon[xarray]'") from error
         names = ("x", "y", "z")[: self.dim]
-        component = () if self.components == 1 else ("component",)
+        component = {name: () if count == 1 else ("component",) for name, count in self.components.items()}
+        probed = ("component",) if self.probe_values.ndim > 2 else ()
         # One look at the counts: a running simulation may append between two accesses.
         times, rows = self.times, self.history_times.size
         data: dict[str, Any] = {}
         for name in self.field_names:
             with _opened(self.path, "r", "results file") as file:
                 stored = np.asarray(file["VTKHDF/PointData"][name][: times.size])
-            data[name] = (("time", *(component if name in self.vectors else ()), *names), self._lattice_first(name, stored))
+            data[name] = (("time", *component[name], *names), self._lattice_first(name, stored))
         data["energy"] = ("history_time", self.energy[:rows])
-        data["probe_values"] = (("history_time", "probe", *(component if len(self.probes) else ())), self.probe_values[:rows])
+        data["probe_values"] = (("history_time", "probe", *probed), self.probe_values[:rows])
         balance = self.balance
         if balance:
             data["balance"] = (("history_time", "account"), np.stack([values[:rows] for values in balance.values()], axis=1))
@@ -674,7 +666,7 @@ class Results:
             coords[f"probe_{name}"] = ("probe", self.probes[:, axis])
         if balance:
             coords["account"] = list(balance)
-        if component:
+        if probed or any(component.values()):
             coords["component"] = list(names)
         attributes = {"program": self.program, "case": self.case, "dim": self.dim, "spacing": self.spacing, "lower": list(self.lower)}
         return xarray.Dataset(data, coords, attributes)

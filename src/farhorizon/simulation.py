@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -19,23 +18,21 @@ from farhorizon.certificate import BUDGET, Certificate, certify
 from farhorizon.conditions import Constraint
 from farhorizon.constraints import Prescribed
 from farhorizon.describe import describe, rebuild
-from farhorizon.errors import FileFormatError, InputError, UnstableError
+from farhorizon.errors import FileFormatError, InputError
 from farhorizon.integrators import stage_effects
 from farhorizon.lattice import AXES, Lattice
 from farhorizon.models import Corrosion, Elastic, ScalarModel
 from farhorizon.report import Report
 from farhorizon.results import read_checkpoint, write_checkpoint
+from farhorizon.run import Run
 from farhorizon.sources import steady
 from farhorizon.specimens import Specimen
 
-_GUARD_STEPS = 200  # steps between two looks of the instability guard, at most; fewer on lattices above
-_GUARD_NODES = 1_000_000  # this many nodes, so that an interrupt is heard within seconds
-_EXPLODED = 1e6  # growth of the largest value over all that initial data and sources explain
 _SHATTERS = 10.0  # a load whose first strain is so many times the critical stretch breaks whatever it meets
 _TABLE = 1 << 20  # numbers in one table of source amplitudes
 
 
-class Simulation(Assembly):
+class Simulation(Assembly, Run):
     """One run of a model on a lattice.
 
     Parameters
@@ -120,10 +117,7 @@ class Simulation(Assembly):
         super().__init__(
             lattice, model, boundary, initial or {}, sources, cracks, coefficient, background, dt, dtype, threads, rule, rim, constraints, specimens
         )  # fmt: skip
-        self.observers = list(observe)
-        self.stop_requested = False
-        self.time, self.step_count = 0.0, 0
-        self._guard_steps = max(1, min(_GUARD_STEPS, _GUARD_STEPS * _GUARD_NODES // max(int(np.prod(lattice.shape)), 1)))
+        self._at_start(observe)
         self._source_peaks: dict[int, float] = {}
         self._looked = 0.0  # up to this time
         self._balance = balance
@@ -277,7 +271,7 @@ class Simulation(Assembly):
             As `check_sources`; a kernel that does not fit into memory.
         """
         self.check_sources(until)
-        last = int(np.ceil(until / self.dt - 1e-9))
+        last = super().prepare(until)
         if self._ends is not None:
             self._ends.cover(last)
         return last
@@ -380,60 +374,14 @@ class Simulation(Assembly):
             raise InputError("a source or condition is not finite", value=f"t = {times[0]:g}", key="source")
         return np.stack(fields), amplitudes
 
-    def _tick(self, steps: int) -> None:
-        self.step_count += steps
-        self.time = self.step_count * self.dt
-
     def _guard(self) -> None:
-        u = self.engine.core.view(self.engine.current)
-        top, low = float(u.max()), float(u.min())
-        if np.isfinite(top) and np.isfinite(low) and max(top, -low) <= _EXPLODED * self._scale:
-            return
-        worst = np.unravel_index(int(np.argmax(np.where(np.isfinite(u), np.abs(u), np.inf))), u.shape)
-        place = self._origin + self.lattice.spacing * np.array(worst[-self.lattice.dim :])
-        backward = self.stencil.backward_waves()
-        cause = (
-            f"the stencil has backward waves, which grow in layers that do not damp them (up to {backward.growth:.2g} sigma)" if backward
-            else "check dt, sources and coefficient"
-        )  # fmt: skip
-        raise UnstableError(
-            f"unstable at step {self.step_count}, t = {self.time:.6g}: u = {u[worst]:.3g} near {np.round(place, 6).tolist()}; likely cause: {cause}"
-        )
+        def cause() -> str:
+            backward = self.stencil.backward_waves()
+            if backward:
+                return f"the stencil has backward waves, which grow in layers that do not damp them (up to {backward.growth:.2g} sigma)"
+            return "check dt, sources and coefficient"
 
-    def run(self, until: float, every: float | None = None, progress: bool | None = None) -> Simulation:
-        """Run to a time; observers are called every `every` time units and at the end.
-
-        Parameters
-        ----------
-        until : float
-            The run stops at the first step at or after it.
-        every : float, optional
-        progress : bool, optional
-            Show a bar; on terminals only unless given.
-        """
-        from tqdm import tqdm
-
-        if not np.isfinite(until):
-            raise InputError("the end of the run must be finite", value=until, key="run.until")
-        last = self.prepare(until)
-        show = sys.stderr.isatty() if progress is None else progress
-        with tqdm(total=max(last - self.step_count, 0), disable=not show, unit="step", leave=False) as bar:
-            while self.step_count < last:
-                if every is None:
-                    stop = last
-                else:
-                    stop = min(last, int(np.ceil((int(self.time / every + 1e-9) + 1) * every / self.dt - 1e-9)))
-                while self.step_count < stop:
-                    before = self.step_count
-                    self.step(min(self._guard_steps, stop - self.step_count))
-                    bar.update(self.step_count - before)
-                    if self.stop_requested and self.step_count < stop:
-                        raise KeyboardInterrupt
-                for observer in self.observers:
-                    observer(self)
-                if self.stop_requested and self.step_count < last:
-                    raise KeyboardInterrupt
-        return self
+        self._refuse_explosion(self.engine.core.view(self.engine.current), self._origin, self._scale, cause)
 
     # --- what comes out ----------------------------------------------------------------------------------------
 
@@ -831,13 +779,7 @@ class Simulation(Assembly):
         FileFormatError
             A damaged file, or the checkpoint of another set-up.
         """
-        arrays, meta = read_checkpoint(path)
-        mine = json.loads(json.dumps(self._fingerprint()))
-        theirs = meta.get("fingerprint", {})
-        different = sorted(k for k in {*mine, *theirs} if mine.get(k) != theirs.get(k))
-        if different:
-            raise FileFormatError("the checkpoint belongs to another set-up", value=str(path), limit=f"same {', '.join(different)}",
-                                  remedy="resume with the case that wrote it")  # fmt: skip
+        arrays, meta = self._read(path)
         self.engine.levels[...] = arrays["levels"]
         self.engine.memory[...] = arrays["memory"]
         if self._ends is not None:

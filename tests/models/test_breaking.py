@@ -283,11 +283,11 @@ def test_results_hold_vectors_and_the_damage(tmp_path):
         shape = (7, 6, 8)[:dim]
         damage, u = np.random.default_rng(0).random(shape), np.random.default_rng(1).random((dim, *shape))
         writer = ResultsWriter.create(tmp_path / f"{dim}.h5", dim=dim, shape=shape, spacing=0.5, lower=(0.0,) * dim, fields=("u", "damage"),
-                                      dtype="float64", components=dim, scalars=("damage",))  # fmt: skip
+                                      dtype="float64", components={"u": dim, "damage": 1})  # fmt: skip
         writer.append(0, 0.0, {"u": u, "damage": damage})
         ResultsWriter(tmp_path / f"{dim}.h5").append(1, 0.5, {"u": 2 * u, "damage": damage})
         found = open_results(tmp_path / f"{dim}.h5")
-        assert found.vectors == {"u"}
+        assert found.components == {"u": dim, "damage": 1}
         np.testing.assert_array_equal(found.field("damage", 1), damage)
         np.testing.assert_array_equal(found.field("u", 1), 2 * u)
         data = found.to_xarray()

@@ -29,9 +29,10 @@ from scipy.optimize import curve_fit
 from farhorizon.analysis.correspondence import InfiniteBody
 from farhorizon.analysis.radial import gaussian_symbol, nonlocal_radial_wave, radial_wave
 from farhorizon.boundaries import Fixed, Free, NonlocalPML, Sponge
-from farhorizon.correspondence import Body, Traction
+from farhorizon.correspondence import Body
 from farhorizon.kernel import Kernel
 from farhorizon.lattice import Lattice
+from farhorizon.loads import Traction
 from farhorizon.papers import Outcome, Row, reproduction
 
 PAPER = "Wildman, Gazonas (2012), A perfectly matched layer for peridynamics in two dimensions"

@@ -1,0 +1,92 @@
+"""What is known of a `Body` before its run: facts, cost, and whether its linear form is stable."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from farhorizon.analysis.stability import krylov_growth
+from farhorizon.boundaries import Free, NonlocalPML, Sponge
+from farhorizon.certificate import BUDGET, CERTIFIED, NOT_CERTIFIED, UNDECIDED, Certificate, Part, judge
+from farhorizon.correspondence import Body
+from farhorizon.lattice import AXES, Lattice
+from farhorizon.machine import one_blas_thread
+from farhorizon.report import LEAST, Report, seconds, shown
+
+_MARGIN = 1 - 1e-9  # at the step limit itself the shortest wave grows linearly
+
+
+@one_blas_thread()
+def certify(body: Body, budget: float = BUDGET) -> Certificate:
+    """Whether the linear form of a body can grow: without loads, and before any bond breaks.
+
+    Without layers a proof holds: the forces have a potential that is never negative, drag and sponges take energy. Layers of `NonlocalPML` are
+    examined by Krylov spaces of the one-step map of a body with the same sides on a small near field, without cracks and holes. Forward Euler on
+    split fields grows.
+
+    Parameters
+    ----------
+    body : Body
+    budget : float
+        Seconds.
+    """
+    begin = time.monotonic()
+    if body.split:
+        rate = body.largest_frequency**2 * body.dt / 2
+        reason = f"forward Euler on split fields grows everywhere, by half of frequency^2 dt, the shortest wave by {rate:.2g} per unit time"
+        return Certificate(NOT_CERTIFIED, reason, rate, seconds=time.monotonic() - begin)
+    if not any(isinstance(b, NonlocalPML) for b in body.sides.values()):
+        if body.dt <= _MARGIN * body.step_limit:
+            reason = "until bonds break: the forces have a potential that is never negative and the step is below the limit"
+            return Certificate(CERTIFIED, reason, seconds=time.monotonic() - begin)
+        return Certificate(UNDECIDED, "the step is the limit itself", seconds=time.monotonic() - begin)
+    lattice, reach = body.lattice, np.array(body.stencil.reach)
+    count = np.minimum(lattice.shape, 2 * reach + 1)
+    small = body.remade(lattice=Lattice(lattice.spacing, lattice.lower, lattice.lower + lattice.spacing * (count - 1)))
+    size, advance = small.linear_map()
+    crossing = int(np.ceil(max(small.box) * lattice.spacing / body.fast / body.dt))
+    growth = krylov_growth(advance, size, body.dt, crossing, budget - (time.monotonic() - begin))
+    name = f"all sides, a near field of {' x '.join(map(str, count))} nodes without cracks and holes, before bonds break"
+    if growth.rate == 0 and np.isinf(growth.error):
+        return Certificate(UNDECIDED, f"the small copy was not settled within {budget:.3g} s", skipped=(name,), seconds=time.monotonic() - begin)
+    return judge([Part(name, growth, np.zeros(0))], [], time.monotonic() - begin)
+
+
+def report(body: Body, until: float | None = None, budget: float | None = None) -> Report:
+    """Facts about a body; see `Body.check`."""
+    found = Report()
+    lattice, stencil = body.lattice, body.stencil
+    say = found.rows.append
+    say(("near field", f"{' x '.join(map(str, lattice.shape))} nodes, {lattice.nodes} shown, spacing {lattice.spacing:g}"))
+    say(("kernel", f"{len(stencil.weights)} neighbours, reach {' x '.join(map(str, stencil.reach))} nodes"))
+    say(("time step", f"{body.dt:.6g}, {body.dt / body.step_limit:.3g} of the stable limit {body.step_limit:.6g}"))
+    say(("wave speeds", f"{body.fast:.6g} longitudinal, {body.slow:.6g} transverse"))
+    sides: dict[str, list[str]] = {}
+    for (axis, side), boundary in body.sides.items():
+        sides.setdefault(shown(boundary), []).append(AXES[axis] + "-+"[side > 0])
+    for text, names in sides.items():
+        say((f"side {', '.join(names)}", text))
+    nodes = int(np.prod(body.box))
+    say(("nodes computed", f"{nodes}, {nodes - int(np.prod(lattice.shape))} of them in layers"))
+    say(("memory", f"{body.nbytes / 2**20:.3g} MiB = {body.nbytes / nodes:.3g} bytes a node"))
+    found.numbers |= {"dt": body.dt, "step_limit": body.step_limit, "memory": float(body.nbytes)}
+    if until is not None:
+        steps = body.prepare(until)
+        duration = steps * body.seconds_per_step()
+        say(("time", f"about {seconds(duration)} for {steps} steps to t = {until:g}"))
+        found.numbers |= {"steps": float(steps), "seconds": duration}
+    share = min(BUDGET, max(LEAST, found.numbers.get("seconds", BUDGET))) if budget is None else budget
+    found.certificate = body.certificate(share)
+    say(("stability", str(found.certificate)))
+    if found.certificate.verdict == NOT_CERTIFIED:
+        remedy = 'form = "displacement"' if body.split else "cross = 0.1 to 0.5 in the layers, or a Sponge"
+        found.warnings.append(f"the run is not stable: {found.certificate.reason}. Use {remedy}.")
+    elif found.certificate.verdict == UNDECIDED:
+        found.warnings.append(
+            f"stability is undecided: {found.certificate.reason}; watch the energy, or give the certificate more time (--budget 30)"
+        )
+    if not any(isinstance(b, NonlocalPML | Sponge | Free) for b in body.sides.values()):
+        found.warnings.append("Fixed sides reflect")
+    found.notes = body.notes
+    return found

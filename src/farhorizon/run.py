@@ -1,0 +1,193 @@
+"""What the program needs of a run, whatever computes it: a time loop, fields and energies, a state that is saved, a check before it."""
+
+from __future__ import annotations
+
+import json
+import sys
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from farhorizon.errors import FileFormatError, InputError, UnstableError
+from farhorizon.lattice import Lattice
+from farhorizon.results import read_checkpoint
+
+if TYPE_CHECKING:
+    from farhorizon.certificate import Certificate
+    from farhorizon.report import Report
+
+_GUARD_STEPS = 200  # steps between two looks of the instability guard, at most; fewer on lattices above
+_GUARD_NODES = 1_000_000  # this many nodes, so that an interrupt is heard within seconds
+EXPLODED = 1e6  # growth of the largest value over all that initial data and what drives the run explain
+
+
+class Run(ABC):
+    """A run of a near field in time: `Simulation` and `Body`.
+
+    Attributes
+    ----------
+    lattice : Lattice
+        The near field.
+    dt, time : float
+    step_count : int
+    observers : list of callable
+        Called with the run every so often, see `run`.
+    stop_requested : bool
+        Set it (from a signal handler, an observer) to end `run` with KeyboardInterrupt between two steps.
+    """
+
+    lattice: Lattice
+    dt: float
+
+    def _at_start(self, observe: Sequence[Callable[[Any], None]]) -> None:
+        """Before the first step."""
+        self.observers = list(observe)
+        self.stop_requested = False
+        self.time, self.step_count = 0.0, 0
+        self._guard_steps = max(1, min(_GUARD_STEPS, _GUARD_STEPS * _GUARD_NODES // max(int(np.prod(self.lattice.shape)), 1)))
+
+    # --- in time -----------------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def step(self, count: int = 1) -> None:
+        """Advance by `count` steps; raises UnstableError when a field becomes non-finite or explodes."""
+
+    def _tick(self, steps: int) -> None:
+        self.step_count += steps
+        self.time = self.step_count * self.dt
+
+    def prepare(self, until: float) -> int:
+        """What `run` does first; returns the number of the last step, the first one at or after a time."""
+        return int(np.ceil(until / self.dt - 1e-9))
+
+    def run(self, until: float, every: float | None = None, progress: bool | None = None) -> Self:
+        """Run to a time; observers are called every `every` time units and at the end.
+
+        Parameters
+        ----------
+        until : float
+            The run stops at the first step at or after it.
+        every : float, optional
+        progress : bool, optional
+            Show a bar; on terminals only unless given.
+        """
+        from tqdm import tqdm
+
+        if not np.isfinite(until):
+            raise InputError("the end of the run must be finite", value=until, key="run.until")
+        last = self.prepare(until)
+        show = sys.stderr.isatty() if progress is None else progress
+        with tqdm(total=max(last - self.step_count, 0), disable=not show, unit="step", leave=False) as bar:
+            while self.step_count < last:
+                if every is None:
+                    stop = last
+                else:
+                    stop = min(last, int(np.ceil((int(self.time / every + 1e-9) + 1) * every / self.dt - 1e-9)))
+                while self.step_count < stop:
+                    before = self.step_count
+                    self.step(min(self._guard_steps, stop - self.step_count))
+                    bar.update(self.step_count - before)
+                    if self.stop_requested and self.step_count < stop:
+                        raise KeyboardInterrupt
+                for observer in self.observers:
+                    observer(self)
+                if self.stop_requested and self.step_count < last:
+                    raise KeyboardInterrupt
+        return self
+
+    def _refuse_explosion(self, values: np.ndarray, first: np.ndarray, scale: float, cause: Callable[[], str]) -> None:
+        """The instability guard.
+
+        Parameters
+        ----------
+        values : ndarray, shape (..., n..)
+            The field u; its last axes are those of the lattice.
+        first : ndarray, shape (dim,)
+            Coordinates of its first node.
+        scale : float
+            What the data of the run explain.
+        cause : callable
+            Says what is likely to be wrong.
+
+        Raises
+        ------
+        UnstableError
+            With step, time, value and place of the worst.
+        """
+        top, low = float(values.max()), float(values.min())
+        if np.isfinite(top) and np.isfinite(low) and max(top, -low) <= EXPLODED * scale:
+            return
+        worst = np.unravel_index(int(np.argmax(np.where(np.isfinite(values), np.abs(values), np.inf))), values.shape)
+        place = first + self.lattice.spacing * np.array(worst[-self.lattice.dim :])
+        raise UnstableError(
+            f"unstable at step {self.step_count}, t = {self.time:.6g}: u = {values[worst]:.3g} near {np.round(place, 6).tolist()}; "
+            f"likely cause: {cause()}"
+        )
+
+    # --- what comes out ----------------------------------------------------------------------------------------
+
+    @property
+    @abstractmethod
+    def fields(self) -> dict[str, np.ndarray]:
+        """Copies of the near field by name, "u" among them; vectors have the components first."""
+
+    @property
+    @abstractmethod
+    def notes(self) -> list[str]:
+        """What is allowed, but to be known."""
+
+    @abstractmethod
+    def energy(self) -> float:
+        """Energy of the near field."""
+
+    @abstractmethod
+    def balance(self) -> dict[str, float]:
+        """Gains since the start and where they came from, of runs that record it; raises InputError for others."""
+
+    # --- before it ---------------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def seconds_per_step(self) -> float:
+        """Time of a step on this machine now; the state stays as it is."""
+
+    @abstractmethod
+    def certificate(self, budget: float) -> Certificate:
+        """Whether the complete update is stable, in at most `budget` seconds."""
+
+    @abstractmethod
+    def check(self, until: float | None = None, budget: float | None = None) -> Report:
+        """Facts, warnings and notes before a run to `until`."""
+
+    # --- state -------------------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def _fingerprint(self) -> dict[str, Any]:
+        """What a checkpoint must have in common with this set-up; JSON."""
+
+    @abstractmethod
+    def save(self, path: str | Path, **extra: Any) -> None:
+        """Write the complete state under a temporary name and rename it; `extra` comes back from `load`."""
+
+    @abstractmethod
+    def load(self, path: str | Path) -> dict[str, Any]:
+        """Take the state of a checkpoint written by the same set-up; what follows is bitwise the uninterrupted run."""
+
+    def _read(self, path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Arrays and facts of a checkpoint of this set-up.
+
+        Raises
+        ------
+        FileFormatError
+            A damaged file, or the checkpoint of another set-up.
+        """
+        arrays, meta = read_checkpoint(path)
+        mine = json.loads(json.dumps(self._fingerprint()))
+        theirs = meta.get("fingerprint", {})
+        different = sorted(k for k in {*mine, *theirs} if mine.get(k) != theirs.get(k))
+        if different:
+            raise FileFormatError("the checkpoint belongs to another set-up", value=str(path), limit=f"same {', '.join(different)}",
+                                  remedy="resume with the case that wrote it")  # fmt: skip
+        return arrays, meta
