@@ -340,9 +340,10 @@ class Assembly:
         slots = [float(n + 2 * m + c * (2 * m + 1)) for n, m, c in zip(shape, reach, columns, strict=True)]
         tree = max(c * (2 * m + 1) / (2 if c else 1) * np.prod(slots) / s for c, m, s in zip(columns, reach, slots, strict=True))
         memory = sum(2 * m * c * np.prod(slots[:a]) * np.prod(nodes[a + 1 :]) for a, (c, m) in enumerate(zip(columns, reach, strict=True)))
-        levels = self.model.integrator.stages(1.0, 0.0, self.lattice.dim == 1).levels
+        levels = self.model.integrator.stages(1.0, 0.0, self.lattice.dim == 1).levels + self.bondwise
+        bits = 8 * -(-len(self.stencil.weights) // 64) * self.bondwise
         fields = itemsize * ((levels + 3) * np.prod(nodes) + tree + 2 * memory) + 8 * 7 * np.prod(self.lattice.shape)
-        return float(self.stencil.components * fields + 8 * self.lattice.dim * np.prod(self.lattice.shape))
+        return float(self.stencil.components * fields + (8 * self.lattice.dim + bits) * np.prod(self.lattice.shape))
 
     def _choose_step(self, dt: float | None) -> float:
         if dt is None:

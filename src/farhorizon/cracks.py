@@ -112,7 +112,7 @@ def fracture_energy(bonds: np.ndarray, stiffness: np.ndarray, stretch: float) ->
     A bond of stiffness C (force density over elongation) holds ``C V (s |xi|)^2 / 2``, V the volume of a node, and ``|xi . n| / V`` of each pair
     of opposite bonds cross a unit of area with normal n. The mean over all normals is ``s^2/4 sum_k C_k |xi_k|^3 <|cos|>`` with 2/pi in the
     plane and 1/2 in space. In the continuum with a constant micromodulus c this is ``pi c s^2 horizon^5 / 10`` (Silling and Askari 2005,
-    Computers and Structures 83, eq 26) and ``c s^2 horizon^4 / 4`` in the plane, that is
+    Computers and Structures 83) and ``c s^2 horizon^4 / 4`` in the plane, that is
     ``s = sqrt(5 G / (6 E horizon))`` in space, ``sqrt(4 pi G / (9 E horizon))`` in plane stress, ``sqrt(5 pi G / (12 E horizon))`` in plane strain.
 
     Parameters

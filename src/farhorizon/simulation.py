@@ -136,7 +136,7 @@ class Simulation(Assembly, Run):
         self._start(self.start_u, self.start_v)
         if self.bondwise:
             self._check_stretch()
-            self._first_energy = self.energy()
+            self._first_energy = self.energy() if balance else 0.0
         if self._books:
             self._open_books()
 
@@ -570,7 +570,7 @@ class Simulation(Assembly, Run):
             raise InputError("this simulation records no balance", key="balance", remedy="Simulation(..., balance=True)")
         if self.bondwise:
             found = self.energies()
-            return {**found, "lost": self._first_energy + found["work"] - self.energy() - found["broken"]}
+            return {**found, "lost": self._first_energy + found["work"] - found["kinetic"] - found["strain"] - found["broken"]}
         unit = self.lattice.spacing**self.lattice.dim / self.model.source_factor
         inflow = {name: unit * float(value) for name, value in zip(self._book_names, self.engine.flows.sum(0), strict=True)}
         owners = [f"source[{i}]" for i in range(len(self.sources))] + [f"constraint[{i}]" for i, _ in self.conditions.sources]

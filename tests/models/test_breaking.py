@@ -94,7 +94,7 @@ def test_momentum_stays_while_bonds_break_for_good(nonlinear):
 
 # --- fracture energy -------------------------------------------------------------------------------------------
 
-#: Critical stretch for unit fracture energy, Young's modulus and horizon: Silling and Askari (2005), eq 26, with K = 2E/3 in space; the plane by
+#: Critical stretch for unit fracture energy, Young's modulus and horizon: Silling and Askari (2005) with K = 2E/3 in space; the plane by
 #: the same integral over bonds across a line, with micromoduli 9E/(pi h^3) (stress) and 48E/(5 pi h^3) (strain) of Gerstle et al. (2005).
 CLOSED_FORMS = {
     "space": (3, None, np.sqrt(5 / 6)),

@@ -230,28 +230,77 @@ def book_work(lane, lanes, work, base, out, nodes, fields, times):  # type: igno
 
 
 @njit(error_model="numpy", cache=True)
+def strains(found, level, node, distance, xi, components, nonlinear):  # type: ignore[no-untyped-def]
+    """`strain_of` one bond of neighbouring nodes, in vectors."""
+    apart = level.size // components
+    length = 0.0
+    found[:] = 0
+    for c in range(components):
+        here, there = level[node + c * apart :], level[node + distance + c * apart :]
+        twice = 2 * np.float64(xi[c])
+        length += np.float64(xi[c]) ** 2
+        if nonlinear:
+            for i in range(found.size):
+                eta = np.float64(there[i]) - np.float64(here[i])
+                found[i] += eta * (twice + eta)
+        else:
+            for i in range(found.size):
+                found[i] += (np.float64(there[i]) - np.float64(here[i])) * twice
+    for i in range(found.size):
+        found[i] /= length
+    return length
+
+
+@njit(error_model="numpy", inline="always")
+def curved_part(zone, i0, i1, offset, first, end):  # type: ignore[no-untyped-def]
+    """Which of the nodes `first` to `end` of a row have a bond that follows the law: from where to where."""
+    if not (follows_law(zone, i0, i1, zone[LAW_FIRST + 2]) and follows_law(zone, i0 + offset[1], i1 + offset[2], zone[LAW_FIRST + 2])):
+        return first, first
+    low, high = zone[LAW_FIRST + 2], zone[LAW_FIRST + 2] + zone[LAW_EXTENT + 2]
+    start = min(max(first, low, low - offset[3]), end)
+    return start, max(start, min(end, high, high - offset[3]))
+
+
+@njit(error_model="numpy", cache=True)
 def strain_energy(u, old, block, first, end, nodes, whole, components, bonds):  # type: ignore[no-untyped-def]
     """Energy of all bonds of the nodes `first` to `end` of the core, in units of c; bonds to other nodes count half, across sides `whole` fully."""
-    table, places, alive, zone, nonlinear = bonds.table, bonds.places, bonds.alive, bonds.zone, bonds.nonlinear
+    table, places, alive, zone = bonds.table, bonds.places, bonds.alive, bonds.zone
+    width = end[2] - first[2]
+    now, before, energy = np.empty(width), np.empty(width), np.empty(width)
     total = 0.0
     for i0 in range(first[0], end[0]):
         for i1 in range(first[1], end[1]):
-            line = 0.0
-            for i2 in range(first[2], end[2]):
-                node = block[0] + i0 * block[4] + i1 * block[5] + i2
-                if not nodes[i0 - first[0], i1 - first[1], i2 - first[2]]:
-                    continue
-                mine = follows_law(zone, i0, i1, i2)
-                for bond in range(places.shape[0]):
-                    if (alive[bond >> 6, node] >> np.uint64(bond & 63)) & np.uint64(1) == 0:
+            node = block[0] + i0 * block[4] + i1 * block[5]
+            energy[:] = 0
+            for bond in range(places.shape[0]):
+                offset, xi, bits = places[bond], table[bond], alive[bond >> 6, node + first[2] :]
+                outside = (
+                    (i0 + offset[1] < first[0] and whole[0, 0]) or (i0 + offset[1] >= end[0] and whole[0, 1])
+                    or (i1 + offset[2] < first[1] and whole[1, 0]) or (i1 + offset[2] >= end[1] and whole[1, 1])
+                )  # fmt: skip
+                mask = np.uint64(1) << np.uint64(bond & 63)
+                start, stop = curved_part(zone, i0, i1, offset, first[2], end[2])
+                for begin, last, curved in ((first[2], start, False), (start, stop, bonds.nonlinear), (stop, end[2], False)):
+                    if begin >= last:
                         continue
-                    share = 0.5
-                    for axis, i in enumerate((i0, i1, i2)):
-                        other = i + places[bond, 1 + axis]
-                        if (other < first[axis] and whole[axis, 0]) or (other >= end[axis] and whole[axis, 1]):
-                            share = 1.0
-                    curved = nonlinear and mine and follows_law(zone, i0 + places[bond, 1], i1 + places[bond, 2], i2 + places[bond, 3])
-                    line += share * bond_energy(u, old, node, bond, table, places, components, curved)
+                    part = slice(begin - first[2], last - first[2])
+                    length = strains(now[part], u, node + begin, offset[0], xi, components, curved)
+                    strains(before[part], old, node + begin, offset[0], xi, components, curved)
+                    factor = (0.5 if outside else 0.25) * np.float64(xi[components + 1]) * length
+                    one, two, sums, there = now[part], before[part], energy[part], bits[part]
+                    for i in range(last - begin):
+                        gain = factor * elongation(one[i], curved) * elongation(two[i], curved)
+                        sums[i] += gain if there[i] & mask != 0 else 0.0
+                if (whole[2, 0] or whole[2, 1]) and not outside:  # bonds that leave along the row
+                    for i2 in range(first[2], end[2]):
+                        leaves = (i2 + offset[3] < first[2] and whole[2, 0]) or (i2 + offset[3] >= end[2] and whole[2, 1])
+                        if leaves and bits[i2 - first[2]] & mask != 0:
+                            curved = bonds.nonlinear and start <= i2 < stop
+                            energy[i2 - first[2]] += 0.5 * bond_energy(u, old, node + i2, bond, table, places, components, curved)
+            line = 0.0
+            for i2 in range(width):
+                if nodes[i0 - first[0], i1 - first[1], i2]:
+                    line += energy[i2]
             total += line
     return total
 
@@ -260,13 +309,17 @@ def strain_energy(u, old, block, first, end, nodes, whole, components, bonds):  
 def largest_strain(u, block, components, bonds):  # type: ignore[no-untyped-def]
     """Largest e of a bond that may break."""
     table, places, alive, zone, nonlinear = bonds.table, bonds.places, bonds.alive, bonds.zone, bonds.nonlinear
+    found = np.empty(max(zone[END + 2] - zone[FIRST + 2], 0))
     largest = -1.0
     for i0 in range(zone[FIRST], zone[END]):
         for i1 in range(zone[FIRST + 1], zone[END + 1]):
-            for i2 in range(zone[FIRST + 2], zone[END + 2]):
-                node = block[0] + i0 * block[4] + i1 * block[5] + i2
-                for bond in range(places.shape[0]):
-                    there = (alive[bond >> 6, node] >> np.uint64(bond & 63)) & np.uint64(1) != 0
-                    if there and follows_law(zone, i0 + places[bond, 1], i1 + places[bond, 2], i2 + places[bond, 3]):
-                        largest = max(largest, strain_of(u, node, places[bond, 0], table[bond], components, nonlinear))
+            node = block[0] + i0 * block[4] + i1 * block[5]
+            for bond in range(places.shape[0]):
+                mask = np.uint64(1) << np.uint64(bond & 63)
+                start, stop = curved_part(zone, i0, i1, places[bond], zone[FIRST + 2], zone[END + 2])
+                if start < stop:
+                    strains(found[: stop - start], u, node + start, places[bond, 0], table[bond], components, nonlinear)
+                    there = alive[bond >> 6, node + start :]
+                    for i in range(stop - start):
+                        largest = max(largest, found[i] if there[i] & mask != 0 else -1.0)
     return largest
