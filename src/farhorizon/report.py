@@ -12,14 +12,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from farhorizon.analysis import undisturbed
+from farhorizon.analysis.chain import Recursion
+from farhorizon.analysis.layer import LayerSide, Medium
 from farhorizon.analysis.spectrum import Band, band, gain_of_time
 from farhorizon.boundaries import Absorbing, Closing, Exact, Fixed, LatticePML, Sponge
 from farhorizon.certificate import BUDGET, NOT_CERTIFIED, UNDECIDED, Certificate
+from farhorizon.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.lattice import AXES
 from farhorizon.models import Corrosion
 from farhorizon.stencil import BackwardWaves
-from farhorizon.strip import Strip, pinned
+from farhorizon.strip import Strip
 
 if TYPE_CHECKING:
     from farhorizon.simulation import Simulation
@@ -40,25 +43,25 @@ class Reflections:
     ----------
     sides : str
         Names of the sides that are alike.
-    strip : Strip
-        What computes it.
+    side : LayerSide or Strip
+        What computes it: the equations of a layer, or the map of any side.
     tables : dict of float to ndarray, shape (pairs, angles)
         Amplitudes for each wavelength, the typical one first.
     """
 
     sides: str
-    strip: Strip
+    side: LayerSide | Strip
     tables: dict[float, np.ndarray] = field(default_factory=dict)
 
     @property
     def angles(self) -> tuple[float, ...]:
         """Angles of the table; on a line there is one."""
-        return ANGLES if self.strip.sim.lattice.dim > 1 else ANGLES[:1]
+        return ANGLES if self.side.medium.stencil.dim > 1 else ANGLES[:1]
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
         """Types of the wave that comes and of one that leaves; of a scalar field one pair without names."""
-        return tuple((one, other) for one in self.strip.types for other in self.strip.types)
+        return tuple((one, other) for one in self.side.types for other in self.side.types)
 
     @property
     def drawn(self) -> tuple[float, ...]:
@@ -67,11 +70,11 @@ class Reflections:
 
     def amplitudes(self, wavelength: float, angles: tuple[float, ...]) -> np.ndarray:
         """Amplitude of the reflected wave, shape (pairs, angles); nan where there is no such wave."""
-        types = self.strip.types
+        types = self.side.types
         found = np.full((len(types), len(types), len(angles)), np.nan)
         for incoming, (i, angle) in itertools.product(range(len(types)), enumerate(angles)):
             try:
-                back = self.strip.reflections(wavelength, angle, incoming=types[incoming])
+                back = self.side.reflections(wavelength, angle, incoming=types[incoming])
             except InputError:
                 continue
             for name, amplitude in back.items():
@@ -140,8 +143,8 @@ class Report:
 
     def _predict(self, sim: Simulation, wavelengths: tuple[float, ...], end: float) -> None:
         """Reflection by each kind of absorbing side, the typical wave first; what there is no time for is noted."""
-        for names, strip in _sides(sim):
-            found = Reflections(names, strip)
+        for names, side in _sides(sim):
+            found = Reflections(names, side)
             for wavelength in wavelengths:
                 if found.tables and time.monotonic() > end:
                     self.notes.append(f"no time to predict the reflection of waves of length {wavelength:.3g} by {names}")
@@ -300,27 +303,26 @@ def content(sim: Simulation, until: float | None = None) -> Band | None:
     return band(fields, sim.lattice.spacing, orders, gains)
 
 
-def _sides(sim: Simulation) -> list[tuple[str, Strip]]:
-    """Absorbing sides of each kind, and a strip that ends in one of them."""
-    found: list[tuple[list[str], int, Any]] = []
-    fixed = pinned(sim)
+def _sides(sim: Simulation) -> list[tuple[str, LayerSide | Strip]]:
+    """Absorbing sides of each kind, and one of them by itself."""
+    found: list[tuple[list[str], Any, LayerSide | Strip]] = []
     for (axis, side), boundary in sim.sides.items():
         if isinstance(boundary, LatticePML | Sponge):
             layer = sim.engine.layers.get((3 - sim.lattice.dim + axis, side))
             kind = (boundary if layer is None else (layer.kappa.tolist(), layer.sigma.tolist(), layer.alpha.tolist()), sim.stencil.reach[axis])
-            for names, _, other in found:
+            for names, other, _ in found:
                 if other == kind:
                     names.append(AXES[axis] + "-+"[side > 0])
                     break
             else:
-                found.append(([AXES[axis] + "-+"[side > 0]], axis, kind))
-    return [
-        (", ".join(names), Strip(sim, axis, 2 * sim.stencil.reach[axis] + 2, (Fixed(), _named(fixed, axis, names[0])))) for names, axis, _ in found
-    ]
+                alone = _layer_side(sim, axis, layer) if layer else Strip(sim, axis, 2 * sim.stencil.reach[axis] + 2, (Fixed(), boundary))
+                found.append(([AXES[axis] + "-+"[side > 0]], kind, alone))
+    return [(", ".join(names), alone) for names, _, alone in found]
 
 
-def _named(sides: dict[tuple[int, int], Any], axis: int, name: str) -> Any:
-    return sides[axis, 1 if name.endswith("+") else -1]
+def _layer_side(sim: Simulation, axis: int, layer: Layer) -> LayerSide:
+    recursion = Recursion.of(sim.model.integrator, sim.dt, sim.model.damping)
+    return LayerSide(Medium(sim.stencil.along(axis), sim.model.coefficient, sim.lattice.spacing, recursion, sim.dt), layer)
 
 
 def _plain_seconds(sim: Simulation) -> float:

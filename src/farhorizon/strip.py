@@ -10,16 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from farhorizon.analysis.chain import Recursion
-from farhorizon.analysis.reflection import (
-    TYPES,
-    by_type,
-    chain_modes,
-    chain_weights,
-    eigenvalue_of_type,
-    factor_of_wave,
-    polarisations,
-    reflection,
-)
+from farhorizon.analysis.layer import Medium
+from farhorizon.analysis.reflection import TYPES, by_type, reflection
 from farhorizon.analysis.stability import Growth, dense_growth, fastest
 from farhorizon.boundaries import Boundary, Fixed, Free, LatticePML, Periodic
 from farhorizon.engine import Layer
@@ -208,6 +200,13 @@ class Strip:
                 yield a, -b
 
     @property
+    def medium(self) -> Medium:
+        """The medium in front of the sides; the integrator has one stage."""
+        model = self.sim.model
+        recursion = Recursion.of(model.integrator, self.dt, model.damping)
+        return Medium(self.sim.stencil, model.coefficient, self.sim.lattice.spacing, recursion, self.dt)
+
+    @property
     def types(self) -> tuple[str, ...]:
         """Types of waves: one without a name of a scalar field, P and S, in 3D SV and SH, of vectors."""
         return TYPES[self.sim.stencil.components]
@@ -241,20 +240,12 @@ class Strip:
         InputError
             No such wave comes to the side: it is shorter than the lattice carries; or an integrator with several stages.
         """
-        sim, spacing = self.sim, self.sim.lattice.spacing
-        recursion = Recursion.of(sim.model.integrator, self.dt, sim.model.damping)
-        number, tilt, turn = 2 * np.pi * spacing / wavelength, np.radians(angle), np.radians(azimuth)
-        along = number * np.sin(tilt) * np.array([np.cos(turn), np.sin(turn)])[: sim.lattice.dim - 1]
-        normal = number * np.cos(tilt)
-        rate = sim.model.coefficient / spacing**2
-        chosen = self.types.index(incoming or self.types[0])
-        polarisation = polarisations(len(self.types), tilt, turn)
-        factor = factor_of_wave(-rate * eigenvalue_of_type(sim.stencil.symbol(normal, *along), polarisation, chosen), recursion)
-        modes = chain_modes(rate * chain_weights(sim.stencil, along), factor, recursion, np.exp(1j * normal), polarisation[chosen])
+        sim = self.sim
+        wave = self.medium.plane_wave(wavelength / sim.lattice.spacing, angle, azimuth, self.types.index(incoming or self.types[0]))
         near = self._near.reshape(-1, len(self.types), self._near.shape[-1])
-        levels = (1.0, 1 - 1 / factor if sim.engine.stages.increments else 1 / factor)[: len(near)]
-        amplitudes = reflection(self.matrix(*along), near, levels, factor, modes, sim.stencil.reach[0])
-        return by_type(modes, amplitudes, along, turn)
+        levels = (1.0, 1 - 1 / wave.factor if sim.engine.stages.increments else 1 / wave.factor)[: len(near)]
+        amplitudes = reflection(self.matrix(*wave.along), near, levels, wave.factor, wave.modes, sim.stencil.reach[0])
+        return by_type(wave.modes, amplitudes, wave.along, float(np.radians(azimuth)))
 
     def profile(self, mode: np.ndarray) -> np.ndarray:
         """A mode on the nodes along the normal, of vectors the component that is largest."""
