@@ -9,6 +9,7 @@ at, and the run's error is measured against the infinite lattice. The thinnest l
 from __future__ import annotations
 
 import argparse
+import itertools
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ import farhorizon as fh
 from farhorizon.analysis import choice
 from farhorizon.analysis.chain import Recursion
 from farhorizon.analysis.layer import Medium, Wave
-from farhorizon.analysis.short_waves import high_pass
+from farhorizon.analysis.short_waves import HighPass, high_pass
 from farhorizon.compare import compare
 from farhorizon.report import content
 
@@ -34,12 +35,11 @@ def random_setup(random: np.random.Generator) -> dict[str, Any]:
     reach = int(random.integers(1, 4 if exponent == 0 else 7))
     influence = str(random.choice(["constant", "linear", "gaussian"])) if reach > 1 else "constant"
     model = fh.Wave(fh.Kernel(float(reach), exponent, influence))
-    damped = strongly_damped(model.stencil(1.0, dim))
+    damped = strong_damping(model.stencil(1.0, dim))
     target = 10.0 ** -random.uniform(3, 7 if damped else 8)
     width, places = random.uniform(2.0, 5.0), random.uniform(-8, 8, dim)
     if damped:
-        first = model.stencil(1.0, dim).backward_waves().first_wavenumber
-        width = random.uniform(1.0, 1.5) * FALLEN / min(np.pi / 4, 0.6 * first)
+        width = random.uniform(1.0, 1.5) * FALLEN / min(np.pi / 4, 0.6 * damped.first)
     half = np.ceil(np.abs(places).max() + width * np.sqrt(np.log(1e3 / target))) + reach
 
     def pulse(*x: np.ndarray) -> np.ndarray:
@@ -51,9 +51,10 @@ def random_setup(random: np.random.Generator) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def strongly_damped(stencil: fh.Stencil) -> bool:
-    """Whether the damping of short waves shares in what a layer sends back."""
-    return not choice.weak(high_pass(stencil))
+def strong_damping(stencil: fh.Stencil) -> HighPass | None:
+    """The damping of short waves, where it shares in what a layer sends back."""
+    damped = high_pass(stencil)
+    return None if choice.weak(damped) else damped
 
 
 def thinner(medium: Medium, target: float, waves: list[Wave], nodes: int) -> int:
@@ -61,10 +62,12 @@ def thinner(medium: Medium, target: float, waves: list[Wave], nodes: int) -> int
     damped = high_pass(medium.stencil)
     members = choice.family(medium.stencil.reach[0], medium.stencil.dim, damped)
     strengths, shifts = {p.strength for p in members}, {p.shift for p in members}
+    powers, alphas = sorted({p.power for p in members}), np.linspace(0, max(shifts), 5 if max(shifts) else 1)
+    stretches = np.geomspace(1, max(p.stretch for p in members), 4 if choice.weak(damped) else 1)
     finer = [
-        choice.Profile(s, k, p, a, members[0].smooth) for p in sorted({p.power for p in members}) for a in np.linspace(0, max(shifts), 5 if max(shifts) else 1)
-        for k in np.geomspace(1, max(p.stretch for p in members), 4) for s in np.geomspace(min(strengths), max(strengths), 15)
-    ]  # fmt: skip
+        choice.Profile(s, k, p, a, members[0].smooth)
+        for p, a, k, s in itertools.product(powers, alphas, stretches, np.geomspace(min(strengths), max(strengths), 15))
+    ]
     found = nodes
     while found > 1 and any(choice.worst(waves, p.layer(found - 1, 1.0, 1.0, damped), target) <= target for p in finer):
         found -= 1
@@ -78,8 +81,8 @@ def cases(options: argparse.Namespace) -> list[dict[str, Any]]:
     for number in range(CASES):
         setup = random_setup(random)
         boundary, dim = setup["boundary"], setup["lattice"].dim
-        damped.append(strongly_damped(setup["model"].stencil(1.0, dim)))
-        limit = fh.Simulation(**{**setup, "dt": None, "boundary": fh.LatticePML()}).step_limit
+        damped.append(strong_damping(setup["model"].stencil(1.0, dim)) is not None)
+        limit = fh.Simulation(**{**setup, "dt": None, "boundary": fh.LatticePML(target=boundary.target)}).step_limit
         setup["dt"] *= limit
         sim = fh.Simulation(**setup)
         chosen = sim.choices["x-"]

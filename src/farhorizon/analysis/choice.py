@@ -140,7 +140,8 @@ def family(reach: int, dim: int, damped: HighPass | None) -> list[Profile]:
     """
     if not weak(damped):
         most, smooth = (2.0, True) if reach < 4 else (1.0, True) if reach < 5 else (0.7, False)
-        return [Profile(s, 1.0, p, smooth=smooth) for p in (3, 4, 5) for s in _STRENGTHS if s <= most]
+        powers = (3, 4, 5) if reach < 5 else (4, 5) if reach < 7 else (5,)
+        return [Profile(s, 1.0, p, smooth=smooth) for p in powers for s in _STRENGTHS if s <= most]
     wide = reach > 3
     powers = (1, 2, 3) if not wide else (2, 3) if reach < 6 else (3,)
     most = 2.0 if not wide else 1.0 if reach < 8 else 0.5
