@@ -25,7 +25,7 @@ from farhorizon.report import content
 
 SEED, CASES, BETWEEN = 7, 100, 200
 FALLEN = 6.66  # exp(-(k width/2)^2) has fallen to 1.5e-5 at k = 6.66/width
-STEEP = 60.0, 80.0  # degrees: a pulse in the plane sends waves to the sides at such angles, which a smaller one would leave out
+STEEP = 65.0, 80.0  # degrees: a pulse in the plane sends waves to the sides at such angles, which a smaller one would leave out
 
 
 def random_setup(random: np.random.Generator) -> dict[str, Any]:
@@ -93,7 +93,11 @@ def cases(options: argparse.Namespace) -> list[dict[str, Any]]:
         looked_at = choice.sample(medium, (low, high), boundary.angle)
         between = [
             medium.plane_wave(w, a)
-            for w, a in zip(np.exp(random.uniform(np.log(low), np.log(high), BETWEEN)), random.uniform(0, boundary.angle, BETWEEN), strict=True)
+            for w, a in zip(
+                np.exp(random.uniform(np.log(low), np.log(high), BETWEEN)),
+                random.uniform(0, boundary.angle if dim > 1 else 0.0, BETWEEN),
+                strict=True,
+            )
         ]
         plane.append(choice.worst(between, next(iter(sim.engine.layers.values()))) / boundary.target)
         half = sim.lattice.shape[0] / 2
