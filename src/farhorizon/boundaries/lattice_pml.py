@@ -178,8 +178,8 @@ def _wave_profile(nodes: int, stencil: Stencil, damped: HighPass | None) -> Prof
     """
     reach, dim = stencil.reach[0], stencil.dim
     if not weak(damped):
-        if stencil.components > 1:  # shear waves are slower and feel more
-            return Profile(0.7, 1.0, 4, smooth=reach < 5) if nodes < 25 else Profile(0.6, 1.0, 5, smooth=reach < 5)
+        if stencil.components > 1:  # shear waves are slower and feel more; between thin layers long waves along them would grow without alpha
+            return Profile(0.7, 1.0, 4, 0.1 if nodes < 16 else 0.0, smooth=reach < 5) if nodes < 25 else Profile(0.6, 1.0, 5, smooth=reach < 5)
         return Profile(1.0, 1.0, 5, smooth=True) if reach < 5 else Profile(0.7, 1.0, 5)
     if reach > 3:
         return Profile(0.5 if reach > 7 else 1.0, 1.0, 2 if reach < 6 else 3)
