@@ -119,8 +119,8 @@ def certify(sim: Simulation, budget: float = BUDGET) -> Certificate:
 
     Where no proof holds, a state of up to 700 numbers is examined as it is. Otherwise each pair of absorbing sides is examined by itself, the medium
     between them without end along the other axes: its map is a chain for each tangential wavenumber, all of whose eigenvalues are computed. Corners,
-    edges and faces that run into a layer are examined on a small copy of the near field by Krylov spaces of powers of the map; where both sides of an
-    axis have the same layer, that copy has it on one of them, and the other is held fixed: all corners are alike.
+    edges and faces that run into a layer are examined on a small copy of the near field by Krylov spaces of powers of the map; where layers are
+    all around and those of both sides of an axis are the same, that copy has one of them, and the other side is held fixed: all corners are alike.
 
     Parameters
     ----------

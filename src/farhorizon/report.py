@@ -64,6 +64,11 @@ class Reflections:
         return tuple((one, other) for one in self.side.types for other in self.side.types)
 
     @property
+    def diffusive(self) -> bool:
+        """Whether these are diffusion waves."""
+        return isinstance(self.side, LayerSide) and self.side.diffusive
+
+    @property
     def drawn(self) -> tuple[float, ...]:
         """Wavelengths of the picture: of vectors, which have a curve for each pair, the typical one alone."""
         return tuple(self.tables) if len(self.pairs) == 1 else tuple(self.tables)[:1]
@@ -109,7 +114,7 @@ class Report:
     certificate : Certificate
         Whether the complete update is stable.
     reflections : list of Reflections
-        Of each kind of absorbing side, for waves.
+        Of each kind of absorbing side.
     numbers : dict of str to float
         Those of the rows that a program may want: "dt", "step_limit", "seconds", "steps", "extended_nodes", "extended_cost", "memory".
     """
@@ -131,8 +136,7 @@ class Report:
         if until is not None:
             report._estimate(sim, until)
         whole = min(BUDGET, max(_LEAST, report.numbers.get("seconds", BUDGET)))
-        if sim.model.order == 2 and waves is not None:
-            wavelengths = tuple(dict.fromkeys((waves.typical, waves.shortest, waves.longest)))
+        if wavelengths := _wavelengths(sim, waves, until):
             report._predict(sim, wavelengths, begin + _SHARE * whole if budget is None else np.inf)
         left = max(whole - (time.monotonic() - begin), _SHARE * whole)
         report._certify(sim, left if budget is None else budget)
@@ -262,16 +266,16 @@ class Report:
         ]
         if curves:
             made.append(folder / f"{name}-reflection.png")
-            title = (
-                "plane waves sent back by an absorbing side" if len(self.reflections) > 1 else f"plane waves sent back by {self.reflections[0].sides}"
-            )
+            kind = "diffusion waves" if self.reflections[0].diffusive else "plane waves"
+            title = f"{kind} sent back by {'an absorbing side' if len(self.reflections) > 1 else self.reflections[0].sides}"
             reflection_picture(np.array(_FINE), curves, title, made[-1])
         return made
 
     def _reflection_lines(self) -> list[str]:
         lines = []
         for found in self.reflections:
-            lines.append(f"predicted reflection by {found.sides} in dB, of plane waves by their angle to the normal")
+            kind = "diffusion waves, of which most dies out on the way," if found.diffusive else "plane waves"
+            lines.append(f"predicted reflection by {found.sides} in dB, of {kind} by their angle to the normal")
             lines.append(f"{'wavelength':>18}" + "".join(f"{f'{a:g} deg':>9}" for a in found.angles))
             for pair, wavelength, amplitudes in found.rows():
                 label = "  ".join([*_named_pair(pair), f"{wavelength:.3g}"])
@@ -303,11 +307,25 @@ def content(sim: Simulation, until: float | None = None) -> Band | None:
     return band(fields, sim.lattice.spacing, orders, gains)
 
 
+def _wavelengths(sim: Simulation, waves: Band | None, until: float | None) -> tuple[float, ...]:
+    """Wavelengths for which reflection is predicted, the typical one first; of diffusion waves, whose period is ``length^2 / (4 pi diffusivity)``.
+
+    What diffuses is as slow as the run is long. So these have the period of the run, ten times that in which the near field empties if it is not
+    known, the latter, and a tenth of it.
+    """
+    if sim.model.order == 2:
+        return () if waves is None else tuple(dict.fromkeys((waves.typical, waves.shortest, waves.longest)))
+    half = float((sim.lattice.upper - sim.lattice.lower).max()) / 2
+    emptied = half**2 / sim.model.coefficient
+    periods = (10 * emptied if until is None else until, emptied, emptied / 10)
+    return tuple(dict.fromkeys(float(2 * np.sqrt(np.pi * sim.model.coefficient * period)) for period in periods))
+
+
 def _sides(sim: Simulation) -> list[tuple[str, LayerSide | Strip]]:
     """Absorbing sides of each kind, and one of them by itself."""
     found: list[tuple[list[str], Any, LayerSide | Strip]] = []
     for (axis, side), boundary in sim.sides.items():
-        if isinstance(boundary, LatticePML | Sponge):
+        if isinstance(boundary, LatticePML) or (isinstance(boundary, Sponge) and sim.model.order == 2):
             layer = sim.engine.layers.get((3 - sim.lattice.dim + axis, side))
             kind = (boundary if layer is None else (layer.kappa.tolist(), layer.sigma.tolist(), layer.alpha.tolist()), sim.stencil.reach[axis])
             for names, other, _ in found:
@@ -321,8 +339,9 @@ def _sides(sim: Simulation) -> list[tuple[str, LayerSide | Strip]]:
 
 
 def _layer_side(sim: Simulation, axis: int, layer: Layer) -> LayerSide:
-    recursion = Recursion.of(sim.model.integrator, sim.dt, sim.model.damping)
-    return LayerSide(Medium(sim.stencil.along(axis), sim.model.coefficient, sim.lattice.spacing, recursion, sim.dt), layer)
+    waves = sim.model.order == 2
+    recursion = Recursion.of(sim.model.integrator, sim.dt, sim.model.damping) if waves else Recursion(0.0, sim.dt, 1.0)
+    return LayerSide(Medium(sim.stencil.along(axis), sim.model.coefficient, sim.lattice.spacing, recursion, sim.dt), layer, not waves)
 
 
 def _plain_seconds(sim: Simulation) -> float:

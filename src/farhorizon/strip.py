@@ -57,12 +57,16 @@ def like_sides(sim: Simulation, one: tuple[int, int], other: tuple[int, int]) ->
 
 
 def one_corner(sim: Simulation) -> dict[tuple[int, int], Boundary]:
-    """The sides, those that mirror a layer on the other side held fixed: all corners are like the one that is left, and all edges and faces."""
+    """The sides; where layers or periodic sides are all around, those that mirror the layer on the other side held fixed.
+
+    All corners are then like the one that is left, and all edges and faces. Between reflecting faces a layer and its mirror image can feed one mode.
+    """
     found = pinned(sim)
-    for axis in range(sim.lattice.dim):
-        layered = isinstance(found[axis, -1], LatticePML) and sim.stencil.even_along(axis)
-        if layered and like_sides(sim, (axis, -1), (axis, 1)):
-            found[axis, -1] = Fixed(0.0)
+    if all(isinstance(b, LatticePML | Periodic) for b in found.values()):
+        for axis in range(sim.lattice.dim):
+            layered = isinstance(found[axis, -1], LatticePML) and sim.stencil.even_along(axis)
+            if layered and like_sides(sim, (axis, -1), (axis, 1)):
+                found[axis, -1] = Fixed(0.0)
     return found
 
 
@@ -130,6 +134,8 @@ class Strip:
     ----------
     size : int
         Numbers in the state of one row along the normal.
+    near : ndarray of int, shape (levels * components, nodes)
+        Those of the near field.
     coarse : int
         Tangential wavenumbers along each axis in `sample`.
     longest : float
@@ -156,7 +162,7 @@ class Strip:
         self.width, self.dt = width, sim.dt
         self.state = State(self.sim.engine)
         rows = self.state.rows()
-        self.place, self._images, self._signs, self._near, self._layers = rows.place, rows.images, rows.signs, rows.near, rows.layers
+        self.place, self._images, self._signs, self.near, self._layers = rows.place, rows.images, rows.signs, rows.near, rows.layers
         self.size = len(self.place)
         # with the components along the sides a quarter of a period apart the map of a stencil that mirrors is real: a few times as fast
         self._turns = np.where(self._signs > 0, 1j, 1.0) if self.sim.stencil.components > 1 else np.ones(self.size)
@@ -280,7 +286,7 @@ class Strip:
         """
         sim = self.sim
         wave = self.medium.plane_wave(wavelength / sim.lattice.spacing, angle, azimuth, self.types.index(incoming or self.types[0]))
-        near = self._near.reshape(-1, len(self.types), self._near.shape[-1])
+        near = self.near.reshape(-1, len(self.types), self.near.shape[-1])
         levels = (1.0, 1 - 1 / wave.factor if sim.engine.stages.increments else 1 / wave.factor)[: len(near)]
         amplitudes = reflection(self.matrix(*wave.along), near, levels, wave.factor, wave.modes, sim.stencil.reach[0])
         return by_type(wave.modes, amplitudes, wave.along, float(np.radians(azimuth)))

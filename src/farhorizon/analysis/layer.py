@@ -91,7 +91,7 @@ class Medium:
         """Of waves."""
         return float(np.sqrt(self.coefficient))
 
-    def wave(self, along: Sequence[float], factor: complex, near: complex, polarisation: np.ndarray | None = None) -> Wave:
+    def wave(self, along: Sequence[float] | np.ndarray, factor: complex, near: complex, polarisation: np.ndarray | None = None) -> Wave:
         """The wave of a factor a step and tangential wavenumbers times spacing.
 
         Parameters
@@ -106,9 +106,10 @@ class Medium:
         InputError
             No such wave comes to the side.
         """
-        weights = self.rate * chain_weights(self.stencil, along)
+        along = np.asarray(along, float)
+        weights = self.rate * chain_weights(self.stencil, along.tolist())
         modes = chain_modes(weights, factor, self.recursion, near, polarisation)
-        return Wave(weights, np.asarray(along, float), modes, factor, self.recursion, self.dt)
+        return Wave(weights, along, modes, factor, self.recursion, self.dt)
 
     def plane_wave(self, wavelength: float, angle: float, azimuth: float = 0.0, number: int = 0) -> Wave:
         """A plane wave; second order in time.
@@ -135,6 +136,30 @@ class Medium:
         shape = polarisations(self.stencil.components, float(tilt), float(turn))
         factor = factor_of_wave(-self.rate * eigenvalue_of_type(self.stencil.symbol(normal, *along), shape, number), self.recursion)
         return self.wave(along, factor, np.exp(1j * normal), shape[number])
+
+    def diffusion_wave(self, wavelength: float, angle: float) -> Wave:
+        """What diffuses from a source of one frequency, ``exp(i w t - (a + i b) x + i q y)``: a phase that runs to the side while it dies out.
+
+        In the continuum ``(a + i b)^2 = q^2 + i w / D``; ``b = sqrt(w cos(angle) / 2 D)``, ``q = b tan(angle)``. The layer's stretch does not depend
+        on the frequency, so time is taken to be continuous.
+
+        Parameters
+        ----------
+        wavelength : float
+            ``2 pi sqrt(2 D / w)`` in spacings, of a wave along the normal.
+        angle : float
+            Of the phase's direction against the normal, in degrees.
+
+        Raises
+        ------
+        InputError
+            The lattice carries no such wave.
+        """
+        tilt = np.radians(angle)
+        frequency = 2 * self.rate * (2 * np.pi / wavelength) ** 2
+        normal = 2 * np.pi / wavelength * np.sqrt(np.cos(tilt))
+        along = np.array([normal * np.tan(tilt), 0.0])[: self.stencil.dim - 1]
+        return self.wave(along, 1 + 1j * frequency * self.recursion.scale, np.exp(-normal * (1 / np.cos(tilt) + 1j)))
 
 
 def layer_amplitudes(wave: Wave, layer: Layer) -> np.ndarray:
@@ -210,10 +235,13 @@ class LayerSide:
     ----------
     medium : Medium
     layer : Layer
+    diffusive : bool
+        Whether the medium carries diffusion waves, which come from a source of one frequency and die out on their way.
     """
 
     medium: Medium
     layer: Layer
+    diffusive: bool = False
 
     @property
     def types(self) -> tuple[str, ...]:
@@ -223,5 +251,9 @@ class LayerSide:
     @one_blas_thread()
     def reflections(self, wavelength: float, angle: float, azimuth: float = 0.0, incoming: str | None = None) -> dict[str, complex]:
         """Amplitudes by type of the waves that come back of a plane wave of amplitude 1; see `farhorizon.strip.Strip.reflections`."""
-        wave = self.medium.plane_wave(wavelength / self.medium.spacing, angle, azimuth, self.types.index(incoming or self.types[0]))
+        length = wavelength / self.medium.spacing
+        if self.diffusive:
+            wave = self.medium.diffusion_wave(length, angle)
+        else:
+            wave = self.medium.plane_wave(length, angle, azimuth, self.types.index(incoming or self.types[0]))
         return by_type(wave.modes, layer_amplitudes(wave, self.layer), wave.along, float(np.radians(azimuth)))
