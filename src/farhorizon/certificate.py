@@ -312,9 +312,9 @@ def _examinations(sim: Simulation) -> Iterator[tuple[str, Callable[[float], tupl
     if sim.conditions.nodes.size or sim.conditions.leaks or sim.closure is not None:  # how an outline runs decides whether its condition grows
         yield "the complete update", lambda left: (_krylov_part("the complete update", plain_twin(sim), left), [])
         return
-    small = plain_twin(sim, small_lattice(sim), one_corner(sim))
-    kind = f"{'corners' if len(layered) > 1 else 'faces'} on a copy of {' x '.join(map(str, small.lattice.shape))} nodes"
-    yield kind, lambda left: (_krylov_part(kind, small, left), [])
+    small = small_lattice(sim)
+    kind = f"{'corners' if len(layered) > 1 else 'faces'} on a copy of {' x '.join(map(str, small.shape))} nodes"
+    yield kind, lambda left: (_krylov_part(kind, plain_twin(sim, small, one_corner(sim)), left), [])
 
 
 def _dense_part(name: str, sim: Simulation) -> Part:

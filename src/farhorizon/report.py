@@ -20,6 +20,7 @@ from farhorizon.certificate import BUDGET, NOT_CERTIFIED, UNDECIDED, Certificate
 from farhorizon.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.lattice import AXES
+from farhorizon.machine import one_blas_thread
 from farhorizon.models import Corrosion
 from farhorizon.stencil import BackwardWaves
 from farhorizon.strip import Strip
@@ -29,8 +30,9 @@ if TYPE_CHECKING:
 
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)
 _FINE = tuple(np.linspace(0, 85, 35).tolist())  # angles of the picture
-_LEAST = 1.6  # seconds that it all may take whatever the run takes; with the making of the set-up 2
-_SHARE = 0.4  # of the time: until when wavelengths are predicted, and what the certificate has at least
+_MAKING = 0.5  # seconds of the time that the making of the set-up takes
+_LEAST = 2 - _MAKING  # seconds that the rest may take whatever the run takes
+_SHARE, _MINIMUM = 0.4, 0.1  # of the time: until when wavelengths are predicted, and what the certificate has at least
 _EXACT = 1e-14  # less than this comes back: rounding
 _PROBED = 400_000  # nodes of a plain run that is timed, at most
 
@@ -73,6 +75,7 @@ class Reflections:
         """Wavelengths of the picture: of vectors, which have a curve for each pair, the typical one alone."""
         return tuple(self.tables) if len(self.pairs) == 1 else tuple(self.tables)[:1]
 
+    @one_blas_thread()
     def amplitudes(self, wavelength: float, angles: tuple[float, ...]) -> np.ndarray:
         """Amplitude of the reflected wave, shape (pairs, angles); nan where there is no such wave."""
         types = self.side.types
@@ -135,11 +138,12 @@ class Report:
         report._describe(sim, waves)
         if until is not None:
             report._estimate(sim, until)
-        whole = min(BUDGET, max(_LEAST, report.numbers.get("seconds", BUDGET)))
+        whole = min(BUDGET, max(_LEAST, report.numbers.get("seconds", BUDGET) - _MAKING))
         if wavelengths := _wavelengths(sim, waves, until):
             report._predict(sim, wavelengths, begin + _SHARE * whole if budget is None else np.inf)
-        left = max(whole - (time.monotonic() - begin), _SHARE * whole)
-        report._certify(sim, left if budget is None else budget)
+        backward = report._backward(sim)
+        left = max(whole - (time.monotonic() - begin), _MINIMUM * whole)
+        report._certify(sim, backward, left if budget is None else budget)
         if any(isinstance(b, Fixed) for b in sim.sides.values()) and sim.engine.layers:
             report.warnings.append("a Fixed side reflects")
         report.notes = [*report.notes, *sim.notes]
@@ -223,10 +227,13 @@ class Report:
         if ratio < 1:
             self.notes.append("the extended domain would be faster than this run")
 
-    def _certify(self, sim: Simulation, budget: float) -> None:
+    def _backward(self, sim: Simulation) -> BackwardWaves:
         backward = sim.stencil.backward_waves()
         self._say("backward waves", f"{100 * backward.fraction:.3g} % of the Brillouin zone from |k| spacing = {backward.first_wavenumber:.3g}"
                   if backward else "none")  # fmt: skip
+        return backward
+
+    def _certify(self, sim: Simulation, backward: BackwardWaves, budget: float) -> None:
         self.certificate = certificate = sim.certificate(budget)
         self._say("stability", str(certificate))
         if certificate.verdict == NOT_CERTIFIED:

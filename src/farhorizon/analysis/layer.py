@@ -21,7 +21,6 @@ from farhorizon.analysis.chain import Recursion
 from farhorizon.analysis.reflection import TYPES, Modes, by_type, chain_modes, chain_weights, eigenvalue_of_type, factor_of_wave, polarisations
 from farhorizon.engine import Layer
 from farhorizon.engine.filter import line_damping
-from farhorizon.machine import one_blas_thread
 from farhorizon.stencil import Stencil
 
 
@@ -248,7 +247,6 @@ class LayerSide:
         """Types of waves, see `farhorizon.analysis.reflection.TYPES`."""
         return TYPES[self.medium.stencil.components]
 
-    @one_blas_thread()
     def reflections(self, wavelength: float, angle: float, azimuth: float = 0.0, incoming: str | None = None) -> dict[str, complex]:
         """Amplitudes by type of the waves that come back of a plane wave of amplitude 1; see `farhorizon.strip.Strip.reflections`."""
         length = wavelength / self.medium.spacing

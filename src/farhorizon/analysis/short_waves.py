@@ -58,6 +58,7 @@ class HighPass:
         return np.fft.ifft(self.passed(2 * np.pi * np.arange(count) / count)).real[: self.rise + self.fall]
 
 
+@lru_cache(maxsize=64)  # each side, and each copy of a set-up, asks again
 def high_pass(stencil: Stencil) -> HighPass | None:
     """The filter that stops all backward waves of a stencil and touches resolved ones least; None if there are none.
 
@@ -71,16 +72,10 @@ def high_pass(stencil: Stencil) -> HighPass | None:
         Waves that stand still count as backward ones. Of all filters of one length that need a rate of at most sigma, the one that damps waves of
         60 % of the first such wavenumber least; where none is enough, the one that needs the least rate.
     """
-    return _high_pass(stencil.offsets.tobytes(), stencil.weights.tobytes(), stencil.weights.shape)
-
-
-@lru_cache(maxsize=64)  # each side, and each copy of a set-up, asks again
-def _high_pass(offsets: bytes, weights: bytes, shape: tuple[int, ...]) -> HighPass | None:
-    stencil = Stencil(np.frombuffer(offsets, int).reshape(shape[0], -1), np.frombuffer(weights).reshape(shape))
     zone, growth = stencil.layer_growth
     worst = growth.max(-1)
     if not worst.any() and stencil.dim == 1:
-        worst = _standing(stencil, zone[0])
+        worst = _standing(stencil)
     backward = np.nonzero(worst > 1e-6)
     if not backward[0].size:
         return None
@@ -96,13 +91,13 @@ def _high_pass(offsets: bytes, weights: bytes, shape: tuple[int, ...]) -> HighPa
     return HighPass(rise, count + 1 - rise, _MARGIN * rate, first)
 
 
-def _standing(stencil: Stencil, angle: np.ndarray) -> np.ndarray:
+def _standing(stencil: Stencil) -> np.ndarray:
     """Growth over sigma that is taken for waves of a line that stand still between others that run forward.
 
     To first order they keep their size in a layer, to second order a steep entrance makes them grow. On the line exponent 1 with constant influence
     has them: its group velocity touches zero inside the zone. In the plane waves under an angle would be backward where one along an axis stands.
     """
-    value, (slope,) = stencil.branches_with_gradient(angle)
+    (angle,), value, (slope,) = stencil.zone_branches
     sine = np.sin(angle)
     pace = slope[:, 0] * sine / (2 * np.maximum(value[:, 0], 1e-300))
     return np.where((pace < _SLOW * sine**2) & (sine > _INNER), _SECOND * sine**2, 0.0)
