@@ -180,7 +180,9 @@ def _wave_profile(nodes: int, stencil: Stencil, damped: HighPass | None) -> Prof
     if not weak(damped):
         if stencil.components > 1:  # shear waves are slower and feel more; between thin layers long waves along them would grow without alpha
             return Profile(0.7, 1.0, 4, 0.1 if nodes < 16 else 0.0, smooth=reach < 5) if nodes < 25 else Profile(0.6, 1.0, 5, smooth=reach < 5)
-        return Profile(1.0, 1.0, 5, smooth=True) if reach < 5 else Profile(0.7, 1.0, 5)
+        if reach < 5:
+            return Profile(1.0, 1.0, 5, smooth=True)
+        return Profile(0.7, 1.0, 5, smooth=dim == 1 and reach < 7 and nodes < 40)  # elsewhere the smooth ramp is too steep, and grows
     if reach > 3:
         return Profile(0.5 if reach > 7 else 1.0, 1.0, 2 if reach < 6 else 3)
     if dim == 1:
