@@ -39,7 +39,7 @@ def growth(model: Any, dim: int, nodes: int, spatial: int = 4) -> float:
 def error(model: Any, dim: int, nodes: int) -> float:
     """Largest error of the pulse, of its initial maximum."""
     stencil = model.stencil(1.0, dim)
-    width = 4.71 / min(np.pi / 4, 0.6 * stencil.backward_waves().first_wavenumber)
+    width = 4.71 / min(np.pi / 4, 0.6 * high_pass(stencil).first)
     half = float(np.ceil(7.5 * width)) if dim < 3 else float(np.ceil(4.5 * width))
     lattice = fh.Lattice(1.0, (-half,) * dim, (half,) * dim)
     pulse = np.exp(-sum(x**2 for x in lattice.coordinates()) / (2 * width**2))
@@ -65,7 +65,7 @@ def measure(cases: list[tuple[str, int, Any]]) -> list[dict[str, Any]]:
             continue
         reach = max(stencil.reach)
         thin = max(16, 4 * reach if reach > 3 else 0)
-        row: dict[str, Any] = {"stencil": f"{dim}D {name}", "first backward": stencil.backward_waves().first_wavenumber,
+        row: dict[str, Any] = {"stencil": f"{dim}D {name}", "first stopped": damped.first,
                                "filter": f"I({damped.rise},{damped.fall})", "rate/sigma": damped.strength, "nodes": thin}  # fmt: skip
         row |= {"growth": growth(model, dim, thin), "error": error(model, dim, thin), "limit": 1e-6}
         if dim < 3:

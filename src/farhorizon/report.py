@@ -12,22 +12,27 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from farhorizon.analysis import undisturbed
+from farhorizon.analysis.chain import Recursion
+from farhorizon.analysis.layer import LayerSide, Medium
 from farhorizon.analysis.spectrum import Band, band, gain_of_time
 from farhorizon.boundaries import Absorbing, Closing, Exact, Fixed, LatticePML, Sponge
 from farhorizon.certificate import BUDGET, NOT_CERTIFIED, UNDECIDED, Certificate
+from farhorizon.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.lattice import AXES
+from farhorizon.machine import one_blas_thread
 from farhorizon.models import Corrosion, Elastic
 from farhorizon.stencil import BackwardWaves
-from farhorizon.strip import Strip, pinned
+from farhorizon.strip import Strip
 
 if TYPE_CHECKING:
     from farhorizon.simulation import Simulation
 
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)
 _FINE = tuple(np.linspace(0, 85, 35).tolist())  # angles of the picture
-LEAST = 1.6  # seconds that it all may take whatever the run takes; with the making of the set-up 2
-_SHARE = 0.4  # of the time: until when wavelengths are predicted, and what the certificate has at least
+_MAKING = 0.5  # seconds of the time that the making of the set-up takes
+LEAST = 2 - _MAKING  # seconds that the rest may take whatever the run takes
+_SHARE, _MINIMUM = 0.4, 0.1  # of the time: until when wavelengths are predicted, and what the certificate has at least
 _EXACT = 1e-14  # less than this comes back: rounding
 _PROBED = 400_000  # nodes of a plain run that is timed, at most
 
@@ -40,38 +45,44 @@ class Reflections:
     ----------
     sides : str
         Names of the sides that are alike.
-    strip : Strip
-        What computes it.
+    side : LayerSide or Strip
+        What computes it: the equations of a layer, or the map of any side.
     tables : dict of float to ndarray, shape (pairs, angles)
         Amplitudes for each wavelength, the typical one first.
     """
 
     sides: str
-    strip: Strip
+    side: LayerSide | Strip
     tables: dict[float, np.ndarray] = field(default_factory=dict)
 
     @property
     def angles(self) -> tuple[float, ...]:
         """Angles of the table; on a line there is one."""
-        return ANGLES if self.strip.sim.lattice.dim > 1 else ANGLES[:1]
+        return ANGLES if self.side.medium.stencil.dim > 1 else ANGLES[:1]
 
     @property
     def pairs(self) -> tuple[tuple[str, str], ...]:
         """Types of the wave that comes and of one that leaves; of a scalar field one pair without names."""
-        return tuple((one, other) for one in self.strip.types for other in self.strip.types)
+        return tuple((one, other) for one in self.side.types for other in self.side.types)
+
+    @property
+    def diffusive(self) -> bool:
+        """Whether these are diffusion waves."""
+        return isinstance(self.side, LayerSide) and self.side.diffusive
 
     @property
     def drawn(self) -> tuple[float, ...]:
         """Wavelengths of the picture: of vectors, which have a curve for each pair, the typical one alone."""
         return tuple(self.tables) if len(self.pairs) == 1 else tuple(self.tables)[:1]
 
+    @one_blas_thread()
     def amplitudes(self, wavelength: float, angles: tuple[float, ...]) -> np.ndarray:
         """Amplitude of the reflected wave, shape (pairs, angles); nan where there is no such wave."""
-        types = self.strip.types
+        types = self.side.types
         found = np.full((len(types), len(types), len(angles)), np.nan)
         for incoming, (i, angle) in itertools.product(range(len(types)), enumerate(angles)):
             try:
-                back = self.strip.reflections(wavelength, angle, incoming=types[incoming])
+                back = self.side.reflections(wavelength, angle, incoming=types[incoming])
             except InputError:
                 continue
             for name, amplitude in back.items():
@@ -106,7 +117,7 @@ class Report:
     certificate : Certificate
         Whether the complete update is stable.
     reflections : list of Reflections
-        Of each kind of absorbing side, for waves.
+        Of each kind of absorbing side.
     numbers : dict of str to float
         Those of the rows that a program may want: "dt", "step_limit", "seconds", "steps", "extended_nodes", "extended_cost", "memory".
     """
@@ -127,12 +138,12 @@ class Report:
         report._describe(sim, waves)
         if until is not None:
             report._estimate(sim, until)
-        whole = min(BUDGET, max(LEAST, report.numbers.get("seconds", BUDGET)))
-        if sim.model.order == 2 and waves is not None:
-            wavelengths = tuple(dict.fromkeys((waves.typical, waves.shortest, waves.longest)))
+        whole = min(BUDGET, max(LEAST, report.numbers.get("seconds", BUDGET) - _MAKING))
+        if wavelengths := _wavelengths(sim, waves, until):
             report._predict(sim, wavelengths, begin + _SHARE * whole if budget is None else np.inf)
-        left = max(whole - (time.monotonic() - begin), _SHARE * whole)
-        report._certify(sim, left if budget is None else budget)
+        backward = report._backward(sim)
+        left = max(whole - (time.monotonic() - begin), _MINIMUM * whole)
+        report._certify(sim, backward, left if budget is None else budget)
         if any(isinstance(b, Fixed) for b in sim.sides.values()) and sim.engine.layers:
             report.warnings.append("a Fixed side reflects")
         report.notes = [*report.notes, *sim.notes]
@@ -140,8 +151,8 @@ class Report:
 
     def _predict(self, sim: Simulation, wavelengths: tuple[float, ...], end: float) -> None:
         """Reflection by each kind of absorbing side, the typical wave first; what there is no time for is noted."""
-        for names, strip in _sides(sim):
-            found = Reflections(names, strip)
+        for names, side in _sides(sim):
+            found = Reflections(names, side)
             for wavelength in wavelengths:
                 if found.tables and time.monotonic() > end:
                     self.notes.append(f"no time to predict the reflection of waves of length {wavelength:.3g} by {names}")
@@ -222,10 +233,13 @@ class Report:
         if ratio < 1:
             self.notes.append("the extended domain would be faster than this run")
 
-    def _certify(self, sim: Simulation, budget: float) -> None:
+    def _backward(self, sim: Simulation) -> BackwardWaves:
         backward = sim.stencil.backward_waves()
         self._say("backward waves", f"{100 * backward.fraction:.3g} % of the Brillouin zone from |k| spacing = {backward.first_wavenumber:.3g}"
                   if backward else "none")  # fmt: skip
+        return backward
+
+    def _certify(self, sim: Simulation, backward: BackwardWaves, budget: float) -> None:
         self.certificate = certificate = sim.certificate(budget)
         self._say("stability", str(certificate))
         if certificate.verdict == NOT_CERTIFIED:
@@ -265,16 +279,16 @@ class Report:
         ]
         if curves:
             made.append(folder / f"{name}-reflection.png")
-            title = (
-                "plane waves sent back by an absorbing side" if len(self.reflections) > 1 else f"plane waves sent back by {self.reflections[0].sides}"
-            )
+            kind = "diffusion waves" if self.reflections[0].diffusive else "plane waves"
+            title = f"{kind} sent back by {'an absorbing side' if len(self.reflections) > 1 else self.reflections[0].sides}"
             reflection_picture(np.array(_FINE), curves, title, made[-1])
         return made
 
     def _reflection_lines(self) -> list[str]:
         lines = []
         for found in self.reflections:
-            lines.append(f"predicted reflection by {found.sides} in dB, of plane waves by their angle to the normal")
+            kind = "diffusion waves, of which most dies out on the way," if found.diffusive else "plane waves"
+            lines.append(f"predicted reflection by {found.sides} in dB, of {kind} by their angle to the normal")
             lines.append(f"{'wavelength':>18}" + "".join(f"{f'{a:g} deg':>9}" for a in found.angles))
             for pair, wavelength, amplitudes in found.rows():
                 label = "  ".join([*_named_pair(pair), f"{wavelength:.3g}"])
@@ -307,27 +321,41 @@ def content(sim: Simulation, until: float | None = None) -> Band | None:
     return band(fields, sim.lattice.spacing, orders, gains)
 
 
-def _sides(sim: Simulation) -> list[tuple[str, Strip]]:
-    """Absorbing sides of each kind, and a strip that ends in one of them."""
-    found: list[tuple[list[str], int, Any]] = []
-    fixed = pinned(sim)
+def _wavelengths(sim: Simulation, waves: Band | None, until: float | None) -> tuple[float, ...]:
+    """Wavelengths for which reflection is predicted, the typical one first; of diffusion waves, whose period is ``length^2 / (4 pi diffusivity)``.
+
+    What diffuses is as slow as the run is long. So these have the period of the run, ten times that in which the near field empties if it is not
+    known, the latter, and a tenth of it.
+    """
+    if sim.model.order == 2:
+        return () if waves is None else tuple(dict.fromkeys((waves.typical, waves.shortest, waves.longest)))
+    half = float((sim.lattice.upper - sim.lattice.lower).max()) / 2
+    emptied = half**2 / sim.model.coefficient
+    periods = (10 * emptied if until is None else until, emptied, emptied / 10)
+    return tuple(dict.fromkeys(float(2 * np.sqrt(np.pi * sim.model.coefficient * period)) for period in periods))
+
+
+def _sides(sim: Simulation) -> list[tuple[str, LayerSide | Strip]]:
+    """Absorbing sides of each kind, and one of them by itself."""
+    found: list[tuple[list[str], Any, LayerSide | Strip]] = []
     for (axis, side), boundary in sim.sides.items():
-        if isinstance(boundary, LatticePML | Sponge):
+        if isinstance(boundary, LatticePML) or (isinstance(boundary, Sponge) and sim.model.order == 2):
             layer = sim.engine.layers.get((3 - sim.lattice.dim + axis, side))
             kind = (boundary if layer is None else (layer.kappa.tolist(), layer.sigma.tolist(), layer.alpha.tolist()), sim.stencil.reach[axis])
-            for names, _, other in found:
+            for names, other, _ in found:
                 if other == kind:
                     names.append(AXES[axis] + "-+"[side > 0])
                     break
             else:
-                found.append(([AXES[axis] + "-+"[side > 0]], axis, kind))
-    return [
-        (", ".join(names), Strip(sim, axis, 2 * sim.stencil.reach[axis] + 2, (Fixed(), _named(fixed, axis, names[0])))) for names, axis, _ in found
-    ]
+                alone = _layer_side(sim, axis, layer) if layer else Strip(sim, axis, 2 * sim.stencil.reach[axis] + 2, (Fixed(), boundary))
+                found.append(([AXES[axis] + "-+"[side > 0]], kind, alone))
+    return [(", ".join(names), alone) for names, _, alone in found]
 
 
-def _named(sides: dict[tuple[int, int], Any], axis: int, name: str) -> Any:
-    return sides[axis, 1 if name.endswith("+") else -1]
+def _layer_side(sim: Simulation, axis: int, layer: Layer) -> LayerSide:
+    waves = sim.model.order == 2
+    recursion = Recursion.of(sim.model.integrator, sim.dt, sim.model.damping) if waves else Recursion(0.0, sim.dt, 1.0)
+    return LayerSide(Medium(sim.stencil.along(axis), sim.model.coefficient, sim.lattice.spacing, recursion, sim.dt), layer, not waves)
 
 
 def _plain_seconds(sim: Simulation) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -70,6 +70,12 @@ class Stencil:
         unlike = self._unlike(-self.offsets, np.swapaxes(self.weights, 1, 2) if weights.ndim == 3 else self.weights)
         if unlike is not None:
             raise InputError("a stencil must have equal weights at k and -k, of matrices the transpose", value=unlike, remedy="symmetrise the table")
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Stencil) and np.array_equal(self.offsets, other.offsets) and np.array_equal(self.weights, other.weights)
+
+    def __hash__(self) -> int:
+        return hash((self.offsets.tobytes(), self.weights.tobytes()))
 
     @property
     def components(self) -> int:
@@ -234,35 +240,24 @@ class Stencil:
         half, full = np.linspace(0, np.pi, count), np.linspace(-np.pi, np.pi, 2 * count - 1)
         return list(np.ix_(half, *[half if self.even_along(a) else full for a in range(1, self.dim)]))
 
-    @cached_property
+    @property
     def symbol_maximum(self) -> float:
         """Largest value of the symbol, or of its eigenvalues, over the Brillouin zone."""
-        from scipy.optimize import minimize
+        return _symbol_maximum(self)
 
-        zone = self._zone()
-        values = self.branches(*zone)[..., -1]
-        best = float(values.max())
+    @property
+    def zone_branches(self) -> tuple[list[np.ndarray], np.ndarray, list[np.ndarray]]:
+        """A sample of the Brillouin zone (open grids), the branches on it and their derivatives along each axis."""
+        return _zone_branches(self)
 
-        def largest(angles: np.ndarray) -> float:  # all offsets at once: a search asks for hundreds of single points
-            symbol = np.tensordot(1 - np.exp(1j * self.offsets @ angles), self.weights, 1)
-            return float(symbol.real if self.components == 1 else np.linalg.eigvalsh(symbol)[-1])
-
-        for flat in np.argsort(values, axis=None)[-3:]:
-            index = np.unravel_index(flat, values.shape)
-            start = [float(axis.ravel()[i]) for axis, i in zip(zone, index, strict=True)]
-            found = minimize(lambda a: -largest(a), start, method="BFGS", options={"gtol": 1e-12})
-            best = max(best, -float(found.fun))
-        return best
-
-    @cached_property
+    @property
     def layer_growth(self) -> tuple[list[np.ndarray], np.ndarray]:
         """Wavenumbers (open grids) and how fast waves grow in a layer, to first order in its strength sigma, per unit of it.
 
         Along an axis with wavenumber k (times spacing) a wave of frequency w grows by ``-sin(k) d(w^2)/dk / (2 w^2)``; the largest over the axes
         counts, and 0 for waves that decay. One more axis at the end has the branches of a field of vectors.
         """
-        zone = self._zone()
-        value, slopes = self.branches_with_gradient(*zone)
+        zone, value, slopes = self.zone_branches
         growth = np.zeros_like(value)
         inner = value > 1e-9 * value.max()
         for axis in range(self.dim):
@@ -280,3 +275,29 @@ class Stencil:
 
     def __repr__(self) -> str:
         return f"Stencil(dim={self.dim}, neighbours={len(self.weights)}, reach={self.reach})"
+
+
+@lru_cache(maxsize=32)  # each copy of a set-up asks again
+def _symbol_maximum(stencil: Stencil) -> float:
+    from scipy.optimize import minimize
+
+    zone = stencil._zone()
+    values = stencil.branches(*zone)[..., -1]
+    best = float(values.max())
+
+    def largest(angles: np.ndarray) -> float:  # all offsets at once: a search asks for hundreds of single points
+        symbol = np.tensordot(1 - np.exp(1j * stencil.offsets @ angles), stencil.weights, 1)
+        return float(symbol.real if stencil.components == 1 else np.linalg.eigvalsh(symbol)[-1])
+
+    for flat in np.argsort(values, axis=None)[-3:]:
+        index = np.unravel_index(flat, values.shape)
+        start = [float(axis.ravel()[i]) for axis, i in zip(zone, index, strict=True)]
+        found = minimize(lambda a: -largest(a), start, method="BFGS", options={"gtol": 1e-12})
+        best = max(best, -float(found.fun))
+    return best
+
+
+@lru_cache(maxsize=8)
+def _zone_branches(stencil: Stencil) -> tuple[list[np.ndarray], np.ndarray, list[np.ndarray]]:
+    zone = stencil._zone()
+    return zone, *stencil.branches_with_gradient(*zone)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from farhorizon.analysis.chain import Recursion
-from farhorizon.analysis.choice import Wave, plane_wave
+from farhorizon.analysis.layer import Medium, Wave
 from farhorizon.boundaries import Higdon, Periodic, PlaneWave
 from farhorizon.certificate import CERTIFIED, Certificate
 from farhorizon.errors import InputError
@@ -161,15 +161,14 @@ def flat_reflection(sim: Simulation, boundary: PlaneWave | Higdon, angle: float,
     """
     rows = _flat_rows(sim, boundary)
     spacing = sim.lattice.spacing
-    recursion = Recursion.of(sim.model.integrator, sim.dt, sim.model.damping)
+    medium = Medium(sim.stencil, sim.model.coefficient, spacing, Recursion.of(sim.model.integrator, sim.dt, sim.model.damping), sim.dt)
     largest = []
     for wavelength in np.geomspace(*band, _WAVES) / spacing:
         for theta in np.linspace(0, angle, _WAVES if sim.lattice.dim > 1 else 1):
             try:
-                wave = plane_wave(sim.stencil, sim.model.coefficient / spacing**2, recursion, sim.dt, float(wavelength), float(theta))
+                largest.append(_sent_back(rows, medium.plane_wave(float(wavelength), float(theta))))
             except InputError:
                 continue
-            largest.append(_sent_back(rows, wave, sim.dt, 2 * np.pi / wavelength * np.sin(np.radians(theta))))
     if not largest:
         raise InputError("no wave of the band comes to the side", value=band, key="band")
     return max(largest)
@@ -201,15 +200,14 @@ def _flat_rows(sim: Simulation, boundary: PlaneWave | Higdon) -> _Rows:
     return rows
 
 
-def _sent_back(rows: _Rows, wave: Wave, dt: float, along: float) -> float:
-    """Amplitude of the waves that go back; `along` is the tangential wavenumber times spacing. One condition a halo column, one mode a column."""
-    factor = (1 + wave.s * dt / 2) / (1 - wave.s * dt / 2)
+def _sent_back(rows: _Rows, wave: Wave) -> float:
+    """Amplitude of the waves that go back. One condition a halo column, one mode a column."""
     modes = np.append(wave.modes.leaving, wave.modes.incoming)
     conditions = np.empty((len(rows), len(modes)), complex)
     for row, (place, level, steps, weights) in enumerate(rows):
-        shares = weights * factor ** -level.astype(float)
+        shares = weights * wave.factor ** -level.astype(float)
         if steps.shape[1] > 1:
-            shares = shares * np.exp(1j * along * steps[:, 1])
+            shares = shares * np.exp(1j * wave.along[0] * steps[:, 1])
         conditions[row] = modes**place - shares @ modes ** (place + steps[:, :1])
     back = np.linalg.lstsq(conditions[:, :-1], -conditions[:, -1], rcond=None)[0]
     return float(np.sqrt((np.abs(back[wave.modes.travels]) ** 2).sum()))

@@ -5,15 +5,17 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.analysis.chain import Recursion
-from farhorizon.analysis.choice import Profile, choose, family, layer_reflection, plane_wave, sample, worst
+from farhorizon.analysis.choice import Profile, choose, family, layer_reflection, sample, worst
+from farhorizon.analysis.layer import Medium
+from farhorizon.analysis.short_waves import high_pass
 from farhorizon.analysis.spectrum import band, gain_of_time
 from farhorizon.certificate import certify
 from farhorizon.compare import compare
 from farhorizon.strip import Strip, pinned
 
 
-def recursion_of(sim):
-    return Recursion.of(sim.model.integrator, sim.dt, sim.model.damping)
+def medium_of(sim):
+    return Medium(sim.stencil, sim.model.coefficient, sim.lattice.spacing, Recursion.of(sim.model.integrator, sim.dt, sim.model.damping), sim.dt)
 
 
 def box(*nodes):
@@ -29,8 +31,8 @@ def test_closed_form_is_what_the_half_infinite_problem_gives(dim, reach, exponen
     strip = Strip(sim, 0, 2 * reach + 2, (fh.Fixed(), pinned(sim)[0, 1]))
     layer = next(iter(sim.engine.layers.values()))
     for wavelength, angle in ((7.0, 0.0), (11.0, 40.0), (30.0, 70.0)):
-        wave = plane_wave(sim.stencil, 1.0, recursion_of(sim), sim.dt, wavelength, angle if dim > 1 else 0.0)
-        found = layer_reflection(wave, layer.kappa, layer.sigma, layer.alpha)
+        wave = medium_of(sim).plane_wave(wavelength, angle if dim > 1 else 0.0)
+        found = layer_reflection(wave, layer)
         assert found == pytest.approx(abs(strip.reflection(wavelength, angle if dim > 1 else 0.0)), rel=1e-6, abs=1e-13)
 
 
@@ -39,13 +41,13 @@ def test_no_thinner_layer_of_the_family(reach, target, angle):
     """One node less, and no profile meets the target; the choice itself does, between the waves that it looked at, too."""
     stencil = fh.Stencil.from_kernel(fh.Kernel(float(reach)), 1.0, 2)
     dt = 0.5 * fh.Simulation(box(2 * reach + 3, 2 * reach + 3), fh.Wave(stencil)).step_limit
-    recursion = Recursion.of(fh.Wave(stencil).integrator, dt)
-    found = choose(stencil, 1.0, recursion, dt, target, (6.0, 50.0), angle, 1.0, 1.0)
-    waves = sample(stencil, 1.0, recursion, dt, (6.0, 50.0), angle)
-    assert all(worst(waves, p, found.nodes - 1, 1.0, 1.0) > 0.8 * target for p in family(reach, 2))
+    medium, damped = Medium(stencil, 1.0, 1.0, Recursion.of(fh.Wave(stencil).integrator, dt), dt), high_pass(stencil)
+    found = choose(medium, target, (6.0, 50.0), angle)
+    waves = sample(medium, (6.0, 50.0), angle)
+    assert all(worst(waves, p.layer(found.nodes - 1, 1.0, 1.0, damped)) > 0.8 * target for p in family(reach, 2, damped))
     random = np.random.default_rng(0)
-    between = [plane_wave(stencil, 1.0, recursion, dt, *at) for at in zip(random.uniform(6, 50, 50), random.uniform(0, angle, 50), strict=True)]
-    assert worst(between, found.profile, found.nodes, 1.0, 1.0) <= target
+    between = [medium.plane_wave(*at) for at in zip(random.uniform(6, 50, 50), random.uniform(0, angle, 50), strict=True)]
+    assert worst(between, found.profile.layer(found.nodes, 1.0, 1.0, damped)) <= target
 
 
 def test_thickness_grows_with_target_and_angle():
@@ -129,12 +131,35 @@ def test_profile_reads_as_it_is():
 
 
 def test_a_chosen_layer_damps_the_short_waves_that_would_grow():
-    """Reach 4 has weak backward waves: the exact reflection with their damping still meets the target. Strong ones are refused."""
+    """Reach 4 has weak backward waves: the exact reflection with their damping still meets the target."""
     lattice = fh.Lattice(1.0, (-12.0, -12.0), (12.0, 12.0))
     boundary = fh.LatticePML(target=1e-6, angle=70.0, wavelengths=(8.0, 40.0))
     sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(4.0)), boundary=boundary)
     assert all(layer.damping.max() > 0 for layer in sim.engine.layers.values())
     side = Strip(sim, 0, 10, (fh.Fixed(), pinned(sim)[0, 1]))
     assert max(abs(side.reflection(wavelength, angle)) for wavelength in (8.0, 17.0, 40.0) for angle in (0.0, 35.0, 70.0)) <= 1e-6
-    with pytest.raises(fh.InputError, match="backward waves"):
-        fh.Simulation(lattice, fh.Wave(fh.Kernel(3.0, 0)), boundary=boundary)
+
+
+@pytest.mark.parametrize("dim, reach, exponent, target", [(1, 3, 0, 1e-7), (1, 5, 1, 1e-6), (2, 2, 0, 1e-5), (2, 4, 1, 1e-5)])
+def test_a_layer_that_damps_strong_backward_waves_is_chosen(dim, reach, exponent, target):
+    """The engine's own map sends back less than the target, nothing grows between the sides, and a run keeps the target."""
+    damped = high_pass(fh.Stencil.from_kernel(fh.Kernel(float(reach), exponent), 1.0, dim))
+    width = 6.66 / min(np.pi / 4, 0.6 * damped.first)  # exp(-(k width / 2)^2) = 1.5e-5
+    half = np.ceil(width * np.sqrt(np.log(1e3 / target))) + reach
+    lattice = fh.Lattice(1.0, (-half,) * dim, (half,) * dim)
+    setup = {
+        "lattice": lattice, "model": fh.Wave(fh.Kernel(float(reach), exponent)), "boundary": fh.LatticePML(target=target, angle=70.0),
+        "initial": {"u": lambda *x: np.exp(-sum(a**2 for a in x) / width**2)},
+    }  # fmt: skip
+    sim = fh.Simulation(**setup)
+    (layer, *_), (chosen, *_) = sim.engine.layers.values(), sim.choices.values()
+    assert layer.damping.max() > 0.06 * layer.sigma.max()  # strong: it shares in what comes back
+    side = Strip(sim, 0, 2 * reach + 2, (fh.Fixed(), pinned(sim)[0, 1]))
+    for wavelength, angle in ((14.0, 0.0), (20.0, 35.0), (60.0, 70.0)):
+        wave = medium_of(sim).plane_wave(wavelength, angle if dim > 1 else 0.0)
+        found = abs(side.reflection(wavelength, angle if dim > 1 else 0.0))
+        assert found <= target and found == pytest.approx(layer_reflection(wave, layer), rel=1e-6, abs=1e-13)
+    between = Strip(sim, 0, max(8, 2 * reach + 1))
+    assert all(between.growth(*angles).stable for angles in ([()] if dim == 1 else [(0.01,), (0.5,), (1.5,), (np.pi,)]))
+    assert chosen.nodes < 40 and ("smooth" in str(chosen)) == (reach < 5)
+    assert max(next(iter(compare(setup, 4 * half, np.linspace(0.5, 4, 12) * half, beside=False).curves.values()))["error_rel_initial"]) <= target

@@ -8,6 +8,7 @@ from farhorizon.analysis.infinite import InfiniteLattice
 from farhorizon.analysis.short_waves import HighPass, high_pass
 from farhorizon.certificate import certify
 from farhorizon.engine.state import State
+from farhorizon.strip import Strip
 from helpers import kernel_stencil
 
 BACKWARD = [(1, 2, 0), (1, 3, 0), (2, 2, 0), (2, 3, 0), (2, 2, 1), (2, 3, 1)]  # dimension, reach, exponent
@@ -15,7 +16,7 @@ BACKWARD = [(1, 2, 0), (1, 3, 0), (2, 2, 0), (2, 3, 0), (2, 2, 1), (2, 3, 1)]  #
 
 def test_filter_lets_short_waves_through_and_nothing_else():
     """0 to the order `rise` at long waves, 1 to the order `fall` at the shortest, never outside 0 to 1; its taps are its Fourier series."""
-    found = HighPass(10, 8, 1.0)
+    found = HighPass(10, 8, 1.0, 1.0)
     angles = np.linspace(0, np.pi, 201)
     passed = found.passed(angles)
     assert (np.diff(passed) >= 0).all() and passed[0] == 0 and passed[-1] == 1
@@ -49,7 +50,7 @@ def test_stencils_without_backward_waves_are_left_alone():
 def pulse_error(stencil, nodes):
     """Error over four crossings for a Gaussian whose spectrum is 1.5e-5 at 8 nodes a wave or at 60 % of the first backward wavenumber."""
     dim = stencil.dim
-    width = 4.71 / min(np.pi / 4, 0.6 * stencil.backward_waves().first_wavenumber)  # exp(-(4.71)^2/2) = 1.5e-5
+    width = 4.71 / min(np.pi / 4, 0.6 * high_pass(stencil).first)  # exp(-(4.71)^2/2) = 1.5e-5
     half = int(np.ceil(7.5 * width))
     lattice = fh.Lattice(1.0, (-float(half),) * dim, (float(half),) * dim)
     start = np.exp(-sum(x**2 for x in lattice.coordinates()) / (2 * width**2))
@@ -72,6 +73,20 @@ def test_resolved_pulses_hardly_notice(dim, reach, exponent, nodes, limit):
 @pytest.mark.parametrize("nodes, limit", [(16, 1e-6), (30, 1e-8)])
 def test_resolved_pulses_hardly_notice_on_finite_elements(nodes, limit):
     assert pulse_error(fh.Stencil.finite_element(2), nodes) <= limit
+
+
+@pytest.mark.parametrize("reach", [3, 5, 8])
+def test_waves_that_stand_still_decay(reach):
+    """On a line exponent 1 with constant influence has no backward waves; its group velocity touches zero, and layers grew by 0.005 to 0.04."""
+    stencil = kernel_stencil(1, reach, 1)
+    angle = np.linspace(0.3, np.pi - 0.3, 4001)
+    slope = stencil.symbol_gradient(0, angle)
+    assert not stencil.backward_waves() and slope.min() < 1e-4 * slope.max()
+    assert angle[np.argmin(slope)] >= high_pass(stencil).first - 0.1
+    nodes = max(16, 4 * reach)
+    sim = fh.Simulation(fh.Lattice(1.0, (0.0,), (2.0 * reach + 4,)), fh.Wave(stencil), fh.LatticePML(nodes=nodes), threads=1)
+    assert Strip(sim, 0, 2 * reach + 1).growth().stable
+    assert reach > 6 or pulse_error(stencil, nodes) <= 1e-6
 
 
 @pytest.mark.parametrize("operator", [fh.Kernel(3.0, 0), fh.Kernel(3.0, 1), fh.Kernel(2.0, 0), fh.Stencil.finite_element(2)], ids=repr)

@@ -12,7 +12,7 @@ from farhorizon.engine.filter import line_damping
 from farhorizon.engine.state import State
 from farhorizon.strip import Strip
 
-TAPS = HighPass(3, 2, 1.0).taps()
+TAPS = HighPass(3, 2, 1.0, 1.0).taps()
 RATE = np.array([0.1, 0.4, 0.9, 1.5])
 
 
@@ -95,7 +95,7 @@ def test_line_damping_is_the_strip_of_it():
     found = line_damping(RATE, TAPS, 0.3, np.array([np.pi]))
     strength = np.sqrt(-np.expm1(-2 * RATE * 0.3) / 2)
     lone = line_damping(RATE, TAPS, 0.6, np.zeros(0))  # the same strengths but for the factor 1/2 that two axes share
-    assert np.abs(found - (lone / 2 + np.diag(strength**2 * HighPass(3, 2, 1.0).passed(np.pi)))).max() <= 1e-15
+    assert np.abs(found - (lone / 2 + np.diag(strength**2 * HighPass(3, 2, 1.0, 1.0).passed(np.pi)))).max() <= 1e-15
 
 
 @pytest.mark.parametrize("components", [1, 2])

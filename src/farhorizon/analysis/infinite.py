@@ -13,7 +13,7 @@ from farhorizon.stencil import Stencil
 
 def largest_speed(stencil: Stencil) -> float:
     """Largest group speed of waves on the lattice in units of the long-wave speed, ``max |grad omega|``."""
-    values, slopes = stencil.branches_with_gradient(*stencil._zone())
+    _, values, slopes = stencil.zone_branches
     omega = np.sqrt(np.maximum(values, 1e-300))
     squared = sum((slope / (2 * omega)) ** 2 for slope in slopes)
     return float(np.sqrt(np.max(np.where(omega > 1e-6, squared, 1.0))))

@@ -210,7 +210,7 @@ def reflection(matrix: np.ndarray, columns: np.ndarray, levels: Sequence[complex
     return np.asarray(np.linalg.solve(system, right)[size:])
 
 
-def by_type(modes: Modes, amplitudes: np.ndarray, along: Sequence[float], azimuth: float = 0.0) -> dict[str, complex]:
+def by_type(modes: Modes, amplitudes: np.ndarray, along: np.ndarray, azimuth: float = 0.0) -> dict[str, complex]:
     """Amplitudes of the waves that leave, by their type; of several of one type the root of the sum of squares.
 
     Parameters
@@ -218,7 +218,7 @@ def by_type(modes: Modes, amplitudes: np.ndarray, along: Sequence[float], azimut
     modes : Modes
     amplitudes : ndarray of complex
         As from `reflection`.
-    along : sequence of float
+    along : ndarray
         Tangential wavenumbers times spacing.
     azimuth : float
         Their direction, in radians.

@@ -25,6 +25,7 @@ _TAPS = 17  # neighbours that a filter reads to either side along an axis, at le
 _TAPS_PER_REACH = 6  # and per node of the stencil's reach: wide stencils have longer backward waves, which take sharper filters
 _RESOLVED = 0.6  # share of the first backward wavenumber up to which waves are to pass unharmed
 _MARGIN = 1.25  # on the rate: between the wavenumbers that are looked at more may be needed
+_SLOW, _INNER, _SECOND = 1e-3, 0.2, 0.01  # waves that stand still: their group velocity, sine of their wavenumber, and growth over sigma that counts
 _MOST = 1.0  # largest damping rate over sigma that is wanted: more of it reflects more, and where it is far more than needed it drives slow modes
 
 
@@ -38,11 +39,14 @@ class HighPass:
         Orders of the filter ``I_y(rise, fall)``.
     strength : float
         Damping rate over sigma.
+    first : float
+        Least wavenumber times spacing of the waves that it stops.
     """
 
     rise: int
     fall: int
     strength: float
+    first: float
 
     def passed(self, angle: np.ndarray | float) -> np.ndarray:
         """Share of a wave of given wavenumbers times spacing along one axis that the filter lets through."""
@@ -54,6 +58,7 @@ class HighPass:
         return np.fft.ifft(self.passed(2 * np.pi * np.arange(count) / count)).real[: self.rise + self.fall]
 
 
+@lru_cache(maxsize=64)  # each side, and each copy of a set-up, asks again
 def high_pass(stencil: Stencil) -> HighPass | None:
     """The filter that stops all backward waves of a stencil and touches resolved ones least; None if there are none.
 
@@ -64,27 +69,35 @@ def high_pass(stencil: Stencil) -> HighPass | None:
     Returns
     -------
     HighPass or None
-        Of all filters of one length that need a rate of at most sigma, the one that damps waves of 60 % of the first backward wavenumber least;
-        where none is enough, the one that needs the least rate.
+        Waves that stand still count as backward ones. Of all filters of one length that need a rate of at most sigma, the one that damps waves of
+        60 % of the first such wavenumber least; where none is enough, the one that needs the least rate.
     """
-    return _high_pass(stencil.offsets.tobytes(), stencil.weights.tobytes(), stencil.weights.shape)
-
-
-@lru_cache(maxsize=64)  # each side, and each copy of a set-up, asks again
-def _high_pass(offsets: bytes, weights: bytes, shape: tuple[int, ...]) -> HighPass | None:
-    stencil = Stencil(np.frombuffer(offsets, int).reshape(shape[0], -1), np.frombuffer(weights).reshape(shape))
     zone, growth = stencil.layer_growth
     worst = growth.max(-1)
+    if not worst.any() and stencil.dim == 1:
+        worst = _standing(stencil)
     backward = np.nonzero(worst > 1e-6)
     if not backward[0].size:
         return None
-    first = stencil.backward_waves().first_wavenumber
+    first = float(np.sqrt(sum(axis**2 for axis in zone))[backward].min())
     count = max(_TAPS, _TAPS_PER_REACH * max(stencil.reach))
     found = []
     for rise in range(1, count + 1):
-        filtered = HighPass(rise, count + 1 - rise, 1.0)
+        filtered = HighPass(rise, count + 1 - rise, 1.0, first)
         passed = sum(filtered.passed(axis).ravel()[index] for axis, index in zip(zone, backward, strict=True))
         rate = float((2 * worst[backward] / np.maximum(passed, 1e-300)).max())
         found.append((max(rate, _MOST), rate * float(filtered.passed(min(_RESOLVED * first, 1.0))), rise, rate))
     _, _, rise, rate = min(found)
-    return HighPass(rise, count + 1 - rise, _MARGIN * rate)
+    return HighPass(rise, count + 1 - rise, _MARGIN * rate, first)
+
+
+def _standing(stencil: Stencil) -> np.ndarray:
+    """Growth over sigma that is taken for waves of a line that stand still between others that run forward.
+
+    To first order they keep their size in a layer, to second order a steep entrance makes them grow. On the line exponent 1 with constant influence
+    has them: its group velocity touches zero inside the zone. In the plane waves under an angle would be backward where one along an axis stands.
+    """
+    (angle,), value, (slope,) = stencil.zone_branches
+    sine = np.sin(angle)
+    pace = slope[:, 0] * sine / (2 * np.maximum(value[:, 0], 1e-300))
+    return np.where((pace < _SLOW * sine**2) & (sine > _INNER), _SECOND * sine**2, 0.0)

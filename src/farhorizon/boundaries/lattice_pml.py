@@ -19,14 +19,13 @@ import numpy as np
 from scipy import special
 
 from farhorizon.analysis.chain import Recursion
-from farhorizon.analysis.choice import Choice, Profile, choose, smooth_ramp
+from farhorizon.analysis.choice import Choice, Profile, choose, weak
+from farhorizon.analysis.layer import Medium
 from farhorizon.analysis.short_waves import HighPass, high_pass
 from farhorizon.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.stencil import Stencil
 
-_WEAK = 0.06  # damping rate over sigma up to which the damping is too weak to be felt on the ramps of stencils without backward waves
-_SOFT, _MORE = 4, 12  # power of the ramp of such a damping beside a steeper sigma, and how much more of it that takes near the entrance
 DEFAULT_TARGET = {1: 1e-5, 2: 1e-8}  # diffusion: of the current maximum; waves: of the initial maximum
 
 
@@ -107,18 +106,14 @@ class LatticePML:
         Raises
         ------
         InputError
-            No layer meets the target; or the stencil's backward waves need a damping that the choice does not foresee.
+            No layer meets the target.
         """
         assert self.angle is not None
-        damped = high_pass(stencil)
-        if not _weak(damped):
-            raise InputError("layers that must damp backward waves are not chosen by angle", value=self.angle, key="boundary.angle",
-                             remedy="leave angle out: the rule for the target knows the damping, and check predicts what comes back")  # fmt: skip
         shortest, longest = self.wavelengths or waves
         band = max(shortest / spacing, 2.0), max(longest / spacing, 2.0)
-        speed = float(np.sqrt(coefficient))
-        choice = choose(stencil, coefficient / spacing**2, recursion, dt, self.wanted(2), band, self.angle, speed, spacing)
-        return _wave_layer(choice.profile, choice.nodes, speed, spacing, damped), choice
+        medium = Medium(stencil, coefficient, spacing, recursion, dt)
+        choice = choose(medium, self.wanted(2), band, self.angle)
+        return choice.profile.layer(choice.nodes, medium.speed, spacing, high_pass(stencil)), choice
 
     def wanted(self, order: int) -> float:
         """The target, or the default of the equation's order in time."""
@@ -159,22 +154,7 @@ class LatticePML:
             return _diffusion_layer(self.nodes or _diffusion_nodes(target), spacing, half_width)
         damped = high_pass(stencil)
         nodes = self.nodes or _wave_nodes(target, stencil.reach[0], damped)
-        return _wave_layer(_wave_profile(nodes, stencil, damped), nodes, float(np.sqrt(coefficient)), spacing, damped)
-
-
-def _wave_layer(profile: Profile, nodes: int, speed: float, spacing: float, damped: HighPass | None) -> Layer:
-    """A layer with the damping of short waves that the stencil needs."""
-    kappa, sigma, alpha = profile.edges(nodes, speed, spacing)
-    if damped is None:
-        return Layer(kappa, sigma, alpha)
-    depth = np.arange(1, nodes + 1) / (nodes + 1)
-    share = _MORE * smooth_ramp(depth) ** _SOFT if _weak(damped) else profile.ramp(depth)
-    return Layer(kappa, sigma, alpha, damped.strength * profile.strength * 2 * speed / spacing * share, damped.taps())
-
-
-def _weak(damped: HighPass | None) -> bool:
-    """Whether the ramps of stencils without backward waves serve."""
-    return damped is None or damped.strength <= _WEAK
+        return _wave_profile(nodes, stencil, damped).layer(nodes, float(np.sqrt(coefficient)), spacing, damped)
 
 
 def _wave_nodes(target: float, reach: int, damped: HighPass | None) -> int:
@@ -182,7 +162,7 @@ def _wave_nodes(target: float, reach: int, damped: HighPass | None) -> int:
 
     Where strong backward waves are damped 16 nodes keep 1e-6, 30 nodes 1e-8.
     """
-    if not _weak(damped):
+    if not weak(damped):
         return max(int(np.ceil(16 + 7 * max(0.0, np.log10(1e-6 / target)))), 4 * reach if reach > 3 else 0)
     nodes = int(np.ceil(12 + 4 * max(0.0, np.log(1e-8 / target) / np.log(30))))
     return max(8 if target > 1e-6 else 12, nodes, 3 * reach if reach > 3 else 0)
@@ -197,10 +177,12 @@ def _wave_profile(nodes: int, stencil: Stencil, damped: HighPass | None) -> Prof
     Where short waves are damped as strongly as backward waves may take, sigma follows the smooth ramp of the damping.
     """
     reach, dim = stencil.reach[0], stencil.dim
-    if not _weak(damped):
-        if stencil.components > 1:  # shear waves are slower and feel more
-            return Profile(0.7, 1.0, 4, smooth=reach < 5) if nodes < 25 else Profile(0.6, 1.0, 5, smooth=reach < 5)
-        return Profile(1.0, 1.0, 5, smooth=True) if reach < 5 else Profile(0.7, 1.0, 5)
+    if not weak(damped):
+        if stencil.components > 1:  # shear waves are slower and feel more; between thin layers long waves along them would grow without alpha
+            return Profile(0.7, 1.0, 4, 0.1 if nodes < 16 else 0.0, smooth=reach < 5) if nodes < 25 else Profile(0.6, 1.0, 5, smooth=reach < 5)
+        if reach < 5:
+            return Profile(1.0, 1.0, 5, smooth=True)
+        return Profile(0.7, 1.0, 5, smooth=dim == 1 and reach < 7 and nodes < 40)  # elsewhere the smooth ramp is too steep, and grows
     if reach > 3:
         return Profile(0.5 if reach > 7 else 1.0, 1.0, 2 if reach < 6 else 3)
     if dim == 1:
