@@ -27,6 +27,8 @@ from farhorizon.stencil import Stencil
 
 _WEAK = 0.06  # damping rate over sigma up to which the damping is too weak to be felt on the ramps of stencils without backward waves
 _SOFT, _MORE = 4, 12  # power of the ramp of such a damping beside a steeper sigma, and how much more of it that takes near the entrance
+_DRIFT = (0.006, 0.03)  # alpha at the outer end in speed / spacing where waves are at rest, of two nodes or longer ones, too
+_EARLIER = (0.92, 1.0)  # power of sigma's ramp in which their damping rises
 DEFAULT_TARGET = {1: 1e-5, 2: 1e-8}  # diffusion: of the current maximum; waves: of the initial maximum
 
 
@@ -154,7 +156,7 @@ class LatticePML:
                     raise InputError("profile out of range", value=values[name].min(), limit=f">= {low}", key=f"boundary.profile.{name}")
             if order == 1 and np.any(values["sigma"]):
                 raise InputError("diffusion takes kappa only", key="boundary.profile.sigma", remedy="leave sigma out")
-            return Layer(**values)
+            return Layer(values["kappa"], values["sigma"], values["alpha"])
         if order == 1:
             return _diffusion_layer(self.nodes or _diffusion_nodes(target), spacing, half_width)
         damped = high_pass(stencil)
@@ -169,7 +171,11 @@ def _wave_layer(profile: Profile, nodes: int, speed: float, spacing: float, damp
         return Layer(kappa, sigma, alpha)
     depth = np.arange(1, nodes + 1) / (nodes + 1)
     share = _MORE * smooth_ramp(depth) ** _SOFT if _weak(damped) else profile.ramp(depth)
-    return Layer(kappa, sigma, alpha, damped.strength * profile.strength * 2 * speed / spacing * share, damped.taps())
+    if damped.whole:
+        share = share ** _EARLIER[damped.still]
+        edges = (np.arange(nodes + 1) + 0.5) / (nodes + 1)
+        alpha = alpha + _DRIFT[damped.still] * edges**2 * speed / spacing
+    return Layer(kappa, sigma, alpha, damped.strength * profile.strength * 2 * speed / spacing * share, damped.taps(), damped.whole)
 
 
 def _weak(damped: HighPass | None) -> bool:
@@ -197,6 +203,8 @@ def _wave_profile(nodes: int, stencil: Stencil, damped: HighPass | None) -> Prof
     Where short waves are damped as strongly as backward waves may take, sigma follows the smooth ramp of the damping.
     """
     reach, dim = stencil.reach[0], stencil.dim
+    if damped is not None and damped.whole:
+        return Profile(0.3, 1.0, 4, smooth=True) if damped.still else Profile(0.6, 1.0, 5, smooth=True)
     if not _weak(damped):
         if stencil.components > 1:  # shear waves are slower and feel more
             return Profile(0.7, 1.0, 4, smooth=reach < 5) if nodes < 25 else Profile(0.6, 1.0, 5, smooth=reach < 5)
