@@ -204,7 +204,10 @@ class Strip:
             if layer.damping.size:
                 damping = line_damping(layer.damping, layer.taps, self.dt, angles)
                 for new, old in zip(*self._layers[side], strict=True):  # component by component
-                    matrix[new] -= damping @ (matrix[new] - matrix[old])
+                    if layer.whole:
+                        matrix[new], matrix[old] = matrix[new] - damping @ matrix[new], matrix[old] - damping @ matrix[old]
+                    else:
+                        matrix[new] -= damping @ (matrix[new] - matrix[old])
         return matrix
 
     def growth(self, *angles: float) -> Growth:

@@ -14,6 +14,7 @@ VECTORS = [
     (2, fh.Elastic(fh.Kernel(3.0, 1), young=1.0)),
     (2, fh.Elastic(fh.Kernel(2.0, 1), young=1.0, poisson=0.3, material="state-based")),
     (2, fh.Elastic(young=1.0, poisson=0.3, material="finite-element")),
+    (2, fh.Elastic(fh.Kernel(1.5, 0, "gaussian", volume="full"), young=1.0, poisson=0.25, material="correspondence")),  # waves themselves damped
     (3, fh.Elastic(fh.Kernel(1.0, 1), young=1.0)),
 ]
 

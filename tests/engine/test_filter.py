@@ -16,8 +16,8 @@ TAPS = HighPass(3, 2, 1.0, 1.0).taps()
 RATE = np.array([0.1, 0.4, 0.9, 1.5])
 
 
-def layer(damping=RATE):
-    return fh.LatticePML(nodes=4, profile=Layer(np.ones(5), np.zeros(5), np.zeros(5), damping, TAPS))
+def layer(damping=RATE, whole=False):
+    return fh.LatticePML(nodes=4, profile=Layer(np.ones(5), np.zeros(5), np.zeros(5), damping, TAPS, whole))
 
 
 def simulation(boundary, shape, dtype="float64", threads=1):
@@ -40,15 +40,16 @@ def natural(engine):
     return table[order], far[order]
 
 
+@pytest.mark.parametrize("whole", [False, True])
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize("periodic", [False, True])
 @pytest.mark.parametrize("shape", [(9,), (7, 8), (6, 5, 7)])
-def test_filter_is_the_matrix_it_is_said_to_be(shape, periodic, threads):
-    """A step with damping is one without, less D F D times the increments, F a matrix over all nodes with the taps along each axis."""
+def test_filter_is_the_matrix_it_is_said_to_be(shape, periodic, threads, whole):
+    """A step with damping is one without, less D F D times the increments, or times both levels; F has the taps along each axis."""
     dim = len(shape)
     if periodic and dim == 1:
         pytest.skip("a line has no axis left for layers")
-    sides = {axis: layer() for axis in "xyz"[:dim]}
+    sides = {axis: layer(whole=whole) for axis in "xyz"[:dim]}
     plain = {axis: layer(np.zeros(0)) for axis in "xyz"[:dim]}
     if periodic:
         sides["y"] = plain["y"] = fh.Periodic()
@@ -73,8 +74,11 @@ def test_filter_is_the_matrix_it_is_said_to_be(shape, periodic, threads):
                 filtered += np.where((np.delete(gap, axis, 2) == 0).all(2), np.append(TAPS, np.zeros(100))[np.minimum(far, 99)], 0.0)
         else:
             filtered += np.where((np.delete(gap, axis, 2) == 0).all(2), np.append(TAPS, np.zeros(100))[np.minimum(gap[:, :, axis], 99)], 0.0)
-    expected = undamped - strength * (filtered @ (strength * (undamped - old)))
+    expected = undamped - strength * (filtered @ (strength * (undamped if whole else undamped - old)))
     assert np.abs(sim.engine.current[at] - expected).max() <= 1e-13 * np.abs(expected).max()
+    if whole:  # the level before is filtered, too: in 1D as the increment between them
+        before = sim.engine.current[at] - sim.engine.levels[2][at] if dim == 1 else sim.engine.older[at]
+        assert np.abs(before - (old - strength * (filtered @ (strength * old)))).max() <= 1e-13 * np.abs(old).max()
     if dim < 3:
         taken = np.linalg.eigvalsh(strength[:, None] * filtered * strength)
         assert taken.max() <= 1 + 1e-12  # never turns an increment round
@@ -98,11 +102,12 @@ def test_line_damping_is_the_strip_of_it():
     assert np.abs(found - (lone / 2 + np.diag(strength**2 * HighPass(3, 2, 1.0, 1.0).passed(np.pi)))).max() <= 1e-15
 
 
+@pytest.mark.parametrize("whole", [False, True])
 @pytest.mark.parametrize("components", [1, 2])
-def test_strips_know_the_filter(components):
+def test_strips_know_the_filter(components, whole):
     """A Bloch wave on long periodic rows, whose filter reaches farther than a strip's rows, advances by the strip's matrix."""
     rows, model = 40, fh.Wave(fh.Kernel(2.0)) if components == 1 else fh.Elastic(fh.Kernel(2.0, 1), young=1.0)
-    sides = fh.LatticePML(nodes=4, profile=Layer(np.ones(5), np.linspace(0.1, 2, 5), np.full(5, 0.01), RATE, TAPS))
+    sides = fh.LatticePML(nodes=4, profile=Layer(np.ones(5), np.linspace(0.1, 2, 5), np.full(5, 0.01), RATE, TAPS, whole))
     lattice = fh.Lattice(1.0, (0.0, 0.0), (7.0, rows - 1.0))
     sim = fh.Simulation(lattice, model, {"x": sides, "y": fh.Periodic()}, threads=1)
     strip, state = Strip(sim, 0, 8), State(sim.engine)

@@ -50,6 +50,22 @@ def test_errors_of_the_layers(kernel, label, known):
     assert infinite(kernel).error(paper.ABSORBERS[label]) == pytest.approx(known, rel=0.25)
 
 
+@pytest.mark.parametrize(("kernel", "limit"), [("Gaussian", 1e-6), ("Heaviside", 1.7e-3)])
+def test_lattice_pml_with_the_same_nodes(kernel, limit):
+    """1e-6 where the published layer keeps 2.3e-4, and a tenth of its 1.7e-2 (an independent program's errors)."""
+    assert infinite(kernel).error_of(paper.lattice_plate(paper.KERNELS[kernel])) <= limit
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kernel", ["Gaussian", "Heaviside"])
+def test_lattice_pml_for_hundreds_of_crossings(kernel):
+    """To t = 100, when a longitudinal wave would have crossed the near field 180 times, nothing of the pulse is seen again: 1e-4 of it."""
+    sim = paper.lattice_plate(paper.KERNELS[kernel])
+    start = sim.energy()
+    early, late = (abs(sim.run(t, progress=False).energy()) / start for t in (10.0, 100.0))
+    assert late <= max(early, 1e-8)
+
+
 def test_thin_layers():
     """Quadratic ramps for a reflection of 1e-3, 20 and 10 cells: an independent program found 4.1e-4 and 1.8e-3 at most."""
     for nodes, known in ((20, 4.1e-4), (10, 1.8e-3)):

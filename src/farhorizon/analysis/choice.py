@@ -30,6 +30,8 @@ _BEYOND = (1.05, 1.3, 2.0)  # tangential over whole wavenumber of waves that die
 _MARGIN = 0.8  # of the target is aimed at: between the samples it can be a little more
 _WEAK = 0.06  # damping rate over sigma up to which the damping is too weak to be felt on the ramps of stencils without backward waves
 _SOFT, _MORE = 4, 12  # power of the ramp of such a damping beside a steeper sigma, and how much more of it that takes near the entrance
+_DRIFT = (0.006, 0.03)  # alpha at the outer end in speed / spacing where waves are at rest, of two nodes or longer ones, too
+_EARLIER = (0.92, 1.0)  # power of sigma's ramp in which their damping rises
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,11 @@ class Profile:
             return Layer(kappa, sigma, alpha)
         depth = np.arange(1, nodes + 1) / (nodes + 1)
         share = _MORE * smooth_ramp(depth) ** _SOFT if weak(damped) else self.ramp(depth)
-        return Layer(kappa, sigma, alpha, damped.strength * self.strength * 2 * speed / spacing * share, damped.taps())
+        if damped.whole:
+            share = share ** _EARLIER[damped.still]
+            edges = (np.arange(nodes + 1) + 0.5) / (nodes + 1)
+            alpha = alpha + _DRIFT[damped.still] * edges**2 * speed / spacing
+        return Layer(kappa, sigma, alpha, damped.strength * self.strength * 2 * speed / spacing * share, damped.taps(), damped.whole)
 
     def __str__(self) -> str:
         rise = {1: "linear", 2: "square", 3: "cubic"}.get(self.power, f"to the power {self.power}")

@@ -196,7 +196,10 @@ def layer_amplitudes(wave: Wave, layer: Layer) -> np.ndarray:
     system = wave.eigenvalue * np.eye(d * count) - system
     if layer.damping.size:
         damping = np.kron(np.eye(d), line_damping(layer.damping, layer.taps, wave.dt, wave.along))
-        system = system - damping @ system + (wave.factor - 1) / wave.recursion.scale * damping
+        lost = (wave.factor - 1) * damping  # of the increment
+        if layer.whole:  # of both levels
+            lost = wave.factor * damping - wave.recursion.keep / wave.factor * (damping - damping @ damping)
+        system = system - damping @ system + lost / wave.recursion.scale
         drive = drive - damping @ drive
     modes = wave.modes
     roots, vectors = np.append(modes.leaving, modes.incoming), np.vstack([modes.vectors, modes.vector])

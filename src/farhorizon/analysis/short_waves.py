@@ -9,6 +9,10 @@ through, at a rate nu that follows sigma. A wave of which the filter passes the 
 The filter is a maximally flat polynomial of ``y = sin^2(k spacing / 2)`` along each axis, the regularised incomplete beta function
 ``I_y(rise, fall)``: it is 0 to the order `rise` at k = 0, 1 to the order `fall` at the shortest wave, and between 0 and 1 everywhere, so it never
 feeds a wave.
+
+Materials with zero-energy modes (correspondence without stabilisation) have short waves that hardly move. Damping of the velocity turns these into
+still slower ones, which the layer stretches all the more: they would need more than twice sigma, and grow even then. Of such stencils the waves
+themselves are damped (`whole`), so that s becomes ``s + rate`` for what passes.
 """
 
 from __future__ import annotations
@@ -25,7 +29,10 @@ _TAPS = 17  # neighbours that a filter reads to either side along an axis, at le
 _TAPS_PER_REACH = 6  # and per node of the stencil's reach: wide stencils have longer backward waves, which take sharper filters
 _RESOLVED = 0.6  # share of the first backward wavenumber up to which waves are to pass unharmed
 _MARGIN = 1.25  # on the rate: between the wavenumbers that are looked at more may be needed
-_SLOW, _INNER, _SECOND = 1e-3, 0.2, 0.01  # waves that stand still: their group velocity, sine of their wavenumber, and growth over sigma that counts
+_PACE, _INNER, _SECOND = 1e-3, 0.2, 0.01  # waves that stand still: their group velocity, sine of their wavenumber, and growth over sigma that counts
+_SLOW = 1.7  # rate over sigma beyond which the shortest waves hardly move: 2 where they are at rest, much more if longer ones are, too
+_STILL = 50.0  # beyond that waves longer than two nodes are at rest
+_WHOLE = ((1.21, 2.5), (1.45, 20.0))  # of both: half passes at so many times the first backward wavenumber; rate over sigma
 _MOST = 1.0  # largest damping rate over sigma that is wanted: more of it reflects more, and where it is far more than needed it drives slow modes
 
 
@@ -41,12 +48,20 @@ class HighPass:
         Damping rate over sigma.
     first : float
         Least wavenumber times spacing of the waves that it stops.
+    whole : bool
+        Whether waves are damped themselves, not their velocity alone.
     """
 
     rise: int
     fall: int
     strength: float
     first: float
+    whole: bool = False
+
+    @property
+    def still(self) -> bool:
+        """Whether waves longer than two nodes are at rest, too."""
+        return self.whole and self.strength == _WHOLE[1][1]
 
     def passed(self, angle: np.ndarray | float) -> np.ndarray:
         """Share of a wave of given wavenumbers times spacing along one axis that the filter lets through."""
@@ -70,7 +85,8 @@ def high_pass(stencil: Stencil) -> HighPass | None:
     -------
     HighPass or None
         Waves that stand still count as backward ones. Of all filters of one length that need a rate of at most sigma, the one that damps waves of
-        60 % of the first such wavenumber least; where none is enough, the one that needs the least rate.
+        60 % of the first such wavenumber least; where none is enough, the one that needs the least rate. Of materials with zero-energy modes a
+        filter for the waves themselves.
     """
     zone, growth = stencil.layer_growth
     worst = growth.max(-1)
@@ -88,6 +104,10 @@ def high_pass(stencil: Stencil) -> HighPass | None:
         rate = float((2 * worst[backward] / np.maximum(passed, 1e-300)).max())
         found.append((max(rate, _MOST), rate * float(filtered.passed(min(_RESOLVED * first, 1.0))), rise, rate))
     _, _, rise, rate = min(found)
+    if rate > _SLOW:
+        share, strength = _WHOLE[rate > _STILL]
+        rise = round((count + 1) * float(np.sin(min(share * first, np.pi) / 2) ** 2))
+        return HighPass(rise, count + 1 - rise, strength, first, True)
     return HighPass(rise, count + 1 - rise, _MARGIN * rate, first)
 
 
@@ -100,4 +120,4 @@ def _standing(stencil: Stencil) -> np.ndarray:
     (angle,), value, (slope,) = stencil.zone_branches
     sine = np.sin(angle)
     pace = slope[:, 0] * sine / (2 * np.maximum(value[:, 0], 1e-300))
-    return np.where((pace < _SLOW * sine**2) & (sine > _INNER), _SECOND * sine**2, 0.0)
+    return np.where((pace < _PACE * sine**2) & (sine > _INNER), _SECOND * sine**2, 0.0)

@@ -149,7 +149,7 @@ class LatticePML:
                     raise InputError("profile out of range", value=values[name].min(), limit=f">= {low}", key=f"boundary.profile.{name}")
             if order == 1 and np.any(values["sigma"]):
                 raise InputError("diffusion takes kappa only", key="boundary.profile.sigma", remedy="leave sigma out")
-            return Layer(**values)
+            return Layer(values["kappa"], values["sigma"], values["alpha"])
         if order == 1:
             return _diffusion_layer(self.nodes or _diffusion_nodes(target), spacing, half_width)
         damped = high_pass(stencil)
@@ -177,6 +177,8 @@ def _wave_profile(nodes: int, stencil: Stencil, damped: HighPass | None) -> Prof
     Where short waves are damped as strongly as backward waves may take, sigma follows the smooth ramp of the damping.
     """
     reach, dim = stencil.reach[0], stencil.dim
+    if damped is not None and damped.whole:
+        return Profile(0.3, 1.0, 4, smooth=True) if damped.still else Profile(0.6, 1.0, 5, smooth=True)
     if not weak(damped):
         if stencil.components > 1:  # shear waves are slower and feel more; between thin layers long waves along them would grow without alpha
             return Profile(0.7, 1.0, 4, 0.1 if nodes < 16 else 0.0, smooth=reach < 5) if nodes < 25 else Profile(0.6, 1.0, 5, smooth=reach < 5)

@@ -48,6 +48,8 @@ class Layer:
         Rate at which its nodes lose the short waves that pass `taps`.
     taps : ndarray
         High-pass filter along one axis, see `engine.filter`.
+    whole : bool
+        Whether short waves are damped themselves, not their velocity alone.
     """
 
     kappa: np.ndarray
@@ -55,6 +57,7 @@ class Layer:
     alpha: np.ndarray
     damping: np.ndarray = field(default_factory=lambda: np.zeros(0))
     taps: np.ndarray = field(default_factory=lambda: np.zeros(1))
+    whole: bool = False
 
     @property
     def columns(self) -> int:
@@ -214,12 +217,13 @@ class Engine:
         self._fills = parts[0], ranges[0], parts[1], ranges[1], np.array(layout.reach)
 
     def _collect_filter(self) -> None:
-        """Tables of the filter that damps short waves in the layers; all layers share the longest one."""
+        """Tables of the filter that damps short waves in the layers; all layers share the longest one, and what it is applied to."""
         layers = self.layers.values()
         taps = max((layer.taps for layer in layers), key=len, default=np.zeros(1))
         rates = {name: layer.damping if layer.damping.size else np.zeros(layer.columns) for name, layer in self.layers.items()}
         tables = filter_tables(self.layout, rates, taps, self.dt)
         self._filter = tuple(a.astype(self.dtype) if a.dtype == np.float64 else a for a in tables)
+        self._whole = any(layer.whole for layer in layers)
 
     def spread(self, core: np.ndarray, beyond: Mapping[tuple[int, int], float] | None = None) -> np.ndarray:
         """Nodal values of the core on every place of a level and of the slots: constant along each normal from the core's edge on.
@@ -593,7 +597,7 @@ class Engine:
             self.phase, self.levels, self._rotation, self._numbers, self.stages.increments, self.slots, self.memory, self._work,
             self.components, *self._sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
             *self._runs, self._bonds, self._work_done, *self._tiles, *self._dissolution, self.steps_done, *self._damping,
-            (*self._ends, self.heads, self.past, self.history), *self._tied, *self._books, self.flows, self._fringe, self._filter,
+            (*self._ends, self.heads, self.past, self.history), *self._tied, *self._books, self.flows, self._fringe, (*self._filter, self._whole),
             source_nodes, source_fields, source_times,
             self.held, _NOTHING if held_values is None else held_values, tied_fields, tied_times,
         )  # fmt: skip
@@ -607,7 +611,7 @@ class Engine:
         """Hash of all that decides the map of a step: engines of one digest have one map."""
         mark = hashlib.sha256(repr((self.dt, self.stages, self.core.nodes, sorted(self.layout.periodic), self._rule, self.dtype.name)).encode())
         layers = [a for _, layer in sorted(self.layers.items()) for a in (layer.kappa, layer.sigma, layer.alpha, layer.damping, layer.taps)]
-        mark.update(repr([(name, layer.columns) for name, layer in sorted(self.layers.items())]).encode())
+        mark.update(repr([(name, layer.columns, layer.whole) for name, layer in sorted(self.layers.items())]).encode())
         ends = [np.asarray(a) for a in self._ends[2:6]]
         fringe = [a for a in self._fringe if a is not self._fringe[1]]
         for array in (self.offsets, self.weights, *layers, self._coefficient, *self._cuts, *self._damping, *self._tied, self.held, *ends, *fringe):

@@ -2,6 +2,8 @@
 
 With the increment d of a step and the layers' nodal strengths D, zero outside, ``d <- d - D F D d``, where F is the sum over the axes of one
 symmetric filter along each of them. F is positive semi-definite and D F D at most 1, so this takes energy and never gives any, at every time step.
+Waves that hardly move, as those of a material with zero-energy modes, keep their displacement that way. There both levels of the field are filtered
+(`whole`), which makes a wave that passes decay by itself: s becomes ``s + rate``.
 
 The increments are put into a *box*, an array of all nodes in their natural order with margins as wide as the filter, in which the layers are a frame.
 """
@@ -116,25 +118,13 @@ def _wrapped(places: np.ndarray, layout: Layout, step: np.ndarray, pads: list[in
 
 
 @njit(error_model="numpy", cache=True)
-def damp_short_waves(lane, lanes, sync, src, base, out, increments, taps, steps, box, nodes, strengths, runs, copies):  # type: ignore[no-untyped-def]
-    """Filter the increments of a step, ``out - src`` or `base`; one lane's share.
-
-    Parameters
-    ----------
-    lane, lanes, sync
-        Threads that share the work, and where they meet.
-    src, base, out : ndarray
-        Levels of the step.
-    increments : bool
-        Whether `base` holds the increments.
-    taps, steps, box, nodes, strengths, runs, copies : ndarray
-        From `filter_tables`.
-    """
+def _damp(lane, lanes, sync, level, before, share, other, twice, taps, steps, box, nodes, strengths, runs, copies):  # type: ignore[no-untyped-def]
+    """Take ``D F D (level - share before)`` from `level`, and if `twice` from `other`, too; the rest as of `damp_short_waves`."""
     for piece in range(lane, runs.shape[0], lanes):
         place, first, count = runs[piece]
         for i in range(count):
             node = nodes[first + i]
-            box[place + i] = strengths[first + i] * (out[node] - src[node])
+            box[place + i] = strengths[first + i] * (level[node] - share * before[node])
     barrier(sync, lanes)
     if copies.shape[1]:
         for i in range(lane, copies.shape[1], lanes):
@@ -147,13 +137,40 @@ def damp_short_waves(lane, lanes, sync, src, base, out, increments, taps, steps,
             passed[i] = steps.size * taps[0] * box[place + i]
         for step in steps:
             for k in range(1, taps.size):
-                before, after = box[place - k * step : place - k * step + count], box[place + k * step : place + k * step + count]
+                ahead, behind = box[place + k * step : place + k * step + count], box[place - k * step : place - k * step + count]
                 for i in range(count):
-                    passed[i] += taps[k] * (before[i] + after[i])
+                    passed[i] += taps[k] * (behind[i] + ahead[i])
         for i in range(count):
             node = nodes[first + i]
             taken = strengths[first + i] * passed[i]
-            out[node] -= taken
-            if increments:
-                base[node] -= taken
+            level[node] -= taken
+            if twice:
+                other[node] -= taken
     barrier(sync, lanes)
+
+
+@njit(error_model="numpy", cache=True)
+def damp_short_waves(lane, lanes, sync, src, base, out, increments, taps, steps, box, nodes, strengths, runs, copies, whole):  # type: ignore[no-untyped-def]
+    """Filter the increments of a step, ``out - src`` or `base`, or both levels; one lane's share.
+
+    Parameters
+    ----------
+    lane, lanes, sync
+        Threads that share the work, and where they meet.
+    src, base, out : ndarray
+        Levels of the step.
+    increments : bool
+        Whether `base` holds the increments.
+    taps, steps, box, nodes, strengths, runs, copies : ndarray
+        From `filter_tables`.
+    whole : bool
+        Whether the waves themselves are filtered, not their increments alone.
+    """
+    one = out.dtype.type(1)
+    tables = taps, steps, box, nodes, strengths, runs, copies
+    if whole:
+        older = base if increments else src
+        _damp(lane, lanes, sync, out, src, 0 * one, base, False, *tables)
+        _damp(lane, lanes, sync, older, src, 0 * one, base, False, *tables)
+    else:
+        _damp(lane, lanes, sync, out, src, one, base, increments, *tables)

@@ -28,12 +28,15 @@ from scipy.optimize import curve_fit
 
 from farhorizon.analysis.correspondence import InfiniteBody
 from farhorizon.analysis.radial import gaussian_symbol, nonlocal_radial_wave, radial_wave
-from farhorizon.boundaries import Fixed, Free, NonlocalPML, Sponge
+from farhorizon.boundaries import Fixed, Free, LatticePML, NonlocalPML, Sponge
 from farhorizon.correspondence import Body
 from farhorizon.kernel import Kernel
 from farhorizon.lattice import Lattice
 from farhorizon.loads import Traction
+from farhorizon.models import Elastic
 from farhorizon.papers import Outcome, Row, reproduction
+from farhorizon.run import Run
+from farhorizon.simulation import Simulation
 
 PAPER = "Wildman, Gazonas (2012), A perfectly matched layer for peridynamics in two dimensions"
 SPACING = 0.01
@@ -116,11 +119,17 @@ class Infinite:
 
     def error(self, boundary: Any) -> float:
         """Largest difference of a run from it, over the initial maximum, which is 1."""
-        body, worst = plate(self.kernel, boundary), 0.0
+        return self.error_of(plate(self.kernel, boundary))
+
+    def error_of(self, run: Run) -> float:
+        """The same of a run at its start, whose near field is the inner part or reaches beyond it evenly."""
+        worst = 0.0
         for state in self.states[1:]:
-            body.step()
-            u = body.u
-            worst = max(worst, float(np.abs((u if u.shape == state.shape else u[self._inner]) - state).max()))
+            run.step()
+            u = run.fields["u"]
+            beyond = (u.shape[-1] - state.shape[-1]) // 2
+            inner = (slice(None), *[slice(beyond, u.shape[-1] - beyond)] * 2)
+            worst = max(worst, float(np.abs(u[inner] - state).max()))
         return worst
 
 
@@ -161,6 +170,44 @@ def figure_2(folder: Path) -> Outcome:
         infinite = Infinite(kernel)
         errors |= {f"{name} kernel, {label}": infinite.error(boundary) for label, boundary in ABSORBERS.items()}
     return Outcome(rows, errors, [folder / "wildman2012-fig2.png"])
+
+
+_ROOM = 10  # nodes by which the near field below reaches beyond the inner part: there the pulse has fallen to 1e-8
+
+
+def lattice_plate(kernel: Kernel) -> Simulation:
+    """The pulse on 61 x 61 nodes of the same material, as one stencil, in a lattice PML of as many nodes as the paper's layer.
+
+    A lattice PML continues a medium that is at rest at the start; at the border of the inner part the pulse is still 3e-4.
+    """
+    inside = (LAYER - _ROOM) * SPACING
+    lattice = Lattice(SPACING, (inside, inside), (1 - inside, 1 - inside))
+    model = Elastic(kernel, 1.0, 0.25, material="correspondence")
+    return Simulation(lattice, model, LatticePML(nodes=LAYER), {"u": lambda x, y: [pulse(x, y), 0 * x]}, dt=STEP)
+
+
+def roomy_plate(kernel: Kernel) -> Body:
+    """The same near field in the published layer."""
+    inside = (LAYER - _ROOM) * SPACING
+    lattice = Lattice(SPACING, (inside, inside), (1 - inside, 1 - inside))
+    return Body(lattice, kernel, young=1.0, poisson=0.25, boundary=published(), initial={"u": (pulse, 0.0)}, dt=STEP)
+
+
+@reproduction("wildman2012-lattice", PAPER, "the pulse of figure 2 in a lattice PML of the same 30 nodes, beside the published layer")
+def lattice_layer(folder: Path) -> Outcome:
+    """Errors until t = 2.2 on the inner part against the infinite lattice, and energies of the near field to t = 100."""
+    rows = []
+    for name, kernel in KERNELS.items():
+        infinite = Infinite(kernel)
+        rows.append(Row(f"{name}, published layer, error", infinite.error(published())))
+        rows.append(Row(f"{name}, the same around 61 x 61 nodes, error", infinite.error_of(roomy_plate(kernel))))
+        sim = lattice_plate(kernel)
+        start = sim.energy()
+        rows.append(Row(f"{name}, lattice PML, error", infinite.error_of(sim), note="around 61 x 61 nodes"))
+        for t in (10.0, 50.0, 100.0):
+            sim.run(t, progress=False)
+            rows.append(Row(f"{name}, lattice PML, |energy| at t = {t:g}", abs(sim.energy()) / start, note="of the near field, over the initial one"))
+    return Outcome(rows)
 
 
 @reproduction("wildman2012-fig3", PAPER, "displacements along y = 0.5 over time, through the layer")
