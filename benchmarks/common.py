@@ -117,13 +117,13 @@ def kernel_stencil(dim: int, m: int, volume: str = "ramp") -> Stencil:
     return Stencil.from_kernel(Kernel(float(m), 2, volume=volume), 1.0, dim)
 
 
-def bare_engine(stencil: Stencil, core: Sequence[int], threads: int, real: str = "float64") -> Engine:
+def bare_engine(stencil: Stencil, core: Sequence[int], threads: int, real: str = "float64", lasting: bool = False) -> Engine:
     """Wave engine without layers, cuts and sources; half the stable step, noise as data so that nothing becomes denormal."""
     lead = 3 - stencil.dim
     offsets = np.zeros((len(stencil.weights), 3), int)
     offsets[:, lead:] = stencil.offsets
     dt = 0.5 * Verlet.step_limit(stencil.symbol_maximum)
-    engine = Engine((1,) * lead + tuple(core), offsets, stencil.weights, Verlet.stages(dt, 0.0, stencil.dim == 1), dt, layers={},
+    engine = Engine((1,) * lead + tuple(core), offsets, stencil.weights, Verlet.stages(dt, 0.0, stencil.dim == 1, lasting), dt, layers={},
                     real=real, threads=threads)  # fmt: skip
     for level in range(1 if engine.stages.increments else 2):
         engine.core.view(engine.levels[level])[...] = np.random.default_rng(1).standard_normal(engine.core.nodes)

@@ -1,14 +1,19 @@
-"""Speed, memory and accuracy of elastic steps: matrix stencils against the machine's multiply-adds, layers against the infinite lattice.
+"""Speed, memory and accuracy of elastic steps: matrix stencils and bonds that break against the machine's multiply-adds, layers against the
+infinite lattice.
 
 - speed: near fields on one thread in double precision. Useful multiply-adds are those of the plain stencil, one for each entry of a bond's matrix
   that is not zero (the centre and the time update are not counted); the compiled rows need fewer, for they combine mirror images first, so that a
   share above 100 % is possible. The peak is measured beside it: independent multiply-adds on whole vectors in registers. Targets: 40 %
   of the peak; in 3D with m = 3 ten times the rates of particle codes, which do 1e6 nodes/s (linear bond-based) and 0.36e6 nodes/s
   (ordinary state-based); 150 bytes a node.
+- breaking: the same near fields with bonds that are nonlinear and may break, beside a step of the linear stencil in the same run: whole; with
+  straight cracks all through that have cut 1 and 5 % of all bonds; and with every tile looked at bond by bond, as damage scattered everywhere would
+  have it. The share of the peak counts the arithmetic instructions of the law, 5 dim + 7 a bond, a root and a division among them, each as
+  long as a multiply-add. Target: 5e6 nodes/s in 3D with m = 3, five times the rate of particle codes.
 - layers: largest error of the near field against the infinite lattice, relative to the largest initial value, over four crossings of the
   P wave; pulses of all components that meet sides and corners. Targets in 3D: 1e-5 with 10 nodes, 1e-7 with 20.
 
-Run: ``python benchmarks/elastic.py [speed] [layers] [--json FILE] [--repeats N]``. Takes two minutes and 2 GB.
+Run: ``python benchmarks/elastic.py [speed] [breaking] [layers] [--json FILE] [--repeats N]``. Takes three minutes and 2 GB.
 """
 
 from __future__ import annotations
@@ -25,6 +30,8 @@ from numba.extending import intrinsic
 
 from farhorizon import Elastic, Kernel, Lattice, LatticePML, Simulation
 from farhorizon.analysis import InfiniteLattice
+from farhorizon.engine import Engine, Zone
+from farhorizon.engine.bonds import ODD
 from farhorizon.engine.simd import I64, Vectors
 
 CHAINS = 16  # independent sums: more than a multiply-add takes cycles, times how many begin in one
@@ -98,6 +105,67 @@ def speed(given: argparse.Namespace) -> list[dict[str, Any]]:
     return rows
 
 
+def cut_planes(engine: Engine, share: float) -> None:
+    """Cut at least this share of all bonds by planes across the second last axis, evenly spaced."""
+    nodes, offsets = engine.core.node_indices(), engine.offsets
+    count = nodes.shape[1]
+    planes = np.arange(count) * np.ceil(share * count * len(offsets) / np.abs(offsets[:, 1]).sum()) / count
+    here = np.broadcast_to(np.floor(planes)[None, :, None], nodes.shape)  # the slice between two cracks that a node lies in
+    found = []
+    for offset in offsets:
+        inside = np.arange(count) + offset[1]
+        there = np.floor(planes)[np.clip(inside, 0, count - 1)]
+        at = nodes[here != there[None, :, None]]
+        found.append((at, at + int(offset @ np.array(engine.core.stride))))
+    pairs = [np.concatenate(part) for part in zip(*found, strict=True)]
+    engine.set_cuts(*pairs, np.zeros((len(pairs[0]), engine.components, engine.components)))
+
+
+def breaking(given: argparse.Namespace) -> list[dict[str, Any]]:
+    """One row a state of the bonds."""
+    rows = []
+    for dim, n in ((2, 1000), (3, 100)):
+        model = Elastic(Kernel(3.0, 1, volume="full"), 1.0, nonlinear=True, critical_stretch=0.1)
+        stencil = model.stencil(1.0, dim)
+        stiffness = model.bond_stiffness(stencil, 1.0)
+        zone = Zone((0,) * 3, (1,) * (3 - dim) + (n,) * dim)
+        engines = {"linear stencil": bare_engine(stencil, (n,) * dim, 1)}
+        laws = {
+            "linear, calm": (False, 0.0),
+            "linear, not calm": (False, 0.0),
+            "whole": (True, 0.0),
+            "1 % cut": (True, 0.01),
+            "5 % cut": (True, 0.05),
+            "all odd": (True, 0.0),
+        }
+        for name, (nonlinear, share) in laws.items():
+            engines[name] = engine = bare_engine(stencil, (n,) * dim, 1, lasting=True)
+            engine.levels *= 1e-4  # of the spacing: far from breaking
+            engine.set_bonds(stiffness, 1.0, zone, nonlinear, 0.2)
+            if name == "linear, not calm":
+                engine._bonds.limit[1] = 0
+            if share:
+                cut_planes(engine, share)
+            if name == "all odd":
+                engine.bond_state["kinds"][...] = ODD
+        times = interleaved({name: steps(engine) for name, engine in engines.items()} | {"peak": peak_case}, given.repeats)
+        for name, engine in engines.items():
+            own = engine.has_bonds
+            work = np.count_nonzero(stencil.weights)
+            if own:
+                work = len(stencil.weights) * (5 * dim + 7 if engine.nonlinear else 3 * dim + 4)
+            rate = n**dim / median(times, name)
+            wanted = dim == 3 and own
+            whole = len(stencil.weights) * n**dim
+            rows.append({
+                "case": f"{dim}D {n}^{dim}, {name}", "neighbours": len(stencil.weights), "Mnodes/s": rate / 1e6,
+                "over linear": ratio(times, name, "linear stencil"), "of peak": ratio(times, "peak", name) * work * n**dim / (PEAK_STEP * CHAINS * 8),
+                "cut": 1 - float(engine.alive.sum()) / whole if own else 0.0, "odd tiles": float(engine.bond_state["kinds"].mean()) if own else 0.0,
+                "bytes/node": engine.nbytes / n**dim, "met": verdict(rate, 5e6, True) if wanted else "",
+            })  # fmt: skip
+    return rows
+
+
 def layers(given: argparse.Namespace) -> list[dict[str, Any]]:
     """One row a material and thickness."""
     rows = []
@@ -123,4 +191,11 @@ def layers(given: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 if __name__ == "__main__":
-    run_parts(__doc__, {"speed": ("Steps on one thread", speed), "layers": ("Errors against the infinite lattice", layers)})
+    run_parts(
+        __doc__,
+        {
+            "speed": ("Steps on one thread", speed),
+            "breaking": ("Bonds that break, one thread", breaking),
+            "layers": ("Errors against the infinite lattice", layers),
+        },
+    )

@@ -192,6 +192,65 @@ def test_bad_elastic_case(old, new, message):
         Case(ELASTIC.replace(old, new)).simulation().run(0.1, progress=False)
 
 
+BREAKING = """
+[lattice]
+spacing = 0.5
+lower = [-6.0, -6.0]
+upper = [6.0, 6.0]
+[model]
+type = "elastic"
+young = 2.0
+nonlinear = true
+critical_stretch = 0.01
+[model.kernel]
+horizon = 1.0
+exponent = 1
+[[crack]]
+points = [[-2.0, 0.25], [2.0, 0.25]]
+[[source]]
+value = [0.0, "0.1*y*exp(-(x**2+y**2))*sin(t)"]
+[run]
+until = 6.0
+[output]
+balance = true
+"""
+
+
+def test_case_of_bonds_that_break():
+    case = Case(BREAKING)
+    assert case.fields == ("u", "damage")
+    sim = case.simulation().run(6.0, progress=False)
+    same = fh.Simulation(
+        fh.Lattice(0.5, (-6, -6), (6, 6)), fh.Elastic(fh.Kernel(1.0, 1), 2.0, nonlinear=True, critical_stretch=0.01), balance=True,
+        cracks=[[[-2.0, 0.25], [2.0, 0.25]]], sources=[fh.Source(lambda x, y: [0 * x, 0.1 * y * np.exp(-(x**2 + y**2))], np.sin)],
+    ).run(6.0, progress=False)  # fmt: skip
+    assert sim.broken_bonds == same.broken_bonds > 10
+    np.testing.assert_array_equal(sim.fields["damage"], same.fields["damage"])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("critical_stretch", "critical_strech", "did you mean 'critical_stretch'"),
+        ("critical_stretch = 0.01", "critical_stretch = -0.01", "model.critical_stretch"),
+        ("critical_stretch = 0.01", "critical_stretch = 0.01\nfracture_energy = 1.0", "two names of one thing"),
+        ("nonlinear = true", 'nonlinear = "perhaps"', "model.nonlinear"),
+        ("nonlinear = true", 'poisson = 0.3\nmaterial = "state-based"', "only bonds of a bond-based material"),
+        ("points = [[-2.0, 0.25], [2.0, 0.25]]", "points = [[-2.0, 0.25], [2.0, 0.25]]\nfactor = 0.5", "whole or cut"),
+        ("balance = true", 'fields = ["u", "solid"]', "has no such field"),
+    ],
+)
+def test_bad_case_of_bonds_that_break(old, new, message):
+    assert old in BREAKING
+    with pytest.raises(fh.InputError, match=message):
+        Case(BREAKING.replace(old, new)).simulation()
+
+
+def test_damage_is_a_field_of_bonds_that_break():
+    with pytest.raises(fh.InputError, match="has no such field"):
+        Case(BREAKING.replace("nonlinear = true\ncritical_stretch = 0.01\n", "").replace("balance = true", 'fields = ["u", "damage"]'))
+
+
 def test_a_list_is_for_vectors():
     with pytest.raises(fh.InputError, match="not as many entries"):
         Case(GOOD.replace('u = "exp(-4*(x**2+y**2))"', "u = [1.0, 2.0]"))

@@ -239,3 +239,26 @@ def test_check_predicts_reflection_of_vectors_by_type():
     found = {(r["incoming"], r["sent"], r["angle"]): r["amplitude"] for r in rows if r["wavelength"] == longest}
     assert found["P", "P", 0.0] > 0 and found["P", "S", 0.0] < 1e-12
     assert found["S", "P", 75.0] is None  # beyond the critical angle, 35 degrees at Poisson's ratio 1/4
+
+
+def _half_space(along):
+    lattice = fh.Lattice(1.0, (-20.0, -24.0), (20.0, 0.0))
+    model = fh.Elastic(fh.Kernel(2.0, exponent=1, influence="linear"), young=1.0)
+    noise = np.random.default_rng(4).standard_normal((2, *lattice.shape))
+    return fh.Simulation(lattice, model, {"x": along, "y-": fh.LatticePML(nodes=16), "y+": fh.Free()}, {"u": noise}, threads=1)
+
+
+@pytest.mark.slow
+def test_long_surface_waves_grow_without_end_and_leave_through_the_sides():
+    """Between periodic sides they are refused, with reason; layers along them take them: noise decays for 100 crossing times."""
+    endless = _half_space(fh.Periodic()).certificate(120.0)
+    assert endless.verdict == "not certified", str(endless)
+    sim = _half_space(fh.LatticePML(nodes=16))
+    found = sim.certificate(300.0)
+    assert found.verdict == "certified", str(found)
+    assert "without end along its sides a mode would grow" in found.reason
+    sizes = []
+    for crossings in (30, 65, 100):
+        sim.run(until=crossings * 72 / sim.model.p_speed)
+        sizes.append(np.linalg.norm(sim.engine.levels) + np.linalg.norm(sim.engine.memory))
+    assert sizes == sorted(sizes, reverse=True)

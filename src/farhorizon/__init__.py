@@ -8,6 +8,7 @@ from farhorizon.correspondence import Body, BodyForce, Traction
 from farhorizon.cracks import Crack
 from farhorizon.errors import FarhorizonError, FileFormatError, InputError, UnstableError
 from farhorizon.expressions import Expression
+from farhorizon.incidence import IncidentWave
 from farhorizon.integrators import RungeKuttaChebyshev
 from farhorizon.kernel import Kernel
 from farhorizon.lattice import Lattice
@@ -25,8 +26,8 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Ball", "Beam", "Body", "BodyForce", "Box", "Certificate", "Convection", "Corrosion", "Crack", "Diffusion", "Disc", "DiscCut", "Elastic",
-    "Exact", "Expression", "FarhorizonError", "FileFormatError", "FirstOrder", "Fixed", "Flux", "Free", "Heat", "Higdon", "ImageMask", "InputError",
-    "Insulated", "Kernel", "Lattice", "LatticePML", "NonlocalPML", "Periodic", "PlaneWave", "PointCut", "Polygon", "PolygonCut", "Polyline",
-    "Prescribed", "Rectangle", "RungeKuttaChebyshev", "Simulation", "Source", "Specimen", "Sponge", "Stencil", "Temperature", "Text", "Traction",
-    "UnstableError", "Wave", "open_results", "tuned",
+    "Exact", "Expression", "FarhorizonError", "FileFormatError", "FirstOrder", "Fixed", "Flux", "Free", "Heat", "Higdon", "ImageMask",
+    "IncidentWave", "InputError", "Insulated", "Kernel", "Lattice", "LatticePML", "NonlocalPML", "Periodic", "PlaneWave", "PointCut", "Polygon",
+    "PolygonCut", "Polyline", "Prescribed", "Rectangle", "RungeKuttaChebyshev", "Simulation", "Source", "Specimen", "Sponge", "Stencil",
+    "Temperature", "Text", "Traction", "UnstableError", "Wave", "open_results", "tuned",
 ]  # fmt: skip

@@ -31,18 +31,21 @@ from farhorizon.boundaries.plane_wave import SERIES, Medium
 from farhorizon.conditions import Conditions, Constraint, resolve
 from farhorizon.constraints import Holds, Prescribed
 from farhorizon.cracks import Crack, as_crack, cut_bonds
-from farhorizon.engine import NEVER, Engine, Layer, available_threads
+from farhorizon.engine import NEVER, Engine, Layer, Zone, available_threads
 from farhorizon.engine.layout import Block
 from farhorizon.errors import InputError
+from farhorizon.incidence import Incidence, IncidentWave, check_scatterers
 from farhorizon.integrators import Euler, Verlet
 from farhorizon.kernel import Kernel
 from farhorizon.lattice import AXES, Lattice
 from farhorizon.machine import available_memory
-from farhorizon.models import Corrosion, ScalarModel
+from farhorizon.models import Corrosion, Elastic, ScalarModel
 from farhorizon.shapes import Cut, Shape
 from farhorizon.sources import by_component, checked, field, magnitude, parts, split
 from farhorizon.specimens import Specimen, place
 from farhorizon.stencil import Stencil
+
+_SAID = 1e-9  # part of an incident wave's signal that a note is worth
 
 
 class Assembly:
@@ -60,6 +63,7 @@ class Assembly:
     sources : list
         (space, time) of each source, of a vector field of each of its components, as `farhorizon.sources.split` gives them.
     conditions : Conditions
+    incident : list of Incidence
     """
 
     def __init__(
@@ -83,6 +87,7 @@ class Assembly:
         self.lattice, self.model, self.background = lattice, model, float(background)
         self.sides = sides(LatticePML() if boundary is None else boundary, lattice.dim)
         self._check_model(cracks, coefficient, specimens)
+        self._check_bonds(cracks, coefficient, rim)
         if dtype not in ("float64", "float32"):
             raise InputError("unknown number type", value=dtype, limit="float64, float32", key="dtype")
         if threads is not None and not 1 <= threads <= available_threads():
@@ -114,7 +119,9 @@ class Assembly:
         self.step_limit = model.integrator.step_limit(self.rate_limit)
         self.dt = self._choose_step(dt)
         self.choices: dict[str, Choice] = {}
+        waves = [s.resolved(lattice, self.stencil.reach) for s in sources if isinstance(s, IncidentWave)]
         self._choose_layers(initial, sources, dtype)
+        sources = [s for s in sources if not isinstance(s, IncidentWave)]
         self._beyond = Beyond(lattice, self.sides, model.order, self._depth(), self._near_field)
         u = self._initial("u", initial)
         v = self._initial("v", initial) if "v" in initial and model.order == 2 else np.broadcast_to(0.0, self.field_shape)
@@ -139,9 +146,13 @@ class Assembly:
         if solid.any():
             self._check_dry()
         self.closure = self._close(factor)
+        self._set_bonds()
         self._cut(self._cracks)
+        self._note_loose_nodes()
         self._hold_and_damp()
         self._ends = self._make_ends(factor)
+        self.incident = [self._incidence(wave, factor, cuts) for wave in waves]
+        self._drives += [(None, lambda t, one=one: one.source(t) / model.source_factor) for one in self.incident]
 
     def _check_model(self, cracks: Sequence[Any], coefficient: Any, specimens: Sequence[Specimen]) -> None:
         """Sides, bonds and phases that the model does not have."""
@@ -157,6 +168,51 @@ class Assembly:
             raise InputError("the phases are the coefficient of a Corrosion", key="coefficient", remedy="leave it out")
         if len(specimens) and not isinstance(model, Corrosion):
             raise InputError("only a Corrosion has specimens", value=type(model).__name__, key="specimens", remedy="Corrosion(...)")
+
+    @property
+    def bondwise(self) -> bool:
+        """Whether bonds of the near field follow a law of their own stretch, or break."""
+        return isinstance(self.model, Elastic) and self.model.bondwise
+
+    def _check_bonds(self, cracks: Sequence[Any], coefficient: Any, rim: str) -> None:
+        """What bonds that follow a law of their own stretch do not have."""
+        if not self.bondwise:
+            return
+        if coefficient is not None:
+            raise InputError("bonds that are nonlinear or break are alike everywhere", key="coefficient", remedy="leave it out")
+        if rim == "fixed":
+            raise InputError("bonds that are nonlinear or break have no fixed rim", value=rim, key="rim", remedy='rim="free", or Fixed sides')
+        if any(isinstance(c, Crack) and c.factor for c in cracks):
+            raise InputError("bonds that are nonlinear or break are whole or cut", key="crack.factor", limit=0, remedy="leave it out")
+
+    def _set_bonds(self) -> None:
+        """Give the engine the law of the bonds, whole and uncut, and the zone where it holds: one reach away from sides that are not free."""
+        model, lattice = self.model, self.lattice
+        if not (isinstance(model, Elastic) and model.bondwise):
+            return
+        lead = 3 - lattice.dim
+        first, end, around = [0] * 3, [1] * 3, [False] * 3
+        for axis, n in enumerate(lattice.shape):
+            around[lead + axis] = isinstance(self.sides[axis, -1], Periodic)
+            apart = [0 if isinstance(self.sides[axis, s], Free | Periodic) else self.stencil.reach[axis] for s in (-1, 1)]
+            first[lead + axis] = self._margins[axis, -1] + apart[0]
+            end[lead + axis] = self._margins[axis, -1] + n - apart[1]
+        stretch = model.critical_stretch_on(lattice.spacing, lattice.dim)
+        limit = stretch * (2 + stretch) if model.nonlinear else 2 * stretch
+        stiffness = model.bond_stiffness(self.stencil, lattice.spacing) / model.density
+        zone = Zone((first[0], first[1], first[2]), (end[0], end[1], end[2]), (around[0], around[1], around[2]))
+        self.engine.set_bonds(stiffness, lattice.spacing, zone, model.nonlinear, limit)
+        self._cut(())
+        self._families = self._bonds_left()
+
+    def _note_loose_nodes(self) -> None:
+        alone = int(((self._bonds_left() == 0) & (self._families > 0)).sum()) if self.bondwise and len(self._cracks) else 0
+        if alone:
+            self._beyond.notes.append(f"cracks leave {alone} nodes without any bond: they move freely")
+
+    def _bonds_left(self) -> np.ndarray:
+        """Bonds of each node of the near field that are there; shape of the lattice."""
+        return self.engine.alive[self._near].reshape(self.lattice.shape)
 
     def _check_vector(self, constraints: Sequence[Constraint | Prescribed]) -> None:
         """What fields of several components do not have."""
@@ -232,6 +288,32 @@ class Assembly:
             raise InputError("a condition along the outline reads metal, or nodes where the material varies, the body ends or a constraint holds",
                              key="boundary", limit=f"uniform within {closure.fringe.depth:g} of the outline",
                              remedy="enlarge the near field, or use a LatticePML")  # fmt: skip
+
+    def _incidence(self, wave: IncidentWave, factor: np.ndarray | None, cuts: Sequence[Cut]) -> Incidence:
+        """What joins the total field inside a box to the scattered one outside it."""
+        lattice, model = self.lattice, self.model
+        if not isinstance(model.integrator, Verlet) or model.damping:
+            raise InputError("an incident wave travels through an undamped medium of second order", value=type(model).__name__, key="incident",
+                             limit="Wave or Elastic with damping = 0", remedy="a source, or initial data")  # fmt: skip
+        walls = [AXES[axis] + "-+"[side > 0] for (axis, side), b in self.sides.items() if not isinstance(b, Absorbing)]
+        if walls:
+            self._beyond.notes.append(f"only what is scattered meets {', '.join(walls)}: an incident wave knows the open medium alone")
+        material = np.ones(lattice.shape) if factor is None else factor.copy()
+        if lattice.body is not None and lattice.mask is not None:
+            material[~lattice.mask] = np.nan
+        check_scatterers(wave, lattice, self.stencil.reach, cuts, material)
+
+        def operator(values: np.ndarray) -> np.ndarray:
+            level = np.zeros_like(self.engine.current)
+            near = self.engine.core.view(level)[self._near]
+            near[...] = values.reshape(near.shape)
+            return self.engine.core.view(self.engine.apply_core(level))[self._near].reshape(values.shape)
+
+        found = Incidence(wave, lattice, self.stencil, model.coefficient * float(material.flat[0]), self.dt, operator)
+        if found.pulse.lost > _SAID:
+            self._beyond.notes.append(f"a part of {found.pulse.lost:.1g} of an incident wave's signal is shorter than the lattice carries: "
+                                      "so much leaks from its box")  # fmt: skip
+        return found
 
     def _check_size(self) -> None:
         for axis, (n, m) in enumerate(zip(self.lattice.shape, self.stencil.reach, strict=True)):
@@ -433,7 +515,7 @@ class Assembly:
         for number, name in enumerate(("u", "v")):
             fields[number] = field(initial.get(name, 0.0), self.lattice, 1, f"initial.{name}")
         fields[0] = fields[0] - (self.background if "u" in initial else 0.0)
-        found = [split(s, self.lattice)[0] for s in sources]
+        found = [None if isinstance(s, IncidentWave) else split(s, self.lattice)[0] for s in sources]
         spaces = [f for f in found if f is not None]
         waves = band([*fields, *spaces], self.lattice.spacing, [1, 0] + [0] * len(spaces)) if len(spaces) == len(found) else None
         if waves is None:
@@ -493,7 +575,10 @@ class Assembly:
             raise InputError("unknown bond rule", value=rule, limit="both, arithmetic, harmonic", key="rule")
         layers = {(lead + axis, side): layer for (axis, side), layer in self._layers.items()}
         periodic = frozenset(lead + a for (a, side), b in self.sides.items() if side < 0 and isinstance(b, Periodic))
-        stages = model.integrator.stages(self.dt, model.damping, lattice.dim == 1)
+        if isinstance(model.integrator, Verlet):
+            stages = model.integrator.stages(self.dt, model.damping, lattice.dim == 1, self.bondwise)
+        else:
+            stages = model.integrator.stages(self.dt, model.damping)
         grown = None
         if factor is not None:
             pads = [(self._margins[a, -1], self._margins[a, 1]) for a in range(lattice.dim)]

@@ -170,6 +170,9 @@ class ElasticPart(_Part):
     plane: str | None = None
     damping: Number = 0.0
     stabilisation: Number = 0.0
+    nonlinear: bool = False
+    critical_stretch: Number | None = None
+    fracture_energy: Number | None = None
     kernel: KernelPart | None = None
 
 
@@ -276,6 +279,16 @@ class SourcePart(_Part):
     value: Value
 
 
+class IncidentPart(_Part):
+    """A plane wave that comes from far away."""
+
+    direction: list[Number]
+    signal: str
+    duration: Number
+    polarisation: Literal["P", "S"] | list[Number] = "P"
+    within: BoxPart | None = None
+
+
 class PrescribedPart(_Part):
     """Nodes that follow a value for a while."""
 
@@ -295,7 +308,7 @@ class RunPart(_Part):
 
 
 class OutputPart(_Part):
-    fields: list[Literal["u", "v", "solid", "dissolved"]] | None = None
+    fields: list[Literal["u", "v", "damage", "solid", "dissolved"]] | None = None
     every: Number | None = None
     probes: list[list[Number]] = []
     pictures: list[Number] | None = None
@@ -310,6 +323,7 @@ class CasePart(_Part):
     specimen: list[SpecimenPart] = []
     crack: list[CrackPart] = []
     source: list[SourcePart] = []
+    incident: list[IncidentPart] = []
     constraint: list[Annotated[ConstraintPart | PrescribedPart, Field(discriminator="type")]] = []
     coefficient: str | Number | None = None
     rule: str = "both"
@@ -373,9 +387,13 @@ class Case:
         return self.parts.output.every if self.parts.output.every is not None else self.parts.run.until / 40
 
     @property
+    def _bondwise(self) -> bool:
+        return isinstance(self.model, fh.Elastic) and self.model.bondwise
+
+    @property
     def fields(self) -> tuple[str, ...]:
-        """What is written: u unless given, of a corrosion the times of dissolution too."""
-        default = ["u", "dissolved"] if isinstance(self.model, fh.Corrosion) else ["u"]
+        """What is written: u unless given, of a corrosion the times of dissolution too, of bonds that break the damage."""
+        default = ["u", "dissolved"] if isinstance(self.model, fh.Corrosion) else ["u", "damage"] if self._bondwise else ["u"]
         return tuple(default if self.parts.output.fields is None else self.parts.output.fields)
 
     def simulation(self, **changes: Any) -> fh.Simulation:
@@ -465,13 +483,21 @@ class Case:
         return {
             "lattice": self.lattice, "model": self.model, "boundary": boundary or fh.LatticePML(),
             "initial": {k: self._expression(v, f"initial.{k}") for k, v in parts.initial.items()},
-            "sources": [self._expression(s.value, "source.value") for s in parts.source],
+            "sources": [self._expression(s.value, "source.value") for s in parts.source] + [self._incident(w) for w in parts.incident],
             "specimens": [fh.Specimen(s.region.build(f"specimen[{i}].region"), s.concentration) for i, s in enumerate(parts.specimen)],
             "cracks": [self._crack(c) for c in parts.crack],
             "constraints": [self._constraint(c, f"constraint[{i}]") for i, c in enumerate(parts.constraint)],
             "coefficient": coefficient, "rule": parts.rule, "rim": parts.rim, "background": parts.background,
             "balance": parts.output.balance, "dt": parts.run.dt, "dtype": parts.run.dtype, "threads": parts.run.threads,
         }  # fmt: skip
+
+    def _incident(self, part: IncidentPart) -> fh.IncidentWave:
+        try:
+            signal = fh.Expression(part.signal, 0)
+        except InputError as error:
+            raise InputError(f"incident.signal: {error}; value: {part.signal!r}") from None
+        within = None if part.within is None else fh.Box(part.within.lower, part.within.upper)
+        return fh.IncidentWave(part.direction, signal, part.duration, part.polarisation, within)
 
     def _prescribed(self, part: PrescribedPart, key: str) -> fh.Prescribed:
         if (part.points is None) == (part.region is None):
@@ -526,6 +552,7 @@ class Case:
         if self.parts.run.until <= 0:
             raise InputError("must be positive", value=self.parts.run.until, key="run.until")
         known = ["u"] + (["v"] if self.model.order == 2 else []) + (["solid", "dissolved"] if isinstance(self.model, fh.Corrosion) else [])
+        known += ["damage"] if self._bondwise else []
         for name in self.fields:
             if name not in known:
                 raise InputError(f"a {self.parts.model.type} has no such field", value=name, limit=", ".join(known), key="output.fields")
@@ -548,7 +575,7 @@ _PARTS: dict[str, type[_Part]] = {
     "corrosion": CorrosionPart, "elastic": ElasticPart, "specimen": SpecimenPart,
     "kernel": KernelPart, "lattice-pml": LatticePMLPart, "exact": ExactPart, "fixed": FixedPart, "free": FreePart, "periodic": PeriodicPart,
     "sponge": SpongePart, "plane-wave": PlaneWavePart, "higdon": HigdonPart, "first-order": FirstOrderPart,
-    "crack": CrackPart, "source": SourcePart, "constraint": ConstraintPart,
+    "crack": CrackPart, "source": SourcePart, "incident": IncidentPart, "constraint": ConstraintPart,
     "temperature": ConstraintPart, "flux": ConstraintPart, "insulated": ConstraintPart, "convection": ConstraintPart, "prescribed": PrescribedPart,
     "run": RunPart, "output": OutputPart,
 }  # fmt: skip

@@ -147,6 +147,7 @@ def _run(options: argparse.Namespace) -> int:
             result, dim=case.lattice.dim, shape=case.lattice.shape, spacing=case.lattice.spacing, lower=case.lattice.lower,
             fields=case.fields, dtype=sim.engine.dtype, probes=probes, accounts=list(sim.balance()) if case.parts.output.balance else [],
             case=case.text, program=f"farhorizon {fh.__version__}", components=sim.stencil.components,
+            scalars=("damage",),
         )  # fmt: skip
         checkpoint.unlink(missing_ok=True)
     for note in sim.notes:

@@ -15,6 +15,7 @@ from farhorizon.analysis import InfiniteLattice, undisturbed
 from farhorizon.boundaries import Absorbing, Exact, FirstOrder, Fixed, Free, Higdon, LatticePML, PlaneWave, Sponge
 from farhorizon.cracks import as_cut
 from farhorizon.errors import InputError
+from farhorizon.incidence import IncidentWave
 from farhorizon.lattice import Lattice
 from farhorizon.shapes import Shape
 from farhorizon.simulation import Simulation
@@ -132,7 +133,7 @@ def compare(setup: dict[str, Any], until: float, times: Sequence[float] | None =
         runs |= {f"{rim} edge": _ended(setup, ours, rim) for rim in ("fixed", "free") if not ours.model.sides or rim.title() in ours.model.sides}
     homogeneous = all(isinstance(b, Absorbing) for b in ours.sides.values()) and ours.lattice.body is None
     homogeneous &= not setup.get("cracks") and not setup.get("constraints") and setup.get("coefficient") is None and not ours.sources
-    homogeneous &= not setup.get("specimens")
+    homogeneous &= not setup.get("specimens") and not ours.bondwise
     far = None if homogeneous else _extended(setup, ours, steps[-1] * ours.dt)
     infinite = None
     if homogeneous:
@@ -238,6 +239,8 @@ def _extended(setup: dict[str, Any], ours: Simulation, until: float) -> Simulati
     pads = [(open_sides.get((a, -1), 0), open_sides.get((a, 1), 0)) for a in range(lattice.dim)]
 
     def widen(value: Any, mode: str = "constant") -> Any:
+        if isinstance(value, IncidentWave):
+            return value.resolved(lattice, ours.stencil.reach)
         if isinstance(value, Source):
             return Source(widen(value.value), value.time)
         if isinstance(value, list | tuple) and len(value) == ours.stencil.components > 1:

@@ -13,6 +13,7 @@ from farhorizon.constraints import Prescribed
 from farhorizon.cracks import Crack
 from farhorizon.errors import InputError
 from farhorizon.expressions import Expression
+from farhorizon.incidence import IncidentWave
 from farhorizon.integrators import RungeKuttaChebyshev
 from farhorizon.kernel import Kernel
 from farhorizon.lattice import Lattice
@@ -30,7 +31,7 @@ _TYPES = {
         *(getattr(outlines, n) for n in ("ImageMask", "Text")),
         *(getattr(shapes, n) for n in ("PointCut", "Polyline", "Rectangle", "DiscCut", "PolygonCut")),
         *(Beam, Convection, Crack, Diffusion, Expression, Flux, Heat, Insulated, Kernel, Lattice, Prescribed, RungeKuttaChebyshev, Source, Stencil),
-        *(Corrosion, Elastic, Specimen, Temperature, Wave),
+        *(Corrosion, Elastic, IncidentWave, Specimen, Temperature, Wave),
     )
 }
 

@@ -55,13 +55,16 @@ class Verlet:
         return 2.0 / np.sqrt(largest)
 
     @staticmethod
-    def stages(dt: float, damping: float = 0.0, increments: bool = False) -> Stages:
-        """Stages of one step."""
+    def stages(dt: float, damping: float = 0.0, increments: bool = False, lasting: bool = False) -> Stages:
+        """Stages of one step; `lasting`: the older level outlives the step, in a third level."""
         share = damping * dt
         scale = dt**2 / (1 + share)
         if increments:
             return Stages(3, (((0, 2, 1),), ((1, 2, 0),)), ((1.0, (1 - share) / (1 + share), scale, scale),), True)
-        return Stages(2, (((0, 1, 1),), ((1, 0, 0),)), ((2 / (1 + share), -(1 - share) / (1 + share), scale, scale),))
+        numbers = ((2 / (1 + share), -(1 - share) / (1 + share), scale, scale),)
+        if lasting:
+            return Stages(3, (((0, 1, 2),), ((2, 0, 1),), ((1, 2, 0),)), numbers)
+        return Stages(2, (((0, 1, 1),), ((1, 0, 0),)), numbers)
 
     @staticmethod
     def source_samples(dt: float) -> tuple[tuple[float, ...], np.ndarray]:

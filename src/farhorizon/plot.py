@@ -41,6 +41,7 @@ _DASHES = ("-", "--", "-.", ":")
 _DECADES = 20
 _ARROWS = 18  # along an axis
 _RIM = (("white", 2.2), ("0.1", 0.9))  # a light rim shows a line on dark colours
+_DAMAGE = "magma_r"  # light where nothing is broken
 _SHARED = 0.2  # panels whose largest values differ by more than this factor have colour scales of their own
 
 
@@ -134,6 +135,7 @@ def field_panels(
     cracks: Sequence[np.ndarray] = (),
     label: str = "u",
     solids: Sequence[np.ndarray] = (),
+    colors: str | None = None,
 ) -> None:
     """Draw fields side by side: lines in one axes in 1D, images in 2D, the slice in the middle of z in 3D.
 
@@ -153,6 +155,8 @@ def field_panels(
         Name of what is drawn.
     solids : sequence of ndarray of bool
         For each field the nodes that are solid: their outline is drawn as cracks are. Without meaning in 1D.
+    colors : str, optional
+        Matplotlib's colour map, from zero; diverging or sequential as the values are, unless given. Without meaning in 1D.
 
     Raises
     ------
@@ -183,7 +187,7 @@ def field_panels(
         place = f"z = {_number(coordinates[2][middle], np.ptp(coordinates[2]))}"
         titles = [f"{title}, {place}" if title else place for title in titles]
         solids = [solid[:, :, middle] for solid in solids]
-    _images(arrays, titles, coordinates[:2], path, shared_scale=shared_scale, cracks=polylines, label=label, solids=solids)
+    _images(arrays, titles, coordinates[:2], path, shared_scale=shared_scale, cracks=polylines, label=label, solids=solids, colors=colors)
 
 
 def gradient_panels(
@@ -296,6 +300,7 @@ def _images(
     label: str,
     solids: Sequence[np.ndarray] = (),
     arrows: Sequence[np.ndarray] = (),
+    colors: str | None = None,
 ) -> None:
     """Draw checked 2D fields as images."""
     left, right, bottom, top = _extent(axes)
@@ -311,6 +316,8 @@ def _images(
             panel = panels[number]
             if not shared_scale:
                 scale = _color_range([array], signed)
+            if colors is not None:
+                scale = {**scale, "cmap": colors, "vmin": 0.0}
             image = panel.imshow(array.T, origin="lower", extent=(left, right, bottom, top), aspect="equal", **scale)
             outside = np.isnan(array)
             if outside.any() and not outside.all() and min(array.shape) > 1:
@@ -389,10 +396,12 @@ def plot_results(results: Results, out_dir: str | Path, times: Sequence[float] |
                 continue
             drawn = chosen if name != "dissolved" else chosen[-1:]  # the last one tells all
             found = [results.field(name, int(k)) for k in drawn]
-            for part, label, shown in [(name, name, found)] if results.components == 1 else _parts(name, found):
+            for part, label, shown in _parts(name, found) if name in results.vectors else [(name, name, found)]:
                 written.append(directory / f"{part}.png")
                 fields = [(f"t = {outputs[k]:.4g}", values) for k, values in zip(drawn, shown, strict=True)]
-                field_panels(fields, results.axes, written[-1], shared_scale=_comparable(shown), cracks=cracks, label=label, solids=solids)
+                cuts, colors = ((), _DAMAGE) if name == "damage" else (cracks, None)  # damage shows the cracks, those cut in advance among them
+                field_panels(fields, results.axes, written[-1], shared_scale=_comparable(shown), cracks=cuts, label=label, solids=solids,
+                             colors=colors)  # fmt: skip
     history, values, energy = results.history_times, results.probe_values, results.energy
     if np.isfinite(values).any():
         names = [", ".join(f"{axis} = {_number(x, results.spacing)}" for axis, x in zip("xyz", place, strict=False)) for place in results.probes]
@@ -411,7 +420,7 @@ def plot_results(results: Results, out_dir: str | Path, times: Sequence[float] |
     if results.balance:
         written.append(directory / "balance.png")
         curves = [(name, *_recorded(history, values)) for name, values in results.balance.items()]
-        _lines(curves, written[-1], xlabel="t", ylabel="gain since the start, and inflow")
+        _lines(curves, written[-1], xlabel="t", ylabel="energy" if "kinetic" in results.balance else "gain since the start, and inflow")
     return written
 
 

@@ -21,7 +21,7 @@ from farhorizon.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.lattice import AXES
 from farhorizon.machine import one_blas_thread
-from farhorizon.models import Corrosion
+from farhorizon.models import Corrosion, Elastic
 from farhorizon.stencil import BackwardWaves
 from farhorizon.strip import Strip
 
@@ -204,6 +204,12 @@ class Report:
         say("nodes computed", f"{total} in the core, {extra} beyond the near field")
         say("memory", f"{engine.nbytes / 2**20:.3g} MiB = {engine.nbytes / (np.prod(sim.field_shape) * engine.dtype.itemsize):.3g} near fields")
         say("absent bonds", str(engine.absent_bonds))
+        if isinstance(sim.model, Elastic) and sim.model.bondwise:
+            stretch = sim.model.critical_stretch_on(lattice.spacing, lattice.dim)
+            breaking = (
+                f"break at a stretch of {stretch:.4g}, except within one reach of sides that are not free" if np.isfinite(stretch) else "none breaks"
+            )
+            say("bonds", f"{'nonlinear' if sim.model.nonlinear else 'linear'}, {breaking}; what is predicted is the linear form, whole")
         self.numbers |= {"dt": sim.dt, "step_limit": sim.step_limit, "memory": float(engine.nbytes)}
 
     def _estimate(self, sim: Simulation, until: float) -> None:
@@ -309,6 +315,7 @@ def content(sim: Simulation, until: float | None = None) -> Band | None:
     for space, factor in sim.sources:
         if space is not None:
             found.append((space, 0, gain_of_time(factor, until, rate) if waves and until is not None else None))
+    found += [(one.field(one.midway), sim.model.order - 1, None) for one in sim.incident]
     scalars = [(part, order, gain) for field, order, gain in found for part in field.reshape(-1, *sim.lattice.shape)]
     fields, orders, gains = zip(*scalars, strict=True)
     return band(fields, sim.lattice.spacing, orders, gains)

@@ -136,9 +136,19 @@ def _accounts(group: Any) -> tuple[str, ...]:
     return tuple(group["accounts"].asstr()[:]) if "accounts" in group else ()
 
 
+def _stored_shapes(shape: tuple[int, ...], components: int) -> tuple[tuple[int, ...], ...]:
+    """Shapes that a stored output may have: in a file of vectors some fields may be scalars."""
+    return tuple(dict.fromkeys((_vtk_shape(shape, components), _vtk_shape(shape, 1))))
+
+
 def _components(group: Any) -> int:
     """Components of the fields of a results file; 1 in files that do not say."""
     return int(group.attrs.get("components", 1))
+
+
+def _is_vector(file: Any, name: str, shape: tuple[int, ...]) -> bool:
+    """Whether a field has components."""
+    return bool(file["VTKHDF/PointData"][name].shape[1:] != _vtk_shape(shape, 1))
 
 
 def _growing(group: Any, name: str, dtype: str) -> None:
@@ -188,6 +198,7 @@ class ResultsWriter:
             self.fields: tuple[str, ...] = tuple(group["fields"].asstr()[:])
             self.outputs, self.rows = _counts(file, self.path)
             self.components = _components(group)
+            self._vectors = {name for name in self.fields if self.components > 1 and _is_vector(file, name, self.shape)}
             self._probes = (group["probes"].shape[0], *((self.components,) if self.components > 1 else ()))
             self.accounts = _accounts(group)
             self._last_step = int(group["steps"][self.outputs - 1]) if self.outputs else None
@@ -208,6 +219,7 @@ class ResultsWriter:
         case: str = "",
         program: str = "",
         components: int = 1,
+        scalars: Sequence[str] = (),
     ) -> ResultsWriter:
         """Create an empty results file; an older results file of that name is replaced, any other file is refused.
 
@@ -236,6 +248,8 @@ class ResultsWriter:
             Name and version of the program.
         components : int
             1, or dim for vector fields. VTK's vectors have three, the missing ones are stored as zeros.
+        scalars : sequence of str
+            Fields that have one component all the same.
 
         Returns
         -------
@@ -274,7 +288,7 @@ class ResultsWriter:
             raise InputError("probes have the shape (n, dim)", value=places.shape, limit=f"(n, {dim})")
         if components not in (1, dim):
             raise InputError("fields are scalars or have a component an axis", value=components, limit=f"1 or {dim}")
-        padded, stored = (*shape, 1, 1)[:3], _vtk_shape(shape, components)
+        padded = (*shape, 1, 1)[:3]
         with h5py.File(path, "w", locking=False) as file:
             vtk = file.create_group("VTKHDF")
             vtk.attrs["Version"] = np.array([2, 0])
@@ -288,10 +302,14 @@ class ResultsWriter:
             _growing(steps, "Values", "f8")
             offsets = steps.create_group("PointDataOffsets")
             for name in fields:
+                stored = _vtk_shape(shape, 1 if name in scalars else components)
                 chunk = _chunk(stored, dtype.itemsize)
                 data.create_dataset(name, (0, *stored), dtype, maxshape=(None, *stored), chunks=chunk)
                 _growing(offsets, name, "i8")
-            data.attrs["Scalars" if components == 1 else "Vectors"] = fields[0]
+            for kind, names in (("Vectors", [n for n in fields if components > 1 and n not in scalars]),
+                                ("Scalars", [n for n in fields if components == 1 or n in scalars])):  # fmt: skip
+                if names:
+                    data.attrs[kind] = names[0]
             group = file.create_group("farhorizon")
             group.attrs["format"], group.attrs["version"], group.attrs["program"] = FORMAT, VERSION, program
             group.attrs["dim"], group.attrs["shape"], group.attrs["spacing"], group.attrs["lower"] = dim, shape, float(spacing), origin
@@ -396,7 +414,7 @@ class ResultsWriter:
         if set(fields) != set(self.fields):
             raise InputError(f"{self.path}: an output has every field of the file, no other", value=sorted(fields), limit=sorted(self.fields))
         for name, values in fields.items():
-            wanted = self.shape if self.components == 1 else (self.components, *self.shape)
+            wanted = (self.components, *self.shape) if name in self._vectors else self.shape
             if np.shape(values) != wanted:
                 raise InputError(f"{self.path}: field {name!r} has not the lattice shape", value=np.shape(values), limit=wanted)
         if self._last_step is not None and step <= self._last_step:
@@ -416,7 +434,7 @@ class ResultsWriter:
             for name in self.fields:
                 dataset = vtk["PointData"][name]
                 values = np.asarray(fields[name]).T.astype(dataset.dtype, order="C", copy=False)
-                if self.components > 1:
+                if name in self._vectors:
                     values = np.pad(values, [(0, 0)] * len(self.shape) + [(0, 3 - self.components)])
                 _put(dataset, n, values.reshape(1, *dataset.shape[1:]))
                 _put(vtk["Steps/PointDataOffsets"][name], n, [n])
@@ -494,7 +512,9 @@ class Results:
         Coordinates of the first node.
     field_names : tuple of str
     components : int
-        1, or dim for vector fields.
+        1, or dim where there are vector fields.
+    vectors : set of str
+        Fields that have components.
     probes : ndarray, shape (n, dim)
         Positions of the probes.
     case, program : str
@@ -523,9 +543,10 @@ class Results:
             self.program: str = str(group.attrs["program"])
             self._accounts = _accounts(group)
             self.components = _components(group)
+            self.vectors = {name for name in self.field_names if self.components > 1 and _is_vector(file, name, self.shape)}
             for name in self.field_names:
                 stored = file["VTKHDF/PointData"][name].shape[1:]
-                if stored != _vtk_shape(self.shape, self.components):
+                if stored not in _stored_shapes(self.shape, self.components):
                     raise FileFormatError(f"{self.path} is damaged: field {name!r} has not the lattice shape", value=stored, limit=self.shape)
 
     def __repr__(self) -> str:
@@ -604,14 +625,14 @@ class Results:
             if not -outputs <= index < outputs:
                 raise InputError(f"{self.path} has no output {index}", value=index, limit=f"{outputs} outputs")
             stored = np.asarray(file["VTKHDF/PointData"][name][index % outputs])
-        return self._lattice_first(stored[np.newaxis])[0]
+        return self._lattice_first(name, stored[np.newaxis])[0]
 
-    def _lattice_first(self, stored: np.ndarray) -> np.ndarray:
-        """Outputs in our order of axes, of vectors without what only VTK has: (outputs[, components], nx[, ny[, nz]])."""
-        width = () if self.components == 1 else (3,)
+    def _lattice_first(self, name: str, stored: np.ndarray) -> np.ndarray:
+        """Outputs of a field in our order of axes, of vectors without what only VTK has: (outputs[, components], nx[, ny[, nz]])."""
+        width = (3,) if name in self.vectors else ()
         values = stored.reshape(len(stored), *self.shape[::-1], *width)
         found = values.transpose(0, *range(values.ndim - 1, 0, -1))
-        return np.ascontiguousarray(found if self.components == 1 else found[:, : self.components])
+        return np.ascontiguousarray(found[:, : self.components] if name in self.vectors else found)
 
     def to_xarray(self) -> xarray.Dataset:
         """Read everything into an xarray Dataset (in memory).
@@ -641,7 +662,7 @@ class Results:
         for name in self.field_names:
             with _opened(self.path, "r", "results file") as file:
                 stored = np.asarray(file["VTKHDF/PointData"][name][: times.size])
-            data[name] = (("time", *component, *names), self._lattice_first(stored))
+            data[name] = (("time", *(component if name in self.vectors else ()), *names), self._lattice_first(name, stored))
         data["energy"] = ("history_time", self.energy[:rows])
         data["probe_values"] = (("history_time", "probe", *(component if len(self.probes) else ())), self.probe_values[:rows])
         balance = self.balance

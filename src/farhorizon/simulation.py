@@ -22,7 +22,7 @@ from farhorizon.describe import describe, rebuild
 from farhorizon.errors import FileFormatError, InputError, UnstableError
 from farhorizon.integrators import stage_effects
 from farhorizon.lattice import AXES, Lattice
-from farhorizon.models import Corrosion, ScalarModel
+from farhorizon.models import Corrosion, Elastic, ScalarModel
 from farhorizon.report import Report
 from farhorizon.results import read_checkpoint, write_checkpoint
 from farhorizon.sources import steady
@@ -31,6 +31,7 @@ from farhorizon.specimens import Specimen
 _GUARD_STEPS = 200  # steps between two looks of the instability guard, at most; fewer on lattices above
 _GUARD_NODES = 1_000_000  # this many nodes, so that an interrupt is heard within seconds
 _EXPLODED = 1e6  # growth of the largest value over all that initial data and sources explain
+_SHATTERS = 10.0  # a load whose first strain is so many times the critical stretch breaks whatever it meets
 _TABLE = 1 << 20  # numbers in one table of source amplitudes
 
 
@@ -48,7 +49,7 @@ class Simulation(Assembly):
         "u" and, for waves, "v" (velocity): arrays of the lattice's shape, callables of the coordinates, expressions or numbers. Of vectors arrays
         (dim, n..), callables that return the components, or a sequence of one value a component.
     sources : sequence
-        `Source`, array, callable of the coordinates and t, or expression.
+        `Source`, array, callable of the coordinates and t, expression, or `IncidentWave`.
     cracks : sequence
         Cuts, points of polylines (2D), of polygons (3D) or positions (1D); `Crack` for one that conducts a little or opens later.
     constraints : sequence
@@ -56,7 +57,7 @@ class Simulation(Assembly):
     specimens : sequence of Specimen
         The metal of a `Corrosion`; all else is liquid.
     balance : bool
-        Record what flows into the near field, for `balance`.
+        Record what flows into the near field, for `balance`; of bonds that break the energies.
     coefficient : array_like, optional
         Factor on bonds, given on the nodes.
     rule : {"both", "arithmetic", "harmonic"}
@@ -86,7 +87,8 @@ class Simulation(Assembly):
         Initial values less the background, and initial velocities.
     fields : dict of str to ndarray
         The near field, "u", vectors as (dim, n..), and for waves "v" (half a step late, (u(n) - u(n-1))/dt); nan outside a window or body, and on
-        the nodes beyond a wall that conditions set as images of those inside. Of a corrosion "solid", 1 in the metal and 0 in the liquid, and
+        the nodes beyond a wall that conditions set as images of those inside. Of bonds that are nonlinear or break "damage", the part of a node's
+        bonds that are cut or broken. Of a corrosion "solid", 1 in the metal and 0 in the liquid, and
         "dissolved", the time at which a node became liquid: 0 where it was from the start, nan in the metal.
 
     Raises
@@ -125,6 +127,7 @@ class Simulation(Assembly):
         self._source_peaks: dict[int, float] = {}
         self._looked = 0.0  # up to this time
         self._balance = balance
+        self._books = balance and not self.bondwise
         self._opened = len(self._cracks)
         self._open_cracks()
         self._first_cuts = self.engine.absent_bonds
@@ -137,7 +140,10 @@ class Simulation(Assembly):
         }  # fmt: skip
         self._scale = max([float(np.abs(self.start_u).max()), float(np.abs(self.start_v).max()) * self.dt, 1e-300, *held])
         self._start(self.start_u, self.start_v)
-        if balance:
+        if self.bondwise:
+            self._check_stretch()
+            self._first_energy = self.energy()
+        if self._books:
             self._open_books()
 
     # --- start -------------------------------------------------------------------------------------------------
@@ -191,6 +197,26 @@ class Simulation(Assembly):
         """Tell the engine which nodes are held from now on."""
         self.engine.hold(self._near_indices()[self._holds.held(self.step_count)])
 
+    def _check_stretch(self) -> None:
+        """Bonds that the start, or the first strain of a load, would break at once."""
+        assert isinstance(self.model, Elastic)
+        limit = self.model.critical_stretch_on(self.lattice.spacing, self.lattice.dim)
+        if not np.isfinite(limit):
+            return
+        strain = self.engine.largest_strain()
+        stretch = float(np.sqrt(1 + strain) - 1 if self.model.nonlinear else strain / 2)
+        if stretch > limit:
+            raise InputError("the initial displacements stretch bonds beyond the critical stretch", value=f"{limit:.6g}", limit=f"> {stretch:.4g}",
+                             key="model.critical_stretch", remedy="a smaller start, or cracks")  # fmt: skip
+        force = np.abs(self._source_now(0.0)).max(initial=0) / self.model.source_factor
+        strain = float(force) * self.lattice.spacing / self.model.p_modulus
+        if strain > _SHATTERS * limit:
+            raise InputError("the critical stretch is far below the first strain of the load, which would shatter what it meets",
+                             value=f"{limit:.6g}", limit=f">= {strain / _SHATTERS:.3g}", key="model.critical_stretch",
+                             remedy="a smaller load, or one that rises in time")  # fmt: skip
+        if strain > limit:
+            self._beyond.notes.append(f"the load's first strain, about {strain:.3g}, is above the critical stretch {limit:.3g}: bonds break at once")
+
     # --- running -----------------------------------------------------------------------------------------------
 
     def _release(self) -> None:
@@ -208,9 +234,14 @@ class Simulation(Assembly):
         """Cut what has opened by now."""
         due = [crack for crack in self._cracks if crack.opens <= self.time + 1e-9 * self.dt]
         if len(due) != self._opened:
+            stored = self._strain_energy() if self.bondwise and self.step_count else 0.0
+            if self.bondwise and not self.step_count:
+                self._set_bonds()
             self._cut(due)
+            if stored:
+                self.engine.book_cut((stored - self._strain_energy()) / self._mass)
             self._opened = len(due)
-            if self._balance and self.step_count:
+            if self._books and self.step_count:
                 self._open_books()
 
     def _until_opening(self) -> int:
@@ -302,7 +333,7 @@ class Simulation(Assembly):
             used = np.any(strength, axis=0)
             engine.advance(n, self._source_nodes[used] if self._drives else self._source_nodes, np.ascontiguousarray(strength[:, used], dtype),
                            amplitudes.astype(dtype), self._prescribed(n), values.astype(dtype), times.astype(dtype))  # fmt: skip
-            if self._balance:
+            if self._books:
                 self._book_sources(strength, amplitudes)
             explained = float(np.abs(strength).max(initial=0) * np.abs(amplitudes).max(initial=0)) * n * self.dt
             self._scale += explained * (max(1.0, self.time) if self.model.order == 2 else 1.0)
@@ -420,6 +451,8 @@ class Simulation(Assembly):
         out = {"u": self._shown(self.engine.current, self.background)}
         if self.model.order == 2:
             out["v"] = (out["u"] - self._shown(self.engine.older, self.background)) / self.dt
+        if self.bondwise:
+            out["damage"] = self._visible(1 - self._bonds_left() / np.maximum(self._families, 1))
         if isinstance(self.model, Corrosion):
             steps = self.engine.dissolved[self._near].reshape(self.lattice.shape)
             out["solid"] = self._visible(self._solid.astype(float))
@@ -427,14 +460,19 @@ class Simulation(Assembly):
         return out
 
     def energy(self) -> float:
-        """Energy of the near field, the sum of `energies`; bonds across its edge count half."""
-        return sum(self.energies().values())
+        """Energy of the near field, kinetic and strain or stored, of `energies`; bonds across its edge count half."""
+        return sum(value for name, value in self.energies().items() if name in ("kinetic", "strain", "stored"))
 
     def energies(self) -> dict[str, float]:
         """Energies of the near field; bonds across its edge count half.
 
         Waves: "kinetic" and "strain", half a step ago, ``1/2 v . v`` and ``1/4 sum_k (u_k - u) . w_k (u_k^- - u^-)`` times the density of an
         elastic medium; the undamped scheme conserves their sum exactly. Diffusion: "stored", ``1/2 integral (u - background)^2``.
+
+        Bonds that are nonlinear or break: the strain energy is ``c d d^- / 2`` of the elongations d and d^- now and a step ago (bonds to a fixed side
+        count whole), and there are "work", done by the sources since the start, and "broken", what bonds held when they broke. Where no energy
+        leaves through the sides and nothing is damped, kinetic + strain + broken - work stays as it was: exactly for linear bonds, else up to
+        the error of the time step.
         """
         engine, cell = self.engine, self.lattice.spacing**self.lattice.dim / self.model.source_factor
 
@@ -444,6 +482,11 @@ class Simulation(Assembly):
 
         if self.model.order == 1:
             return {"stored": float(0.5 * self.lattice.spacing**self.lattice.dim * (near(engine.current).astype(float) ** 2).sum())}
+        if self.bondwise:
+            kinetic = (near(engine.current).astype(float) - near(engine.older)) / self.dt
+            (broken, _), work = engine.broken, engine.work
+            return {"kinetic": float(cell * 0.5 * (kinetic**2).sum()), "strain": self._strain_energy(), "work": self._mass * work,
+                    "broken": self._mass * broken}  # fmt: skip
         engine.fill(engine.current)
         u, old = engine.current.astype(float), engine.older.astype(float)
         if self._ends is not None:
@@ -458,6 +501,27 @@ class Simulation(Assembly):
             total += apply((each[number] * old.reshape(each.shape)).ravel()).reshape(each.shape)[number]
         kinetic = ((near(u) - near(old)) / self.dt) ** 2
         return {"kinetic": float(cell * 0.5 * kinetic.sum()), "strain": float(cell * 0.25 * near(strain).sum())}
+
+    @property
+    def _mass(self) -> float:
+        """Mass of a node."""
+        return self.lattice.spacing**self.lattice.dim / self.model.source_factor
+
+    def _strain_energy(self) -> float:
+        """Strain energy of bonds that are nonlinear or break."""
+        lattice, lead = self.lattice, 3 - self.lattice.dim
+        first = [0] * lead + [self._margins[a, -1] for a in range(lattice.dim)]
+        box = (1,) * lead + lattice.shape
+        nodes = np.ones(box, bool) if lattice.mask is None else lattice.mask.reshape(box)
+        whole = np.zeros((3, 2), bool)
+        for (axis, side), boundary in self.sides.items():
+            whole[lead + axis, int(side > 0)] = isinstance(boundary, Fixed)
+        return self._mass * self.engine.bond_energy(tuple(first), tuple(f + n for f, n in zip(first, box, strict=True)), nodes, whole)
+
+    @property
+    def broken_bonds(self) -> int:
+        """Bonds that have broken since the start."""
+        return self.engine.broken[1]
 
     # --- heat balance ------------------------------------------------------------------------------------------
 
@@ -536,6 +600,9 @@ class Simulation(Assembly):
     def balance(self) -> dict[str, float]:
         """What the near field has gained since the start, and from where, for simulations with ``balance=True``.
 
+        Of bonds that are nonlinear or break: the `energies`, and "lost", what is missing to the energy at the start and the work: it left through the
+        sides or was damped, or is the error of the time step.
+
         Free nodes count: those that no condition prescribes. Every entry is heat (the field's integral for a diffusion): heat capacity
         times cell volume times temperature.
 
@@ -553,6 +620,9 @@ class Simulation(Assembly):
         """
         if not self._balance:
             raise InputError("this simulation records no balance", key="balance", remedy="Simulation(..., balance=True)")
+        if self.bondwise:
+            found = self.energies()
+            return {**found, "lost": self._first_energy + found["work"] - self.energy() - found["broken"]}
         unit = self.lattice.spacing**self.lattice.dim / self.model.source_factor
         inflow = {name: unit * float(value) for name, value in zip(self._book_names, self.engine.flows.sum(0), strict=True)}
         owners = [f"source[{i}]" for i in range(len(self.sources))] + [f"constraint[{i}]" for i, _ in self.conditions.sources]
@@ -692,6 +762,8 @@ class Simulation(Assembly):
             "held": len(self._held), "conditions": len(self.conditions.nodes), "opens": [c.opens for c in self._cracks],
             **({} if self._ends is None else {"exact": self._ends.names}),
             **({} if self.closure is None else {"fringe": list(self.engine.fringe_history.shape), "update": self.closure.mark()}),
+            **({"bonds": [self.model.nonlinear, self.model.critical_stretch_on(self.lattice.spacing, self.lattice.dim)]}
+               if isinstance(self.model, Elastic) and self.model.bondwise else {}),
             **({"constraints": len(self._holds.constraints)} if self._holds.constraints else {}),
             **({"solid": self._first_solid, "saturation": self.model.saturation, "interface": self.model.interface}
                if isinstance(self.model, Corrosion) else {}),
@@ -709,11 +781,13 @@ class Simulation(Assembly):
         if self._ends is not None:
             more, meta["exact"] = self._ends.save()
             arrays |= more
+        if self.bondwise:
+            arrays |= self.engine.bond_state
         if isinstance(self.model, Corrosion):
             arrays["dissolved"] = np.ascontiguousarray(self.engine.dissolved[self._near])
         if self.closure is not None:
             arrays["fringe"] = self.engine.fringe_history
-        if self._balance:
+        if self._books:
             arrays |= {"flows": self.engine.flows, "powers": self._powers}
             meta["first_amounts"] = self._first_amounts
         meta["setup"] = describe(self._setup, arrays)
@@ -778,7 +852,9 @@ class Simulation(Assembly):
             self._set_phases(arrays["dissolved"])
         self._hold()
         self._open_cracks()
-        if self._balance:
+        for name, array in self.engine.bond_state.items() if self.bondwise else ():
+            array[...] = arrays[name]
+        if self._books:
             self.engine.flows[...], self._powers[...] = arrays["flows"], arrays["powers"]
             self._first_amounts = meta["first_amounts"]
         return dict(meta["extra"])

@@ -75,7 +75,8 @@ def by_component(source: Any, lattice: Lattice, components: int) -> list[tuple[A
     if len(value) != components:
         raise InputError("a source of a vector field needs all components", value=len(value), limit=components, key="source")
     units = np.eye(components).reshape(components, components, *[1] * lattice.dim)
-    return [(Source(part, time), unit) for part, unit in zip(value, units, strict=True)]
+    found = [(Source(part, time), unit) for part, unit in zip(value, units, strict=True)]
+    return [pair for pair in found if not (np.isscalar(pair[0].value) and pair[0].value == 0)] or found  # a component left at zero is no source
 
 
 def field(value: Any, lattice: Lattice, components: int, key: str = "source") -> np.ndarray:

@@ -10,15 +10,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from farhorizon.engine.build import load_driver
+from farhorizon.engine import bonds as bond_laws
+from farhorizon.engine.bonds import END, FIRST, ODD, PLAIN, Bonds, Zone, all_bits, no_bonds
+from farhorizon.engine.build import load_bonds, load_driver
 from farhorizon.engine.filter import filter_tables
 from farhorizon.engine.fringe import split_sums
 from farhorizon.engine.layout import ALIGN, LINES, TASK_FIELDS, Block, Layout
 from farhorizon.engine.phases import NEVER, count_solid, find_runs
 from farhorizon.engine.simd import TILE, TILE_ROWS, WINDOW
+from farhorizon.engine.simd_bonds import LANES, ROWS
 from farhorizon.engine.stencil_rows import compiled_rows
 
-__all__ = ["NEVER", "Engine", "Layer", "Layout", "available_threads"]
+__all__ = ["NEVER", "Engine", "Layer", "Layout", "Zone", "available_threads"]
 
 _NOTHING = np.zeros((0, 0))
 _NO_ENDS = np.zeros((0, 0), np.int64)
@@ -100,6 +103,11 @@ class Engine:
     threads : int
     coefficient : ndarray, shape `core`, optional
         Factor on bonds, combined by `rule`.
+
+    Attributes
+    ----------
+    absent_bonds : int
+        Bonds cut, each counted from both ends.
     """
 
     def __init__(self, core, offsets, weights, stages, dt, *, layers: Mapping[tuple[int, int], Layer], periodic=frozenset(),  # type: ignore[no-untyped-def]
@@ -131,6 +139,7 @@ class Engine:
         self._collect_fills()
         if coefficient is not None:
             self._coefficient = self.spread(coefficient)
+        self._bonds, self._work_done = no_bonds(self.dtype), np.zeros(0)
         self.set_cuts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
         self.set_damping(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros(0))
         self._set_tiles(np.zeros((0, 0), np.int64), np.zeros((0, 0), np.int64), np.zeros(0, np.int64), 1.0, 0.0)
@@ -244,9 +253,127 @@ class Engine:
         for number, (first, last) in enumerate(self.layout.trees):
             inside = (first <= neighbours) & (neighbours < last)
             tree[inside], local[inside] = number, local[inside] - first
+        self.absent_bonds = len(nodes)
+        swept = self._clear(nodes, neighbours) if self.has_bonds else np.zeros(len(nodes), bool)
+        nodes, local, weights, tree = nodes[~swept], local[~swept], weights[~swept], tree[~swept]
         order = np.lexsort((local, nodes, tree))
         ranges = np.searchsorted(tree[order], np.arange(len(self.layout.trees) + 1))
         self._cuts = ranges, nodes[order].astype(np.int64), local[order], weights[order].astype(self.dtype).ravel()
+
+    def set_bonds(self, stiffness: np.ndarray, spacing: float, zone: Zone, nonlinear: bool, limit: float) -> None:
+        """Bonds that follow a law of their own stretch and may break, where both ends lie in a zone of the core; see `engine.bonds`.
+
+        Parameters
+        ----------
+        stiffness : ndarray, shape (K,)
+            Force on a unit of mass over elongation, of each offset.
+        spacing : float
+            Of the nodes, in the unit of the field.
+        zone : Zone
+        nonlinear : bool
+        limit : float
+            Largest ``|xi + eta|^2 / |xi|^2 - 1`` of a bond (linearised: ``2 xi . eta / |xi|^2``) that does not break; may be infinite.
+        """
+        block, components, high = self.core, self.components, ROWS[self.components]
+        xi = spacing * self.offsets[:, 3 - components :].astype(float)
+        table = np.column_stack([xi, 1 / (xi**2).sum(1), self.stages.numbers[0][2] * np.asarray(stiffness)]).astype(self.dtype)
+        places = np.column_stack([self.offsets @ np.array(block.stride), self.offsets]).astype(np.int64)
+        first = block.order[0]
+        last = block.plane.base + block.plane.extent[first] * block.plane.step[first] + LANES
+        alive = np.zeros((len(all_bits(len(places))), last), np.uint64)
+        alive[:, block.node_indices()] = all_bits(len(places))[:, None, None, None]
+        rows = block.nodes[0], -(-block.nodes[1] // high)
+        kinds = np.zeros((*rows, -(-(zone.end[2] - zone.first[2]) // LANES)), np.uint8)
+        functions = np.array(load_bonds(components, nonlinear, self.dtype.name), np.int64)
+        limits = np.array([limit, (limit / 2 * spacing) ** 2], self.dtype)
+        self._bonds = Bonds(functions, table, places, alive, kinds, zone.table(self.layout.reach), limits, nonlinear, np.zeros((*rows, 2)))
+        self._work_done = np.zeros(-(-components * int(np.prod(self.core.nodes)) // bond_laws.CHUNK))
+        depths = self._sweeps[3]
+        depths[0] = -(-depths[0] // bond_laws.CALM_ROWS) * bond_laws.CALM_ROWS
+        self._find_kinds()
+
+    @property
+    def nonlinear(self) -> bool:
+        """Whether the law of the bonds is."""
+        return self._bonds.nonlinear
+
+    @property
+    def has_bonds(self) -> bool:
+        """Whether there are bonds that follow a law of their own."""
+        return len(self._bonds.places) > 0
+
+    def _clear(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
+        """Clear the bits of bonds of the core; says which of them have their node in the zone, where bits alone count."""
+        block, places, zone = self.core, self._bonds.places, self._bonds.zone
+        number = np.full(self._bonds.alive.shape[1], -1)
+        number[block.node_indices().ravel()] = np.arange(int(np.prod(block.nodes)))
+        mine = np.flatnonzero((nodes < len(number)) & (neighbours < self.layout.size))
+        mine = mine[number[nodes[mine]] >= 0]
+        order = np.argsort(places[:, 0])
+        bond = order[np.searchsorted(places[order, 0], neighbours[mine] - nodes[mine])]
+        np.bitwise_and.at(self._bonds.alive, (bond >> 6, nodes[mine]), ~(np.uint64(1) << (bond & 63).astype(np.uint64)))
+        self._find_kinds()
+        at = np.stack(np.unravel_index(number[nodes[mine]], block.nodes), axis=1)
+        swept = np.zeros(len(nodes), bool)
+        swept[mine] = ((at >= zone[FIRST:END]) & (at < zone[END:])).all(1)
+        return swept
+
+    def _find_kinds(self) -> None:
+        """Which tiles of the zone are plain: all bonds there, and none leaves the box where bonds follow the law."""
+        block, high, kinds, zone = self.core, ROWS[self.components], self._bonds.kinds, self._bonds.zone
+        full = all_bits(len(self._bonds.places))[:, None, None, None]
+        odd = (self._bonds.alive[:, block.node_indices()] != full).any(0)
+        for axis, m in enumerate(self.layout.reach):
+            i = np.arange(block.nodes[axis])
+            odd |= ((i - m < zone[axis]) | (i + m >= zone[axis] + zone[3 + axis])).reshape([-1 if a == axis else 1 for a in range(3)])
+        first, end = zone[FIRST:END], zone[END:]
+        odd[:, : first[1]] = odd[:, end[1] :] = False  # rows of tiles that are not in the zone
+        odd = odd[:, :, first[2] : end[2]]
+        missing = [(0, count * size - n) for n, count, size in zip(odd.shape, kinds.shape, (1, high, LANES), strict=True)]
+        tiles = np.pad(odd, missing).reshape(kinds.shape[0], kinds.shape[1], high, kinds.shape[2], LANES)
+        kinds[...] = np.where(tiles.any((2, 4)), ODD, PLAIN)
+
+    @property
+    def alive(self) -> np.ndarray:
+        """Bonds that are left of each node of the core."""
+        bits = np.ascontiguousarray(self._bonds.alive[:, self.core.node_indices()])
+        return np.bitwise_count(bits).astype(np.int64).sum(0)
+
+    @property
+    def bond_state(self) -> dict[str, np.ndarray]:
+        """What a checkpoint holds of the bonds: bits, kinds of tiles, and what has been added up of broken bonds and of work; they share memory."""
+        return {"bonds": self._bonds.alive, "kinds": self._bonds.kinds, "broken": self._bonds.book, "work": self._work_done}
+
+    @property
+    def broken(self) -> tuple[float, int]:
+        """Energy of the bonds when they broke, for a unit of mass a node, and their number."""
+        energy, count = self._bonds.book.sum((0, 1))
+        return float(energy) / self.stages.numbers[0][2], round(float(count))
+
+    def book_cut(self, energy: float) -> None:
+        """Add the energy, for a unit of mass a node, of bonds that were cut."""
+        self._bonds.book[0, 0, 0] += energy * self.stages.numbers[0][2]
+
+    @property
+    def work(self) -> float:
+        """Work of the sources, for a unit of mass a node."""
+        return float(self._work_done.sum())
+
+    def bond_energy(self, first: tuple[int, ...], end: tuple[int, ...], nodes: np.ndarray, whole: np.ndarray) -> float:
+        """Energy of the bonds of some nodes from the elongations now and a step ago, for a unit of mass a node.
+
+        `nodes`, of the box from `first` to `end` of the core, says which; bonds to nodes beyond the box count half, across sides that are `whole`,
+        shape (3, 2), fully.
+        """
+        self.fill(self.current)
+        bounds = np.array(first, np.int64), np.array(end, np.int64)
+        total = bond_laws.strain_energy(self.current, self.older, self._sweeps[1][0], *bounds, nodes, whole, self.components, self._bonds)
+        return float(total) / self.stages.numbers[0][2]
+
+    def largest_strain(self) -> float:
+        """Largest ``|xi + eta|^2 / |xi|^2 - 1`` (linearised: ``2 xi . eta / |xi|^2``) of the bonds that may break."""
+        self.fill(self.current)
+        return float(bond_laws.largest_strain(self.current, self._sweeps[1][0], self.components, self._bonds))
 
     def set_damping(self, nodes: np.ndarray, before: np.ndarray, after: np.ndarray, leak: np.ndarray) -> None:
         """Nodal factors of an absorbing zone: on the old increment, on the new increment, and a loss rate."""
@@ -405,7 +532,7 @@ class Engine:
     def older(self) -> np.ndarray:
         """The level with the state one step ago, halos included (second-order integrators)."""
         rotation = self._rotation[self.phase, 0]
-        return self.levels[rotation[2]]
+        return self.levels[rotation[2 if self.stages.increments else 1]]
 
     def all_components(self, nodes: np.ndarray) -> np.ndarray:
         """Indices in a level of all components of nodes that are given by those of the first, component by component."""
@@ -422,7 +549,7 @@ class Engine:
         self._driver.stage(
             0, 1, _ALONE, level, base, out, numbers, self.stages.increments, False, self.slots, self.memory.copy(), self._work,
             self.components, *self._first_sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
-            *self._runs,
+            *self._runs, self._lasting_bonds,
         )  # fmt: skip
         return (base if self.stages.increments else out) / numbers[3]
 
@@ -432,7 +559,7 @@ class Engine:
         _, blocks, functions, depths, weights, offsets, general = self._first_sweeps
         law = (general, *numbers[:3], self.stages.increments, self._rule, self.components)
         first = blocks[0], functions[0], depths[0], False, weights[0], offsets[0]
-        self._driver.sweep_core(0, 1, _ALONE, level, base, out, *first, self._coefficient, law, *self._runs)
+        self._driver.sweep_core(0, 1, _ALONE, level, base, out, *first, self._coefficient, law, *self._runs, self._lasting_bonds, self._fills[4])
         ranges, *cuts = self._cuts
         self._driver.cut(0, 1, _ALONE, level, level, base, out, numbers[3], self.components, ranges[-1], len(cuts[0]), *cuts, self.stages.increments,
                          self._coefficient, self._coefficient, self._rule)  # fmt: skip
@@ -442,6 +569,11 @@ class Engine:
         """Empty output and base, and the numbers of a stage that writes ``scale * L``."""
         scale = self.stages.numbers[0][2]  # the last stage may be without operator
         return np.zeros_like(level), np.zeros_like(level), np.array([scale * self._centre, 0, 0, scale, 0], self.dtype)
+
+    @property
+    def _lasting_bonds(self) -> Bonds:
+        """The bonds as they are, of which none breaks."""
+        return self._bonds._replace(limit=np.array([np.inf, np.inf], self.dtype))
 
     @property
     def _first_sweeps(self) -> tuple[np.ndarray, ...]:
@@ -459,7 +591,7 @@ class Engine:
         state = (
             self.phase, self.levels, self._rotation, self._numbers, self.stages.increments, self.slots, self.memory, self._work,
             self.components, *self._sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
-            *self._runs, *self._tiles, *self._dissolution, self.steps_done, *self._damping,
+            *self._runs, self._bonds, self._work_done, *self._tiles, *self._dissolution, self.steps_done, *self._damping,
             (*self._ends, self.heads, self.past, self.history), *self._tied, *self._books, self.flows, self._fringe, self._filter,
             source_nodes, source_fields, source_times,
             self.held, _NOTHING if held_values is None else held_values, tied_fields, tied_times,
@@ -485,7 +617,7 @@ class Engine:
     def as_before(self) -> Iterator[None]:
         """Whatever runs inside leaves no trace."""
         arrays = [self.levels, self.memory, self.states, self.forces, self.clock, self.flows, self.fringe_history, self._coefficient, self._runs[0],
-                  *self._tiles, *self._dissolution[:2]]  # fmt: skip
+                  *self._tiles, *self._dissolution[:2], *self.bond_state.values()]  # fmt: skip
         kept, phase, steps = [a.copy() for a in arrays], self.phase, self.steps_done
         try:
             yield
@@ -505,14 +637,10 @@ class Engine:
         return self._recursion[2] != 0
 
     @property
-    def absent_bonds(self) -> int:
-        """Bonds cut, each counted from both ends."""
-        return len(self._cuts[1])
-
-    @property
     def nbytes(self) -> int:
         """Bytes of all time levels, slots, layer memory, phases, the memory of exact ends, of fringes and of the filter."""
         ends = self.heads.nbytes + self.past.nbytes + self.history.nbytes + sum(np.asarray(a).nbytes for a in self._ends)
         phases = sum(np.asarray(a).nbytes for a in (*self._runs, *self._tiles, *self._dissolution))
+        phases += sum(np.asarray(a).nbytes for a in self._bonds)
         sparse = sum(a.nbytes for a in (*self._fringe, *self._filter))
         return self.levels.nbytes + self.slots.nbytes + self.memory.nbytes + self._coefficient.nbytes + ends + phases + sparse

@@ -15,6 +15,7 @@ from types import ModuleType
 from typing import Any
 
 _HERE = Path(__file__).parent
+_COMPILED_IN = ("bonds", "ends", "filter", "phases", "simd", "simd_bonds", "simd_matrix", "fringe", "layout", "threads")  # modules that templates use
 _LOADING = threading.RLock()  # simulations may be made side by side
 
 
@@ -48,6 +49,12 @@ def load_rows(
     return int(_load("rows", SHAPE=shape, CLASSES=classes, REAL=real, INCREMENTS=increments, LINES=lines, PATTERN=pattern).rows.address)
 
 
+def load_bonds(components: int, nonlinear: bool, real: str) -> tuple[int, int, int]:
+    """Addresses of the sweeps of plain tiles and of an odd one for a law of bonds, and of the bound of their stretch (see `engine.simd_bonds`)."""
+    made = _load("bond_rows", COMPONENTS=components, NONLINEAR=nonlinear, REAL=real)
+    return int(made.intact.address), int(made.damaged.address), int(made.steep.address)
+
+
 def _load(name: str, **settings: Any) -> ModuleType:
     """Module of compiled functions: a template with its upper-case names set to `settings`.
 
@@ -60,7 +67,7 @@ def _load(name: str, **settings: Any) -> ModuleType:
         assert count == 1, f"the template has no setting {key}"
     import numba
 
-    parts = [(_HERE / f"{part}.py").read_text() for part in ("ends", "filter", "phases", "simd", "simd_matrix", "fringe", "layout", "threads")]
+    parts = [(_HERE / f"{part}.py").read_text() for part in _COMPILED_IN]
     mark = "\n".join([template, *parts, numba.__version__, platform.machine()])
     name = f"{name}_" + hashlib.sha256(mark.encode()).hexdigest()[:20]
     with _LOADING:

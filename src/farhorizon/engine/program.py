@@ -11,6 +11,7 @@ Several threads go through the same loop, each with its share (`lane` of `lanes`
 import numpy as np
 from numba import njit
 
+from farhorizon.engine.bonds import CALM_ROWS, END, FIRST, book_work, next_piece, sweep_tiles
 from farhorizon.engine.ends import exact_ends
 from farhorizon.engine.filter import damp_short_waves
 from farhorizon.engine.fringe import close_fringe
@@ -119,14 +120,9 @@ def count_parts(block, depth):
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_part(src, base, out, block, number, depth, first, last, function, weights, offsets, coefficient, law):
-    """Nodes `first` to `last` of the rows of one part of a block: bundles one after the other along the slowest axis share most of what they read.
-
-    A stencil without compiled rows has function 0.
-    """
+def sweep_rows(src, base, out, block, i0, i1, count, first, last, function, weights, offsets, coefficient, law):
+    """Nodes `first` to `last` of `count` rows of a block; a stencil without compiled rows has function 0."""
     general, a, a_difference, b, increments, rule, components = law
-    i0, i1 = number % block[1], (number // block[1]) * depth
-    count = min(depth, block[2] - i1)
     start, to = block[0] + i0 * block[4] + i1 * block[5] + first, block[9] + i0 * block[10] + i1 * block[11] + first
     if function != 0:
         size = src.itemsize
@@ -140,6 +136,42 @@ def sweep_part(src, base, out, block, number, depth, first, last, function, weig
         for row in range(count):
             sweep_general_matrix(src, base, out, start + row * block[5], to + row * block[11], last - first, offsets, general, a_difference, b,
                                  coefficient, rule, components)  # fmt: skip
+
+
+@njit(error_model="numpy", cache=True)
+def sweep_part(src, base, out, block, number, depth, first, last, function, weights, offsets, coefficient, law):
+    """Nodes `first` to `last` of the rows of one part of a block: bundles one after the other along the slowest axis share most of what they read."""
+    i0, i1 = number % block[1], (number // block[1]) * depth
+    sweep_rows(src, base, out, block, i0, i1, min(depth, block[2] - i1), first, last, function, weights, offsets, coefficient, law)
+
+
+@njit(error_model="numpy", cache=True)
+def sweep_bonds(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, bonds, reach):
+    """A part of the core with a zone of bonds that follow a law of their own: there tile by tile, around it, and where it is calm, by the stencil."""
+    zone = bonds.zone
+    i0, first = number % block[1], (number // block[1]) * depth
+    last = min(first + depth, block[2])
+    low, high = max(first, zone[FIRST + 1]), min(last, zone[END + 1])
+    if low >= high or not zone[FIRST] <= i0 < zone[END]:
+        low, high = last, last
+    for i1, end, start, stop in (
+        (first, low, 0, block[3]),
+        (high, last, 0, block[3]),
+        (low, high, 0, zone[FIRST + 2]),
+        (low, high, zone[END + 2], block[3]),
+    ):
+        if i1 < end and start < stop:
+            sweep_rows(src, base, out, block, i0, i1, end - i1, start, stop, function, weights, offsets, coefficient, law)
+    for row in range(low // CALM_ROWS, (high + CALM_ROWS - 1) // CALM_ROWS if low < high else 0):
+        i1, end = max(row * CALM_ROWS, low), min((row + 1) * CALM_ROWS, high)
+        stop = zone[FIRST + 2]
+        while stop < zone[END + 2]:
+            start = stop
+            stop, calm = next_piece(src, block, reach, i0, i1, end, start, law[6], bonds)
+            if calm:
+                sweep_rows(src, base, out, block, i0, i1, end - i1, start, stop, function, weights, offsets, coefficient, law)
+            else:
+                sweep_tiles(src, base, out, block, i0, i1, end, start, stop, law[2], law[3], law[6], bonds)
 
 
 @njit(error_model="numpy", cache=True)
@@ -179,7 +211,8 @@ def sweep_two_phases(src, base, out, block, number, depth, function, weights, of
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_core(lane, lanes, sync, src, base, out, block, function, depth, backward, weights, offsets, coefficient, law, runs, interface):
+def sweep_core(lane, lanes, sync, src, base, out, block, function, depth, backward, weights, offsets, coefficient, law, runs, interface, bonds,
+               reach):  # fmt: skip
     """All parts of the core; in every other stage the last first: it meets what the last stage left in the cache.
 
     Each lane has a share of its own, the same in all steps, for the threads' caches may lie far apart. It claims some parts as it goes, and when it
@@ -197,6 +230,8 @@ def sweep_core(lane, lanes, sync, src, base, out, block, function, depth, backwa
                 number = first + (share - 1 - i if backward else i)
                 if runs.size:
                     sweep_two_phases(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, runs, interface)
+                elif bonds.places.shape[0]:
+                    sweep_bonds(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, bonds, reach)
                 else:
                     sweep_part(src, base, out, block, number, depth, 0, block[3], function, weights, offsets, coefficient, law)
             claimed = claim(sync, owner) if lanes > 1 else 1
@@ -375,7 +410,7 @@ def cut(lane, lanes, sync, src, values, base, out, scale, components, first, las
 @njit(error_model="numpy", cache=True)
 def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slots, memory, work, components, trees, blocks, functions, depths,
           weights, offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
-          cut_ranges, cut_nodes, cut_neighbours, cut_weights, runs, interface):  # fmt: skip
+          cut_ranges, cut_nodes, cut_neighbours, cut_weights, runs, interface, bonds):  # fmt: skip
     """``out = a*src + b*base + scale*L(src)`` everywhere; fills the halo of `src` and advances the layers' memory to its time.
 
     trees[tree] = (axis, first block, last block + 1, first coefficient); numbers = (a, a for differences, b, scale, source scale).
@@ -399,24 +434,8 @@ def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slot
                 barrier(sync, lanes)
                 cut(lane, lanes, sync, src, slots, base, out, scale, components, cut_ranges[tree], cut_ranges[tree + 1], cut_nodes, cut_neighbours,
                     cut_weights, increments, coefficient, material, rule)  # fmt: skip
-    sweep_core(
-        lane,
-        lanes,
-        sync,
-        src,
-        base,
-        out,
-        blocks[0],
-        functions[0],
-        depths[0],
-        backward,
-        weights[0],
-        offsets[0],
-        coefficient,
-        law,
-        runs,
-        interface,
-    )
+    sweep_core(lane, lanes, sync, src, base, out, blocks[0], functions[0], depths[0], backward, weights[0], offsets[0], coefficient, law, runs,
+               interface, bonds, reach)  # fmt: skip
     barrier(sync, lanes)
     cut(lane, lanes, sync, src, src, base, out, scale, components, cut_ranges[trees.shape[0]], cut_nodes.size, cut_nodes, cut_neighbours, cut_weights,
         increments, coefficient, coefficient, rule)  # fmt: skip
@@ -465,10 +484,10 @@ def book_ends(books, forces, effect, flows):
 
 
 @njit(error_model="numpy", nogil=True, cache=True)
-def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, slots, memory, work, components, trees, blocks, functions, depths,
+def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, slots, memory, scratch, components, trees, blocks, functions, depths,
         weights, offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
-        cut_ranges, cut_nodes, cut_neighbours, cut_weights, runs, interface, solids, volumes, changed, dissolved, total, saturation, period,
-        steps_before, damped, damp_before, damp_after, damp_leak, ends,
+        cut_ranges, cut_nodes, cut_neighbours, cut_weights, runs, interface, bonds, work, solids, volumes, changed, dissolved, total, saturation,
+        period, steps_before, damped, damp_before, damp_after, damp_leak, ends,
         tied, tied_starts, tied_sources, tied_weights, books, book_nodes, book_neighbours, book_weights, book_effects, end_books, flows,
         fringe, short_waves, source_nodes, source_fields, source_times, held, held_times, tied_fields, tied_times):  # fmt: skip
     """One lane's share of `steps` steps from the rotation `phase`.
@@ -477,7 +496,8 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
     are level numbers; numbers[stage] as in `stage`. source_times[step, stage, j] multiplies source_fields[j] on source_nodes. `ends`: the last
     arguments of `ends.exact_ends`; `fringe`: those of `fringe.close_fringe`; `short_waves`: those of `filter.damp_short_waves`. After each step the
     nodes `held` have the values ``held_times[step]``.
-    From runs to steps_before: see `engine.phases`.
+    From solids to steps_before, and `runs` and `interface`: see `engine.phases`; `bonds`: see `engine.bonds`; `work` is where that of
+    sources is added up, where it is wanted.
     """
     per_step = stages.shape[1]
     bounded = ends[2].shape[0] > 0
@@ -496,9 +516,9 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                     else:
                         base[node] = src[node] - (src[node] - base[node]) * damp_before[i]
                 barrier(sync, lanes)
-            stage(lane, lanes, sync, src, base, out, numbers[part], increments, (phase + part) % 2 == 1, slots, memory, work, components, trees,
+            stage(lane, lanes, sync, src, base, out, numbers[part], increments, (phase + part) % 2 == 1, slots, memory, scratch, components, trees,
                   blocks, functions, depths, weights[part], offsets, general[part], copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember,
-                  coefficient, rule, cut_ranges, cut_nodes, cut_neighbours, cut_weights, runs, interface)  # fmt: skip
+                  coefficient, rule, cut_ranges, cut_nodes, cut_neighbours, cut_weights, runs, interface, bonds)  # fmt: skip
             if bounded:
                 if lane == 0:
                     exact_ends(src, base, out, scale, increments, *ends)
@@ -532,6 +552,8 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                     if increments:
                         base[node] = out[node] - src[node]
                 barrier(sync, lanes)
+            if work.size and source_fields.shape[0]:
+                book_work(lane, lanes, work, base, out, source_nodes, source_fields, source_times[step, part])
             if books.size or tied.size:
                 if lane == 0:
                     if books.size and book_effects[part] != 0:

@@ -1,4 +1,4 @@
-"""Linear elasticity on the lattice: bond-based, ordinary state-based, correspondence and finite elements, each as one stencil of matrices.
+"""Elasticity on the lattice: bond-based, ordinary state-based, correspondence and finite elements, each as one stencil of matrices.
 
 With Lame's constants of the plane or of space, ``lam`` and ``mu``, every material is built of two pieces. The bonds
 ``(dim + 2) mu w(r) n n`` with half second moment 1 make a Cauchy solid, lam = mu; a nonlocal gradient ``g`` makes what derivatives make.
@@ -6,10 +6,12 @@ With Lame's constants of the plane or of space, ``lam`` and ``mu``, every materi
 
 from __future__ import annotations
 
+import copy
 import itertools
 
 import numpy as np
 
+from farhorizon.cracks import fracture_energy as energy_of_fracture
 from farhorizon.errors import InputError
 from farhorizon.integrators import Verlet
 from farhorizon.kernel import Kernel
@@ -43,6 +45,12 @@ class Elastic(ScalarModel):
         Viscous damping d (1 / time).
     stabilisation : float
         Correspondence: strength of the force against zero-energy modes, 0 to 1 of the P modulus.
+    nonlinear : bool
+        Bond-based: the force ``c (|xi + eta| - |xi|)`` along the deformed bond (the prototype microelastic material), not linearised in eta.
+    critical_stretch : float, optional
+        Bond-based: bonds whose length has grown by more than this part break for good.
+    fracture_energy : float, optional
+        Instead of it the energy that a new crack takes per area; see `critical_stretch_on`.
 
     Attributes
     ----------
@@ -59,9 +67,10 @@ class Elastic(ScalarModel):
 
     Notes
     -----
-    Bonds: Silling (2000), linearised. State-based: Silling, Epton, Weckner, Xu and Askari (2007), eq 104, linearised: its dilatation acts with
-    lam - mu. Correspondence: the same, section 18, with the gradient of Wildman and Gazonas (2012), eqs 2-8 to 2-13; the stabilisation
-    is that of Silling (2017), eq 21. Bonds of the last three are no springs: they cannot be cut or weakened one by one.
+    Bonds: Silling (2000), linearised unless `nonlinear`; bonds that break: Silling and Askari (2005). State-based: Silling, Epton,
+    Weckner, Xu and Askari (2007), eq 104, linearised: its dilatation acts with lam - mu. Correspondence: the same, section 18,
+    with the gradient of Wildman and Gazonas (2012), eqs 2-8 to 2-13; the stabilisation is that of Silling (2017), eq 21. Bonds of the last
+    three are no springs: they cannot be cut or weakened one by one.
     """
 
     def __init__(
@@ -77,6 +86,9 @@ class Elastic(ScalarModel):
         plane: str | None = None,
         damping: float = 0.0,
         stabilisation: float = 0.0,
+        nonlinear: bool = False,
+        critical_stretch: float | None = None,
+        fracture_energy: float | None = None,
     ) -> None:
         if material not in MATERIALS:
             raise InputError("unknown material", value=material, limit=", ".join(MATERIALS), key="model.material")
@@ -91,12 +103,57 @@ class Elastic(ScalarModel):
         if stabilisation and (material != "correspondence" or stabilisation > 1):
             raise InputError("stabilisation is for correspondence materials", value=stabilisation, limit="0 to 1", key="model.stabilisation")
         self.bonds = material == "bond-based"
+        self.nonlinear, self.critical_stretch, self.fracture_energy = bool(nonlinear), critical_stretch, fracture_energy
+        self._check_law()
         self.sides = () if self.bonds else ("LatticePML", "Fixed", "Periodic", "Sponge")
         self.density, self.damping = positive(density, "model.density"), positive(damping, "model.damping", zero=True)
         self._constants(young=young, poisson=poisson, bulk=bulk, shear=shear)
         self.source_factor = 1 / self.density
         self.coefficient = self.p_modulus / self.density
         self.integrator = Verlet()
+
+    def _check_law(self) -> None:
+        """What bonds that follow a law of their own stretch need."""
+        if self.critical_stretch is not None and self.fracture_energy is not None:
+            raise InputError("critical_stretch and fracture_energy are two names of one thing", value=self.fracture_energy,
+                             key="model.fracture_energy", remedy="give one of them")  # fmt: skip
+        for name in ("critical_stretch", "fracture_energy"):
+            if getattr(self, name) is not None:
+                positive(getattr(self, name), f"model.{name}")
+        if self.bondwise and (not self.bonds or not isinstance(self.kernel, Kernel)):
+            key = "nonlinear" if self.nonlinear else "critical_stretch" if self.critical_stretch is not None else "fracture_energy"
+            raise InputError("only bonds of a bond-based material with a kernel are nonlinear or break", value=self.material, key=f"model.{key}",
+                             remedy='material="bond-based", or Body for correspondence with damage')  # fmt: skip
+
+    @property
+    def bondwise(self) -> bool:
+        """Whether bonds follow a law of their own stretch one by one: nonlinear, or breaking, or both."""
+        return self.nonlinear or self.critical_stretch is not None or self.fracture_energy is not None
+
+    @property
+    def linearised(self) -> Elastic:
+        """The same material, linear and unbreakable."""
+        model = copy.copy(self)
+        model.nonlinear, model.critical_stretch, model.fracture_energy = False, None, None
+        return model
+
+    def bond_stiffness(self, stencil: Stencil, spacing: float) -> np.ndarray:
+        """Force density over elongation of each bond of the material's stencil."""
+        return np.asarray(np.trace(stencil.weights, axis1=1, axis2=2) * self.p_modulus / spacing**2)
+
+    def critical_stretch_on(self, spacing: float, dim: int) -> float:
+        """The stretch at which bonds break: the one given, or from the fracture energy and the bonds of the lattice; infinite without.
+
+        The bonds' energy across a plane, averaged over its directions (`farhorizon.cracks.fracture_energy`), is the fracture energy. That of a
+        crack along an axis of the lattice differs by what the lattice is not a continuum.
+        """
+        if self.critical_stretch is not None:
+            return self.critical_stretch
+        if self.fracture_energy is None:
+            return np.inf
+        stencil = self.stencil(spacing, dim)
+        of_one = energy_of_fracture(spacing * stencil.offsets, self.bond_stiffness(stencil, spacing), 1.0)
+        return float(np.sqrt(self.fracture_energy / of_one))
 
     def _constants(self, **constants: float | None) -> None:
         """Set all elastic constants from those that are given."""
@@ -142,8 +199,8 @@ class Elastic(ScalarModel):
         return float(np.sqrt(self.shear / self.density))
 
     def with_stencil(self, stencil: Stencil) -> Elastic:
-        """The same model with a stencil in place of its material's."""
-        model = super().with_stencil(stencil)
+        """The same model, linear, with a stencil in place of its material's."""
+        model = super().with_stencil(stencil).linearised
         model.kernel = stencil
         return model
 

@@ -1,0 +1,272 @@
+"""Bonds that follow a law of their own stretch and break, in a zone of the core, a box of nodes.
+
+A bond whose ends both lie in the zone follows the law and may break; the others are those of the linear stencil. Nodes of the zone are swept tile by
+tile, `LANES` nodes of up to `ROWS` rows. Each bond of each node of the core has a bit, set while the bond is there. A *plain* tile has all its
+bonds, none of which leaves the zone, and is swept without bits until one of them is about to break; from then on, as others from the
+start, it is swept with them. A bond's two ends find out by themselves, and in the same step, that it breaks, so no thread writes what another
+reads. Nodes outside the zone are swept by the plain stencil, their absent bonds taken back one by one as everywhere.
+
+When a bond breaks it had the energy ``1/2 c d(n) d(n-1)``, d its elongation: with velocities half a step late that is what the linear scheme
+loses, to rounding. So the level before the present one must outlive the sweep.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from farhorizon.engine.simd_bonds import LANES, PLACES, ROWS, call_bonds, call_steepness
+
+PLAIN, ODD = 0, 1
+#: Entries of the table of the zone, each for the three axes: where bonds follow the law (first node, extent), and its nodes (first, end).
+LAW_FIRST, LAW_EXTENT, FIRST, END = 0, 3, 6, 9
+#: Rows, and most nodes of a row, of the pieces of the zone that the stencil sweeps where nothing can break: whole tiles, the same for all threads.
+CALM_ROWS, CALM_NODES = 16, 8 * LANES
+#: Sources whose work is added up by one thread at a time, in their order.
+CHUNK = 1024
+
+_ROWS_2, _ROWS_3 = ROWS[2], ROWS[3]
+
+
+class Bonds(NamedTuple):
+    """What the compiled loop knows of the bonds.
+
+    Attributes
+    ----------
+    functions : ndarray of int, shape (3,)
+        Addresses of the sweeps of plain tiles and of an odd one, and of the bound of their stretch.
+    table : ndarray, shape (K, components + 2)
+        ``xi``, ``1 / |xi|^2`` and c, in units of the update, of each bond.
+    places : ndarray of int, shape (K, 4)
+        Distance to the neighbour in a level, and its offset.
+    alive : ndarray of uint64, shape (words, places of the core)
+        Bits.
+    kinds : ndarray, shape (planes, rows of tiles, tiles)
+        `PLAIN` or `ODD`.
+    zone : ndarray of int, shape (12,)
+        See `Zone.table`.
+    limit : ndarray, shape (2,)
+        Of the strain e, and of what `simd_bonds.steepness` returns: below it no bond breaks.
+    nonlinear : bool
+    book : ndarray, shape (planes, rows of tiles, 2)
+        Energy, in units of c, and number of the bonds that have broken.
+    """
+
+    functions: np.ndarray
+    table: np.ndarray
+    places: np.ndarray
+    alive: np.ndarray
+    kinds: np.ndarray
+    zone: np.ndarray
+    limit: np.ndarray
+    nonlinear: bool
+    book: np.ndarray
+
+
+def no_bonds(dtype: np.dtype) -> Bonds:
+    """None: the stencil serves everywhere."""
+    places, bits, kinds = np.zeros((0, PLACES), np.int64), np.zeros((0, 0), np.uint64), np.zeros((0, 0, 0), np.uint8)
+    return Bonds(np.zeros(3, np.int64), np.zeros((0, 1), dtype), places, bits, kinds, np.zeros(12, np.int64), np.zeros(2, dtype), False,
+                 np.zeros((0, 0, 2)))  # fmt: skip
+
+
+def all_bits(count: int) -> np.ndarray:
+    """Words in which the first `count` bits are set."""
+    return np.array([(1 << min(64, count - first)) - 1 for first in range(0, count, 64)], np.uint64)
+
+
+@dataclass(frozen=True)
+class Zone:
+    """Where bonds follow the law and break.
+
+    Attributes
+    ----------
+    first, end : tuple of int
+        The box of nodes along the three axes, in nodes of the core.
+    open : tuple of bool
+        Axes along which bonds that leave the box follow the law, too: periodic ones, whose halo holds copies.
+    """
+
+    first: tuple[int, int, int]
+    end: tuple[int, int, int]
+    open: tuple[bool, bool, bool] = (False, False, False)
+
+    def table(self, reach: tuple[int, ...]) -> np.ndarray:
+        """One row of four times three numbers."""
+        more = np.where(self.open, reach, 0)
+        first, end = np.array(self.first), np.array(self.end)
+        return np.concatenate([first - more, end - first + 2 * more, first, end]).astype(np.int64)
+
+
+@njit(error_model="numpy", inline="always")
+def follows_law(zone, i0, i1, i2):  # type: ignore[no-untyped-def]
+    """Whether bonds between this node of the core, or of its halo, and the zone follow the law."""
+    return (
+        0 <= i0 - zone[LAW_FIRST] < zone[LAW_EXTENT]
+        and 0 <= i1 - zone[LAW_FIRST + 1] < zone[LAW_EXTENT + 1]
+        and 0 <= i2 - zone[LAW_FIRST + 2] < zone[LAW_EXTENT + 2]
+    )
+
+
+@njit(error_model="numpy", inline="always")
+def strain_of(level, node, distance, xi, components, nonlinear):  # type: ignore[no-untyped-def]
+    """``|xi + eta|^2 / |xi|^2 - 1`` of one bond, linearised unless `nonlinear`."""
+    apart = level.size // components
+    total, length = 0.0, 0.0
+    for c in range(components):
+        eta = np.float64(level[node + distance + c * apart]) - np.float64(level[node + c * apart])
+        total += eta * (2 * xi[c] + (eta if nonlinear else 0.0))
+        length += xi[c] * xi[c]
+    return total / length
+
+
+@njit(error_model="numpy", inline="always")
+def elongation(e, nonlinear):  # type: ignore[no-untyped-def]
+    """Stretch of a bond: ``|xi + eta| / |xi| - 1``, linearised e/2."""
+    return e / (1 + np.sqrt(1 + e)) if nonlinear else e / 2
+
+
+@njit(error_model="numpy", inline="always")
+def bond_energy(u, old, node, bond, table, places, components, nonlinear):  # type: ignore[no-untyped-def]
+    """``c d d' / 2`` of one bond from its elongations now and a step ago."""
+    xi = table[bond]
+    length = 0.0
+    for c in range(components):
+        length += np.float64(xi[c]) ** 2
+    now = elongation(strain_of(u, node, places[bond, 0], xi, components, nonlinear), nonlinear)
+    before = elongation(strain_of(old, node, places[bond, 0], xi, components, nonlinear), nonlinear)
+    return 0.5 * np.float64(xi[components + 1]) * length * now * before
+
+
+@njit(error_model="numpy", cache=True)
+def book_broken(u, old, alive, kept, node, step, count, n, table, places, components, nonlinear, book):  # type: ignore[no-untyped-def]
+    """Add half the energy, and half the number, of the bonds that have broken now: those of a tile whose bits are `kept` but no longer `alive`."""
+    for row in range(count):
+        for i in range(n):
+            for word in range(alive.shape[0]):
+                gone = kept[word, row, i] & ~alive[word, node + row * step + i]
+                bond = 64 * word
+                while gone != 0:
+                    if gone & np.uint64(1) != 0:
+                        book[0] += 0.5 * bond_energy(u, old, node + row * step + i, bond, table, places, components, nonlinear)
+                        book[1] += 0.5
+                    gone >>= np.uint64(1)
+                    bond += 1
+
+
+@njit(error_model="numpy", cache=True)
+def next_piece(src, block, reach, i0, first, last, begin, components, bonds):  # type: ignore[no-untyped-def]
+    """Where a piece of the rows `first` to `last` of a plane ends that begins at a node, and whether it is calm: it has all its bonds, and none may
+    break, so that the stencil serves, too."""
+    high, start, end = _ROWS_3 if components == 3 else _ROWS_2, bonds.zone[FIRST + 2], bonds.zone[END + 2]
+    if bonds.nonlinear:
+        return end, False
+    whole, stop = True, begin
+    while stop < min(begin + CALM_NODES, end):
+        plain = True
+        for row in range(first // high, (last + high - 1) // high):
+            plain &= bonds.kinds[i0, row, (stop - start) // LANES] == PLAIN
+        if stop == begin:
+            whole = plain
+        elif whole != plain:
+            break
+        stop += LANES
+    stop = min(stop, end)
+    if not whole:
+        return stop, False
+    node = block[0] + (i0 - reach[0]) * block[4] + (first - reach[1]) * block[5] + begin - reach[2]
+    steep = call_steepness(bonds.functions[2], src.ctypes.data + node * src.itemsize, 2 * reach[0] + 1, last - first + 2 * reach[1],
+                           stop - begin + 2 * reach[2], block[4], block[5], src.size // components)  # fmt: skip
+    return stop, steep < bonds.limit[1]
+
+
+@njit(error_model="numpy", cache=True)
+def sweep_tiles(src, base, out, block, i0, first, last, begin, end, a, b, components, bonds):  # type: ignore[no-untyped-def]
+    """Nodes `begin` to `end` of the rows `first` to `last` of a plane of the zone; they end where tiles end."""
+    functions, table, places, alive, kinds, zone, limit, nonlinear, book = bonds
+    size, apart, high = src.itemsize, src.size // components, _ROWS_3 if components == 3 else _ROWS_2
+    kept = np.empty((alive.shape[0], high, LANES), np.uint64)
+    start = zone[FIRST + 2]
+    for tile_row in range(first // high, (last + high - 1) // high):
+        row = max(tile_row * high, first)
+        count = min((tile_row + 1) * high, last) - row
+        number, tiles = (begin - start) // LANES, (end - start + LANES - 1) // LANES
+        while number < tiles:
+            kind, stop = kinds[i0, tile_row, number], number + 1
+            while kind == PLAIN and stop < tiles and kinds[i0, tile_row, stop] == PLAIN:
+                stop += 1
+            i2 = start + number * LANES
+            node, n = block[0] + i0 * block[4] + row * block[5] + i2, min(start + stop * LANES, end) - i2
+            if kind == ODD:
+                for word in range(alive.shape[0]):
+                    for j in range(count):
+                        for i in range(n):
+                            kept[word, j, i] = alive[word, node + j * block[5] + i]
+            found = call_bonds(
+                functions[kind], src.ctypes.data + node * size, base.ctypes.data + node * size, out.ctypes.data + node * size,
+                alive.ctypes.data + 8 * node, table.ctypes.data, places.ctypes.data, places.shape[0], zone.ctypes.data, alive.shape[1],
+                n, count, block[5], apart, i0, row, i2, a, b, limit[0],
+            )  # fmt: skip
+            if kind == PLAIN:
+                number += found
+                if number < stop:
+                    kinds[i0, tile_row, number] = ODD
+            else:
+                number += 1
+                if found:
+                    book_broken(src, base, alive, kept, node, block[5], count, n, table, places, components, nonlinear, book[i0, tile_row])
+
+
+@njit(error_model="numpy", cache=True)
+def book_work(lane, lanes, work, base, out, nodes, fields, times):  # type: ignore[no-untyped-def]
+    """Add the work of sources over one step, ``f . (u(n+1) - u(n-1)) / 2``."""
+    for chunk in range(lane, (nodes.size + CHUNK - 1) // CHUNK, lanes):
+        for j in range(fields.shape[0]):
+            for i in range(chunk * CHUNK, min(nodes.size, (chunk + 1) * CHUNK)):
+                work[chunk] += 0.5 * times[j] * fields[j, i] * (np.float64(out[nodes[i]]) - np.float64(base[nodes[i]]))
+
+
+@njit(error_model="numpy", cache=True)
+def strain_energy(u, old, block, first, end, nodes, whole, components, bonds):  # type: ignore[no-untyped-def]
+    """Energy of all bonds of the nodes `first` to `end` of the core, in units of c; bonds to other nodes count half, across sides `whole` fully."""
+    table, places, alive, zone, nonlinear = bonds.table, bonds.places, bonds.alive, bonds.zone, bonds.nonlinear
+    total = 0.0
+    for i0 in range(first[0], end[0]):
+        for i1 in range(first[1], end[1]):
+            line = 0.0
+            for i2 in range(first[2], end[2]):
+                node = block[0] + i0 * block[4] + i1 * block[5] + i2
+                if not nodes[i0 - first[0], i1 - first[1], i2 - first[2]]:
+                    continue
+                mine = follows_law(zone, i0, i1, i2)
+                for bond in range(places.shape[0]):
+                    if (alive[bond >> 6, node] >> np.uint64(bond & 63)) & np.uint64(1) == 0:
+                        continue
+                    share = 0.5
+                    for axis, i in enumerate((i0, i1, i2)):
+                        other = i + places[bond, 1 + axis]
+                        if (other < first[axis] and whole[axis, 0]) or (other >= end[axis] and whole[axis, 1]):
+                            share = 1.0
+                    curved = nonlinear and mine and follows_law(zone, i0 + places[bond, 1], i1 + places[bond, 2], i2 + places[bond, 3])
+                    line += share * bond_energy(u, old, node, bond, table, places, components, curved)
+            total += line
+    return total
+
+
+@njit(error_model="numpy", cache=True)
+def largest_strain(u, block, components, bonds):  # type: ignore[no-untyped-def]
+    """Largest e of a bond that may break."""
+    table, places, alive, zone, nonlinear = bonds.table, bonds.places, bonds.alive, bonds.zone, bonds.nonlinear
+    largest = -1.0
+    for i0 in range(zone[FIRST], zone[END]):
+        for i1 in range(zone[FIRST + 1], zone[END + 1]):
+            for i2 in range(zone[FIRST + 2], zone[END + 2]):
+                node = block[0] + i0 * block[4] + i1 * block[5] + i2
+                for bond in range(places.shape[0]):
+                    there = (alive[bond >> 6, node] >> np.uint64(bond & 63)) & np.uint64(1) != 0
+                    if there and follows_law(zone, i0 + places[bond, 1], i1 + places[bond, 2], i2 + places[bond, 3]):
+                        largest = max(largest, strain_of(u, node, places[bond, 0], table[bond], components, nonlinear))
+    return largest

@@ -1,0 +1,166 @@
+"""Sweeps of bonds that follow a law of their own stretch and break, against plain numpy, bond by bond."""
+
+import numpy as np
+import pytest
+
+from farhorizon import Elastic, Fixed, Free, Kernel, LatticePML, Periodic, Simulation
+from helpers import lattice_of
+
+LAWS = {"linear": False, "nonlinear": True}
+
+
+class PairByPair:
+    """The same medium with one entry for each pair of nodes: free ends, or nodes at rest beyond fixed ones, whose bonds are linear and last.
+
+    Bonds of nodes within one reach of a fixed side are linear and do not break, either.
+    """
+
+    def __init__(self, sim, held=False):
+        model, lattice = sim.model, sim.lattice
+        reach = sim.stencil.reach[0] if held else 0
+        shape = np.array(lattice.shape) + 2 * reach
+        index = np.stack(np.meshgrid(*[np.arange(n) for n in shape], indexing="ij"), -1).reshape(-1, lattice.dim)
+        inner = ((index >= reach) & (index < shape - reach)).all(1)
+        free = ((index >= 2 * reach) & (index < shape - 2 * reach)).all(1)
+        stiffness = dict(zip(map(tuple, sim.stencil.offsets.tolist()), model.bond_stiffness(sim.stencil, lattice.spacing), strict=True))
+        pairs = [(i, j, stiffness[o]) for i, a in enumerate(index.tolist()) for j, b in enumerate(index.tolist())
+                 if (o := tuple(q - p for p, q in zip(a, b, strict=True))) in stiffness]  # fmt: skip
+        self.i, self.j = (np.array([p[k] for p in pairs]) for k in (0, 1))
+        self.c = np.array([p[2] for p in pairs]) / model.density
+        self.xi = lattice.spacing * (index[self.j] - index[self.i]).astype(float)
+        self.length = np.linalg.norm(self.xi, axis=1)
+        self.law, self.inner = free[self.i] & free[self.j], inner
+        self.alive = np.ones(len(pairs), bool)
+        self.nonlinear, self.limit, self.dt = model.nonlinear, model.critical_stretch_on(lattice.spacing, lattice.dim), sim.dt
+        self.shape, self.dim = lattice.shape, lattice.dim
+        u, v = (self._spread(x) for x in (sim.start_u, sim.start_v))
+        self.old, self.u = u - self.dt * v + self.dt**2 / 2 * self.acceleration(u), u
+
+    def _spread(self, values):
+        out = np.zeros((len(self.inner), self.dim))
+        out[self.inner] = np.reshape(values, (self.dim, -1)).T
+        return out
+
+    def acceleration(self, u):
+        eta = u[self.j] - u[self.i]
+        n = self.xi / self.length[:, None]
+        stretch, direction = (n * eta).sum(1), n
+        if self.nonlinear:
+            y = self.xi + eta
+            size = np.linalg.norm(y, axis=1)
+            stretch = np.where(self.law, size - self.length, stretch)
+            direction = np.where(self.law[:, None], y / size[:, None], n)
+        self.alive &= ~(self.law & (stretch > self.limit * self.length))
+        out = np.zeros_like(u)
+        np.add.at(out, self.i, (self.alive * self.c * stretch)[:, None] * direction)
+        return out * self.inner[:, None]
+
+    def step(self):
+        self.old, self.u = self.u, 2 * self.u - self.old + self.dt**2 * self.acceleration(self.u)
+
+    @property
+    def field(self):
+        return self.u[self.inner].T.reshape(self.dim, *self.shape)
+
+    @property
+    def bonds_left(self):
+        return np.bincount(self.i, self.alive, len(self.inner))[self.inner].reshape(self.shape)
+
+
+def shaken(shape, nonlinear, sides=None, reach=2, speed=0.03, **options):
+    """A box whose nodes start at random velocities, so that bonds break here and there."""
+    dim = len(shape)
+    v = speed * np.random.default_rng(5).standard_normal((dim, *shape))
+    model = Elastic(Kernel(0.5 * reach, 1), 1.0, nonlinear=nonlinear, critical_stretch=0.04)
+    return Simulation(lattice_of(shape, 0.5), model, sides or Free(), {"v": v}, **options)
+
+
+@pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
+@pytest.mark.parametrize("held", [False, True], ids=["free", "fixed"])
+@pytest.mark.parametrize("shape", [(13, 19), (9, 7, 8)], ids=["2D", "3D"])
+def test_bonds_break_as_one_by_one(shape, held, nonlinear):
+    """Displacements to rounding and the same broken bonds after 40 steps; rows and planes that tiles do not divide."""
+    sim = shaken(shape, nonlinear, Fixed() if held else None, reach=1 if held and len(shape) == 3 else 2)
+    plain = PairByPair(sim, held)
+    for _ in range(40):
+        plain.step()
+    sim.step(40)
+    np.testing.assert_allclose(sim.fields["u"], plain.field, rtol=0, atol=1e-12 * np.abs(plain.field).max())
+    np.testing.assert_array_equal(sim._bonds_left(), plain.bonds_left)
+    assert sim.broken_bonds == (~plain.alive).sum() // 2 > 20
+
+
+@pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
+def test_periodic_box_is_the_same_wherever_it_is_cut(nonlinear):
+    """Bonds across periodic sides follow the law and break: a shifted start gives the shifted result, bit by bit."""
+    v = 0.03 * np.random.default_rng(2).standard_normal((2, 20, 24))
+    model = Elastic(Kernel(1.0, 1), 1.0, nonlinear=nonlinear, critical_stretch=0.04)
+    found = []
+    for shift in ((0, 0), (7, 5)):
+        sim = Simulation(lattice_of((20, 24), 0.5), model, Periodic(), {"v": np.roll(v, shift, (1, 2))})
+        sim.step(40)
+        found.append([np.roll(sim.fields[name], (-shift[0], -shift[1]), (-2, -1)) for name in ("u", "damage")])
+        assert sim.broken_bonds > 20
+    for one, two in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, two)
+
+
+@pytest.mark.parametrize("shape", [(210, 200), (36, 34, 35)], ids=["2D", "3D"])
+def test_threads_agree_to_the_last_bit(shape):
+    """Fields, damage and the books of energies; lattices large enough for two threads (40 000 nodes)."""
+    one, two = (shaken(shape, True, LatticePML(nodes=4), threads=n) for n in (1, 2))
+    for sim in (one, two):
+        sim.step(12)
+    assert one.broken_bonds > 1000
+    for name in ("u", "damage"):
+        np.testing.assert_array_equal(one.fields[name], two.fields[name])
+    assert one.energies() == two.energies()
+
+
+@pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
+def test_single_precision(nonlinear):
+    """A run without breaking to the precision of float32."""
+    runs = [shaken((17, 21), nonlinear, speed=0.003, dtype=real) for real in ("float64", "float32")]
+    for sim in runs:
+        sim.step(30)
+    u, v = (sim.fields["u"] for sim in runs)
+    np.testing.assert_allclose(v, u, rtol=0, atol=1e-4 * np.abs(u).max())
+    assert runs[0].broken_bonds == runs[1].broken_bonds == 0
+
+
+def test_a_plain_tile_and_one_looked_at_bond_by_bond_give_the_same():
+    """Whether a tile is plain is a matter of speed: all tiles made odd change nothing but rounding."""
+    one, two = (shaken((30, 41), True, speed=0.01) for _ in range(2))
+    two.engine._bonds.kinds[...] = 1
+    for sim in (one, two):
+        sim.step(40)
+    np.testing.assert_allclose(one.fields["u"], two.fields["u"], rtol=0, atol=1e-13)
+    assert (one.engine._bonds.kinds == 0).any()
+
+
+def test_masks_cost_a_word_of_bits_for_64_bonds():
+    """With 122 neighbours two words a node, beside three components of each of three levels; kinds of tiles and books a few per cent of that."""
+    model = Elastic(Kernel(3.0, 1, volume="full"), 1.0, nonlinear=True, critical_stretch=0.1)
+    sim = Simulation(lattice_of((20, 20, 20)), model, Free())
+    state, level = sim.engine.bond_state, sim.engine.levels[0].nbytes
+    assert len(sim.stencil.weights) == 122
+    assert state["bonds"].nbytes < 2 / 3 * level
+    assert sum(array.nbytes for array in state.values()) < 0.75 * level
+
+
+@pytest.mark.parametrize("shape", [(60, 150), (26, 57, 40)], ids=["2D", "3D"])
+def test_calm_pieces_are_swept_by_the_stencil(shape):
+    """Where the slopes bound every stretch below the critical one the linear law takes the plain stencil: with a bound of zero nothing but rounding
+    changes, and a start whose bonds break somewhere breaks the same ones."""
+    x = np.stack(np.meshgrid(*[np.arange(n) for n in shape], indexing="ij"))
+    bump = np.exp(-sum((c - n / 3) ** 2 for c, n in zip(x, shape, strict=True)) / 20)
+    model = Elastic(Kernel(1.0, 1), 1.0, critical_stretch=0.05)
+    runs = [Simulation(lattice_of(shape, 0.5), model, Free(), {"v": np.stack([0.4 * bump] * len(shape))}, threads=1) for _ in range(2)]
+    runs[1].engine._bonds.limit[1] = 0
+    for sim in runs:
+        sim.step(25)
+    one, two = (sim.fields for sim in runs)
+    np.testing.assert_allclose(one["u"], two["u"], rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(one["damage"], two["damage"])
+    assert 0 < runs[0].broken_bonds
+    assert (one["u"] != two["u"]).any()  # the two ways are not the same

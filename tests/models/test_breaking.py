@@ -1,0 +1,338 @@
+"""Bonds that are nonlinear or break: invariants of the law, fracture energy, energies, cracks that run, layers, checkpoints, bad input."""
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.cracks import fracture_energy
+from farhorizon.results import ResultsWriter, open_results
+from helpers import fitted_rate, lattice_of
+
+LAWS = {"linear": False, "nonlinear": True}
+SIDES = {"free": fh.Free(), "fixed": fh.Fixed()}
+
+
+def material(spacing=0.5, reach=2, **options):
+    return fh.Elastic(fh.Kernel(reach * spacing, 1), 1.0, **options)
+
+
+def forces(model, u, spacing=0.5):
+    """Acceleration of a free body whose nodes have moved by u."""
+    sim = fh.Simulation(lattice_of(u.shape[1:], spacing), model, fh.Free(), {"u": u})
+    return sim.engine.core.view(sim.engine.apply(sim.engine.current)).reshape(u.shape)
+
+
+def positions(shape, spacing=0.5):
+    return np.stack(lattice_of(shape, spacing).coordinates())
+
+
+# --- the law ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shape", [(12, 11), (8, 7, 9)], ids=["2D", "3D"])
+def test_small_strains_are_linear(shape):
+    """The force differs from the stencil's by the square of the strain."""
+    u = np.random.default_rng(1).standard_normal((len(shape), *shape))
+    strains = np.array([1e-2, 1e-3, 1e-4])
+    errors = [np.abs(forces(material(nonlinear=True), a * u) - forces(material(), a * u)).max() for a in strains]
+    assert fitted_rate(strains, errors) == pytest.approx(2, abs=0.02)
+
+
+@pytest.mark.parametrize("shape", [(12, 11), (8, 7, 9)], ids=["2D", "3D"])
+def test_a_large_rotation_costs_no_force(shape):
+    """By 40 degrees about the last axis (z in space), to rounding; the linear law resists."""
+    x = positions(shape)
+    turn = np.eye(len(shape))
+    turn[:2, :2] = [[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]]
+    u = np.tensordot(turn, x, 1) - x
+    assert np.abs(forces(material(nonlinear=True), u)).max() < 1e-13 * np.abs(forces(material(), u)).max()
+
+
+@pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
+@pytest.mark.parametrize("shape", [(12, 11), (8, 7, 9)], ids=["2D", "3D"])
+def test_a_uniform_stretch_breaks_no_bond_below_the_critical_one(shape, nonlinear):
+    x, model = positions(shape), material(nonlinear=nonlinear, critical_stretch=0.01)
+    sim = fh.Simulation(lattice_of(shape, 0.5), model, fh.Free(), {"u": 0.9999 * 0.01 * x})
+    sim.step()
+    assert sim.broken_bonds == 0
+    with pytest.raises(fh.InputError, match="stretch bonds beyond the critical stretch"):
+        fh.Simulation(lattice_of(shape, 0.5), model, fh.Free(), {"u": 1.0001 * 0.01 * x})
+
+
+@pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
+def test_a_bar_in_tension_breaks_at_the_critical_stretch(nonlinear):
+    """Pulled apart at a constant rate of strain, which the middle does not know to be slowing at the ends: bonds along x break, all at once."""
+    rate, critical = 0.002, 0.01
+    lattice = fh.Lattice(0.5, (-10.0, -2.0), (10.0, 2.0))
+    model = material(nonlinear=nonlinear, critical_stretch=critical)
+    sides = {"x": fh.Free(), "y": fh.Periodic()}
+    sim = fh.Simulation(lattice, model, sides, {"v": lambda x, y: [rate * x, 0 * y]})
+    middle = np.abs(lattice.axes[0]) < 10 - 1.0 - model.p_speed * critical / rate  # within the sound cone, a reach of 1 inside
+    assert middle.sum() > 5
+    last = int(np.floor(critical / rate / sim.dt))
+    sim.step(last)  # the force of this step was that of the stretch one step earlier
+    assert sim.broken_bonds == 0
+    sim.step(2)
+    along = (sim.stencil.offsets[:, 1] == 0).sum()
+    np.testing.assert_allclose(sim.fields["damage"][middle], along / len(sim.stencil.weights))
+
+
+@pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
+def test_momentum_stays_while_bonds_break_for_good(nonlinear):
+    """The damage never falls anywhere."""
+    shape = (26, 23)
+    v = 0.03 * np.random.default_rng(3).standard_normal((2, *shape))
+    sim = fh.Simulation(lattice_of(shape, 0.5), material(nonlinear=nonlinear, critical_stretch=0.03), fh.Free(), {"v": v})
+    before, momentum = sim.fields["damage"], v.sum((1, 2))
+    for _ in range(20):
+        sim.step(5)
+        assert (sim.fields["damage"] >= before).all()
+        before = sim.fields["damage"]
+        np.testing.assert_allclose(sim.fields["v"].sum((1, 2)), momentum, rtol=0, atol=1e-12 * np.abs(v).sum())
+    assert sim.broken_bonds > 100
+
+
+# --- fracture energy -------------------------------------------------------------------------------------------
+
+#: Critical stretch for unit fracture energy, Young's modulus and horizon: Silling and Askari (2005), eq 26, with K = 2E/3 in space; the plane by
+#: the same integral over bonds across a line, with micromoduli 9E/(pi h^3) (stress) and 48E/(5 pi h^3) (strain) of Gerstle et al. (2005).
+CLOSED_FORMS = {
+    "space": (3, None, np.sqrt(5 / 6)),
+    "plane stress": (2, "stress", np.sqrt(4 * np.pi / 9)),
+    "plane strain": (2, "strain", np.sqrt(5 * np.pi / 12)),
+}
+
+
+@pytest.mark.parametrize(("dim", "plane", "factor"), CLOSED_FORMS.values(), ids=CLOSED_FORMS)
+def test_critical_stretch_of_a_fracture_energy(dim, plane, factor):
+    """That of the lattice tends to the closed form of the continuum; E = 3, horizon = 2, G = 1e-4."""
+    reaches = (2, 4, 8) if dim == 3 else (3, 6, 12)
+    exact = factor * np.sqrt(1e-4 / (3 * 2))
+    found = [fh.Elastic(fh.Kernel(2.0, 1), 3.0, plane=plane, fracture_energy=1e-4).critical_stretch_on(2.0 / m, dim) for m in reaches]
+    errors = np.abs(np.array(found) / exact - 1)
+    assert (np.diff(errors) < 0).all() and errors[-1] < 0.01
+
+
+def energy_across(sim):
+    """Energy that the bonds across a line y = const take with them at the critical stretch, a unit of its length."""
+    xi = sim.lattice.spacing * sim.stencil.offsets
+    c = sim.model.bond_stiffness(sim.stencil, sim.lattice.spacing)
+    up = xi[:, 1] > 0
+    return 0.5 * sim.model.critical_stretch**2 * (c * xi[:, 1] * (xi**2).sum(1))[up].sum()
+
+
+@pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
+def test_a_straight_crack_spends_its_fracture_energy(nonlinear):
+    """A notched strip, pulled slowly at its edges: the crack runs straight, slower than surface waves, and spends what bonds across its plane hold.
+
+    Within 6 % of that: bonds break one step beyond the critical stretch, by up to some per cent of it, and some beside the plane break, too. The mean
+    over all directions, by which a fracture energy is turned into a stretch, is 3 % larger than that along an axis of this lattice.
+    """
+    dx, half, edge = 0.5, 20.0, 7.75
+    lattice = fh.Lattice(dx, (-half, -edge), (half, edge))
+    y = lattice.coordinates()[1]
+    pull = np.stack([0 * y, np.sign(y) * (np.abs(y) > edge - 0.1 * dx)]) * 0.0012 / dx
+    model = material(nonlinear=nonlinear, critical_stretch=0.01)
+    sim = fh.Simulation(lattice, model, fh.Free(), sources=[fh.Source(pull, lambda t: min(t / 40, 1.0))], cracks=[[[-half - 1, 0], [-half / 2, 0]]])
+    rows = []
+    for t in np.arange(40.0, 90.0):
+        sim.run(t, progress=False)
+        damage = sim.fields["damage"][:, lattice.shape[1] // 2]
+        rows.append((t, lattice.axes[0][damage > 0.3].max(), sim.energies()["broken"]))
+    t, tip, spent = np.array(rows).T
+    running = (tip > -9) & (tip < -2)  # beyond the notch, before the crack feels the far end
+    assert running.sum() > 10
+    speed, toughness = np.polyfit(t[running], tip[running], 1)[0], np.polyfit(tip[running], spent[running], 1)[0]
+    assert 0.2 * model.s_speed < speed < 0.919 * model.s_speed  # Rayleigh's speed for Poisson's ratio 1/4: 0.9194 that of S waves
+    assert toughness == pytest.approx(energy_across(sim), rel=0.06)
+    xi, c = dx * sim.stencil.offsets, model.bond_stiffness(sim.stencil, dx)
+    assert fracture_energy(xi, c, 0.01) == pytest.approx(energy_across(sim), rel=0.03)
+    touched = (sim.fields["damage"][(lattice.axes[0] > -9) & (lattice.axes[0] < -2)] > 0).any(0)
+    assert touched.sum() == 2 * sim.stencil.reach[1]  # one reach on either side of the plane
+
+
+# --- energies --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
+@pytest.mark.parametrize("side", SIDES.values(), ids=SIDES)
+@pytest.mark.parametrize("dim", [2, 3])
+def test_energies_add_up(dim, side, nonlinear):
+    """A blast breaks bonds in a closed box with a crack: exactly for the linear law, but for what a load that is not zero at the start did before."""
+    half = 8.0 if dim == 2 else 4.0
+    lattice = fh.Lattice(0.5, (-half,) * dim, (half,) * dim)
+    x = np.stack(lattice.coordinates())
+    blast = fh.Source(0.15 * x * np.exp(-(x**2).sum(0)), lambda t: np.exp(-((t - 4) ** 2)))
+    crack = fh.Polyline([[-4, 0.3], [4, 0.3]]) if dim == 2 else fh.Rectangle([-2, -2, 0.3], [4, 0, 0], [0, 4, 0])
+    model = material(nonlinear=nonlinear, critical_stretch=0.02)
+    sim = fh.Simulation(lattice, model, side, sources=[blast], cracks=[crack], balance=True)
+    for t in (4.0, 8.0, 16.0):
+        sim.run(t, progress=False)
+        found = sim.balance()
+        assert abs(found["lost"]) < (0.01 if nonlinear else 1e-6) * found["work"]
+    assert sim.broken_bonds > 50
+    assert found["broken"] > 0.05 * found["work"]
+
+
+def test_a_crack_that_opens_later_takes_its_energy_along():
+    """Opened under load it is in the balance; before, no bond is cut."""
+    lattice = fh.Lattice(0.5, (-8.0, -8.0), (8.0, 8.0))
+    model = material(nonlinear=True)
+    sim = fh.Simulation(lattice, model, fh.Free(), {"v": lambda x, y: [0 * x, 0.01 * y]}, cracks=[fh.Crack([[-4, 0.25], [4, 0.25]], opens=4.0)],
+                        balance=True)  # fmt: skip
+    sim.run(3.9, progress=False)
+    assert not sim.fields["damage"].any()
+    sim.run(6.0, progress=False)
+    found = sim.balance()
+    assert sim.fields["damage"].max() > 0.3
+    assert found["broken"] > 0.01 * found["strain"]
+    assert abs(found["lost"]) < 0.01 * found["broken"]
+
+
+def test_energy_that_leaves_is_lost():
+    """Through layers nearly all of it."""
+    lattice = fh.Lattice(0.5, (-8.0, -8.0), (8.0, 8.0))
+    u = np.stack([x * np.exp(-sum(c**2 for c in lattice.coordinates()) / 4) for x in lattice.coordinates()])
+    sim = fh.Simulation(lattice, material(nonlinear=True), fh.LatticePML(nodes=16), {"u": 1e-3 * u}, balance=True)
+    start = sim.energy()
+    sim.run(60.0, progress=False)
+    assert sim.balance()["lost"] == pytest.approx(start, rel=1e-4)
+
+
+# --- layers, cracks and notes ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
+def test_weak_waves_leave_as_those_of_the_stencil(nonlinear):
+    """Without a stretch that matters the run is that of the linear medium with its layers, up to the square of the strain."""
+    lattice = fh.Lattice(0.5, (-8.0, -8.0), (8.0, 8.0))
+    start = {"u": lambda x, y: [1e-8 * np.exp(-(x**2) - (y - 1) ** 2), -2e-8 * np.exp(-(x**2 + y**2) / 2)]}
+    crack = [[[-3.0, 0.2], [2.0, -1.1]]]
+    runs = [fh.Simulation(lattice, m, fh.LatticePML(nodes=10), start, cracks=crack)
+            for m in (material(), material(nonlinear=nonlinear, critical_stretch=0.1))]  # fmt: skip
+    for sim in runs:
+        sim.run(20.0, progress=False)
+    one, two = (sim.fields["u"] for sim in runs)
+    assert np.abs(one - two).max() < 1e-7 * np.abs(runs[0].start_u).max()  # strain 1e-8 times the number of wavelengths
+
+
+@pytest.mark.parametrize("side", [fh.LatticePML(nodes=8), fh.Fixed(), fh.Sponge(nodes=20)], ids=["layer", "fixed", "sponge"])
+def test_no_bond_breaks_within_one_reach_of_a_side_that_is_not_free(side):
+    """A blast that shatters all else."""
+    lattice = fh.Lattice(0.5, (-5.0, -5.0), (5.0, 5.0))
+    x = np.stack(lattice.coordinates())
+    sim = fh.Simulation(lattice, material(nonlinear=True, critical_stretch=0.001), side,
+                        sources=[fh.Source(0.05 * x * np.exp(-((x**2).sum(0)) / 4), lambda t: t * np.exp(-t))])  # fmt: skip
+    sim.run(30.0, progress=False)
+    damage, m = sim.fields["damage"], sim.stencil.reach[0]
+    assert damage[m:-m, m:-m].max() > 0.9
+    for axis in (0, 1):
+        assert not np.take(damage, [*range(m), *range(-m, 0)], axis).any()
+
+
+def test_a_crack_that_isolates_nodes_is_allowed_and_said():
+    ring = [[-0.25, -0.25], [0.25, -0.25], [0.25, 0.25], [-0.25, 0.25], [-0.25, -0.25]]
+    sim = fh.Simulation(fh.Lattice(0.5, (-5.0, -5.0), (5.0, 5.0)), material(nonlinear=True), fh.LatticePML(), cracks=[ring])
+    assert "cracks leave 1 nodes without any bond: they move freely" in sim.notes
+    assert sim.fields["damage"][10, 10] == 1
+
+
+def test_a_body_with_a_hole_is_whole_at_its_rim():
+    """Bonds that a hole or a free side does not have are no damage."""
+    lattice = fh.Lattice(0.5, (-5.0, -5.0), (5.0, 5.0), body=fh.Box((-5, -5), (5, 5)) - fh.Disc(1.6))
+    sim = fh.Simulation(lattice, material(critical_stretch=0.1), {"x": fh.LatticePML(nodes=6), "y": fh.Free()}, cracks=[[[2.1, 0.2], [3.4, 0.2]]])
+    damage = sim.fields["damage"]
+    assert np.isnan(damage[10, 10])
+    np.testing.assert_array_equal(damage[:, 0], 0)
+    assert damage[16, 10] > 0.3
+
+
+def test_certificate_and_report_are_of_the_linear_form():
+    sim = fh.Simulation(fh.Lattice(0.5, (-5.0, -5.0), (5.0, 5.0)), material(nonlinear=True, critical_stretch=0.02), fh.Free(), balance=True)
+    certificate = sim.certificate()
+    assert certificate.verdict == "certified" and certificate.reason.endswith("that of the linear form, in which no bond breaks")
+    assert "nonlinear, break at a stretch of 0.02" in str(sim.check(1.0))
+
+
+@pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
+def test_a_restored_run_goes_on_bit_by_bit(nonlinear, tmp_path):
+    """With broken bonds, a crack that has opened meanwhile, and the books."""
+
+    def make():
+        v = 0.03 * np.random.default_rng(3).standard_normal((2, 26, 23))
+        v[:, :4], v[:, -4:], v[..., :4], v[..., -4:] = 0, 0, 0, 0
+        return fh.Simulation(lattice_of((26, 23), 0.5), material(nonlinear=nonlinear, critical_stretch=0.03), fh.LatticePML(nodes=6), {"v": v},
+                             sources=[[fh.Expression("0.001*sin(t)*exp(-(x-6)**2-(y-6)**2)", 2)] * 2],
+                             cracks=[fh.Crack([[3.0, 4.2], [7.0, 4.2]], opens=1.0)], balance=True)  # fmt: skip
+
+    whole, first = make(), make()
+    whole.step(40)
+    first.step(25)
+    assert 0 < first.broken_bonds < whole.broken_bonds
+    first.save(tmp_path / "state")
+    second = fh.Simulation.restore(tmp_path / "state")
+    second.step(15)
+    for name in ("u", "v", "damage"):
+        np.testing.assert_array_equal(second.fields[name], whole.fields[name])
+    assert second.balance() == whole.balance()
+
+
+def test_results_hold_vectors_and_the_damage(tmp_path):
+    """The damage as a scalar beside the displacement, in 2D and 3D."""
+    for dim in (2, 3):
+        shape = (7, 6, 8)[:dim]
+        damage, u = np.random.default_rng(0).random(shape), np.random.default_rng(1).random((dim, *shape))
+        writer = ResultsWriter.create(tmp_path / f"{dim}.h5", dim=dim, shape=shape, spacing=0.5, lower=(0.0,) * dim, fields=("u", "damage"),
+                                      dtype="float64", components=dim, scalars=("damage",))  # fmt: skip
+        writer.append(0, 0.0, {"u": u, "damage": damage})
+        ResultsWriter(tmp_path / f"{dim}.h5").append(1, 0.5, {"u": 2 * u, "damage": damage})
+        found = open_results(tmp_path / f"{dim}.h5")
+        assert found.vectors == {"u"}
+        np.testing.assert_array_equal(found.field("damage", 1), damage)
+        np.testing.assert_array_equal(found.field("u", 1), 2 * u)
+        data = found.to_xarray()
+        assert data["damage"].dims == ("time", *"xyz"[:dim]) and data["u"].dims == ("time", "component", *"xyz"[:dim])
+        with pytest.raises(fh.InputError, match="'damage' has not the lattice shape"):
+            writer.append(2, 1.0, {"u": u, "damage": u})
+
+
+# --- bad input -------------------------------------------------------------------------------------------------
+
+BOX = fh.Lattice(0.5, (-5.0, -5.0), (5.0, 5.0))
+BREAKING = {"critical_stretch": 0.01}
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"critical_stretch": 0.0}, "critical_stretch: must be finite and positive"),
+        ({"critical_stretch": np.nan}, "critical_stretch"),
+        ({"fracture_energy": -1.0}, "fracture_energy: must be finite and positive"),
+        ({"critical_stretch": 0.01, "fracture_energy": 1.0}, "two names of one thing"),
+        ({"nonlinear": True, "material": "state-based", "poisson": 0.3}, "only bonds of a bond-based material"),
+        ({"critical_stretch": 0.01, "material": "correspondence", "poisson": 0.3}, "only bonds of a bond-based material"),
+    ],
+)
+def test_impossible_materials(options, message):
+    with pytest.raises(fh.InputError, match=message):
+        material(**options)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"coefficient": np.ones(BOX.shape)}, "alike everywhere"),
+        ({"cracks": [fh.Crack([[-1, 0.2], [1, 0.2]], factor=0.5)]}, "whole or cut"),
+        ({"lattice": fh.Lattice(0.5, (-5, -5), (5, 5), body=fh.Disc(4.0)), "rim": "fixed"}, "no fixed rim"),
+        ({"sources": [fh.Source(np.full((2, *BOX.shape), 1.0))]}, "far below the first strain of the load"),
+    ],
+)
+def test_impossible_set_ups(options, message):
+    with pytest.raises(fh.InputError, match=message):
+        fh.Simulation(**{"lattice": BOX, "model": material(**BREAKING), "boundary": fh.Free(), **options})
+
+
+def test_a_load_that_breaks_bonds_at_once_is_noted():
+    force = 0.03 / 0.5 * material().p_modulus  # three times the critical stretch, over a layer of one node
+    sim = fh.Simulation(BOX, material(**BREAKING), fh.Free(), sources=[fh.Source(np.full((2, *BOX.shape), force))])
+    assert any("bonds break at once" in note for note in sim.notes)
