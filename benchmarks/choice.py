@@ -25,7 +25,7 @@ from farhorizon.report import content
 
 SEED, CASES, BETWEEN = 7, 100, 200
 FALLEN = 6.66  # exp(-(k width/2)^2) has fallen to 1.5e-5 at k = 6.66/width
-STEEP = 65.0, 80.0  # degrees: a pulse in the plane sends waves to the sides at such angles, which a smaller one would leave out
+STEEP = 60.0, 80.0  # degrees: a pulse in the plane sends waves to the sides at such angles, which a smaller one would leave out
 
 
 def random_setup(random: np.random.Generator) -> dict[str, Any]:

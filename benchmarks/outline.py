@@ -24,10 +24,10 @@ from common import interleaved, median, ratio, run_parts, steps, verdict
 import farhorizon as fh
 from farhorizon.boundaries import Boundary
 from farhorizon.engine import available_threads
-from farhorizon.models import ScalarModel
+from farhorizon.models import LatticeModel
 
 
-def simulation(lattice: fh.Lattice, model: ScalarModel, boundary: Boundary, threads: int = 1) -> fh.Simulation:
+def simulation(lattice: fh.Lattice, model: LatticeModel, boundary: Boundary, threads: int = 1) -> fh.Simulation:
     """Starts from noise, so that nothing becomes denormal; a tiny step, so that nothing overflows either."""
     sim = fh.Simulation(lattice, model, boundary, threads=threads, dt=1e-6)
     for level in range(model.order):
@@ -36,7 +36,7 @@ def simulation(lattice: fh.Lattice, model: ScalarModel, boundary: Boundary, thre
 
 
 def measure(
-    what: str, lattice: fh.Lattice, model: ScalarModel, conditions: Mapping[str, Boundary], repeats: int, target: str = "",
+    what: str, lattice: fh.Lattice, model: LatticeModel, conditions: Mapping[str, Boundary], repeats: int, target: str = "",
     threads: int = 1,
 ) -> list[dict[str, Any]]:  # fmt: skip
     """One row a condition; `target` names the one that must add at most one step."""

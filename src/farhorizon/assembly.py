@@ -39,7 +39,7 @@ from farhorizon.integrators import Euler, Verlet
 from farhorizon.kernel import Kernel
 from farhorizon.lattice import AXES, Lattice
 from farhorizon.machine import available_memory
-from farhorizon.models import Corrosion, Elastic, ScalarModel
+from farhorizon.models import Corrosion, Elastic, LatticeModel
 from farhorizon.shapes import Cut, Shape
 from farhorizon.sources import by_component, checked, field, magnitude, parts, split
 from farhorizon.specimens import Specimen, place
@@ -69,7 +69,7 @@ class Assembly:
     def __init__(
         self,
         lattice: Lattice,
-        model: ScalarModel,
+        model: LatticeModel,
         boundary: Boundary | Mapping[str, Boundary] | None,
         initial: Mapping[str, Any],
         sources: Sequence[Any],

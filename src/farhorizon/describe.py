@@ -19,7 +19,7 @@ from farhorizon.kernel import Kernel
 from farhorizon.lattice import Lattice
 from farhorizon.loads import BodyForce, Traction
 from farhorizon.models import Beam, Corrosion, Diffusion, Elastic, Heat, Wave
-from farhorizon.models.scalar import INTEGRATORS
+from farhorizon.models.model import INTEGRATORS
 from farhorizon.sources import Source
 from farhorizon.specimens import Specimen
 from farhorizon.stencil import Stencil

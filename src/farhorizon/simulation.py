@@ -21,7 +21,7 @@ from farhorizon.describe import describe, rebuild
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.integrators import stage_effects
 from farhorizon.lattice import AXES, Lattice
-from farhorizon.models import Corrosion, Elastic, ScalarModel
+from farhorizon.models import Corrosion, Elastic, LatticeModel
 from farhorizon.report import Report
 from farhorizon.results import read_checkpoint, write_checkpoint
 from farhorizon.run import Run
@@ -97,7 +97,7 @@ class Simulation(Assembly, Run):
     def __init__(
         self,
         lattice: Lattice,
-        model: ScalarModel,
+        model: LatticeModel,
         boundary: Boundary | Mapping[str, Boundary] | None = None,
         initial: Mapping[str, Any] | None = None,
         sources: Sequence[Any] = (),

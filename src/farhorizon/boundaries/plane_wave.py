@@ -19,7 +19,7 @@ from farhorizon.errors import InputError
 
 if TYPE_CHECKING:
     from farhorizon.boundaries.fringe import Fringe
-    from farhorizon.models import ScalarModel
+    from farhorizon.models import LatticeModel
 
 _CHOICES = {
     "fit": ("operator", "collocation"), "dispersion": ("discrete", "continuum", "taylor", "local"), "time": ("discrete", "continuous"),
@@ -213,7 +213,7 @@ class PlaneWave:
             regularization=4e-5 if operator and self.regularization is None else self.regularization, rcond=self.rcond,
         )  # fmt: skip
 
-    def step_limit(self, model: ScalarModel, spacing: float, dim: int) -> float:
+    def step_limit(self, model: LatticeModel, spacing: float, dim: int) -> float:
         """Step up to which fitted values are safe in diffusion: they act like a stencil over one spacing, whatever the model's own reaches."""
         return float("inf") if model.order == 2 else 0.75 * spacing**2 / (2 * dim * model.coefficient)
 

@@ -5,7 +5,7 @@ from farhorizon.models.corrosion import Corrosion
 from farhorizon.models.diffusion import Diffusion
 from farhorizon.models.elastic import Elastic
 from farhorizon.models.heat import Heat
-from farhorizon.models.scalar import ScalarModel
+from farhorizon.models.model import LatticeModel
 from farhorizon.models.wave import Wave
 
-__all__ = ["Beam", "Corrosion", "Diffusion", "Elastic", "Heat", "ScalarModel", "Wave"]
+__all__ = ["Beam", "Corrosion", "Diffusion", "Elastic", "Heat", "LatticeModel", "Wave"]

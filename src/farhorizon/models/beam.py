@@ -6,11 +6,11 @@ import numpy as np
 
 from farhorizon.errors import InputError
 from farhorizon.integrators import Verlet
-from farhorizon.models.scalar import ScalarModel, positive
+from farhorizon.models.model import LatticeModel, positive
 from farhorizon.stencil import Stencil
 
 
-class Beam(ScalarModel):
+class Beam(LatticeModel):
     r"""Semi-discrete Euler-Bernoulli beam, :math:`u_{tt} + 2 d\,u_t = -\beta\,u_{xxxx} + s`, by velocity Verlet; one dimension.
 
     The fourth difference is the stencil of reach 2 with the weights 4 and -1 over spacing^4. Its bonds cannot be cut or weakened one by one,

@@ -7,11 +7,11 @@ import numpy as np
 from farhorizon.errors import InputError
 from farhorizon.integrators import Integrator
 from farhorizon.kernel import Kernel
-from farhorizon.models.scalar import ScalarModel, first_order, positive
+from farhorizon.models.model import LatticeModel, first_order, positive
 from farhorizon.stencil import Stencil
 
 
-class Corrosion(ScalarModel):
+class Corrosion(LatticeModel):
     r"""Peridynamic corrosion: metal that dissolves into a liquid in which it diffuses, :math:`u_t = \int c\,(u' - u)\,dV'`.
 
     The field u is the concentration of the metal. Bonds between liquid nodes have the micro-diffusivity :math:`c` of the operator and the

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from farhorizon.integrators import Integrator
 from farhorizon.kernel import Kernel
-from farhorizon.models.scalar import ScalarModel, first_order, positive
+from farhorizon.models.model import LatticeModel, first_order, positive
 from farhorizon.stencil import Stencil
 
 
-class Diffusion(ScalarModel):
+class Diffusion(LatticeModel):
     r"""Peridynamic or classical diffusion, :math:`u_t = \chi^2 L u + s`.
 
     Parameters

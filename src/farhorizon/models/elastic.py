@@ -15,7 +15,7 @@ from farhorizon.cracks import fracture_energy as energy_of_fracture
 from farhorizon.errors import InputError
 from farhorizon.integrators import Verlet
 from farhorizon.kernel import Kernel
-from farhorizon.models.scalar import ScalarModel, positive
+from farhorizon.models.model import LatticeModel, positive
 from farhorizon.stencil import Stencil
 
 MATERIALS = ("bond-based", "state-based", "correspondence", "finite-element")
@@ -26,7 +26,7 @@ _CLOSE = 1e-6  # of Poisson's ratio
 Table = tuple[np.ndarray, np.ndarray]
 
 
-class Elastic(ScalarModel):
+class Elastic(LatticeModel):
     r"""Linear elastic waves, :math:`\rho\,(u_{tt} + 2 d\,u_t) = \int W(\xi)\,(u' - u)\,dV' + b`, by velocity Verlet, in two and three dimensions.
 
     Parameters

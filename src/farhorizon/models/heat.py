@@ -9,13 +9,13 @@ import numpy as np
 from farhorizon.errors import InputError
 from farhorizon.integrators import Integrator
 from farhorizon.kernel import Kernel
-from farhorizon.models.scalar import ScalarModel, first_order, positive
+from farhorizon.models.model import LatticeModel, first_order, positive
 from farhorizon.stencil import Stencil
 
 SELF_TERMS = ("centre", "neighbour", "none")
 
 
-class Heat(ScalarModel):
+class Heat(LatticeModel):
     r"""Peridynamic or classical heat conduction, :math:`\rho c\,T_t = \int k(r)\,\frac{T' - T}{r^2}\,dV' + w`.
 
     The field u is the temperature; sources are powers per volume w(x, t). Any consistent units.

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from farhorizon.integrators import Verlet
 from farhorizon.kernel import Kernel
-from farhorizon.models.scalar import ScalarModel, positive
+from farhorizon.models.model import LatticeModel, positive
 from farhorizon.stencil import Stencil
 
 
-class Wave(ScalarModel):
+class Wave(LatticeModel):
     r"""Peridynamic or classical scalar waves, :math:`u_{tt} + 2 d\,u_t = c^2 L u + s`, by velocity Verlet.
 
     Parameters

@@ -13,7 +13,7 @@ from farhorizon.kernel import Kernel
 from farhorizon.stencil import Stencil
 
 
-class ScalarModel:
+class LatticeModel:
     """A linear model of one field u, a scalar unless its stencil has matrices, whose operator is ``coefficient * L``.
 
     Attributes
