@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from farhorizon import Diffusion, Disc, Expression, Free, InputError, Lattice, LatticePML, Simulation, Source, Wave
+from farhorizon import Diffusion, Disc, Elastic, Expression, Free, InputError, Kernel, Lattice, LatticePML, Simulation, Source, Wave
 from farhorizon.sources import checked, split
 from helpers import kernel_stencil, lattice_of
 
@@ -130,3 +130,14 @@ def test_values_outside_a_window_are_zero_where_not_finite():
     lattice = Lattice(0.5, window=Disc(4))
     values = checked(np.where(lattice.mask, 1.0, np.nan), lattice)
     np.testing.assert_array_equal(values, lattice.mask)
+
+
+def test_a_component_left_at_zero_is_no_source():
+    """Neither a note nor a part of the run; all of them at zero get the note."""
+    lattice = Lattice(1.0, (-6, -6), (6, 6))
+    model = Elastic(Kernel(1.5), young=1.0)
+    push = Expression("exp(-x**2-y**2)", 2)
+    for nothing in (0.0, 0, Expression("0", 2)):
+        sim = Simulation(lattice, model, sources=[[nothing, push]])
+        assert len(sim.sources) == 1 and not any("zero on every node" in note for note in sim.notes)
+        assert any("zero on every node" in note for note in Simulation(lattice, model, sources=[[nothing, nothing]]).notes)

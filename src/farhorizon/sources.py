@@ -76,7 +76,14 @@ def by_component(source: Any, lattice: Lattice, components: int) -> list[tuple[A
         raise InputError("a source of a vector field needs all components", value=len(value), limit=components, key="source")
     units = np.eye(components).reshape(components, components, *[1] * lattice.dim)
     found = [(Source(part, time), unit) for part, unit in zip(value, units, strict=True)]
-    return [pair for pair in found if not (np.isscalar(pair[0].value) and pair[0].value == 0)] or found  # a component left at zero is no source
+    return [pair for pair in found if not _is_zero(pair[0].value)] or found
+
+
+def _is_zero(value: Any) -> bool:
+    """Whether a component is left at zero: the number, or an expression that is nothing else."""
+    if isinstance(value, Expression):
+        return not (value.uses_space or value.uses_time) and not value(*[0.0] * value.dim).any()
+    return bool(np.isscalar(value)) and value == 0
 
 
 def field(value: Any, lattice: Lattice, components: int, key: str = "source") -> np.ndarray:
