@@ -28,12 +28,12 @@ from farhorizon.stencil import Stencil
 _TAPS = 17  # neighbours that a filter reads to either side along an axis, at least
 _TAPS_PER_REACH = 6  # and per node of the stencil's reach: wide stencils have longer backward waves, which take sharper filters
 _RESOLVED = 0.6  # share of the first backward wavenumber up to which waves are to pass unharmed
-_MARGIN = 1.5  # on the rate: between the wavenumbers that are looked at, and where waves stand nearly still (elastic elements), more is needed
+_MARGIN = 1.25  # on the rate: between the wavenumbers that are looked at more may be needed
 _PACE, _INNER, _SECOND = 1e-3, 0.2, 0.01  # waves that stand still: their group velocity, sine of their wavenumber, and growth over sigma that counts
 _SLOW = 1.7  # rate over sigma beyond which the shortest waves hardly move: 2 where they are at rest, much more if longer ones are, too
 _STILL = 50.0  # beyond that waves longer than two nodes are at rest
 _WHOLE = ((1.21, 2.5), (1.45, 20.0))  # of both: half passes at so many times the first backward wavenumber; rate over sigma
-_MOST = 1.0  # largest damping rate over sigma that is wanted: more of it reflects more, and where it is far more than needed it drives slow modes
+_MOST = 0.95  # largest damping rate over sigma that is wanted: the steepest filters need more, and let waves grow between those looked at
 
 
 @dataclass(frozen=True)
