@@ -327,7 +327,7 @@ def test_body_case():
         ('type = "nonlocal-pml", nodes = 8, cross = 0.1', 'type = "lattice-pml"', "not a boundary that serves here"),
         ('side = "y+"', 'side = "x+"', "a traction acts on a free side"),
         ("between = [[-5.0, 5.0]]", "between = [[-5.0, 50.0]]", "beyond the near field"),
-        ('time = "min(t/10, 1)"', 'time = "x*t"', "load\\[0\\].time: the factor of a load depends on t alone"),
+        ('time = "min(t/10, 1)"', 'time = "x*t"', "load\\[0\\].time: there is no x in a function of t alone; remedy: use t"),
         ('time = "min(t/10, 1)"', 'tme = "t"', "did you mean 'time'"),
         ('value = ["1e-5*exp(-x**2)", 0.0]', "value = [0.0]", "load\\[1\\].value: not as many entries"),
         ('u = ["1e-4*exp(-(x**2+(y+8)**2)/8)", 0.0]', 'u = "x"', "initial.u: needs one component an axis"),

@@ -521,6 +521,14 @@ class Case:
             return [self._entry(part, f"{key}[{i}]") for i, part in enumerate(value)]
         return self._entry(value, key)
 
+    @staticmethod
+    def _of_time(value: str | float, key: str) -> fh.Expression:
+        """A function of t alone."""
+        try:
+            return fh.Expression(str(value), 0)
+        except InputError as error:
+            raise InputError(f"{key}: {error}; value: {value!r}") from None
+
     def _entry(self, value: str | float, key: str) -> Any:
         if not isinstance(value, str):
             return value
@@ -573,10 +581,7 @@ class Case:
         }  # fmt: skip
 
     def _incident(self, part: IncidentPart) -> fh.IncidentWave:
-        try:
-            signal = fh.Expression(part.signal, 0)
-        except InputError as error:
-            raise InputError(f"incident.signal: {error}; value: {part.signal!r}") from None
+        signal = self._of_time(part.signal, "incident.signal")
         within = None if part.within is None else fh.Box(part.within.lower, part.within.upper)
         return fh.IncidentWave(part.direction, signal, part.duration, part.polarisation, within)
 
@@ -597,15 +602,11 @@ class Case:
         }  # fmt: skip
 
     def _load(self, part: TractionPart | BodyForcePart, key: str) -> fh.Traction | fh.BodyForce:
-        factor = self._entry(part.time, f"{key}.time")
-        if isinstance(factor, fh.Expression):
-            if factor.uses_space:
-                raise InputError("the factor of a load depends on t alone", value=part.time, key=f"{key}.time", remedy="put x, y and z into value")
-            expression, nowhere = factor, (0.0,) * self.lattice.dim
-            factor = lambda t: float(expression(*nowhere, t=t))  # noqa: E731
-        else:
-            constant = float(factor)
-            factor = None if constant == 1 else lambda t: constant
+        expression = self._of_time(part.time, f"{key}.time")
+
+        def factor(t: float) -> float:
+            return float(expression(t=t))
+
         if isinstance(part, TractionPart):
             return fh.Traction(part.side, part.value, part.between, factor)
         return fh.BodyForce(self._expression(part.value, f"{key}.value"), factor)

@@ -371,7 +371,8 @@ def _check_name(name: str, dim: int) -> None:
     if name in known:
         return
     if name in COORDINATES:
-        raise InputError(f"there is no {name} in {dim} dimensions", remedy=f"use {', '.join(variables)}")
+        where = f"in {dim} dimensions" if dim else "in a function of t alone"
+        raise InputError(f"there is no {name} {where}", remedy=f"use {', '.join(variables)}")
     if name in FUNCTIONS:
         raise InputError(f"the function {name} needs its arguments in brackets", remedy=f"write {name}(...)")
     raise InputError(f"unknown name {name!r} in the expression", remedy=_suggest(name, known))

@@ -42,13 +42,10 @@ def natural(engine):
 
 @pytest.mark.parametrize("whole", [False, True])
 @pytest.mark.parametrize("threads", [1, 2])
-@pytest.mark.parametrize("periodic", [False, True])
-@pytest.mark.parametrize("shape", [(9,), (7, 8), (6, 5, 7)])
+@pytest.mark.parametrize(("shape", "periodic"), [((9,), False), ((7, 8), False), ((7, 8), True), ((6, 5, 7), False), ((6, 5, 7), True)])
 def test_filter_is_the_matrix_it_is_said_to_be(shape, periodic, threads, whole):
     """A step with damping is one without, less D F D times the increments, or times both levels; F has the taps along each axis."""
     dim = len(shape)
-    if periodic and dim == 1:
-        pytest.skip("a line has no axis left for layers")
     sides = {axis: layer(whole=whole) for axis in "xyz"[:dim]}
     plain = {axis: layer(np.zeros(0)) for axis in "xyz"[:dim]}
     if periodic:
