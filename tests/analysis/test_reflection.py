@@ -167,7 +167,7 @@ def test_time_run(operator, nodes, rows, angle):
 BONDS, ELEMENTS = fh.Elastic(fh.Kernel(3.0, 1), 1.0), fh.Elastic(None, 1.0, 0.3, material="finite-element")
 PLASTIC = fh.Elastic(fh.Kernel(3.0, 0, "gaussian", volume="full"), 1.0, 0.3, material="correspondence", stabilisation=0.5)
 SOLIDS = [(BONDS, "P", 6, 20, 30), (ELEMENTS, "S", 6, 16, 25)]
-MORE_SOLIDS = [(BONDS, "S", 6, 12, 60), (PLASTIC, "P", 8, 12, 60), (BONDS, "P", 8, 12, 0), (ELEMENTS, "P", 8, 12, 75)]
+MORE_SOLIDS = [(BONDS, "S", 6, 12, 60), (PLASTIC, "P", 8, 14, 60), (BONDS, "P", 8, 12, 0), (ELEMENTS, "P", 8, 12, 75)]
 
 
 @pytest.mark.parametrize("model, incoming, nodes, rows, angle", [*SOLIDS, *(pytest.param(*m, marks=pytest.mark.slow) for m in MORE_SOLIDS)])

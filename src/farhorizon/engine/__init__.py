@@ -30,7 +30,7 @@ _ALONE = np.zeros(1, np.int64)  # what threads share when there is one
 RULES = ("both", "arithmetic", "harmonic", "phases")
 _SECOND_CACHE = 600_000  # bytes of the second cache that a part of the core may take
 _SET_BITS = np.array([number.bit_count() for number in range(256)], np.uint8)
-_PARALLEL_NODES = 40_000  # fewer nodes than this finish before a second thread has started
+_PARALLEL_NUMBERS = 40_000  # of the field, and a quarter of the layers' memory: fewer are through before a second thread is there
 
 
 Poles = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -122,7 +122,6 @@ class Engine:
         self.components = 1 if self.weights.ndim == 1 else self.weights.shape[1]
         self.layers = dict(layers)
         names = list(self.layers)
-        self.threads = threads if int(np.prod(core)) >= _PARALLEL_NODES else 1
         sides = {name: (self.layers[name].columns, i) for i, name in enumerate(names)}
         self.layout = Layout(tuple(core), self.offsets, sides, frozenset(periodic), self.components)
         self.core = self.layout.blocks[0, 0, 0]
@@ -135,6 +134,8 @@ class Engine:
         self.levels = _zeros(self.components * self.layout.size, self.dtype, stages.levels)
         self.slots = _zeros(self.components * self.layout.slots, self.dtype)
         self.memory = _zeros(self.components * (self.layout.memory if self.remember else LINES), self.dtype)
+        numbers = self.components * int(np.prod(core)) + (self.memory.size // 4 if self.remember else 0)
+        self.threads = threads if numbers >= _PARALLEL_NUMBERS else 1
         self.phase, self.steps_done = 0, 0
         self._work = np.zeros((self.threads, (columns + 2) * (2 * max(self.layout.reach) + 1) * LINES), self.dtype)
         self._coefficient = np.ones(1, self.dtype)
