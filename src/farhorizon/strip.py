@@ -79,7 +79,6 @@ def plain_twin(sim: Simulation, lattice: Lattice | None = None, sides: Mapping[t
         "sources": (),
         "specimens": (),
         "dtype": "float64",
-        "threads": 1,
         "balance": False,
         "background": 0.0,
     }
@@ -180,7 +179,8 @@ class Strip:
             unit = np.zeros(self.state.size)
             unit[self.place[number, 0]] = 1
             responses[number] = self.state.after(unit)[self.place]
-        self._responses = responses.reshape(self.size, self.size, *shape[1:])
+        linked = responses.any(axis=-1)  # a step reaches few rows
+        self._links, self._responses = np.nonzero(linked), responses[linked].reshape(-1, *shape[1:])
         images = self._images
         if images is not None:
             some = self._summed(*np.linspace(0.7, 1.9, dim - 1))
@@ -198,7 +198,9 @@ class Strip:
             row = np.arange(total.shape[-1])
             phase = angle * np.where(row > len(row) // 2, row - len(row), row)
             total = total @ np.cos(phase) - 1j * (total @ np.sin(phase))
-        return total.T
+        matrix = np.zeros((self.size, self.size), complex)
+        matrix[self._links[::-1]] = total
+        return matrix
 
     def _filtered(self, matrix: np.ndarray, angles: np.ndarray) -> np.ndarray:
         """The map of a step followed by the filters of the layers, for levels u(n), u(n - 1)."""

@@ -97,7 +97,7 @@ def test_layers_are_swept_alike_with_and_without_compiled_rows(dim, monkeypatch)
 
 def test_two_threads_compute_what_one_does(monkeypatch):
     """Bit by bit, layers, periodic copies and damped nodes included."""
-    monkeypatch.setattr("farhorizon.engine._PARALLEL_NODES", 0)
+    monkeypatch.setattr("farhorizon.engine._PARALLEL_NUMBERS", 0)
     lattice = lattice_of((15, 40))
     runs = []
     for threads in (1, 2):
