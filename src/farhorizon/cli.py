@@ -204,11 +204,11 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _certified(sim: Any, until: float, allowed: bool) -> Any:
-    """The stability certificate, in at most half the time of the run or a second; refuses what grows unless that is allowed."""
+    """The stability certificate, in at most half the time of the run or two seconds; refuses what grows unless that is allowed."""
     from farhorizon.certificate import CERTIFIED, NOT_CERTIFIED, UNDECIDED
     from farhorizon.errors import InputError
 
-    certificate = sim.certificate(max(1.0, 0.5 * sim.seconds_per_step() * until / sim.dt))
+    certificate = sim.certificate(max(2.0, 0.5 * sim.seconds_per_step() * until / sim.dt))
     if certificate.verdict == NOT_CERTIFIED and not allowed:
         raise InputError("the run is not stable", value=certificate.reason, limit="1e-10 per unit time",
                          remedy="see the warnings of farhorizon check, or run it with --allow-unstable")  # fmt: skip

@@ -38,13 +38,14 @@ def test_closed_form_is_what_the_half_infinite_problem_gives(dim, reach, exponen
 
 @pytest.mark.parametrize("reach, target, angle", [(1, 1e-6, 75), (3, 1e-4, 60), (4, 1e-5, 45)])
 def test_no_thinner_layer_of_the_family(reach, target, angle):
-    """One node less, and no profile meets the target; the choice itself does, between the waves that it looked at, too."""
+    """Less the tenth to spare and one node, and no profile meets the target; the choice itself does, between the waves that it looked at, too."""
     stencil = fh.Stencil.from_kernel(fh.Kernel(float(reach)), 1.0, 2)
     dt = 0.5 * fh.Simulation(box(2 * reach + 3, 2 * reach + 3), fh.Wave(stencil)).step_limit
     medium, damped = Medium(stencil, 1.0, 1.0, Recursion.of(fh.Wave(stencil).integrator, dt), dt), high_pass(stencil)
     found = choose(medium, target, (6.0, 50.0), angle)
     waves = sample(medium, (6.0, 50.0), angle)
-    assert all(worst(waves, p.layer(found.nodes - 1, 1.0, 1.0, damped)) > 0.8 * target for p in family(reach, 2, damped))
+    thinnest = next(n for n in range(found.nodes + 1) if n + n // 10 == found.nodes)
+    assert all(worst(waves, p.layer(thinnest - 1, 1.0, 1.0, damped)) > 0.8 * target for p in family(reach, 2, damped))
     random = np.random.default_rng(0)
     between = [medium.plane_wave(*at) for at in zip(random.uniform(6, 50, 50), random.uniform(0, angle, 50), strict=True)]
     assert worst(between, found.profile.layer(found.nodes, 1.0, 1.0, damped)) <= target

@@ -327,10 +327,11 @@ def test_layers_are_certified(name):
 @pytest.mark.parametrize(("nodes", "wanted"), [(10, 1e-5), (20, 1e-7)])
 @pytest.mark.parametrize("material", ["bond-based", "correspondence"])
 def test_layers_in_space(material, nodes, wanted):
-    """The bounds that are asked of ten and of twenty nodes."""
+    """The bounds that are asked of ten and of twenty nodes; certified, corners included."""
     options = {} if material == "bond-based" else {"poisson": 0.3, "material": material, "stabilisation": 0.5}
     kernel = PROFILE if material == "bond-based" else fh.Kernel(1.5)
     sim = fh.Simulation(box(9.0, 3), elastic(1.0, kernel, **options), fh.LatticePML(nodes=nodes), {"u": pulse(3, 1.9)})
+    assert sim.certificate(600.0).verdict == "certified"
     assert worst_error(sim, 9.0 / sim.model.p_speed * np.array([1.0, 2.0, 3.0, 4.0])) < wanted
 
 

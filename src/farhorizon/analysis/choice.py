@@ -28,6 +28,7 @@ _SHIFTS = (0.0, 0.5, 1.0)  # largest alpha, see `Profile`
 _WAVES, _ANGLES = 7, 6  # sample of the band and of the angles
 _BEYOND = (1.05, 1.3, 2.0)  # tangential over whole wavenumber of waves that die out towards a side and come back from it, too
 _MARGIN = 0.8  # of the target is aimed at: between the samples it can be a little more
+_SPARE = 10  # a layer gets one node more for every so many: a pulse holds some waves beyond the angle and the band
 _WEAK = 0.06  # damping rate over sigma up to which the damping is too weak to be felt on the ramps of stencils without backward waves
 _SOFT, _MORE = 4, 12  # power of the ramp of such a damping beside a steeper sigma, and how much more of it that takes near the entrance
 _DRIFT = (0.006, 0.03)  # alpha at the outer end in speed / spacing where waves are at rest, of two nodes or longer ones, too
@@ -167,7 +168,9 @@ def worst(waves: Sequence[Wave], layer: Layer, above: float = np.inf) -> float:
 
 @one_blas_thread()
 def choose(medium: Medium, target: float, band: tuple[float, float], angle: float) -> Choice:
-    """The thinnest layer of the family whose reflection stays below a target; of several, that which sends least of all other waves back.
+    """The thinnest layer of the family whose reflection stays below a target, and a tenth more of it for the waves that nobody asked for.
+
+    Of several that are as thin it is the one that sends least of all other waves back.
 
     Parameters
     ----------
@@ -204,13 +207,14 @@ def choose(medium: Medium, target: float, band: tuple[float, float], angle: floa
         raise InputError(f"no layer of up to {_MOST} nodes meets the target", value=target, key="boundary.target", limit=waves_text,
                          remedy="a smaller angle or a larger target")  # fmt: skip
     others = beyond(medium, band, angle) or waves
+    nodes = thinnest + thinnest // _SPARE
 
     def rest(profile: Profile) -> float:
-        tried = layer(profile, thinnest)
+        tried = layer(profile, nodes)
         return float(sum(np.log(max(layer_reflection(wave, tried), 1e-30)) for wave in others))
 
     best = min(found, key=rest)
-    return Choice(best, thinnest, worst(waves, layer(best, thinnest)))
+    return Choice(best, nodes, worst(waves, layer(best, nodes)))
 
 
 def _least(meets: Callable[[int], bool], first: int, most: int) -> int | None:
