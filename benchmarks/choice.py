@@ -62,7 +62,7 @@ def strong_damping(stencil: fh.Stencil) -> HighPass | None:
 def thinner(medium: Medium, target: float, waves: list[Wave], nodes: int) -> int:
     """The thinnest layer of a finer family that meets the target."""
     damped = high_pass(medium.stencil)
-    members = choice.family(medium.stencil.reach[0], medium.stencil.dim, damped)
+    members = choice.family(medium.stencil, damped)
     strengths, shifts = {p.strength for p in members}, {p.shift for p in members}
     powers, alphas = sorted({p.power for p in members}), np.linspace(0, max(shifts), 5 if max(shifts) else 1)
     stretches = np.geomspace(1, max(p.stretch for p in members), 4 if choice.weak(damped) else 1)

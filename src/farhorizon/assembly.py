@@ -227,8 +227,6 @@ class Assembly:
             key = f"boundary.{AXES[axis]}{'-+'[side > 0]}"
             if isinstance(boundary, Closing) or (isinstance(boundary, Fixed) and boundary.value != 0):
                 raise InputError(f"{name} has no such side", value=repr(boundary), limit="LatticePML, Sponge, Fixed(0), Free, Periodic", key=key)
-            if isinstance(boundary, LatticePML) and boundary.angle is not None:
-                raise InputError("layers are chosen by angle for scalar waves only", value=boundary.angle, key=key, remedy="target, or nodes")
 
     def _check_closing(self) -> None:
         """Conditions along an outline: integrators of one stage, windows closed by one condition all around."""
@@ -512,17 +510,27 @@ class Assembly:
 
     def _data_band(self, initial: Mapping[str, Any], sources: Sequence[Any], key: str) -> tuple[float, float]:
         """Shortest and longest wave of initial data and sources."""
-        fields = [np.zeros(self.lattice.shape)] * 2
-        for number, name in enumerate(("u", "v")):
-            fields[number] = field(initial.get(name, 0.0), self.lattice, 1, f"initial.{name}")
-        fields[0] = fields[0] - (self.background if "u" in initial else 0.0)
-        found = [None if isinstance(s, IncidentWave) else split(s, self.lattice)[0] for s in sources]
-        spaces = [f for f in found if f is not None]
-        waves = band([*fields, *spaces], self.lattice.spacing, [1, 0] + [0] * len(spaces)) if len(spaces) == len(found) else None
+        start = [
+            field(initial.get(name, np.zeros(self.field_shape)), self.lattice, self.stencil.components, f"initial.{name}") for name in ("u", "v")
+        ]
+        start[0] = start[0] - (self.background if "u" in initial else 0.0)
+        spaces = [space for source in sources for space in self._spaces(source)]
+        known = [(values, order) for values, order in zip([*start, *spaces], [1, 0] + [0] * len(spaces), strict=True) if values is not None]
+        scalars, orders = zip(*((part, order) for values, order in known for part in values.reshape(-1, *self.lattice.shape)), strict=True)
+        waves = band(scalars, self.lattice.spacing, orders) if all(space is not None for space in spaces) else None
         if waves is None:
             raise InputError("the wavelengths cannot be read from data and sources", key=key, remedy="give wavelengths = [shortest, longest]",
                              limit="initial data, or sources that split into space and time")  # fmt: skip
         return waves.shortest, waves.longest
+
+    def _spaces(self, source: Any) -> list[np.ndarray | None]:
+        """The functions of space in a source; None for what does not split into space and time."""
+        if isinstance(source, IncidentWave):
+            return [None]
+        components = self.stencil.components
+        return [
+            split(part, self.lattice, components if np.ndim(unit) == 0 else 1)[0] for part, unit in by_component(source, self.lattice, components)
+        ]
 
     def _depth(self) -> dict[tuple[int, int], int]:
         """Nodes beyond each absorbing side at which data and sources are looked at: its layer or sponge, or one reach if that is more.

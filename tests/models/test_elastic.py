@@ -405,7 +405,7 @@ SIMULATIONS = {
     "background": ({"background": 1.0}, "background of a vector field"),
     "fixed value": ({"boundary": fh.Fixed(2.0)}, "has no such side"),
     "published condition": ({"boundary": fh.Higdon()}, "has no such side"),
-    "angle": ({"boundary": fh.LatticePML(angle=60)}, "scalar waves only"),
+    "no wavelengths": ({"boundary": fh.LatticePML(angle=60)}, "wavelengths cannot be read"),
     "constraint": ({"constraints": [fh.Prescribed([[0.0, 0.0]], 1.0)]}, "for scalar fields"),
     "free sides of composites": ({"model": elastic(poisson=0.3, material="state-based"), "boundary": fh.Free()}, "no such side"),
     "cracks in composites": ({"model": elastic(poisson=0.3, material="correspondence"), "cracks": [[(0, 0.5), (2, 0.5)]]}, "cannot be cut"),

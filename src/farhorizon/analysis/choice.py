@@ -8,8 +8,9 @@ damps short waves its equations are solved, see `farhorizon.analysis.layer`.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,12 +20,14 @@ from farhorizon.analysis.short_waves import HighPass, high_pass
 from farhorizon.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.machine import one_blas_thread
+from farhorizon.stencil import Stencil
 
 _FIRST, _MOST = 8, 120  # nodes of a layer that are tried
 _SHIFT = 1e-3  # alpha in units of speed / spacing: bounds the drift at zero frequency; ten times as much spoils long waves
 _STRENGTHS = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)  # largest sigma in units of 2 speed / spacing: stronger, and waves near cut-off come back
 _STRETCHES = (1.0, 2.0, 4.0)  # largest kappa
 _SHIFTS = (0.0, 0.5, 1.0)  # largest alpha, see `Profile`
+_SHEAR = 0.1  # largest alpha of vectors, see `Profile`
 _WAVES, _ANGLES = 7, 6  # sample of the band and of the angles
 _BEYOND = (1.05, 1.3, 2.0)  # tangential over whole wavenumber of waves that die out towards a side and come back from it, too
 _MARGIN = 0.8  # of the target is aimed at: between the samples it can be a little more
@@ -117,16 +120,9 @@ class Choice:
 
 
 def layer_reflection(wave: Wave, layer: Layer) -> float:
-    """Reflected amplitude of a layer, exactly: in closed form where it does not damp short waves.
-
-    Parameters
-    ----------
-    wave : Wave
-        Of a scalar field.
-    layer : Layer
-    """
+    """Reflected amplitude of a layer, exactly, of all types together: of scalars in closed form where it does not damp short waves."""
     travels = wave.modes.travels
-    if layer.damping.size:
+    if layer.damping.size or wave.weights.ndim > 1:
         return float(np.linalg.norm(layer_amplitudes(wave, layer)[travels]))
     stretch = layer.kappa + layer.sigma / (wave.s + layer.alpha)
     modes = np.append(wave.modes.leaving, wave.modes.incoming)
@@ -139,16 +135,18 @@ def layer_reflection(wave: Wave, layer: Layer) -> float:
     return float(np.linalg.norm(back[travels] * np.exp(through[-1] - through[:-1][travels])))
 
 
-def family(reach: int, dim: int, damped: HighPass | None) -> list[Profile]:
+def family(stencil: Stencil, damped: HighPass | None) -> list[Profile]:
     """Profiles that are tried.
 
     A strong entrance makes wide stencils grow; alpha rises for waves along the side, which a line does not have. A strong damping of short waves
-    sends back what its ramp has of kinks and takes alpha's part, and a stretch kappa gains nothing beside it.
+    sends back what its ramp has of kinks and takes alpha's part, and a stretch kappa gains nothing beside it; that of
+    vectors needs a little alpha against long waves along two sides.
     """
+    reach, dim = stencil.reach[0], stencil.dim
     if not weak(damped):
         most, smooth = (2.0, True) if reach < 4 else (1.0, True) if reach < 5 else (0.7, False)
         powers = (3, 4, 5) if reach < 5 else (4, 5) if reach < 7 else (5,)
-        return [Profile(s, 1.0, p, smooth=smooth) for p in powers for s in _STRENGTHS if s <= most]
+        return [Profile(s, 1.0, p, _SHEAR * (stencil.components > 1), smooth) for p in powers for s in _STRENGTHS if s <= most]
     wide = reach > 3
     powers = (1, 2, 3) if not wide else (2, 3) if reach < 6 else (3,)
     most = 2.0 if not wide else 1.0 if reach < 8 else 0.5
@@ -194,7 +192,7 @@ def choose(medium: Medium, target: float, band: tuple[float, float], angle: floa
     def layer(profile: Profile, nodes: int) -> Layer:
         return profile.layer(nodes, medium.speed, medium.spacing, damped)
 
-    for profile in family(medium.stencil.reach[0], medium.stencil.dim, damped):
+    for profile in family(medium.stencil, damped):
         nodes = _least(lambda n: worst(waves, layer(profile, n), aim) <= aim, thinnest if found else _FIRST, thinnest)  # noqa: B023
         if nodes is None:
             continue
@@ -231,36 +229,53 @@ def _least(meets: Callable[[int], bool], first: int, most: int) -> int | None:
 
 
 def beyond(medium: Medium, band: tuple[float, float], angle: float) -> list[Wave]:
-    """Waves that a choice does not bound: under larger angles, and of larger tangential wavenumber than they can travel with. None on a line."""
+    """Waves that a choice does not bound: under larger angles, and, of scalars, of larger tangential wavenumber than they can travel with."""
     dim = medium.stencil.dim
     if dim == 1:
         return []
+    angles, wavelengths = ((2 * angle + 90) / 3, (angle + 180) / 3), np.geomspace(*band, 3)
+    if medium.stencil.components > 1:
+        return _plane_waves(medium, wavelengths, np.array(angles))
     found = []
-    for wavelength in np.geomspace(*band, 3):
+    for wavelength in wavelengths:
         number = 2 * np.pi / wavelength
         factor = factor_of_wave(-medium.rate * float(medium.stencil.symbol(number, *[0.0] * (dim - 1))), medium.recursion)
-        for share in (*np.sin(np.radians([(2 * angle + 90) / 3, (angle + 180) / 3])), *_BEYOND):
+        for share in (*np.sin(np.radians(angles)), *_BEYOND):
             if share * number < np.pi:
                 found.append(medium.wave([share * number, 0.0][: dim - 1], factor, np.exp(1j * number * np.sqrt(complex(1 - share**2)))))
     return found
 
 
 def sample(medium: Medium, band: tuple[float, float], angle: float) -> list[Wave]:
-    """Waves of a band and up to an angle; what does not come to the side is left out.
+    """Waves of a band and up to an angle, of all types; what does not come to the side is left out.
 
     Raises
     ------
     InputError
         None comes to the side.
     """
-    angles = np.linspace(0, angle, _ANGLES) if medium.stencil.dim > 1 else [0.0]
-    found = []
-    for wavelength in np.geomspace(*band, _WAVES):
-        for theta in angles:
-            try:
-                found.append(medium.plane_wave(float(wavelength), float(theta)))
-            except InputError:
-                continue
+    angles = np.linspace(0, angle, _ANGLES) if medium.stencil.dim > 1 else np.zeros(1)
+    found = _plane_waves(medium, np.geomspace(*band, _WAVES), angles)
     if not found:
         raise InputError("no wave of the band comes to the side", value=band, key="boundary.wavelengths")
     return found
+
+
+def _plane_waves(medium: Medium, wavelengths: np.ndarray, angles: np.ndarray) -> list[Wave]:
+    """Plane waves of all types that come to the side; of vectors in space along the first tangential axis and between both."""
+    components = medium.stencil.components
+    found = []
+    for wavelength, angle, azimuth, number in itertools.product(wavelengths, angles, (0.0, 45.0)[: max(1, components - 1)], range(components)):
+        try:
+            wave = medium.plane_wave(float(wavelength), float(angle), azimuth, number)
+        except InputError:
+            continue
+        found.append(wave if components == 1 else _up_to(wave, float(angles.max())))
+    return found
+
+
+def _up_to(wave: Wave, angle: float) -> Wave:
+    """A wave of which those of another type that leave under a larger angle do not count: an S wave near the critical one sends P along the side."""
+    normal = np.abs(np.angle(wave.modes.leaving))
+    counts = np.degrees(np.arctan2(np.linalg.norm(wave.along), normal)) <= angle + 1e-9
+    return replace(wave, modes=replace(wave.modes, travels=wave.modes.travels & counts))
