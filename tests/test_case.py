@@ -347,5 +347,5 @@ def test_bad_body_case(old, new, message):
 def test_what_a_body_is_not_for():
     with pytest.raises(fh.InputError, match=r"model\.type"):
         Case(BODY).simulation()
-    with pytest.raises(fh.InputError, match="loads act on a body"):
+    with pytest.raises(fh.InputError, match="loads act on an elastic medium"):
         Case(GOOD + '[[load]]\ntype = "body-force"\nvalue = [0.0, 0.0]\n')

@@ -318,7 +318,7 @@ class IncidentPart(_Part):
 
 
 class TractionPart(_Part):
-    """A force per area on a free side of a body."""
+    """A force per area on a free side of an elastic medium."""
 
     type: Literal["traction"]
     side: str
@@ -328,7 +328,7 @@ class TractionPart(_Part):
 
 
 class BodyForcePart(_Part):
-    """A force per volume on a body."""
+    """A force per volume on an elastic medium."""
 
     type: Literal["body-force"]
     value: list[str | Number]
@@ -564,8 +564,9 @@ class Case:
 
     def _setup(self) -> dict[str, Any]:
         parts = self.parts
-        if parts.load:
-            raise InputError("loads act on a body", key="load", remedy='model.type = "correspondence", or [[source]]')
+        if parts.load and not self.vector:
+            raise InputError("loads act on an elastic medium", value=parts.model.type, key="load", limit="elastic, correspondence",
+                             remedy="[[source]]")  # fmt: skip
         coefficient = None
         if parts.coefficient is not None:
             expression = self._expression(parts.coefficient, "coefficient")
@@ -577,6 +578,7 @@ class Case:
             "cracks": [self._crack(c) for c in parts.crack],
             "constraints": [self._constraint(c, f"constraint[{i}]") for i, c in enumerate(parts.constraint)],
             "coefficient": coefficient, "rule": parts.rule, "rim": parts.rim, "background": parts.background,
+            "loads": [self._load(load, f"load[{i}]") for i, load in enumerate(parts.load)],
             "balance": parts.output.balance, "dt": parts.run.dt, "dtype": parts.run.dtype, "threads": parts.run.threads,
         }  # fmt: skip
 

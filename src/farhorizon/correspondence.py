@@ -24,8 +24,8 @@ from farhorizon.engine import correspondence as engine
 from farhorizon.engine.threads import side_by_side
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.kernel import Kernel
-from farhorizon.lattice import AXES, Lattice
-from farhorizon.loads import BodyForce, Traction
+from farhorizon.lattice import Lattice
+from farhorizon.loads import BodyForce, Traction, force_density
 from farhorizon.report import Report
 from farhorizon.results import read_checkpoint, write_checkpoint
 from farhorizon.run import Run
@@ -248,13 +248,14 @@ class Body(Run):
         self._times: list[Callable[[float], float]] = []
         values = []
         for load in loads:
-            values.append(self._traction(load) if isinstance(load, Traction) else self._components(load.value, "load.value", False))
+            value = force_density(load, self.lattice, self.sides) if isinstance(load, Traction) else load.value
+            values.append(self._components(value, "load.value", False))
             self._times.append(load.time or steady)
         self._loads = np.zeros((len(values), self.dim, self._size))
         for flat, value in zip(self._loads, values, strict=True):
             self._view(flat)[(slice(None), *self._near_slices)] = value[(slice(None), *self._near_slices)] / self.density
 
-    def _components(self, values: Sequence[Any], key: str, beyond: bool) -> np.ndarray:
+    def _components(self, values: Sequence[Any] | np.ndarray, key: str, beyond: bool) -> np.ndarray:
         """A vector field on the box, shape (dim, three axes); functions reach into the layers if `beyond`."""
         if not isinstance(values, Sequence | np.ndarray) or isinstance(values, str) or len(values) != self.dim:
             given = len(values) if isinstance(values, Sequence | np.ndarray) else "one"
@@ -277,30 +278,6 @@ class Body(Run):
         if self.lattice.mask is not None:
             out *= self._exists()
         return out
-
-    def _traction(self, load: Traction) -> np.ndarray:
-        names = {AXES[a] + sign: (a, s) for a in range(self.dim) for sign, s in (("-", -1), ("+", 1))}
-        if load.side not in names:
-            raise InputError("unknown side", value=load.side, limit=", ".join(names), key="load.side")
-        axis, side = names[load.side]
-        if not isinstance(self.sides[axis, side], Free):
-            raise InputError("a traction acts on a free side", value=type(self.sides[axis, side]).__name__, key=f"load.{load.side}", remedy="Free()")
-        if len(load.value) != self.dim or not np.isfinite(load.value).all():
-            raise InputError("a traction needs one finite component an axis", value=list(load.value), key="load.value")
-        at = self.lattice.coordinates()
-        place = self.lattice.lower[axis] if side < 0 else self.lattice.upper[axis]
-        inside = np.abs(at[axis] - place) < 0.5 * self.lattice.spacing
-        others = [a for a in range(self.dim) if a != axis]
-        slack = 1e-9 * self.lattice.spacing
-        for a, (low, high) in zip(others, load.between if load.between is not None else [(-np.inf, np.inf)] * len(others), strict=True):
-            first, last = self.lattice.lower[a], self.lattice.upper[a]
-            if load.between is not None and not first - slack <= low <= high <= last + slack:
-                raise InputError("the traction reaches beyond the near field", value=(low, high), limit=(float(first), float(last)),
-                                 key=f"load.between ({AXES[a]})", remedy="a wider lattice or a narrower load")  # fmt: skip
-            inside &= (at[a] >= low - slack) & (at[a] <= high + slack)
-        if not inside.any():
-            raise InputError("the traction meets no node", value=load.between, key="load.between", remedy="a wider load")
-        return self._components([inside * component / self.lattice.spacing for component in load.value], "load.value", False)
 
     def _exists(self) -> np.ndarray:
         """Which nodes of the box are there; a body goes on along the normals into the layers."""

@@ -292,10 +292,13 @@ class Engine:
         functions = np.array(load_bonds(components, nonlinear, self.dtype.name), np.int64)
         limits = np.array([limit, (limit / 2 * spacing) ** 2], self.dtype)
         self._bonds = Bonds(functions, table, places, alive, kinds, zone.table(self.layout.reach), limits, nonlinear, np.zeros((*rows, 2)))
-        self._work_done = np.zeros(-(-components * int(np.prod(self.core.nodes)) // bond_laws.CHUNK))
         depths = self._sweeps[3]
         depths[0] = -(-depths[0] // bond_laws.CALM_ROWS) * bond_laws.CALM_ROWS
         self._find_kinds()
+
+    def record_work(self) -> None:
+        """From now on add up the work of the sources; the older level must outlive a step."""
+        self._work_done = np.zeros(-(-self.components * int(np.prod(self.core.nodes)) // bond_laws.CHUNK))
 
     @property
     def nonlinear(self) -> bool:
@@ -347,7 +350,8 @@ class Engine:
     @property
     def bond_state(self) -> dict[str, np.ndarray]:
         """What a checkpoint holds of the bonds: bits, kinds of tiles, and what has been added up of broken bonds and of work; they share memory."""
-        return {"bonds": self._bonds.alive, "kinds": self._bonds.kinds, "broken": self._bonds.book, "work": self._work_done}
+        bonds = {"bonds": self._bonds.alive, "kinds": self._bonds.kinds, "broken": self._bonds.book} if self.has_bonds else {}
+        return bonds | ({"work": self._work_done} if self._work_done.size else {})
 
     @property
     def broken(self) -> tuple[float, int]:
