@@ -93,7 +93,7 @@ class Assembly:
         self.lasting = isinstance(model, Elastic) and (model.bondwise or balance)
         self.sides = sides(LatticePML() if boundary is None else boundary, lattice.dim)
         self._check_model(cracks, coefficient, specimens, loads)
-        self._check_bonds(cracks, coefficient, rim)
+        self._check_bonds(cracks, rim)
         if dtype not in ("float64", "float32"):
             raise InputError("unknown number type", value=dtype, limit="float64, float32", key="dtype")
         if threads is not None and not 1 <= threads <= available_threads():
@@ -185,12 +185,10 @@ class Assembly:
         """Whether bonds of the near field follow a law of their own stretch, or break."""
         return isinstance(self.model, Elastic) and self.model.bondwise
 
-    def _check_bonds(self, cracks: Sequence[Any], coefficient: Any, rim: str) -> None:
+    def _check_bonds(self, cracks: Sequence[Any], rim: str) -> None:
         """What bonds that follow a law of their own stretch do not have."""
         if not self.bondwise:
             return
-        if coefficient is not None:
-            raise InputError("bonds that are nonlinear or break are alike everywhere", key="coefficient", remedy="leave it out")
         if rim == "fixed":
             raise InputError("bonds that are nonlinear or break have no fixed rim", value=rim, key="rim", remedy='rim="free", or Fixed sides')
         if any(isinstance(c, Crack) and c.factor for c in cracks):

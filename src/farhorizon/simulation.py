@@ -202,13 +202,15 @@ class Simulation(Assembly, Run):
         limit = self.model.critical_stretch_on(self.lattice.spacing, self.lattice.dim)
         if not np.isfinite(limit):
             return
+        factor = np.broadcast_to(1.0 if self._factor is None else self._factor, self.field_shape)
         strain = self.engine.largest_strain()
         stretch = float(np.sqrt(1 + strain) - 1 if self.model.nonlinear else strain / 2)
         if stretch > limit:
             raise InputError("the initial displacements stretch bonds beyond the critical stretch", value=f"{limit:.6g}", limit=f"> {stretch:.4g}",
                              key="model.critical_stretch", remedy="a smaller start, or cracks")  # fmt: skip
-        force = np.abs(self._source_now(0.0)).max(initial=0) / self.model.source_factor
-        strain = float(force) * self.lattice.spacing / self.model.p_modulus
+        force = np.abs(self._source_now(0.0)) / self.model.source_factor
+        strain = float(np.divide(force, factor, out=np.zeros_like(force), where=factor > 0).max(initial=0)) * self.lattice.spacing
+        strain /= self.model.p_modulus
         if strain > _SHATTERS * limit:
             raise InputError("the critical stretch is far below the first strain of the load, which would shatter what it meets",
                              value=f"{limit:.6g}", limit=f">= {strain / _SHATTERS:.3g}", key="model.critical_stretch",

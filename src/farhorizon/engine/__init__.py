@@ -271,7 +271,7 @@ class Engine:
         Parameters
         ----------
         stiffness : ndarray, shape (K,)
-            Force on a unit of mass over elongation, of each offset.
+            Force on a unit of mass over elongation, of each offset, without coefficients.
         spacing : float
             Of the nodes, in the unit of the field.
         zone : Zone
@@ -289,7 +289,8 @@ class Engine:
         alive[:, block.node_indices()] = all_bits(len(places))[:, None, None, None]
         rows = block.nodes[0], -(-block.nodes[1] // high)
         kinds = np.zeros((*rows, -(-(zone.end[2] - zone.first[2]) // LANES)), np.uint8)
-        functions = np.array(load_bonds(components, nonlinear, self.dtype.name), np.int64)
+        rule = RULES[self._rule] if self._coefficient.size > 1 else None
+        functions = np.array(load_bonds(components, nonlinear, self.dtype.name, rule), np.int64)
         limits = np.array([limit, (limit / 2 * spacing) ** 2], self.dtype)
         self._bonds = Bonds(functions, table, places, alive, kinds, zone.table(self.layout.reach), limits, nonlinear, np.zeros((*rows, 2)))
         depths = self._sweeps[3]
@@ -376,7 +377,8 @@ class Engine:
         """
         self.fill(self.current)
         bounds = np.array(first, np.int64), np.array(end, np.int64)
-        total = bond_laws.strain_energy(self.current, self.older, self._sweeps[1][0], *bounds, nodes, whole, self.components, self._bonds)
+        total = bond_laws.strain_energy(self.current, self.older, self._sweeps[1][0], *bounds, nodes, whole, self.components,
+                                        self._coefficient, self._rule, self._bonds)  # fmt: skip
         return float(total) / self.stages.numbers[0][2]
 
     def largest_strain(self) -> float:
