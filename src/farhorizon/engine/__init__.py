@@ -246,6 +246,8 @@ class Engine:
                     edge = 0 if side < 0 else -1
                     view = np.repeat(np.take(view, [edge], axis), block.slots.extent[axis], axis)
             block.slots.all(values)[...] = view
+        for block in self.layout.blocks.values():
+            values[block.node_indices()] = values[block.slot_indices()]
         return values
 
     # --- parts that may be set after construction --------------------------------------------------------------
