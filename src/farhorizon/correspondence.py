@@ -261,10 +261,11 @@ class Body(Run):
         self.lame, self.shear = lame_constants(young, poisson, self.dim, plane)
         self.density = density
         fast, slow = np.sqrt((self.lame + 2 * self.shear) / density), np.sqrt(self.shear / density)
+        self._fast = np.broadcast_to(fast, self.lattice.shape)
         self.fast, self.slow = float(np.max(fast)), float(np.max(slow))
         self._reference = float(np.max(density))
         self.varied = any(np.ndim(value) > 0 for value in (young, poisson, density))
-        place = int(np.argmax(np.broadcast_to(fast, self.lattice.shape)))
+        place = int(np.argmax(self._fast))
         shown = zip(given, (young, poisson, density), strict=True)
         self._fastest = {name: float(np.broadcast_to(value, self.lattice.shape).flat[place]) for name, value in shown}
         pull = self._stabilisation * (self.lame + 2 * self.shear)
@@ -521,7 +522,8 @@ class Body(Run):
         for (axis, side), b in self.sides.items():
             if not isinstance(b, NonlocalPML | Sponge):
                 continue
-            outwards = b.stretch(self.lattice.spacing, self.fast) if isinstance(b, NonlocalPML) else b.damping(2, self.fast**2, self.lattice.spacing)
+            fast = float(np.take(self._fast, 0 if side < 0 else -1, axis).max())
+            outwards = b.stretch(self.lattice.spacing, fast) if isinstance(b, NonlocalPML) else b.damping(2, fast**2, self.lattice.spacing)
             line = [1, 1, 1]
             line[lead + axis] = b.nodes
             part = [slice(None)] * 3
