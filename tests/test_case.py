@@ -216,12 +216,16 @@ balance = true
 """
 
 
-def test_case_of_bonds_that_break():
-    case = Case(BREAKING)
+@pytest.mark.parametrize(("words", "options"), [("", {}), ('coefficient = "where(x > 1, 0.5, 1)"\nrule = "harmonic"\n', {"rule": "harmonic"})])
+def test_case_of_bonds_that_break(words, options):
+    case = Case(words + BREAKING)
     assert case.fields == ("u", "damage")
     sim = case.simulation().run(6.0, progress=False)
+    lattice = fh.Lattice(0.5, (-6, -6), (6, 6))
+    if words:
+        options = {"coefficient": np.where(lattice.coordinates()[0] > 1, 0.5, 1.0), **options}
     same = fh.Simulation(
-        fh.Lattice(0.5, (-6, -6), (6, 6)), fh.Elastic(fh.Kernel(1.0, 1), 2.0, nonlinear=True, critical_stretch=0.01), balance=True,
+        lattice, fh.Elastic(fh.Kernel(1.0, 1), 2.0, nonlinear=True, critical_stretch=0.01), balance=True, **options,
         cracks=[[[-2.0, 0.25], [2.0, 0.25]]], sources=[fh.Source(lambda x, y: [0 * x, 0.1 * y * np.exp(-(x**2 + y**2))], np.sin)],
     ).run(6.0, progress=False)  # fmt: skip
     assert sim.broken_bonds == same.broken_bonds > 10
@@ -347,5 +351,5 @@ def test_bad_body_case(old, new, message):
 def test_what_a_body_is_not_for():
     with pytest.raises(fh.InputError, match=r"model\.type"):
         Case(BODY).simulation()
-    with pytest.raises(fh.InputError, match="loads act on a body"):
+    with pytest.raises(fh.InputError, match="loads act on an elastic medium"):
         Case(GOOD + '[[load]]\ntype = "body-force"\nvalue = [0.0, 0.0]\n')

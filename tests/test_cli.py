@@ -21,11 +21,12 @@ BOUNDED = EXAMPLES / "quenched_bar.toml"  # no side is open
 BREAKING = [EXAMPLES / "branching.toml", EXAMPLES / "notch_blast.toml"]  # slow at full size; tests/test_examples.py has them on coarser lattices
 GROWING = EXAMPLES / "dispersive_pulse.toml"  # a kernel that the layer cannot absorb: it has a test of its own
 BODY = EXAMPLES / "indentation.toml"  # not compared with the infinite medium: bonds break
+BODIES = [BODY, EXAMPLES / "inclusion.toml"]  # tests/test_examples.py compares the second with a larger one
 
 
 @pytest.mark.parametrize(
     "case",
-    sorted(set(EXAMPLES.glob("*.toml")) - {GROWING, BOUNDED, BODY, *BREAKING}) + [pytest.param(case, marks=pytest.mark.slow) for case in BREAKING],
+    sorted(set(EXAMPLES.glob("*.toml")) - {GROWING, BOUNDED, *BODIES, *BREAKING}) + [pytest.param(case, marks=pytest.mark.slow) for case in BREAKING],
     ids=lambda p: p.stem,
 )
 def test_examples_run_and_agree_with_the_infinite_medium(case, tmp_path, monkeypatch):

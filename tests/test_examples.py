@@ -111,3 +111,18 @@ def test_cracks_grow_as_in_the_infinite_medium(name, until, tips):
     assert 0 < sim.balance()["broken"] < sim.balance()["work"]
     curves = compare(case.setup, until, [0.5 * until, until]).curves
     assert curves["lattice PML"]["error_max_over_run"] < 1e-3 * curves["fixed edge"]["error_max_over_run"]
+
+
+def test_an_inclusion_feels_no_box():
+    """What comes back through the layers, against a body from whose sides nothing returns until then; the balance closes."""
+    text = (EXAMPLES / "inclusion.toml").read_text()
+    wide = text.replace("[-40.0, -30.0]", "[-110.0, -100.0]").replace("[40.0, 30.0]", "[110.0, 100.0]")
+    wide = wide.replace('"nonlocal-pml", nodes = 20', '"fixed"')
+    near = Case(text).run()
+    far = Case(wide).run(dt=near.dt, balance=False)
+    assert far.lattice.shape == (221, 201)
+    for body in (near, far):
+        body.run(70.0, progress=False)
+    assert np.abs(near.u - far.u[:, 70:-70, 70:-70]).max() < 5e-4
+    found = near.balance()
+    assert abs(found["residual"]) < 1e-12 * found["outflow"] and found["outflow"] > found["drag"] > 0

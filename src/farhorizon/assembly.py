@@ -38,10 +38,11 @@ from farhorizon.incidence import Incidence, IncidentWave, check_scatterers
 from farhorizon.integrators import Euler, Verlet
 from farhorizon.kernel import Kernel
 from farhorizon.lattice import AXES, Lattice
+from farhorizon.loads import BodyForce, Traction, force_density
 from farhorizon.machine import available_memory
 from farhorizon.models import Corrosion, Elastic, LatticeModel
 from farhorizon.shapes import Cut, Shape
-from farhorizon.sources import by_component, checked, field, magnitude, parts, split
+from farhorizon.sources import Source, by_component, checked, field, magnitude, parts, split, steady
 from farhorizon.specimens import Specimen, place
 from farhorizon.stencil import Stencil
 
@@ -61,7 +62,9 @@ class Assembly:
     field_shape : tuple of int
         That of the lattice, of vectors with the components first.
     sources : list
-        (space, time) of each source, of a vector field of each of its components, as `farhorizon.sources.split` gives them.
+        (space, time) of each source and load, of a vector field of each of its components, as `farhorizon.sources.split` gives them.
+    lasting : bool
+        Whether the older time level outlives a step, which the energies of bonds one by one and the work of sources need.
     conditions : Conditions
     incident : list of Incidence
     """
@@ -83,11 +86,14 @@ class Assembly:
         rim: str,
         constraints: Sequence[Constraint | Prescribed],
         specimens: Sequence[Specimen],
+        loads: Sequence[BodyForce | Traction],
+        balance: bool,
     ) -> None:
         self.lattice, self.model, self.background = lattice, model, float(background)
+        self.lasting = isinstance(model, Elastic) and (model.bondwise or balance)
         self.sides = sides(LatticePML() if boundary is None else boundary, lattice.dim)
-        self._check_model(cracks, coefficient, specimens)
-        self._check_bonds(cracks, coefficient, rim)
+        self._check_model(cracks, coefficient, specimens, loads)
+        self._check_bonds(cracks, rim)
         if dtype not in ("float64", "float32"):
             raise InputError("unknown number type", value=dtype, limit="float64, float32", key="dtype")
         if threads is not None and not 1 <= threads <= available_threads():
@@ -138,6 +144,7 @@ class Assembly:
         self._beyond.check_cracks(cuts, self.stencil.reach)
         self._unsplit: list[Callable[..., Any]] = []
         self.sources = [drive for i, s in enumerate(sources) for drive in self._split_source(s, f"source[{i}]" if len(sources) > 1 else "source")]
+        self.sources += [drive for i, load in enumerate(loads) for drive in self._split_source(self._as_source(load, f"load[{i}]"), f"load[{i}]")]
         self._drives = self.sources + [drive for _, drive in self.conditions.sources]
         self._margins = self._choose_margins(u, v, solid.astype(float) if solid.any() else factor, cuts)
         self._check_conditions()
@@ -147,6 +154,8 @@ class Assembly:
             self._check_dry()
         self.closure = self._close(factor)
         self._set_bonds()
+        if self.lasting:
+            self.engine.record_work()
         self._cut(self._cracks)
         self._note_loose_nodes()
         self._hold_and_damp()
@@ -154,7 +163,7 @@ class Assembly:
         self.incident = [self._incidence(wave, factor, cuts) for wave in waves]
         self._drives += [(None, lambda t, one=one: one.source(t) / model.source_factor) for one in self.incident]
 
-    def _check_model(self, cracks: Sequence[Any], coefficient: Any, specimens: Sequence[Specimen]) -> None:
+    def _check_model(self, cracks: Sequence[Any], coefficient: Any, specimens: Sequence[Specimen], loads: Sequence[Any]) -> None:
         """Sides, bonds and phases that the model does not have."""
         model = self.model
         for (axis, side), boundary in self.sides.items():
@@ -168,18 +177,18 @@ class Assembly:
             raise InputError("the phases are the coefficient of a Corrosion", key="coefficient", remedy="leave it out")
         if len(specimens) and not isinstance(model, Corrosion):
             raise InputError("only a Corrosion has specimens", value=type(model).__name__, key="specimens", remedy="Corrosion(...)")
+        if len(loads) and not isinstance(model, Elastic):
+            raise InputError("loads act on an elastic medium", value=type(model).__name__, key="load", remedy="a source, or a condition on a side")
 
     @property
     def bondwise(self) -> bool:
         """Whether bonds of the near field follow a law of their own stretch, or break."""
         return isinstance(self.model, Elastic) and self.model.bondwise
 
-    def _check_bonds(self, cracks: Sequence[Any], coefficient: Any, rim: str) -> None:
+    def _check_bonds(self, cracks: Sequence[Any], rim: str) -> None:
         """What bonds that follow a law of their own stretch do not have."""
         if not self.bondwise:
             return
-        if coefficient is not None:
-            raise InputError("bonds that are nonlinear or break are alike everywhere", key="coefficient", remedy="leave it out")
         if rim == "fixed":
             raise InputError("bonds that are nonlinear or break have no fixed rim", value=rim, key="rim", remedy='rim="free", or Fixed sides')
         if any(isinstance(c, Crack) and c.factor for c in cracks):
@@ -338,7 +347,7 @@ class Assembly:
         slots = [float(n + 2 * m + c * (2 * m + 1)) for n, m, c in zip(shape, reach, columns, strict=True)]
         tree = max(c * (2 * m + 1) / (2 if c else 1) * np.prod(slots) / s for c, m, s in zip(columns, reach, slots, strict=True))
         memory = sum(2 * m * c * np.prod(slots[:a]) * np.prod(nodes[a + 1 :]) for a, (c, m) in enumerate(zip(columns, reach, strict=True)))
-        levels = self.model.integrator.stages(1.0, 0.0, self.lattice.dim == 1).levels + self.bondwise
+        levels = self.model.integrator.stages(1.0, 0.0, self.lattice.dim == 1).levels + self.lasting
         bits = 8 * -(-len(self.stencil.weights) // 64) * self.bondwise
         fields = itemsize * ((levels + 3) * np.prod(nodes) + tree + 2 * memory) + 8 * 7 * np.prod(self.lattice.shape)
         return float(self.stencil.components * fields + (8 * self.lattice.dim + bits) * np.prod(self.lattice.shape))
@@ -452,6 +461,11 @@ class Assembly:
     def _split_source(self, source: Any, key: str) -> list[tuple[np.ndarray | None, Callable[..., Any]]]:
         """A source as functions of space times functions of time if it splits; refuses what the near field would miss."""
         return [self._split_part(part, unit, key) for part, unit in by_component(source, self.lattice, self.stencil.components)]
+
+    def _as_source(self, load: BodyForce | Traction, key: str) -> Source:
+        """A load as the force per volume that it is."""
+        value = force_density(load, self.lattice, self.sides, key) if isinstance(load, Traction) else list(load.value)
+        return Source(value, load.time or steady)
 
     def _split_part(self, source: Any, unit: Any, key: str) -> tuple[np.ndarray | None, Callable[..., Any]]:
         """One part of a source, to be multiplied with `unit`; one with a unit vector is a scalar."""
@@ -585,7 +599,7 @@ class Assembly:
         layers = {(lead + axis, side): layer for (axis, side), layer in self._layers.items()}
         periodic = frozenset(lead + a for (a, side), b in self.sides.items() if side < 0 and isinstance(b, Periodic))
         if isinstance(model.integrator, Verlet):
-            stages = model.integrator.stages(self.dt, model.damping, lattice.dim == 1, self.bondwise)
+            stages = model.integrator.stages(self.dt, model.damping, lattice.dim == 1, self.lasting)
         else:
             stages = model.integrator.stages(self.dt, model.damping)
         grown = None

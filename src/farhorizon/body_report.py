@@ -48,6 +48,7 @@ def certify(body: Body, budget: float = BUDGET) -> Certificate:
     crossing = int(np.ceil(max(small.box) * lattice.spacing / body.fast / body.dt))
     growth = krylov_growth(advance, size, body.dt, crossing, budget - (time.monotonic() - begin))
     name = f"all sides, a near field of {' x '.join(map(str, count))} nodes without cracks and holes, before bonds break"
+    name += ", of the fastest material alone" if body.varied else ""
     if growth.rate == 0 and np.isinf(growth.error):
         return Certificate(UNDECIDED, f"the small copy was not settled within {budget:.3g} s", skipped=(name,), seconds=time.monotonic() - begin)
     return judge([Part(name, growth, np.zeros(0))], [], time.monotonic() - begin)
@@ -61,7 +62,7 @@ def report(body: Body, until: float | None = None, budget: float | None = None) 
     say(("near field", f"{' x '.join(map(str, lattice.shape))} nodes, {lattice.nodes} shown, spacing {lattice.spacing:g}"))
     say(("kernel", f"{len(stencil.weights)} neighbours, reach {' x '.join(map(str, stencil.reach))} nodes"))
     say(("time step", f"{body.dt:.6g}, {body.dt / body.step_limit:.3g} of the stable limit {body.step_limit:.6g}"))
-    say(("wave speeds", f"{body.fast:.6g} longitudinal, {body.slow:.6g} transverse"))
+    say(("wave speeds", f"{body.fast:.6g} longitudinal, {body.slow:.6g} transverse" + (", the largest" if body.varied else "")))
     sides: dict[str, list[str]] = {}
     for (axis, side), boundary in body.sides.items():
         sides.setdefault(shown(boundary), []).append(AXES[axis] + "-+"[side > 0])

@@ -181,15 +181,24 @@ class BodyPart(_Part):
     """`fh.Body`: correspondence elasticity with damage."""
 
     type: Literal["correspondence"]
-    young: Number
-    poisson: Number
-    density: Number = 1.0
+    young: str | Number
+    poisson: str | Number
+    density: str | Number = 1.0
     plane: str = "strain"
     critical_stretch: Number | None = None
     shape_tensor: str = "recomputed"
     drag: Number = 0.0
     stabilisation: Number = 0.0
     kernel: KernelPart
+
+
+class MaterialPart(_Part):
+    """Constants of a body in a region, in place of the model's."""
+
+    region: RegionPart
+    young: str | Number | None = None
+    poisson: str | Number | None = None
+    density: str | Number | None = None
 
 
 class LatticePMLPart(_Part):
@@ -318,7 +327,7 @@ class IncidentPart(_Part):
 
 
 class TractionPart(_Part):
-    """A force per area on a free side of a body."""
+    """A force per area on a free side of an elastic medium."""
 
     type: Literal["traction"]
     side: str
@@ -328,7 +337,7 @@ class TractionPart(_Part):
 
 
 class BodyForcePart(_Part):
-    """A force per volume on a body."""
+    """A force per volume on an elastic medium."""
 
     type: Literal["body-force"]
     value: list[str | Number]
@@ -364,6 +373,7 @@ class OutputPart(_Part):
 class CasePart(_Part):
     lattice: LatticePart
     model: Annotated[WavePart | DiffusionPart | HeatPart | CorrosionPart | BeamPart | ElasticPart | BodyPart, Field(discriminator="type")]
+    material: list[MaterialPart] = []
     initial: dict[Literal["u", "v"], Value] = {}
     boundary: dict[str, BoundaryPart] = {}
     specimen: list[SpecimenPart] = []
@@ -564,8 +574,11 @@ class Case:
 
     def _setup(self) -> dict[str, Any]:
         parts = self.parts
-        if parts.load:
-            raise InputError("loads act on a body", key="load", remedy='model.type = "correspondence", or [[source]]')
+        if parts.load and not self.vector:
+            raise InputError("loads act on an elastic medium", value=parts.model.type, key="load", limit="elastic, correspondence",
+                             remedy="[[source]]")  # fmt: skip
+        if parts.material:
+            raise InputError("a body has materials by region", value=parts.model.type, key="material", limit="correspondence", remedy="coefficient")
         coefficient = None
         if parts.coefficient is not None:
             expression = self._expression(parts.coefficient, "coefficient")
@@ -577,6 +590,7 @@ class Case:
             "cracks": [self._crack(c) for c in parts.crack],
             "constraints": [self._constraint(c, f"constraint[{i}]") for i, c in enumerate(parts.constraint)],
             "coefficient": coefficient, "rule": parts.rule, "rim": parts.rim, "background": parts.background,
+            "loads": [self._load(load, f"load[{i}]") for i, load in enumerate(parts.load)],
             "balance": parts.output.balance, "dt": parts.run.dt, "dtype": parts.run.dtype, "threads": parts.run.threads,
         }  # fmt: skip
 
@@ -596,10 +610,34 @@ class Case:
             raise InputError("cracks of a body are there from the start and carry nothing", key="crack", remedy="leave factor and opens out")
         return {
             "lattice": self.lattice, "operator": fh.Kernel(**model.kernel.model_dump()), **model.model_dump(exclude={"type", "kernel"}),
+            **{name: self._constant(name, getattr(model, name)) for name in ("young", "poisson", "density")},
             "boundary": self._boundary() or fh.Fixed(), "initial": self._initial(), "cracks": [self._crack(c) for c in parts.crack],
             "loads": [self._load(load, f"load[{i}]") for i, load in enumerate(parts.load)],
             "balance": parts.output.balance, "dt": parts.run.dt, "threads": parts.run.threads,
         }  # fmt: skip
+
+    def _constant(self, name: str, value: str | float) -> Any:
+        """A constant of the material, with what regions have in its place, later ones before earlier ones."""
+        given = [(part, f"material[{i}].") for i, part in enumerate(self.parts.material) if getattr(part, name) is not None]
+        found = self._steady(value, f"model.{name}")
+        if not given:
+            return found
+        at = self.lattice.coordinates()
+        values = np.array(np.broadcast_to(found(*at) if callable(found) else found, self.lattice.shape), float)
+        for part, key in given:
+            there = part.region.build(f"{key}region").contains(np.stack(at, -1))
+            if not there.any():
+                raise InputError("the region has no node of the near field", key=f"{key}region")
+            inside = self._steady(getattr(part, name), key + name)
+            values[there] = inside(*(x[there] for x in at)) if callable(inside) else inside
+        return values
+
+    def _steady(self, value: str | float, key: str) -> Any:
+        """An expression of the coordinates alone, or a number."""
+        entry = self._entry(value, key)
+        if isinstance(entry, fh.Expression) and entry.uses_time:
+            raise InputError("a material cannot depend on t", value=value, key=key)
+        return entry
 
     def _load(self, part: TractionPart | BodyForcePart, key: str) -> fh.Traction | fh.BodyForce:
         expression = self._of_time(part.time, f"{key}.time")
@@ -686,7 +724,7 @@ _PARTS: dict[str, type[_Part]] = {
     "box": BoxPart, "ball": DiscPart, "polygon": PolygonPart, "text": TextPart, "image": ImagePart,
     "wave": WavePart, "beam": BeamPart, "diffusion": DiffusionPart, "heat": HeatPart,
     "corrosion": CorrosionPart, "elastic": ElasticPart, "correspondence": BodyPart,
-    "load": TractionPart, "traction": TractionPart, "body-force": BodyForcePart,
+    "material": MaterialPart, "load": TractionPart, "traction": TractionPart, "body-force": BodyForcePart,
     "nonlocal-pml": NonlocalPMLPart, "specimen": SpecimenPart,
     "kernel": KernelPart, "lattice-pml": LatticePMLPart, "exact": ExactPart, "fixed": FixedPart, "free": FreePart, "periodic": PeriodicPart,
     "sponge": SpongePart, "plane-wave": PlaneWavePart, "higdon": HigdonPart, "first-order": FirstOrderPart,

@@ -17,6 +17,7 @@ from farhorizon.cracks import as_cut
 from farhorizon.errors import InputError
 from farhorizon.incidence import IncidentWave
 from farhorizon.lattice import Lattice
+from farhorizon.loads import BodyForce
 from farhorizon.shapes import Shape
 from farhorizon.simulation import Simulation
 from farhorizon.sources import Source
@@ -255,6 +256,7 @@ def _extended(setup: dict[str, Any], ours: Simulation, until: float) -> Simulati
         "lattice": grown, "boundary": boundary, "dt": ours.dt,
         "initial": {k: widen(v) for k, v in (setup.get("initial") or {}).items()},
         "sources": [widen(s) for s in setup.get("sources", ())],
+        "loads": [replace(one, value=widen(one.value)) if isinstance(one, BodyForce) else one.bounded(lattice) for one in setup.get("loads", ())],
         "constraints": [replace(c, where=widen(c.where)) if np.asarray(c.where).dtype == bool else c for c in setup.get("constraints", ())],
         "specimens": [replace(s, where=widen(s.where)) if not isinstance(s.where, Shape) else s for s in setup.get("specimens", ())],
         "cracks": [as_cut(c, lattice.dim) for c in setup.get("cracks", ())],

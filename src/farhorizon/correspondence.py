@@ -25,11 +25,11 @@ from farhorizon.engine.threads import side_by_side
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.kernel import Kernel
 from farhorizon.lattice import AXES, Lattice
-from farhorizon.loads import BodyForce, Traction
+from farhorizon.loads import BodyForce, Traction, force_density
 from farhorizon.report import Report
 from farhorizon.results import read_checkpoint, write_checkpoint
 from farhorizon.run import Run
-from farhorizon.sources import steady
+from farhorizon.sources import checked, steady
 from farhorizon.stencil import Stencil
 
 PLANES = ("strain", "stress")
@@ -42,26 +42,32 @@ _ITERATIONS, _MARGIN = 100, 1.05  # of the largest frequency, which iterations f
 Side = tuple[int, int]
 
 
-def lame_constants(young: float, poisson: float, dim: int, plane: str = "strain") -> tuple[float, float]:
-    """Lame's lambda and the shear modulus, for plane stress those of the plane problem.
+def lame_constants(young: Any, poisson: Any, dim: int, plane: str = "strain") -> tuple[Any, Any]:
+    """Lame's lambda and the shear modulus, numbers or arrays as what is given, for plane stress those of the plane problem.
 
     Raises
     ------
     InputError
         Young's modulus not positive, Poisson's ratio outside -1..1/2 (plane stress: -1..1), an unknown plane state.
     """
-    if not (np.isfinite(young) and young > 0):
-        raise InputError("Young's modulus must be finite and positive", value=young, limit="> 0", key="model.young")
+    _all_positive(young, "Young's modulus", "model.young")
     if plane not in PLANES:
         raise InputError("unknown plane state", value=plane, limit=", ".join(PLANES), key="model.plane")
     in_stress = dim == 2 and plane == "stress"
     most = 1.0 if in_stress else 0.5
-    if not -1 < poisson < most:
-        raise InputError("Poisson's ratio is out of range", value=poisson, limit=f"above -1, below {most}", key="model.poisson",
-                         remedy="0.49 for a nearly incompressible body" if poisson >= most else "")  # fmt: skip
+    wrong = [value for value in (float(np.min(poisson)), float(np.max(poisson))) if not -1 < value < most]
+    if wrong:
+        raise InputError("Poisson's ratio is out of range", value=wrong[0], limit=f"above -1, below {most}", key="model.poisson",
+                         remedy="0.49 for a nearly incompressible body" if wrong[0] >= most else "")  # fmt: skip
     shear = young / (2 * (1 + poisson))
     lame = 2 * shear * poisson / (1 - 2 * poisson) if not in_stress else 2 * shear * poisson / (1 - poisson)
     return lame, shear
+
+
+def _all_positive(value: Any, name: str, key: str) -> None:
+    least = float(np.min(value))
+    if not (np.isfinite(value).all() and least > 0):
+        raise InputError(f"{name} must be finite and positive", value=least, limit="> 0", key=key)
 
 
 class Body(Run):
@@ -80,7 +86,10 @@ class Body(Run):
         The near field, 2D or 3D; with a `body`, nodes outside do not exist. A window is refused.
     operator : Kernel or Stencil
         Influence function times volume; its scale does not matter.
-    young, poisson, density : float
+    young, poisson, density : float, ndarray or callable
+        Numbers, or of a body of several materials arrays of the lattice's shape or functions of the coordinates: the stress of a node is that of its
+        own constants. Beyond the near field the medium goes on along the normals as it is at the edge; within one reach of a layer, and in it,
+        it must not vary along the normal.
     plane : {"strain", "stress"}
         In 2D.
     boundary : Fixed, Free, Sponge, NonlocalPML, or a mapping of sides to them
@@ -116,6 +125,10 @@ class Body(Run):
     dt, time : float
     step_limit : float
         Largest stable time step.
+    fast, slow : float
+        Speeds of long longitudinal and transverse waves, of several materials the largest.
+    varied : bool
+        Whether there are several materials.
     largest_frequency : float
         That of the shortest waves, or of those at faces and cracks.
     fields : dict of str to ndarray
@@ -125,8 +138,9 @@ class Body(Run):
     ------
     InputError
         A number out of range, a boundary that does not serve, sides that disagree on the form, a step above the limit, initial data
-        that would break bonds at once, a load that would shatter what it meets, a traction beyond the near field or on a side that is not free,
-        missing bonds in a layer that are not parallel to its normal, damage, loads or stabilisation with split fields.
+        that would break bonds at once, a material that varies along the normal of a layer, a load that would shatter what it meets, a traction
+        beyond the near field or on a side that is not free, missing bonds in a layer that are not parallel to its normal, damage, loads,
+        stabilisation or several materials with split fields.
     """
 
     def __init__(
@@ -134,9 +148,9 @@ class Body(Run):
         lattice: Lattice,
         operator: Kernel | Stencil,
         *,
-        young: float,
-        poisson: float,
-        density: float = 1.0,
+        young: Any,
+        poisson: Any,
+        density: Any = 1.0,
         plane: str = "strain",
         boundary: Any = Fixed(),  # noqa: B008  (immutable)
         initial: Mapping[str, Sequence[Any]] | None = None,
@@ -156,22 +170,18 @@ class Body(Run):
             raise InputError("correspondence elasticity needs a lattice of two or three dimensions with bounds", value=repr(lattice), key="lattice")
         self.lattice, self.dim = lattice, lattice.dim
         self._notes: list[str] = []
-        for name, value, least in (("density", density, 0.0), ("critical_stretch", 1.0 if critical_stretch is None else critical_stretch, 0.0)):
-            if not (np.isfinite(value) and value > least):
-                raise InputError("must be finite and positive", value=value, limit="> 0", key=f"model.{name}")
+        if critical_stretch is not None:
+            _all_positive(critical_stretch, "the critical stretch", "model.critical_stretch")
         if shape_tensor not in SHAPE_TENSORS:
             raise InputError("unknown shape tensor", value=shape_tensor, limit=", ".join(SHAPE_TENSORS), key="model.shape_tensor")
         for name, value, most in (("drag", drag, np.inf), ("stabilisation", stabilisation, 1.0)):
             if not (0 <= value <= most and np.isfinite(value)):
                 raise InputError("out of range", value=value, limit=f"0 to {most}", key=f"model.{name}")
-        lame, shear = lame_constants(young, poisson, self.dim, plane)
-        self.density, self.lame, self.shear = float(density), lame, shear
-        self.fast, self.slow = float(np.sqrt((lame + 2 * shear) / density)), float(np.sqrt(shear / density))
         self.stencil = Stencil.from_kernel(operator, lattice.spacing, self.dim) if isinstance(operator, Kernel) else operator
-        self._medium = (lame / density, shear / density, float(stabilisation) * self.fast**2)
         self._set_sides(boundary)
-        self._critical, self._balance = critical_stretch, balance
+        self._critical, self._balance, self._stabilisation = critical_stretch, balance, float(stabilisation)
         self._lay_out(threads)
+        self._set_material({"young": young, "poisson": poisson, "density": density}, plane)
         self._set_loads(loads)
         whole = self._set_bonds(cracks)
         self._cut_tiles(whole, shape_tensor == "kept")
@@ -244,17 +254,83 @@ class Body(Run):
         grid = np.meshgrid(*axes, indexing="ij")
         return [g.reshape(tuple(self._box)) for g in grid]
 
+    def _set_material(self, given: Mapping[str, Any], plane: str) -> None:
+        """Constants of the nodes, and the largest wave speeds."""
+        young, poisson, density = (self._on_nodes(value, f"model.{name}") for name, value in given.items())
+        _all_positive(density, "the density", "model.density")
+        self.lame, self.shear = lame_constants(young, poisson, self.dim, plane)
+        self.density = density
+        fast, slow = np.sqrt((self.lame + 2 * self.shear) / density), np.sqrt(self.shear / density)
+        self._fast = np.broadcast_to(fast, self.lattice.shape)
+        self.fast, self.slow = float(np.max(fast)), float(np.max(slow))
+        self._reference = float(np.max(density))
+        self.varied = any(np.ndim(value) > 0 for value in (young, poisson, density))
+        place = int(np.argmax(self._fast))
+        shown = zip(given, (young, poisson, density), strict=True)
+        self._fastest = {name: float(np.broadcast_to(value, self.lattice.shape).flat[place]) for name, value in shown}
+        pull = self._stabilisation * (self.lame + 2 * self.shear)
+        rows = [value / self._reference for value in (self.lame, self.shear, pull)]
+        rows += [self._reference / density, density / self._reference]
+        if self.varied:
+            constants = np.stack([self._spread(np.broadcast_to(row, self.lattice.shape)) for row in rows])
+        else:
+            constants = np.repeat(np.array(rows)[:, None], engine.TILE, 1)
+        self._medium = (constants, int(self.varied), self._stabilisation > 0)
+
+    def _on_nodes(self, value: Any, key: str) -> Any:
+        """A constant of the material: a number if it is the same on all nodes, else an array of the lattice's shape; missing nodes have one, too."""
+        lattice = self.lattice
+        values = checked(value(*lattice.coordinates()) if callable(value) else value, lattice, key)
+        there = np.ones(lattice.shape, bool) if lattice.mask is None else lattice.mask
+        first = float(values[there][0])
+        if callable(value) or (values[there] != first).any():
+            values = np.where(there, values, first)
+            self._check_continued(values, value, key)
+        return values if (values[there] != first).any() else first
+
+    def _check_continued(self, values: np.ndarray, value: Any, key: str) -> None:
+        """Layers continue the material along their normals: it must not vary there."""
+        depth = {side: b.nodes for side, b in self.sides.items() if isinstance(b, NonlocalPML | Sponge)}
+        for axis, side in depth:
+            m = self.stencil.reach[axis]
+            last = np.take(values, np.arange(m + 1) if side < 0 else np.arange(-m - 1, 0), axis)
+            if (np.ptp(last, axis=axis) > 0).any():
+                raise InputError(f"the material varies along {AXES[axis]} within one reach of an absorbing side", key=key,
+                                 limit=f"constant over the last {m + 1} nodes", remedy="enlarge the near field")  # fmt: skip
+        if callable(value) and depth:
+            pads = [(depth.get((a, -1), 0), depth.get((a, 1), 0)) for a in range(self.dim)]
+            beyond = np.asarray(value(*self.lattice.extended(depth).coordinates()), float)
+            there = np.pad(np.ones(values.shape, bool) if self.lattice.mask is None else self.lattice.mask, pads, mode="edge")
+            if (there & (beyond != np.pad(values, pads, mode="edge"))).any():
+                raise InputError("the material beyond an absorbing side is not that at the edge of the near field", key=key,
+                                 remedy="enlarge the near field, or give an array, which goes on as it is at the edge")  # fmt: skip
+
+    def _spread(self, values: np.ndarray) -> np.ndarray:
+        """Values on the near field as a flat array of the box and its halo, constant along the normals from the edges on."""
+        ends = self._box - self._before - self._near
+        pads = [(b + r, e + r) for b, e, r in zip(self._before, ends, self._reach, strict=True)]
+        padded = np.pad(values.reshape(tuple(self._near)), pads, mode="edge")
+        flat = np.full(self._size, values.flat[0])
+        np.lib.stride_tricks.as_strided(flat[self._margin :], padded.shape, self._strides * flat.itemsize)[...] = padded
+        return flat
+
+    def _constant(self, row: int, part: Any = ...) -> Any:
+        """A row of the constants on a part of the box, or the number that serves all nodes."""
+        constants, varied, _ = self._medium
+        return self._view(constants[row : row + 1])[0][part] if varied else float(constants[row, 0])
+
     def _set_loads(self, loads: Sequence[BodyForce | Traction]) -> None:
         self._times: list[Callable[[float], float]] = []
         values = []
         for load in loads:
-            values.append(self._traction(load) if isinstance(load, Traction) else self._components(load.value, "load.value", False))
+            value = force_density(load, self.lattice, self.sides) if isinstance(load, Traction) else load.value
+            values.append(self._components(value, "load.value", False))
             self._times.append(load.time or steady)
         self._loads = np.zeros((len(values), self.dim, self._size))
         for flat, value in zip(self._loads, values, strict=True):
-            self._view(flat)[(slice(None), *self._near_slices)] = value[(slice(None), *self._near_slices)] / self.density
+            self._view(flat)[(slice(None), *self._near_slices)] = value[(slice(None), *self._near_slices)] / self._reference
 
-    def _components(self, values: Sequence[Any], key: str, beyond: bool) -> np.ndarray:
+    def _components(self, values: Sequence[Any] | np.ndarray, key: str, beyond: bool) -> np.ndarray:
         """A vector field on the box, shape (dim, three axes); functions reach into the layers if `beyond`."""
         if not isinstance(values, Sequence | np.ndarray) or isinstance(values, str) or len(values) != self.dim:
             given = len(values) if isinstance(values, Sequence | np.ndarray) else "one"
@@ -277,30 +353,6 @@ class Body(Run):
         if self.lattice.mask is not None:
             out *= self._exists()
         return out
-
-    def _traction(self, load: Traction) -> np.ndarray:
-        names = {AXES[a] + sign: (a, s) for a in range(self.dim) for sign, s in (("-", -1), ("+", 1))}
-        if load.side not in names:
-            raise InputError("unknown side", value=load.side, limit=", ".join(names), key="load.side")
-        axis, side = names[load.side]
-        if not isinstance(self.sides[axis, side], Free):
-            raise InputError("a traction acts on a free side", value=type(self.sides[axis, side]).__name__, key=f"load.{load.side}", remedy="Free()")
-        if len(load.value) != self.dim or not np.isfinite(load.value).all():
-            raise InputError("a traction needs one finite component an axis", value=list(load.value), key="load.value")
-        at = self.lattice.coordinates()
-        place = self.lattice.lower[axis] if side < 0 else self.lattice.upper[axis]
-        inside = np.abs(at[axis] - place) < 0.5 * self.lattice.spacing
-        others = [a for a in range(self.dim) if a != axis]
-        slack = 1e-9 * self.lattice.spacing
-        for a, (low, high) in zip(others, load.between if load.between is not None else [(-np.inf, np.inf)] * len(others), strict=True):
-            first, last = self.lattice.lower[a], self.lattice.upper[a]
-            if load.between is not None and not first - slack <= low <= high <= last + slack:
-                raise InputError("the traction reaches beyond the near field", value=(low, high), limit=(float(first), float(last)),
-                                 key=f"load.between ({AXES[a]})", remedy="a wider lattice or a narrower load")  # fmt: skip
-            inside &= (at[a] >= low - slack) & (at[a] <= high + slack)
-        if not inside.any():
-            raise InputError("the traction meets no node", value=load.between, key="load.between", remedy="a wider load")
-        return self._components([inside * component / self.lattice.spacing for component in load.value], "load.value", False)
 
     def _exists(self) -> np.ndarray:
         """Which nodes of the box are there; a body goes on along the normals into the layers."""
@@ -436,21 +488,32 @@ class Body(Run):
         self._drag = float(drag) * self.dt
 
     def _largest_frequency(self) -> float:
-        """From the symbol, or where bonds are missing, which makes K smaller and the body stiffer, by power iteration."""
-        most = largest_frequency(self.stencil, self.lattice.spacing, self.fast, self.slow, self._medium[2] / self.fast**2)
-        if not (self._tiles[:, 2] & engine.ODD).any():
+        """From the symbol, or where bonds are missing, which makes K smaller and the body stiffer, or materials meet, by power iteration."""
+        most = largest_frequency(self.stencil, self.lattice.spacing, self.fast, self.slow, self._stabilisation)
+        odd = bool((self._tiles[:, 2] & engine.ODD).any())
+        if not odd and not self.varied:
             return most
+        mass = self._constant(engine.MASS)
         u, out, force, p = np.zeros((self.dim, self._size)), *(np.zeros((n, self._size)) for n in (self.dim, self.dim, self.dim**2))
         self._view(u)[...] = np.random.default_rng(1).standard_normal((self.dim, *self._box)) * self._present
         value = 0.0
         for _ in range(_ITERATIONS):
-            u /= np.linalg.norm(u)
+            self._view(u)[...] /= np.sqrt((mass * self._view(u) ** 2).sum())
             engine.accelerations(u, p, force, self._tiles, self._medium, self._pairs, self._bonds, self._slots, out)
-            before, value = value, -float((u * out).sum())
+            before, value = value, -float((mass * self._view(u) * self._view(out)).sum())
             u[...] = -out
             if abs(value - before) < 1e-3 * value:
                 break
-        return max(most, _MARGIN * float(np.sqrt(value)))
+        found = max(most, _MARGIN * float(np.sqrt(value)))
+        return found if odd else min(found, self._frequency_bound())
+
+    def _frequency_bound(self) -> float:
+        """That of a lighter and stiffer medium without missing bonds, in which every strain takes more energy at every node."""
+        bulk, shear, dim = np.max(self.lame + 2 * self.shear / self.dim), np.max(self.shear), self.dim
+        p_modulus, least = bulk + 2 * shear * (1 - 1 / dim), np.min(self.density)
+        pull = self._stabilisation * np.max(self.lame + 2 * self.shear)
+        return largest_frequency(self.stencil, self.lattice.spacing, float(np.sqrt(p_modulus / least)), float(np.sqrt(shear / least)),
+                                 float(pull / p_modulus))  # fmt: skip
 
     def _set_layers(self) -> None:
         """Stretch, shift and damping of the layers' nodes, as recursions in their slots."""
@@ -459,7 +522,8 @@ class Body(Run):
         for (axis, side), b in self.sides.items():
             if not isinstance(b, NonlocalPML | Sponge):
                 continue
-            outwards = b.stretch(self.lattice.spacing, self.fast) if isinstance(b, NonlocalPML) else b.damping(2, self.fast**2, self.lattice.spacing)
+            fast = float(np.take(self._fast, 0 if side < 0 else -1, axis).max())
+            outwards = b.stretch(self.lattice.spacing, fast) if isinstance(b, NonlocalPML) else b.damping(2, fast**2, self.lattice.spacing)
             line = [1, 1, 1]
             line[lead + axis] = b.nodes
             part = [slice(None)] * 3
@@ -490,7 +554,7 @@ class Body(Run):
         nothing = np.zeros((self.dim, 0))
         self._u, self._v = (np.zeros((self.dim, self._size)) for _ in range(2))
         self._spare = np.zeros_like(self._v) if self._drag else nothing
-        self._force = np.zeros_like(self._v) if self._medium[2] else nothing
+        self._force = np.zeros_like(self._v) if self._stabilisation else nothing
         for name, flat in (("u", self._u), ("v", self._v)):
             if name in initial:
                 self._view(flat)[...] = self._components(initial[name], f"initial.{name}", True) * self._present
@@ -510,8 +574,9 @@ class Body(Run):
         """A load that is put on at once sends a wave of the strain traction / (lambda + 2 mu)."""
         if self._critical is None or not len(self._loads):
             return
-        force = sum(np.abs(load) * abs(time(0.0)) for load, time in zip(self._loads, self._times, strict=True))
-        strain = float(np.max(force)) * self.lattice.spacing / self.fast**2
+        force = np.sum([np.abs(load) * abs(time(0.0)) for load, time in zip(self._loads, self._times, strict=True)], axis=0)
+        modulus = self._constant(engine.LAME) + 2 * self._constant(engine.SHEAR)
+        strain = float((self._view(force) / modulus).max()) * self.lattice.spacing
         if strain > _SHATTERS * self._critical:
             raise InputError("the critical stretch is far below the first strain of the load, which would shatter what it meets",
                              value=self._critical, limit=f">= {strain / _SHATTERS:.3g}", key="model.critical_stretch",
@@ -523,7 +588,8 @@ class Body(Run):
 
     def _refuse_in_split_form(self, cracks: Sequence[Any], loads: Sequence[Any], drag: float) -> None:
         asked = {"critical_stretch": self._critical is not None, "loads": bool(len(loads)), "drag": bool(drag), "cracks": bool(len(cracks)),
-                 "stabilisation": bool(self._medium[2]), "sponge": any(isinstance(b, Sponge) for b in self.sides.values()),
+                 "stabilisation": bool(self._stabilisation), "several materials": self.varied,
+                 "sponge": any(isinstance(b, Sponge) for b in self.sides.values()),
                  "initial v": bool(self._v.any())}  # fmt: skip
         if self.split and any(asked.values()):
             raise InputError("split fields carry the whole history of the stress, which knows no damage, loads or drag", key="boundary.form",
@@ -661,7 +727,8 @@ class Body(Run):
         e = self._gradient if layers else self._gradient[(slice(None), *self._near_slices)]
         trace = sum(e[a * self.dim + a] for a in range(self.dim))
         mixed = sum(e[a * self.dim + b] * (e[a * self.dim + b] + e[b * self.dim + a]) for a in range(self.dim) for b in range(self.dim))
-        density = 0.5 * (self.lame * trace**2 + self.shear * mixed)
+        part = (...,) if layers else self._near_slices
+        density = 0.5 * self._reference * (self._constant(engine.LAME, part) * trace**2 + self._constant(engine.SHEAR, part) * mixed)
         return float(density.sum()) * self.lattice.spacing**self.dim
 
     def energies(self) -> dict[str, float]:
@@ -687,7 +754,7 @@ class Body(Run):
                 books[[number for name, number in names.items() if name not in ("kinetic", "strain")]] = 0
         else:
             books = self._books.sum(0)
-        total = books * self.density * self.lattice.spacing**self.dim
+        total = books * self._reference * self.lattice.spacing**self.dim
         return {name: float(total[number]) for name, number in names.items()}
 
     def energy(self) -> float:
@@ -738,9 +805,9 @@ class Body(Run):
         return sum(a.nbytes for a in arrays)
 
     def remade(self, lattice: Lattice) -> Body:
-        """The intact body on another lattice, at rest: without loads and cracks, and no bond breaks."""
+        """The intact body on another lattice, at rest: without loads and cracks, and no bond breaks; of several materials the fastest."""
         nothing = {"loads": (), "cracks": (), "critical_stretch": None, "balance": False, "threads": 1}
-        return Body(**{**self._setup, **nothing, "lattice": lattice})
+        return Body(**{**self._setup, **nothing, **self._fastest, "lattice": lattice})
 
     @property
     def box(self) -> tuple[int, ...]:
@@ -792,7 +859,8 @@ class Body(Run):
         _, low, high, kept = self._fracture
         return {
             "run": "Body", "shape": list(self.lattice.shape), "spacing": self.lattice.spacing, "lower": self.lattice.lower.tolist(),
-            "box": self._box.tolist(), "dt": self.dt, "drag": self._drag, "medium": list(self._medium), "density": self.density, "split": self.split,
+            "box": self._box.tolist(), "dt": self.dt, "drag": self._drag, "medium": self._medium[0].sum(1).tolist(),
+            "density": self._reference, "split": self.split,
             "neighbours": len(self._triples), "weights": float(self._bonds[1].sum()), "critical_stretch": self._critical, "kept": bool(kept),
             "bonds": self._first_bonds, "loads": [float(np.abs(load).sum()) for load in self._loads], "stretch": float(self._phi.sum()),
             "memory": float(self._layers[1].sum()), "damping": float(self._layers[3].sum()), "balance": self._balance,

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
+
+import numpy as np
+
+from farhorizon.boundaries import Free
+from farhorizon.errors import InputError
+from farhorizon.lattice import AXES, Lattice
 
 
 @dataclass(frozen=True)
@@ -25,7 +31,7 @@ class BodyForce:
 
 @dataclass(frozen=True)
 class Traction:
-    """A force per area on a free side, a body force on its outermost nodes.
+    """A force per area on a free side: on its outermost nodes a force per volume, value / spacing.
 
     Parameters
     ----------
@@ -43,3 +49,57 @@ class Traction:
     value: Sequence[float]
     between: Sequence[tuple[float, float]] | None = None
     time: Callable[[float], float] | None = None
+
+    def bounded(self, lattice: Lattice) -> Traction:
+        """The same with the ends of the whole side named, if that is where it acts: on a larger lattice it stays where it is."""
+        ends = [(float(a), float(b)) for name, a, b in zip(AXES, lattice.lower, lattice.upper, strict=False) if name != self.side[:1]]
+        return self if self.between is not None else replace(self, between=ends)
+
+
+def force_density(load: Traction, lattice: Lattice, sides: Mapping[tuple[int, int], Any], key: str = "load") -> np.ndarray:
+    """The force per volume that a traction is on the nodes of a lattice, less its factor of time.
+
+    Parameters
+    ----------
+    load : Traction
+    lattice : Lattice
+    sides : mapping of (axis, side) to Boundary
+    key : str
+        Named in messages.
+
+    Returns
+    -------
+    ndarray, shape (dim, *lattice.shape)
+
+    Raises
+    ------
+    InputError
+        An unknown side or one that is not free, components that are missing or not finite, a part beyond the near field, or none on its nodes.
+    """
+    names = {AXES[a] + sign: (a, s) for a in range(lattice.dim) for sign, s in (("-", -1), ("+", 1))}
+    if load.side not in names:
+        raise InputError("unknown side", value=load.side, limit=", ".join(names), key=f"{key}.side")
+    axis, side = names[load.side]
+    if not isinstance(sides[axis, side], Free):
+        raise InputError("a traction acts on a free side", value=type(sides[axis, side]).__name__, key=f"{key}.side {load.side}", remedy="Free()")
+    if len(load.value) != lattice.dim or not np.isfinite(load.value).all():
+        raise InputError("a traction needs one finite component an axis", value=list(load.value), key=f"{key}.value")
+    at = lattice.coordinates()
+    place = lattice.lower[axis] if side < 0 else lattice.upper[axis]
+    loaded = np.abs(at[axis] - place) < 0.5 * lattice.spacing
+    others = [a for a in range(lattice.dim) if a != axis]
+    slack = 1e-9 * lattice.spacing
+    if load.between is not None and np.shape(load.between) != (len(others), 2):
+        raise InputError("a part of a side is given by two ends along each other axis", value=load.between, limit=f"{len(others)} pairs",
+                         key=f"{key}.between")  # fmt: skip
+    for a, (low, high) in zip(others, load.between or (), strict=load.between is not None):
+        first, last = lattice.lower[a], lattice.upper[a]
+        if not first - slack <= low <= high <= last + slack:
+            raise InputError("the traction reaches beyond the near field", value=(low, high), limit=(float(first), float(last)),
+                             key=f"{key}.between ({AXES[a]})", remedy="a wider lattice or a narrower load")  # fmt: skip
+        loaded &= (at[a] >= low - slack) & (at[a] <= high + slack)
+    if lattice.mask is not None:
+        loaded &= lattice.mask
+    if not loaded.any():
+        raise InputError("the traction meets no node", value=load.between, key=f"{key}.between", remedy="a wider load")
+    return np.multiply.outer(np.asarray(load.value, float) / lattice.spacing, loaded)

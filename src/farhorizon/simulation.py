@@ -21,6 +21,7 @@ from farhorizon.describe import describe, rebuild
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.integrators import stage_effects
 from farhorizon.lattice import AXES, Lattice
+from farhorizon.loads import BodyForce, Traction
 from farhorizon.models import Corrosion, Elastic, LatticeModel
 from farhorizon.report import Report
 from farhorizon.results import read_checkpoint, write_checkpoint
@@ -47,6 +48,8 @@ class Simulation(Assembly, Run):
         (dim, n..), callables that return the components, or a sequence of one value a component.
     sources : sequence
         `Source`, array, callable of the coordinates and t, expression, or `IncidentWave`.
+    loads : sequence of BodyForce and Traction
+        Forces on an `Elastic` medium per volume, and per area on its free sides (bond-based materials).
     cracks : sequence
         Cuts, points of polylines (2D), of polygons (3D) or positions (1D); `Crack` for one that conducts a little or opens later.
     constraints : sequence
@@ -54,7 +57,7 @@ class Simulation(Assembly, Run):
     specimens : sequence of Specimen
         The metal of a `Corrosion`; all else is liquid.
     balance : bool
-        Record what flows into the near field, for `balance`; of bonds that break the energies.
+        Record what flows into the near field, for `balance`; of an `Elastic` medium the energies and the work of sources and loads.
     coefficient : array_like, optional
         Factor on bonds, given on the nodes.
     rule : {"both", "arithmetic", "harmonic"}
@@ -113,15 +116,17 @@ class Simulation(Assembly, Run):
         constraints: Sequence[Constraint | Prescribed] = (),
         balance: bool = False,
         specimens: Sequence[Specimen] = (),
+        loads: Sequence[BodyForce | Traction] = (),
     ) -> None:
         super().__init__(
-            lattice, model, boundary, initial or {}, sources, cracks, coefficient, background, dt, dtype, threads, rule, rim, constraints, specimens
+            lattice, model, boundary, initial or {}, sources, cracks, coefficient, background, dt, dtype, threads, rule, rim, constraints, specimens,
+            loads, balance,
         )  # fmt: skip
         self._at_start(observe)
         self._source_peaks: dict[int, float] = {}
         self._looked = 0.0  # up to this time
         self._balance = balance
-        self._books = balance and not self.bondwise
+        self._books = balance and not self.lasting
         self._opened = len(self._cracks)
         self._open_cracks()
         self._first_cuts = self.engine.absent_bonds
@@ -130,13 +135,13 @@ class Simulation(Assembly, Run):
             "lattice": lattice, "model": model, "boundary": {AXES[a] + "-+"[side > 0]: b for (a, side), b in self.sides.items()},
             "sources": list(sources), "cracks": self._cracks, "constraints": list(constraints), "balance": balance,
             "coefficient": self._factor, "background": self.background, "dt": self.dt, "specimens": list(specimens),
-            "dtype": dtype, "threads": threads, "rule": rule, "rim": rim,
+            "dtype": dtype, "threads": threads, "rule": rule, "rim": rim, "loads": list(loads),
         }  # fmt: skip
         self._scale = max([float(np.abs(self.start_u).max()), float(np.abs(self.start_v).max()) * self.dt, 1e-300, *held])
         self._start(self.start_u, self.start_v)
         if self.bondwise:
             self._check_stretch()
-            self._first_energy = self.energy() if balance else 0.0
+        self._first_energy = self.energy() if balance and self.lasting else 0.0
         if self._books:
             self._open_books()
 
@@ -197,13 +202,15 @@ class Simulation(Assembly, Run):
         limit = self.model.critical_stretch_on(self.lattice.spacing, self.lattice.dim)
         if not np.isfinite(limit):
             return
+        factor = np.broadcast_to(1.0 if self._factor is None else self._factor, self.field_shape)
         strain = self.engine.largest_strain()
         stretch = float(np.sqrt(1 + strain) - 1 if self.model.nonlinear else strain / 2)
         if stretch > limit:
             raise InputError("the initial displacements stretch bonds beyond the critical stretch", value=f"{limit:.6g}", limit=f"> {stretch:.4g}",
                              key="model.critical_stretch", remedy="a smaller start, or cracks")  # fmt: skip
-        force = np.abs(self._source_now(0.0)).max(initial=0) / self.model.source_factor
-        strain = float(force) * self.lattice.spacing / self.model.p_modulus
+        force = np.abs(self._source_now(0.0)) / self.model.source_factor
+        strain = float(np.divide(force, factor, out=np.zeros_like(force), where=factor > 0).max(initial=0)) * self.lattice.spacing
+        strain /= self.model.p_modulus
         if strain > _SHATTERS * limit:
             raise InputError("the critical stretch is far below the first strain of the load, which would shatter what it meets",
                              value=f"{limit:.6g}", limit=f">= {strain / _SHATTERS:.3g}", key="model.critical_stretch",
@@ -408,17 +415,18 @@ class Simulation(Assembly, Run):
         return out
 
     def energy(self) -> float:
-        """Energy of the near field, kinetic and strain or stored, of `energies`; bonds across its edge count half."""
+        """Energy of the near field, kinetic and strain or stored, of `energies`."""
         return sum(value for name, value in self.energies().items() if name in ("kinetic", "strain", "stored"))
 
     def energies(self) -> dict[str, float]:
-        """Energies of the near field; bonds across its edge count half.
+        """Energies of the near field; bonds across its edge count half, to a side fixed at the background whole.
 
         Waves: "kinetic" and "strain", half a step ago, ``1/2 v . v`` and ``1/4 sum_k (u_k - u) . w_k (u_k^- - u^-)`` times the density of an
-        elastic medium; the undamped scheme conserves their sum exactly. Diffusion: "stored", ``1/2 integral (u - background)^2``.
+        elastic medium; the undamped scheme conserves their sum exactly. Of an elastic medium with ``balance=True`` "work", done by sources and loads
+        since the start. Diffusion: "stored", ``1/2 integral (u - background)^2``.
 
-        Bonds that are nonlinear or break: the strain energy is ``c d d^- / 2`` of the elongations d and d^- now and a step ago (bonds to a fixed side
-        count whole), and there are "work", done by the sources since the start, and "broken", what bonds held when they broke. Where no energy
+        Bonds that are nonlinear or break: the strain energy is ``c d d^- / 2`` of the elongations d and d^- now and a step ago,
+        and there are "work", done by the sources since the start, and "broken", what bonds held when they broke. Where no energy
         leaves through the sides and nothing is damped, kinetic + strain + broken - work stays as it was: exactly for linear bonds, else up to
         the error of the time step.
         """
@@ -432,9 +440,8 @@ class Simulation(Assembly, Run):
             return {"stored": float(0.5 * self.lattice.spacing**self.lattice.dim * (near(engine.current).astype(float) ** 2).sum())}
         if self.bondwise:
             kinetic = (near(engine.current).astype(float) - near(engine.older)) / self.dt
-            (broken, _), work = engine.broken, engine.work
-            return {"kinetic": float(cell * 0.5 * (kinetic**2).sum()), "strain": self._strain_energy(), "work": self._mass * work,
-                    "broken": self._mass * broken}  # fmt: skip
+            return {"kinetic": float(cell * 0.5 * (kinetic**2).sum()), "strain": self._strain_energy(), "work": self._mass * engine.work,
+                    "broken": self._mass * engine.broken[0]}  # fmt: skip
         engine.fill(engine.current)
         u, old = engine.current.astype(float), engine.older.astype(float)
         if self._ends is not None:
@@ -444,11 +451,17 @@ class Simulation(Assembly, Run):
             return engine.apply_core(level.astype(engine.dtype)).astype(float)
 
         strain = -u * apply(old) - old * apply(u)
-        each = u.reshape(engine.components, -1)
+        each, ago = u.reshape(engine.components, -1), old.reshape(engine.components, -1)
         for number, total in enumerate(strain.reshape(each.shape)):  # component by component: sum_b L_ab (u_a old_b)
-            total += apply((each[number] * old.reshape(each.shape)).ravel()).reshape(each.shape)[number]
+            total += apply((each[number] * ago).ravel()).reshape(each.shape)[number]
+        at_rest = {(3 - self.lattice.dim + a, s): 0.0 for (a, s), b in self.sides.items() if isinstance(b, Fixed) and b.value == self.background}
+        if at_rest:  # the other half of the bonds to sides where u is zero
+            there = engine.spread(np.ones(engine.core.nodes), at_rest)[: each.shape[1]]
+            for unit, before in zip(np.eye(engine.components), ago, strict=True):
+                strain -= (each * before * apply(np.multiply.outer(unit, there).ravel()).reshape(each.shape)).ravel()
         kinetic = ((near(u) - near(old)) / self.dt) ** 2
-        return {"kinetic": float(cell * 0.5 * kinetic.sum()), "strain": float(cell * 0.25 * near(strain).sum())}
+        found = {"kinetic": float(cell * 0.5 * kinetic.sum()), "strain": float(cell * 0.25 * near(strain).sum())}
+        return found | ({"work": self._mass * engine.work} if self.lasting else {})
 
     @property
     def _mass(self) -> float:
@@ -476,7 +489,8 @@ class Simulation(Assembly, Run):
     def _open_books(self) -> None:
         """One book for each condition, each side that the field flows through, and the fixed rim: bonds from there into free nodes."""
         if self.model.order != 1:
-            raise InputError("a balance is recorded for equations of first order in time", value=type(self.model).__name__, key="balance")
+            raise InputError("a balance is recorded for equations of first order in time, and for elasticity", value=type(self.model).__name__,
+                             key="balance")  # fmt: skip
         engine, lead = self.engine, 3 - self.lattice.dim
         self._book_names = [f"constraint[{i}]" for i in range(len(self._setup["constraints"]))]
         core = np.zeros(engine.core.nodes)
@@ -548,8 +562,8 @@ class Simulation(Assembly, Run):
     def balance(self) -> dict[str, float]:
         """What the near field has gained since the start, and from where, for simulations with ``balance=True``.
 
-        Of bonds that are nonlinear or break: the `energies`, and "lost", what is missing to the energy at the start and the work: it left through the
-        sides or was damped, or is the error of the time step.
+        Of an elastic medium: the `energies`, and "lost", what is missing to the energy at the start and the work: it left through the sides or was
+        damped, or is the error of the time step of nonlinear bonds.
 
         Free nodes count: those that no condition prescribes. Every entry is heat (the field's integral for a diffusion): heat capacity
         times cell volume times temperature.
@@ -568,9 +582,9 @@ class Simulation(Assembly, Run):
         """
         if not self._balance:
             raise InputError("this simulation records no balance", key="balance", remedy="Simulation(..., balance=True)")
-        if self.bondwise:
+        if self.lasting:
             found = self.energies()
-            return {**found, "lost": self._first_energy + found["work"] - found["kinetic"] - found["strain"] - found["broken"]}
+            return {**found, "lost": self._first_energy + 2 * found["work"] - sum(found.values())}
         unit = self.lattice.spacing**self.lattice.dim / self.model.source_factor
         inflow = {name: unit * float(value) for name, value in zip(self._book_names, self.engine.flows.sum(0), strict=True)}
         owners = [f"source[{i}]" for i in range(len(self.sources))] + [f"constraint[{i}]" for i, _ in self.conditions.sources]
@@ -651,7 +665,7 @@ class Simulation(Assembly, Run):
         """The same set-up at its start with some arguments changed; on another lattice nothing is there, and the medium is uniform."""
         start: dict[str, Any] = {}
         if "lattice" in changes:
-            nothing = dict.fromkeys(("sources", "cracks", "constraints", "specimens"), ())
+            nothing = dict.fromkeys(("sources", "loads", "cracks", "constraints", "specimens"), ())
             changes = {**nothing, "coefficient": None, "rim": "free", "balance": False, **changes}
         else:
             start["u"] = self.start_u + float(changes.get("background", self.background))
@@ -729,8 +743,7 @@ class Simulation(Assembly, Run):
         if self._ends is not None:
             more, meta["exact"] = self._ends.save()
             arrays |= more
-        if self.bondwise:
-            arrays |= self.engine.bond_state
+        arrays |= self.engine.bond_state
         if isinstance(self.model, Corrosion):
             arrays["dissolved"] = np.ascontiguousarray(self.engine.dissolved[self._near])
         if self.closure is not None:
@@ -794,7 +807,7 @@ class Simulation(Assembly, Run):
             self._set_phases(arrays["dissolved"])
         self._hold()
         self._open_cracks()
-        for name, array in self.engine.bond_state.items() if self.bondwise else ():
+        for name, array in self.engine.bond_state.items():
             array[...] = arrays[name]
         if self._books:
             self.engine.flows[...], self._powers[...] = arrays["flows"], arrays["powers"]

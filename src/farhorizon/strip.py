@@ -77,6 +77,7 @@ def plain_twin(sim: Simulation, lattice: Lattice | None = None, sides: Mapping[t
     changes: dict[str, Any] = {
         "boundary": named,
         "sources": (),
+        "loads": (),
         "specimens": (),
         "dtype": "float64",
         "balance": False,

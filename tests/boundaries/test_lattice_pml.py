@@ -143,6 +143,19 @@ def test_crack_that_runs_into_the_layer(points):
     assert worst(setup, 12) <= 1e-9
 
 
+@pytest.mark.parametrize("rule", ["both", "arithmetic", "harmonic"])
+@pytest.mark.parametrize("make", [fh.Wave, lambda kernel: fh.Elastic(kernel, 1.0)], ids=["wave", "elastic"])
+def test_a_coefficient_of_one_changes_nothing(make, rule):
+    """Also where a free surface and a crack run into layers: bonds that are absent there are absent whatever the coefficients."""
+    lattice, model = fh.Lattice(0.5, (-5.0, -5.0), (5.0, 2.0)), make(fh.Kernel(1.0, 1))
+    bump = np.exp(-sum(c**2 for c in lattice.coordinates()))
+    setup = {"boundary": {"all": fh.LatticePML(nodes=6), "y+": fh.Free()}, "cracks": [[(0.3, -2.2), (9.0, -2.2)]],
+             "initial": {"u": bump if isinstance(model, fh.Wave) else np.stack([bump, 0 * bump])}}  # fmt: skip
+    runs = [fh.Simulation(lattice, model, **setup, coefficient=c, rule=rule, dt=0.05) for c in (None, np.ones(lattice.shape))]
+    fields = [sim.run(20.0, progress=False).fields["u"] for sim in runs]
+    assert np.abs(fields[1] - fields[0]).max() < 1e-12
+
+
 def test_layered_medium_along_the_layer():
     """Two layers parallel to the normal of the absorbing sides."""
     model = fh.Wave(kernel(3))

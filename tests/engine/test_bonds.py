@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from farhorizon import Elastic, Fixed, Free, Kernel, LatticePML, Periodic, Simulation
-from helpers import lattice_of
+from helpers import RULES, lattice_of
 
 LAWS = {"linear": False, "nonlinear": True}
 
@@ -15,7 +15,7 @@ class PairByPair:
     Bonds of nodes within one reach of a fixed side are linear and do not break, either.
     """
 
-    def __init__(self, sim, held=False):
+    def __init__(self, sim, held=False, coefficient=None, rule="both"):
         model, lattice = sim.model, sim.lattice
         reach = sim.stencil.reach[0] if held else 0
         shape = np.array(lattice.shape) + 2 * reach
@@ -27,6 +27,9 @@ class PairByPair:
                  if (o := tuple(q - p for p, q in zip(a, b, strict=True))) in stiffness]  # fmt: skip
         self.i, self.j = (np.array([p[k] for p in pairs]) for k in (0, 1))
         self.c = np.array([p[2] for p in pairs]) / model.density
+        if coefficient is not None:
+            factor = np.pad(coefficient, reach, mode="edge").ravel()
+            self.c *= RULES[rule](factor[self.i], factor[self.j])
         self.xi = lattice.spacing * (index[self.j] - index[self.i]).astype(float)
         self.length = np.linalg.norm(self.xi, axis=1)
         self.law, self.inner = free[self.i] & free[self.j], inner
@@ -82,6 +85,23 @@ def test_bonds_break_as_one_by_one(shape, held, nonlinear):
     """Displacements to rounding and the same broken bonds after 40 steps; rows and planes that tiles do not divide."""
     sim = shaken(shape, nonlinear, Fixed() if held else None, reach=1 if held and len(shape) == 3 else 2)
     plain = PairByPair(sim, held)
+    for _ in range(40):
+        plain.step()
+    sim.step(40)
+    np.testing.assert_allclose(sim.fields["u"], plain.field, rtol=0, atol=1e-12 * np.abs(plain.field).max())
+    np.testing.assert_array_equal(sim._bonds_left(), plain.bonds_left)
+    assert sim.broken_bonds == (~plain.alive).sum() // 2 > 20
+
+
+@pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
+@pytest.mark.parametrize(("held", "rule"), [(False, "both"), (True, "arithmetic"), (False, "harmonic")])
+@pytest.mark.parametrize("shape", [(13, 19), (9, 7, 8)], ids=["2D", "3D"])
+def test_bonds_of_coefficients_that_vary(shape, held, rule, nonlinear):
+    """The same with a factor of each bond from those of its ends, some of them zero; in a box of one material nothing but the start is the same."""
+    coefficient = np.maximum(np.random.default_rng(8).random(shape) * 1.3 - 0.1, 0)
+    reach = 1 if held and len(shape) == 3 else 2
+    sim = shaken(shape, nonlinear, Fixed() if held else None, reach, coefficient=coefficient, rule=rule)
+    plain = PairByPair(sim, held, coefficient, rule)
     for _ in range(40):
         plain.step()
     sim.step(40)

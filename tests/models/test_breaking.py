@@ -199,6 +199,21 @@ def test_energy_that_leaves_is_lost():
     assert sim.balance()["lost"] == pytest.approx(start, rel=1e-4)
 
 
+@pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
+def test_energies_of_two_materials_add_up(nonlinear):
+    """A stiff half, a soft one, bonds that break in both, a crack that opens under load."""
+    lattice = fh.Lattice(0.5, (-8.0, -8.0), (8.0, 8.0))
+    x = np.stack(lattice.coordinates())
+    blast = fh.Source(0.15 * x * np.exp(-(x**2).sum(0)), lambda t: np.exp(-((t - 4) ** 2)))
+    sim = fh.Simulation(lattice, material(nonlinear=nonlinear, critical_stretch=0.02), {"all": fh.Free(), "x-": fh.Fixed()}, sources=[blast],
+                        coefficient=np.where(x[0] > 0.1, 0.4, 1.0), rule="harmonic", cracks=[fh.Crack([[-4, 0.3], [4, 0.3]], opens=3.0)],
+                        balance=True)  # fmt: skip
+    sim.run(16.0, progress=False)
+    found = sim.balance()
+    assert abs(found["lost"]) < (0.01 if nonlinear else 1e-6) * found["work"]
+    assert sim.broken_bonds > 50 and found["broken"] > 0.05 * found["work"]
+
+
 # --- layers, cracks and notes ----------------------------------------------------------------------------------
 
 
@@ -214,6 +229,42 @@ def test_weak_waves_leave_as_those_of_the_stencil(nonlinear):
         sim.run(20.0, progress=False)
     one, two = (sim.fields["u"] for sim in runs)
     assert np.abs(one - two).max() < 1e-7 * np.abs(runs[0].start_u).max()  # strain 1e-8 times the number of wavelengths
+
+
+@pytest.mark.parametrize("rule", ["both", "arithmetic", "harmonic"])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_intact_bonds_of_a_layered_medium_are_those_of_the_stencil(dim, rule):
+    """Layers that run into the absorbing ones, an inclusion: linear bonds to rounding, nonlinear ones up to the strain."""
+    lattice = fh.Lattice(0.5, (-5.0,) * dim, (5.0,) * dim)
+    x = np.stack(lattice.coordinates())
+    coefficient = np.where(x[1] > 1.1, 0.3, 1.0) + 0.5 * ((x**2).sum(0) < 4)
+    u = np.stack([1e-9 * np.exp(-(x**2).sum(0) / 2), *[0 * x[0]] * (dim - 1)])
+    sides = {"all": fh.LatticePML(nodes=6), f"{'xyz'[dim - 1]}-": fh.Free()}
+    runs = [fh.Simulation(lattice, material(**options), sides, {"u": u}, coefficient=coefficient, rule=rule).run(8.0, progress=False)
+            for options in ({}, {"critical_stretch": 0.1}, {"critical_stretch": 0.1, "nonlinear": True})]  # fmt: skip
+    stencil, linear, nonlinear = (sim.fields["u"] for sim in runs)
+    assert np.abs(linear - stencil).max() < 1e-13 * np.abs(u).max()
+    assert np.abs(nonlinear - stencil).max() < 1e-7 * np.abs(u).max()
+
+
+@pytest.mark.parametrize("component", [0, 1], ids=["P", "S"])
+def test_an_interface_reflects_and_transmits_by_impedance(component):
+    """A weak pulse that meets a medium a quarter as stiff, impedances 2 : 1, in a periodic strip of nonlinear bonds: of its part of wavenumber 2 a
+    third comes back and four thirds go on, to second order at a fixed horizon in nodes. The interface lies midway between nodes."""
+    spacings, errors = [0.2, 0.1, 0.05], []
+    for dx in spacings:
+        lattice, model = fh.Lattice(dx, (-8 + dx / 2, 0.0), (8 - dx / 2, 9 * dx)), material(dx, nonlinear=True)
+        x, speed = lattice.axes[0], (model.p_speed, model.s_speed)[component]
+        pulse = 1e-6 * np.exp(-(((lattice.coordinates()[0] + 4) / 0.7) ** 2))
+        u, v = np.zeros((2, 2, *lattice.shape))
+        u[component], v[component] = pulse, speed * 2 * (lattice.coordinates()[0] + 4) / 0.7**2 * pulse
+        sim = fh.Simulation(lattice, model, {"x": fh.LatticePML(), "y": fh.Periodic()}, {"u": u, "v": v}, rule="harmonic",
+                            coefficient=np.where(lattice.coordinates()[0] < 0, 1.0, 0.25))  # fmt: skip
+        sim.run(7.0 / speed, progress=False)
+        found, left, k = sim.fields["u"][component, :, 4], x < 0, 2.0
+        back, on = (abs((found[part] * np.exp(-1j * q * x[part])).sum()) for part, q in ((left, k), (~left, 2 * k)))
+        errors.append(max(np.abs(np.array([back, 2 * on]) / abs((pulse[:, 4] * np.exp(-1j * k * x)).sum()) - [1 / 3, 4 / 3])))
+    assert fitted_rate(spacings, errors) > 1.8 and errors[-1] < 0.01
 
 
 @pytest.mark.parametrize("side", [fh.LatticePML(nodes=8), fh.Fixed(), fh.Sponge(nodes=20)], ids=["layer", "fixed", "sponge"])
@@ -321,7 +372,7 @@ def test_impossible_materials(options, message):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"coefficient": np.ones(BOX.shape)}, "alike everywhere"),
+        ({"coefficient": -np.ones(BOX.shape)}, "must not be negative"),
         ({"cracks": [fh.Crack([[-1, 0.2], [1, 0.2]], factor=0.5)]}, "whole or cut"),
         ({"lattice": fh.Lattice(0.5, (-5, -5), (5, 5), body=fh.Disc(4.0)), "rim": "fixed"}, "no fixed rim"),
         ({"sources": [fh.Source(np.full((2, *BOX.shape), 1.0))]}, "far below the first strain of the load"),

@@ -247,6 +247,8 @@ class Engine:
                     edge = 0 if side < 0 else -1
                     view = np.repeat(np.take(view, [edge], axis), block.slots.extent[axis], axis)
             block.slots.all(values)[...] = view
+        for block in self.layout.blocks.values():
+            values[block.node_indices()] = values[block.slot_indices()]
         return values
 
     # --- parts that may be set after construction --------------------------------------------------------------
@@ -272,7 +274,7 @@ class Engine:
         Parameters
         ----------
         stiffness : ndarray, shape (K,)
-            Force on a unit of mass over elongation, of each offset.
+            Force on a unit of mass over elongation, of each offset, without coefficients.
         spacing : float
             Of the nodes, in the unit of the field.
         zone : Zone
@@ -290,13 +292,17 @@ class Engine:
         alive[:, block.node_indices()] = all_bits(len(places))[:, None, None, None]
         rows = block.nodes[0], -(-block.nodes[1] // high)
         kinds = np.zeros((*rows, -(-(zone.end[2] - zone.first[2]) // LANES)), np.uint8)
-        functions = np.array(load_bonds(components, nonlinear, self.dtype.name), np.int64)
+        rule = RULES[self._rule] if self._coefficient.size > 1 else None
+        functions = np.array(load_bonds(components, nonlinear, self.dtype.name, rule), np.int64)
         limits = np.array([limit, (limit / 2 * spacing) ** 2], self.dtype)
         self._bonds = Bonds(functions, table, places, alive, kinds, zone.table(self.layout.reach), limits, nonlinear, np.zeros((*rows, 2)))
-        self._work_done = np.zeros(-(-components * int(np.prod(self.core.nodes)) // bond_laws.CHUNK))
         depths = self._sweeps[3]
         depths[0] = -(-depths[0] // bond_laws.CALM_ROWS) * bond_laws.CALM_ROWS
         self._find_kinds()
+
+    def record_work(self) -> None:
+        """From now on add up the work of the sources; the older level must outlive a step."""
+        self._work_done = np.zeros(-(-self.components * int(np.prod(self.core.nodes)) // bond_laws.CHUNK))
 
     @property
     def nonlinear(self) -> bool:
@@ -348,7 +354,8 @@ class Engine:
     @property
     def bond_state(self) -> dict[str, np.ndarray]:
         """What a checkpoint holds of the bonds: bits, kinds of tiles, and what has been added up of broken bonds and of work; they share memory."""
-        return {"bonds": self._bonds.alive, "kinds": self._bonds.kinds, "broken": self._bonds.book, "work": self._work_done}
+        bonds = {"bonds": self._bonds.alive, "kinds": self._bonds.kinds, "broken": self._bonds.book} if self.has_bonds else {}
+        return bonds | ({"work": self._work_done} if self._work_done.size else {})
 
     @property
     def broken(self) -> tuple[float, int]:
@@ -373,7 +380,8 @@ class Engine:
         """
         self.fill(self.current)
         bounds = np.array(first, np.int64), np.array(end, np.int64)
-        total = bond_laws.strain_energy(self.current, self.older, self._sweeps[1][0], *bounds, nodes, whole, self.components, self._bonds)
+        total = bond_laws.strain_energy(self.current, self.older, self._sweeps[1][0], *bounds, nodes, whole, self.components,
+                                        self._coefficient, self._rule, self._bonds)  # fmt: skip
         return float(total) / self.stages.numbers[0][2]
 
     def largest_strain(self) -> float:

@@ -7,22 +7,23 @@ from farhorizon.engine.simd_bonds import bond_signature, bond_sweep, steepness, 
 COMPONENTS = 2
 NONLINEAR = True
 REAL = "float64"
+RULE = None
 
-intact_tile = bond_sweep(COMPONENTS, NONLINEAR, REAL, False)
-damaged_tile = bond_sweep(COMPONENTS, NONLINEAR, REAL, True)
+intact_tile = bond_sweep(COMPONENTS, NONLINEAR, REAL, RULE, False)
+damaged_tile = bond_sweep(COMPONENTS, NONLINEAR, REAL, RULE, True)
 measure = steepness(COMPONENTS, REAL)
 
 
 @cfunc(bond_signature(REAL), cache=True)
-def intact(src, base, out, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit):  # type: ignore[no-untyped-def]
+def intact(src, base, out, coefficient, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit):  # type: ignore[no-untyped-def]
     """A tile with all its bonds."""
-    return intact_tile(src, base, out, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit)
+    return intact_tile(src, base, out, coefficient, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit)
 
 
 @cfunc(bond_signature(REAL), cache=True)
-def damaged(src, base, out, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit):  # type: ignore[no-untyped-def]
+def damaged(src, base, out, coefficient, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit):  # type: ignore[no-untyped-def]
     """A tile that lacks bonds, or has bonds that leave the zone."""
-    return damaged_tile(src, base, out, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit)
+    return damaged_tile(src, base, out, coefficient, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit)
 
 
 @cfunc(steepness_signature(), cache=True)

@@ -102,6 +102,22 @@ class Zone:
 
 
 @njit(error_model="numpy", inline="always")
+def bond_factor(rule, mine, other):  # type: ignore[no-untyped-def]
+    """Coefficient of a bond from those of its ends: 0 both (min), 1 arithmetic, 2 harmonic, 3 phases.
+
+    Phases: 1 between two liquid nodes, the solid's between it and a liquid one, 0 between two solid ones (see `engine.phases`).
+    """
+    if rule == 3:
+        return max(mine, other, 0 * mine) * abs(min(mine, other))
+    if rule == 0:
+        return min(mine, other)
+    total = mine + other
+    if rule == 1:
+        return total / 2
+    return 2 * mine * other / total if total > 0 else 0 * total
+
+
+@njit(error_model="numpy", inline="always")
 def follows_law(zone, i0, i1, i2):  # type: ignore[no-untyped-def]
     """Whether bonds between this node of the core, or of its halo, and the zone follow the law."""
     return (
@@ -130,7 +146,7 @@ def elongation(e, nonlinear):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy", inline="always")
-def bond_energy(u, old, node, bond, table, places, components, nonlinear):  # type: ignore[no-untyped-def]
+def bond_energy(u, old, node, bond, table, places, components, nonlinear, coefficient, rule):  # type: ignore[no-untyped-def]
     """``c d d' / 2`` of one bond from its elongations now and a step ago."""
     xi = table[bond]
     length = 0.0
@@ -138,11 +154,14 @@ def bond_energy(u, old, node, bond, table, places, components, nonlinear):  # ty
         length += np.float64(xi[c]) ** 2
     now = elongation(strain_of(u, node, places[bond, 0], xi, components, nonlinear), nonlinear)
     before = elongation(strain_of(old, node, places[bond, 0], xi, components, nonlinear), nonlinear)
-    return 0.5 * np.float64(xi[components + 1]) * length * now * before
+    factor = np.float64(xi[components + 1])
+    if coefficient.size > 1:
+        factor *= bond_factor(rule, coefficient[node], coefficient[node + places[bond, 0]])
+    return 0.5 * factor * length * now * before
 
 
 @njit(error_model="numpy", cache=True)
-def book_broken(u, old, alive, kept, node, step, count, n, table, places, components, nonlinear, book):  # type: ignore[no-untyped-def]
+def book_broken(u, old, alive, kept, node, step, count, n, table, places, components, nonlinear, coefficient, rule, book):  # type: ignore[no-untyped-def]
     """Add half the energy, and half the number, of the bonds that have broken now: those of a tile whose bits are `kept` but no longer `alive`."""
     for row in range(count):
         for i in range(n):
@@ -151,18 +170,19 @@ def book_broken(u, old, alive, kept, node, step, count, n, table, places, compon
                 bond = 64 * word
                 while gone != 0:
                     if gone & np.uint64(1) != 0:
-                        book[0] += 0.5 * bond_energy(u, old, node + row * step + i, bond, table, places, components, nonlinear)
+                        place = node + row * step + i
+                        book[0] += 0.5 * bond_energy(u, old, place, bond, table, places, components, nonlinear, coefficient, rule)
                         book[1] += 0.5
                     gone >>= np.uint64(1)
                     bond += 1
 
 
 @njit(error_model="numpy", cache=True)
-def next_piece(src, block, reach, i0, first, last, begin, components, bonds):  # type: ignore[no-untyped-def]
+def next_piece(src, block, reach, i0, first, last, begin, components, varied, bonds):  # type: ignore[no-untyped-def]
     """Where a piece of the rows `first` to `last` of a plane ends that begins at a node, and whether it is calm: it has all its bonds, and none may
-    break, so that the stencil serves, too."""
+    break, so that the stencil serves, too (for a `varied` material it takes longer than the bonds one by one)."""
     high, start, end = _ROWS_3 if components == 3 else _ROWS_2, bonds.zone[FIRST + 2], bonds.zone[END + 2]
-    if bonds.nonlinear:
+    if bonds.nonlinear or varied:
         return end, False
     whole, stop = True, begin
     while stop < min(begin + CALM_NODES, end):
@@ -184,7 +204,7 @@ def next_piece(src, block, reach, i0, first, last, begin, components, bonds):  #
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_tiles(src, base, out, block, i0, first, last, begin, end, a, b, components, bonds):  # type: ignore[no-untyped-def]
+def sweep_tiles(src, base, out, block, i0, first, last, begin, end, a, b, components, coefficient, rule, bonds):  # type: ignore[no-untyped-def]
     """Nodes `begin` to `end` of the rows `first` to `last` of a plane of the zone; they end where tiles end."""
     functions, table, places, alive, kinds, zone, limit, nonlinear, book = bonds
     size, apart, high = src.itemsize, src.size // components, _ROWS_3 if components == 3 else _ROWS_2
@@ -207,8 +227,8 @@ def sweep_tiles(src, base, out, block, i0, first, last, begin, end, a, b, compon
                             kept[word, j, i] = alive[word, node + j * block[5] + i]
             found = call_bonds(
                 functions[kind], src.ctypes.data + node * size, base.ctypes.data + node * size, out.ctypes.data + node * size,
-                alive.ctypes.data + 8 * node, table.ctypes.data, places.ctypes.data, places.shape[0], zone.ctypes.data, alive.shape[1],
-                n, count, block[5], apart, i0, row, i2, a, b, limit[0],
+                coefficient.ctypes.data + node * size, alive.ctypes.data + 8 * node, table.ctypes.data, places.ctypes.data, places.shape[0],
+                zone.ctypes.data, alive.shape[1], n, count, block[5], apart, i0, row, i2, a, b, limit[0],
             )  # fmt: skip
             if kind == PLAIN:
                 number += found
@@ -217,7 +237,8 @@ def sweep_tiles(src, base, out, block, i0, first, last, begin, end, a, b, compon
             else:
                 number += 1
                 if found:
-                    book_broken(src, base, alive, kept, node, block[5], count, n, table, places, components, nonlinear, book[i0, tile_row])
+                    book_broken(src, base, alive, kept, node, block[5], count, n, table, places, components, nonlinear, coefficient, rule,
+                                book[i0, tile_row])  # fmt: skip
 
 
 @njit(error_model="numpy", cache=True)
@@ -262,7 +283,7 @@ def curved_part(zone, i0, i1, offset, first, end):  # type: ignore[no-untyped-de
 
 
 @njit(error_model="numpy", cache=True)
-def strain_energy(u, old, block, first, end, nodes, whole, components, bonds):  # type: ignore[no-untyped-def]
+def strain_energy(u, old, block, first, end, nodes, whole, components, coefficient, rule, bonds):  # type: ignore[no-untyped-def]
     """Energy of all bonds of the nodes `first` to `end` of the core, in units of c; bonds to other nodes count half, across sides `whole` fully."""
     table, places, alive, zone = bonds.table, bonds.places, bonds.alive, bonds.zone
     width = end[2] - first[2]
@@ -290,13 +311,15 @@ def strain_energy(u, old, block, first, end, nodes, whole, components, bonds):  
                     one, two, sums, there = now[part], before[part], energy[part], bits[part]
                     for i in range(last - begin):
                         gain = factor * elongation(one[i], curved) * elongation(two[i], curved)
+                        if coefficient.size > 1:
+                            gain *= bond_factor(rule, coefficient[node + begin + i], coefficient[node + begin + i + offset[0]])
                         sums[i] += gain if there[i] & mask != 0 else 0.0
                 if (whole[2, 0] or whole[2, 1]) and not outside:  # bonds that leave along the row
                     for i2 in range(first[2], end[2]):
                         leaves = (i2 + offset[3] < first[2] and whole[2, 0]) or (i2 + offset[3] >= end[2] and whole[2, 1])
                         if leaves and bits[i2 - first[2]] & mask != 0:
                             curved = bonds.nonlinear and start <= i2 < stop
-                            energy[i2 - first[2]] += 0.5 * bond_energy(u, old, node + i2, bond, table, places, components, curved)
+                            energy[i2 - first[2]] += 0.5 * bond_energy(u, old, node + i2, bond, table, places, components, curved, coefficient, rule)
             line = 0.0
             for i2 in range(width):
                 if nodes[i0 - first[0], i1 - first[1], i2]:

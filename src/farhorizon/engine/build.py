@@ -49,9 +49,9 @@ def load_rows(
     return int(_load("rows", SHAPE=shape, CLASSES=classes, REAL=real, INCREMENTS=increments, LINES=lines, PATTERN=pattern).rows.address)
 
 
-def load_bonds(components: int, nonlinear: bool, real: str) -> tuple[int, int, int]:
+def load_bonds(components: int, nonlinear: bool, real: str, rule: str | None) -> tuple[int, int, int]:
     """Addresses of the sweeps of plain tiles and of an odd one for a law of bonds, and of the bound of their stretch (see `engine.simd_bonds`)."""
-    made = _load("bond_rows", COMPONENTS=components, NONLINEAR=nonlinear, REAL=real)
+    made = _load("bond_rows", COMPONENTS=components, NONLINEAR=nonlinear, REAL=real, RULE=rule)
     return int(made.intact.address), int(made.damaged.address), int(made.steep.address)
 
 

@@ -5,6 +5,8 @@ axis rows are cut into *tiles* of at most `TILE` nodes, each wholly inside or wh
 share one shape tensor, and are summed over pairs of opposite bonds in registers; of *odd* tiles the bonds are kept as bits, with the inverse
 shape tensors, and where a node lacks some its sums are done anew, bond by bond. Nodes in layers have memory. Both are arrays over such nodes only.
 
+The constants of the material stand in rows, one value a node, or, where all nodes are alike, one tile of values that serves all of them.
+
 A step has two parts, between which threads meet: from displacements to stresses (where bonds break), and from stresses to displacements.
 With bonds xi and weights w (influence function times volume, scaled so that the shape tensor K = sum w xi xi of an intact node is 1), the
 deformation gradient less 1 is e = (sum w (u_j - u_i) xi) K^-1 and the acceleration sum w (P_i + P_j) xi, P = stress K^-1 / density: minus the
@@ -27,6 +29,9 @@ from farhorizon.engine.threads import barrier
 TILE = 256
 #: Kinds of a tile, to be added: bonds missing, in a layer, may break, under load.
 ODD, LAYER, BREAKABLE, LOADED = 1, 2, 4, 8
+#: Rows of the constants: Lame's, the shear modulus and the stabilisation of a bond, all over the reference density; this over the
+#: node's density, and the inverse.
+LAME, SHEAR, PULL, LIGHTNESS, MASS = range(5)
 #: What is added up over time, by lane: of the last whole step the kinetic and the strain energy; since the start the rest.
 KINETIC, STRAIN, WORK, BROKEN, DRAG, OUTFLOW, PENDING_WORK, PENDING_OUTFLOW, BONDS, BOOKS = range(10)
 _UNROLLED = 2  # vectors of sums that go through the bonds together
@@ -208,10 +213,11 @@ def shape_inverses(tiles, weights, steps, bits, inverse):
 
 @njit(error_model="numpy", cache=True)
 def _node_energy(u, v, dt, i, node, medium, bonds, bits, inverse, total, e, rate):
-    """Strain energy per mass of node i, `node` among those of odd tiles, less half a step of its power: what breaking takes from it."""
+    """Strain energy of node i, `node` among those of odd tiles, less half a step of its power: what breaking takes from it."""
     distances, weights, steps = bonds
     dim = weights.shape[1] - 1
-    lame, shear, pull = medium
+    at = medium[1] * i
+    lame, shear, pull = medium[0][LAME, at], medium[0][SHEAR, at], medium[0][PULL, at]
     odd_gradient(u, i, node, distances, weights, bits, inverse, total, e)
     odd_gradient(v, i, node, distances, weights, bits, inverse, total, rate)
     trace, speed = 0.0, 0.0
@@ -380,23 +386,23 @@ def _stretch(tile, rows, first_row, layers, first, work):
 
 
 @njit(error_model="numpy", fastmath=_ANY_ORDER, cache=True)
-def _stress(count, dim, medium, work):
-    """Stress over the density into ``work[2 dim^2:]`` from the gradient in ``work[:dim^2]``; the strain energy per mass of the nodes."""
-    lame, shear, _ = medium
-    rows = dim * dim
+def _stress(tile, dim, medium, work):
+    """Stress over the reference density into ``work[2 dim^2:]`` from the gradient in ``work[:dim^2]``; the strain energy of the nodes."""
+    rows, count, at = dim * dim, tile[1], medium[1] * tile[0]
+    lame, shear = medium[0][LAME, at : at + count], medium[0][SHEAR, at : at + count]
     energy = 0.0
     trace = work[3 * rows]
     trace[:count] = 0
     for a in range(dim):
         diagonal = work[a * dim + a]
         for i in range(count):
-            trace[i] += lame * diagonal[i]
+            trace[i] += lame[i] * diagonal[i]
     for a in range(dim):
         for b in range(dim):
             stress, e, mirrored = work[2 * rows + a * dim + b], work[a * dim + b], work[b * dim + a]
             own = 1.0 if a == b else 0.0
             for i in range(count):
-                stress[i] = shear * (e[i] + mirrored[i]) + own * trace[i]
+                stress[i] = shear[i] * (e[i] + mirrored[i]) + own * trace[i]
                 energy += stress[i] * e[i] / 2
     return energy
 
@@ -421,50 +427,54 @@ def _push(p, tile, dim, inverse, work):
 
 @njit(error_model="numpy", fastmath=_ANY_ORDER, cache=True)
 def _stabilise(u, tile, medium, bonds, bits, p, force, work):
-    """Add what resists zero-energy modes, ``pull w (2 (u_j - u_i) - (e_i + e_j) xi)`` a bond (Silling 2017).
+    """Add what resists zero-energy modes, ``w (pull_i (u_j - u_i - e_i xi) + pull_j (u_j - u_i - e_j xi))`` a bond (Silling 2017).
 
     The part of e_i, which stands in ``work[dim^2:]``, goes into P, the rest into `force`, shape (dim, size).
     """
     distances, weights, steps = bonds
-    start, count, dim = tile[0], tile[1], steps.shape[1]
+    start, count, dim, at = tile[0], tile[1], steps.shape[1], medium[1] * tile[0]
+    mine = medium[0][PULL, at : at + count]
     for row in range(dim * dim):
         e, to = work[dim * dim + row], p[row, start : start + count]
         for i in range(count):
-            to[i] -= medium[2] * e[i]
+            to[i] -= mine[i] * e[i]
     for a in range(dim):
         here, total = u[a, start : start + count], force[a, start : start + count]
         total[:] = 0
         for k in range(distances.size):
-            there, weight = u[a, start + distances[k] : start + distances[k] + count], 2 * medium[2] * weights[k, dim]
+            there, weight = u[a, start + distances[k] : start + distances[k] + count], weights[k, dim]
+            across = at + medium[1] * distances[k]
+            other = medium[0][PULL, across : across + count]
             if tile[2] & ODD:
                 for i in range(count):
                     if _whole(bits, tile[4] + i, k):
-                        total[i] += weight * (there[i] - here[i])
+                        total[i] += weight * (mine[i] + other[i]) * (there[i] - here[i])
             else:
                 for i in range(count):
-                    total[i] += weight * (there[i] - here[i])
+                    total[i] += weight * (mine[i] + other[i]) * (there[i] - here[i])
 
 
 @njit(error_model="numpy", cache=True)
 def _stabilisation_energy(u, tile, medium, bonds, bits, work):
-    """Energy per mass of what `_stabilise` adds, with the gradient in ``work[dim^2:]``."""
+    """Energy of what `_stabilise` adds, with the gradient in ``work[dim^2:]``."""
     distances, weights, steps = bonds
     dim = steps.shape[1]
     energy = 0.0
     for i in range(tile[1]):
+        pull = medium[0][PULL, medium[1] * (tile[0] + i)]
         for k in range(distances.size):
             if not tile[2] & ODD or _whole(bits, tile[4] + i, k):
                 for a in range(dim):
                     rest = u[a, tile[0] + i + distances[k]] - u[a, tile[0] + i]
                     for b in range(dim):
                         rest -= work[dim * dim + a * dim + b, i] * steps[k, b]
-                    energy += medium[2] * weights[k, dim] * rest * rest / 2
+                    energy += pull * weights[k, dim] * rest * rest / 2
     return energy
 
 
 @njit(error_model="numpy", cache=True)
 def _split_divergence(p, tile, pairs, bonds, slots, work):
-    """Acceleration of a tile's nodes by the direction of the derivative, ``work[a dim + b]``: of intact nodes, then anew where bonds are missing."""
+    """Force on a tile's nodes by the direction of the derivative, ``work[a dim + b]``: of intact nodes, then anew where bonds are missing."""
     split_divergence(p, tile[0], tile[1], pairs[0], pairs[1], work)
     if tile[2] & ODD:
         parts = np.zeros(9)
@@ -476,8 +486,8 @@ def _split_divergence(p, tile, pairs, bonds, slots, work):
 
 
 @njit(error_model="numpy", cache=True)
-def _accelerate(p, tile, pairs, bonds, slots, layers, first, work):
-    """Acceleration of a tile's nodes into ``work[:dim]``; the layers' memory moves on."""
+def _force(p, tile, pairs, bonds, slots, layers, first, work):
+    """Force on a tile's nodes, over the reference density, into ``work[:dim]``; the layers' memory moves on."""
     dim = bonds[2].shape[1]
     if not tile[2] & (ODD | LAYER):
         divergence(p, tile[0], tile[1], pairs[0], pairs[1], work)
@@ -495,17 +505,17 @@ def _accelerate(p, tile, pairs, bonds, slots, layers, first, work):
 
 @njit(error_model="numpy", cache=True)
 def _outflow(v, p, u, ago, medium, crossing, bonds, lane, lanes):
-    """Power per mass that the near field gains along the bonds which leave it, with the displacements a time `ago` before u."""
+    """Power that the near field gains along the bonds which leave it, with the displacements a time `ago` before u."""
     distances, weights, steps = bonds
     dim = steps.shape[1]
-    pull = medium[2]
+    pull, stride = medium[0][PULL], medium[1]
     total = 0.0
     for number in range(lane, crossing.shape[0], lanes):
         i, k = crossing[number, 0], crossing[number, 1]
         j = i + distances[k]
         for a in range(dim):
-            mine = pull * weights[k, dim] * (u[a, j] - u[a, i] - ago * (v[a, j] - v[a, i]))
-            other = mine
+            apart = weights[k, dim] * (u[a, j] - u[a, i] - ago * (v[a, j] - v[a, i]))
+            mine, other = pull[stride * i] * apart, pull[stride * j] * apart
             for b in range(dim):
                 mine += p[a * dim + b, i] * weights[k, b]
                 other += p[a * dim + b, j] * weights[k, b]
@@ -515,7 +525,7 @@ def _outflow(v, p, u, ago, medium, crossing, bonds, lane, lanes):
 
 @njit(error_model="numpy", cache=True)
 def _outside(tile, loads, factors, out):
-    """Accelerations of a tile's nodes by the loads of a step, shape (dim, TILE)."""
+    """Forces on a tile's nodes, over the reference density, by the loads of a step, shape (dim, TILE)."""
     start, count = tile[0], tile[1]
     out[:, :count] = 0
     if tile[2] & LOADED:
@@ -526,24 +536,25 @@ def _outside(tile, loads, factors, out):
 
 
 @njit(error_model="numpy", fastmath=_ANY_ORDER, cache=True)
-def _move(u, v, smoothed, tile, dt, kick, acceleration, outside, damping, book):
+def _move(u, v, smoothed, tile, dt, kick, force, outside, damping, medium, book):
     """New velocities and displacements of a tile, and what it adds to the book: kinetic energy, work, drag."""
-    start, count = tile[0], tile[1]
+    start, count, at = tile[0], tile[1], medium[1] * tile[0]
+    lightness, mass = medium[0][LIGHTNESS, at : at + count], medium[0][MASS, at : at + count]
     kinetic, now, following, lost = 0.0, 0.0, 0.0, 0.0
     for a in range(u.shape[0]):
         old, new, moved = smoothed[a, start : start + count], v[a, start : start + count], u[a, start : start + count]
-        gained, load = acceleration[a], outside[a]
+        gained, load = force[a], outside[a]
         if tile[2] & LAYER:
             damped = damping[tile[3] : tile[3] + count]
             for i in range(count):
-                new[i] = ((1 - damped[i] * dt) * old[i] + kick * (gained[i] + load[i])) / (1 + damped[i] * dt)
+                new[i] = ((1 - damped[i] * dt) * old[i] + kick * lightness[i] * (gained[i] + load[i])) / (1 + damped[i] * dt)
                 moved[i] += dt * new[i]
         else:
             for i in range(count):
-                last, begin, rate = new[i], old[i], gained[i] + load[i]
+                last, begin, rate = new[i], old[i], lightness[i] * (gained[i] + load[i])
                 speed = begin + kick * rate
-                kinetic += speed * (speed - dt * rate) / 2
-                lost += (last - begin) * (last + begin + dt * rate) / 2
+                kinetic += mass[i] * speed * (speed - dt * rate) / 2
+                lost += mass[i] * (last - begin) * (last + begin + dt * rate) / 2
                 now += last * load[i]
                 following += speed * load[i]
                 new[i] = speed
@@ -573,8 +584,9 @@ def advance(lane, lanes, sync, steps_to_do, done, dt, drag, u, v, spare, p, forc
         Stresses, and the force of the stabilisation (without use if there is none).
     tiles : ndarray of int, shape (N, 8)
         First node, number of nodes, kind, first place among the nodes of layers and of odd tiles (-1: none), place along the three axes.
-    medium : tuple of float
-        Lame constant and shear modulus over the density, and the stabilisation of a bond.
+    medium : tuple
+        The constants of the material, shape (5, size), or (5, TILE) where all nodes are alike; 1 or 0, by which a node's number is multiplied to find
+        its own; whether there is a stabilisation.
     pairs : tuple
         Distances (int64) and weights ``w xi`` of one of each two opposite bonds.
     bonds : tuple
@@ -588,11 +600,11 @@ def advance(lane, lanes, sync, steps_to_do, done, dt, drag, u, v, spare, p, forc
     layers : tuple
         Memory of the layers' nodes, shape (2 dim^2, L), `keep` and `gain` of its recursion, shape (dim, L), damping, shape (L,).
     loads, factors : ndarray, shapes (L, dim, size) and (steps, L)
-        Accelerations from outside, and their factors in each step.
+        Forces from outside over the reference density, and their factors in each step.
     crossing : ndarray of int, shape (C, 2)
         Nodes of the near field and their bonds that leave it.
     books : ndarray, shape (lanes, BOOKS)
-        Energies over the mass of a node, as named above, of the near field.
+        Energies over the reference mass of a node, as named above, of the near field.
     """
     dim = u.shape[0]
     rows = dim * dim
@@ -609,17 +621,17 @@ def advance(lane, lanes, sync, steps_to_do, done, dt, drag, u, v, spare, p, forc
             if tile[2] & BREAKABLE and _break_bonds(u, v, dt, tile, medium, bonds, triples, bits, inverse, fracture, book, work):
                 tile[2] |= ODD
             _plain_strain(u, tile, pairs, bonds, slots, work)
-            if medium[2] > 0:
+            if medium[2]:
                 work[rows : 2 * rows] = work[:rows]
             if tile[2] & LAYER:
                 _stretch(tile, rows, 0, layers, first, work)
-            energy = _stress(tile[1], dim, medium, work)
+            energy = _stress(tile, dim, medium, work)
             _push(p, tile, dim, inverse, work)
-            if medium[2] > 0:
+            if medium[2]:
                 _stabilise(u, tile, medium, bonds, bits, p, force, work)
             if not tile[2] & LAYER:
                 book[STRAIN] += energy
-                if medium[2] > 0 and step == steps_to_do - 1:  # the book is read after the last step only
+                if medium[2] and step == steps_to_do - 1:  # the book is read after the last step only
                     book[STRAIN] += _stabilisation_energy(u, tile, medium, bonds, bits, work)
             if smoothing:
                 _smooth(v, spare, tile, bonds[0], bits, full, drag, work)
@@ -631,13 +643,13 @@ def advance(lane, lanes, sync, steps_to_do, done, dt, drag, u, v, spare, p, forc
         book[KINETIC] = book[PENDING_WORK] = 0
         for number in range(first_tile, last_tile):
             tile = tiles[number]
-            _accelerate(p, tile, pairs, bonds, slots, layers, first, work)
-            if medium[2] > 0:
+            _force(p, tile, pairs, bonds, slots, layers, first, work)
+            if medium[2]:
                 for a in range(dim):
                     for i in range(tile[1]):
                         work[a, i] += force[a, tile[0] + i]
             _outside(tile, loads, factors[step], work[dim : 2 * dim])
-            _move(u, v, smoothed, tile, dt, dt / 2 if first else dt, work, work[dim : 2 * dim], layers[3], book)
+            _move(u, v, smoothed, tile, dt, dt / 2 if first else dt, work, work[dim : 2 * dim], layers[3], medium, book)
         if first:
             book[WORK] = 0
         barrier(sync, lanes)
@@ -660,11 +672,11 @@ def advance_split(lane, lanes, sync, steps_to_do, dt, u, parts, histories, p, ti
     phi : ndarray, shape (dim, L)
         Stretch in the layers (1/time).
 
-    The rest as of `advance`.
+    The rest as of `advance`; all nodes are alike.
     """
     dim = u.shape[0]
     rows = dim * dim
-    lame, shear, _ = medium
+    lame, shear = medium[0][LAME, 0], medium[0][SHEAR, 0]
     work = np.zeros((3 * rows + 1, TILE))
     first_tile, last_tile = lane * tiles.shape[0] // lanes, (lane + 1) * tiles.shape[0] // lanes
     still = np.zeros(TILE)
@@ -727,9 +739,9 @@ def accelerations(u, p, force, tiles, medium, pairs, bonds, slots, out):
     for number in range(tiles.shape[0]):
         tile = tiles[number]
         _plain_strain(u, tile, pairs, bonds, slots, work)
-        _stress(tile[1], dim, medium, work)
+        _stress(tile, dim, medium, work)
         _push(p, tile, dim, slots[1], work)
-        if medium[2] > 0:
+        if medium[2]:
             work[rows : 2 * rows] = work[:rows]
             _stabilise(u, tile, medium, bonds, slots[0], p, force, work)
     for number in range(tiles.shape[0]):
@@ -737,7 +749,7 @@ def accelerations(u, p, force, tiles, medium, pairs, bonds, slots, out):
         _split_divergence(p, tile, pairs, bonds, slots, work)
         for a in range(dim):
             for i in range(tile[1]):
-                total = force[a, tile[0] + i] if medium[2] > 0 else 0.0
+                total = force[a, tile[0] + i] if medium[2] else 0.0
                 for b in range(dim):
                     total += work[a * dim + b, i]
-                out[a, tile[0] + i] = total
+                out[a, tile[0] + i] = total * medium[0][LIGHTNESS, medium[1] * (tile[0] + i)]

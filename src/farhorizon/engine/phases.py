@@ -1,6 +1,6 @@
 """Solid and liquid: tiles that are all liquid, all solid or mixed, and the solid nodes that become liquid.
 
-The coefficient of a node is its phase: 1 in the liquid, minus the factor of interface bonds in the solid (`program.bond_factor`, rule
+The coefficient of a node is its phase: 1 in the liquid, minus the factor of interface bonds in the solid (`bonds.bond_factor`, rule
 "phases"). A *tile* is a stretch of `TILE` nodes of up to `TILE_ROWS` neighbouring rows, small, so that few nodes share one with a front. It
 knows how many solid nodes lie in it or within one reach of it: none, and the stencil's plain rows serve; all, and nothing changes there; else
 bonds are looked at one by one. A node that becomes liquid is taken off these counts. What a step goes through are *runs*, neighbouring tiles of

@@ -11,7 +11,7 @@ Several threads go through the same loop, each with its share (`lane` of `lanes`
 import numpy as np
 from numba import njit
 
-from farhorizon.engine.bonds import CALM_ROWS, END, FIRST, book_work, next_piece, sweep_tiles
+from farhorizon.engine.bonds import CALM_ROWS, END, FIRST, bond_factor, book_work, next_piece, sweep_tiles
 from farhorizon.engine.ends import exact_ends
 from farhorizon.engine.filter import damp_short_waves
 from farhorizon.engine.fringe import close_fringe
@@ -33,22 +33,6 @@ def component(array, number, components):
     """The part of an array that belongs to one component."""
     size = array.size // components
     return array[number * size : (number + 1) * size]
-
-
-@njit(error_model="numpy", inline="always")
-def bond_factor(rule, mine, other):
-    """Coefficient of a bond from those of its ends: 0 both (min), 1 arithmetic, 2 harmonic, 3 phases.
-
-    Phases: 1 between two liquid nodes, the solid's between it and a liquid one, 0 between two solid ones (see `engine.phases`).
-    """
-    if rule == 3:
-        return max(mine, other, 0 * mine) * abs(min(mine, other))
-    if rule == 0:
-        return min(mine, other)
-    total = mine + other
-    if rule == 1:
-        return total / 2
-    return 2 * mine * other / total if total > 0 else 0 * total
 
 
 @njit(error_model="numpy", cache=True)
@@ -167,11 +151,11 @@ def sweep_bonds(src, base, out, block, number, depth, function, weights, offsets
         stop = zone[FIRST + 2]
         while stop < zone[END + 2]:
             start = stop
-            stop, calm = next_piece(src, block, reach, i0, i1, end, start, law[6], bonds)
+            stop, calm = next_piece(src, block, reach, i0, i1, end, start, law[6], coefficient.size > 1, bonds)
             if calm:
                 sweep_rows(src, base, out, block, i0, i1, end - i1, start, stop, function, weights, offsets, coefficient, law)
             else:
-                sweep_tiles(src, base, out, block, i0, i1, end, start, stop, law[2], law[3], law[6], bonds)
+                sweep_tiles(src, base, out, block, i0, i1, end, start, stop, law[2], law[3], law[6], coefficient, law[5], bonds)
 
 
 @njit(error_model="numpy", cache=True)

@@ -3,7 +3,8 @@
 The force of a bond ``xi`` whose ends have moved apart by ``eta`` is ``c e h(e) (xi + eta)`` with ``e = |xi + eta|^2 / |xi|^2 - 1``, computed
 from ``eta`` without cancellation, and ``h(e) = 1 / (1 + e + sqrt(1 + e))``: the prototype microelastic law ``c (|y| - |xi|) y / |y|``. Linearised
 it is ``c e/2 xi`` with ``e = 2 xi . eta / |xi|^2``. A bond breaks where e exceeds a limit. What decides on that is rounded alike at both ends
-of a bond, for all factors turn their sign there, and the order of the sums is fixed: so each end finds it out by itself.
+of a bond, for all factors turn their sign there, and the order of the sums is fixed: so each end finds it out by itself. Where the material varies
+c has a factor that follows from the coefficients of both ends, whichever comes first.
 """
 
 from __future__ import annotations
@@ -26,6 +27,10 @@ PLACES = 4
 
 _INTEGERS = ir.VectorType(ir.IntType(64), LANES)
 
+_NODES = 10  # place of the nodes of a row among the arguments
+#: Components of the field, whether the law is nonlinear, the number type, and the rule of coefficients or None.
+Law = tuple[int, bool, str, str | None]
+
 
 class _Tile:
     """Up to `ROWS` rows of up to `LANES` nodes, the loop over their bonds and the update in time. Rows that are not there repeat the last one.
@@ -33,11 +38,11 @@ class _Tile:
     It begins `first` nodes further on than the addresses in `args`.
     """
 
-    def __init__(self, builder: ir.IRBuilder, args: tuple[Any, ...], law: tuple[int, bool, str], first: Any) -> None:
-        components, nonlinear, real = law
+    def __init__(self, builder: ir.IRBuilder, args: tuple[Any, ...], law: Law, first: Any) -> None:
+        components, nonlinear, real, self.rule = law
         self.builder, self.components, self.nonlinear = builder, components, nonlinear
-        (self.src, self.base, self.out, self.alive, self.table, self.places, self.count, self.zone, self.words, n, rows, self.step, self.apart,
-         *self.node, self.a, self.b, limit) = args  # fmt: skip
+        (self.src, self.base, self.out, coefficient, self.alive, self.table, self.places, self.count, self.zone, self.words, n, rows, self.step,
+         self.apart, *self.node, self.a, self.b, limit) = args  # fmt: skip
         self.vectors = Vectors(builder, ir.DoubleType() if real == "float64" else ir.FloatType(), LANES)
         self.src, self.base, self.out = (self.vectors.shifted(start, (1, first)) for start in (self.src, self.base, self.out))
         last = builder.sub(rows, I64(1))
@@ -45,6 +50,8 @@ class _Tile:
         self.limit = self.vectors.splat(limit)
         self.wanted = self.below(first, n)
         self.own = [[self.vectors.load(self.place(self.src, row, c)) for c in range(components)] for row in self.rows]
+        self.coefficient = self.vectors.shifted(coefficient, (1, first))
+        self.coefficients = [self.vectors.load(self.place(self.coefficient, row, 0)) for row in self.rows if self.rule is not None]
 
     def constant(self, value: float) -> Any:
         return ir.Constant(self.vectors.type, [value] * LANES)
@@ -94,6 +101,21 @@ class _Tile:
             total = self.call("fma", d, s, total)
         return builder.fmul(total, inverse), direction
 
+    def stiffness(self, uniform: Any, bond: Any, row: int) -> Any:
+        """c of one bond from that without coefficients, as `engine.bonds.bond_factor` has it."""
+        if self.rule is None:
+            return uniform
+        builder, here = self.builder, self.coefficients[row]
+        there = self.vectors.load(self.vectors.shifted(self.place(self.coefficient, self.rows[row], 0), (1, self.offset(bond, 0))))
+        if self.rule == "both":
+            return builder.fmul(uniform, builder.select(builder.fcmp_ordered("<", here, there), here, there))
+        total = builder.fadd(here, there)
+        if self.rule == "arithmetic":
+            return builder.fmul(uniform, builder.fmul(total, self.constant(0.5)))
+        product = builder.fmul(builder.fmul(here, there), self.constant(2.0))
+        mean = builder.select(builder.fcmp_ordered(">", total, self.constant(0.0)), builder.fdiv(product, total), self.constant(0.0))
+        return builder.fmul(uniform, mean)
+
     def pull(self, e: Any, stiffness: Any, curved: Any = None) -> Any:
         """The factor of the direction in the force."""
         builder, half = self.builder, self.constant(0.5)
@@ -141,9 +163,9 @@ class _Tile:
                 store(vectors.multiply_add(total, a_all, own[c]), self.place(self.out, row, c))
 
 
-def _intact(builder: ir.IRBuilder, args: tuple[Any, ...], law: tuple[int, bool, str]) -> Any:
+def _intact(builder: ir.IRBuilder, args: tuple[Any, ...], law: Law) -> Any:
     """Tiles one after the other that have all their bonds, within the zone: how many, up to the first of which a bond is about to break."""
-    n = args[9]
+    n = args[_NODES]
     swept = cgutils.alloca_once_value(builder, I64(0))
     tiles = builder.sdiv(builder.add(n, I64(LANES - 1)), I64(LANES))
     with cgutils.for_range(builder, tiles) as loop:
@@ -162,7 +184,7 @@ def _sweep_intact(tile: _Tile, n: Any) -> Any:
 
     def force(bond: Any, row: int, xi: list[Any], inverse: Any, stiffness: Any, top: Any) -> tuple[Any, list[Any], Any]:
         e, direction = tile.stretch(xi, inverse, tile.differences(bond, row))
-        return tile.pull(e, stiffness), direction, builder.select(builder.fcmp_ordered(">", e, top), e, top)
+        return tile.pull(e, tile.stiffness(stiffness, bond, row)), direction, builder.select(builder.fcmp_ordered(">", e, top), e, top)
 
     sums, top = tile.over_bonds(tile.constant(-1.0), force)
     breaks = tile.any(builder.and_(builder.fcmp_ordered(">", top, tile.limit), tile.wanted))
@@ -171,7 +193,7 @@ def _sweep_intact(tile: _Tile, n: Any) -> Any:
     return breaks
 
 
-def _damaged(builder: ir.IRBuilder, args: tuple[Any, ...], law: tuple[int, bool, str]) -> Any:
+def _damaged(builder: ir.IRBuilder, args: tuple[Any, ...], law: Law) -> Any:
     """A tile that lacks bonds, or with bonds that leave the zone: 1 if some have broken now."""
     tile = _Tile(builder, args, law, I64(0))
     vectors = tile.vectors
@@ -194,18 +216,19 @@ def _damaged(builder: ir.IRBuilder, args: tuple[Any, ...], law: tuple[int, bool,
         alive = builder.icmp_unsigned("!=", builder.and_(bits, one), ir.Constant(_INTEGERS, [0] * LANES))
         e, direction = tile.stretch(xi, inverse, tile.differences(bond, row), curved)
         over = builder.and_(builder.and_(builder.fcmp_ordered(">", e, tile.limit), curved), builder.and_(alive, tile.wanted))
-        factor = builder.select(builder.and_(alive, builder.not_(over)), tile.pull(e, stiffness, curved), tile.constant(0.0))
+        pull = tile.pull(e, tile.stiffness(stiffness, bond, row), curved)
+        factor = builder.select(builder.and_(alive, builder.not_(over)), pull, tile.constant(0.0))
         breaks = tile.any(over)
         with builder.if_then(breaks):
             builder.store(builder.select(over, builder.and_(bits, builder.not_(one)), bits), pointer, align=8)
         return factor, direction, builder.or_(changed, builder.zext(breaks, I64))
 
     sums, changed = tile.over_bonds(I64(0), force)
-    tile.update(sums, args[9])
+    tile.update(sums, args[_NODES])
     return changed
 
 
-def bond_sweep(components: int, nonlinear: bool, real: str, damaged: bool) -> Any:
+def bond_sweep(components: int, nonlinear: bool, real: str, rule: str | None, damaged: bool) -> Any:
     """Make the intrinsic that writes ``out = a*src + b*base + sum over the bonds`` on tiles.
 
     On a damaged one it returns whether a bond breaks, on intact ones, of which there may be many in a row, how many of them it has swept: up to the
@@ -217,22 +240,25 @@ def bond_sweep(components: int, nonlinear: bool, real: str, damaged: bool) -> An
         Of the field, 2 or 3.
     nonlinear : bool
     real : {"float64", "float32"}
+    rule : {"both", "arithmetic", "harmonic"} or None
+        How the coefficients of a bond's ends combine; None where there are none.
     damaged : bool
         Look at the bits of the bonds and at the ends of the zone, and clear the bits of what breaks.
 
     Returns
     -------
     numba intrinsic
-        Takes the byte addresses of the first node in src, base and out and among the bits, the addresses of the tables of reals and of integers, the
-        number of bonds, the address of the zone (first node, then the extent along each axis, int64), the distance between words of bits, the
-        nodes of a row, the rows, the distances of rows and of components, the place of the first node along the three axes, a, b and the limit. A
-        bond within the zone follows the law and may break, others are linearised. The table of reals has, bond by bond, xi, 1 / |xi|^2 and c.
+        Takes the byte addresses of the first node in src, base and out, among the coefficients and among the bits, the addresses of the tables of
+        reals and of integers, the number of bonds, the address of the zone (first node, then the extent along each axis, int64), the distance
+        between words of bits, the nodes of a row, the rows, the distances of rows and of components, the place of the first node along the three
+        axes, a, b and the limit. A bond within the zone follows the law and may break, others are linearised. The table of reals has, bond by bond,
+        xi, 1 / |xi|^2 and c, without coefficients.
     """
 
     @intrinsic
-    def sweep(typingctx, src, base, out, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit):  # type: ignore[no-untyped-def]
+    def sweep(typingctx, src, base, out, coefficient, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit):  # type: ignore[no-untyped-def]
         def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-            return (_damaged if damaged else _intact)(builder, args, (components, nonlinear, real))
+            return (_damaged if damaged else _intact)(builder, args, (components, nonlinear, real, rule))
 
         return bond_signature(real), codegen
 
@@ -308,13 +334,14 @@ def call_steepness(typingctx, function, src, planes, rows, n, step0, step1, apar
 
 def bond_signature(real: str) -> Any:
     """Numba signature of the sweep of tiles."""
-    return types.int64(*[types.int64] * 16, *[getattr(types, real)] * 3)
+    return types.int64(*[types.int64] * 17, *[getattr(types, real)] * 3)
 
 
 @intrinsic
-def call_bonds(typingctx, function, src, base, out, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit):  # type: ignore[no-untyped-def]
+def call_bonds(typingctx, function, src, base, out, coefficient, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2,  # type: ignore[no-untyped-def]
+               a, b, limit):  # fmt: skip
     """Call a compiled sweep of tiles by its address: the driver need not be compiled again for every law."""
-    signature = types.int64(*[types.int64] * 17, a, a, a)
+    signature = types.int64(*[types.int64] * 18, a, a, a)
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
         kind = ir.FunctionType(I64, [arg.type for arg in args[1:]])
