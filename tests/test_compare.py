@@ -96,3 +96,36 @@ def test_exact_ends_that_are_left_out_are_named(monkeypatch):
     monkeypatch.setattr("farhorizon.compare._KERNEL", 1.0)
     result = compare(setup, 1.0)
     assert "left out: exact ends" in result.table() and not any("exact" in name for name in result.curves)
+
+
+def test_a_body_given_as_arrays_is_compared_as_one_given_by_functions():
+    """Initial data, forces and the material go on into the larger body; the fixed edge is exact until the wave comes back from it."""
+    lattice = fh.Lattice(1.0, (-12.0, -9.0), (12.0, 9.0))
+    x, y = lattice.coordinates()
+
+    def bump(x, y):
+        return np.where(x**2 + y**2 < 25, np.exp(-(x**2) - y**2), 0.0)
+
+    def young(x, y):
+        return np.where(y > 2, 0.5, 1.0)
+
+    def setup(bump, young):
+        return {
+            "lattice": lattice, "operator": fh.Kernel(3.0, 0, "gaussian"), "young": young, "poisson": 0.25, "initial": {"u": [bump, 0.0]},
+            "boundary": {"x": fh.NonlocalPML(8), "y-": fh.Free(), "y+": fh.Fixed()}, "loads": [fh.BodyForce([bump, 0.0])], "drag": 0.1,
+        }  # fmt: skip
+
+    one, other = (compare(setup(*given), 30.0, [3.0, 30.0], kind=fh.Body).curves for given in ((bump, young), (bump(x, y), young(x, y))))
+    for name, curve in one.items():
+        assert curve["error"] == pytest.approx(other[name]["error"], rel=1e-9, abs=1e-14)
+    assert one["nonlocal PML"]["error"][1] < 0.1 * one["fixed edge"]["error"][1]
+    assert one["fixed edge"]["error"][0] < 1e-6 * one["fixed edge"]["error"][1]
+
+
+def test_bodies_in_split_form_are_not_compared():
+    lattice = fh.Lattice(1.0, (-12.0, -12.0), (12.0, 12.0))
+    boundary = fh.NonlocalPML(8, form="split")
+    with pytest.raises(fh.InputError, match="split form is not compared"):
+        compare(
+            {"lattice": lattice, "operator": fh.Kernel(2.0, 0, "gaussian"), "young": 1.0, "poisson": 0.25, "boundary": boundary}, 5.0, kind=fh.Body
+        )

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import farhorizon as fh
 from farhorizon.case import Case
 from farhorizon.compare import compare
 
@@ -123,6 +124,9 @@ def test_an_inclusion_feels_no_box():
     assert far.lattice.shape == (221, 201)
     for body in (near, far):
         body.run(70.0, progress=False)
-    assert np.abs(near.u - far.u[:, 70:-70, 70:-70]).max() < 5e-4
+    error = np.abs(near.u - far.u[:, 70:-70, 70:-70]).max()
+    assert error < 5e-4
+    (curve,) = compare(Case(text).setup, 70.0, [70.0], beside=False, kind=fh.Body).curves.values()
+    assert curve["error"][-1] == pytest.approx(error, rel=1e-6)
     found = near.balance()
     assert abs(found["residual"]) < 1e-12 * found["outflow"] and found["outflow"] > found["drag"] > 0

@@ -481,7 +481,7 @@ class Case:
     def must_be_simulation(self) -> None:
         """Refuse a body where only a `Simulation` serves."""
         if self.kind is not fh.Simulation:
-            raise InputError("a body is run, checked and drawn; it is not compared with the infinite medium, nor tuned", value=self.parts.model.type,
+            raise InputError("a body is run, checked, compared and drawn, but nothing of it is tuned", value=self.parts.model.type,
                              key="model.type", remedy='type = "elastic", material = "correspondence"')  # fmt: skip
 
     @contextmanager

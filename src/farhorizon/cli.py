@@ -257,8 +257,7 @@ def _compare_case(case: Any, folder: Path, times: Sequence[float] | None, moment
     from farhorizon.plot import error_history, field_panels, magnitude
 
     with case.naming():
-        case.must_be_simulation()
-        result = compare(case.setup, case.parts.run.until, times, moment)
+        result = compare(case.setup, case.parts.run.until, times, moment, kind=case.kind)
     print(result.table())
     cracks = _polylines(case)
     shown = {name: value if value.ndim == case.lattice.dim else magnitude(value) for name, value in result.fields.items() if name != "free edge"}

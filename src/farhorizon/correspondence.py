@@ -129,6 +129,8 @@ class Body(Run):
         Speeds of long longitudinal and transverse waves, of several materials the largest.
     varied : bool
         Whether there are several materials.
+    fastest : dict of str to float
+        "young", "poisson" and "density" of the material in which waves are fastest.
     largest_frequency : float
         That of the shortest waves, or of those at faces and cracks.
     fields : dict of str to ndarray
@@ -267,7 +269,7 @@ class Body(Run):
         self.varied = any(np.ndim(value) > 0 for value in (young, poisson, density))
         place = int(np.argmax(self._fast))
         shown = zip(given, (young, poisson, density), strict=True)
-        self._fastest = {name: float(np.broadcast_to(value, self.lattice.shape).flat[place]) for name, value in shown}
+        self.fastest = {name: float(np.broadcast_to(value, self.lattice.shape).flat[place]) for name, value in shown}
         pull = self._stabilisation * (self.lame + 2 * self.shear)
         rows = [value / self._reference for value in (self.lame, self.shear, pull)]
         rows += [self._reference / density, density / self._reference]
@@ -807,7 +809,7 @@ class Body(Run):
     def remade(self, lattice: Lattice) -> Body:
         """The intact body on another lattice, at rest: without loads and cracks, and no bond breaks; of several materials the fastest."""
         nothing = {"loads": (), "cracks": (), "critical_stretch": None, "balance": False, "threads": 1}
-        return Body(**{**self._setup, **nothing, **self._fastest, "lattice": lattice})
+        return Body(**{**self._setup, **nothing, **self.fastest, "lattice": lattice})
 
     @property
     def box(self) -> tuple[int, ...]:
