@@ -29,7 +29,7 @@ from farhorizon.stencil import Stencil
 
 _CREST = 1.26  # largest sigma beside backward waves, over twice the largest frequency of the stencil: measured, reach 6 is stable at it
 _GAIN = 6.2  # logarithm of what a mode may gain in a layer: measured, layers of reach 8 to 12 are stable up to 6 or 8, and grow above
-_STEEPEST = 40  # power of the ramp
+_LEAST = 1.95  # sum of sigma over the edges: a long wave comes back with 2 percent
 
 DEFAULT_TARGET = {1: 1e-5, 2: 1e-8}  # diffusion: of the current maximum; waves: of the initial maximum
 
@@ -206,14 +206,17 @@ def _bounded(profile: Profile, nodes: int, stencil: Stencil) -> Profile:
 
     A wide kernel's waves are slow: its largest frequency is about that of a wave as long as the horizon. Where waves run backward, sigma stays
     below a multiple of that frequency, and then twice the rate of first order damps them. And the ramp is so short that no mode that dies out in the
-    medium gains more on its way through the layer than what comes back from the outer end loses again.
+    medium gains more on its way through the layer than what comes back from the outer end loses again. What would absorb next to nothing is no layer:
+    then the profile stays, and its certificate tells.
     """
-    most = _CREST * float(np.sqrt(stencil.symbol_maximum))
+    most, gentle = _CREST * float(np.sqrt(stencil.symbol_maximum)), profile
     if profile.strength > most and stencil.backward_waves():
-        profile = replace(profile, strength=most, smooth=False, rate=2.0)
-    while largest_gain(stencil, *profile.edges(nodes, 1.0, 1.0)) > _GAIN and profile.power < _STEEPEST:
-        profile = replace(profile, power=profile.power + 1, smooth=False)
-    return profile
+        gentle = replace(gentle, strength=most, smooth=False, rate=2.0)
+    while largest_gain(stencil, *gentle.edges(nodes, 1.0, 1.0)) > _GAIN:
+        gentle = replace(gentle, power=gentle.power + 1, smooth=False)
+        if gentle.edges(nodes, 1.0, 1.0)[1].sum() < _LEAST:
+            return profile
+    return gentle
 
 
 def _diffusion_nodes(target: float) -> int:
