@@ -16,7 +16,9 @@ import numpy as np
 from common import run_parts
 
 import farhorizon as fh
+from farhorizon.analysis.chain import Recursion
 from farhorizon.analysis.infinite import InfiniteLattice
+from farhorizon.analysis.layer import Medium, layer_amplitudes
 from farhorizon.analysis.short_waves import high_pass
 from farhorizon.strip import Strip
 
@@ -74,6 +76,7 @@ def measure(cases: list[tuple[str, int, Any]]) -> list[dict[str, Any]]:
             "yes" if row["growth"] <= 0 and row["error"] <= 1e-6 and row.get("error, 30", 0) <= 1e-8 and row.get("growth, 30", 0) <= 0 else "MISSED"
         )
         rows.append(row)
+        print("  ".join(f"{key} {value:.3g}" if isinstance(value, float) else f"{value}" for key, value in row.items()), flush=True)
     print("\nno backward waves: " + (", ".join(without) or "none"))
     return rows
 
@@ -87,6 +90,21 @@ def scalar(dim: int, reaches: list[int], exponents: tuple[int, ...], influences:
         for i in influences
         if m > 1 or i == "constant"
     ]
+
+
+def returned(given: argparse.Namespace) -> list[dict[str, Any]]:
+    """Layers of 4 horizons of wide kernels: what comes back of plane waves along the normal, by the exact reflection."""
+    rows = []
+    for dim, exponent, reaches in ((1, 1, range(7, 13)), (2, 1, range(7, 13)), (1, 0, (6, 8, 10, 11))):
+        for reach in reaches:
+            model, nodes = fh.Wave(fh.Kernel(float(reach), exponent)), 4 * reach
+            sim = fh.Simulation(fh.Lattice(1.0, (0.0,) * dim, (2.0 * reach,) * dim), model, fh.LatticePML(nodes=nodes), threads=1)
+            layer, first = next(iter(sim.engine.layers.values())), high_pass(sim.stencil).first
+            medium = Medium(sim.stencil, 1.0, 1.0, Recursion.of(model.integrator, sim.dt, 0.0), sim.dt)
+            waves = [medium.plane_wave(2 * np.pi / (share * first), 0.0) for share in (0.06, 0.18, 0.36)]
+            amplitudes = [float(np.abs(layer_amplitudes(wave, layer)[wave.modes.travels]).max()) for wave in waves]
+            rows.append({"stencil": f"{dim}D m={reach} p={exponent}", "nodes": nodes} | dict(zip(("6 %", "18 %", "36 %"), amplitudes, strict=True)))
+    return rows
 
 
 ALL = ("constant", "linear", "gaussian")
@@ -124,6 +142,7 @@ def elastic(given: argparse.Namespace) -> list[dict[str, Any]]:
 PARTS = {
     "line": ("waves in 1D", line), "plane": ("waves in 2D", plane), "wide": ("waves in 2D, wide kernels", wide), "space": ("waves in 3D", space),
     "elastic": ("elastic waves in 2D", elastic),
+    "returned": ("reflection by layers of wide kernels, by wavenumber over the first backward one", returned),
 }  # fmt: skip
 
 if __name__ == "__main__":

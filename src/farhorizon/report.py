@@ -380,7 +380,7 @@ def _remedy(sim: Simulation, backward: BackwardWaves) -> str:
         return f"Use {other}a thicker layer or one with a gentler profile, a smaller step, or a Sponge."
     kernel = "exponent 2 with a reach of at most 3 nodes" if sim.lattice.dim < 3 else "exponent 2 with the linear influence function"
     return (f"The stencil has backward waves, which grow in the layer, by up to {backward.growth:.2g} sigma per unit time, from rounding or noise. "
-            f"Use {other}{kernel}; or keep the data smooth and the run short.")  # fmt: skip
+            f"Use {other}a Sponge of several wavelengths, or {kernel}; or keep the data smooth and the run short.")  # fmt: skip
 
 
 def _named_pair(pair: tuple[str, str]) -> list[str]:

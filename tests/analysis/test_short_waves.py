@@ -89,6 +89,27 @@ def test_waves_that_stand_still_decay(reach):
     assert reach > 6 or pulse_error(stencil, nodes) <= 1e-6
 
 
+WIDE = [(1, 9, 1, 36), (1, 10, 1, 16), (1, 6, 0, None), *[pytest.param(*case, marks=pytest.mark.slow) for case in [
+    (1, 11, 1, None), (1, 12, 1, None), (2, 7, 1, None), (2, 8, 1, None), (2, 9, 1, None), (2, 10, 1, None)]]]  # fmt: skip
+
+
+@pytest.mark.parametrize("dim, reach, exponent, nodes", WIDE)
+def test_layers_of_wide_kernels_decay(dim, reach, exponent, nodes):
+    """The modes between two sides, where the ramp of reach 6 grew by 3e-4 to 3e-2 c/spacing."""
+    model = fh.Wave(kernel_stencil(dim, reach, exponent))
+    sim = fh.Simulation(fh.Lattice(1.0, (0.0,) * dim, (2.0 * reach + 4,) * dim), model, fh.LatticePML(nodes=nodes), threads=1)
+    strip = Strip(sim, 0, 2 * reach + 1)
+    for along in [(0.005,), (0.3,), (0.6,), (1.8,), (np.pi,)] if dim == 2 else [()]:
+        assert strip.growth(*along).stable
+
+
+def test_a_layer_that_would_absorb_next_to_nothing_is_not_made_gentle():
+    """Exponent 0 with a reach of 25: no ramp is short enough, and the certificate refuses the usual one."""
+    sim = fh.Simulation(fh.Lattice(1.0, (0.0,), (60.0,)), fh.Wave(kernel_stencil(1, 25, 0)), fh.LatticePML(nodes=25), threads=1)
+    assert next(iter(sim.engine.layers.values())).sigma.max() > 1
+    assert sim.certificate().verdict == "not certified"
+
+
 @pytest.mark.parametrize("operator", [fh.Kernel(3.0, 0), fh.Kernel(3.0, 1), fh.Kernel(2.0, 0), fh.Stencil.finite_element(2)], ids=repr)
 def test_certified_with_corners(operator):
     """What grew without the damping: sides at all tangential wavenumbers, corners from noise."""

@@ -50,6 +50,8 @@ class Profile:
     shift : float
     smooth : bool
         Whether sigma rises as a power of `smooth_ramp`, else of the depth: where short waves are damped, the damping must not begin with a kink.
+    rate : float
+        Damping of short waves over that which first order in sigma asks for.
     """
 
     strength: float
@@ -57,6 +59,7 @@ class Profile:
     power: int
     shift: float = 0.0
     smooth: bool = False
+    rate: float = 1.0
 
     def ramp(self, depth: np.ndarray) -> np.ndarray:
         """sigma in units of its largest value."""
@@ -80,7 +83,8 @@ class Profile:
             share = share ** _EARLIER[damped.still]
             edges = (np.arange(nodes + 1) + 0.5) / (nodes + 1)
             alpha = alpha + _DRIFT[damped.still] * edges**2 * speed / spacing
-        return Layer(kappa, sigma, alpha, damped.strength * self.strength * 2 * speed / spacing * share, damped.taps(), damped.whole)
+        rate = self.rate * damped.strength * self.strength * 2 * speed / spacing
+        return Layer(kappa, sigma, alpha, rate * share, damped.taps(), damped.whole)
 
     def __str__(self) -> str:
         rise = {1: "linear", 2: "square", 3: "cubic"}.get(self.power, f"to the power {self.power}")

@@ -13,18 +13,23 @@ that of Du, Li and Zhang (2025, arXiv 2502.03713) for peridynamic waves in 2D to
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import special
 
 from farhorizon.analysis.chain import Recursion
 from farhorizon.analysis.choice import Choice, Profile, choose, weak
+from farhorizon.analysis.gain import largest_gain
 from farhorizon.analysis.layer import Medium
 from farhorizon.analysis.short_waves import HighPass, high_pass
 from farhorizon.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.stencil import Stencil
+
+_CREST = 1.26  # largest sigma beside backward waves, over twice the largest frequency of the stencil: measured, reach 6 is stable at it
+_GAIN = 6.2  # logarithm of what a mode may gain in a layer: measured, layers of reach 8 to 12 are stable up to 6 or 8, and grow above
+_LEAST = 1.95  # sum of sigma over the edges: a long wave comes back with 2 percent
 
 DEFAULT_TARGET = {1: 1e-5, 2: 1e-8}  # diffusion: of the current maximum; waves: of the initial maximum
 
@@ -174,7 +179,8 @@ def _wave_profile(nodes: int, stencil: Stencil, damped: HighPass | None) -> Prof
     In two and three dimensions the waves that come back are those along the side, near cut-off: sigma/s turns their decay by a right angle
     into none, sigma/(s + alpha) turns it by less. An alpha that rises towards the outer end alone leaves the long waves to the columns
     before it. A strong entrance makes stencils grow, the wider the more: beyond a reach of 3 nodes they have a higher power of the ramp.
-    Where short waves are damped as strongly as backward waves may take, sigma follows the smooth ramp of the damping.
+    Where short waves are damped as strongly as backward waves may take, sigma follows the smooth ramp of the damping; wide kernels take a weaker
+    and shorter one.
     """
     reach, dim = stencil.reach[0], stencil.dim
     if damped is not None and damped.whole:
@@ -183,8 +189,9 @@ def _wave_profile(nodes: int, stencil: Stencil, damped: HighPass | None) -> Prof
         if stencil.components > 1:  # shear waves are slower and feel more; between thin layers long waves along them would grow without alpha
             return Profile(0.7, 1.0, 4, 0.1 if nodes < 16 else 0.0, smooth=reach < 5) if nodes < 25 else Profile(0.6, 1.0, 5, smooth=reach < 5)
         if reach < 5:
-            return Profile(1.0, 1.0, 5, smooth=True)
-        return Profile(0.7, 1.0, 5, smooth=dim == 1 and reach < 7 and nodes < 40)  # elsewhere the smooth ramp is too steep, and grows
+            return _bounded(Profile(1.0, 1.0, 5, smooth=True), nodes, stencil)
+        # elsewhere the smooth ramp is too steep, and grows
+        return _bounded(Profile(0.7, 1.0, 5, smooth=dim == 1 and reach < 7 and nodes < 40), nodes, stencil)
     if reach > 3:
         return Profile(0.5 if reach > 7 else 1.0, 1.0, 2 if reach < 6 else 3)
     if dim == 1:
@@ -192,6 +199,24 @@ def _wave_profile(nodes: int, stencil: Stencil, damped: HighPass | None) -> Prof
     thin = 12 / nodes
     strength = 1.0 if dim == 3 and reach > 1 else 2.6 * thin**0.85 if reach < 3 else 1.9 * thin**0.6
     return Profile(strength, 1.0, 1, 0.7 if dim == 2 else 1.5)  # edges of three layers hold slow waves that alpha alone drives out
+
+
+def _bounded(profile: Profile, nodes: int, stencil: Stencil) -> Profile:
+    """The profile, or a gentler one where what is known of waves to first order in sigma over their frequency would not hold.
+
+    A wide kernel's waves are slow: its largest frequency is about that of a wave as long as the horizon. Where waves run backward, sigma stays
+    below a multiple of that frequency, and then twice the rate of first order damps them. And the ramp is so short that no mode that dies out in the
+    medium gains more on its way through the layer than what comes back from the outer end loses again. What would absorb next to nothing is no layer:
+    then the profile stays, and its certificate tells.
+    """
+    most, gentle = _CREST * float(np.sqrt(stencil.symbol_maximum)), profile
+    if profile.strength > most and stencil.backward_waves():
+        gentle = replace(gentle, strength=most, smooth=False, rate=2.0)
+    while largest_gain(stencil, *gentle.edges(nodes, 1.0, 1.0)) > _GAIN:
+        gentle = replace(gentle, power=gentle.power + 1, smooth=False)
+        if gentle.edges(nodes, 1.0, 1.0)[1].sum() < _LEAST:
+            return profile
+    return gentle
 
 
 def _diffusion_nodes(target: float) -> int:
