@@ -28,7 +28,9 @@ from farhorizon.errors import InputError
 from farhorizon.stencil import Stencil
 
 _CREST = 1.26  # largest sigma beside backward waves, over twice the largest frequency of the stencil: measured, reach 6 is stable at it
-_GAIN = 6.2  # logarithm of what a mode may gain in a layer: measured, layers of reach 8 to 12 are stable up to 6 or 8, and grow above
+_GAIN = 6.2  # logarithm of what a mode may gain in a layer that damps strong backward waves: measured, reach 10 and 12 grow at 7
+_GAIN_ALONE = 7.5  # in a layer without or with weak damping: measured, reach 8 to 12 grow from 8.3 on
+_STEEPEST = 60  # power of a ramp: all in the last column
 _LEAST = 1.95  # sum of sigma over the edges: a long wave comes back with 2 percent
 
 DEFAULT_TARGET = {1: 1e-5, 2: 1e-8}  # diffusion: of the current maximum; waves: of the initial maximum
@@ -193,7 +195,7 @@ def _wave_profile(nodes: int, stencil: Stencil, damped: HighPass | None) -> Prof
         # elsewhere the smooth ramp is too steep, and grows
         return _bounded(Profile(0.7, 1.0, 5, smooth=dim == 1 and reach < 7 and nodes < 40), nodes, stencil)
     if reach > 3:
-        return Profile(0.5 if reach > 7 else 1.0, 1.0, 2 if reach < 6 else 3)
+        return _shortened(Profile(1.0, 1.0, 2 if reach < 6 else 3), nodes, stencil, _GAIN_ALONE)
     if dim == 1:
         return Profile(1.5, 1.0, 1)
     thin = 12 / nodes
@@ -212,11 +214,15 @@ def _bounded(profile: Profile, nodes: int, stencil: Stencil) -> Profile:
     most, gentle = _CREST * float(np.sqrt(stencil.symbol_maximum)), profile
     if profile.strength > most and stencil.backward_waves():
         gentle = replace(gentle, strength=most, smooth=False, rate=2.0)
-    while largest_gain(stencil, *gentle.edges(nodes, 1.0, 1.0)) > _GAIN:
-        gentle = replace(gentle, power=gentle.power + 1, smooth=False)
-        if gentle.edges(nodes, 1.0, 1.0)[1].sum() < _LEAST:
-            return profile
-    return gentle
+    gentle = _shortened(gentle, nodes, stencil, _GAIN)
+    return gentle if gentle.edges(nodes, 1.0, 1.0)[1].sum() >= _LEAST else profile
+
+
+def _shortened(profile: Profile, nodes: int, stencil: Stencil, most: float) -> Profile:
+    """The profile, or one of a higher power of the ramp, with which no mode gains more than exp(most)."""
+    while largest_gain(stencil, *profile.edges(nodes, 1.0, 1.0)) > most and profile.power < _STEEPEST:
+        profile = replace(profile, power=profile.power + 1, smooth=False)
+    return profile
 
 
 def _diffusion_nodes(target: float) -> int:
