@@ -34,6 +34,7 @@ _MAKING = 0.5  # seconds of the time that the making of the set-up takes
 LEAST = 2 - _MAKING  # seconds that the rest may take whatever the run takes
 _SHARE, _MINIMUM = 0.4, 0.1  # of the time: until when wavelengths are predicted, and what the certificate has at least
 _EXACT = 1e-14  # less than this comes back: rounding
+_MUCH = 1e-3  # amplitude that a layer of given thickness may send back without a warning
 _PROBED = 400_000  # nodes of a plain run that is timed, at most
 
 
@@ -159,6 +160,19 @@ class Report:
                 else:
                     found.tables[wavelength] = found.amplitudes(wavelength, found.angles)
             self.reflections.append(found)
+            boundary = sim.sides[AXES.index(names[0]), 1 if names[1] == "+" else -1]
+            if isinstance(boundary, LatticePML) and not found.diffusive:
+                self._doubt(found, boundary)
+
+    def _doubt(self, found: Reflections, boundary: LatticePML) -> None:
+        """Warn of a layer that sends back much of what it is best at: typical waves that come along the normal."""
+        wavelength, table = next(iter(found.tables.items()))
+        amplitude = float(np.nanmax(np.append(table[:, 0], 0.0)))
+        most = _MUCH if boundary.nodes is not None else 10 * boundary.wanted(2)
+        if amplitude > most:
+            aim = "" if boundary.nodes is not None else f", where the target is {boundary.wanted(2):g}"
+            self.warnings.append(f"{found.sides} send back {amplitude:.1g} of waves of length {wavelength:.3g} along the normal{aim}; take more nodes, "
+                                 "a kernel that reaches less far, a Sponge of several wavelengths, or in one dimension Exact")  # fmt: skip
 
     def _say(self, name: str, value: str) -> None:
         self.rows.append((name, value))

@@ -192,8 +192,9 @@ def _wave_profile(nodes: int, stencil: Stencil, damped: HighPass | None) -> Prof
             return Profile(0.7, 1.0, 4, 0.1 if nodes < 16 else 0.0, smooth=reach < 5) if nodes < 25 else Profile(0.6, 1.0, 5, smooth=reach < 5)
         if reach < 5:
             return _bounded(Profile(1.0, 1.0, 5, smooth=True), nodes, stencil)
-        # elsewhere the smooth ramp is too steep, and grows
-        return _bounded(Profile(0.7, 1.0, 5, smooth=dim == 1 and reach < 7 and nodes < 40), nodes, stencil)
+        if dim > 1:  # nearly as strong as `_bounded` lets them be
+            return _bounded(Profile(0.8 if reach < 6 else 0.7, 1.0, 4), nodes, stencil)
+        return _bounded(Profile(0.7, 1.0, 5, smooth=reach < 7 and nodes < 40), nodes, stencil)  # elsewhere the smooth ramp is too steep, and grows
     if reach > 3:
         return _shortened(Profile(1.0, 1.0, 2 if reach < 6 else 3), nodes, stencil, _GAIN_ALONE)
     if dim == 1:
