@@ -171,8 +171,9 @@ class Report:
         most = _MUCH if boundary.nodes is not None else 10 * boundary.wanted(2)
         if amplitude > most:
             aim = "" if boundary.nodes is not None else f", where the target is {boundary.wanted(2):g}"
-            self.warnings.append(f"{found.sides} send back {amplitude:.1g} of waves of length {wavelength:.3g} along the normal{aim}; take more nodes, "
-                                 "a kernel that reaches less far, a Sponge of several wavelengths, or in one dimension Exact")  # fmt: skip
+            what = f"{found.sides} send back {amplitude:.1g} of waves of length {wavelength:.3g} along the normal{aim}"
+            others = "a kernel that reaches less far, a Sponge of several wavelengths, or in one dimension Exact"
+            self.warnings.append(f"{what}; take more nodes, {others}")
 
     def _say(self, name: str, value: str) -> None:
         self.rows.append((name, value))
