@@ -196,7 +196,8 @@ def _wave_profile(nodes: int, stencil: Stencil, damped: HighPass | None) -> Prof
             return _bounded(Profile(0.8 if reach < 6 else 0.7, 1.0, 4), nodes, stencil)
         return _bounded(Profile(0.7, 1.0, 5, smooth=reach < 7 and nodes < 40), nodes, stencil)  # elsewhere the smooth ramp is too steep, and grows
     if reach > 3:
-        return _shortened(Profile(1.0, 1.0, 2 if reach < 6 else 3), nodes, stencil, _GAIN_ALONE)
+        profile = Profile(0.5 if reach > 7 and stencil.components > 1 else 1.0, 1.0, 2 if reach < 6 else 3)
+        return profile if stencil.components > 1 else _shortened(profile, nodes, stencil, _GAIN_ALONE)  # the gain is known of scalars
     if dim == 1:
         return Profile(1.5, 1.0, 1)
     thin = 12 / nodes
