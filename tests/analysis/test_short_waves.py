@@ -103,6 +103,15 @@ def test_layers_of_wide_kernels_decay(dim, reach, exponent, nodes):
         assert strip.growth(*along).stable
 
 
+@pytest.mark.parametrize("reach, exponent, influence", [(11, 1, "linear"), (12, 1, "linear"), (12, 2, "constant"), (8, 1, "gaussian")])
+def test_wide_kernels_without_backward_waves_absorb_and_do_not_grow(reach, exponent, influence):
+    """The first three grew by 0.02 to 0.1 c/spacing with a longer entrance of half the strength, which sent back 1e-7 of the last one's waves."""
+    sim = fh.Simulation(fh.Lattice(1.0, (0.0,), (6.0 * reach,)), fh.Wave(fh.Kernel(float(reach), exponent, influence)),
+                        fh.LatticePML(nodes=4 * reach), threads=1)  # fmt: skip
+    assert sim.certificate().verdict == "certified"
+    assert abs(Strip(sim, 0, 2 * reach + 1).reflection(4.0 * reach, 0.0)) < 1e-9
+
+
 def test_a_layer_that_would_absorb_next_to_nothing_is_not_made_gentle():
     """Exponent 0 with a reach of 25: no ramp is short enough, and the certificate refuses the usual one."""
     sim = fh.Simulation(fh.Lattice(1.0, (0.0,), (60.0,)), fh.Wave(kernel_stencil(1, 25, 0)), fh.LatticePML(nodes=25), threads=1)
