@@ -262,3 +262,11 @@ def test_long_surface_waves_grow_without_end_and_leave_through_the_sides():
         sim.run(until=crossings * 72 / sim.model.p_speed)
         sizes.append(np.linalg.norm(sim.engine.levels) + np.linalg.norm(sim.engine.memory))
     assert sizes == sorted(sizes, reverse=True)
+
+
+@pytest.mark.parametrize(("reach", "nodes", "warned"), [(12, None, True), (3, None, False), (3, 2, True)])
+def test_check_warns_of_a_layer_that_sends_much_back(reach, nodes, warned):
+    """Typical waves along the normal: more than ten times the target, or a thousandth where the thickness is given."""
+    lattice = fh.Lattice(1.0, (0.0,), (120.0,))
+    sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(float(reach), 1)), fh.LatticePML(nodes=nodes), {"u": lambda x: np.exp(-((x - 60) ** 2) / 80)})
+    assert any("send back" in w for w in sim.check(until=50.0).warnings) == warned

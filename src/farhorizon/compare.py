@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -270,7 +270,7 @@ def _extended(setup: dict[str, Any], ours: Simulation, until: float) -> Simulati
     more = undisturbed(ours.stencil, ours.rate_limit / ours.stencil.symbol_maximum, ours.model.order, until)
     open_sides = {key: more for key, b in ours.sides.items() if isinstance(b, Absorbing)}
 
-    def widen(value: Any, mode: str = "constant") -> Any:
+    def widen(value: Any, mode: Literal["constant", "edge"] = "constant") -> Any:
         if isinstance(value, IncidentWave):
             return value.resolved(lattice, ours.stencil.reach)
         if isinstance(value, Source):
@@ -320,11 +320,11 @@ def _widened_loads(setup: dict[str, Any], lattice: Lattice, nodes: dict[tuple[in
     ]
 
 
-def _widened(value: Any, lattice: Lattice, nodes: dict[tuple[int, int], int], mode: str = "constant") -> Any:
+def _widened(value: Any, lattice: Lattice, nodes: dict[tuple[int, int], int], mode: Literal["constant", "edge"] = "constant") -> Any:
     """Values on the nodes of a lattice with more nodes beyond its sides, zero there or as at the edge; functions and numbers as they are."""
     if isinstance(value, list | tuple):
         return [_widened(part, lattice, nodes, mode) for part in value]
     if callable(value) or np.ndim(value) == 0:
         return value
     pads = [(nodes.get((a, -1), 0), nodes.get((a, 1), 0)) for a in range(lattice.dim)]
-    return np.pad(np.asarray(value), [(0, 0)] * (np.ndim(value) - lattice.dim) + pads, mode=mode)  # type: ignore[call-overload]
+    return np.pad(np.asarray(value), [(0, 0)] * (np.ndim(value) - lattice.dim) + pads, mode=mode)

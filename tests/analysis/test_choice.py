@@ -189,3 +189,16 @@ def test_a_layer_that_damps_strong_backward_waves_is_chosen(dim, reach, exponent
     assert all(between.growth(*angles).stable for angles in ([()] if dim == 1 else [(0.01,), (0.5,), (1.5,), (np.pi,)]))
     assert chosen.nodes < 40 and ("smooth" in str(chosen)) == (reach < 5)
     assert max(next(iter(compare(setup, 4 * half, np.linspace(0.5, 4, 12) * half, beside=False).curves.values()))["error_rel_initial"]) <= target
+
+
+def test_the_waves_of_vector_sources_are_read():
+    """A body force makes the same choice as an initial velocity of its shape."""
+    model, lattice = fh.Elastic(None, 1.0, 0.3, material="finite-element"), box(31, 31)
+
+    def push(x, y):
+        return np.exp(-((x - 15) ** 2 + (y - 15) ** 2) / 9)
+
+    layer = fh.LatticePML(target=1e-3, angle=30.0)
+    start = fh.Simulation(lattice, model, layer, {"v": [push, 0.0]})
+    driven = fh.Simulation(lattice, model, layer, sources=[fh.Source([push, 0.0], lambda t: np.exp(-t))])
+    assert start.choices["x-"] == driven.choices["x-"]
