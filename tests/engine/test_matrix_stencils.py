@@ -189,10 +189,10 @@ def test_a_state_has_all_that_a_run_needs(name):
 def test_threads_serve_where_the_memory_of_layers_is_large():
     """A small box in space has more to do in its layers than a large square; the state is bitwise that of one thread."""
     wave = Wave(Kernel(2.0))
-    square = Simulation(Lattice(1.0, (0, 0), (60, 60)), wave, LatticePML(nodes=8), threads=2)
+    square = Simulation(lattice_of((61, 61)), wave, LatticePML(nodes=8), threads=2)
     assert square.engine.threads == 1
     start = np.random.default_rng(0).standard_normal((9, 9, 9))
-    one, two = (Simulation(Lattice(1.0, (0, 0, 0), (8, 8, 8)), wave, LatticePML(nodes=10), {"u": start}, threads=n) for n in (1, 2))
+    one, two = (Simulation(lattice_of((9, 9, 9)), wave, LatticePML(nodes=10), {"u": start}, threads=n) for n in (1, 2))
     assert (one.engine.threads, two.engine.threads) == (1, 2)
     for sim in (one, two):
         sim.step(20)
