@@ -18,16 +18,16 @@ from farhorizon.analysis.correspondence import bond_weights, largest_frequency
 from farhorizon.boundaries import Fixed, Free, NonlocalPML, Sponge, sides
 from farhorizon.certificate import BUDGET, Certificate
 from farhorizon.cracks import as_cut, cut_bonds
-from farhorizon.describe import describe, rebuild
+from farhorizon.describe import describe
 from farhorizon.engine import available_threads
 from farhorizon.engine import correspondence as engine
 from farhorizon.engine.threads import side_by_side
-from farhorizon.errors import FileFormatError, InputError
+from farhorizon.errors import InputError
 from farhorizon.kernel import Kernel
 from farhorizon.lattice import AXES, Lattice
 from farhorizon.loads import BodyForce, Traction, force_density
 from farhorizon.report import Report
-from farhorizon.results import read_checkpoint, write_checkpoint
+from farhorizon.results import write_checkpoint
 from farhorizon.run import Run
 from farhorizon.sources import checked, steady
 from farhorizon.stencil import Stencil
@@ -876,39 +876,7 @@ class Body(Run):
                 "extra": extra}  # fmt: skip
         write_checkpoint(path, arrays, {**meta, "setup": describe(self._setup, arrays)})
 
-    @classmethod
-    def restore(cls, path: str | Path, **changes: Any) -> Body:
-        """The body that wrote a checkpoint, in the state in which it was saved.
-
-        Parameters
-        ----------
-        path : str or Path
-        **changes
-            Arguments of the constructor to take instead of the stored ones: needed for Python functions (loads), which a file cannot hold.
-
-        Raises
-        ------
-        InputError
-            The set-up held a Python function that is not given again.
-        FileFormatError
-            A damaged or foreign file, or changes that make another set-up.
-        """
-        arrays, meta = read_checkpoint(path)
-        if meta.get("fingerprint", {}).get("run") != "Body":
-            raise FileFormatError("the file holds no body", value=str(path), remedy="a checkpoint written by Body.save")
-        stored = {name: value for name, value in meta["setup"]["dict"].items() if name not in changes}
-        body = cls(**{**{name: rebuild(value, arrays, name) for name, value in stored.items()}, **changes})
-        body.load(path)
-        return body
-
     def load(self, path: str | Path) -> dict[str, Any]:
-        """Take the state of a checkpoint written by the same set-up; what follows is bitwise the uninterrupted run.
-
-        Raises
-        ------
-        FileFormatError
-            A damaged file, or the checkpoint of another set-up.
-        """
         arrays, meta = self._read(path)
         if arrays["books"].shape != self._books.shape:  # another number of threads: who wrote it down does not matter
             arrays["books"] = np.concatenate([arrays["books"].sum(0)[None], np.zeros_like(self._books[1:])])

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from farhorizon.describe import rebuild
 from farhorizon.errors import FileFormatError, InputError, UnstableError
 from farhorizon.lattice import Lattice
 from farhorizon.results import read_checkpoint
@@ -173,7 +174,45 @@ class Run(ABC):
 
     @abstractmethod
     def load(self, path: str | Path) -> dict[str, Any]:
-        """Take the state of a checkpoint written by the same set-up; what follows is bitwise the uninterrupted run."""
+        """Take the state of a checkpoint written by the same set-up; what follows is bitwise the uninterrupted run.
+
+        Raises
+        ------
+        FileFormatError
+            A damaged file, or the checkpoint of another set-up.
+        """
+
+    @classmethod
+    def restore(cls, path: str | Path, **changes: Any) -> Self:
+        """The run that wrote a checkpoint, in the state in which it was saved.
+
+        Parameters
+        ----------
+        path : str or Path
+        **changes
+            Arguments of the constructor to take instead of the stored ones: needed for Python functions (sources, loads),
+            which a file cannot hold, and for observers.
+
+        Raises
+        ------
+        InputError
+            The set-up held a Python function that is not given again.
+        FileFormatError
+            A damaged or foreign file, or changes that make another set-up.
+        """
+        arrays, meta = read_checkpoint(path)
+        if "setup" not in meta or meta.get("fingerprint", {}).get("run", "Simulation") != cls.__name__:
+            raise FileFormatError(f"the file holds no {cls.__name__}", value=str(path), remedy=f"a checkpoint written by {cls.__name__}.save")
+        stored = {name: value for name, value in meta["setup"]["dict"].items() if name not in changes}
+        setup = {name: rebuild(value, arrays, name) for name, value in stored.items()}
+        run = cls(**{**setup, **cls._start_of(arrays, meta), **changes})
+        run.load(path)
+        return run
+
+    @classmethod
+    def _start_of(cls, arrays: dict[str, np.ndarray], meta: dict[str, Any]) -> dict[str, Any]:
+        """Arguments of the constructor that a checkpoint holds as arrays of the state."""
+        return {}
 
     def _read(self, path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays and facts of a checkpoint of this set-up.

@@ -18,13 +18,13 @@ from farhorizon.certificate import BUDGET, Certificate, certify
 from farhorizon.conditions import Constraint
 from farhorizon.constraints import Prescribed
 from farhorizon.describe import describe, rebuild
-from farhorizon.errors import FileFormatError, InputError
+from farhorizon.errors import InputError
 from farhorizon.integrators import stage_effects
 from farhorizon.lattice import AXES, Lattice
 from farhorizon.loads import BodyForce, Traction
 from farhorizon.models import Corrosion, Elastic, LatticeModel
 from farhorizon.report import Report
-from farhorizon.results import read_checkpoint, write_checkpoint
+from farhorizon.results import write_checkpoint
 from farhorizon.run import Run
 from farhorizon.sources import steady
 from farhorizon.specimens import Specimen
@@ -755,43 +755,11 @@ class Simulation(Assembly, Run):
         write_checkpoint(path, arrays, meta)
 
     @classmethod
-    def restore(cls, path: str | Path, **changes: Any) -> Simulation:
-        """The simulation that wrote a checkpoint, in the state in which it was saved.
-
-        Parameters
-        ----------
-        path : str or Path
-        **changes
-            Arguments of the constructor to take instead of the stored ones: needed for Python functions (sources),
-            which a file cannot hold, and for observers.
-
-        Raises
-        ------
-        InputError
-            The set-up held a Python function that is not given again.
-        FileFormatError
-            A damaged or foreign file, or changes that make another set-up.
-        """
-        arrays, meta = read_checkpoint(path)
-        if "setup" not in meta:
-            raise FileFormatError("the file holds no set-up", value=str(path), remedy="a checkpoint written by Simulation.save")
-        stored = {k: v for k, v in meta["setup"]["dict"].items() if k not in changes}
-        setup = {k: rebuild(v, arrays, k) for k, v in stored.items()}
+    def _start_of(cls, arrays: dict[str, np.ndarray], meta: dict[str, Any]) -> dict[str, Any]:
         initial = {"u": arrays["start_u"] + rebuild(meta["setup"]["dict"]["background"], arrays)}
-        if np.any(arrays["start_v"]):
-            initial["v"] = arrays["start_v"]
-        sim = cls(**{**setup, "initial": initial, **changes})
-        sim.load(path)
-        return sim
+        return {"initial": initial | ({"v": arrays["start_v"]} if np.any(arrays["start_v"]) else {})}
 
     def load(self, path: str | Path) -> dict[str, Any]:
-        """Take the state of a checkpoint written by the same set-up; what follows is bitwise the uninterrupted run.
-
-        Raises
-        ------
-        FileFormatError
-            A damaged file, or the checkpoint of another set-up.
-        """
         arrays, meta = self._read(path)
         self.engine.levels[...] = arrays["levels"]
         self.engine.memory[...] = arrays["memory"]
