@@ -305,10 +305,12 @@ def _reproduce(options: argparse.Namespace) -> int:
 
     if options.name is None:
         known = reproductions()
-        width = max(map(len, known))
+        width, longest = max(map(len, known)), max(len(entry.duration) for entry in known.values())
         for name, entry in known.items():
-            print(f"{name:{width}}  {entry.title}")
-        _write_json(options.json, {name: {"paper": entry.paper, "title": entry.title} for name, entry in known.items()})
+            print(f"{name:{width}}  {entry.duration:{longest}}  {entry.title}")
+        _write_json(options.json, {
+            name: {"paper": entry.paper, "title": entry.title, "takes": entry.takes, "full": entry.full} for name, entry in known.items()
+        })  # fmt: skip
         return GOOD
     entry = find(options.name)
     print(f"{entry.paper}\n{entry.name}: {entry.title}")

@@ -447,7 +447,9 @@ def _recorded(times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.nda
     return times[kept], values[kept]
 
 
-def error_history(curves: Mapping[str, tuple[np.ndarray, np.ndarray]], path: str | Path, ylabel: str, title: str) -> None:
+def error_history(
+    curves: Mapping[str, tuple[np.ndarray, np.ndarray]], path: str | Path, ylabel: str, title: str, *, xlabel: str = "t"
+) -> None:
     """Draw errors over time on a logarithmic axis, one line a boundary.
 
     A logarithmic axis has no zero: where an error is zero the line has a gap, and a curve of zeros only is marked in the legend, as is one
@@ -458,7 +460,7 @@ def error_history(curves: Mapping[str, tuple[np.ndarray, np.ndarray]], path: str
     curves : mapping of str to (times, errors)
     path : str or Path
         The PNG file.
-    ylabel, title : str
+    ylabel, title, xlabel : str
 
     Raises
     ------
@@ -475,7 +477,7 @@ def error_history(curves: Mapping[str, tuple[np.ndarray, np.ndarray]], path: str
         mark = " (diverges)" if np.isinf(y).any() else " (zero)" if y.size and (y == 0).all() else ""
         drawn.append((name + mark, x, np.where((y > 0) & np.isfinite(y), y, np.nan)))
     log = any(np.isfinite(y).any() for _, _, y in drawn)
-    _lines(drawn, path, xlabel="t", ylabel=ylabel, title=title, log=log)
+    _lines(drawn, path, xlabel=xlabel, ylabel=ylabel, title=title, log=log)
 
 
 def curve_panels(

@@ -82,6 +82,32 @@ def test_flux(number, ratio, kernel, error, largest):
     assert np.abs(flux - exact)[inside].max() == pytest.approx(error, abs=0.00006)
 
 
+def test_profiles_tell_the_bulk_from_the_held_ends(tmp_path):
+    """Figure 8: the rows beside a matrix of the paper's sums (eqs 12 to 18) that is exact in time and the Fourier series of eq. 33."""
+    nodes, length, alpha, m = 1067, 10.0, 1.14, 4
+    dx = length / nodes
+    x = dx * (np.arange(nodes) + 0.5)
+    found = {row.what: row.ours for row in find("bobaru2010-fig8").run(tmp_path).rows}
+    n = np.arange(1, 2000, 2)[:, None]
+    for kernel, shape in (("constant", lambda k: 1.0), ("triangular", lambda k: 2 * (1 - k / m))):
+        matrix = np.zeros((nodes, nodes))
+        for k in range(1, m + 1):
+            weight = shape(k) * alpha / (m * dx) * (dx / 2 if k == m else dx) / (k * dx) ** 2
+            weight += shape(0) * alpha / (m * dx) * dx / (2 * dx**2) * (k == 1)  # the node's own cell
+            matrix += weight * (np.eye(nodes, k=k) + np.eye(nodes, k=-k))
+        matrix -= np.diag(matrix.sum(1))
+        values, modes = np.linalg.eigh(matrix[1:-1, 1:-1])  # the end cells are held at 0
+        for t in (0.1, 4.0, 8.0):
+            u = np.zeros(nodes)
+            u[1:-1] = modes @ (np.exp(values * t) * (modes.T @ np.full(nodes - 2, 100.0)))
+            series = (400 / (n * np.pi) * np.sin(n * np.pi * x / length) * np.exp(-alpha * (n * np.pi / length) ** 2 * t)).sum(0)
+            apart = np.abs(u - series)
+            name = f"t = {t:g} s, {kernel}, "
+            bulk = found[name + "largest difference from the classical solution two horizons inside (C)"]
+            assert bulk == pytest.approx(apart[2 * m : -2 * m].max(), abs=2e-4)
+            assert found[name + "the same over the whole bar (C)"] == pytest.approx(apart.max(), abs=2e-4)
+
+
 def test_grids():
     """The numbers of nodes: odd, so that there is a middle; 1067 is the paper's."""
     assert [round(10 * 4 / (30 / d)) for d in DIVISIONS] == [133, 267, 533, 1067]

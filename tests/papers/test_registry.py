@@ -34,7 +34,25 @@ def test_command_lists(capsys, tmp_path):
     assert main(["reproduce", "--json", str(tmp_path / "list.json")]) == 0
     printed = capsys.readouterr().out
     assert all(name in printed for name in reproductions())
-    assert set(json.loads((tmp_path / "list.json").read_text())) == set(reproductions())
+    found = json.loads((tmp_path / "list.json").read_text())
+    assert set(found) == set(reproductions())
+    assert {entry["takes"] for entry in found.values()} <= {"seconds", "a minute"}
+    assert {entry["full"] for entry in found.values()} <= {"", "a minute", "minutes", "an hour"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", reproductions())
+def test_command_runs_each(name, capsys, tmp_path):
+    """With default arguments to the end: rows of numbers, pictures that are there and not empty, the same in the JSON file."""
+    assert main(["reproduce", name, "--out", str(tmp_path), "--json", str(tmp_path / "f.json")]) == 0
+    found = json.loads((tmp_path / "f.json").read_text())
+    assert found["name"] == name and found["rows"] and found["pictures"]
+    assert all(isinstance(row["ours"], float | int) or row["note"] for row in found["rows"])  # what overflows says so
+    assert {path.name for path in tmp_path.glob("*.png")} == set(found["pictures"])
+    for picture in found["pictures"]:
+        content = (tmp_path / picture).read_bytes()
+        assert content.startswith(b"\x89PNG") and len(content) > 10_000
+    assert found["rows"][0]["what"] in capsys.readouterr().out
 
 
 def test_command_refuses_an_unknown_name(capsys):
@@ -48,7 +66,7 @@ def test_command_draws_and_writes(capsys, tmp_path):
     assert "fully discrete kernel" in capsys.readouterr().out
     assert (tmp_path / "ji2021-fig3.png").stat().st_size > 20_000
     found = json.loads((tmp_path / "f.json").read_text())
-    assert set(found) == {"name", "paper", "rows", "infinite_error"}
+    assert set(found) == {"name", "paper", "rows", "infinite_error", "pictures"}
     assert all(set(row) == {"what", "ours", "printed", "corrected", "note"} for row in found["rows"])
     assert found["infinite_error"]["fully discrete kernel"] < 1e-13
 

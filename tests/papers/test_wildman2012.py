@@ -121,6 +121,30 @@ def test_figure_9(tmp_path):
     assert all(abs(row.ours - row.printed) < 2e3 * paper.GRID for row in found)
 
 
+def test_growth_is_a_rate():
+    """Of an exponential its own, whatever comes before the last half."""
+    times = np.linspace(0, 40, 81)
+    assert paper.growth(times, np.exp(0.3 * times) + 1e3 * np.exp(-2 * times)) == pytest.approx(0.3, abs=1e-6)
+
+
+def test_every_long_run_starts():
+    """Free faces lower the step's limit to 0.0143: all set-ups run with the step of their reproduction, and lose energy at first."""
+    for kernel, boundary in paper.LONG.values():
+        times, values = paper.amplitudes(paper.KERNELS[kernel], boundary, 1.0)
+        assert times[-1] == pytest.approx(1.0) and values[0] == 1 and values[-1] < 0.7
+
+
+@pytest.mark.slow
+def test_long_times(tmp_path):
+    """What an independent program found to grow and to decay: the Heaviside kernel grows unless cross-damped by 0.5, free faces grow."""
+    found = {what.removesuffix(", rate (1/s)"): row.ours for what, row in rows(find("wildman2012-growth").run(tmp_path)).items()}
+    grows = {name for name, rate in found.items() if rate > 0}
+    assert grows == {"Gaussian, between free faces", "Gaussian, half-space", "Heaviside, as published, 10 nodes", "Heaviside, quadratic",
+                     "Heaviside, quadratic, shift 2", "Heaviside, quadratic, cross 0.2"}  # fmt: skip
+    for name, known in (("Heaviside, quadratic, cross 0.2", 0.11), ("Heaviside, quadratic", 0.31)):  # with a step twice as long
+        assert found[name] == pytest.approx(known, rel=0.15)
+
+
 @pytest.mark.slow
 def test_drag_is_a_rate():
     """250 N at 10, 20 and 40 ns: the same crack within a node, for D goes with the step."""

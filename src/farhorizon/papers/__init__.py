@@ -78,15 +78,28 @@ class Reproduction:
     name, paper, title : str
     function : callable
         Takes the folder of the pictures, and `full` if it is scaled.
-    scaled : bool
-        Runs in a smaller version, or with larger steps, unless the full one is asked for.
+    takes : {"seconds", "a minute"}
+        About how long it runs on one core, once what it needs is compiled.
+    full : {"", "a minute", "minutes", "an hour"}
+        The same of the published size, where the default is a smaller version or has larger steps; empty if there is one size.
     """
 
     name: str
     paper: str
     title: str
     function: Callable[..., Outcome]
-    scaled: bool = False
+    takes: str = "seconds"
+    full: str = ""
+
+    @property
+    def scaled(self) -> bool:
+        """Whether it runs in a smaller version, or with larger steps, unless the full one is asked for."""
+        return bool(self.full)
+
+    @property
+    def duration(self) -> str:
+        """The words of the list for how long it runs."""
+        return f"{self.takes}; --full: {self.full}" if self.scaled else self.takes
 
     def run(self, folder: Path, full: bool = False) -> Outcome:
         """Compute it; `full` as published, as far as the machine allows within minutes."""
@@ -96,7 +109,8 @@ class Reproduction:
         """The outcome as plain data."""
         rows = [{**asdict(row), "ours": _finite(row.ours)} for row in outcome.rows]
         errors = {name: _finite(value) for name, value in outcome.infinite_error.items()}
-        return {"name": self.name, "paper": self.paper, "rows": rows, "infinite_error": errors}
+        pictures = [path.name for path in outcome.pictures]
+        return {"name": self.name, "paper": self.paper, "rows": rows, "infinite_error": errors, "pictures": pictures}
 
 
 def _finite(value: float) -> float | None:
@@ -107,11 +121,13 @@ def _finite(value: float) -> float | None:
 _ENTRIES: dict[str, Reproduction] = {}
 
 
-def reproduction(name: str, paper: str, title: str, scaled: bool = False) -> Callable[[Callable[..., Outcome]], Callable[..., Outcome]]:
-    """Decorator that enters a function of the pictures' folder into the list; a scaled one takes `full`, too."""
+def reproduction(
+    name: str, paper: str, title: str, takes: str = "seconds", full: str = ""
+) -> Callable[[Callable[..., Outcome]], Callable[..., Outcome]]:
+    """Decorator that enters a function of the pictures' folder into the list; one with a `full` size takes `full`, too. See `Reproduction`."""
 
     def enter(function: Callable[..., Outcome]) -> Callable[..., Outcome]:
-        _ENTRIES[name] = Reproduction(name, paper, title, function, scaled)
+        _ENTRIES[name] = Reproduction(name, paper, title, function, takes, full)
         return function
 
     return enter

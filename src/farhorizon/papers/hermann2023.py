@@ -89,7 +89,7 @@ def _outcome(
     return Outcome(rows, errors, pictures(name, folder, setup["lattice"].axes, times, fields, runs, shown))
 
 
-@reproduction("hermann2023-ex1", PAPER, "finite elements on a square: the condition for classical waves, and the first-order one", scaled=True)
+@reproduction("hermann2023-ex1", PAPER, "finite elements on a square: the condition for classical waves, and the first-order one", full="minutes")
 def example_1(folder: Path, full: bool = False) -> Outcome:
     """Square of 105^2 nodes; the step is 20 times the paper's unless `full`."""
     dt = 5e-4 if full else 0.01
@@ -134,7 +134,7 @@ def _disc_counts(reach: int) -> list[Row]:
 
 
 @reproduction(
-    "hermann2023-ex2", PAPER, "disc, horizon 6 (and 3) spacings: modes with the lattice's dispersion (A) and local (B), and repairs", scaled=True
+    "hermann2023-ex2", PAPER, "disc, horizon 6 (and 3) spacings: modes with the lattice's dispersion (A) and local (B), and repairs", full="minutes"
 )
 def example_2(folder: Path, full: bool = False) -> Outcome:
     """Disc of radius 26; the step is 500 times the paper's, with `full` 20 times."""
@@ -180,7 +180,7 @@ def large_domain(setup: Mapping[str, Any], until: float) -> Reference:
     return after
 
 
-@reproduction("hermann2023-ex3", PAPER, "disc with two notches: errors, and the field at (20, 10) for radius 26 and 42", scaled=True)
+@reproduction("hermann2023-ex3", PAPER, "disc with two notches: errors, and the field at (20, 10) for radius 26 and 42", full="minutes")
 def example_3(folder: Path, full: bool = False) -> Outcome:
     """Radius 26 and 42 to t = 70; the step is 500 times the paper's, with `full` 50 times."""
     from farhorizon.plot import curve_panels
@@ -223,7 +223,7 @@ def example_3(folder: Path, full: bool = False) -> Outcome:
     return whole
 
 
-@reproduction("hermann2023-appB", PAPER, "highly dispersive pulse on a line, 25 nodes in the horizon", scaled=True)
+@reproduction("hermann2023-appB", PAPER, "highly dispersive pulse on a line, 25 nodes in the horizon", full="minutes")
 def appendix_b(folder: Path, full: bool = False) -> Outcome:
     """2001 nodes, 150 000 steps with `full`, else a third of them. The kernel of the exact ends takes some minutes, once."""
     spacing, dt = 0.01, 1e-4

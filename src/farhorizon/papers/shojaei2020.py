@@ -101,14 +101,14 @@ def _example(
     return Outcome(rows, errors, files)
 
 
-@reproduction("shojaei2020-ex1-fem", PAPER, "diffusion on a line, linear finite elements: figures 7 to 9", scaled=True)
+@reproduction("shojaei2020-ex1-fem", PAPER, "diffusion on a line, linear finite elements: figures 7 to 9", full="minutes")
 def example_1_elements(folder: Path, full: bool = False) -> Outcome:
     """The published grid and step to t = 250; to t = 4000 with `full`."""
     shown = ("published, wavenumbers to 11.3 (eq 47)", "published, to 1", "lattice PML")
     return _example("shojaei2020-ex1-fem", folder, line(Stencil.finite_element(1), 1), _conditions(3), full, shown)
 
 
-@reproduction("shojaei2020-ex1-pd", PAPER, "diffusion on a line, peridynamic, horizon and layer of 4 spacings: figures 10, 11", scaled=True)
+@reproduction("shojaei2020-ex1-pd", PAPER, "diffusion on a line, peridynamic, horizon and layer of 4 spacings: figures 10, 11", full="minutes")
 def example_1_peridynamic(folder: Path, full: bool = False) -> Outcome:
     """The published grid and step to t = 250; to t = 4000 with `full`."""
     shown = ("published, wavenumbers to 11.3 (eq 47)", "published, to 1", "lattice PML")

@@ -324,7 +324,7 @@ def asymmetry(u: np.ndarray) -> float:
     return max(float(np.nanmax(np.abs(u - image))) for image in images)
 
 
-@reproduction("shojaei2020-ex3", PAPER, "example 3: a sphere that corrodes in an infinite electrolyte, 3D", scaled=True)
+@reproduction("shojaei2020-ex3", PAPER, "example 3: a sphere that corrodes in an infinite electrolyte, 3D", full="minutes")
 def example3(folder: Path, full: bool = False) -> Outcome:
     """Concentration, its gradient and energy (figures 20, 21), and what the paper could not have, a reference; spacing 0.1 with `full`, else 0.2."""
     shown = (0.005, 0.02, 0.05)
