@@ -333,8 +333,9 @@ def test_bad_input():
     pulse = {"u": lambda x: np.exp(-((x - 20) ** 2) / 9)}
     with pytest.raises(fh.InputError, match=r"one dimension.*LatticePML"):
         fh.Simulation(fh.Lattice(0.25, (-3, -3), (3, 3)), fh.Wave(fh.Kernel(0.5)), COMPRESSED)
-    with pytest.raises(fh.InputError, match="one stage only"):
-        fh.Simulation(line(40), fh.Diffusion(stencil_of(BAR), integrator="rk4"), COMPRESSED)
+    for integrator in ("rk4", "rkc", fh.RungeKuttaChebyshev(2)):
+        with pytest.raises(fh.InputError, match="one stage only"):
+            fh.Simulation(line(40), fh.Diffusion(stencil_of(BAR), integrator=integrator), COMPRESSED)
     with pytest.raises(fh.InputError, match="not zero beyond the absorbing side x-"):
         fh.Simulation(line(40), wave(), COMPRESSED, {"u": lambda x: np.exp(-((x - 2) ** 2) / 9)})
     with pytest.raises(fh.InputError, match="not zero beyond"):

@@ -351,3 +351,25 @@ def test_a_near_field_thinner_than_the_stencil_is_refused():
     """Fewer than 2 m + 1 nodes along an axis."""
     with pytest.raises(InputError, match=r"thinner than the stencil.*>= 7"):
         Simulation(lattice_of((6, 20)), Wave(kernel_stencil(2, 3)), Free())
+
+
+@pytest.mark.parametrize("table", ["history", "source_times", "held_values", "tied_times"])
+def test_tables_without_room_are_refused_before_the_loop(table):
+    """The compiled loop looks at no bounds: a table that does not reach as far as the steps and stages is an IndexError, and nothing has run."""
+    stages = RungeKutta4.stages(0.1)
+    engine = periodic_engine((12,), kernel_stencil(1, 2), stages, 0.1)
+    steps, stage_count = 300, len(stages.numbers)
+    times, held, tied = np.zeros((steps, stage_count, 1)), np.zeros((steps, 1)), np.zeros((steps, stage_count, 0))
+    if table == "history":
+        engine.set_ends(np.array([[0, 1]]), 1.0)  # its clock counts stages, and room is made for steps
+    elif table == "source_times":
+        times = times[:, :1]
+    elif table == "held_values":
+        engine.hold(np.array([3]))
+        held = held[:-1]
+    else:
+        tied = tied[:-1]
+    before = engine.levels.copy()
+    with pytest.raises(IndexError, match=table):
+        engine.advance(steps, np.array([2]), np.zeros((1, 1)), times, held, np.zeros((0, 0)), tied)
+    assert np.array_equal(engine.levels, before) and engine.steps_done == 0

@@ -18,7 +18,7 @@ import numpy as np
 from scipy import fft, special
 
 from farhorizon.errors import InputError
-from farhorizon.integrators import Integrator, RungeKutta4, Verlet
+from farhorizon.integrators import Integrator, Verlet
 from farhorizon.stencil import Stencil
 
 _ROUNDING = 42.0  # what is smaller than exp(-42) = 6e-19 of the impulse is taken for nothing
@@ -53,12 +53,13 @@ class Recursion:
         Raises
         ------
         InputError
-            Runge-Kutta, whose inner stages would need ghosts of their own.
+            A scheme of several stages, the inner ones of which would need ghosts of their own.
         """
-        if isinstance(integrator, RungeKutta4):
+        numbers = integrator.stages(dt, damping, True).numbers
+        if len(numbers) > 1:
             raise InputError("the exact boundary serves schemes of one stage only", value=integrator.name, limit="velocity Verlet, forward Euler",
                              remedy="integrator = euler")  # fmt: skip
-        _, keep, scale, _ = integrator.stages(dt, damping, True).numbers[0]
+        _, keep, scale, _ = numbers[0]
         return cls(keep, scale, dt**2 / 2 / scale if isinstance(integrator, Verlet) else 1.0)
 
     def eigenvalue(self, z: np.ndarray) -> np.ndarray:

@@ -23,7 +23,6 @@ from farhorizon.engine.stencil_rows import compiled_rows
 
 __all__ = ["NEVER", "Engine", "Layer", "Layout", "Zone", "available_threads"]
 
-_NOTHING = np.zeros((0, 0))
 _NO_ENDS = np.zeros((0, 0), np.int64)
 _MODES = 8  # modes of an exact end are filled up to whole vectors
 _ALONE = np.zeros(1, np.int64)  # what threads share when there is one
@@ -598,23 +597,48 @@ class Engine:
         self, steps: int, source_nodes: np.ndarray, source_fields: np.ndarray, source_times: np.ndarray, held_values: np.ndarray | None = None,
         tied_fields: np.ndarray | None = None, tied_times: np.ndarray | None = None,
     ) -> None:  # fmt: skip
-        """Run steps without returning to Python; sources, held and tied values as in `program.run`."""
+        """Run steps without returning to Python; sources, held and tied values as in `program.run`.
+
+        Raises
+        ------
+        IndexError
+            A table does not match the steps: the compiled loop, which looks at no bounds, is not entered.
+        """
         self._lengthen_history(steps)
         if tied_fields is None or tied_times is None:
-            tied_fields, tied_times = np.zeros((0, 0), self.dtype), np.zeros((steps, len(self.stages.numbers), 0), self.dtype)
+            tied_fields, tied_times = np.zeros((0, len(self._tied[0])), self.dtype), np.zeros((steps, len(self.stages.numbers), 0), self.dtype)
+        held_values = np.zeros((0, 0)) if held_values is None else held_values
+        self._check_room(steps, source_nodes, source_fields, source_times, held_values, tied_fields, tied_times)
         state = (
             self.phase, self.levels, self._rotation, self._numbers, self.stages.increments, self.slots, self.memory, self._work,
             self.components, *self._sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
             *self._runs, self._bonds, self._work_done, *self._tiles, *self._dissolution, self.steps_done, *self._damping,
             (*self._ends, self.heads, self.past, self.history), *self._tied, *self._books, self.flows, self._fringe, (*self._filter, self._whole),
             source_nodes, source_fields, source_times,
-            self.held, _NOTHING if held_values is None else held_values, tied_fields, tied_times,
+            self.held, held_values, tied_fields, tied_times,
         )  # fmt: skip
         from farhorizon.engine.threads import side_by_side
 
         side_by_side(lambda lane, lanes, sync: self._driver.run(lane, lanes, sync, steps, *state), self.threads)
         self.phase = (self.phase + steps) % len(self._rotation)
         self.steps_done += steps
+
+    def _check_room(
+        self, steps: int, source_nodes: np.ndarray, source_fields: np.ndarray, source_times: np.ndarray, held_values: np.ndarray,
+        tied_fields: np.ndarray, tied_times: np.ndarray,
+    ) -> None:  # fmt: skip
+        """Every table that the compiled loop indexes by step and stage is large enough; exact ends count their clock once a stage."""
+        stages, ends = len(self.stages.numbers), len(self.history)
+        for name, shape, least in (
+            ("history", self.history.shape[1:2], (int(self.clock[0]) + steps * stages if ends else 0,)),
+            ("source_times", source_times.shape, (steps, stages, len(source_fields))),
+            ("source_fields", source_fields.shape[1:], (len(source_nodes) if len(source_fields) else 0,)),
+            ("held_values", held_values.shape, (steps if len(self.held) else 0, len(self.held))),
+            ("tied_times", tied_times.shape, (steps, stages, len(tied_fields))),
+            ("tied_fields", tied_fields.shape[1:], (len(self._tied[0]),)),
+        ):
+            if len(shape) != len(least) or any(have < want for have, want in zip(shape, least, strict=True)):
+                raise IndexError(f"the table {name} of the compiled loop has the shape {shape}, less than {least} for {steps} steps")
 
     def digest(self) -> str:
         """Hash of all that decides the map of a step: engines of one digest have one map."""
