@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import h5py
@@ -492,3 +493,121 @@ def test_a_checkpoint_of_another_kind_of_run_is_refused(tmp_path):
         fh.Simulation.restore(tmp_path / "body.ckpt")
     with pytest.raises(FileFormatError, match="holds no Body"):
         fh.Body.restore(tmp_path / "wave.ckpt")
+
+
+def test_one_count_too_many_is_not_counted(tmp_path):
+    """As HDF5 alone leaves a file that was killed between two of its writes: what is held counts, for readers and writers."""
+    write(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        file["farhorizon"].attrs["outputs"] = 4
+        file["farhorizon/history"].attrs["rows"] = 12
+        file["VTKHDF/PointData/u"].resize(4, axis=0)
+    results = open_results(tmp_path / "a.h5")
+    assert len(results.times) == 3 and results.energy.size == 9
+    writer = ResultsWriter.resume(tmp_path / "a.h5", 3)
+    writer.append(30, 1.2, {"u": np.ones((7, 5)), "v": np.ones((7, 5))})
+    assert results.steps.tolist() == [0, 10, 20, 30] and (results.field("u", 3) == 1).all()
+
+
+def test_finished_is_noted_and_taken_back(tmp_path):
+    writer = write(tmp_path / "a.h5")
+    assert not open_results(writer.path).finished
+    writer.finish()
+    assert open_results(writer.path).finished
+    ResultsWriter.resume(writer.path, 2)
+    assert not open_results(writer.path).finished
+
+
+def contents(path):
+    """All that a results file tells."""
+    results = open_results(path)
+    fields = [results.field(name, k).tobytes() for name in results.field_names for k in range(len(results.times))]
+    columns = [a.tobytes() for a in (results.times, results.steps, results.energy, results.probe_values, results.probes)]
+    return fields, columns, results.case, results.program, results.shape, results.spacing, results.lower, results.components
+
+
+def test_any_flipped_bit_of_results_is_told_or_harmless(tmp_path):
+    """Damage anywhere: FileFormatError, or (in padding) everything is read as it was."""
+    path = write(tmp_path / "a.h5").path
+    data, good, told = path.read_bytes(), contents(path), 0
+    rng = np.random.default_rng(4)
+    for place in rng.integers(len(data), size=300):
+        damaged = bytearray(data)
+        damaged[place] ^= 1 << rng.integers(8)
+        path.write_bytes(damaged)
+        try:
+            assert contents(path) == good, f"bit at byte {place}"
+        except FileFormatError:
+            told += 1
+    assert told > 20
+
+
+def test_a_flipped_bit_of_a_field_is_told_with_file_and_dataset(tmp_path):
+    path = write(tmp_path / "a.h5").path
+    data = bytearray(path.read_bytes())
+    place = data.index(values(2, "float64", 1).T.tobytes())
+    data[place + 100] ^= 1
+    path.write_bytes(data)
+    results = open_results(path)
+    np.testing.assert_array_equal(results.field("u", 0), values(2, "float64", 0))
+    with pytest.raises(FileFormatError, match=r"a\.h5 is damaged: VTKHDF/PointData/u fails its check sum"):
+        results.field("u", 1)
+
+
+@pytest.mark.parametrize("kind", ["external data", "external link", "soft link", "virtual"])
+def test_what_stands_in_other_files_is_refused(tmp_path, kind):
+    """A results file may come from anybody: what it refers to is not read, nor are links of a checkpoint followed."""
+    path = write(tmp_path / "a.h5", dim=1).path
+    secret = tmp_path / "secret"
+    secret.write_bytes(b"root:x:0:0" * 100)
+    write_checkpoint(tmp_path / "c.ckpt", {"u": np.zeros(3)}, {})
+    for name, place in ((path, "VTKHDF/PointData/u"), (tmp_path / "c.ckpt", "arrays/0")):
+        with h5py.File(name, "r+") as file:
+            del file[place]
+            if kind == "external data":
+                file.create_dataset(place, (3, 7), "f8", external=[(str(secret), 0, h5py.h5f.UNLIMITED)])
+            elif kind == "external link":
+                file[place] = h5py.ExternalLink(str(path), "/farhorizon/probes")
+            elif kind == "soft link":
+                file[place] = h5py.SoftLink("/farhorizon/probes")
+            else:
+                layout = h5py.VirtualLayout((3, 7), "f8")
+                layout[:] = h5py.VirtualSource(str(path), "u", (3, 7))
+                file.create_virtual_dataset(place, layout)
+    for reader in (open_results, ResultsWriter):
+        with pytest.raises(FileFormatError, match=r"a\.h5.*refers to another"):
+            reader(path)
+    with pytest.raises(FileFormatError, match=r"c\.ckpt.*refers to another"):
+        read_checkpoint(tmp_path / "c.ckpt")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
+@pytest.mark.parametrize(("mode", "action"), [(0o000, "open_results"), (0o000, "ResultsWriter"), (0o444, "write"), (0o000, "write")])
+def test_missing_permission_is_an_input_error(mode, action):
+    """By a user whom permissions bind."""
+    with tempfile.TemporaryDirectory() as folder:  # others have no way to pytest's
+        os.chmod(folder, 0o777)
+        path = write(Path(folder) / "a.h5", dim=1).path
+        os.chmod(path, mode)
+        assert without_privileges(lambda: refused(action, path)) == 0
+
+
+def refused(action, path):
+    with pytest.raises(InputError, match="permission denied"):
+        {"open_results": open_results, "ResultsWriter": ResultsWriter, "write": lambda p: write(p, dim=1)}[action](path)
+
+
+def without_privileges(function):
+    """Exit code of a child that runs a function as a user whom permissions bind: 0, or 1 if it raised."""
+    child = os.fork()
+    if child == 0:
+        code = 1
+        try:
+            if os.getuid() == 0:
+                os.setgid(65534)
+                os.setuid(65534)
+            function()
+            code = 0
+        finally:
+            os._exit(code)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])

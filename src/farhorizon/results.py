@@ -3,11 +3,12 @@
 A results file is a VTKHDF ``ImageData`` file [1]_ with a temporal ``Steps`` group, so that ParaView opens it as it is: ``/VTKHDF`` holds
 the fields as point data, one chunked record an output, in VTK's order (x fastest), on a lattice padded to three dimensions.
 ``/farhorizon`` holds what VTK does not know: case text, program, lattice, step numbers, probes and the history of probe values and energy.
-Its attribute ``outputs``, and ``rows`` of the history, are written last and say how many outputs and history rows are valid, so that an
-append that was cut short is simply not counted.
+Its attribute ``outputs``, and ``rows`` of the history, say how many outputs and history rows are valid, ``finished`` whether the run came
+to its end.  Every dataset has a check sum a chunk (Fletcher 32), and so has, in HDF5's format 1.10, all that HDF5 notes about it.
 
-A checkpoint is its own HDF5 file: an index (JSON, with the SHA-256 of every array), the arrays, and a flag that is written last.  It is
-written under a temporary name and renamed, so that an earlier checkpoint survives until the new one is whole.
+A checkpoint is its own HDF5 file: an index (JSON, with the SHA-256 of every array), the arrays, and a flag that is written last.
+
+Both are written by `farhorizon.storage`: a process that is killed, or a disk that is full, leaves the file as it was before.
 
 References
 ----------
@@ -28,6 +29,7 @@ import h5py
 import numpy as np
 
 from farhorizon.errors import FarhorizonError, FileFormatError, InputError
+from farhorizon.storage import Draft, changed, created, read
 
 if TYPE_CHECKING:
     import xarray
@@ -42,20 +44,26 @@ RESERVED = frozenset(
 )
 _CHUNK_BYTES = 2**26
 _CHUNK_ROWS = 512
+_DEPTH = 4  # of groups in each other, in any file of ours
+
+
+def _hdf5(path: Path | Draft, mode: str) -> Any:
+    """Open an HDF5 file; what is written into it has the format of HDF5 1.10, which has check sums.
+
+    File locks are off, so that someone who looks at a file with another program cannot stop the run that writes it.
+    """
+    return h5py.File(path, mode, locking=False, libver=("v110", "v110"))
 
 
 @contextmanager
 def _opened(path: Path, mode: str, what: str) -> Iterator[Any]:
-    """Open an HDF5 file; whatever HDF5 cannot read becomes a FileFormatError.
-
-    File locks are off, so that someone who looks at a file with another program cannot stop the run that writes it.
-    """
+    """Open an HDF5 file, "r" or "r+"; whatever HDF5 cannot read becomes a FileFormatError."""
     if not path.is_file():
         raise InputError(f"{path}: no such file", remedy=f"give the path of a {what}")
-    if not h5py.is_hdf5(path):
-        raise FileFormatError(f"{path} is not an HDF5 file, or its beginning is damaged", remedy=f"give the path of a {what}")
     try:
-        with h5py.File(path, mode, locking=False) as file:
+        if not h5py.is_hdf5(path):
+            raise FileFormatError(f"{path} is not an HDF5 file, or its beginning is damaged", remedy=f"give the path of a {what}")
+        with (read if mode == "r" else changed)(path) as draft, _hdf5(path if draft is None else draft, mode) as file:
             yield file
     except FarhorizonError:
         raise
@@ -66,6 +74,26 @@ def _opened(path: Path, mode: str, what: str) -> Iterator[Any]:
         if isinstance(error, OSError) and error.errno is not None and mode != "r":
             raise
         raise FileFormatError(f"{path} is truncated or damaged ({error})", remedy=f"use another {what}, or compute it again") from error
+
+
+def _refuse_other_files(group: Any, path: Path, depth: int = 0) -> None:
+    """FileFormatError if something that a file seems to hold stands elsewhere: ours have no links, and another file's content may be secret."""
+    for name in group:
+        item = group[name] if isinstance(group.get(name, getlink=True), h5py.HardLink) and depth < _DEPTH else None
+        if item is None or (isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)):
+            raise FileFormatError(f"{path}: {group.name.rstrip('/')}/{name} refers to another place or file, as nothing that we write does",
+                                  remedy="use a file of a known origin")  # fmt: skip
+        if isinstance(item, h5py.Group):
+            _refuse_other_files(item, path, depth + 1)
+
+
+def _read(file: Any, path: Path, name: str, rows: Any = ()) -> np.ndarray:
+    """Rows of a dataset; FileFormatError names the one that fails its check sum."""
+    try:
+        return np.asarray(file[name][rows])
+    except OSError as error:
+        remedy = "compute it again, or resume the run from a checkpoint before it"
+        raise FileFormatError(f"{path} is damaged: {name} fails its check sum", remedy=remedy) from error
 
 
 def _directory_of(path: Path) -> Path:
@@ -79,6 +107,7 @@ def _directory_of(path: Path) -> Path:
 
 def _check_format(file: Any, path: Path) -> Any:
     """Return the group ``/farhorizon`` of a results file; FileFormatError if the file is another program's or a later version's."""
+    _refuse_other_files(file, path)
     if "farhorizon" not in file or file["farhorizon"].attrs.get("format") != FORMAT or "VTKHDF" not in file:
         raise FileFormatError(f"{path} is an HDF5 file, but not a farhorizon results file", remedy="give a file written by farhorizon run")
     group = file["farhorizon"]
@@ -89,16 +118,21 @@ def _check_format(file: Any, path: Path) -> Any:
 
 
 def _counts(file: Any, path: Path) -> tuple[int, int]:
-    """Return the numbers of valid outputs and history rows, checked against the datasets."""
+    """Return the numbers of valid outputs and history rows: of what is counted as much as all datasets hold.
+
+    The last output, and its rows of the history, may be missing from some of them, for other programs that write such files are killed too.
+    """
     group, vtk = file["farhorizon"], file["VTKHDF"]
     outputs, rows = int(group.attrs["outputs"]), int(group["history"].attrs["rows"])
-    per_output = (vtk["Steps/Values"], group["steps"], group["history_rows"], *vtk["PointData"].values())
-    for count, datasets in ((outputs, per_output), (rows, group["history"].values())):
-        for dataset in datasets:
-            held = dataset.shape[0]
-            if not 0 <= count <= held:
-                raise FileFormatError(f"{path} is damaged: {dataset.name} is too short", value=held, limit=count, remedy="compute it again")
-    return outputs, rows
+    shortest = min((vtk["Steps/Values"], group["steps"], group["history_rows"], *vtk["PointData"].values()), key=len)
+    if not 0 <= outputs <= len(shortest) + 1:
+        raise FileFormatError(f"{path} is damaged: {shortest.name} is too short", value=len(shortest), limit=outputs, remedy="compute it again")
+    outputs = min(outputs, len(shortest))
+    least = int(group["history_rows"][outputs - 1]) if outputs else 0
+    shortest = min(group["history"].values(), key=len)
+    if not least <= min(rows, len(shortest)):
+        raise FileFormatError(f"{path} is damaged: {shortest.name} is too short", value=len(shortest), limit=least, remedy="compute it again")
+    return outputs, min(rows, len(shortest))
 
 
 def _set_outputs(file: Any, outputs: int) -> None:
@@ -131,14 +165,27 @@ def _chunk(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
     return tuple(chunk)
 
 
-def _accounts(group: Any) -> tuple[str, ...]:
-    """Names of the entries of the balance in a results file; none without a balance."""
-    return tuple(group["accounts"].asstr()[:]) if "accounts" in group else ()
+def _words(group: Any, name: str) -> tuple[str, ...]:
+    """Texts in a dataset; none if it is not there."""
+    return tuple(text.decode() for text in np.ravel(group[name][()])) if name in group else ()
+
+
+def _put_words(group: Any, name: str, words: Sequence[str]) -> None:
+    """Keep texts; they have a fixed length, since those of variable length have no check sum."""
+    encoded = [word.encode() for word in words]
+    dtype = h5py.string_dtype("utf-8", max(1, *map(len, encoded)))
+    _put_fixed(group, name, np.array(encoded, dtype))
+
+
+def _put_fixed(group: Any, name: str, values: np.ndarray) -> None:
+    """Keep an array that does not grow."""
+    checked = {"chunks": values.shape, "fletcher32": True} if values.size else {}
+    group.create_dataset(name, data=values, dtype=values.dtype, **checked)
 
 
 def _components(group: Any) -> dict[str, int]:
     """Components of each field of a results file; 1 in files that do not say."""
-    names = group["fields"].asstr()[:]
+    names = _words(group, "fields")
     return dict(zip(names, (int(n) for n in np.broadcast_to(group.attrs.get("components", 1), len(names))), strict=True))
 
 
@@ -149,7 +196,7 @@ def _probe_components(group: Any) -> int:
 
 def _growing(group: Any, name: str, dtype: str) -> None:
     """Make an empty column that grows by rows."""
-    group.create_dataset(name, (0,), dtype, maxshape=(None,), chunks=(_CHUNK_ROWS,))
+    group.create_dataset(name, (0,), dtype, maxshape=(None,), chunks=(_CHUNK_ROWS,), fletcher32=True)
 
 
 def _put(dataset: Any, start: int, values: Any) -> None:
@@ -162,7 +209,7 @@ def _put(dataset: Any, start: int, values: Any) -> None:
 class ResultsWriter:
     """Appends outputs to a results file; the file is closed between the calls.
 
-    Use `create` or `resume`.  Every call opens the file, appends, flushes and closes it, so that a killed process leaves a valid file.
+    Use `create` or `resume`.  Every call opens the file, appends and closes it; a killed process leaves a file with or without what was appended.
 
     Parameters
     ----------
@@ -191,12 +238,12 @@ class ResultsWriter:
         with _opened(self.path, "r", "results file") as file:
             group = _check_format(file, self.path)
             self.shape: tuple[int, ...] = tuple(int(n) for n in group.attrs["shape"])
-            self.fields: tuple[str, ...] = tuple(group["fields"].asstr()[:])
+            self.fields: tuple[str, ...] = _words(group, "fields")
             self.outputs, self.rows = _counts(file, self.path)
             self.components = _components(group)
             width = _probe_components(group)
             self._probes = (group["probes"].shape[0], *((width,) if width > 1 else ()))
-            self.accounts = _accounts(group)
+            self.accounts = _words(group, "accounts")
             self._last_step = int(group["steps"][self.outputs - 1]) if self.outputs else None
 
     @classmethod
@@ -252,11 +299,13 @@ class ResultsWriter:
         Raises
         ------
         InputError
-            An argument is wrong, or `path` holds another file.
+            An argument is wrong, `path` holds another file, or one that may not be written.
         """
         path = Path(path)
         _directory_of(path)
         if path.exists():
+            if not os.access(path, os.W_OK):
+                raise InputError(f"{path}: permission denied", remedy="change the permissions or use another path")
             try:
                 with _opened(path, "r", "results file") as file:
                     _check_format(file, path)
@@ -285,7 +334,7 @@ class ResultsWriter:
         if not set(width.values()) <= {1, dim}:
             raise InputError("fields are scalars or have a component an axis", value=components, limit=f"1 or {dim}")
         padded = (*shape, 1, 1)[:3]
-        with h5py.File(path, "w", locking=False) as file:
+        with created(path) as draft, _hdf5(draft, "w") as file:
             vtk = file.create_group("VTKHDF")
             vtk.attrs["Version"] = np.array([2, 0])
             vtk.attrs.create("Type", b"ImageData", dtype=h5py.string_dtype("ascii", len("ImageData")))
@@ -300,17 +349,18 @@ class ResultsWriter:
             for name in fields:
                 stored = _vtk_shape(shape, width[name])
                 chunk = _chunk(stored, dtype.itemsize)
-                data.create_dataset(name, (0, *stored), dtype, maxshape=(None, *stored), chunks=chunk)
+                data.create_dataset(name, (0, *stored), dtype, maxshape=(None, *stored), chunks=chunk, fletcher32=True)
                 _growing(offsets, name, "i8")
                 data.attrs.setdefault("Scalars" if width[name] == 1 else "Vectors", name)
             group = file.create_group("farhorizon")
             group.attrs["format"], group.attrs["version"], group.attrs["program"] = FORMAT, VERSION, program
+            group.attrs["finished"] = False
             group.attrs["dim"], group.attrs["shape"], group.attrs["spacing"], group.attrs["lower"] = dim, shape, float(spacing), origin
             group.attrs["components"], group.attrs["probe_components"] = [width[name] for name in fields], probed_width
             group.attrs["outputs"] = 0
-            group.create_dataset("case", data=case, dtype=h5py.string_dtype())
-            group.create_dataset("fields", data=list(fields), dtype=h5py.string_dtype())
-            group.create_dataset("probes", data=places)
+            _put_words(group, "case", [case])
+            _put_words(group, "fields", fields)
+            _put_fixed(group, "probes", places)
             _growing(group, "steps", "i8")
             _growing(group, "history_rows", "i8")
             history = group.create_group("history")
@@ -320,10 +370,11 @@ class ResultsWriter:
             if len(places):
                 probed = () if probed_width == 1 else (probed_width,)
                 history.create_dataset("values", (0, len(places), *probed), "f8", maxshape=(None, len(places), *probed),
-                                       chunks=(_CHUNK_ROWS, min(len(places), 64), *probed))  # fmt: skip
+                                       chunks=(_CHUNK_ROWS, min(len(places), 64), *probed), fletcher32=True)  # fmt: skip
             if accounts:
-                group.create_dataset("accounts", data=list(accounts), dtype=h5py.string_dtype())
-                history.create_dataset("balance", (0, len(accounts)), "f8", maxshape=(None, len(accounts)), chunks=(_CHUNK_ROWS, len(accounts)))
+                _put_words(group, "accounts", accounts)
+                history.create_dataset("balance", (0, len(accounts)), "f8", maxshape=(None, len(accounts)), chunks=(_CHUNK_ROWS, len(accounts)),
+                                       fletcher32=True)  # fmt: skip
         return cls(path)
 
     @classmethod
@@ -364,7 +415,7 @@ class ResultsWriter:
                 raise FileFormatError(f"{path} holds fewer history rows than the checkpoint counts", value=rows_held, limit=rows, remedy=remedy)
             _set_outputs(file, outputs)
             group["history"].attrs.modify("rows", rows)
-            file.flush()
+            group.attrs["finished"] = False
             for dataset in (group["steps"], group["history_rows"], *file["VTKHDF/PointData"].values()):
                 dataset.resize(outputs, axis=0)
             for dataset in group["history"].values():
@@ -435,8 +486,12 @@ class ResultsWriter:
             _put(group["steps"], n, [step])
             _put(group["history_rows"], n, [rows])
             _set_outputs(file, n + 1)
-            file.flush()
         self.outputs, self.rows, self._last_step = n + 1, rows, int(step)
+
+    def finish(self) -> None:
+        """Note that the run came to its end; `resume` takes that back."""
+        with _opened(self.path, "r+", "results file") as file:
+            file["farhorizon"].attrs["finished"] = True
 
     def append_history(self, times: np.ndarray, probes: np.ndarray | None, energy: np.ndarray | None) -> None:
         """Append rows of the history, which may be recorded more often than the fields.
@@ -463,7 +518,6 @@ class ResultsWriter:
         history = self._history(times, values, np.full(times.size, np.nan) if energy is None else np.asarray(energy, dtype=float))
         with _opened(self.path, "r+", "results file") as file:
             self._put_history(file, *history, np.full((times.size, len(self.accounts)), np.nan))
-            file.flush()
         self.rows += times.size
 
     def _history(self, times: np.ndarray, values: np.ndarray, energy: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -510,13 +564,15 @@ class Results:
         Positions of the probes.
     case, program : str
         Text of the case file; name and version of the program that wrote the file.
+    finished : bool
+        Whether the run had come to its end when the file was opened.
 
     Raises
     ------
     InputError
         There is no such file.
     FileFormatError
-        The file is truncated, damaged or not a farhorizon results file.  Any access may raise this.
+        The file is truncated, damaged or not a farhorizon results file.  Any access may raise this, and names the dataset that fails its check sum.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -528,11 +584,12 @@ class Results:
             self.shape: tuple[int, ...] = tuple(int(n) for n in group.attrs["shape"])
             self.spacing = float(group.attrs["spacing"])
             self.lower: tuple[float, ...] = tuple(float(v) for v in group.attrs["lower"])
-            self.field_names: tuple[str, ...] = tuple(group["fields"].asstr()[:])
-            self.probes: np.ndarray = group["probes"][:]
-            self.case: str = group["case"].asstr()[()]
+            self.field_names: tuple[str, ...] = _words(group, "fields")
+            self.probes: np.ndarray = _read(group, self.path, "probes")
+            self.case: str = _words(group, "case")[0]
             self.program: str = str(group.attrs["program"])
-            self._accounts = _accounts(group)
+            self.finished = bool(group.attrs.get("finished", False))
+            self._accounts = _words(group, "accounts")
             self.components = _components(group)
             for name in self.field_names:
                 stored = file["VTKHDF/PointData"][name].shape[1:]
@@ -544,11 +601,11 @@ class Results:
 
     def _output_rows(self, name: str) -> np.ndarray:
         with _opened(self.path, "r", "results file") as file:
-            return np.asarray(file[name][: _counts(file, self.path)[0]])
+            return _read(file, self.path, name, slice(_counts(file, self.path)[0]))
 
     def _history_rows(self, name: str) -> np.ndarray:
         with _opened(self.path, "r", "results file") as file:
-            return np.asarray(file["farhorizon/history"][name][: _counts(file, self.path)[1]])
+            return _read(file, self.path, f"farhorizon/history/{name}", slice(_counts(file, self.path)[1]))
 
     @property
     def times(self) -> np.ndarray:
@@ -614,7 +671,7 @@ class Results:
             outputs = _counts(file, self.path)[0]
             if not -outputs <= index < outputs:
                 raise InputError(f"{self.path} has no output {index}", value=index, limit=f"{outputs} outputs")
-            stored = np.asarray(file["VTKHDF/PointData"][name][index % outputs])
+            stored = _read(file, self.path, f"VTKHDF/PointData/{name}", index % outputs)
         return self._lattice_first(name, stored[np.newaxis])[0]
 
     def _lattice_first(self, name: str, stored: np.ndarray) -> np.ndarray:
@@ -653,7 +710,7 @@ class Results:
         data: dict[str, Any] = {}
         for name in self.field_names:
             with _opened(self.path, "r", "results file") as file:
-                stored = np.asarray(file["VTKHDF/PointData"][name][: times.size])
+                stored = _read(file, self.path, f"VTKHDF/PointData/{name}", slice(times.size))
             data[name] = (("time", *component[name], *names), self._lattice_first(name, stored))
         data["energy"] = ("history_time", self.energy[:rows])
         data["probe_values"] = (("history_time", "probe", *probed), self.probe_values[:rows])
@@ -716,7 +773,7 @@ def write_checkpoint(path: str | Path, arrays: Mapping[str, np.ndarray], meta: M
         There is no such directory, an array does not hold numbers, or `meta` is not JSON.
     """
     path = Path(path)
-    directory = _directory_of(path)
+    _directory_of(path)
     stored = {name: np.asarray(array, order="C") for name, array in arrays.items()}
     for name, array in stored.items():
         if array.dtype.kind not in "biufc":
@@ -726,31 +783,13 @@ def write_checkpoint(path: str | Path, arrays: Mapping[str, np.ndarray], meta: M
         index = json.dumps({"meta": dict(meta), "arrays": entries}).encode()
     except (TypeError, ValueError) as error:
         raise InputError(f"{path}: meta is not JSON ({error})", remedy="use numbers, strings, lists, dicts, bool and None") from error
-    temporary = directory / f".{path.name}.{os.getpid()}.tmp"
-    try:
-        with h5py.File(temporary, "w", locking=False) as file:
-            file.attrs["format"], file.attrs["version"], file.attrs["complete"] = CHECKPOINT_FORMAT, VERSION, False
-            file.attrs["sha256"] = _digest(index)
-            file.create_dataset("index", data=np.frombuffer(index, dtype=np.uint8))
-            for number, array in enumerate(stored.values()):
-                file.create_dataset(f"arrays/{number}", data=array)
-            file.flush()
-            file.attrs.modify("complete", True)
-        _force_to_disk(temporary)
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
-    if os.name == "posix":
-        _force_to_disk(directory)
-
-
-def _force_to_disk(path: Path) -> None:
-    """Force a file, or the names in a directory, to disk."""
-    descriptor = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+    with created(path) as draft, _hdf5(draft, "w") as file:
+        file.attrs["format"], file.attrs["version"], file.attrs["complete"] = CHECKPOINT_FORMAT, VERSION, False
+        file.attrs["sha256"] = _digest(index)
+        file.create_dataset("index", data=np.frombuffer(index, dtype=np.uint8))
+        for number, array in enumerate(stored.values()):
+            file.create_dataset(f"arrays/{number}", data=array)
+        file.attrs.modify("complete", True)
 
 
 def read_checkpoint(path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
@@ -775,6 +814,7 @@ def read_checkpoint(path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, 
     path = Path(path)
     remedy = "use an earlier checkpoint, or start the run anew"
     with _opened(path, "r", "checkpoint") as file:
+        _refuse_other_files(file, path)
         if file.attrs.get("format") != CHECKPOINT_FORMAT:
             raise FileFormatError(f"{path} is an HDF5 file, but not a farhorizon checkpoint", remedy="give a file written by Simulation.save")
         version = int(file.attrs["version"])

@@ -1,0 +1,346 @@
+"""Files that are as they were or as they shall be, wherever a writing process is stopped, and locks on names.
+
+HDF5 writes the pieces of one change (data, sizes, indices) one after the other and in an order of its own, so that a process that dies between two
+of them, or a disk that is full, leaves a file that nothing can read. It also cannot let go of a file that it failed to write, and ends in a crash.
+So HDF5 does not write our files itself: it is given an object that looks like a file (`Draft`).
+
+- A new file grows under a temporary name beside its own and is renamed when it is whole.
+- Of a change to an existing file, what lies beyond the old end is written at once, for nothing refers to it yet. What replaces old content is
+  kept, written to a journal beside the file when it is complete, and from there into the file; then the journal is removed. A journal that is found
+  belongs to a change that was interrupted, and is finished by the next one; readers see through it.
+- The first error of the operating system is kept, what follows is thrown away without a word to HDF5, and then the error is raised.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import io
+import os
+import re
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from farhorizon.errors import InputError
+
+_MARK = b"farhorizon journal 1\n"
+_PIECE = struct.Struct("<QQ")  # sizes of the file before and after the change; offset and length of each piece
+
+Change = tuple[int, bytes]
+
+
+class Draft(io.RawIOBase):
+    """A file with changes that are not in it yet; what HDF5 writes to, see `h5py.File`.
+
+    Parameters
+    ----------
+    path : Path
+    writable : bool
+    changes : sequence of (offset, bytes)
+        Of an interrupted change that a reader is to see.
+    size : int, optional
+        Of the file with these changes.
+
+    Attributes
+    ----------
+    changes : list of (offset, bytes)
+        What replaces content of the file, in the order in which it was written.
+    old_size, size : int
+        Of the file, and of the draft.
+    error : OSError or None
+        The first one that a write met; nothing has been written since.
+    """
+
+    def __init__(self, path: Path, writable: bool, changes: list[Change] | None = None, size: int | None = None) -> None:
+        self.path = path
+        self._file = open(path, "r+b" if writable else "rb", buffering=0)
+        self.old_size = os.fstat(self._file.fileno()).st_size
+        self.size = self.old_size if size is None else size
+        self.changes: list[Change] = [] if changes is None else changes
+        self.error: OSError | None = None
+        self._place = 0
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._file.close()
+        super().close()
+
+    def readable(self) -> bool:
+        """It is."""
+        return True
+
+    def seekable(self) -> bool:
+        """It is."""
+        return True
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """Where to read or write next."""
+        self._place = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._place, os.SEEK_END: self.size}[whence]
+        return self._place
+
+    def tell(self) -> int:
+        """Where the next read or write begins."""
+        return self._place
+
+    def readinto(self, buffer: Any) -> int:
+        """Read as if the changes were in the file; zeros beyond its end."""
+        target = memoryview(buffer).cast("B")
+        start, end = self._place, self._place + len(target)
+        self._file.seek(start)
+        done = 0
+        while done < len(target):
+            count = self._file.readinto(target[done:])
+            if not count:
+                target[done:] = bytes(len(target) - done)
+                break
+            done += count
+        for offset, data in self.changes:
+            first, last = max(start, offset), min(end, offset + len(data))
+            if first < last:
+                target[first - start : last - start] = data[first - offset : last - offset]
+        self._place = end
+        return len(target)
+
+    def write(self, data: Any) -> int:
+        """Write what lies beyond the old end, keep the rest."""
+        source = memoryview(data).cast("B")
+        start, end = self._place, self._place + len(source)
+        inside = max(0, min(len(source), self.old_size - start))
+        if inside:
+            self.changes = [c for c in self.changes if not (start <= c[0] and c[0] + len(c[1]) <= start + inside)]
+            self.changes.append((start, bytes(source[:inside])))
+        if inside < len(source) and self.error is None:
+            try:
+                _write_all(self._file.fileno(), source[inside:], start + inside)
+            except OSError as error:
+                self.error = error
+        self._place, self.size = end, max(self.size, end)
+        return len(source)
+
+    def truncate(self, size: int | None = None) -> int:
+        """The size that the file shall have; up to here unless given."""
+        self.size = self._place if size is None else size
+        return self.size
+
+    def flush(self) -> None:
+        """Nothing waits here that the operating system could have."""
+
+
+def _write_all(descriptor: int, data: memoryview, offset: int) -> None:
+    """Write all of it; the operating system may take less at a time."""
+    os.lseek(descriptor, offset, os.SEEK_SET)
+    while len(data):
+        data = data[os.write(descriptor, data) :]
+
+
+def _journal_of(path: Path) -> Path:
+    return path.with_name(f".{path.name}.journal")
+
+
+def _temporary_of(path: Path) -> Path:
+    return path.with_name(f".{path.name}.{os.getpid()}.tmp")
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A temporary name beside `path`; what stands there at the end takes the place of `path`, and forced to disk.
+
+    Raises
+    ------
+    OSError
+        The disk is full, permission is missing: `path` is what it was.
+    """
+    temporary = _temporary_of(path)
+    try:
+        yield temporary
+        force_to_disk(temporary)
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    if os.name == "posix":
+        force_to_disk(path.parent)
+
+
+@contextmanager
+def created(path: Path) -> Iterator[Draft]:
+    """A draft of a new file, which takes the place of `path` at the end.
+
+    Raises
+    ------
+    OSError
+        The disk is full, permission is missing: `path` is what it was.
+    """
+    if _journal_of(path).exists():
+        with changed(path):  # a journal must not outlive the file that it belongs to
+            pass
+    with replacing(path) as temporary:
+        temporary.touch()
+        with _held(Draft(temporary, True)) as draft:
+            yield draft
+        os.truncate(temporary, draft.size)
+
+
+@contextmanager
+def changed(path: Path) -> Iterator[Draft]:
+    """A draft of changes to an existing file, which are in it at the end: all of them, or after an error none.
+
+    Raises
+    ------
+    OSError
+        The disk is full, permission is missing: the content of the file is what it was.
+    """
+    found = _read_journal(path)
+    if found is not None:
+        _apply(path, *found)
+    with suppress(FileNotFoundError):
+        _journal_of(path).unlink()
+    draft = Draft(path, True)
+    try:
+        with _held(draft):
+            yield draft
+        if draft.changes or draft.size != draft.old_size:
+            _commit(path, draft)
+    except BaseException:
+        if not _journal_of(path).exists() and os.path.getsize(path) > draft.old_size:
+            os.truncate(path, draft.old_size)
+        raise
+
+
+@contextmanager
+def read(path: Path) -> Iterator[Draft | None]:
+    """A file with the rest of an interrupted change; None where there is no such change, and the file can be read as it is."""
+    found = _read_journal(path)
+    if found is None:
+        yield None
+        return
+    with _held(Draft(path, False, *found)) as draft:
+        yield draft
+
+
+@contextmanager
+def _held(draft: Draft) -> Iterator[Draft]:
+    """Close the draft; its own error explains whatever else went wrong."""
+    try:
+        yield draft
+    except Exception:
+        if draft.error is not None:
+            raise draft.error from None
+        raise
+    finally:
+        draft.close()
+    if draft.error is not None:
+        raise draft.error
+
+
+def _commit(path: Path, draft: Draft) -> None:
+    body = _PIECE.pack(draft.old_size, draft.size) + b"".join(_PIECE.pack(o, len(data)) + data for o, data in draft.changes)
+    temporary = _temporary_of(path)
+    try:
+        with open(temporary, "wb", buffering=0) as file:
+            _write_all(file.fileno(), memoryview(_MARK + hashlib.sha256(body).digest() + body), 0)
+        os.replace(temporary, _journal_of(path))
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+    _apply(path, draft.changes, draft.size)
+    _journal_of(path).unlink()
+
+
+def _apply(path: Path, changes: list[Change], size: int) -> None:
+    with open(path, "r+b", buffering=0) as file:
+        for offset, data in changes:
+            _write_all(file.fileno(), memoryview(data), offset)
+        file.truncate(size)
+
+
+def _read_journal(path: Path) -> tuple[list[Change], int] | None:
+    """Changes and size of the file after them; None without a journal, or with one that is damaged or of another file."""
+    try:
+        raw = _journal_of(path).read_bytes()
+        size = os.path.getsize(path)
+    except FileNotFoundError:
+        return None
+    start = len(_MARK) + hashlib.sha256().digest_size
+    body = memoryview(raw)[start:]
+    if raw[: len(_MARK)] != _MARK or hashlib.sha256(body).digest() != raw[len(_MARK) : start]:
+        return None
+    before, after = _PIECE.unpack_from(body)
+    if size < min(before, after):
+        return None
+    changes, place = [], _PIECE.size
+    while place < len(body):
+        offset, length = _PIECE.unpack_from(body, place)
+        place += _PIECE.size
+        changes.append((offset, bytes(body[place : place + length])))
+        place += length
+    return changes, after
+
+
+def force_to_disk(path: Path) -> None:
+    """Force a file, or the names in a directory, to disk."""
+    descriptor = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def remove_leftovers(path: Path) -> None:
+    """Remove temporary files that stopped processes left beside a file; the caller holds its lock, so that none is in use."""
+    left = re.compile(re.escape(f".{path.name}.") + r"\d+\.tmp")
+    for other in path.parent.iterdir():
+        if left.fullmatch(other.name):
+            other.unlink(missing_ok=True)
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Hold a lock on a name while the block runs; it ends with the process, however that ends.
+
+    Parameters
+    ----------
+    path : Path
+        A file that is made, locked and removed; nobody else is to use it.
+
+    Raises
+    ------
+    InputError
+        Another process holds it.
+    """
+    while True:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            _lock(descriptor, path)
+            if path.exists() and os.path.samestat(os.fstat(descriptor), os.stat(path)):
+                break
+        except BaseException:
+            os.close(descriptor)
+            raise
+        os.close(descriptor)  # its holder removed the name after we had opened it: it locks nothing any more
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            path.unlink()
+        os.close(descriptor)
+
+
+def _lock(descriptor: int, path: Path) -> None:
+    """Lock a file, where the operating system and the file system can."""
+    try:
+        if os.name == "nt":
+            import msvcrt
+
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
+        else:
+            import fcntl
+
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except ImportError:
+        return
+    except OSError as error:
+        if error.errno in (errno.EWOULDBLOCK, errno.EACCES, errno.EDEADLK):
+            raise InputError("another run writes these results", value=str(path), remedy="wait until it has ended, or --out another folder") from None
