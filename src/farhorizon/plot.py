@@ -507,7 +507,7 @@ def curve_panels(
     """
     if not panels or not all(curves for _, curves in panels):
         raise InputError("a picture of curves needs one panel or more, each with a curve")
-    columns = 1 if len(panels) < 3 else 2
+    columns = 1 if len(panels) < 4 else 2
     rows = -(-len(panels) // columns)
     broad = panels[0][1][0][0] if reference is None else reference
     names = [name for name in dict.fromkeys(name for _, curves in panels if len(curves) > 1 for name, _, _ in curves) if name != broad]
@@ -535,6 +535,63 @@ def curve_panels(
         if legend:
             fit = max(1, 100 // (max(map(len, legend)) + 7))  # characters across the figure, and those that a line's sample takes
             figure.legend(legend.values(), legend.keys(), loc="outside upper center", ncols=min(len(legend), fit, 4))
+
+
+def log_panels(
+    panels: Sequence[tuple[str, Sequence[tuple[str, np.ndarray, np.ndarray]]]],
+    path: str | Path,
+    *,
+    xlabel: str,
+    ylabel: str,
+    order: float | None = None,
+    printed: Sequence[Sequence[np.ndarray]] = (),
+) -> None:
+    """Draw panels of curves on a logarithmic axis, one below the other, each with its legend beside it.
+
+    Parameters
+    ----------
+    panels : sequence of (title, curves)
+        Curves are (name, x, y); what is not positive and finite has a gap.
+    path : str or Path
+        The PNG file.
+    xlabel, ylabel : str
+    order : float, optional
+        Of a convergence plot: both axes are logarithmic, the points are marked, and a dashed line has this slope.
+    printed : sequence of sequences of ndarray
+        For each curve of each panel the values that a paper prints at the same x, drawn as circles.
+
+    Raises
+    ------
+    InputError
+        There are no panels, a panel without curves, or no such directory.
+    """
+    if not panels or not all(curves for _, curves in panels):
+        raise InputError("a picture of curves needs one panel or more, each with a curve")
+    widest = max(len(name) for _, curves in panels for name, _, _ in curves)
+    with _figure(path, (4.6 + 0.075 * widest + 0.5, 0.5 + 2.6 * len(panels))) as figure:
+        grid = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+        for number, (axes, (title, curves)) in enumerate(zip(grid, panels, strict=True)):
+            axes.set_yscale("log")
+            if order is not None:
+                axes.set_xscale("log")
+            for name, x, y in curves:
+                axes.plot(x, np.where((y > 0) & np.isfinite(y), y, np.nan), label=name, marker=None if order is None else ".")
+            for k, line in enumerate(axes.get_lines() if printed else ()):
+                circles = {"color": line.get_color(), "markerfacecolor": "none", "markersize": 7, "label": "" if k else "as printed"}
+                axes.plot(curves[k][1], printed[number][k], "o", **circles)
+            top = max(np.max(y, where=np.isfinite(y), initial=0) for _, _, y in curves)
+            if order is not None:
+                _, x, y = max(curves, key=lambda curve: float(np.nanmax(curve[2])))
+                axes.plot(x, 2 * np.nanmax(y) * (x / np.max(x)) ** order, color="0.4", linestyle="--", linewidth=0.9, label=f"order {order:g}")
+                axes.set_xticks(x, [f"{value:.3g}" for value in x])
+                axes.minorticks_off()
+            else:
+                axes.set_ylim(bottom=max(axes.get_ylim()[0], top * 10.0**-_DECADES))
+                axes.margins(x=0.01)
+            axes.set(title=title, ylabel=ylabel, xlabel=xlabel if number + 1 == len(panels) else "")
+            axes.grid(True)
+            axes.set_axisbelow(True)
+            axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.02), borderaxespad=0)
 
 
 def mode_picture(mode: np.ndarray, spacing: float, title: str, path: str | Path) -> None:

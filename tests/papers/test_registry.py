@@ -1,6 +1,8 @@
 """The list of reproductions, and `farhorizon reproduce`."""
 
 import json
+import re
+from pathlib import Path
 
 import pytest
 
@@ -22,7 +24,19 @@ def test_all_published_items_are_there():
     assert {f"hermann2023-{name}" for name in ("ex1", "ex2", "ex3", "appB", "fig6")} <= set(reproductions())
     assert {f"shojaei2020-{name}" for name in ("ex1-fem", "ex1-pd", "ex1-layers", "table1")} <= set(reproductions())
     assert {f"ji2021-table{n}" for n in range(1, 7)} | {"ji2021-fig2", "ji2021-fig3"} <= set(reproductions())
+    assert {f"ji2021-fig{n}" for n in (4, 8, 9, 13)} <= set(reproductions())
     assert {f"wildman2012-fig{n}" for n in (2, 3, 4, 5, 7, 9)} <= set(reproductions())
+
+
+def test_the_documents_name_what_there_is():
+    """Every entry is in the table of docs/index.md, ranges written out, and no entry is named there or in the README that does not exist."""
+    root = Path(__file__).parents[2]
+    text = "".join((root / name).read_text(encoding="utf-8") for name in ("docs/index.md", "README.md"))
+    named = set(re.findall(r"\b(?:ji2021|hermann2023|shojaei2020|wildman2012|bobaru2010)-[\w-]+", text))
+    for first, last in re.findall(r"`([\w-]+\d)` to `([\w-]+\d)`", text):
+        stem = first.rstrip("0123456789")
+        named |= {f"{stem}{n}" for n in range(int(first[len(stem) :]), int(last[len(stem) :]) + 1)}
+    assert named == set(reproductions())
 
 
 def test_unknown_name():

@@ -28,6 +28,9 @@ PAPER = "Ji, Pang, Zhang, Yang, Perdikaris (2021), Exact artificial boundary con
 SPACING, WIDTH, HORIZON = 0.1, 0.25, 0.75
 STEPS = (0.001, 0.002, 0.0025, 0.004, 0.005)
 BEAM = np.array([4.0, -1.0])  # Euler-Bernoulli, eq 29
+THEIRS, OURS = "Ji et al., trapezoidal rule", "fully discrete kernel"  # names of the boundaries
+LEFT, ORIGIN, RIGHT = 0, 100, 200  # nodes whose histories the paper shows
+State = tuple[np.ndarray, np.ndarray]
 
 # The kernels of the chain that is continuous in time
 
@@ -206,7 +209,7 @@ class Example:
         ends = (None, None) if kernel is None else (kernel, None if self.seismic else kernel)
         bar = Bar(weights, recursion, u, bonds=bonds, ends=ends, held=held, first=first)
         near = slice(pad, pad + 201)
-        found = []
+        found, at = [], u
         for number in steps:
             if self.seismic and bar.step < round(PULSE_END / dt) <= number:
                 bar.run(round(PULSE_END / dt) - bar.step)
@@ -231,14 +234,14 @@ class Example:
             operator[i, i + k] = operator[i + k, i] = bonds[k - 1, :-k]
         operator -= np.diag(operator.sum(1))
         v, start = np.zeros(u.size), 0.0
-        found = []
+        found: list[State] = []
         if self.seismic:
-            u, v = _forced(u, bonds, pad + 100)
             start = PULSE_END
+            found, (u, v) = _forced(u, bonds, pad + 100, [t for t in times if t < start])
         squares, modes = eigh(-operator)
         omega = np.sqrt(np.maximum(squares, 0.0))
         shares, rates = modes.T @ u, modes.T @ v
-        for t in times:
+        for t in times[len(found) :]:
             angle = omega * (t - start)
             found.append((
                 modes @ (shares * np.cos(angle) + rates * (t - start) * np.sinc(angle / np.pi)),
@@ -265,8 +268,11 @@ def ricker_rate(t: float) -> float:
     return float(_PULSE * (t - _DELAY) * (4 * q - 6) * np.exp(-q))
 
 
-def _forced(u: np.ndarray, bonds: np.ndarray, node: int) -> tuple[np.ndarray, np.ndarray]:
-    """u and u_t at the end of the pulse, of the chain whose `node` follows it, by Dormand and Prince's method of order 8."""
+def _forced(u: np.ndarray, bonds: np.ndarray, node: int, times: Sequence[float]) -> tuple[list[State], State]:
+    """u and u_t at some times before the end of the pulse, and at its end, of the chain whose `node` follows it.
+
+    By Dormand and Prince's method of order 8.
+    """
     size = u.size
     force = np.empty(size)
 
@@ -277,43 +283,66 @@ def _forced(u: np.ndarray, bonds: np.ndarray, node: int) -> tuple[np.ndarray, np
         force[node] = 0
         return np.concatenate([y[size:], force])
 
-    solved = solve_ivp(slope, (0.0, PULSE_END), np.concatenate([u, np.zeros(size)]), method="DOP853", rtol=1e-13, atol=1e-16, t_eval=[PULSE_END])
-    u, v = solved.y[:size, 0], solved.y[size:, 0]
-    u[node], v[node] = ricker(PULSE_END), ricker_rate(PULSE_END)
-    return u, v
+    moments = [*times, PULSE_END]
+    start = np.concatenate([u, np.zeros(size)])
+    solved = solve_ivp(slope, (0.0, PULSE_END), start, method="DOP853", rtol=1e-13, atol=1e-16, t_eval=moments).y.T
+    found = [(y[:size], y[size:]) for y in solved]
+    for t, (values, rates) in zip(moments, found, strict=True):
+        values[node], rates[node] = ricker(t), ricker_rate(t)
+    return found[:-1], found[-1]
 
 
-def solution(x: np.ndarray, t: float) -> np.ndarray:
-    """The bar of eq 36 in the continuum, eq 37, by Gauss-Legendre; the integrand is below 1e-20 beyond k = 14."""
+def solution(x: np.ndarray, t: float) -> State:
+    """u and u_t of the bar of eq 36 in the continuum, eq 37, by Gauss-Legendre; the integrand is below 1e-20 beyond k = 14."""
     points, gauss = np.polynomial.legendre.leggauss(400)
     k, weight = 7 * (points + 1), 7 * gauss
     omega = 2 / WIDTH * np.sqrt(-np.expm1(-((k * WIDTH) ** 2) / 4))
-    return np.cos(np.multiply.outer(x, k)) @ (weight * np.exp(-(k**2) / 4) * np.cos(omega * t)) / np.sqrt(np.pi)
+    waves = np.cos(np.multiply.outer(x, k)) * (weight * np.exp(-(k**2) / 4)) / np.sqrt(np.pi)
+    return waves @ np.cos(omega * t), -waves @ (omega * np.sin(omega * t))
 
 
 # The tables
 
 
-def _rows(times: Sequence[float], errors: np.ndarray, printed: str, misprints: dict[tuple[int, int], tuple[float, str]]) -> list[Row]:
-    """Rows of a table of errors, shape (times, steps), and of its convergence rates; `printed` holds the paper's lines, the rate last."""
-    lines = [[float(word) for word in line.split()] for line in printed.strip().splitlines()]
+def _printed(lines: str) -> np.ndarray:
+    """The paper's lines of a table, shape (times, steps + 1): errors, and the rate last."""
+    return np.array([[float(word) for word in line.split()] for line in lines.strip().splitlines()])
+
+
+def _rows(times: Sequence[float], errors: np.ndarray, printed: np.ndarray, misprints: dict[tuple[int, int], tuple[float, str]]) -> list[Row]:
+    """Rows of a table of errors, shape (times, steps), and of its convergence rates."""
     rows = []
     for i, t in enumerate(times):
         for j, dt in enumerate(STEPS):
             corrected, note = misprints.get((i, j), (None, ""))
-            rows.append(Row(f"t = {t:g}, dt = {dt:g}", float(errors[i, j]), lines[i][j], corrected, note))
-        rows.append(Row(f"t = {t:g}, rate", float(np.polyfit(np.log(STEPS), np.log(errors[i]), 1)[0]), lines[i][-1]))
+            rows.append(Row(f"t = {t:g}, dt = {dt:g}", float(errors[i, j]), float(printed[i, j]), corrected, note))
+        rows.append(Row(f"t = {t:g}, rate", float(np.polyfit(np.log(STEPS), np.log(errors[i]), 1)[0]), float(printed[i, -1])))
     return rows
 
 
-def _convergence(example: Example, times: Sequence[float], velocity: bool = False) -> tuple[np.ndarray, dict[str, float]]:
-    """Errors of the paper's boundary against the solution exact in time, shape (times, steps), and boundary errors at the largest step."""
+def _errors(example: Example, times: Sequence[float], velocity: bool = False) -> np.ndarray:
+    """Errors of the paper's boundary against the solution exact in time, shape (times, steps)."""
     exact = example.reference(times)[int(velocity)]
     errors = np.empty((len(times), len(STEPS)))
     for j, dt in enumerate(STEPS):
         found = example.run(dt, times, _paper_kernel(dt, round(times[-1] / dt) + 1), 0.5)[int(velocity)]
         errors[:, j] = np.abs(found - exact).max(1)
-    return errors, _boundary_errors(example, times)
+    return errors
+
+
+def _table(
+    folder: Path, figure: int, example: Example, times: Sequence[float], lines: str, misprints: dict[tuple[int, int], tuple[float, str]],
+    velocity: bool = False,
+) -> Outcome:  # fmt: skip
+    """A table of errors and the figure of its convergence: ours with the printed values."""
+    from farhorizon.plot import log_panels
+
+    errors, printed = _errors(example, times, velocity), _printed(lines)
+    path = folder / f"ji2021-fig{figure}.png"
+    curves = [(f"$t = {t:g}$", np.array(STEPS), values) for t, values in zip(times, errors, strict=True)]
+    log_panels([("", curves)], path, xlabel=r"$\Delta t$", ylabel=r"$\ell_\infty$ error of the " + ("velocity" if velocity else "displacement"),
+               order=2, printed=[list(printed[:, :-1])])  # fmt: skip
+    return Outcome(_rows(times, errors, printed, misprints), _boundary_errors(example, times), [path])
 
 
 def _boundary_errors(example: Example, times: Sequence[float]) -> dict[str, float]:
@@ -321,8 +350,8 @@ def _boundary_errors(example: Example, times: Sequence[float]) -> dict[str, floa
     dt, steps = STEPS[-1], round(times[-1] / STEPS[-1]) + 1
     infinite = example.run(dt, times, None)[0]
     return {
-        "Ji et al., trapezoidal rule": float(np.abs(example.run(dt, times, _paper_kernel(dt, steps), 0.5)[0] - infinite).max()),
-        "fully discrete kernel": float(np.abs(example.run(dt, times, _discrete_kernel(dt, steps))[0] - infinite).max()),
+        THEIRS: float(np.abs(example.run(dt, times, _paper_kernel(dt, steps), 0.5)[0] - infinite).max()),
+        OURS: float(np.abs(example.run(dt, times, _discrete_kernel(dt, steps))[0] - infinite).max()),
     }
 
 
@@ -342,6 +371,8 @@ def table1(folder: Path) -> Outcome:
 
     The printed errors are differences from the same method at half the smallest step, as the numbers show; both are listed.
     """
+    from farhorizon.plot import log_panels
+
     printed = {3: (9.26e-06, 1.63e-05, 4.79e-05, 7.88e-04, 2.32), 18: (9.31e-07, 1.71e-06, 5.92e-06, 1.11e-05, 2.69),
                300: (3.80e-08, 8.71e-08, 5.15e-07, 1.24e-06, 3.80), 3000: (8.51e-09, 2.16e-08, 1.52e-07, 3.93e-07, 4.17)}  # fmt: skip
     finest = 2 * _BEAM_DIVISIONS[0]
@@ -351,9 +382,11 @@ def table1(folder: Path) -> Outcome:
         "the exact kernel": {t: beam_kernel(t * np.pi) for t in _BEAM_TIMES},
     }
     found = {division: _beam_kernels(division, _BEAM_TIMES[-1]) for division in _BEAM_DIVISIONS}
-    rows = []
+    steps = 3 * np.pi / np.array(_BEAM_DIVISIONS[::-1], float)
+    rows, panels = [], []
     for against, reference in references.items():
         own = against != "the exact kernel"
+        curves = []
         for t in _BEAM_TIMES:
             errors = [float(np.abs(found[division][t * division // 3] - reference[t]).max()) for division in _BEAM_DIVISIONS]
             for division, error, value in zip(_BEAM_DIVISIONS, errors, printed[t], strict=False):
@@ -363,10 +396,15 @@ def table1(folder: Path) -> Outcome:
                 rows.append(Row(f"t = {t} pi, dt = 3 pi / {division}, against {against}", error, value, corrected, note))
             rate = float(-np.polyfit(np.log(_BEAM_DIVISIONS), np.log(errors), 1)[0])
             rows.append(Row(f"t = {t} pi, rate, against {against}", rate, printed[t][-1]))
-    return Outcome(rows)
+            curves.append((f"$t = {t}\\pi$", steps, np.array(errors[::-1])))
+        panels.append((f"against {against}".replace("pi", "$\\pi$"), curves))
+    path = folder / "ji2021-table1.png"
+    circles = [np.array(printed[t][-2::-1]) for t in _BEAM_TIMES]
+    log_panels(panels, path, xlabel=r"$\Delta t$", ylabel=r"$\ell_\infty$ error of $f$", order=2, printed=[circles, circles])
+    return Outcome(rows, pictures=[path])
 
 
-@reproduction("ji2021-table2", PAPER, "bar: error of the displacement")
+@reproduction("ji2021-table2", PAPER, "bar: error of the displacement (and figure 5: convergence)")
 def table2(folder: Path) -> Outcome:
     """Displacement of the bar at t = 5, 10, 15, 40."""
     printed = """
@@ -374,12 +412,11 @@ def table2(folder: Path) -> Outcome:
         1.06e-06 4.26e-06 6.65e-06 1.70e-05 2.66e-05 2.00
         7.57e-07 3.02e-06 4.72e-06 1.21e-05 1.88e-05 1.99
         1.67e-09 6.69e-09 1.04e-08 2.67e-08 4.17e-08 2.00"""
-    times = (5.0, 10.0, 15.0, 40.0)
-    errors, boundary = _convergence(Example(), times)
-    return Outcome(_rows(times, errors, printed, {(0, 3): (6.45e-6, "a copy of its left neighbour; dt^2 between its neighbours")}), boundary)
+    misprints = {(0, 3): (6.45e-6, "a copy of its left neighbour; dt^2 between its neighbours")}
+    return _table(folder, 5, Example(), (5.0, 10.0, 15.0, 40.0), printed, misprints)
 
 
-@reproduction("ji2021-table3", PAPER, "bar: error of the velocity")
+@reproduction("ji2021-table3", PAPER, "bar: error of the velocity (and figure 6: convergence)")
 def table3(folder: Path) -> Outcome:
     """Velocity of the bar at t = 5, 10, 15, 40."""
     printed = """
@@ -387,12 +424,10 @@ def table3(folder: Path) -> Outcome:
         2.25e-06 9.03e-06 1.41e-05 3.61e-05 5.64e-05 2.00
         7.94e-07 3.17e-06 4.96e-06 1.26e-05 1.98e-05 2.00
         8.87e-09 3.54e-08 5.54e-08 1.41e-07 2.21e-07 2.00"""
-    times = (5.0, 10.0, 15.0, 40.0)
-    errors, boundary = _convergence(Example(), times, velocity=True)
-    return Outcome(_rows(times, errors, printed, {}), boundary)
+    return _table(folder, 6, Example(), (5.0, 10.0, 15.0, 40.0), printed, {}, velocity=True)
 
 
-@reproduction("ji2021-table4", PAPER, "interface, beta = 0.5: error of the displacement")
+@reproduction("ji2021-table4", PAPER, "interface, beta = 0.5: error of the displacement (and figure 10: convergence)")
 def table4(folder: Path) -> Outcome:
     """Displacement of the composite bar, half as stiff within |x| < 4."""
     printed = """
@@ -400,12 +435,11 @@ def table4(folder: Path) -> Outcome:
         6.39e-07 2.55e-06 3.99e-06 1.02e-05 1.59e-05 2.00
         2.33e-07 9.33e-06 1.45e-06 3.72e-06 5.82e-06 2.00
         9.78e-11 3.90e-10 6.11e-10 1.56e-09 2.43e-09 2.00"""
-    times = (10.0, 15.0, 40.0, 100.0)
-    errors, boundary = _convergence(Example(soft=0.5), times)
-    return Outcome(_rows(times, errors, printed, {(2, 1): (9.33e-7, "the exponent: dt^2 between its neighbours")}), boundary)
+    misprints = {(2, 1): (9.33e-7, "the exponent: dt^2 between its neighbours")}
+    return _table(folder, 10, Example(soft=0.5), (10.0, 15.0, 40.0, 100.0), printed, misprints)
 
 
-@reproduction("ji2021-table5", PAPER, "interface, beta = 0.1: error of the displacement")
+@reproduction("ji2021-table5", PAPER, "interface, beta = 0.1: error of the displacement (and figure 11: convergence)")
 def table5(folder: Path) -> Outcome:
     """Displacement of the composite bar, a tenth as stiff within |x| < 4."""
     printed = """
@@ -413,12 +447,10 @@ def table5(folder: Path) -> Outcome:
         7.90e-08 3.16e-07 4.93e-07 1.26e-06 1.97e-06 2.00
         8.13e-07 3.25e-06 5.08e-06 1.30e-05 2.03e-05 2.00
         3.90e-07 1.56e-06 2.44e-06 6.24e-06 9.75e-06 2.00"""
-    times = (10.0, 15.0, 40.0, 100.0)
-    errors, boundary = _convergence(Example(soft=0.1), times)
-    return Outcome(_rows(times, errors, printed, {}), boundary)
+    return _table(folder, 11, Example(soft=0.1), (10.0, 15.0, 40.0, 100.0), printed, {})
 
 
-@reproduction("ji2021-table6", PAPER, "seismic source: error of the displacement")
+@reproduction("ji2021-table6", PAPER, "seismic source: error of the displacement (and figure 14: convergence)")
 def table6(folder: Path) -> Outcome:
     """Displacement of the half-infinite bar after a Ricker pulse at the origin; largest over all nodes, not at the left end as the text says."""
     printed = """
@@ -426,9 +458,7 @@ def table6(folder: Path) -> Outcome:
         2.78e-06 1.11e-05 1.74e-05 4.45e-05 6.96e-05 2.00
         1.38e-06 5.55e-06 8.67e-06 2.21e-05 3.47e-05 2.00
         1.11e-06 4.49e-06 7.03e-06 1.82e-05 2.87e-05 2.02"""
-    times = (10.0, 15.0, 40.0, 100.0)
-    errors, boundary = _convergence(Example(seismic=True), times)
-    return Outcome(_rows(times, errors, printed, {}), boundary)
+    return _table(folder, 14, Example(seismic=True), (10.0, 15.0, 40.0, 100.0), printed, {})
 
 
 # The figures
@@ -458,27 +488,121 @@ def figure2(folder: Path) -> Outcome:
     return Outcome(rows, pictures=[path])
 
 
-@reproduction("ji2021-fig3", PAPER, "bar: displacement at t = 5, 10, 15, 40, numerical and analytical")
-def figure3(folder: Path) -> Outcome:
-    """Displacement of the bar with the paper's boundary, beside the continuum, eq 37."""
+_TIMES = (5.0, 10.0, 15.0, 40.0)  # of figures 3 and 4
+
+
+def _snapshots(folder: Path, figure: int, velocity: bool) -> Outcome:
+    """The bar at four times with both boundaries, beside the continuum, eq 37."""
     from farhorizon.plot import curve_panels
 
-    example, times, dt = Example(), (5.0, 10.0, 15.0, 40.0), STEPS[-1]
-    steps = round(times[-1] / dt) + 1
-    found = example.run(dt, times, _paper_kernel(dt, steps), 0.5)[0]
-    discrete = example.run(dt, times, _discrete_kernel(dt, steps))[0]
-    x = example.coordinates()
-    analytical = [solution(x, t) for t in times]
-    path = folder / "ji2021-fig3.png"
-    names = ("analytical (eq 37)", "Ji et al., trapezoidal rule", "fully discrete kernel")
-    panels = []
-    for n, t in enumerate(times):
-        curves = [(name, x, u) for name, u in zip(names, (analytical[n], found[n], discrete[n]), strict=True)]
-        panels.append((f"$t = {t:g}$", curves))
-    curve_panels(panels, path, xlabel="$x$", ylabel="$u$")
-    rows = [
-        Row(f"t = {t:g}, largest difference from eq 37, {name}", float(np.abs(u[n] - exact).max()), note=f"largest |u|: {np.abs(exact).max():.1e}")
-        for n, (t, exact) in enumerate(zip(times, analytical, strict=True))
-        for name, u in zip(names[1:], (found, discrete), strict=True)
-    ]
-    return Outcome(rows, _boundary_errors(example, times), [path])
+    example, dt, field = Example(), STEPS[-1], int(velocity)
+    steps, x = round(_TIMES[-1] / dt) + 1, example.coordinates()
+    analytical = [solution(x, t)[field] for t in _TIMES]
+    found = {
+        THEIRS: example.run(dt, _TIMES, _paper_kernel(dt, steps), 0.5)[field], OURS: example.run(dt, _TIMES, _discrete_kernel(dt, steps))[field]
+    }  # fmt: skip
+    panels, rows = [], []
+    for n, (t, exact) in enumerate(zip(_TIMES, analytical, strict=True)):
+        panels.append((f"$t = {t:g}$", [("analytical (eq 37)", x, exact), *((name, x, values[n]) for name, values in found.items())]))
+        rows += [Row(f"t = {t:g}, largest difference from eq 37, {name}", float(np.abs(values[n] - exact).max()),
+                     note=f"largest value: {np.abs(exact).max():.1e}") for name, values in found.items()]  # fmt: skip
+    path = folder / f"ji2021-fig{figure}.png"
+    curve_panels(panels, path, xlabel="$x$", ylabel="$u_t$" if velocity else "$u$")
+    return Outcome(rows, _boundary_errors(example, _TIMES), [path])
+
+
+@reproduction("ji2021-fig3", PAPER, "bar: displacement at t = 5, 10, 15, 40, numerical and analytical")
+def figure3(folder: Path) -> Outcome:
+    """Displacement of the bar."""
+    return _snapshots(folder, 3, False)
+
+
+@reproduction("ji2021-fig4", PAPER, "bar: velocity at t = 5, 10, 15, 40, numerical and analytical")
+def figure4(folder: Path) -> Outcome:
+    """Velocity of the bar."""
+    return _snapshots(folder, 4, True)
+
+
+@cache
+def histories(example: Example, until: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Times from 0 on, shape (n,), and u on the near field then, shape (n, 201).
+
+    Of the chain that is exact in time ("reference"), and with both boundaries at the paper's largest step.
+    """
+    times = tuple(0.2 * np.arange(round(until / 0.2) + 1))
+    dt, steps = STEPS[-1], round(until / STEPS[-1]) + 1
+    kernels = {THEIRS: (_paper_kernel(dt, steps), 0.5), OURS: (_discrete_kernel(dt, steps), None)}
+    runs = {name: example.run(dt, times, kernel, first)[0] for name, (kernel, first) in kernels.items()}
+    return np.array(times), {"reference": example.reference(times)[0], **runs}
+
+
+_BETAS, _LONG = (1.0, 0.5, 0.1), 100.0
+
+
+@reproduction("ji2021-fig8", PAPER, "interface: displacement of the origin and of the right end over time, beta = 1, 0.5, 0.1")
+def figure8(folder: Path) -> Outcome:
+    """To t = 100; the largest hump and hollow beside those of a local bar, in which the soft part reflects (sqrt(beta) - 1)/(sqrt(beta) + 1)."""
+    from farhorizon.plot import curve_panels
+
+    rows = []
+    curves: dict[int, list[tuple[str, np.ndarray, np.ndarray]]] = {ORIGIN: [], RIGHT: []}
+    for beta in _BETAS:
+        times, found = histories(Example(soft=beta), _LONG)
+        for node, part in curves.items():
+            part.append((rf"$\beta = {beta:g}$", times, found[OURS][:, node]))
+        local = (np.sqrt(beta) - 1) / (np.sqrt(beta) + 1)
+        hump, hollow = found[OURS][:, RIGHT], found[OURS][:, ORIGIN]
+        note = "the figure prints no number; half of the pulse, transmitted"
+        rows += [
+            Row(f"beta = {beta:g}, first hump of the right end", float(hump.max()), note=f"{note}: local bar {(1 + local) / 2:.3f}"),
+            Row(f"beta = {beta:g}, its time", float(times[hump.argmax()]), note=f"local bar {4 / np.sqrt(beta) + 6:.3g}"),
+            Row(f"beta = {beta:g}, first hollow of the origin", float(hollow.min()), note=f"both halves, reflected: local bar {local:.3f}"),
+        ]
+        if beta < 1:
+            rows.append(Row(f"beta = {beta:g}, its time", float(times[hollow.argmin()]), note=f"local bar {8 / np.sqrt(beta):.3g}"))
+    path = folder / "ji2021-fig8.png"
+    curve_panels([("origin", curves[ORIGIN]), ("right end", curves[RIGHT])], path, xlabel="$t$", ylabel="$u$", reference="")
+    return Outcome(rows, pictures=[path])
+
+
+@reproduction("ji2021-fig9", PAPER, "interface: error of the displacement of the origin and of the right end over time, beta = 1, 0.5, 0.1")
+def figure9(folder: Path) -> Outcome:
+    """Differences from the chain that is exact in time, at the paper's largest step: its error and that of its boundary, to t = 100."""
+    from farhorizon.plot import log_panels
+
+    rows, panels = [], []
+    for beta in _BETAS:
+        times, found = histories(Example(soft=beta), _LONG)
+        curves = []
+        for place, node in (("origin", ORIGIN), ("right end", RIGHT)):
+            for name in (THEIRS, OURS):
+                error = np.abs(found[name][:, node] - found["reference"][:, node])
+                curves.append((f"{place}, {name}", times, error))
+                rows.append(Row(f"beta = {beta:g}, {place}, {name}, largest error", float(error.max()), note="the figure prints no number"))
+                rows.append(Row(f"beta = {beta:g}, {place}, {name}, error at t = 100", float(error[-1])))
+        panels.append((rf"$\beta = {beta:g}$, $\Delta t = {STEPS[-1]:g}$", curves))
+    path = folder / "ji2021-fig9.png"
+    log_panels(panels, path, xlabel="$t$", ylabel=r"$|u - u_\mathrm{ref}|$")
+    return Outcome(rows, pictures=[path])
+
+
+@reproduction("ji2021-fig13", PAPER, "seismic source: displacement of the origin, the right and the left end over time")
+def figure13(folder: Path) -> Outcome:
+    """To t = 60, beside the chain that is exact in time; humps beside those of a local bar, whose free end doubles the pulse and sends it back."""
+    from farhorizon.plot import curve_panels
+
+    example = Example(seismic=True)
+    times, found = histories(example, 60.0)
+    rows, panels = [], []
+    for place, node, humps in (("origin", ORIGIN, {5: 1, 25: 1}), ("right end", RIGHT, {15: 2}), ("left end", LEFT, {15: 1, 35: 1})):
+        panels.append((place, [(name, times, values[:, node]) for name, values in found.items()]))
+        for t, height in humps.items():
+            near = np.abs(times - t) < 5
+            ours, at = found[OURS][near, node], times[near]
+            rows += [Row(f"{place}, hump about t = {t}", float(ours.max()), note=f"local bar {height}; the figure prints no number"),
+                     Row(f"{place}, its time", float(at[ours.argmax()]), note=f"local bar {t}")]  # fmt: skip
+        rows += [Row(f"{place}, largest difference from the reference, {name}", float(np.abs(found[name] - found["reference"])[:, node].max()))
+                 for name in (THEIRS, OURS)]  # fmt: skip
+    path = folder / "ji2021-fig13.png"
+    curve_panels(panels, path, xlabel="$t$", ylabel="$u$")
+    return Outcome(rows, _boundary_errors(example, (60.0,)), [path])
