@@ -27,7 +27,7 @@ until = 3.0
 def test_a_case_is_the_run_of_the_python_interface():
     sim = Case(GOOD).simulation().run(3.0)
     same = fh.Simulation(fh.Lattice(0.25, (-3, -3), (3, 3)), fh.Wave(fh.Kernel(0.75)), fh.LatticePML(),
-                         {"u": lambda x, y: np.exp(-4 * (x**2 + y**2))}).run(3.0)  # fmt: skip
+                         {"u": lambda x, y: np.exp(-4 * (x**2 + y**2))}, dt=sim.dt).run(3.0)  # fmt: skip
     np.testing.assert_allclose(sim.fields["u"], same.fields["u"], atol=1e-15)
 
 
@@ -168,7 +168,7 @@ def test_elastic_case():
     model = fh.Elastic(fh.Kernel(1.0, 1), 2.0, 0.3, density=1.5, material="state-based")
     same = fh.Simulation(
         fh.Lattice(0.5, (-5, -5), (5, 5)), model, initial={"u": lambda x, y: [bump(x, y), 0 * x], "v": lambda x, y: [0 * x, x * bump(x, y)]},
-        sources=[fh.Source(lambda x, y: [0 * x, bump(x, y)], np.sin)],
+        sources=[fh.Source(lambda x, y: [0 * x, bump(x, y)], np.sin)], dt=sim.dt,
     ).run(3.0, progress=False)  # fmt: skip
     np.testing.assert_allclose(sim.fields["u"], same.fields["u"], rtol=0, atol=1e-15)
 
@@ -225,7 +225,7 @@ def test_case_of_bonds_that_break(words, options):
     if words:
         options = {"coefficient": np.where(lattice.coordinates()[0] > 1, 0.5, 1.0), **options}
     same = fh.Simulation(
-        lattice, fh.Elastic(fh.Kernel(1.0, 1), 2.0, nonlinear=True, critical_stretch=0.01), balance=True, **options,
+        lattice, fh.Elastic(fh.Kernel(1.0, 1), 2.0, nonlinear=True, critical_stretch=0.01), balance=True, **options, dt=sim.dt,
         cracks=[[[-2.0, 0.25], [2.0, 0.25]]], sources=[fh.Source(lambda x, y: [0 * x, 0.1 * y * np.exp(-(x**2 + y**2))], np.sin)],
     ).run(6.0, progress=False)  # fmt: skip
     assert sim.broken_bonds == same.broken_bonds > 10
@@ -313,7 +313,7 @@ def test_body_case():
     same = fh.Body(
         fh.Lattice(1.0, (-12, -16), (12, 0)), fh.Kernel(3.717, 0, "gaussian", 1.0, volume="full"), young=1.0, poisson=0.2, critical_stretch=0.003,
         drag=0.9, boundary={"all": fh.NonlocalPML(8, cross=0.1), "y+": fh.Free()}, loads=loads, cracks=[[(-5.5, 1.0), (-5.5, -1.1)]], balance=True,
-        initial={"u": (lambda x, y: 1e-4 * np.exp(-(x**2 + (y + 8) ** 2) / 8), 0.0)},
+        initial={"u": (lambda x, y: 1e-4 * np.exp(-(x**2 + (y + 8) ** 2) / 8), 0.0)}, dt=body.dt,
     ).run(30.0, progress=False)  # fmt: skip
     assert same.broken_bonds == body.broken_bonds > 0
     np.testing.assert_allclose(body.u, same.u, rtol=0, atol=1e-14)

@@ -127,7 +127,9 @@ def write_results(path, dim, outputs=6, observed=True):
     writer = ResultsWriter.create(path, dim=dim, shape=shape, spacing=0.2, lower=(-1.0,) * dim, fields=("u", "v"), dtype="float64", probes=probes)
     for k in range(outputs):
         data = {"u": wave(axes, k), "v": np.abs(wave(axes, k))}
-        writer.append(k, float(k), data, np.exp(-2.0 * k) if observed else None, np.array([k, -k]) if observed else None)
+        writer.append(k, float(k), data, np.exp(-2.0 * k) if observed else None)
+        if observed:
+            writer.append_probes(k + np.array([0.0, 0.5]), np.array([[k, -k], [k, 0.0]]))
     return open_results(path)
 
 
@@ -168,8 +170,11 @@ def test_chosen_times(tmp_path, monkeypatch, times, titles):
 def test_energy_scale(tmp_path, monkeypatch, energy, log):
     """Logarithmic if positive and over more than two decades."""
     results = write_results(tmp_path / "a.h5", 1, 0)
-    ResultsWriter(results.path).append_history(np.arange(3.0), None, np.array(energy))
+    writer = ResultsWriter(results.path)
+    for k, value in enumerate(energy):
+        writer.append(k, float(k), {name: np.zeros(11) for name in ("u", "v")}, value)
     seen = {}
+    monkeypatch.setattr(plot, "field_panels", lambda *_args, **_names: None)
     monkeypatch.setattr(plot, "_lines", lambda _curves, path, **names: seen.update({path.name: names["log"]}))
     plot.plot_results(results, tmp_path)
     assert seen == {"energy.png": log}

@@ -41,9 +41,9 @@ def write(path, dim=2, dtype="float64", outputs=3, fields=("u", "v")):
         program="fh 0",
     )
     for k in range(outputs):
-        writer.append_history(0.4 * k + np.array([0.1, 0.2]), np.full((2, 2), k), np.array([k, k + 0.5]))
+        writer.append_probes(0.4 * k + np.array([0.1, 0.2, 0.3]), np.array([[k, k], [k, 1], [k, -k]]))
         data = {name: (1 + n) * values(dim, dtype, k) for n, name in enumerate(fields)}
-        writer.append(10 * k, 0.4 * k, data, 5.0 - k, np.array([k, -k]))
+        writer.append(10 * k, 0.4 * k, data, 5.0 - k)
     return writer
 
 
@@ -51,7 +51,7 @@ def write(path, dim=2, dtype="float64", outputs=3, fields=("u", "v")):
 @pytest.mark.parametrize("dim", [1, 2, 3])
 def test_round_trip(tmp_path, dim, dtype):
     writer = write(tmp_path / "a.h5", dim, dtype)
-    assert (writer.outputs, writer.rows) == (3, 9)  # three outputs, each with two rows of history and its own
+    assert (writer.outputs, writer.rows, writer.records) == (3, 3, 9)
     results = open_results(tmp_path / "a.h5")
     np.testing.assert_array_equal(results.times, [0, 0.4, 0.8])
     np.testing.assert_array_equal(results.steps, [0, 10, 20])
@@ -63,9 +63,10 @@ def test_round_trip(tmp_path, dim, dtype):
     assert [len(axis) for axis in results.axes] == list(SHAPES[dim])
     np.testing.assert_array_equal(results.axes[0], [-1.5, -1, -0.5, 0, 0.5, 1, 1.5])
     np.testing.assert_array_equal(results.probes, np.arange(2.0 * dim).reshape(2, dim))
-    np.testing.assert_array_equal(results.history_times[:4], [0.1, 0.2, 0.0, 0.5])
+    np.testing.assert_array_equal(results.history_times, results.times)
+    np.testing.assert_allclose(results.probe_times[:4], [0.1, 0.2, 0.3, 0.5])
     np.testing.assert_array_equal(results.probe_values[3:6], [[1, 1], [1, 1], [1, -1]])
-    np.testing.assert_array_equal(results.energy[6:], [2, 2.5, 3])
+    np.testing.assert_array_equal(results.energy, [5, 4, 3])
 
 
 def test_balance(tmp_path):
@@ -73,15 +74,15 @@ def test_balance(tmp_path):
     names = ["stored", "x-", "residual"]
     writer = ResultsWriter.create(tmp_path / "a.h5", dim=1, shape=(7,), spacing=0.5, lower=(0.0,), fields=("u",), dtype="float64", accounts=names)
     for k in range(3):
-        writer.append_history(np.array([k - 0.5]), None, None)
         writer.append(k, float(k), {"u": np.zeros(7)}, balance={name: k + 10.0 * i for i, name in enumerate(names)} | {"other": 1.0})
     results = open_results(tmp_path / "a.h5")
     assert list(results.balance) == names
-    np.testing.assert_array_equal(results.balance["x-"], [np.nan, 10, np.nan, 11, np.nan, 12])
+    np.testing.assert_array_equal(results.balance["x-"], [10, 11, 12])
     assert results.to_xarray()["balance"].sel(account="residual").values[-1] == 22
     writer = ResultsWriter.resume(tmp_path / "a.h5", 1)
-    writer.append(5, 5.0, {"u": np.zeros(7)}, balance=dict.fromkeys(names, 7.0))
-    np.testing.assert_array_equal(open_results(tmp_path / "a.h5").balance["stored"], [np.nan, 0, 7])
+    writer.append(5, 5.0, {"u": np.zeros(7)}, energy=1.0)
+    writer.append(6, 6.0, {"u": np.zeros(7)}, balance=dict.fromkeys(names, 7.0))
+    np.testing.assert_array_equal(open_results(tmp_path / "a.h5").balance["stored"], [0, np.nan, 7])
     assert open_results(write(tmp_path / "b.h5").path).balance == {}
 
 
@@ -104,11 +105,13 @@ def test_vectors(tmp_path, dim):
                                   probes=np.zeros((2, dim)), components=dim)  # fmt: skip
     probed = np.arange(2.0 * dim).reshape(2, dim)
     for k in range(3):
-        writer.append(k, float(k), {"u": (k + 1) * data}, 1.0, k * probed)
+        writer.append(k, float(k), {"u": (k + 1) * data}, 1.0)
+        writer.append_probes(np.array([float(k)]), k * probed[None])
     with pytest.raises(InputError, match="lattice shape"):
         writer.append(4, 4.0, {"u": data[0]})
     writer = ResultsWriter.resume(tmp_path / "a.h5", 2)
-    writer.append(2, 2.0, {"u": 3 * data}, 1.0, 2 * probed)
+    writer.append(2, 2.0, {"u": 3 * data}, 1.0)
+    writer.append_probes(np.array([1.0, 2.0]), np.array([probed, 2 * probed]))
     results = open_results(tmp_path / "a.h5")
     for k in range(3):
         np.testing.assert_array_equal(results.field("u", k), (k + 1) * data)
@@ -127,12 +130,13 @@ def test_vectors_beside_scalars(tmp_path):
         writer = ResultsWriter.create(tmp_path / "a.h5", dim=2, shape=SHAPES[2], spacing=0.5, lower=(0.0, 0.0), fields=fields, dtype="float64",
                                       probes=np.zeros((1, 2)), components={"u": 2, "damage": 1})  # fmt: skip
         for k in range(2):
-            writer.append(k, float(k), {name: {"u": u, "damage": damage}[name] + k for name in fields}, 1.0, np.array([[k, 2.0]]))
+            writer.append(k, float(k), {name: {"u": u, "damage": damage}[name] + k for name in fields}, 1.0)
+            writer.append_probes(np.array([float(k)]), np.array([[[k, 2.0]]]))
         results = open_results(tmp_path / "a.h5")
         np.testing.assert_array_equal(results.field("damage", 1), damage + 1)
         np.testing.assert_array_equal(results.probe_values[:, 0], [[0, 2], [1, 2]])
         dataset = results.to_xarray()
-        assert dataset["damage"].dims == ("time", "x", "y") and dataset["probe_values"].dims == ("history_time", "probe", "component")
+        assert dataset["damage"].dims == ("time", "x", "y") and dataset["probe_values"].dims == ("probe_time", "probe", "component")
         if "u" in fields:
             np.testing.assert_array_equal(dataset["u"].sel(component="y", time=1.0), u[1] + 1)
 
@@ -151,12 +155,12 @@ def test_without_probes_and_energy(tmp_path):
 def test_resume_cuts_off(tmp_path, kept):
     write(tmp_path / "a.h5")
     writer = ResultsWriter.resume(tmp_path / "a.h5", kept)
-    assert (writer.outputs, writer.rows) == (kept, 3 * kept)
+    assert (writer.outputs, writer.rows, writer.records) == (kept, kept, 3 * kept)
     results = open_results(tmp_path / "a.h5")
     np.testing.assert_array_equal(results.steps, [0, 10, 20][:kept])
-    assert results.energy.size == results.probe_values.shape[0] == 3 * kept
+    assert 3 * results.energy.size == results.probe_times.size == results.probe_values.shape[0] == 3 * kept
     new = {"u": values(2, "float64", 9), "v": values(2, "float64", 8)}
-    writer.append(25, 1.0, new, 0.0, np.zeros(2))
+    writer.append(25, 1.0, new, 0.0)
     assert results.steps.tolist() == [*[0, 10, 20][:kept], 25]
     np.testing.assert_array_equal(results.field("u", kept), new["u"])
     with h5py.File(tmp_path / "a.h5") as file:
@@ -166,9 +170,11 @@ def test_resume_cuts_off(tmp_path, kept):
 
 def test_resume_keeps_the_rows_asked_for(tmp_path):
     write(tmp_path / "a.h5")
-    assert ResultsWriter.resume(tmp_path / "a.h5", 2, rows=8).rows == 8
-    with pytest.raises(FileFormatError, match=r"fewer history rows.*value: 8; limit: 9"):
-        ResultsWriter.resume(tmp_path / "a.h5", 2, rows=9)
+    assert ResultsWriter.resume(tmp_path / "a.h5", 2, rows=2, records=8).records == 8
+    with pytest.raises(FileFormatError, match=r"fewer records.*value: 8; limit: 9"):
+        ResultsWriter.resume(tmp_path / "a.h5", 2, records=9)
+    with pytest.raises(FileFormatError, match=r"fewer history rows.*value: 2; limit: 3"):
+        ResultsWriter.resume(tmp_path / "a.h5", 2, rows=3)
     with pytest.raises(FileFormatError, match=r"a\.h5 holds fewer outputs.*value: 2; limit: 4"):
         ResultsWriter.resume(tmp_path / "a.h5", 4)
     with pytest.raises(InputError):
@@ -181,8 +187,9 @@ def test_half_an_output_does_not_count(tmp_path):
     with h5py.File(tmp_path / "a.h5", "r+") as file:
         file["VTKHDF/PointData/u"].resize(4, axis=0)
         file["farhorizon/history/times"].resize(11, axis=0)
+        file["farhorizon/records/times"].resize(11, axis=0)
     results = open_results(tmp_path / "a.h5")
-    assert len(results.times) == 3 and results.history_times.size == 9 and results.to_xarray().sizes["time"] == 3
+    assert len(results.times) == 3 and results.history_times.size == 3 and results.probe_times.size == 9 and results.to_xarray().sizes["time"] == 3
     ResultsWriter(tmp_path / "a.h5").append(30, 1.2, {"u": np.ones((7, 5)), "v": np.ones((7, 5))})
     assert results.steps.tolist() == [0, 10, 20, 30]
 
@@ -297,15 +304,14 @@ def test_append_refuses_and_leaves_the_file(tmp_path):
         ((30, 1.2, {"u": good["u"]}), "every field"),
         ((30, 1.2, {**good, "v": np.zeros((5, 7))}), r"field 'v'.*value: \(5, 7\); limit: \(7, 5\)"),
         ((20, 1.2, good), "value: 20; limit: > 20"),
-        ((30, 1.2, good, 1.0, np.zeros(3)), "do not match"),
     ]:
         with pytest.raises(InputError, match=match):
             writer.append(*arguments)
     with pytest.raises(InputError, match="do not match"):
-        writer.append_history(np.zeros(2), np.zeros((2, 2)), np.zeros(3))
-    writer.append_history(np.zeros(0), None, None)
+        writer.append_probes(np.zeros(2), np.zeros((2, 3)))
+    writer.append_probes(np.zeros(0), np.zeros((0, 2)))
     results = open_results(tmp_path / "a.h5")
-    assert len(results.times) == 3 and results.history_times.size == 9
+    assert len(results.times) == 3 and results.history_times.size == 3
     for name, index in (("w", 0), ("u", 3), ("u", -4)):
         with pytest.raises(InputError):
             results.field(name, index)
@@ -500,10 +506,11 @@ def test_one_count_too_many_is_not_counted(tmp_path):
     write(tmp_path / "a.h5")
     with h5py.File(tmp_path / "a.h5", "r+") as file:
         file["farhorizon"].attrs["outputs"] = 4
-        file["farhorizon/history"].attrs["rows"] = 12
+        file["farhorizon/history"].attrs["rows"] = 4
+        file["farhorizon/records"].attrs["rows"] = 12
         file["VTKHDF/PointData/u"].resize(4, axis=0)
     results = open_results(tmp_path / "a.h5")
-    assert len(results.times) == 3 and results.energy.size == 9
+    assert len(results.times) == 3 and results.energy.size == 3 and results.probe_times.size == 9
     writer = ResultsWriter.resume(tmp_path / "a.h5", 3)
     writer.append(30, 1.2, {"u": np.ones((7, 5)), "v": np.ones((7, 5))})
     assert results.steps.tolist() == [0, 10, 20, 30] and (results.field("u", 3) == 1).all()

@@ -15,12 +15,14 @@ from farhorizon.lattice import Lattice
 from farhorizon.loads import BodyForce, Traction
 from farhorizon.models import Beam, Corrosion, Diffusion, Elastic, Heat, Wave
 from farhorizon.outlines import ImageMask, Text
+from farhorizon.probes import Probes
 from farhorizon.results import open_results
 from farhorizon.shapes import Ball, Box, Disc, DiscCut, PointCut, Polygon, PolygonCut, Polyline, Rectangle
 from farhorizon.simulation import Simulation
 from farhorizon.sources import Source
 from farhorizon.specimens import Specimen
 from farhorizon.stencil import Stencil
+from farhorizon.steps import WholeSteps
 from farhorizon.tuning import tuned
 
 __version__ = "0.1.0"
@@ -29,6 +31,6 @@ __all__ = [
     "Ball", "Beam", "Body", "BodyForce", "Box", "Certificate", "Convection", "Corrosion", "Crack", "Diffusion", "Disc", "DiscCut", "Elastic",
     "Exact", "Expression", "FarhorizonError", "FileFormatError", "FirstOrder", "Fixed", "Flux", "Free", "Heat", "Higdon", "ImageMask",
     "IncidentWave", "InputError", "Insulated", "Kernel", "Lattice", "LatticePML", "NonlocalPML", "Periodic", "PlaneWave", "PointCut", "Polygon",
-    "PolygonCut", "Polyline", "Prescribed", "Rectangle", "RungeKuttaChebyshev", "Simulation", "Source", "Specimen", "Sponge", "Stencil",
-    "Temperature", "Text", "Traction", "UnstableError", "Wave", "open_results", "tuned",
+    "PolygonCut", "Polyline", "Prescribed", "Probes", "Rectangle", "RungeKuttaChebyshev", "Simulation", "Source", "Specimen", "Sponge", "Stencil",
+    "Temperature", "Text", "Traction", "UnstableError", "Wave", "WholeSteps", "open_results", "tuned",
 ]  # fmt: skip

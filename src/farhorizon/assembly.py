@@ -79,7 +79,7 @@ class Assembly:
         cracks: Sequence[Any],
         coefficient: Any,
         background: float,
-        dt: float | None,
+        dt: float | Callable[[float], float] | None,
         dtype: str,
         threads: int | None,
         rule: str,
@@ -352,10 +352,13 @@ class Assembly:
         fields = itemsize * ((levels + 3) * np.prod(nodes) + tree + 2 * memory) + 8 * 7 * np.prod(self.lattice.shape)
         return float(self.stencil.components * fields + (8 * self.lattice.dim + bits) * np.prod(self.lattice.shape))
 
-    def _choose_step(self, dt: float | None) -> float:
-        if dt is None:
+    def _choose_step(self, dt: float | Callable[[float], float] | None) -> float:
+        if dt is None or callable(dt):
             fitted = [b.step_limit(self.model, self.lattice.spacing, self.lattice.dim) for b in self.sides.values() if isinstance(b, PlaneWave)]
-            return 0.5 * min([self.step_limit, *fitted])
+            default = 0.5 * min([self.step_limit, *fitted])
+            if dt is None:
+                return default
+            dt = dt(default)
         if not (np.isfinite(dt) and 0 < dt):
             raise InputError("the time step must be positive", value=dt, key="run.dt")
         if dt > self.step_limit * (1 + 1e-12):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -16,11 +16,14 @@ import farhorizon as fh
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.lattice import AXES
 from farhorizon.run import Run
+from farhorizon.steps import WholeSteps, whole_steps
 
 
 class _Part(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=False)
 
+
+_OUTPUTS = 40  # of a run, unless `every` is given
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Value = str | Number | list[str | Number]  # an expression or a number, of vectors one a component
@@ -366,6 +369,7 @@ class OutputPart(_Part):
     fields: list[Literal["u", "v", "damage", "solid", "dissolved"]] | None = None
     every: Number | None = None
     probes: list[list[Number]] = []
+    probe_every: Number | None = None
     pictures: list[Number] | None = None
     balance: bool = False
 
@@ -445,10 +449,41 @@ class Case:
         """Name of the results: the file's stem."""
         return self.path.stem
 
+    def every(self, dt: float) -> float:
+        """Time between two outputs with a time step; a fortieth of the run, or the number of steps next to it, unless given."""
+        if self.parts.output.every is not None:
+            return self.parts.output.every
+        return dt * max(1, round(self.parts.run.until / _OUTPUTS / dt))
+
     @property
-    def every(self) -> float:
-        """Time between two outputs; a fortieth of the run unless given."""
-        return self.parts.output.every if self.parts.output.every is not None else self.parts.run.until / 40
+    def _asked(self) -> WholeSteps:
+        """What is to be a whole number of steps."""
+        out, until = self.parts.output, self.parts.run.until
+        asked = {"output.every": out.every, "output.probe_every": out.probe_every, "run.until": until}
+        return WholeSteps(**{name: interval for name, interval in asked.items() if interval is not None})
+
+    def _step(self, default: float) -> float:
+        """The time step in place of the default one: it divides what is asked for, and a fortieth of the run if that comes for free."""
+        between = self.parts.run.until / _OUTPUTS
+        if self.parts.output.every is None and between >= default:
+            try:
+                return WholeSteps(**self._asked.intervals, between=between)(default)
+            except InputError:  # with an odd `probe_every`
+                pass
+        return self._asked(default)
+
+    @property
+    def _given_step(self) -> float | Callable[[float], float]:
+        return self._step if self.parts.run.dt is None else self.parts.run.dt
+
+    def schedule(self, dt: float) -> str:
+        """When outputs and probes are recorded, in words."""
+        every = self.every(dt)
+        said = f"every {every:.6g} = {whole_steps(every, dt)} steps"
+        if self.parts.output.probes:
+            between = self.parts.output.probe_every
+            said += "; probes " + ("every step" if between is None else f"every {between:.6g} = {whole_steps(between, dt)} steps")
+        return said
 
     @property
     def _bondwise(self) -> bool:
@@ -464,7 +499,9 @@ class Case:
     def run(self, **changes: Any) -> Run:
         """A new run of the case: a `Simulation` or a `Body`."""
         with self.naming():
-            return self.kind(**{**self.setup, **changes})
+            made = self.kind(**{**self.setup, **changes})
+            self._asked.check(made.dt, "run.dt")
+            return made
 
     def simulation(self, **changes: Any) -> fh.Simulation:
         """A new simulation of the case.
@@ -475,8 +512,9 @@ class Case:
             The case is a body.
         """
         self.must_be_simulation()
-        with self.naming():
-            return fh.Simulation(**{**self.setup, **changes})
+        made = self.run(**changes)
+        assert isinstance(made, fh.Simulation)
+        return made
 
     def must_be_simulation(self) -> None:
         """Refuse a body where only a `Simulation` serves."""
@@ -591,7 +629,7 @@ class Case:
             "constraints": [self._constraint(c, f"constraint[{i}]") for i, c in enumerate(parts.constraint)],
             "coefficient": coefficient, "rule": parts.rule, "rim": parts.rim, "background": parts.background,
             "loads": [self._load(load, f"load[{i}]") for i, load in enumerate(parts.load)],
-            "balance": parts.output.balance, "dt": parts.run.dt, "dtype": parts.run.dtype, "threads": parts.run.threads,
+            "balance": parts.output.balance, "dt": self._given_step, "dtype": parts.run.dtype, "threads": parts.run.threads,
         }  # fmt: skip
 
     def _incident(self, part: IncidentPart) -> fh.IncidentWave:
@@ -613,7 +651,7 @@ class Case:
             **{name: self._constant(name, getattr(model, name)) for name in ("young", "poisson", "density")},
             "boundary": self._boundary() or fh.Fixed(), "initial": self._initial(), "cracks": [self._crack(c) for c in parts.crack],
             "loads": [self._load(load, f"load[{i}]") for i, load in enumerate(parts.load)],
-            "balance": parts.output.balance, "dt": parts.run.dt, "threads": parts.run.threads,
+            "balance": parts.output.balance, "dt": self._given_step, "threads": parts.run.threads,
         }  # fmt: skip
 
     def _constant(self, name: str, value: str | float) -> Any:
@@ -697,10 +735,9 @@ class Case:
 
     def _check_output(self) -> None:
         out = self.parts.output
-        if out.every is not None and out.every <= 0:
-            raise InputError("must be positive", value=out.every, key="output.every")
-        if self.parts.run.until <= 0:
-            raise InputError("must be positive", value=self.parts.run.until, key="run.until")
+        for name, value in (("output.every", out.every), ("output.probe_every", out.probe_every), ("run.until", self.parts.run.until)):
+            if value is not None and value <= 0:
+                raise InputError("must be positive", value=value, key=name)
         known = {"correspondence": ["u", "v", "damage"], "corrosion": ["u", "solid", "dissolved"]}.get(self.parts.model.type, ["u"])
         if self.kind is fh.Simulation and self.model.order == 2:
             known = [*known, "v", *(["damage"] if self._bondwise else [])]

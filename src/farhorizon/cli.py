@@ -131,41 +131,46 @@ def _run(options: argparse.Namespace) -> int:
         raise InputError("the end of the run must be positive", value=until, key="--until")
     folder = Path(options.out)
     result, checkpoint = folder / f"{case.name}.h5", folder / f"{case.name}.ckpt"
-    probes = np.array(case.parts.output.probes, float).reshape(-1, case.lattice.dim)
-    probe_nodes: list[Any] = [(..., *case.lattice.index(p)) for p in probes]
     if options.resume and not checkpoint.exists():
         raise InputError(f"no checkpoint {checkpoint}", key="--resume", remedy="run without --resume")
     sim = case.run()
     with case.naming():
-        sim.prepare(until)
+        last = sim.prepare(until)
+        probes = sim.record(case.parts.output.probes, case.parts.output.probe_every)
     certificate = _certified(sim, until, options.allow_unstable)
     if options.resume:
         kept = sim.load(checkpoint)
-        writer = ResultsWriter.resume(result, int(kept["outputs"]), int(kept["rows"]))
+        writer = ResultsWriter.resume(result, int(kept["outputs"]), int(kept["rows"]), int(kept["records"]))
+        probes.take()  # the start, which the file has
     else:
         _folder(options.out)
         writer = ResultsWriter.create(
             result, dim=case.lattice.dim, shape=case.lattice.shape, spacing=case.lattice.spacing, lower=case.lattice.lower,
-            fields=case.fields, dtype=sim.fields["u"].dtype, probes=probes, accounts=list(sim.balance()) if case.parts.output.balance else [],
+            fields=case.fields, dtype=sim.fields["u"].dtype, probes=probes.places, accounts=list(sim.balance()) if case.parts.output.balance else [],
             case=case.text, program=f"farhorizon {fh.__version__}",
             components={name: len(field) if field.ndim > case.lattice.dim else 1 for name, field in sim.fields.items()},
         )  # fmt: skip
         checkpoint.unlink(missing_ok=True)
-    for note in sim.notes:
+    for note in (*sim.notes, *probes.notes):
         print(f"note: {note}", file=sys.stderr)
-    print(f"{case.name}: {case.lattice.nodes} nodes, dt = {sim.dt:.6g}, {int(np.ceil(until / sim.dt))} steps to t = {until:g}")
+    print(f"{case.name}: {case.lattice.nodes} nodes, dt = {sim.dt:.6g}, {last} steps to t = {last * sim.dt:g}; outputs {case.schedule(sim.dt)}")
     if options.resume:
         print(f"resumed at step {sim.step_count}, t = {sim.time:g}")
     saved = [time.monotonic()]
 
     def record(sim: Run) -> None:
         fields = sim.fields
-        values = np.array([fields["u"][node] for node in probe_nodes]) if probe_nodes else None
-        writer.append(sim.step_count, sim.time, {k: fields[k] for k in case.fields}, energy=sim.energy(), observed=values,
+        keep_probes()
+        writer.append(sim.step_count, sim.time, {k: fields[k] for k in case.fields}, energy=sim.energy(),
                       balance=sim.balance() if writer.accounts else None)  # fmt: skip
 
+    def keep_probes() -> None:
+        if len(probes.nodes):
+            writer.append_probes(*probes.take())
+
     def keep(sim: Run) -> None:
-        sim.save(checkpoint, outputs=writer.outputs, rows=writer.rows)
+        keep_probes()
+        sim.save(checkpoint, outputs=writer.outputs, rows=writer.rows, records=writer.records)
         saved[0] = time.monotonic()
 
     def observe(sim: Run) -> None:
@@ -184,7 +189,7 @@ def _run(options: argparse.Namespace) -> int:
 
     before = signal.signal(signal.SIGINT, interrupt)
     try:
-        sim.run(until, case.every)
+        sim.run(until, case.every(sim.dt))
     except KeyboardInterrupt:
         keep(sim)
         print(f"\ninterrupted at t = {sim.time:g}; go on with: farhorizon run {options.case} --resume", file=sys.stderr)
@@ -221,6 +226,7 @@ def _certified(sim: Any, until: float, allowed: bool) -> Any:
 
 def _check(options: argparse.Namespace) -> int:
     from farhorizon.case import Case
+    from farhorizon.probes import Probes
 
     if options.out:
         _check_folder(options.out)
@@ -229,6 +235,8 @@ def _check(options: argparse.Namespace) -> int:
     with case.naming():
         sim.prepare(case.parts.run.until)
     report = sim.check(case.parts.run.until, options.budget)
+    report.rows.append(("outputs", case.schedule(sim.dt)))
+    report.notes = [*report.notes, *Probes(case.lattice, case.parts.output.probes).notes]
     print(report)
     if options.out:
         for picture in report.draw(_folder(options.out), case.name, case.lattice.spacing):

@@ -113,8 +113,9 @@ class Body(Run):
         those of the bond-based operator of the same influence function. It stiffens fracture: calibrate it with the critical stretch.
     balance : bool
         Record what leaves the near field, too, bond by bond, so that the `energies` add up; it takes time where sides are large.
-    dt : float, optional
-        Half of the stable limit unless given. The limit is that of the body at its start: nodes that have lost nearly all their bonds lower it.
+    dt : float or callable, optional
+        Half of the stable limit unless given; a function of that default gives another one: `WholeSteps`. The limit is that of the body at its
+        start: nodes that have lost nearly all their bonds lower it.
     threads : int, optional
     observe : sequence of callable
         Called with the body every so often, see `run`.
@@ -163,7 +164,7 @@ class Body(Run):
         drag: float = 0.0,
         stabilisation: float = 0.0,
         balance: bool = False,
-        dt: float | None = None,
+        dt: float | Callable[[float], float] | None = None,
         threads: int | None = None,
         observe: Sequence[Callable[[Body], None]] = (),
     ) -> None:
@@ -194,6 +195,7 @@ class Body(Run):
         self._refuse_in_split_form(cracks, loads, drag)
         self._setup |= {"dt": self.dt}
         self._at_start(observe)
+        self._watched = np.zeros(0, np.int64)  # nodes whose displacements after each step are in `_seen`
         self._push = 0.0  # largest acceleration by the loads so far
         self._first = self.energies() if balance else {}
 
@@ -479,12 +481,13 @@ class Body(Run):
                 found.append(np.column_stack([start + nodes, np.full(len(nodes), k)]))
         return np.concatenate(found)
 
-    def _set_step(self, dt: float | None, drag: float) -> None:
+    def _set_step(self, dt: float | Callable[[float], float] | None, drag: float) -> None:
         """A mode of frequency w that drag leaves a factor s >= 1 - 2 D of its velocity needs ``(w dt)^2 < 2 (1 + s)``."""
         self.largest_frequency = self._largest_frequency()
         limit = 2 / (drag + np.sqrt(drag**2 + self.largest_frequency**2))
         self.step_limit = float(limit)
-        self.dt = 0.5 * self.step_limit if dt is None else float(dt)
+        default = 0.5 * self.step_limit
+        self.dt = default if dt is None else float(dt(default) if callable(dt) else dt)
         if not 0 < self.dt <= limit:
             raise InputError("the step is out of range", value=self.dt, limit=f"{limit:.6g}", key="run.dt", remedy=f"dt = {0.5 * limit:.3g}")
         self._drag = float(drag) * self.dt
@@ -611,15 +614,19 @@ class Body(Run):
         """
         last = self.step_count + count
         while self.step_count < last:
-            self._advance(min(self._guard_steps, last - self.step_count), self.step_count)
-            self._tick(min(self._guard_steps, last - self.step_count))
+            steps = min(self._guard_steps, last - self.step_count)
+            self._advance(steps, self.step_count)
+            if self.probes is not None:
+                self.probes.add(self.step_count + 1, self.dt, self._seen.swapaxes(1, 2))
+            self._tick(steps)
             self._guard()
 
     def _advance(self, count: int, done: int) -> None:
         """Advance the state by `count` steps after `done` of them."""
+        self._seen = np.zeros((count, self.dim, self._watched.size))
         if self.split:
             state: tuple[Any, ...] = (self.dt, self._u, self._parts, self._histories, self._p, self._tiles, self._medium, self._pairs, self._bonds,
-                                      self._slots, self._phi)  # fmt: skip
+                                      self._slots, self._phi, self._watched, self._seen)  # fmt: skip
             side_by_side(lambda lane, lanes, sync: engine.advance_split(lane, lanes, sync, count, *state), self._threads)
             return
         moments = (done + np.arange(count)) * self.dt
@@ -630,8 +637,11 @@ class Body(Run):
             self._push = max(self._push, float(np.abs(factors).max(0) @ np.abs(self._loads).max((1, 2))))
         state = (done, self.dt, self._drag, self._u, self._v, self._spare, self._p, self._force, self._tiles, self._medium, self._pairs,
                  self._bonds, self._triples, self._slots, self._fracture, self._layers, self._loads, factors, self._crossing,
-                 self._books)  # fmt: skip
+                 self._books, self._watched, self._seen)  # fmt: skip
         side_by_side(lambda lane, lanes, sync: engine.advance(lane, lanes, sync, count, *state), self._threads)
+
+    def _watch(self, nodes: np.ndarray) -> None:
+        self._watched = self._origin + (np.stack(np.unravel_index(nodes, tuple(self._near)), -1) + self._before) @ self._strides
 
     def _guard(self) -> None:
         def cause() -> str:

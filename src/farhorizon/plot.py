@@ -402,16 +402,17 @@ def plot_results(results: Results, out_dir: str | Path, times: Sequence[float] |
                 cuts, colors = ((), _DAMAGE) if name == "damage" else (cracks, None)  # damage shows the cracks, those cut in advance among them
                 field_panels(fields, results.axes, written[-1], shared_scale=_comparable(shown), cracks=cuts, label=label, solids=solids,
                              colors=colors)  # fmt: skip
-    history, values, energy = results.history_times, results.probe_values, results.energy
-    if np.isfinite(values).any():
+    moments, values = results.probe_times, results.probe_values
+    if moments.size:
         names = [", ".join(f"{axis} = {_number(x, results.spacing)}" for axis, x in zip("xyz", place, strict=False)) for place in results.probes]
         if values.ndim > 2:
             names = [f"u_{axis} at {name}" for name in names for axis in "xyz"[: values.shape[2]]]
             values = values.reshape(len(values), -1)
         written.append(directory / "probes.png")
         title = f"probe at {names[0]}" if len(names) == 1 else ""
-        curves = [(name, *_recorded(history, column)) for name, column in zip(names, values.T, strict=True)]
+        curves = [(name, *_recorded(moments, column)) for name, column in zip(names, values.T, strict=True)]
         _lines(curves, written[-1], xlabel="t", ylabel="probe value", title=title)
+    history, energy = results.history_times, results.energy
     if np.isfinite(energy).any():
         moments, energies = _recorded(history, energy)
         log = bool((energies > 0).all() and energies.max() > 100 * energies.min())

@@ -2,9 +2,10 @@
 
 A results file is a VTKHDF ``ImageData`` file [1]_ with a temporal ``Steps`` group, so that ParaView opens it as it is: ``/VTKHDF`` holds
 the fields as point data, one chunked record an output, in VTK's order (x fastest), on a lattice padded to three dimensions.
-``/farhorizon`` holds what VTK does not know: case text, program, lattice, step numbers, probes and the history of probe values and energy.
-Its attribute ``outputs``, and ``rows`` of the history, say how many outputs and history rows are valid, ``finished`` whether the run came
-to its end.  Every dataset has a check sum a chunk (Fletcher 32), and so has, in HDF5's format 1.10, all that HDF5 notes about it.
+``/farhorizon`` holds what VTK does not know: case text, program, lattice, step numbers, the history of energy and balance, and, with times of their
+own, the records of the probes. Its attribute ``outputs``, and ``rows`` of the history and of the records, say how many are valid, ``finished``
+whether the run came to its end.  Every dataset has a check sum a chunk (Fletcher 32), and so has, in HDF5's format 1.10, all that HDF5 notes
+about it.
 
 A checkpoint is its own HDF5 file: an index (JSON, with the SHA-256 of every array), the arrays, and a flag that is written last.
 
@@ -23,7 +24,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import h5py
 import numpy as np
@@ -36,10 +37,11 @@ if TYPE_CHECKING:
 
 FORMAT = "farhorizon results"
 CHECKPOINT_FORMAT = "farhorizon checkpoint"
-VERSION = 1
+VERSION = 1  # of a checkpoint
+RESULTS_VERSION = 2
 # Names that the Dataset of `Results.to_xarray` and the pictures of `farhorizon.plot` use for something else.
 RESERVED = frozenset(
-    {"time", "step", "x", "y", "z", "energy", "history_time", "probe", "probe_x", "probe_y", "probe_z", "probe_values", "probes"}
+    {"time", "step", "x", "y", "z", "energy", "history_time", "probe", "probe_time", "probe_x", "probe_y", "probe_z", "probe_values", "probes"}
     | {"balance", "account", "component"}
 )
 _CHUNK_BYTES = 2**26
@@ -112,27 +114,42 @@ def _check_format(file: Any, path: Path) -> Any:
         raise FileFormatError(f"{path} is an HDF5 file, but not a farhorizon results file", remedy="give a file written by farhorizon run")
     group = file["farhorizon"]
     version = int(group.attrs["version"])
-    if version > VERSION:
-        raise FileFormatError(f"{path} has a newer format", value=version, limit=VERSION, remedy="update farhorizon")
+    if version != RESULTS_VERSION:
+        older = version < RESULTS_VERSION
+        raise FileFormatError(f"{path} has {'an older' if older else 'a newer'} format", value=version, limit=RESULTS_VERSION,
+                              remedy="run the case again" if older else "update farhorizon")  # fmt: skip
     return group
 
 
-def _counts(file: Any, path: Path) -> tuple[int, int]:
-    """Return the numbers of valid outputs and history rows: of what is counted as much as all datasets hold.
+class Counts(NamedTuple):
+    """Valid outputs, history rows and records of the probes."""
 
-    The last output, and its rows of the history, may be missing from some of them, for other programs that write such files are killed too.
+    outputs: int
+    rows: int
+    records: int
+
+
+def _counts(file: Any, path: Path) -> Counts:
+    """Return the numbers of valid outputs, history rows and records: of what is counted as much as all datasets hold.
+
+    The last output, and its history rows and records, may be missing from some of them, for other programs that write such files are killed too.
     """
     group, vtk = file["farhorizon"], file["VTKHDF"]
-    outputs, rows = int(group.attrs["outputs"]), int(group["history"].attrs["rows"])
-    shortest = min((vtk["Steps/Values"], group["steps"], group["history_rows"], *vtk["PointData"].values()), key=len)
-    if not 0 <= outputs <= len(shortest) + 1:
-        raise FileFormatError(f"{path} is damaged: {shortest.name} is too short", value=len(shortest), limit=outputs, remedy="compute it again")
-    outputs = min(outputs, len(shortest))
-    least = int(group["history_rows"][outputs - 1]) if outputs else 0
-    shortest = min(group["history"].values(), key=len)
-    if not least <= min(rows, len(shortest)):
-        raise FileFormatError(f"{path} is damaged: {shortest.name} is too short", value=len(shortest), limit=least, remedy="compute it again")
-    return outputs, min(rows, len(shortest))
+
+    def held(counted: int, least: int, datasets: Sequence[Any]) -> int:
+        shortest = min(datasets, key=len)
+        if not least <= min(counted, len(shortest)):
+            raise FileFormatError(f"{path} is damaged: {shortest.name} is too short", value=len(shortest), limit=least, remedy="compute it again")
+        return min(counted, len(shortest))
+
+    outputs = int(group.attrs["outputs"])
+    per_output = (vtk["Steps/Values"], group["steps"], group["history_rows"], group["record_rows"], *vtk["PointData"].values())
+    outputs = held(outputs, max(outputs - 1, 0), per_output)
+    rows, records = (
+        held(int(group[name].attrs["rows"]), int(group[noted][outputs - 1]) if outputs else 0, list(group[name].values()))
+        for name, noted in (("history", "history_rows"), ("records", "record_rows"))
+    )
+    return Counts(outputs, rows, records)
 
 
 def _set_outputs(file: Any, outputs: int) -> None:
@@ -219,8 +236,8 @@ class ResultsWriter:
     Attributes
     ----------
     path : Path
-    outputs, rows : int
-        Valid outputs and history rows so far; a checkpoint records both, and `resume` takes them.
+    outputs, rows, records : int
+        Valid outputs, history rows and records of the probes so far; a checkpoint has them, and `resume` takes them.
     fields : tuple of str
     shape : tuple of int
         Lattice shape (nx[, ny[, nz]]).
@@ -239,7 +256,7 @@ class ResultsWriter:
             group = _check_format(file, self.path)
             self.shape: tuple[int, ...] = tuple(int(n) for n in group.attrs["shape"])
             self.fields: tuple[str, ...] = _words(group, "fields")
-            self.outputs, self.rows = _counts(file, self.path)
+            self.outputs, self.rows, self.records = _counts(file, self.path)
             self.components = _components(group)
             width = _probe_components(group)
             self._probes = (group["probes"].shape[0], *((width,) if width > 1 else ()))
@@ -353,7 +370,7 @@ class ResultsWriter:
                 _growing(offsets, name, "i8")
                 data.attrs.setdefault("Scalars" if width[name] == 1 else "Vectors", name)
             group = file.create_group("farhorizon")
-            group.attrs["format"], group.attrs["version"], group.attrs["program"] = FORMAT, VERSION, program
+            group.attrs["format"], group.attrs["version"], group.attrs["program"] = FORMAT, RESULTS_VERSION, program
             group.attrs["finished"] = False
             group.attrs["dim"], group.attrs["shape"], group.attrs["spacing"], group.attrs["lower"] = dim, shape, float(spacing), origin
             group.attrs["components"], group.attrs["probe_components"] = [width[name] for name in fields], probed_width
@@ -363,13 +380,17 @@ class ResultsWriter:
             _put_fixed(group, "probes", places)
             _growing(group, "steps", "i8")
             _growing(group, "history_rows", "i8")
+            _growing(group, "record_rows", "i8")
             history = group.create_group("history")
             history.attrs["rows"] = 0
             _growing(history, "times", "f8")
             _growing(history, "energy", "f8")
+            records = group.create_group("records")
+            records.attrs["rows"] = 0
+            _growing(records, "times", "f8")
             if len(places):
                 probed = () if probed_width == 1 else (probed_width,)
-                history.create_dataset("values", (0, len(places), *probed), "f8", maxshape=(None, len(places), *probed),
+                records.create_dataset("values", (0, len(places), *probed), "f8", maxshape=(None, len(places), *probed),
                                        chunks=(_CHUNK_ROWS, min(len(places), 64), *probed), fletcher32=True)  # fmt: skip
             if accounts:
                 _put_words(group, "accounts", accounts)
@@ -378,16 +399,16 @@ class ResultsWriter:
         return cls(path)
 
     @classmethod
-    def resume(cls, path: str | Path, outputs: int, rows: int | None = None) -> ResultsWriter:
-        """Take up a results file after its first `outputs` outputs; later ones, and their history, are cut off.
+    def resume(cls, path: str | Path, outputs: int, rows: int | None = None, records: int | None = None) -> ResultsWriter:
+        """Take up a results file after its first `outputs` outputs; later ones, their history and their records, are cut off.
 
         Parameters
         ----------
         path : str or Path
         outputs : int
             Outputs to keep, as the checkpoint recorded them.
-        rows : int, optional
-            History rows to keep; as many as there were when the last kept output was appended, unless given.
+        rows, records : int, optional
+            History rows and records of the probes to keep; as many as there were when the last kept output was appended, unless given.
 
         Returns
         -------
@@ -401,25 +422,28 @@ class ResultsWriter:
             The file is truncated, damaged, not ours, or holds fewer outputs or rows than asked for.
         """
         path = Path(path)
-        if outputs < 0 or (rows is not None and rows < 0):
-            raise InputError("the numbers of outputs and history rows to keep are not negative", value=(outputs, rows), limit=0)
+        if min(outputs, rows or 0, records or 0) < 0:
+            raise InputError("the numbers of outputs, history rows and records to keep are not negative", value=(outputs, rows, records), limit=0)
         with _opened(path, "r+", "results file") as file:
             group = _check_format(file, path)
-            held, rows_held = _counts(file, path)
-            remedy = "use the results file that belongs to the checkpoint, or start the run anew"
-            if outputs > held:
-                raise FileFormatError(f"{path} holds fewer outputs than the checkpoint counts", value=held, limit=outputs, remedy=remedy)
-            if rows is None:
-                rows = int(group["history_rows"][outputs - 1]) if outputs else 0
-            if rows > rows_held:
-                raise FileFormatError(f"{path} holds fewer history rows than the checkpoint counts", value=rows_held, limit=rows, remedy=remedy)
+            held = _counts(file, path)
+            if outputs <= held.outputs:
+                rows = (int(group["history_rows"][outputs - 1]) if outputs else 0) if rows is None else rows
+                records = (int(group["record_rows"][outputs - 1]) if outputs else 0) if records is None else records
+            for what, there, wanted in zip(("outputs", "history rows", "records"), held, (outputs, rows, records), strict=True):
+                if wanted is not None and wanted > there:
+                    raise FileFormatError(f"{path} holds fewer {what} than the checkpoint counts", value=there, limit=wanted,
+                                          remedy="use the results file that belongs to the checkpoint, or start the run anew")  # fmt: skip
             _set_outputs(file, outputs)
             group["history"].attrs.modify("rows", rows)
+            group["records"].attrs.modify("rows", records)
             group.attrs["finished"] = False
-            for dataset in (group["steps"], group["history_rows"], *file["VTKHDF/PointData"].values()):
+            for dataset in (group["steps"], group["history_rows"], group["record_rows"], *file["VTKHDF/PointData"].values()):
                 dataset.resize(outputs, axis=0)
             for dataset in group["history"].values():
                 dataset.resize(rows, axis=0)
+            for dataset in group["records"].values():
+                dataset.resize(records, axis=0)
         return cls(path)
 
     def append(
@@ -428,12 +452,11 @@ class ResultsWriter:
         time: float,
         fields: Mapping[str, np.ndarray],
         energy: float | None = None,
-        observed: np.ndarray | None = None,
         balance: Mapping[str, float] | None = None,
     ) -> None:
         """Append one output.
 
-        With an energy, probe values or a balance, a history row is appended too; leave all None where `append_history` has recorded this time.
+        With an energy or a balance, a history row is appended too.
 
         Parameters
         ----------
@@ -443,15 +466,13 @@ class ResultsWriter:
         fields : mapping of str to ndarray, each of the lattice shape, of vectors with the components first
             Every field that the file was created with; nan (outside a window) stays nan.
         energy : float, optional
-        observed : ndarray, shape (n probes[, components]), optional
-            Values at the probes.
         balance : mapping of str to float, optional
             Every entry that the file was created with; others are left out.
 
         Raises
         ------
         InputError
-            A field is missing, unknown or of the wrong shape, the step number does not grow, or `observed` does not match the probes.
+            A field is missing, unknown or of the wrong shape, or the step number does not grow.
         FileFormatError
             The file has been damaged since the last call.
         """
@@ -465,15 +486,16 @@ class ResultsWriter:
             remedy = "append each step once; ResultsWriter.resume goes back"
             raise InputError(f"{self.path}: step numbers grow from output to output", value=step, limit=f"> {self._last_step}", remedy=remedy)
         history = None
-        if energy is not None or observed is not None or balance is not None:
-            values = np.full((1, *self._probes), np.nan) if observed is None else np.asarray(observed, dtype=float)[np.newaxis]
+        if energy is not None or balance is not None:
             entries = [np.nan if balance is None else balance[name] for name in self.accounts]
-            history = *self._history(np.array([time]), values, np.array([np.nan if energy is None else energy])), np.array([entries])
+            history = {"times": [time], "energy": [np.nan if energy is None else energy], "balance": [entries]}
         n = self.outputs
         rows = self.rows + (0 if history is None else 1)
         with _opened(self.path, "r+", "results file") as file:
             if history is not None:
-                self._put_history(file, *history)
+                for name, dataset in file["farhorizon/history"].items():
+                    _put(dataset, self.rows, history[name])
+                file["farhorizon/history"].attrs.modify("rows", rows)
             vtk, group = file["VTKHDF"], file["farhorizon"]
             for name in self.fields:
                 dataset = vtk["PointData"][name]
@@ -485,6 +507,7 @@ class ResultsWriter:
             _put(vtk["Steps/Values"], n, [time])
             _put(group["steps"], n, [step])
             _put(group["history_rows"], n, [rows])
+            _put(group["record_rows"], n, [self.records])
             _set_outputs(file, n + 1)
         self.outputs, self.rows, self._last_step = n + 1, rows, int(step)
 
@@ -493,16 +516,13 @@ class ResultsWriter:
         with _opened(self.path, "r+", "results file") as file:
             file["farhorizon"].attrs["finished"] = True
 
-    def append_history(self, times: np.ndarray, probes: np.ndarray | None, energy: np.ndarray | None) -> None:
-        """Append rows of the history, which may be recorded more often than the fields.
+    def append_probes(self, times: np.ndarray, values: np.ndarray) -> None:
+        """Append records of the probes, whose times are their own.
 
         Parameters
         ----------
         times : ndarray, shape (n,)
-        probes : ndarray, shape (n, n probes), or None
-            Values at the probes; None stands for nan.
-        energy : ndarray, shape (n,), or None
-            None stands for nan.
+        values : ndarray, shape (n, n probes[, components])
 
         Raises
         ------
@@ -511,34 +531,18 @@ class ResultsWriter:
         FileFormatError
             The file has been damaged since the last call.
         """
-        times = np.asarray(times, dtype=float)
+        times, values = np.asarray(times, dtype=float), np.asarray(values, dtype=float)
+        if times.ndim != 1 or values.shape != (times.size, *self._probes):
+            raise InputError(f"{self.path}: times and values of the probes do not match", value=f"{times.shape}, {values.shape}",
+                             limit=f"(n,), (n, {str(self._probes)[1:-1]})")  # fmt: skip
         if times.size == 0:
             return
-        values = np.full((times.size, *self._probes), np.nan) if probes is None else np.asarray(probes, dtype=float)
-        history = self._history(times, values, np.full(times.size, np.nan) if energy is None else np.asarray(energy, dtype=float))
         with _opened(self.path, "r+", "results file") as file:
-            self._put_history(file, *history, np.full((times.size, len(self.accounts)), np.nan))
-        self.rows += times.size
-
-    def _history(self, times: np.ndarray, values: np.ndarray, energy: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Check that rows of the history fit together."""
-        if times.ndim != 1 or values.shape != (times.size, *self._probes) or energy.shape != times.shape:
-            value = f"times {times.shape}, probes {values.shape}, energy {energy.shape}"
-            raise InputError(
-                f"{self.path}: times, probe values and energy do not match", value=value, limit=f"(n,), (n, {str(self._probes)[1:-1]}), (n,)"
-            )
-        return times, values, energy
-
-    def _put_history(self, file: Any, times: np.ndarray, values: np.ndarray, energy: np.ndarray, balance: np.ndarray) -> None:
-        """Write checked rows behind the valid ones."""
-        history = file["farhorizon/history"]
-        _put(history["times"], self.rows, times)
-        _put(history["energy"], self.rows, energy)
-        if self._probes[0]:
-            _put(history["values"], self.rows, values)
-        if self.accounts:
-            _put(history["balance"], self.rows, balance)
-        history.attrs.modify("rows", self.rows + times.size)
+            records = file["farhorizon/records"]
+            _put(records["times"], self.records, times)
+            _put(records["values"], self.records, values)
+            records.attrs.modify("rows", self.records + times.size)
+        self.records += times.size
 
 
 class Results:
@@ -601,11 +605,15 @@ class Results:
 
     def _output_rows(self, name: str) -> np.ndarray:
         with _opened(self.path, "r", "results file") as file:
-            return _read(file, self.path, name, slice(_counts(file, self.path)[0]))
+            return _read(file, self.path, name, slice(_counts(file, self.path).outputs))
 
     def _history_rows(self, name: str) -> np.ndarray:
         with _opened(self.path, "r", "results file") as file:
-            return _read(file, self.path, f"farhorizon/history/{name}", slice(_counts(file, self.path)[1]))
+            return _read(file, self.path, f"farhorizon/history/{name}", slice(_counts(file, self.path).rows))
+
+    def _records(self, name: str) -> np.ndarray:
+        with _opened(self.path, "r", "results file") as file:
+            return _read(file, self.path, f"farhorizon/records/{name}", slice(_counts(file, self.path).records))
 
     @property
     def times(self) -> np.ndarray:
@@ -628,11 +636,14 @@ class Results:
         return self._history_rows("times")
 
     @property
+    def probe_times(self) -> np.ndarray:
+        """Times at which the probes were recorded, shape (records,): those of every step unless the case says otherwise."""
+        return self._records("times")
+
+    @property
     def probe_values(self) -> np.ndarray:
-        """Values at the probes, shape (rows, n probes[, components]); nan where none was recorded."""
-        if len(self.probes) == 0:
-            return np.empty((self.history_times.size, 0))
-        return self._history_rows("values")
+        """Values at the probes at `probe_times`, shape (records, n probes[, components])."""
+        return self._records("values") if len(self.probes) else np.empty((0, 0))
 
     @property
     def energy(self) -> np.ndarray:
@@ -668,7 +679,7 @@ class Results:
         if name not in self.field_names:
             raise InputError(f"{self.path} has no field {name!r}", remedy=f"one of {', '.join(self.field_names)}")
         with _opened(self.path, "r", "results file") as file:
-            outputs = _counts(file, self.path)[0]
+            outputs = _counts(file, self.path).outputs
             if not -outputs <= index < outputs:
                 raise InputError(f"{self.path} has no output {index}", value=index, limit=f"{outputs} outputs")
             stored = _read(file, self.path, f"VTKHDF/PointData/{name}", index % outputs)
@@ -688,7 +699,7 @@ class Results:
         Returns
         -------
         xarray.Dataset
-            Fields with the dimensions time, [component, ]x[, y[, z]]; ``energy`` (history_time), ``probe_values`` (history_time, probe), ``balance``
+            Fields with the dimensions time, [component, ]x[, y[, z]]; ``energy`` (history_time), ``probe_values`` (probe_time, probe), ``balance``
             (history_time, account) if one was recorded; case, program and lattice as attributes.
 
         Raises
@@ -706,18 +717,19 @@ class Results:
         component = {name: () if count == 1 else ("component",) for name, count in self.components.items()}
         probed = ("component",) if self.probe_values.ndim > 2 else ()
         # One look at the counts: a running simulation may append between two accesses.
-        times, rows = self.times, self.history_times.size
+        times, rows, probe_times = self.times, self.history_times.size, self.probe_times
         data: dict[str, Any] = {}
         for name in self.field_names:
             with _opened(self.path, "r", "results file") as file:
                 stored = _read(file, self.path, f"VTKHDF/PointData/{name}", slice(times.size))
             data[name] = (("time", *component[name], *names), self._lattice_first(name, stored))
         data["energy"] = ("history_time", self.energy[:rows])
-        data["probe_values"] = (("history_time", "probe", *probed), self.probe_values[:rows])
+        data["probe_values"] = (("probe_time", "probe", *probed), self.probe_values[: probe_times.size])
         balance = self.balance
         if balance:
             data["balance"] = (("history_time", "account"), np.stack([values[:rows] for values in balance.values()], axis=1))
-        coords: dict[str, Any] = {"time": times, "step": ("time", self.steps[: times.size]), "history_time": self.history_times[:rows]}
+        coords: dict[str, Any] = {"time": times, "step": ("time", self.steps[: times.size]), "history_time": self.history_times[:rows],
+                                  "probe_time": probe_times}  # fmt: skip
         for axis, name in enumerate(names):
             coords[name] = self.axes[axis]
             coords[f"probe_{name}"] = ("probe", self.probes[:, axis])

@@ -14,7 +14,9 @@ import numpy as np
 from farhorizon.describe import rebuild
 from farhorizon.errors import FileFormatError, InputError, UnstableError
 from farhorizon.lattice import Lattice
+from farhorizon.probes import Probes
 from farhorizon.results import read_checkpoint
+from farhorizon.steps import last_step, steps_between
 
 if TYPE_CHECKING:
     from farhorizon.certificate import Certificate
@@ -38,10 +40,13 @@ class Run(ABC):
         Called with the run every so often, see `run`.
     stop_requested : bool
         Set it (from a signal handler, an observer) to end `run` with KeyboardInterrupt between two steps.
+    probes : Probes or None
+        What `record` has made.
     """
 
     lattice: Lattice
     dt: float
+    probes: Probes | None = None
 
     def _at_start(self, observe: Sequence[Callable[[Any], None]]) -> None:
         """Before the first step."""
@@ -62,7 +67,7 @@ class Run(ABC):
 
     def prepare(self, until: float) -> int:
         """What `run` does first; returns the number of the last step, the first one at or after a time."""
-        return int(np.ceil(until / self.dt - 1e-9))
+        return last_step(until, self.dt)
 
     def run(self, until: float, every: float | None = None, progress: bool | None = None) -> Self:
         """Run to a time; observers are called every `every` time units and at the end.
@@ -70,23 +75,27 @@ class Run(ABC):
         Parameters
         ----------
         until : float
-            The run stops at the first step at or after it.
+            The run stops at the first step at or after it; `time` says when that was.
         every : float, optional
+            A whole number of steps: build the run with ``dt=WholeSteps(every=...)`` where it matters.
         progress : bool, optional
             Show a bar; on terminals only unless given.
+
+        Raises
+        ------
+        InputError
+            An end that is not finite, a time between outputs that is not a whole number of steps.
         """
         from tqdm import tqdm
 
         if not np.isfinite(until):
             raise InputError("the end of the run must be finite", value=until, key="run.until")
+        count = None if every is None else steps_between(every, self.dt)
         last = self.prepare(until)
         show = sys.stderr.isatty() if progress is None else progress
         with tqdm(total=max(last - self.step_count, 0), disable=not show, unit="step", leave=False) as bar:
             while self.step_count < last:
-                if every is None:
-                    stop = last
-                else:
-                    stop = min(last, int(np.ceil((int(self.time / every + 1e-9) + 1) * every / self.dt - 1e-9)))
+                stop = last if count is None else min(last, (self.step_count // count + 1) * count)
                 while self.step_count < stop:
                     before = self.step_count
                     self.step(min(self._guard_steps, stop - self.step_count))
@@ -98,6 +107,33 @@ class Run(ABC):
                 if self.stop_requested and self.step_count < last:
                     raise KeyboardInterrupt
         return self
+
+    def record(self, points: Any, every: float | None = None) -> Probes:
+        """Record u at some nodes from now on, in place of what was recorded so far.
+
+        Parameters
+        ----------
+        points : array_like, shape (n, dim), or (n,) in 1D
+            Each stands for the node nearest to it.
+        every : float, optional
+            Time between two rows, a whole number of steps; one step unless given.
+
+        Raises
+        ------
+        InputError
+            A point outside the near field, a time that is not a whole number of steps.
+        """
+        probes = Probes(self.lattice, points, 1 if every is None else steps_between(every, self.dt, "probes.every"))
+        self._watch(probes.nodes)
+        field = self.fields["u"]
+        now = field.reshape(*field.shape[: field.ndim - self.lattice.dim], -1)[..., probes.nodes].T
+        probes.add(self.step_count, self.dt, now[None])
+        self.probes = probes
+        return probes
+
+    @abstractmethod
+    def _watch(self, nodes: np.ndarray) -> None:
+        """From now on give the probes their rows: u on nodes of the lattice (flat indices) after every step."""
 
     def _refuse_explosion(self, values: np.ndarray, first: np.ndarray, scale: float, cause: Callable[[], str]) -> None:
         """The instability guard.

@@ -66,8 +66,8 @@ class Simulation(Assembly, Run):
         What the outline of a body is: bonds across it are absent, or the field is held at the background outside.
     background : float
         Uniform state of the infinite medium.
-    dt : float, optional
-        Time step; half the stable limit unless given.
+    dt : float or callable, optional
+        Time step; half the stable limit unless given. A function of that default gives another one: `WholeSteps`.
     dtype : {"float64", "float32"}
     threads : int, optional
         All that the machine offers unless given; small lattices use one.
@@ -108,7 +108,7 @@ class Simulation(Assembly, Run):
         coefficient: Any = None,
         background: float = 0.0,
         observe: Sequence[Callable[[Simulation], None]] = (),
-        dt: float | None = None,
+        dt: float | Callable[[float], float] | None = None,
         dtype: str = "float64",
         threads: int | None = None,
         rule: str = "both",
@@ -316,6 +316,7 @@ class Simulation(Assembly, Run):
         dtype, stages, held = engine.dtype, len(engine.stages.numbers), self.conditions
         if not self._drives and not held.nodes.size:
             engine.advance(steps, np.zeros(0, np.int64), np.zeros((0, 0), dtype), np.zeros((steps, stages, 0), dtype), self._prescribed(steps))
+            self._note_probes()
             self._tick(steps)
             return
         samples, weights = self.model.integrator.source_samples(self.dt)
@@ -334,6 +335,7 @@ class Simulation(Assembly, Run):
             used = np.any(strength, axis=0)
             engine.advance(n, self._source_nodes[used] if self._drives else self._source_nodes, np.ascontiguousarray(strength[:, used], dtype),
                            amplitudes.astype(dtype), self._prescribed(n), values.astype(dtype), times.astype(dtype))  # fmt: skip
+            self._note_probes()
             if self._books:
                 self._book_sources(strength, amplitudes)
             explained = float(np.abs(strength).max(initial=0) * np.abs(amplitudes).max(initial=0)) * n * self.dt
@@ -341,6 +343,17 @@ class Simulation(Assembly, Run):
             self._scale = max(self._scale, float(np.abs(values).max(initial=0) * np.abs(times).max(initial=0)))
             self._tick(n)
             done += n
+
+    def _watch(self, nodes: np.ndarray) -> None:
+        self.engine.watched = self._near_indices().reshape(self.engine.components, -1)[:, nodes].ravel()
+
+    def _note_probes(self) -> None:
+        """Give the probes what the engine has seen in the steps that come after the present one."""
+        if self.probes is not None:
+            seen = self.engine.seen.reshape(len(self.engine.seen), self.engine.components, -1) + self.background
+            if self._hidden is not None:
+                seen[..., self._hidden.ravel()[self.probes.nodes]] = np.nan
+            self.probes.add(self.step_count + 1, self.dt, seen[:, 0] if self.engine.components == 1 else seen.swapaxes(1, 2))
 
     def _prescribed(self, steps: int) -> np.ndarray | None:
         """Values of the held nodes after each of the next steps."""

@@ -111,6 +111,8 @@ class Engine:
     ----------
     absent_bonds : int
         Bonds cut, each counted from both ends.
+    watched : ndarray of int, shape (n,)
+        Places in a level whose values after each step of an `advance` are in `seen`, shape (steps, n).
     """
 
     def __init__(self, core, offsets, weights, stages, dt, *, layers: Mapping[tuple[int, int], Layer], periodic=frozenset(),  # type: ignore[no-untyped-def]
@@ -153,6 +155,7 @@ class Engine:
         none = np.zeros(0, np.int64)
         self.set_fringe(none, 1, np.zeros(1, np.int64), none, np.zeros(1, np.int64), none, np.zeros(0), none)
         self.set_books(none, none, none, np.zeros(0), np.zeros(len(stages.numbers)), 0)
+        self.watched, self.seen = none, np.zeros((0, 0))
         self._collect_filter()
         self._driver = load_driver()
 
@@ -605,6 +608,7 @@ class Engine:
             A table does not match the steps: the compiled loop, which looks at no bounds, is not entered.
         """
         self._lengthen_history(steps)
+        self.seen = np.zeros((steps, self.watched.size))
         if tied_fields is None or tied_times is None:
             tied_fields, tied_times = np.zeros((0, len(self._tied[0])), self.dtype), np.zeros((steps, len(self.stages.numbers), 0), self.dtype)
         held_values = np.zeros((0, 0)) if held_values is None else held_values
@@ -615,7 +619,7 @@ class Engine:
             *self._runs, self._bonds, self._work_done, *self._tiles, *self._dissolution, self.steps_done, *self._damping,
             (*self._ends, self.heads, self.past, self.history), *self._tied, *self._books, self.flows, self._fringe, (*self._filter, self._whole),
             source_nodes, source_fields, source_times,
-            self.held, held_values, tied_fields, tied_times,
+            self.held, held_values, tied_fields, tied_times, self.watched, self.seen,
         )  # fmt: skip
         from farhorizon.engine.threads import side_by_side
 

@@ -567,7 +567,7 @@ def _move(u, v, smoothed, tile, dt, kick, force, outside, damping, medium, book)
 
 @njit(error_model="numpy", nogil=True, cache=True)
 def advance(lane, lanes, sync, steps_to_do, done, dt, drag, u, v, spare, p, force, tiles, medium, pairs, bonds, triples, slots, fracture, layers,
-            loads, factors, crossing, books):  # fmt: skip
+            loads, factors, crossing, books, watched, seen):  # fmt: skip
     """Displacement Verlet; one lane's share of the tiles.
 
     Parameters
@@ -605,6 +605,8 @@ def advance(lane, lanes, sync, steps_to_do, done, dt, drag, u, v, spare, p, forc
         Nodes of the near field and their bonds that leave it.
     books : ndarray, shape (lanes, BOOKS)
         Energies over the reference mass of a node, as named above, of the near field.
+    watched : ndarray of int, shape (n,)
+        Nodes whose displacements after each step go into `seen`, shape (steps, dim, n).
     """
     dim = u.shape[0]
     rows = dim * dim
@@ -654,11 +656,20 @@ def advance(lane, lanes, sync, steps_to_do, done, dt, drag, u, v, spare, p, forc
             book[WORK] = 0
         barrier(sync, lanes)
         book[PENDING_OUTFLOW] = dt / 2 * _outflow(v, p, u, dt, medium, crossing, bonds, lane, lanes)
+        _see(lane, lanes, u, watched, seen[step])
         barrier(sync, lanes)
 
 
+@njit(error_model="numpy", cache=True)
+def _see(lane, lanes, u, watched, seen):
+    """Copy the displacements of some nodes."""
+    for a in range(u.shape[0]):
+        for i in range(lane, watched.size, lanes):
+            seen[a, i] = u[a, watched[i]]
+
+
 @njit(error_model="numpy", nogil=True, cache=True)
-def advance_split(lane, lanes, sync, steps_to_do, dt, u, parts, histories, p, tiles, medium, pairs, bonds, slots, phi):
+def advance_split(lane, lanes, sync, steps_to_do, dt, u, parts, histories, p, tiles, medium, pairs, bonds, slots, phi, watched, seen):
     """The published scheme: forward Euler on split fields (Wildman and Gazonas 2012, eqs 2-30 and 2-31, which are the same two steps at a time).
 
     Parameters
@@ -680,7 +691,7 @@ def advance_split(lane, lanes, sync, steps_to_do, dt, u, parts, histories, p, ti
     work = np.zeros((3 * rows + 1, TILE))
     first_tile, last_tile = lane * tiles.shape[0] // lanes, (lane + 1) * tiles.shape[0] // lanes
     still = np.zeros(TILE)
-    for _ in range(steps_to_do):
+    for step in range(steps_to_do):
         for number in range(first_tile, last_tile):
             tile = tiles[number]
             start, count = tile[0], tile[1]
@@ -718,6 +729,7 @@ def advance_split(lane, lanes, sync, steps_to_do, dt, u, parts, histories, p, ti
                         part[i] += dt * (work[a * dim + b, i] - fade[i] * part[i])
                         u[a, start + i] += part[i]
         barrier(sync, lanes)
+        _see(lane, lanes, u, watched, seen[step])
 
 
 @njit(error_model="numpy", cache=True)

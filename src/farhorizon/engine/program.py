@@ -473,13 +473,13 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
         cut_ranges, cut_nodes, cut_neighbours, cut_weights, runs, interface, bonds, work, solids, volumes, changed, dissolved, total, saturation,
         period, steps_before, damped, damp_before, damp_after, damp_leak, ends,
         tied, tied_starts, tied_sources, tied_weights, books, book_nodes, book_neighbours, book_weights, book_effects, end_books, flows,
-        fringe, short_waves, source_nodes, source_fields, source_times, held, held_times, tied_fields, tied_times):  # fmt: skip
+        fringe, short_waves, source_nodes, source_fields, source_times, held, held_times, tied_fields, tied_times, watched, seen):  # fmt: skip
     """One lane's share of `steps` steps from the rotation `phase`.
 
     After them the level ``stages[(phase + steps) % rotations, 0, 0]`` holds the state, where stages[phase, stage] = (in, base, out)
     are level numbers; numbers[stage] as in `stage`. source_times[step, stage, j] multiplies source_fields[j] on source_nodes. `ends`: the last
     arguments of `ends.exact_ends`; `fringe`: those of `fringe.close_fringe`; `short_waves`: those of `filter.damp_short_waves`. After each step the
-    nodes `held` have the values ``held_times[step]``.
+    nodes `held` have the values ``held_times[step]``, and those of the nodes `watched` are copied to ``seen[step]``.
     From solids to steps_before, and `runs` and `interface`: see `engine.phases`; `bonds`: see `engine.bonds`; `work` is where that of
     sources is added up, where it is wanted.
     """
@@ -560,4 +560,7 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                         if lane == 0:
                             copy(coefficient, copies, copy_ranges[-1, axis], 1)
                         barrier(sync, lanes)
+        state = levels[stages[phase, per_step - 1, 2]]  # the next step does not write it before its first barrier
+        for i in range(lane, watched.size, lanes):
+            seen[step, i] = state[watched[i]]
         phase = (phase + 1) % stages.shape[0]

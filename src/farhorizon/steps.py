@@ -1,0 +1,123 @@
+"""Time steps and the intervals that they divide: outputs, records and ends of runs are at whole numbers of steps."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from farhorizon.errors import InputError
+
+#: An interval is a whole number of steps if no more than this part of a step is missing: what is left of one that was typed in or divided.
+FITS = 1e-6
+_CANDIDATES = 1_000_000  # steps that are tried, at most
+
+
+def whole_steps(interval: float, dt: float) -> int | None:
+    """How many steps an interval is; None if that is not a whole number."""
+    count = interval / dt
+    if not (np.isfinite(count) and count > 0.5 and abs(count - round(count)) <= FITS):
+        return None
+    return round(count)
+
+
+def last_step(until: float, dt: float) -> int:
+    """Number of the first step at or after a time."""
+    return int(np.ceil(until / dt - FITS))
+
+
+class WholeSteps:
+    """A rule for the time step: the largest one, up to the default, of which some intervals are whole numbers.
+
+    A step may be up to twice as short as the default for their sake (and as short as the shortest interval, if that is shorter).
+
+    Parameters
+    ----------
+    **intervals : float
+        By name, which messages tell: ``dt=WholeSteps(every=0.25, until=10.0)``.
+
+    Raises
+    ------
+    InputError
+        No interval, or one that is not finite and positive.
+    """
+
+    def __init__(self, **intervals: float) -> None:
+        if not intervals:
+            raise InputError("a step is to divide one interval or more", key="dt", remedy="WholeSteps(every=..., until=...)")
+        for name, interval in intervals.items():
+            if not (np.isfinite(interval) and interval > 0):
+                raise InputError("must be finite and positive", value=interval, key=name)
+        self.intervals = {name: float(interval) for name, interval in intervals.items()}
+
+    def __repr__(self) -> str:
+        return f"WholeSteps({', '.join(f'{name}={interval:g}' for name, interval in self.intervals.items())})"
+
+    def __call__(self, most: float) -> float:
+        """The step.
+
+        Parameters
+        ----------
+        most : float
+            What it would be otherwise.
+
+        Raises
+        ------
+        InputError
+            No such step divides all of the intervals.
+        """
+        found = self._largest(most)
+        if found is not None:
+            return found
+        name, shortest = min(self.intervals.items(), key=lambda item: item[1])
+        other, longer = max(self.intervals.items(), key=lambda item: abs(item[1] / shortest - round(item[1] / shortest)))
+        raise InputError(f"no time step divides both {name} and {other}", value=f"{shortest:.10g} and {longer:.10g}",
+                         limit=f"steps from {most / 2:.4g} to {most:.4g}", key=other, remedy=f"{other} = {_beside(longer, shortest)}")  # fmt: skip
+
+    def _largest(self, most: float) -> float | None:
+        """The largest step that divides all intervals; None if it were less than half of what it may be."""
+        shortest = min(self.intervals.values())
+        first = max(1, int(np.ceil(shortest / most - FITS)))
+        counts = np.arange(first, min(2 * first, first + _CANDIDATES) + 1)
+        fit = np.ones(counts.size, bool)
+        for interval in self.intervals.values():
+            ratio = interval / shortest * counts
+            fit &= np.abs(ratio - np.round(ratio)) <= FITS
+        return float(shortest / counts[np.argmax(fit)]) if fit.any() else None
+
+    def check(self, dt: float, key: str) -> None:
+        """Refuse a step that was given and does not divide all of the intervals.
+
+        Raises
+        ------
+        InputError
+            With the next smaller step that does, and the nearest intervals that would.
+        """
+        for name, interval in self.intervals.items():
+            if whole_steps(interval, dt) is None:
+                smaller = self._largest(dt)
+                remedy = "" if smaller is None else f"dt = {smaller:.10g}, or "
+                raise InputError(f"{name} is not a whole number of time steps", value=f"dt = {dt:.10g} for {name} = {interval:.10g}",
+                                 limit=f"{interval / dt:.6g} steps", key=key, remedy=f"{remedy}{name} = {_beside(interval, dt)}")  # fmt: skip
+
+
+def steps_between(every: float, dt: float, key: str = "run.every") -> int:
+    """Steps between two outputs.
+
+    Raises
+    ------
+    InputError
+        The time between them is not positive, or not a whole number of steps.
+    """
+    if not (np.isfinite(every) and every > 0):
+        raise InputError("must be finite and positive", value=every, key=key)
+    count = whole_steps(every, dt)
+    if count is None:
+        name = key.rpartition(".")[2]
+        raise InputError("not a whole number of time steps", value=f"{every:.10g}", limit=f"multiples of dt = {dt:.10g}", key=key,
+                         remedy=f"{name} = {_beside(every, dt)}; or build the run with dt = WholeSteps({name}={every:.10g})")  # fmt: skip
+    return count
+
+
+def _beside(interval: float, unit: float) -> str:
+    """The multiples of a unit on either side of an interval."""
+    count = max(1, int(interval / unit))
+    return f"{count * unit:.10g} or {(count + 1) * unit:.10g}"
