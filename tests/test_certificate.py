@@ -270,3 +270,72 @@ def test_check_warns_of_a_layer_that_sends_much_back(reach, nodes, warned):
     lattice = fh.Lattice(1.0, (0.0,), (120.0,))
     sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(float(reach), 1)), fh.LatticePML(nodes=nodes), {"u": lambda x: np.exp(-((x - 60) ** 2) / 80)})
     assert any("send back" in w for w in sim.check(until=50.0).warnings) == warned
+
+
+def _of_units(length, time, mass):
+    """Set-ups of every boundary in units so many times smaller, by name: functions that make the run ready to be certified."""
+    speed, diffusivity, rate = length / time, length**2 / time, 1 / time
+
+    def lattice(*nodes):
+        return fh.Lattice(length, (0.0,) * len(nodes), [length * (n - 1.0) for n in nodes])
+
+    def kernel(reach, exponent=2, **options):
+        return fh.Kernel(length * reach, exponent, **options)
+
+    def disc(boundary):
+        window = fh.Lattice(length, window=fh.Disc(16.48 * length))
+        return fh.Simulation(window, fh.Wave(kernel(3), speed, damping=0.003 * rate), boundary, dt=0.2 * time)
+
+    def solid(**options):
+        material = {"young": mass / (length * time**2), "poisson": 0.25, "density": mass / length**3}
+        return fh.Body(lattice(9, 9), kernel(2, 1), boundary=fh.NonlocalPML(**options), threads=1, **material)
+
+    def elastic():
+        material = {"young": mass / (length * time**2), "poisson": 0.2, "density": mass / length**3, "material": "state-based"}
+        return fh.Simulation(lattice(5, 5), fh.Elastic(kernel(1), **material), fh.LatticePML(nodes=6))
+
+    def exact():
+        sim = fh.Simulation(lattice(30), fh.Wave(kernel(3), speed), fh.Exact())
+        sim.prepare(200 * time)
+        return sim
+
+    def grows():
+        profile = {"sigma": np.linspace(0.1, 3.0, 11) * rate, "alpha": 0.001 * rate}
+        return fh.Simulation(lattice(30), fh.Wave(kernel(3, 0), speed), fh.LatticePML(nodes=10, profile=profile))
+
+    waves = fh.Wave(fh.Stencil.finite_element(2), speed, damping=0.01 * rate)
+    return {
+        "LatticePML": lambda: fh.Simulation(lattice(7, 9), fh.Wave(kernel(2), speed), fh.LatticePML(nodes=8)),
+        "LatticePML, grows": grows,
+        "LatticePML, elastic": elastic,
+        "LatticePML, diffusion": lambda: fh.Simulation(lattice(11, 9), fh.Diffusion(kernel(2), diffusivity), fh.LatticePML(nodes=8)),
+        "NonlocalPML": lambda: solid(nodes=6, cross=0.3, shift=0.05 * rate),
+        "NonlocalPML, grows": lambda: solid(nodes=10, cross=0.1),
+        "Sponge": lambda: fh.Simulation(lattice(12), fh.Wave(kernel(3), speed), {"x-": fh.Sponge(10), "x+": fh.LatticePML(nodes=10)}),
+        "PlaneWave": lambda: disc(fh.PlaneWave()),
+        "Higdon": lambda: disc(fh.Higdon()),
+        "FirstOrder": lambda: fh.Simulation(lattice(21, 21), waves, fh.FirstOrder()),
+        "Exact": exact,
+    }  # fmt: skip
+
+
+UNITS = [tuple(10.0**power if axis == number else 1.0 for axis in range(3)) for number in range(3) for power in (-9, -6, 6)]
+_FAST = {"NonlocalPML": 1, "NonlocalPML, grows": 1, "LatticePML, elastic": 1}  # seconds each; of the rest three scalings are fast
+
+
+def _scalings():
+    for name in _of_units(1.0, 1.0, 1.0):
+        for number, units in enumerate([(1e-3, 1e-6, 1e-9), (1e-9, 1.0, 1.0), (1.0, 1e6, 1.0), *UNITS[1:4], *UNITS[6:]]):
+            yield pytest.param(name, units, marks=pytest.mark.slow if number >= _FAST.get(name, 3) else ())
+
+
+@pytest.mark.parametrize("name, units", list(_scalings()))
+def test_certificates_know_no_units(name, units):
+    """The same problem in other units of length, time and mass: the same verdict and the same growth per crossing."""
+    plain, scaled = (_of_units(*u)[name]() for u in ((1.0, 1.0, 1.0), units))
+    one, other = plain.certificate(60.0), scaled.certificate(60.0)
+    assert other.verdict == one.verdict != "undecided", f"{one}\n{other}"
+    assert (one.verdict == "not certified") == ("grows" in name)
+    assert scaled.crossing == pytest.approx(plain.crossing * units[1], rel=1e-12)
+    slack = 2 * (one.error * one.crossing + other.error * other.crossing)
+    assert other.rate_per_crossing == pytest.approx(one.rate_per_crossing, rel=1e-3, abs=slack, nan_ok=True)

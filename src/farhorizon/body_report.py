@@ -8,7 +8,7 @@ import numpy as np
 
 from farhorizon.analysis.stability import krylov_growth
 from farhorizon.boundaries import Free, NonlocalPML, Sponge
-from farhorizon.certificate import BUDGET, CERTIFIED, NOT_CERTIFIED, UNDECIDED, Certificate, Part, judge
+from farhorizon.certificate import BUDGET, CERTIFIED, NOT_CERTIFIED, UNDECIDED, Certificate, Part, judge, told
 from farhorizon.correspondence import Body
 from farhorizon.lattice import AXES, Lattice
 from farhorizon.machine import one_blas_thread
@@ -34,8 +34,9 @@ def certify(body: Body, budget: float = BUDGET) -> Certificate:
     begin = time.monotonic()
     if body.split:
         rate = body.largest_frequency**2 * body.dt / 2
-        reason = f"forward Euler on split fields grows everywhere, by half of frequency^2 dt, the shortest wave by {rate:.2g} per unit time"
-        return Certificate(NOT_CERTIFIED, reason, rate, seconds=time.monotonic() - begin)
+        fast = told(rate * body.crossing, body.crossing)
+        reason = f"forward Euler on split fields grows everywhere, by half of frequency^2 dt, the shortest wave by {fast}"
+        return Certificate(NOT_CERTIFIED, reason, rate, crossing=body.crossing, seconds=time.monotonic() - begin)
     if not any(isinstance(b, NonlocalPML) for b in body.sides.values()):
         if body.dt <= _MARGIN * body.step_limit:
             reason = "until bonds break: the forces have a potential that is never negative and the step is below the limit"
@@ -46,12 +47,13 @@ def certify(body: Body, budget: float = BUDGET) -> Certificate:
     small = body.remade(lattice=Lattice(lattice.spacing, lattice.lower, lattice.lower + lattice.spacing * (count - 1)))
     size, advance = small.linear_map()
     crossing = int(np.ceil(max(small.box) * lattice.spacing / body.fast / body.dt))
-    growth = krylov_growth(advance, size, body.dt, crossing, budget - (time.monotonic() - begin))
+    growth = krylov_growth(advance, size, body.dt / body.crossing, crossing, budget - (time.monotonic() - begin))
     name = f"all sides, a near field of {' x '.join(map(str, count))} nodes without cracks and holes, before bonds break"
     name += ", of the fastest material alone" if body.varied else ""
     if growth.rate == 0 and np.isinf(growth.error):
-        return Certificate(UNDECIDED, f"the small copy was not settled within {budget:.3g} s", skipped=(name,), seconds=time.monotonic() - begin)
-    return judge([Part(name, growth, np.zeros(0))], [], time.monotonic() - begin)
+        why = f"the small copy was not settled within {budget:.3g} s"
+        return Certificate(UNDECIDED, why, crossing=body.crossing, skipped=(name,), seconds=time.monotonic() - begin)
+    return judge([Part(name, growth, np.zeros(0))], [], body.crossing, time.monotonic() - begin)
 
 
 def report(body: Body, until: float | None = None, budget: float | None = None) -> Report:

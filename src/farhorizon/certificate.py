@@ -37,7 +37,7 @@ BUDGET = 30.0  # seconds that a certificate may take
 _DENSE = 700  # numbers in a state up to which all eigenvalues are computed: a second
 _WIDE = 1500  # the same where a growing mode is looked at again
 _CROSSINGS = 200_000  # of a run from noise whose map is known as a matrix
-_ESCAPES = 0.5  # growth on the way across the near field up to which the sides along a strip may take a mode before it has grown
+_ESCAPES = 0.5  # growth per crossing up to which the sides along a strip may take a mode before it has grown
 _MARGIN = 1 - 1e-9  # at the step limit itself the shortest wave grows linearly
 
 
@@ -69,14 +69,16 @@ class Certificate:
     Attributes
     ----------
     verdict : {"certified", "not certified", "undecided"}
-        Certified: no mode grows by more than 1e-10 per unit time.
+        Certified: no mode grows by more than 1e-10 per crossing.
     reason : str
     rate : float
         Growth of the fastest mode per unit time, negative: it decays; nan for a proof and where nothing was found out.
     error : float
         By how much the rate may be wrong.
+    crossing : float
+        Crossing time of the set-up, see `Run.crossing`: the time unit in which growth is judged; nan for a proof.
     parts : tuple of Part
-        What was computed.
+        What was computed; their rates are growths per crossing.
     skipped : tuple of str
         What would have to be computed, too, and why it was not.
     seconds : float
@@ -87,9 +89,15 @@ class Certificate:
     reason: str
     rate: float = np.nan
     error: float = 0.0
+    crossing: float = np.nan
     parts: tuple[Part, ...] = ()
     skipped: tuple[str, ...] = ()
     seconds: float = 0.0
+
+    @property
+    def rate_per_crossing(self) -> float:
+        """The rate without a unit."""
+        return self.rate * self.crossing
 
     @property
     def worst(self) -> Part | None:
@@ -110,7 +118,8 @@ class Certificate:
             {"what": p.name, "rate": known(p.growth.rate), "error": known(p.growth.error), "angle": p.growth.angle, "hidden": p.growth.hidden}
             for p in self.parts
         ]
-        return {"verdict": self.verdict, "reason": self.reason, "rate": known(self.rate), "error": known(self.error), "parts": rows,
+        return {"verdict": self.verdict, "reason": self.reason, "rate": known(self.rate), "error": known(self.error),
+                "crossing": known(self.crossing), "rate_per_crossing": known(self.rate_per_crossing), "parts": rows,
                 "skipped": list(self.skipped), "seconds": self.seconds}  # fmt: skip
 
 
@@ -177,22 +186,39 @@ def certify(sim: Simulation, budget: float = BUDGET) -> Certificate:
                 parts, skipped = _with_whole(sim, slow, parts, skipped, budget - (time.monotonic() - begin))
     except InputError as error:
         skipped.append(f"a smaller copy, which is refused ({error.message})")
-    found = _short_lived(sim, judge(parts, skipped, time.monotonic() - begin))
+    found = _short_lived(sim, judge(parts, skipped, sim.crossing, time.monotonic() - begin))
     if not skipped:
         _keep(path, found)
     return found
 
 
-def judge(parts: list[Part], skipped: list[str], seconds: float) -> Certificate:
-    """What follows from the parts that were computed and those that were not."""
+def told(rate: float, crossing: float) -> str:
+    """A growth per crossing in words, which takes so long."""
+    return f"{rate:.2g} per crossing ({rate / crossing:.2g} per unit time)"
+
+
+def judge(parts: list[Part], skipped: list[str], crossing: float, seconds: float) -> Certificate:
+    """What follows from the parts that were computed and those that were not.
+
+    Parameters
+    ----------
+    parts : list of Part
+    skipped : list of str
+    crossing : float
+        Time of a crossing.
+    seconds : float
+        What the parts cost.
+    """
     if not parts:
-        return Certificate(UNDECIDED, "nothing could be examined", skipped=tuple(skipped), seconds=seconds)
+        return Certificate(UNDECIDED, "nothing could be examined", crossing=crossing, skipped=tuple(skipped), seconds=seconds)
     growths = [p.growth for p in parts]
     growth = fastest(growths) if any(g.stable is not True for g in growths) else max(growths, key=lambda g: g.rate)
     part = next(p for p in parts if p.growth is growth)
-    found: tuple[float, float, tuple[Part, ...], tuple[str, ...], float] = growth.rate, growth.error, tuple(parts), tuple(skipped), seconds
+    found: tuple[float, float, float, tuple[Part, ...], tuple[str, ...], float] = (
+        growth.rate / crossing, growth.error / crossing, crossing, tuple(parts), tuple(skipped), seconds,
+    )  # fmt: skip
     if growth.stable is False:
-        how = f"a mode grows by {growth.rate:.2g} per unit time, tenfold in {np.log(10) / growth.rate:.3g} ({part.name})"
+        how = f"a mode grows by {told(growth.rate, crossing)}, tenfold in {np.log(10) * crossing / growth.rate:.3g} ({part.name})"
         return Certificate(NOT_CERTIFIED, part.name if part.drifts else how, *found)
     unclear = [p.name for p in parts if p.growth.stable is None]
     if unclear:
@@ -201,12 +227,12 @@ def judge(parts: list[Part], skipped: list[str], seconds: float) -> Certificate:
     noisy = [p for p in parts if p.growth.hidden]
     if noisy and not skipped:
         rest = ", ".join(p.name for p in parts if p not in noisy)
-        known = ", ".join(f"{p.name}, where growth below {p.growth.hidden:.1g} per unit time would not show" for p in noisy)
+        known = ", ".join(f"{p.name}, where growth below {p.growth.hidden:.1g} per crossing would not show" for p in noisy)
         return Certificate(CERTIFIED, f"no mode grows ({rest}); white noise decays ({known})" if rest else f"white noise decays ({known})", *found)
     if skipped:
         return Certificate(UNDECIDED, f"nothing grows as far as was examined ({looked})", *found)
-    return Certificate(CERTIFIED, f"the slowest mode decays by {-growth.rate:.2g} per unit time ({looked})" if growth.rate < 0 else
-                       f"no mode grows by more than {growth.rate + growth.error:.1g} per unit time ({looked})", *found)  # fmt: skip
+    return Certificate(CERTIFIED, f"the slowest mode decays by {told(-growth.rate, crossing)} ({looked})" if growth.rate < 0 else
+                       f"no mode grows by more than {growth.rate + growth.error:.1g} per crossing ({looked})", *found)  # fmt: skip
 
 
 def _short_lived(sim: Simulation, found: Certificate) -> Certificate:
@@ -227,7 +253,7 @@ _PROGRAM = b"".join(Path(str(file)).read_bytes() for file in (__file__, stabilit
 def _cache_file(sim: Simulation) -> Path:
     """File of the certificate of this very map, made by this very program."""
     mark = hashlib.sha256(sim.engine.digest().encode())
-    mark.update(repr((sim.lattice.shape, [type(b).__name__ for b in sim.sides.values()])).encode())
+    mark.update(repr((sim.lattice.shape, sim.crossing, [type(b).__name__ for b in sim.sides.values()])).encode())
     mark.update(_PROGRAM)
     return cache_folder() / f"certificate_{mark.hexdigest()[:24]}.npz"
 
@@ -240,7 +266,7 @@ def _recall(path: Path) -> Certificate | None:
                 Part(p["name"], Growth(p["rate"], p["error"], complex(*p["factor"]), np.zeros(0), p["hidden"]), kept[f"field{i}"], p["drifts"])
                 for i, p in enumerate(words["parts"])
             ]
-        return Certificate(words["verdict"], words["reason"], words["rate"], words["error"], tuple(parts), (), words["seconds"])
+        return Certificate(words["verdict"], words["reason"], words["rate"], words["error"], words["crossing"], tuple(parts), (), words["seconds"])
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None  # not there, or damaged: made anew
 
@@ -250,7 +276,8 @@ def _keep(path: Path, found: Certificate) -> None:
     for p in found.parts:
         factor = [p.growth.factor.real, p.growth.factor.imag]
         rows.append({"name": p.name, "rate": p.growth.rate, "error": p.growth.error, "factor": factor, "hidden": p.growth.hidden, "drifts": p.drifts})
-    words = {"verdict": found.verdict, "reason": found.reason, "rate": found.rate, "error": found.error, "seconds": found.seconds, "parts": rows}
+    words = {"verdict": found.verdict, "reason": found.reason, "rate": found.rate, "error": found.error, "crossing": found.crossing,
+             "seconds": found.seconds, "parts": rows}  # fmt: skip
     with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
         np.savez(file, words=json.dumps(words), **{f"field{i}": p.field for i, p in enumerate(found.parts)})  # type: ignore[arg-type]
     os.replace(file.name, path)
@@ -294,7 +321,7 @@ def _outline_proof(sim: Simulation, positive: bool) -> str:
         return ""
     if model.order == 1:
         share = sim.dt * sim.strongest * float(sim.engine.weights.sum())
-        if positive and share <= 1 and largest_update(closure.update) <= 1 + stability.TOLERANCE * sim.dt:
+        if positive and share <= 1 and largest_update(closure.update) <= 1 + stability.TOLERANCE * sim.dt / sim.crossing:
             return "each new value is a mean of old ones, or less, fitted ones included: the maximum cannot grow"
         return ""
     if not all(isinstance(b, FirstOrder | Fixed | Free | Periodic) for b in sim.sides.values()):
@@ -311,16 +338,15 @@ def _escapes(sim: Simulation, part: Part) -> bool:
     along = [] if axis is None else [a for a in range(sim.lattice.dim) if a != axis]
     if not along or not all(isinstance(sim.sides[a, s], LatticePML | Sponge) for a in along for s in (-1, 1)):
         return False
-    longest = max(float(sim.lattice.upper[a] - sim.lattice.lower[a]) for a in along)
-    return part.growth.rate * longest / np.sqrt(sim.model.coefficient) < _ESCAPES
+    return part.growth.rate < _ESCAPES
 
 
 def _with_whole(sim: Simulation, slow: list[Part], parts: list[Part], skipped: list[str], left: float) -> tuple[list[Part], list[str]]:
     """Parts and what is left out, with the complete update in place of what grows slowly between two sides."""
     worst = max(slow, key=lambda p: p.growth.rate)
-    name = f"the complete update, for without end along its sides a mode would grow by {worst.growth.rate:.2g} per unit time ({worst.name})"
+    name = f"the complete update, for without end along its sides a mode would grow by {told(worst.growth.rate, sim.crossing)} ({worst.name})"
     if left > 0:
-        whole = _krylov_part(name, plain_twin(sim), left)
+        whole = _krylov_part(name, plain_twin(sim), sim.crossing, left)
         if not (whole.growth.rate == 0 and np.isinf(whole.growth.error)):
             return [*parts, whole], skipped
     return parts, [*skipped, f"{name} (no time left)"]
@@ -344,20 +370,21 @@ def _examinations(sim: Simulation) -> Iterator[tuple[str, Callable[[float], tupl
     if layered and all(isinstance(b, Periodic) for b in others) and not sim.conditions.nodes.size:
         return
     if sim.conditions.nodes.size or sim.conditions.leaks or sim.closure is not None:  # how an outline runs decides whether its condition grows
-        yield "the complete update", lambda left: (_krylov_part("the complete update", plain_twin(sim), left), [])
+        yield "the complete update", lambda left: (_krylov_part("the complete update", plain_twin(sim), sim.crossing, left), [])
         return
     small = small_lattice(sim)
     kind = f"{'corners' if len(layered) > 1 else 'faces'} on a copy of {' x '.join(map(str, small.shape))} nodes"
-    yield kind, lambda left: (_krylov_part(kind, plain_twin(sim, small, one_corner(sim)), left), [])
+    yield kind, lambda left: (_krylov_part(kind, plain_twin(sim, small, one_corner(sim)), sim.crossing, left), [])
 
 
 def _dense_part(name: str, sim: Simulation) -> Part:
     complete = State(sim.engine)
     matrix = np.stack([complete.after(unit) for unit in np.eye(complete.size)], axis=1)
-    growth = dense_growth(matrix, sim.dt)
+    pace = sim.dt / sim.crossing
+    growth = dense_growth(matrix, pace)
     name, known = f"{name}, all {complete.size} modes", growth
     if growth.stable is not False:
-        growth, verb = _with_noise(growth, matrix, crossing_steps(sim), sim.dt)
+        growth, verb = _with_noise(growth, matrix, crossing_steps(sim), pace)
         name = f"{verb} ({name})" if verb else name
     return Part(name, growth, complete.portrait(growth.mode), growth is not known and growth.stable is False)
 
@@ -383,9 +410,10 @@ def _with_noise(growth: Growth, matrix: np.ndarray, crossing: int, dt: float) ->
     return replace(growth, error=np.inf), f"white noise does not decay within {_CROSSINGS} crossing times"
 
 
-def _krylov_part(name: str, sim: Simulation, budget: float) -> Part:
+def _krylov_part(name: str, sim: Simulation, crossing: float, budget: float) -> Part:
+    """The fastest mode of a set-up; `crossing` is the time unit of its growth."""
     complete = State(sim.engine)
-    growth = krylov_growth(complete.after, complete.size, sim.dt, crossing_steps(sim), budget)
+    growth = krylov_growth(complete.after, complete.size, sim.dt / crossing, crossing_steps(sim), budget)
     if growth.hidden and any((layer.sigma[layer.alpha == 0] > 0).any() for layer in sim.engine.layers.values()):
         growth = replace(growth, error=np.inf)  # every static field is at rest in such a layer: a double factor 1, slower than any run shows
         name = f"layers with alpha = 0, which let fields of zero frequency drift: {name}"
@@ -399,7 +427,7 @@ def _side_part(sim: Simulation, axis: int, budget: float) -> tuple[Part, list[st
     strip = Strip(sim, axis, min(real, max(NARROW, 2 * sim.stencil.reach[axis] + 1)), budget=budget)
     name = f"sides {AXES[axis]}, near field of {strip.width} nodes"
     if sim.lattice.dim == 1 and strip.size > _WIDE:
-        return _krylov_part(name, strip.sim, budget), []
+        return _krylov_part(name, strip.sim, sim.crossing, budget), []
     found: dict[tuple[float, ...], Growth] = {}
     sample = list(strip.sample())
     longest = 0.0

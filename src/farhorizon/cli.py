@@ -215,7 +215,7 @@ def _certified(sim: Any, until: float, allowed: bool) -> Any:
 
     certificate = sim.certificate(max(2.0, 0.5 * sim.seconds_per_step() * until / sim.dt))
     if certificate.verdict == NOT_CERTIFIED and not allowed:
-        raise InputError("the run is not stable", value=certificate.reason, limit="1e-10 per unit time",
+        raise InputError("the run is not stable", value=certificate.reason, limit="1e-10 per crossing",
                          remedy="see the warnings of farhorizon check, or run it with --allow-unstable")  # fmt: skip
     if certificate.verdict == UNDECIDED and certificate.skipped:
         print(f"note: stability was not fully examined, to take no longer than the run ('farhorizon check' does): {certificate}", file=sys.stderr)

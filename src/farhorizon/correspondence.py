@@ -659,6 +659,9 @@ class Body(Run):
     def linear_map(self) -> tuple[int, Callable[[np.ndarray, int], np.ndarray]]:
         """The update of displacements, velocities and the layers' memory as a map of vectors, for a body without loads whose bonds do not break.
 
+        All numbers of a vector are displacements, so that its norm depends on no unit: velocities times the step, remembered gradients times
+        the spacing, remembered accelerations times the step squared.
+
         Returns
         -------
         size : int
@@ -670,17 +673,19 @@ class Body(Run):
         there = np.broadcast_to(self._present, levels[0].shape)
         memory, gain = self._layers[0], self._layers[2]
         kept = np.tile(gain != 0, (2 * self.dim, 1))  # a derivative's row follows its direction
-        count = int(there.sum())
+        count, remembered = int(there.sum()), int(kept.sum())
+        scales = np.repeat([1.0, self.dt, self.lattice.spacing, self.dt**2], [count, count, remembered // 2, remembered // 2])
 
         def advance(vector: np.ndarray, steps: int) -> np.ndarray:
-            for level, values in zip(levels, np.split(vector[: 2 * count], 2), strict=True):
-                level[there] = values
+            values = vector / scales
+            for level, part in zip(levels, np.split(values[: 2 * count], 2), strict=True):
+                level[there] = part
             memory[...] = 0
-            memory[kept] = vector[2 * count :]
+            memory[kept] = values[2 * count :]
             self._advance(steps, 1)
-            return np.concatenate([*(level[there] for level in levels), memory[kept]])
+            return scales * np.concatenate([*(level[there] for level in levels), memory[kept]])
 
-        return 2 * count + int(kept.sum()), advance
+        return len(scales), advance
 
     @contextmanager
     def _as_before(self) -> Iterator[None]:
@@ -827,6 +832,10 @@ class Body(Run):
         return tuple(int(n) for n in self._box[3 - self.dim :])
 
     # --- before a run ------------------------------------------------------------------------------------------------------------------
+
+    @property
+    def crossing(self) -> float:
+        return max(self.lattice.shape) * self.lattice.spacing / self.fast
 
     def seconds_per_step(self) -> float:
         """Time of a step on this machine now, measured for a tenth of a second; the state stays as it is."""

@@ -16,7 +16,7 @@ from farhorizon.analysis.chain import Recursion
 from farhorizon.analysis.layer import LayerSide, Medium
 from farhorizon.analysis.spectrum import Band, band, gain_of_time
 from farhorizon.boundaries import Absorbing, Closing, Exact, Fixed, LatticePML, Sponge
-from farhorizon.certificate import BUDGET, NOT_CERTIFIED, UNDECIDED, Certificate
+from farhorizon.certificate import BUDGET, NOT_CERTIFIED, UNDECIDED, Certificate, told
 from farhorizon.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.lattice import AXES
@@ -281,9 +281,9 @@ class Report:
 
         made = []
         worst = None if self.certificate is None else self.certificate.worst
-        if worst is not None and worst.field.size:
+        if self.certificate is not None and worst is not None and worst.field.size:
             made.append(folder / f"{name}-growing-mode.png")
-            mode_picture(worst.field, spacing, f"grows by {worst.growth.rate:.2g} per unit time", made[-1])
+            mode_picture(worst.field, spacing, f"grows by {told(worst.growth.rate, self.certificate.crossing)}", made[-1])
         curves = [
             (", ".join([*_named_pair(pair), f"wavelength {wavelength:.3g}"]) + f", {found.sides}" * (len(self.reflections) > 1), amplitudes)
             for found in self.reflections

@@ -186,6 +186,11 @@ class Run(ABC):
 
     # --- before it ---------------------------------------------------------------------------------------------
 
+    @property
+    @abstractmethod
+    def crossing(self) -> float:
+        """The run's own unit of time: in it the fastest wave crosses the near field, or what diffuses empties it, ``R^2/D``."""
+
     @abstractmethod
     def seconds_per_step(self) -> float:
         """Time of a step on this machine now; the state stays as it is."""

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from farhorizon.simulation import Simulation
 
 _TIMED = 8  # responses from which the time of all is told
+_SPREADS = 8  # part of R^2/D in which diffusion has spread over a good part of the box
 NARROW = 8  # nodes of the near field between two layers that are looked at, where the stencil reaches less far
 
 
@@ -107,9 +108,8 @@ def small_lattice(sim: Simulation) -> Lattice:
 def crossing_steps(sim: Simulation) -> int:
     """Steps in which a wave crosses the core and its layers, or in which what diffuses spreads over a good part of them."""
     nodes = max(n + sum(layer.columns for (a, _), layer in sim.engine.layers.items() if a == axis) for axis, n in enumerate(sim.engine.core.nodes))
-    length = nodes * sim.lattice.spacing
-    duration = length / np.sqrt(sim.model.coefficient) if sim.model.order == 2 else length**2 / sim.model.coefficient / 32
-    return max(1, int(np.ceil(duration / sim.dt)))
+    duration = sim.model.crossing(nodes * sim.lattice.spacing)
+    return max(1, int(np.ceil(duration / (1 if sim.model.order == 2 else _SPREADS) / sim.dt)))
 
 
 class Strip:
@@ -141,6 +141,8 @@ class Strip:
         Tangential wavenumbers along each axis in `sample`.
     longest : float
         The smallest of them: 0 where the other sides let a wave be uniform along these.
+    pace : float
+        Time step in crossings of the near field.
     """
 
     def __init__(self, sim: Simulation, axis: int, width: int, sides: tuple[Boundary, Boundary] | None = None, budget: float = np.inf) -> None:
@@ -160,7 +162,7 @@ class Strip:
         self.sim = sim.remade(
             lattice=lattice, model=sim.model.with_stencil(sim.stencil.along(axis)), boundary=boundary, dtype="float64", threads=1, background=0.0,
         )  # fmt: skip
-        self.width, self.dt = width, sim.dt
+        self.width, self.dt, self.pace = width, sim.dt, sim.dt / sim.crossing
         self.state = State(self.sim.engine)
         rows = self.state.rows()
         self.place, self._images, self._signs, self.near, self._layers = rows.place, rows.images, rows.signs, rows.near, rows.layers
@@ -221,7 +223,7 @@ class Strip:
         turns = self._turns
         matrix = self.matrix(*angles) * turns / turns[:, None]
         if self._images is None:
-            growth = dense_growth(matrix, self.dt)
+            growth = dense_growth(matrix, self.pace)
             return replace(growth, mode=turns * growth.mode)
         number, signs = np.arange(self.size), self._signs
         first = np.flatnonzero(number < self._images)
@@ -232,7 +234,7 @@ class Strip:
             images = self._images[halves]
             part = matrix[np.ix_(halves, halves)]
             part[:, : len(first)] += sign * signs[first] * matrix[np.ix_(halves, images[: len(first)])]
-            growth = dense_growth(part, self.dt)
+            growth = dense_growth(part, self.pace)
             mode = np.zeros(self.size, complex)
             mode[images], mode[halves] = sign * signs[halves] * growth.mode, growth.mode
             found.append(replace(growth, mode=turns * mode))

@@ -56,7 +56,7 @@ def test_out_of_time_is_undecided():
 
 
 def test_the_fastest_decides():
-    """A certain growth before an uncertain one; without, whatever is uncertain; the tolerance is per unit time."""
+    """A certain growth before an uncertain one; without, whatever is uncertain; the tolerance is per crossing."""
     grows, unclear, decays = (Growth(*numbers, 1.0, np.zeros(0)) for numbers in ((1e-3, 0.0), (0.0, 1.0), (-1.0, 0.1)))
     assert fastest([decays, unclear, grows]) is grows
     assert fastest([decays, unclear]) is unclear

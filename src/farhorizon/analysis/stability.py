@@ -1,7 +1,8 @@
 """Stability of a linear one-step map: the spectral radius of the complete update, by dense eigenvalues or by Krylov spaces of its powers.
 
-A map is stable if no eigenvalue lies outside the unit circle by more than `TOLERANCE` per unit time. Every number comes with a bound of what
-rounding and unfinished iterations may hide: where that bound reaches across the tolerance, nothing is claimed.
+A map is stable if no eigenvalue lies outside the unit circle by more than `TOLERANCE` per unit of time. That unit is the crossing time of the set-up
+(`Run.crossing`), so that a verdict depends on no unit of measurement; ``dt`` is the step in it. Every number comes with a bound of what rounding
+and unfinished iterations may hide: where that bound reaches across the tolerance, nothing is claimed.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
-#: Growth per unit time, (spectral radius - 1)/dt, up to which a map counts as stable.
+#: Growth per crossing, (spectral radius - 1)/dt, up to which a map counts as stable.
 TOLERANCE = 1e-10
 _NOISE = 20  # crossing times of white noise before Krylov spaces
 _LONG = 120  # crossing times of noise where Krylov spaces do not tell
@@ -31,7 +32,7 @@ class Growth:
     Attributes
     ----------
     rate : float
-        Growth per unit time, (|factor| - 1)/dt; negative: it decays.
+        Growth per crossing, (|factor| - 1)/dt; negative: it decays.
     error : float
         By how much the rate may be wrong.
     factor : complex
@@ -39,7 +40,7 @@ class Growth:
     mode : ndarray of complex
         The state that grows; empty where none was asked for.
     hidden : float
-        Growth per unit time that could have gone unnoticed in a run from noise; 0 for a rate from eigenvalues.
+        Growth per crossing that could have gone unnoticed in a run from noise; 0 for a rate from eigenvalues.
     """
 
     rate: float
@@ -75,7 +76,7 @@ def dense_growth(matrix: np.ndarray, dt: float) -> Growth:
     matrix : ndarray, shape (n, n)
         The map of one step.
     dt : float
-        Time step.
+        Time step in crossings.
 
     Returns
     -------
@@ -127,9 +128,9 @@ def krylov_growth(
     size : int
         Numbers in a state.
     dt : float
-        Time step.
+        Time step in crossings.
     crossing : int
-        Steps in which the fastest wave, or a good part of what diffuses, crosses the near field and the layers.
+        Steps in which the fastest wave, or a good part of what diffuses, crosses all that the map moves, the layers included.
     budget : float
         Seconds after which it gives up.
     seed : int

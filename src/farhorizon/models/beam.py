@@ -37,6 +37,10 @@ class Beam(LatticeModel):
         self.coefficient = self.stiffness
         self.integrator = Verlet()
 
+    def crossing(self, length: float, factor: float = 1.0) -> float:
+        """Bending has no largest speed: the time in which waves as long as a length swing, but for a factor, ``length^2/sqrt(stiffness)``."""
+        return length**2 / float(np.sqrt(factor * self.stiffness))
+
     def stencil(self, spacing: float, dim: int) -> Stencil:
         """The fourth difference, over spacing^2: the other two powers are those of all models."""
         if dim != 1:

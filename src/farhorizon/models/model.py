@@ -51,6 +51,18 @@ class LatticeModel:
         """Order of the equation in time."""
         return 2 if isinstance(self.integrator, Verlet) else 1
 
+    def crossing(self, length: float, factor: float = 1.0) -> float:
+        """Time in which the fastest long wave crosses a length, or in which what diffuses spreads over half of it: ``R^2/D``.
+
+        Parameters
+        ----------
+        length : float
+        factor : float
+            On the coefficient, of what is stiffer or conducts better than the medium.
+        """
+        coefficient = factor * self.coefficient
+        return length / float(np.sqrt(coefficient)) if self.order == 2 else (length / 2) ** 2 / coefficient
+
     def with_stencil(self, stencil: Stencil) -> Self:
         """The same model with a stencil in place of its operator."""
         model = copy.copy(self)
