@@ -32,7 +32,6 @@ from farhorizon.conditions import Conditions, Constraint, resolve
 from farhorizon.constraints import Holds, Prescribed
 from farhorizon.cracks import Crack, as_crack, cut_bonds
 from farhorizon.engine import NEVER, Engine, Layer, Zone, available_threads
-from farhorizon.engine.layout import Block
 from farhorizon.errors import InputError
 from farhorizon.incidence import Incidence, IncidentWave, check_scatterers
 from farhorizon.integrators import Euler, Verlet
@@ -664,7 +663,7 @@ class Assembly:
             block.plane.all(level)[strip] = value
 
     def _cut(self, cracks: Sequence[Crack]) -> None:
-        """Absent bonds: cut by cracks, across a free side, or to nodes outside a body."""
+        """Absent bonds: cut by cracks, beyond a thin halo, across a free side, or to nodes outside a body."""
         engine, lead = self.engine, 3 - self.lattice.dim
         block = engine.core
         offsets = engine.offsets
@@ -682,21 +681,17 @@ class Assembly:
             for axis, side in crossed:
                 *ends, weights = self._continue_crack(cut, nodes, bonds, axis, side)
                 found.append((ends[0], ends[1], lost * weights))
-        if any(isinstance(b, Free) for b in self.sides.values()) or (self.lattice.body is not None and self.rim == "free"):
-            exists = self._existing(self.rim == "free")
-            for part in engine.layout.blocks.values():
-                found += self._absent(part, exists)
         if self.closure is not None:
             found += self._beyond_halo(self.closure)
-        if not found:
-            engine.set_cuts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
-            return
+        found.append((np.zeros(0, np.int64), np.zeros(0, np.int64), engine.weights[:0]))
         nodes, neighbours, weights = (np.concatenate([f[i] for f in found]) for i in range(3))
         size = np.abs(weights).max(axis=tuple(range(1, weights.ndim)))
         order = np.argsort(-size, kind="stable")  # of two cracks across a bond the one that takes more counts
         nodes, neighbours, weights = nodes[order], neighbours[order], weights[order]
         _, first = np.unique(nodes * engine.layout.places + neighbours, return_index=True)
-        engine.set_cuts(nodes[first], neighbours[first], weights[first])
+        free_rim = self.lattice.body is not None and self.rim == "free"
+        bare = free_rim or any(isinstance(b, Free) for b in self.sides.values())
+        engine.set_cuts(nodes[first], neighbours[first], weights[first], self._existing(free_rim) if bare else None)
 
     def _beyond_halo(self, closure: Closure) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Bonds of the near field beyond a halo that is thinner than the stencil reaches."""
@@ -783,38 +778,24 @@ class Assembly:
         beyond = {(lead + a, side): 0.0 for (a, side), b in self.sides.items() if isinstance(b, Free)}
         return self.engine.spread(core, beyond) > 0.5
 
-    def _absent(self, block: Block, exists: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        if block.slots.all(exists).all():
-            return []
-        flat, slots = block.node_indices(), block.slot_indices()
-        here = exists[slots]
-        rows = []
-        for offset, weight in zip(self.engine.offsets, self.engine.weights, strict=True):
-            other = slots + int(offset @ np.array(block.stride))
-            cut = here != exists[other]
-            rows.append((flat[cut], other[cut], np.repeat(np.asarray(weight)[None], int(cut.sum()), axis=0)))
-        return rows
-
     def _hold_and_damp(self) -> None:
-        """Nodal factors: damping of the sponges, in the core and in the layers along it; nodes outside a fixed rim never move."""
-        tables = []
-        if any(isinstance(b, Sponge) for b in self.sides.values()):
-            tables.append(self._damped())
-        self._held = np.zeros(0, np.int64)
+        """Nodal factors: damping of sponges, in the core and in layers along it; nodes outside a body never move."""
+        held = self.engine.outside
         if self.rim == "fixed":
             exists = self._existing(True)
             held = np.concatenate([b.node_indices()[~exists[b.slot_indices()]] for b in self.engine.layout.blocks.values()])
-            self._held = self.engine.all_components(held)
-            tables.append((self._held, *np.zeros((3, len(self._held)))))
+        self._held = self.engine.all_components(held)
+        tables = [(self._held, *np.zeros((3, len(self._held))))]
+        if any(isinstance(b, Sponge) for b in self.sides.values()):
+            tables.append(self._damped(held))
         leak = self.leak().ravel()
         lossy = np.flatnonzero(leak)
         if lossy.size:
             tables.append((self._near_indices()[lossy], *np.ones((2, lossy.size)), leak[lossy]))
-        if tables:
-            self.engine.set_damping(*(np.concatenate(columns) for columns in zip(*tables, strict=True)))
+        self.engine.set_damping(*(np.concatenate(columns) for columns in zip(*tables, strict=True)))
 
-    def _damped(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Nodes of the sponges, and their factors on the old and on the new increment and their loss rate."""
+    def _damped(self, held: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Nodes of the sponges but those held, their factors on the old and the new increment, their loss rate."""
         lead = 3 - self.lattice.dim
         nodes, rates = [], []
         for block in self.engine.layout.blocks.values():
@@ -825,6 +806,7 @@ class Assembly:
                     line = np.zeros(block.nodes[lead + axis])
                     line[: len(values)] = values[::-1]
                     rate = rate + (line if side < 0 else line[::-1]).reshape([-1 if a == lead + axis else 1 for a in range(3)])
+            rate[np.isin(block.node_indices(), held)] = 0
             where = np.nonzero(rate)
             nodes.append(block.node_indices()[where])
             rates.append(rate[where])

@@ -469,7 +469,7 @@ class Simulation(Assembly, Run):
             total += apply((each[number] * ago).ravel()).reshape(each.shape)[number]
         at_rest = {(3 - self.lattice.dim + a, s): 0.0 for (a, s), b in self.sides.items() if isinstance(b, Fixed) and b.value == self.background}
         if at_rest:  # the other half of the bonds to sides where u is zero
-            there = engine.spread(np.ones(engine.core.nodes), at_rest)[: each.shape[1]]
+            there = engine.spread(np.ones(engine.core.nodes), at_rest)[: each.shape[1]] * engine.exists[: each.shape[1]]
             for unit, before in zip(np.eye(engine.components), ago, strict=True):
                 strain -= (each * before * apply(np.multiply.outer(unit, there).ravel()).reshape(each.shape)).ravel()
         kinetic = ((near(u) - near(old)) / self.dt) ** 2
@@ -518,9 +518,12 @@ class Simulation(Assembly, Run):
             core[tuple(strip if a == lead + axis else slice(None) for a in range(3))] = len(self._book_names)
         near = core[self._near].reshape(self.lattice.shape)
         near.ravel()[self.conditions.nodes] = self.conditions.owner + 1
-        if self.lattice.mask is not None and (self.rim == "fixed" or self._near_field is not None):
-            self._book_names.append("rim" if self.rim == "fixed" else "outline")
-            near[~self.lattice.mask] = len(self._book_names)
+        if self.lattice.mask is not None and (self.lattice.body is not None or self._near_field is not None):
+            number = -1  # bonds to a free rim are absent: no book
+            if self.rim == "fixed" or self._near_field is not None:
+                self._book_names.append("rim" if self.rim == "fixed" else "outline")
+                number = len(self._book_names)
+            near[~self.lattice.mask] = number
         core[self._near] = near.reshape(core[self._near].shape)
         self._free = near == 0
         where = np.round(engine.spread(core, beyond)).astype(int)
@@ -532,7 +535,7 @@ class Simulation(Assembly, Run):
             flows = (where[slots] == 0) & (where[other] != 0)
             found.append((where[other[flows]] - 1, flat[flows], other[flows], np.full(int(flows.sum()), weight)))
         books, nodes, neighbours, weights = (np.concatenate([f[i] for f in found]) for i in range(4))
-        weights = weights - engine.lost(nodes, neighbours)
+        weights = weights - engine.lost(nodes, neighbours, weights)
         for number, leak in self.conditions.leaks:
             lossy = np.flatnonzero((leak > 0) & self._free)
             books = np.append(books, np.full(lossy.size, number))
@@ -618,7 +621,8 @@ class Simulation(Assembly, Run):
 
         def factor(number: int) -> np.ndarray:
             other = slots + int(engine.offsets[number] @ np.array(block.stride))
-            left = engine.bond_factors(nodes, other) * (1 - engine.lost(nodes, other) / engine.weights[number])
+            weight = engine.weights[number]
+            left = engine.bond_factors(nodes, other) * (1 - engine.lost(nodes, other, weight) / weight)
             return np.where(inside[other] & (left > 1e-12), left, 0.0).reshape(self.lattice.shape)
 
         return factor

@@ -30,18 +30,19 @@ def model(stencil, **options):
     return fh.Corrosion(stencil, **{"saturation": SATURATION, "interface": INTERFACE, **options})
 
 
-def plain(u, solid, stencil, dt, steps, sides):
+def plain(u, solid, stencil, dt, steps, sides, body=None):
     """Forward Euler bond by bond on padded arrays; solid nodes below the saturation become liquid after each step."""
+    body = np.ones(u.shape, bool) if body is None else body
     u, solid, reach = u.copy(), solid.copy(), max(stencil.reach)
     dissolved = np.where(solid, np.nan, 0.0)
     for step in range(1, steps + 1):
         wide, hard = (np.pad(a, reach, mode="wrap") if sides == "periodic" else np.pad(a, reach) for a in (u, solid))
-        there = np.pad(np.ones(u.shape, bool), reach, constant_values=sides != "free")
+        there = np.pad(body, reach) if sides == "free" else np.pad(body, reach, mode="edge")
         change = np.zeros(u.shape)
         for offset, weight in zip(stencil.offsets, stencil.weights, strict=True):
             at = tuple(slice(reach + o, reach + o + n) for o, n in zip(offset, u.shape, strict=True))
             factor = np.where(solid & hard[at], 0.0, np.where(solid ^ hard[at], INTERFACE, 1.0))
-            change += weight * factor * there[at] * (wide[at] - u)
+            change += weight * factor * (body & there[at]) * (wide[at] - u)
         u += dt * change
         new = solid & (u < SATURATION)
         solid &= ~new
@@ -69,6 +70,30 @@ def test_against_plain_numpy(name, sides):
         left.append(hard.sum())
     assert any(0 < n < solid.sum() for n in left)
     check_counts(sim)
+
+
+@pytest.mark.parametrize("sides", ["free", "fixed"])
+def test_a_body_with_a_hole_against_plain_numpy(sides):
+    """Metal and liquid beside a hole have no bonds to what is not there, before and after they dissolve."""
+    stencil, shape = LATTICES["2D"]
+    body = fh.Box((-9.0, -9.0), (99.0, 99.0)) - fh.Disc(5.3, (10.2, 41.4))
+    lattice = fh.Lattice(1.0, (0.0, 0.0), np.array(shape) - 1.0, body=body)
+    random = np.random.default_rng(6)
+    solid = (random.random(shape) < 0.3) & lattice.mask
+    solid[:, 38:50] |= lattice.mask[:, 38:50]
+    start = lattice.mask * 0.1 * random.random(shape)
+    metal = [fh.Specimen(solid, METAL)]
+    sim = fh.Simulation(lattice, model(stencil), SIDES[sides], {"u": start}, specimens=metal, balance=True)
+    u = np.where(solid, METAL, start)
+    for steps in (1, 40, 200):
+        sim.step(steps - sim.step_count)
+        expected, hard, _ = plain(u, solid, stencil, sim.dt, steps, sides, lattice.mask)
+        np.testing.assert_allclose(sim.fields["u"][lattice.mask], expected[lattice.mask], rtol=0, atol=1e-13)
+        np.testing.assert_array_equal(sim.fields["solid"][lattice.mask], hard[lattice.mask])
+    assert 0 < hard.sum() < solid.sum()
+    found = sim.balance()
+    assert found["stored"] == pytest.approx((expected - u)[lattice.mask].sum(), abs=1e-10)
+    assert abs(found["residual"]) < 1e-10
 
 
 def check_counts(sim):

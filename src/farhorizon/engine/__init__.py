@@ -11,12 +11,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from farhorizon.engine import bonds as bond_laws
-from farhorizon.engine.bonds import END, FIRST, ODD, PLAIN, Bonds, Zone, all_bits, no_bonds
+from farhorizon.engine.bonds import END, FIRST, ODD, PHASES, PLAIN, Bonds, Zone, all_bits, no_bonds
 from farhorizon.engine.build import load_bonds, load_driver
 from farhorizon.engine.filter import filter_tables
 from farhorizon.engine.fringe import split_sums
 from farhorizon.engine.layout import ALIGN, LINES, TASK_FIELDS, Block, Layout
 from farhorizon.engine.phases import NEVER, count_solid, find_runs
+from farhorizon.engine.rim import bare_bonds, shared_rows
 from farhorizon.engine.simd import TILE, TILE_ROWS, WINDOW
 from farhorizon.engine.simd_bonds import LANES, ROWS
 from farhorizon.engine.stencil_rows import compiled_rows
@@ -110,7 +111,12 @@ class Engine:
     Attributes
     ----------
     absent_bonds : int
-        Bonds cut, each counted from both ends.
+        Bonds that are absent, counted from each end that is a node of a level.
+    exists : ndarray of bool, shape (places,)
+        Where nodes are.
+    outside : ndarray of int
+        Places in a level, of the first component, of nodes that do not exist but have bonds to some that do: they
+        must be held at zero.
     watched : ndarray of int, shape (n,)
         Places in a level whose values after each step of an `advance` are in `seen`, shape (steps, n).
     """
@@ -255,20 +261,75 @@ class Engine:
 
     # --- parts that may be set after construction --------------------------------------------------------------
 
-    def set_cuts(self, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray) -> None:
-        """Bonds that are absent: their node in a level, its neighbour's place (of the first component), and their weights without coefficients,
-        shape (bonds,) or (bonds, d, d); one row a direction."""
+    def set_cuts(
+        self, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray, exists: np.ndarray | None = None
+    ) -> None:  # fmt: skip
+        """Bonds that are absent.
+
+        Parameters
+        ----------
+        nodes, neighbours : ndarray of int, shape (bonds,)
+            Node in a level and its neighbour's place (of the first component); one row a direction.
+        weights : ndarray, shape (bonds,) or (bonds, d, d)
+            What is taken away, without coefficients.
+        exists : ndarray of bool, shape (places,), optional
+            Where nodes are, everywhere unless given. No bond leads from or to a place without a node, where all levels
+            must hold zero: they do beyond the core and the layers, and the nodes `outside` must be kept so.
+        """
+        self.exists = np.ones(self.layout.places, bool) if exists is None else exists
+        kept = self.exists[nodes] & self.exists[neighbours]
+        nodes, neighbours, weights = nodes[kept], neighbours[kept], weights[kept]
+        self.absent_bonds = len(nodes)
+        self._open_rim()
         tree = np.full(len(nodes), len(self.layout.trees))  # the core comes last
         local = neighbours.astype(np.int64)
         for number, (first, last) in enumerate(self.layout.trees):
             inside = (first <= neighbours) & (neighbours < last)
             tree[inside], local[inside] = number, local[inside] - first
-        self.absent_bonds = len(nodes)
         swept = self._clear(nodes, neighbours) if self.has_bonds else np.zeros(len(nodes), bool)
         nodes, local, weights, tree = nodes[~swept], local[~swept], weights[~swept], tree[~swept]
         order = np.lexsort((local, nodes, tree))
         ranges = np.searchsorted(tree[order], np.arange(len(self.layout.trees) + 1))
         self._cuts = ranges, nodes[order].astype(np.int64), local[order], weights[order].astype(self.dtype).ravel()
+
+    def _open_rim(self) -> None:
+        """Tables of the nodes with bonds to places without a node (see `engine.rim`), and the nodes `outside`."""
+        exists, none = self.exists, np.zeros(0, np.int64)
+        counts, places, taken, outside = [np.zeros(1, np.int64)], [none], [self.weights[:0]], [none]
+        if not exists.all():
+            self.levels.reshape(len(self.levels), self.components, -1)[..., ~exists[: self.layout.size]] = 0
+            self._filter[4][~exists[self._filter[3]]] = 0  # nothing passes the layers' filter from or to there
+            for block in self.layout.blocks.values():
+                at, bare = bare_bonds(block, self.offsets, exists)
+                flat, slots = block.node_indices()[at], block.slot_indices()[at]
+                self.absent_bonds += int(bare.sum())
+                outside.append(flat[~exists[flat]])
+                kept = exists[flat]
+                if self.has_bonds and block is self.core:
+                    self._clear_bits(flat, bare)
+                    kept &= ~self._in_zone(np.stack(at, axis=1))
+                first, second, third = (at[a][kept] for a in block.order)
+                order = np.lexsort((third, second, first))
+                rows = block.nodes[block.order[0]] * block.nodes[block.order[1]]
+                counts.append(np.bincount(first * block.nodes[block.order[1]] + second, minlength=rows))
+                places.append(third[order])
+                taken.append(self._weights_of(slots[kept], bare[:, kept], block)[order])
+        self.outside = np.concatenate(outside)
+        weights = np.concatenate(taken).astype(self.dtype).reshape(-1, self.components**2)
+        self._rim = shared_rows(np.cumsum(np.concatenate(counts)), np.concatenate(places), weights)
+
+    def _weights_of(self, slots: np.ndarray, chosen: np.ndarray, block: Block) -> np.ndarray:
+        """Sum of the weights of the `chosen` bonds, shape (K, S), of nodes of a block; shape (S,) or (S, d, d).
+
+        With coefficients, but for those of phases, which change.
+        """
+        total = np.zeros((len(slots), *self.weights.shape[1:]))
+        for offset, weight, which in zip(self.offsets, self.weights, chosen, strict=True):
+            mine = slots[which]
+            other = mine + int(offset @ np.array(block.stride))
+            factors = np.ones(len(mine)) if self._rule == PHASES else self.bond_factors(mine, other)
+            total[which] += np.multiply.outer(factors, weight)
+        return total
 
     def set_bonds(self, stiffness: np.ndarray, spacing: float, zone: Zone, nonlinear: bool, limit: float) -> None:
         """Bonds that follow a law of their own stretch and may break, where both ends lie in a zone of the core; see `engine.bonds`.
@@ -318,7 +379,7 @@ class Engine:
 
     def _clear(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
         """Clear the bits of bonds of the core; says which of them have their node in the zone, where bits alone count."""
-        block, places, zone = self.core, self._bonds.places, self._bonds.zone
+        block, places = self.core, self._bonds.places
         number = np.full(self._bonds.alive.shape[1], -1)
         number[block.node_indices().ravel()] = np.arange(int(np.prod(block.nodes)))
         mine = np.flatnonzero((nodes < len(number)) & (neighbours < self.layout.size))
@@ -327,10 +388,19 @@ class Engine:
         bond = order[np.searchsorted(places[order, 0], neighbours[mine] - nodes[mine])]
         np.bitwise_and.at(self._bonds.alive, (bond >> 6, nodes[mine]), ~(np.uint64(1) << (bond & 63).astype(np.uint64)))
         self._find_kinds()
-        at = np.stack(np.unravel_index(number[nodes[mine]], block.nodes), axis=1)
         swept = np.zeros(len(nodes), bool)
-        swept[mine] = ((at >= zone[FIRST:END]) & (at < zone[END:])).all(1)
+        swept[mine] = self._in_zone(np.stack(np.unravel_index(number[nodes[mine]], block.nodes), axis=1))
         return swept
+
+    def _clear_bits(self, nodes: np.ndarray, gone: np.ndarray) -> None:
+        """Clear the bits of the bonds of nodes of the core that are `gone`, shape (K, nodes)."""
+        for bond, which in enumerate(gone):
+            self._bonds.alive[bond >> 6, nodes[which]] &= ~(np.uint64(1) << np.uint64(bond & 63))
+
+    def _in_zone(self, at: np.ndarray) -> np.ndarray:
+        """Which nodes of the core, shape (N, 3), are in the zone of bonds with their own law: bits alone count there."""
+        zone = self._bonds.zone
+        return np.asarray(((at >= zone[FIRST:END]) & (at < zone[END:])).all(1))
 
     def _find_kinds(self) -> None:
         """Which tiles of the zone are plain: all bonds there, and none leaves the box where bonds follow the law."""
@@ -392,7 +462,12 @@ class Engine:
         return float(bond_laws.largest_strain(self.current, self._sweeps[1][0], self.components, self._bonds))
 
     def set_damping(self, nodes: np.ndarray, before: np.ndarray, after: np.ndarray, leak: np.ndarray) -> None:
-        """Nodal factors of an absorbing zone: on the old increment, on the new increment, and a loss rate."""
+        """Nodal factors of an absorbing zone: on the old increment, on the new increment, and a loss rate.
+
+        Nodes whose new increment is taken whole stay where they are.
+        """
+        if nodes.size:
+            self._filter[4][np.isin(self._filter[3], nodes[after == 0])] = 0
         self._damping = (nodes.astype(np.int64), before.astype(self.dtype), after.astype(self.dtype), leak.astype(self.dtype))
 
     def set_phases(self, dissolved: np.ndarray, interface: float, saturation: float) -> None:
@@ -518,24 +593,25 @@ class Engine:
         if self._coefficient.size == 1:
             return np.ones(len(nodes))
         mine, other = self._coefficient[nodes].astype(float), self._coefficient[neighbours].astype(float)
-        if self._rule == 3:
+        if self._rule == PHASES:
             return np.maximum(np.maximum(mine, other), 0) * np.abs(np.minimum(mine, other))
         if self._rule == 0:
             return np.minimum(mine, other)
         total = mine + other
         return 0.5 * total if self._rule == 1 else 2 * mine * other / np.where(total > 0, total, 1.0)
 
-    def lost(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
-        """What cuts take of the weights of bonds of the core (places), whatever the coefficients."""
-        ranges, cut_nodes, cut_neighbours, weights = self._cuts
+    def lost(self, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray | float) -> np.ndarray:
+        """What is absent of the `weights` of bonds of the core (places), whatever the coefficients."""
+        ranges, cut_nodes, cut_neighbours, cut_weights = self._cuts
         first = ranges[-1]
         keys = cut_nodes[first:] * self.layout.places + cut_neighbours[first:]
-        if not keys.size:
-            return np.zeros(len(nodes))
-        order = np.argsort(keys)
-        wanted = nodes * self.layout.places + neighbours
-        at = np.minimum(np.searchsorted(keys[order], wanted), keys.size - 1)
-        return np.where(keys[order][at] == wanted, weights[first:][order][at].astype(float), 0.0)
+        cut = np.zeros(len(nodes))
+        if keys.size:
+            order = np.argsort(keys)
+            wanted = nodes * self.layout.places + neighbours
+            at = np.minimum(np.searchsorted(keys[order], wanted), keys.size - 1)
+            cut = np.where(keys[order][at] == wanted, cut_weights[first:][order][at].astype(float), 0.0)
+        return np.where(self.exists[nodes] == self.exists[neighbours], cut, weights)
 
     # --- the work ----------------------------------------------------------------------------------------------
 
@@ -565,7 +641,7 @@ class Engine:
         self._driver.stage(
             0, 1, _ALONE, level, base, out, numbers, self.stages.increments, False, self.slots, self.memory.copy(), self._work,
             self.components, *self._first_sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
-            *self._runs, self._lasting_bonds,
+            self._rim, *self._runs, self._lasting_bonds,
         )  # fmt: skip
         return (base if self.stages.increments else out) / numbers[3]
 
@@ -575,7 +651,8 @@ class Engine:
         _, blocks, functions, depths, weights, offsets, general = self._first_sweeps
         law = (general, *numbers[:3], self.stages.increments, self._rule, self.components)
         first = blocks[0], functions[0], depths[0], False, weights[0], offsets[0]
-        self._driver.sweep_core(0, 1, _ALONE, level, base, out, *first, self._coefficient, law, *self._runs, self._lasting_bonds, self._fills[4])
+        self._driver.sweep_core(0, 1, _ALONE, level, base, out, *first, self._coefficient, law, numbers[3], self._rim,
+                                *self._runs, self._lasting_bonds, self._fills[4])  # fmt: skip
         ranges, *cuts = self._cuts
         self._driver.cut(0, 1, _ALONE, level, level, base, out, numbers[3], self.components, ranges[-1], len(cuts[0]), *cuts, self.stages.increments,
                          self._coefficient, self._coefficient, self._rule)  # fmt: skip
@@ -616,7 +693,8 @@ class Engine:
         state = (
             self.phase, self.levels, self._rotation, self._numbers, self.stages.increments, self.slots, self.memory, self._work,
             self.components, *self._sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
-            *self._runs, self._bonds, self._work_done, *self._tiles, *self._dissolution, self.steps_done, *self._damping,
+            self._rim, *self._runs, self._bonds, self._work_done, *self._tiles, *self._dissolution, self.steps_done,
+            *self._damping,
             (*self._ends, self.heads, self.past, self.history), *self._tied, *self._books, self.flows, self._fringe, (*self._filter, self._whole),
             source_nodes, source_fields, source_times,
             self.held, held_values, tied_fields, tied_times, self.watched, self.seen,
@@ -651,7 +729,8 @@ class Engine:
         mark.update(repr([(name, layer.columns, layer.whole) for name, layer in sorted(self.layers.items())]).encode())
         ends = [np.asarray(a) for a in self._ends[2:6]]
         fringe = [a for a in self._fringe if a is not self._fringe[1]]
-        for array in (self.offsets, self.weights, *layers, self._coefficient, *self._cuts, *self._damping, *self._tied, self.held, *ends, *fringe):
+        for array in (self.offsets, self.weights, *layers, self._coefficient, *self._cuts, *self._rim, *self._damping,
+                      *self._tied, self.held, *ends, *fringe):  # fmt: skip
             mark.update(np.ascontiguousarray(array).tobytes())
         return mark.hexdigest()
 
@@ -680,9 +759,9 @@ class Engine:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all time levels, slots, layer memory, phases, the memory of exact ends, of fringes and of the filter."""
+        """Bytes of all time levels, slots, layer memory, phases, exact ends, fringes, the filter and absent bonds."""
         ends = self.heads.nbytes + self.past.nbytes + self.history.nbytes + sum(np.asarray(a).nbytes for a in self._ends)
         phases = sum(np.asarray(a).nbytes for a in (*self._runs, *self._tiles, *self._dissolution))
         phases += sum(np.asarray(a).nbytes for a in self._bonds)
-        sparse = sum(a.nbytes for a in (*self._fringe, *self._filter))
+        sparse = sum(np.asarray(a).nbytes for a in (*self._fringe, *self._filter, *self._cuts, *self._rim))
         return self.levels.nbytes + self.slots.nbytes + self.memory.nbytes + self._coefficient.nbytes + ends + phases + sparse

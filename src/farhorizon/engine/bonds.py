@@ -23,6 +23,8 @@ from farhorizon.engine.simd_bonds import LANES, PLACES, ROWS, call_bonds, call_s
 PLAIN, ODD = 0, 1
 #: Entries of the table of the zone, each for the three axes: where bonds follow the law (first node, extent), and its nodes (first, end).
 LAW_FIRST, LAW_EXTENT, FIRST, END = 0, 3, 6, 9
+#: Rule of `bond_factor` for solid and liquid nodes.
+PHASES = 3
 #: Rows, and most nodes of a row, of the pieces of the zone that the stencil sweeps where nothing can break: whole tiles, the same for all threads.
 CALM_ROWS, CALM_NODES = 16, 8 * LANES
 #: Sources whose work is added up by one thread at a time, in their order.
@@ -107,7 +109,7 @@ def bond_factor(rule, mine, other):  # type: ignore[no-untyped-def]
 
     Phases: 1 between two liquid nodes, the solid's between it and a liquid one, 0 between two solid ones (see `engine.phases`).
     """
-    if rule == 3:
+    if rule == PHASES:
         return max(mine, other, 0 * mine) * abs(min(mine, other))
     if rule == 0:
         return min(mine, other)

@@ -11,13 +11,13 @@ Several threads go through the same loop, each with its share (`lane` of `lanes`
 import numpy as np
 from numba import njit
 
-from farhorizon.engine.bonds import CALM_ROWS, END, FIRST, bond_factor, book_work, next_piece, sweep_tiles
+from farhorizon.engine.bonds import CALM_ROWS, END, FIRST, PHASES, bond_factor, book_work, next_piece, sweep_tiles
 from farhorizon.engine.ends import exact_ends
 from farhorizon.engine.filter import damp_short_waves
 from farhorizon.engine.fringe import close_fringe
 from farhorizon.engine.layout import LINES
 from farhorizon.engine.phases import LIQUID, SOLID, dissolve, find_runs
-from farhorizon.engine.simd import TILE, TILE_ROWS, call_sweep, stretch_chain, sweep_phases
+from farhorizon.engine.simd import TILE, TILE_ROWS, call_sweep, stretch_chain, sweep_phases, weigh
 from farhorizon.engine.threads import barrier, claim
 
 CHUNK = 64
@@ -195,8 +195,40 @@ def sweep_two_phases(src, base, out, block, number, depth, function, weights, of
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_core(lane, lanes, sync, src, base, out, block, function, depth, backward, weights, offsets, coefficient, law, runs, interface, bonds,
-               reach):  # fmt: skip
+def release(src, base, out, block, rows, number, depth, begin, end, law, scale, coefficient, rim):
+    """Take back the bonds to places without a node, of the nodes `begin` to `end` of the rows of one part of a block.
+
+    There all is zero, so the sweep has taken the bonds' weights times the node's own value (see `engine.rim`). `rows`
+    is the number of the block's first row.
+    """
+    ranges, stretches, weights = rim
+    increments, rule, components = law[4], law[5], law[6]
+    size, count = src.itemsize, weights.shape[1]
+    apart, away = src.size // components, out.size // components
+    i0, first = number % block[1], (number // block[1]) * depth
+    for i1 in range(first, min(first + depth, block[2])):
+        start, to = block[0] + i0 * block[4] + i1 * block[5], block[9] + i0 * block[10] + i1 * block[11]
+        row = rows + i0 * block[2] + i1
+        for stretch in range(ranges[row, 0], ranges[row, 1]):
+            place, stop = max(stretches[stretch, 0], begin), min(stretches[stretch, 1], end)
+            entry = place + stretches[stretch, 2]
+            if rule == PHASES:
+                for i in range(stop - place):
+                    own = start + place + i
+                    factor = scale * abs(coefficient[own])  # beyond a body all is liquid
+                    out[to + place + i] += factor * weights[0, entry + i] * src[own]
+                continue
+            for a in range(components):
+                here, node = src.ctypes.data + (start + place) * size, (to + place + a * away) * size
+                taken = weights.ctypes.data + (a * components * count + entry) * size
+                weigh(out.ctypes.data + node, here, taken, scale, stop - place, components, apart, count)
+                if increments:
+                    weigh(base.ctypes.data + node, here, taken, scale, stop - place, components, apart, count)
+
+
+@njit(error_model="numpy", cache=True)
+def sweep_core(lane, lanes, sync, src, base, out, block, function, depth, backward, weights, offsets, coefficient, law,
+               scale, rim, runs, interface, bonds, reach):  # fmt: skip
     """All parts of the core; in every other stage the last first: it meets what the last stage left in the cache.
 
     Each lane has a share of its own, the same in all steps, for the threads' caches may lie far apart. It claims some parts as it goes, and when it
@@ -218,6 +250,8 @@ def sweep_core(lane, lanes, sync, src, base, out, block, function, depth, backwa
                     sweep_bonds(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, bonds, reach)
                 else:
                     sweep_part(src, base, out, block, number, depth, 0, block[3], function, weights, offsets, coefficient, law)
+                if rim[1].size:
+                    release(src, base, out, block, 0, number, depth, 0, block[3], law, scale, coefficient, rim)
             claimed = claim(sync, owner) if lanes > 1 else 1
 
 
@@ -229,8 +263,12 @@ def share(lane, lanes, count, grain):
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_tree(lane, lanes, slots, base, out, first, last, blocks, functions, depths, weights, offsets, coefficient, law):
+def sweep_tree(lane, lanes, slots, base, out, first, last, blocks, functions, depths, weights, offsets, coefficient,
+               law, scale, rim):  # fmt: skip
     """The blocks of a tree: long rows are cut among the lanes, of short ones each takes its parts."""
+    rows = 0
+    for k in range(first):
+        rows += blocks[k, 1] * blocks[k, 2]
     for k in range(first, last):
         parts, nodes = (0, count_parts(blocks[k], depths[k])), (0, blocks[k, 3])
         if nodes[1] >= LONG:
@@ -239,6 +277,10 @@ def sweep_tree(lane, lanes, slots, base, out, first, last, blocks, functions, de
             parts = share(lane, lanes, parts[1], 1)
         for number in range(parts[0], parts[1]):
             sweep_part(slots, base, out, blocks[k], number, depths[k], nodes[0], nodes[1], functions[k], weights[k], offsets[k], coefficient, law)
+            if rim[1].size:
+                release(slots, base, out, blocks[k], rows, number, depths[k], nodes[0], nodes[1], law, scale,
+                        coefficient, rim)  # fmt: skip
+        rows += blocks[k, 1] * blocks[k, 2]
 
 
 @njit(error_model="numpy", cache=True)
@@ -365,36 +407,43 @@ def fill(level, slots, memory, work, components, trees, copies, copy_ranges, tas
 
 
 @njit(error_model="numpy", cache=True)
+def run_start(nodes, i, first, last):
+    """The first place from i on, between `first` and `last`, where another node begins."""
+    while first < i < last and nodes[i] == nodes[i - 1]:
+        i += 1
+    return i
+
+
+@njit(error_model="numpy", cache=True)
 def cut(lane, lanes, sync, src, values, base, out, scale, components, first, last, nodes, neighbours, weights, increments, coefficient, material,
         rule):  # fmt: skip
-    """Take back the absent bonds from `nodes` to `neighbours` among `values`, whose coefficients are `material`."""
+    """Take back the absent bonds from `nodes` to `neighbours` among `values`, whose coefficients are `material`.
+
+    All those of a node belong to one lane.
+    """
     if first == last:
         return
-    if lane == 0 and components == 1:
-        for i in range(first, last):
-            lost = scale * weights[i] * (values[neighbours[i]] - src[nodes[i]])
-            if coefficient.size > 1:
-                lost *= bond_factor(rule, coefficient[nodes[i]], material[neighbours[i]])
-            out[nodes[i]] -= lost
-            if increments:
-                base[nodes[i]] -= lost
-    elif lane == 0:
-        here, there = src.size // components, values.size // components
-        for i in range(first, last):
-            factor = scale
-            if coefficient.size > 1:
-                factor *= bond_factor(rule, coefficient[nodes[i]], material[neighbours[i]])
-            for column in range(components):
-                difference = factor * (values[neighbours[i] + column * there] - src[nodes[i] + column * here])
-                for row in range(components):
-                    out[nodes[i] + row * here] -= weights[(i * components + row) * components + column] * difference
+    own = share(lane, lanes, last - first, 1)
+    begin, end = run_start(nodes, first + own[0], first, last), run_start(nodes, first + own[1], first, last)
+    here, there = src.size // components, values.size // components
+    for i in range(begin, end):
+        factor = scale
+        if coefficient.size > 1:
+            factor *= bond_factor(rule, coefficient[nodes[i]], material[neighbours[i]])
+        for column in range(components):
+            difference = factor * (values[neighbours[i] + column * there] - src[nodes[i] + column * here])
+            for row in range(components):
+                lost = weights[(i * components + row) * components + column] * difference
+                out[nodes[i] + row * here] -= lost
+                if increments:
+                    base[nodes[i] + row * here] -= lost
     barrier(sync, lanes)
 
 
 @njit(error_model="numpy", cache=True)
 def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slots, memory, work, components, trees, blocks, functions, depths,
           weights, offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
-          cut_ranges, cut_nodes, cut_neighbours, cut_weights, runs, interface, bonds):  # fmt: skip
+          cut_ranges, cut_nodes, cut_neighbours, cut_weights, rim, runs, interface, bonds):  # fmt: skip
     """``out = a*src + b*base + scale*L(src)`` everywhere; fills the halo of `src` and advances the layers' memory to its time.
 
     trees[tree] = (axis, first block, last block + 1, first coefficient); numbers = (a, a for differences, b, scale, source scale).
@@ -414,12 +463,13 @@ def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slot
                 )
                 first, last = trees[tree, 1], trees[tree, 2]
                 material = coefficient[trees[tree, 3] :] if coefficient.size > 1 else coefficient
-                sweep_tree(lane, lanes, slots, base, out, first, last, blocks, functions, depths, weights, offsets, material, law)
+                sweep_tree(lane, lanes, slots, base, out, first, last, blocks, functions, depths, weights, offsets,
+                           material, law, scale, rim)  # fmt: skip
                 barrier(sync, lanes)
                 cut(lane, lanes, sync, src, slots, base, out, scale, components, cut_ranges[tree], cut_ranges[tree + 1], cut_nodes, cut_neighbours,
                     cut_weights, increments, coefficient, material, rule)  # fmt: skip
-    sweep_core(lane, lanes, sync, src, base, out, blocks[0], functions[0], depths[0], backward, weights[0], offsets[0], coefficient, law, runs,
-               interface, bonds, reach)  # fmt: skip
+    sweep_core(lane, lanes, sync, src, base, out, blocks[0], functions[0], depths[0], backward, weights[0], offsets[0],
+               coefficient, law, scale, rim, runs, interface, bonds, reach)  # fmt: skip
     barrier(sync, lanes)
     cut(lane, lanes, sync, src, src, base, out, scale, components, cut_ranges[trees.shape[0]], cut_nodes.size, cut_nodes, cut_neighbours, cut_weights,
         increments, coefficient, coefficient, rule)  # fmt: skip
@@ -470,7 +520,8 @@ def book_ends(books, forces, effect, flows):
 @njit(error_model="numpy", nogil=True, cache=True)
 def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, slots, memory, scratch, components, trees, blocks, functions, depths,
         weights, offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
-        cut_ranges, cut_nodes, cut_neighbours, cut_weights, runs, interface, bonds, work, solids, volumes, changed, dissolved, total, saturation,
+        cut_ranges, cut_nodes, cut_neighbours, cut_weights, rim, runs, interface, bonds, work, solids, volumes, changed,
+        dissolved, total, saturation,
         period, steps_before, damped, damp_before, damp_after, damp_leak, ends,
         tied, tied_starts, tied_sources, tied_weights, books, book_nodes, book_neighbours, book_weights, book_effects, end_books, flows,
         fringe, short_waves, source_nodes, source_fields, source_times, held, held_times, tied_fields, tied_times, watched, seen):  # fmt: skip
@@ -502,7 +553,8 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                 barrier(sync, lanes)
             stage(lane, lanes, sync, src, base, out, numbers[part], increments, (phase + part) % 2 == 1, slots, memory, scratch, components, trees,
                   blocks, functions, depths, weights[part], offsets, general[part], copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember,
-                  coefficient, rule, cut_ranges, cut_nodes, cut_neighbours, cut_weights, runs, interface, bonds)  # fmt: skip
+                  coefficient, rule, cut_ranges, cut_nodes, cut_neighbours, cut_weights, rim, runs, interface,
+                  bonds)  # fmt: skip
             if bounded:
                 if lane == 0:
                     exact_ends(src, base, out, scale, increments, *ends)

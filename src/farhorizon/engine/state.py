@@ -23,13 +23,14 @@ class State:
     Attributes
     ----------
     size : int
-        Numbers in a state: all nodes of the time levels that a step reads, the memory of the layers, the modes of exact ends, and
-        the earlier values that conditions along an outline read.
+        Numbers in a state: all nodes that exist, of the time levels that a step reads, the memory of the layers, the
+        modes of exact ends, and the earlier values that conditions along an outline read.
     """
 
     def __init__(self, engine: Engine) -> None:
         self.engine = engine
-        self._nodes = engine.all_components(np.concatenate([b.node_indices().ravel() for b in engine.layout.blocks.values()]))
+        nodes = np.concatenate([b.node_indices().ravel() for b in engine.layout.blocks.values()])
+        self._nodes = engine.all_components(nodes[engine.exists[nodes]])
         cells = np.concatenate([np.zeros(0, np.int64), *(cells.ravel() for face in self._faces() for cells in face)])
         self._memory = (cells + engine.memory.size // engine.components * np.arange(engine.components)[:, None]).ravel()
         poles = engine.poles
