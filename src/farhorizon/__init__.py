@@ -6,7 +6,7 @@ from farhorizon.conditions import Convection, Flux, Insulated, Temperature
 from farhorizon.constraints import Prescribed
 from farhorizon.correspondence import Body
 from farhorizon.cracks import Crack
-from farhorizon.errors import FarhorizonError, FileFormatError, InputError, UnstableError
+from farhorizon.errors import FarhorizonError, FileFormatError, InputError, UnstableError, ValidityWarning
 from farhorizon.expressions import Expression
 from farhorizon.incidence import IncidentWave
 from farhorizon.integrators import RungeKuttaChebyshev
@@ -32,5 +32,5 @@ __all__ = [
     "Exact", "Expression", "FarhorizonError", "FileFormatError", "FirstOrder", "Fixed", "Flux", "Free", "Heat", "Higdon", "ImageMask",
     "IncidentWave", "InputError", "Insulated", "Kernel", "Lattice", "LatticePML", "NonlocalPML", "Periodic", "PlaneWave", "PointCut", "Polygon",
     "PolygonCut", "Polyline", "Prescribed", "Probes", "Rectangle", "RungeKuttaChebyshev", "Simulation", "Source", "Specimen", "Sponge", "Stencil",
-    "Temperature", "Text", "Traction", "UnstableError", "Wave", "WholeSteps", "open_results", "tuned",
+    "Temperature", "Text", "Traction", "UnstableError", "ValidityWarning", "Wave", "WholeSteps", "open_results", "tuned",
 ]  # fmt: skip

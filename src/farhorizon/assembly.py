@@ -210,6 +210,7 @@ class Assembly:
         stiffness = model.bond_stiffness(self.stencil, lattice.spacing) / model.density
         zone = Zone((first[0], first[1], first[2]), (end[0], end[1], end[2]), (around[0], around[1], around[2]))
         self.engine.set_bonds(stiffness, lattice.spacing, zone, model.nonlinear, limit)
+        self._zone = zone
         self._cut(())
         self._families = self._bonds_left()
 

@@ -8,7 +8,9 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -162,7 +164,7 @@ def _run(options: argparse.Namespace) -> int:
         fields = sim.fields
         keep_probes()
         writer.append(sim.step_count, sim.time, {k: fields[k] for k in case.fields}, energy=sim.energy(),
-                      balance=sim.balance() if writer.accounts else None)  # fmt: skip
+                      balance=sim.balance() if writer.accounts else None, cautions=sim.cautions)  # fmt: skip
 
     def keep_probes() -> None:
         if len(probes.nodes):
@@ -189,7 +191,8 @@ def _run(options: argparse.Namespace) -> int:
 
     before = signal.signal(signal.SIGINT, interrupt)
     try:
-        sim.run(until, case.every(sim.dt))
+        with _said_plainly():
+            sim.run(until, case.every(sim.dt))
     except KeyboardInterrupt:
         keep(sim)
         print(f"\ninterrupted at t = {sim.time:g}; go on with: farhorizon run {options.case} --resume", file=sys.stderr)
@@ -201,11 +204,32 @@ def _run(options: argparse.Namespace) -> int:
         signal.signal(signal.SIGINT, before)
     keep(sim)
     results = open_results(result)
+    for caution in results.cautions:
+        print(f"warning: not valid from t = {caution.time:.6g} on: {caution.brief}", file=sys.stderr)
     pictures = plot_results(results, folder / case.name, case.parts.output.pictures, _polylines(case))
     print(f"results: {result} ({len(results.times)} outputs); pictures: {', '.join(str(p) for p in pictures)}")
     _write_json(options.json, {"name": case.name, "steps": sim.step_count, "time": sim.time, "dt": sim.dt, "energy": sim.energy(),
                                "results": str(result), "pictures": [str(p) for p in pictures], "certificate": certificate.as_json()})  # fmt: skip
     return GOOD
+
+
+@contextmanager
+def _said_plainly() -> Iterator[None]:
+    """Within it doubts about the validity of a run are lines on stderr."""
+    from farhorizon.errors import ValidityWarning
+
+    usual = warnings.showwarning
+
+    def show(message: Any, category: type[Warning], *where: Any, **more: Any) -> None:
+        if issubclass(category, ValidityWarning):
+            print(f"warning: {message}", file=sys.stderr)
+        else:
+            usual(message, category, *where, **more)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", ValidityWarning)
+        warnings.showwarning = show
+        yield
 
 
 def _certified(sim: Any, until: float, allowed: bool) -> Any:

@@ -27,7 +27,8 @@ from farhorizon.kernel import Kernel
 from farhorizon.lattice import AXES, Lattice
 from farhorizon.loads import BodyForce, Traction, force_density
 from farhorizon.report import Report
-from farhorizon.results import write_checkpoint
+from farhorizon.results import Caution, write_checkpoint
+from farhorizon.rim import Rim, rim_of
 from farhorizon.run import Run
 from farhorizon.sources import checked, steady
 from farhorizon.stencil import Stencil
@@ -192,9 +193,12 @@ class Body(Run):
         self._set_layers()
         self._set_fields(initial or {})
         self._check_load_strain()
+        self._rim = self._find_rim()
         self._refuse_in_split_form(cracks, loads, drag)
         self._setup |= {"dt": self.dt}
         self._at_start(observe)
+        if self._rim is not None:
+            self._guard_steps = min(self._guard_steps, self._rim.every)
         self._watched = np.zeros(0, np.int64)  # nodes whose displacements after each step are in `_seen`
         self._push = 0.0  # largest acceleration by the loads so far
         self._first = self.energies() if balance else {}
@@ -441,6 +445,23 @@ class Body(Run):
         self._families = None if whole is None else self._count_bonds(self._uncut)
         self._first_bonds = -1 if whole is None else int(self._count_bonds(whole).sum())
         self._crossing = self._leaving(self._slots[0])
+        self._whole = whole  # for the rim, once the step is known
+
+    def _find_rim(self) -> Rim | None:
+        """Where bonds would break, but cannot; looked at each time that a longitudinal wave has crossed one reach."""
+        whole, near, shape = self._whole, self._near_slices, self.lattice.shape
+        del self._whole
+        if whole is None or self._critical is None:
+            return None
+        _, low, high, _ = self._fracture
+        lead = 3 - self.dim
+        places = self._origin + np.tensordot(self._strides, np.indices(tuple(self._box)), 1)
+        crossing = min(self.stencil.reach) * self.lattice.spacing / self.fast
+        return rim_of(
+            shape, tuple(slice(a, b) for a, b in zip((low - self._before)[lead:], (high - self._before)[lead:], strict=True)),
+            places[near].reshape(shape), self.stencil.offsets, whole[(slice(None), *near)].reshape(-1, *shape), self._bonds[0], self._bonds[2],
+            (1 + self._critical) ** 2 - 1, True, max(1, int(crossing / self.dt)),
+        )  # fmt: skip
 
     def _fill_bits(self, bits: np.ndarray) -> None:
         for _, count, _, _, slot, i0, i1, first in self._tiles:
@@ -620,6 +641,7 @@ class Body(Run):
                 self.probes.add(self.step_count + 1, self.dt, self._seen.swapaxes(1, 2))
             self._tick(steps)
             self._guard()
+            self._look_at(self._rim, self._u.ravel())
 
     def _advance(self, count: int, done: int) -> None:
         """Advance the state by `count` steps after `done` of them."""
@@ -892,7 +914,7 @@ class Body(Run):
         """Write the complete state, bonds and the memory of the layers included, under a temporary name and rename it."""
         arrays = self._state()
         meta = {"fingerprint": self._fingerprint(), "step": self.step_count, "push": self._push, "start": list(self._start), "first": self._first,
-                "extra": extra}  # fmt: skip
+                "cautions": self.cautions, "extra": extra}  # fmt: skip
         write_checkpoint(path, arrays, {**meta, "setup": describe(self._setup, arrays)})
 
     def load(self, path: str | Path) -> dict[str, Any]:
@@ -904,4 +926,5 @@ class Body(Run):
         self._push, self._start, self._first = float(meta["push"]), tuple(meta["start"]), dict(meta["first"])
         self.step_count = 0
         self._tick(int(meta["step"]))
+        self.cautions = [Caution(*entry) for entry in meta["cautions"]]
         return dict(meta["extra"])

@@ -42,3 +42,7 @@ class FileFormatError(InputError):
 
 class UnstableError(FarhorizonError, RuntimeError):
     """The run produced a non-finite or exploding value; the message says step, place and likely cause."""
+
+
+class ValidityWarning(UserWarning):
+    """From some time of a run on its result is doubtful; see `Run.cautions`."""

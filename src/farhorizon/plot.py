@@ -398,7 +398,7 @@ def plot_results(results: Results, out_dir: str | Path, times: Sequence[float] |
             found = [results.field(name, int(k)) for k in drawn]
             for part, label, shown in [(name, name, found)] if results.components[name] == 1 else _parts(name, found):
                 written.append(directory / f"{part}.png")
-                fields = [(f"t = {outputs[k]:.4g}", values) for k, values in zip(drawn, shown, strict=True)]
+                fields = [(_moment(float(outputs[k]), results), values) for k, values in zip(drawn, shown, strict=True)]
                 cuts, colors = ((), _DAMAGE) if name == "damage" else (cracks, None)  # damage shows the cracks, those cut in advance among them
                 field_panels(fields, results.axes, written[-1], shared_scale=_comparable(shown), cracks=cuts, label=label, solids=solids,
                              colors=colors)  # fmt: skip
@@ -423,6 +423,11 @@ def plot_results(results: Results, out_dir: str | Path, times: Sequence[float] |
         curves = [(name, *_recorded(history, values)) for name, values in results.balance.items()]
         _lines(curves, written[-1], xlabel="t", ylabel="energy" if "kinetic" in results.balance else "gain since the start, and inflow")
     return written
+
+
+def _moment(time: float, results: Results) -> str:
+    """The title of a panel: its time, and what makes the field doubtful by then."""
+    return ", ".join([f"t = {time:.4g}", *(caution.brief for caution in results.cautions if caution.time <= time)])
 
 
 def magnitude(field: np.ndarray) -> np.ndarray:

@@ -121,6 +121,14 @@ def _check_format(file: Any, path: Path) -> Any:
     return group
 
 
+class Caution(NamedTuple):
+    """From a time on the result of a run is doubtful: in two or three words, and in a sentence."""
+
+    time: float
+    brief: str
+    text: str
+
+
 class Counts(NamedTuple):
     """Valid outputs, history rows and records of the probes."""
 
@@ -371,7 +379,7 @@ class ResultsWriter:
                 data.attrs.setdefault("Scalars" if width[name] == 1 else "Vectors", name)
             group = file.create_group("farhorizon")
             group.attrs["format"], group.attrs["version"], group.attrs["program"] = FORMAT, RESULTS_VERSION, program
-            group.attrs["finished"] = False
+            group.attrs["finished"], group.attrs["cautions"] = False, "[]"
             group.attrs["dim"], group.attrs["shape"], group.attrs["spacing"], group.attrs["lower"] = dim, shape, float(spacing), origin
             group.attrs["components"], group.attrs["probe_components"] = [width[name] for name in fields], probed_width
             group.attrs["outputs"] = 0
@@ -453,6 +461,7 @@ class ResultsWriter:
         fields: Mapping[str, np.ndarray],
         energy: float | None = None,
         balance: Mapping[str, float] | None = None,
+        cautions: Sequence[Caution] = (),
     ) -> None:
         """Append one output.
 
@@ -468,6 +477,8 @@ class ResultsWriter:
         energy : float, optional
         balance : mapping of str to float, optional
             Every entry that the file was created with; others are left out.
+        cautions : sequence of Caution
+            All so far.
 
         Raises
         ------
@@ -508,6 +519,7 @@ class ResultsWriter:
             _put(group["steps"], n, [step])
             _put(group["history_rows"], n, [rows])
             _put(group["record_rows"], n, [self.records])
+            group.attrs["cautions"] = json.dumps(list(cautions))
             _set_outputs(file, n + 1)
         self.outputs, self.rows, self._last_step = n + 1, rows, int(step)
 
@@ -619,6 +631,12 @@ class Results:
     def times(self) -> np.ndarray:
         """Times of the outputs, shape (outputs,)."""
         return self._output_rows("VTKHDF/Steps/Values")
+
+    @property
+    def cautions(self) -> list[Caution]:
+        """From when on the result is doubtful, and why; empty where nothing is known against it."""
+        with _opened(self.path, "r", "results file") as file:
+            return [Caution(*entry) for entry in json.loads(str(file["farhorizon"].attrs["cautions"]))]
 
     @property
     def steps(self) -> np.ndarray:
@@ -737,7 +755,8 @@ class Results:
             coords["account"] = list(balance)
         if probed or any(component.values()):
             coords["component"] = list(names)
-        attributes = {"program": self.program, "case": self.case, "dim": self.dim, "spacing": self.spacing, "lower": list(self.lower)}
+        attributes = {"program": self.program, "case": self.case, "dim": self.dim, "spacing": self.spacing, "lower": list(self.lower),
+                      "cautions": [caution.text for caution in self.cautions]}  # fmt: skip
         return xarray.Dataset(data, coords, attributes)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -12,10 +13,11 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from farhorizon.describe import rebuild
-from farhorizon.errors import FileFormatError, InputError, UnstableError
+from farhorizon.errors import FileFormatError, InputError, UnstableError, ValidityWarning
 from farhorizon.lattice import Lattice
 from farhorizon.probes import Probes
-from farhorizon.results import read_checkpoint
+from farhorizon.results import Caution, read_checkpoint
+from farhorizon.rim import Rim
 from farhorizon.steps import last_step, steps_between
 
 if TYPE_CHECKING:
@@ -42,6 +44,8 @@ class Run(ABC):
         Set it (from a signal handler, an observer) to end `run` with KeyboardInterrupt between two steps.
     probes : Probes or None
         What `record` has made.
+    cautions : list of Caution
+        From when on the result is doubtful, and why; each has been a `ValidityWarning` when it was found.
     """
 
     lattice: Lattice
@@ -52,6 +56,8 @@ class Run(ABC):
         """Before the first step."""
         self.observers = list(observe)
         self.stop_requested = False
+        self.cautions: list[Caution] = []
+        self._next_look = 0  # step of the next look at the rim
         self.time, self.step_count = 0.0, 0
         self._guard_steps = max(1, min(_GUARD_STEPS, _GUARD_STEPS * _GUARD_NODES // max(int(np.prod(self.lattice.shape)), 1)))
 
@@ -130,6 +136,23 @@ class Run(ABC):
         probes.add(self.step_count, self.dt, now[None])
         self.probes = probes
         return probes
+
+    def _caution(self, brief: str, text: str) -> None:
+        """Say once that the result is doubtful from now on."""
+        if all(brief != caution.brief for caution in self.cautions):
+            self.cautions.append(Caution(self.time, brief, text))
+            warnings.warn(f"from t = {self.time:.6g} on {text}", ValidityWarning, stacklevel=4)
+
+    def _look_at(self, rim: Rim | None, level: np.ndarray) -> None:
+        """See whether bonds at the rim, which cannot break, are stretched so far that they would."""
+        if rim is None or self.step_count < self._next_look:
+            return
+        self._next_look = (self.step_count // rim.every + 1) * rim.every
+        found = rim.overstretched(level)
+        if found is not None:
+            place = (self.lattice.lower + self.lattice.spacing * found).round(9).tolist()
+            self._caution("crack at the rim", f"bonds near {place} are stretched beyond the critical stretch where they cannot break, within one "
+                          "reach of a side that is not free: a crack stops there, and what follows is not valid; enlarge the near field")  # fmt: skip
 
     @abstractmethod
     def _watch(self, nodes: np.ndarray) -> None:

@@ -24,7 +24,8 @@ from farhorizon.lattice import AXES, Lattice
 from farhorizon.loads import BodyForce, Traction
 from farhorizon.models import Corrosion, Elastic, LatticeModel
 from farhorizon.report import Report
-from farhorizon.results import write_checkpoint
+from farhorizon.results import Caution, write_checkpoint
+from farhorizon.rim import Rim, rim_of
 from farhorizon.run import Run
 from farhorizon.sources import steady
 from farhorizon.specimens import Specimen
@@ -144,6 +145,7 @@ class Simulation(Assembly, Run):
         self._first_energy = self.energy() if balance and self.lasting else 0.0
         if self._books:
             self._open_books()
+        self._set_rim()
 
     # --- start -------------------------------------------------------------------------------------------------
 
@@ -244,6 +246,25 @@ class Simulation(Assembly, Run):
             self._opened = len(due)
             if self._books and self.step_count:
                 self._open_books()
+            if self.step_count:
+                self._set_rim()
+
+    def _set_rim(self) -> None:
+        """Where bonds would break, but cannot; looked at each time that a longitudinal wave has crossed one reach."""
+        self._rim: Rim | None = None
+        if not isinstance(self.model, Elastic) or not self.bondwise:
+            return
+        engine, lattice, lead = self.engine, self.lattice, 3 - self.lattice.dim
+        low, high = (np.array(edge[lead:]) - [self._margins[a, -1] for a in range(lattice.dim)] for edge in (self._zone.first, self._zone.end))
+        crossing = min(self.stencil.reach) * lattice.spacing / np.sqrt(self.model.p_modulus / self.model.density * self.strongest)
+        part = self._near[-3:]
+        self._rim = rim_of(
+            lattice.shape, tuple(slice(a, b) for a, b in zip(low, high, strict=True)), engine.core.node_indices()[part].reshape(lattice.shape),
+            self.stencil.offsets, engine.present_bonds(part).reshape(-1, *lattice.shape), engine.offsets @ np.array(engine.core.stride),
+            lattice.spacing * self.stencil.offsets, engine.bond_limit, self.model.nonlinear, max(1, int(crossing / self.dt)),
+        )  # fmt: skip
+        if self._rim is not None:
+            self._guard_steps = min(self._guard_steps, self._rim.every)
 
     def _until_opening(self) -> int:
         """Steps until the next crack opens; very many without."""
@@ -310,6 +331,7 @@ class Simulation(Assembly, Run):
                 self._release()
             done += steps
             self._guard()
+            self._look_at(self._rim, self.engine.current)
 
     def _advance(self, steps: int) -> None:
         engine = self.engine
@@ -755,7 +777,8 @@ class Simulation(Assembly, Run):
 
     def save(self, path: str | Path, **extra: Any) -> None:
         """Write the complete state, boundary memory included, under a temporary name and rename it."""
-        meta = {"fingerprint": self._fingerprint(), "step": self.step_count, "phase": int(self.engine.phase), "scale": self._scale, "extra": extra}
+        meta = {"fingerprint": self._fingerprint(), "step": self.step_count, "phase": int(self.engine.phase), "scale": self._scale,
+                "cautions": self.cautions, "extra": extra}  # fmt: skip
         arrays = {
             "levels": self.engine.levels,
             "memory": self.engine.memory,
@@ -792,6 +815,7 @@ class Simulation(Assembly, Run):
         self.engine.phase, self._scale = int(meta["phase"]), float(meta["scale"])
         self.step_count = 0
         self._tick(int(meta["step"]))
+        self.cautions = [Caution(*entry) for entry in meta["cautions"]]
         self.engine.steps_done = self.step_count
         if isinstance(self.model, Corrosion):
             self._set_phases(arrays["dissolved"])

@@ -461,6 +461,20 @@ class Engine:
         self.fill(self.current)
         return float(bond_laws.largest_strain(self.current, self._sweeps[1][0], self.components, self._bonds))
 
+    def present_bonds(self, nodes: tuple[slice, ...]) -> np.ndarray:
+        """Bits of the bonds that are there and carry something, of the nodes in a part of the core; shape (words, *part)."""
+        places = self.core.node_indices()[nodes]
+        bits = self._bonds.alive[:, places]
+        for k, distance in enumerate(self._bonds.places[:, 0] if self._coefficient.size > 1 else ()):
+            idle = (self.bond_factors(places.ravel(), places.ravel() + distance) == 0).reshape(places.shape)
+            bits[k >> 6, idle] &= ~(np.uint64(1) << np.uint64(k & 63))
+        return bits
+
+    @property
+    def bond_limit(self) -> float:
+        """Largest e of a bond that does not break, see `set_bonds`."""
+        return float(self._bonds.limit[0])
+
     def set_damping(self, nodes: np.ndarray, before: np.ndarray, after: np.ndarray, leak: np.ndarray) -> None:
         """Nodal factors of an absorbing zone: on the old increment, on the new increment, and a loss rate.
 

@@ -348,3 +348,21 @@ def largest_strain(u, block, components, bonds):  # type: ignore[no-untyped-def]
                     for i in range(stop - start):
                         largest = max(largest, found[i] if there[i] & mask != 0 else -1.0)
     return largest
+
+
+@njit(error_model="numpy", cache=True)
+def steepest(level, nodes, bits, distances, xi, nonlinear):  # type: ignore[no-untyped-def]
+    """Which of the nodes has the bond with the largest e, and that e; -1 without bonds."""
+    components, apart = xi.shape[1], level.size // xi.shape[1]
+    worst, largest = -1, -1.0
+    for i in range(nodes.size):
+        for k in range(distances.size):
+            if bits[k >> 6, i] & (np.uint64(1) << np.uint64(k & 63)) != 0:
+                total, length = 0.0, 0.0
+                for c in range(components):
+                    eta = np.float64(level[nodes[i] + distances[k] + c * apart]) - np.float64(level[nodes[i] + c * apart])
+                    total += eta * (2 * xi[k, c] + (eta if nonlinear else 0.0))
+                    length += xi[k, c] * xi[k, c]
+                if total > largest * length:
+                    worst, largest = i, total / length
+    return worst, largest

@@ -1,0 +1,82 @@
+"""The rim of a near field whose bonds break: within one reach of sides that are not free they cannot, so that a crack that gets there stops."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from farhorizon.engine.bonds import steepest
+
+
+@dataclass(frozen=True, eq=False)
+class Rim:
+    """The bonds of the nodes that lie within one reach of such sides.
+
+    Attributes
+    ----------
+    nodes : ndarray of int, shape (n,)
+        Places of the nodes in a level.
+    corners : ndarray of int, shape (n, dim)
+        Their indices in the lattice.
+    bits : ndarray of uint64, shape (words, n)
+        Which of their bonds are there and end in the near field.
+    distances : ndarray of int, shape (K,)
+        To the neighbours in a level.
+    bonds : ndarray, shape (K, dim)
+        Vectors of the bonds.
+    limit : float
+        Largest ``|xi + eta|^2 / |xi|^2 - 1`` of a bond that would not break (linearised: ``2 xi . eta / |xi|^2``).
+    nonlinear : bool
+    every : int
+        Steps between two looks: a wave takes longer through the rim.
+    """
+
+    nodes: np.ndarray
+    corners: np.ndarray
+    bits: np.ndarray
+    distances: np.ndarray
+    bonds: np.ndarray
+    limit: float
+    nonlinear: bool
+    every: int
+
+    def overstretched(self, level: np.ndarray) -> np.ndarray | None:
+        """Index in the lattice of the node with the bond that is stretched most, if that is beyond the limit; `level` as the engine has it."""
+        node, strain = steepest(level, self.nodes, self.bits, self.distances, self.bonds, self.nonlinear)
+        return self.corners[node] if strain > self.limit else None
+
+
+def rim_of(
+    shape: tuple[int, ...], breakable: tuple[slice, ...], places: np.ndarray, offsets: np.ndarray, present: np.ndarray, distances: np.ndarray,
+    bonds: np.ndarray, limit: float, nonlinear: bool, every: int,
+) -> Rim | None:  # fmt: skip
+    """The rim of a near field, None if there is none.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Of the lattice.
+    breakable : tuple of slice
+        The nodes between which bonds break.
+    places : ndarray of int, of that shape
+        Of the nodes in a level.
+    offsets : ndarray of int, shape (K, dim)
+    present : ndarray of uint64, shape (words, *shape)
+        Bits of the bonds that are there.
+
+    The rest as of `Rim`.
+    """
+    outside = np.ones(shape, bool)
+    outside[breakable] = False
+    corners = np.argwhere(outside)
+    bits = present[:, outside]
+    for k, offset in enumerate(offsets):
+        other = corners + offset
+        leaves = ((other < 0) | (other >= shape)).any(1)
+        bits[k >> 6, leaves] &= ~(np.uint64(1) << np.uint64(k & 63))
+    held = bits.any(0)
+    if not held.any() or not np.isfinite(limit):
+        return None
+    return Rim(places[outside][held], corners[held], np.ascontiguousarray(bits[:, held]), distances, np.ascontiguousarray(bonds, float), limit,
+               nonlinear, every)  # fmt: skip
