@@ -34,7 +34,7 @@ def body(sides=None, strength=1.0):
 
 
 def overstretched(run, reach, nonlinear=True):
-    """Whether any bond with an end within one reach of the sides is stretched beyond 0.02; every bond by itself, those that the crack cuts left out."""
+    """Whether any bond with an end within one reach of the sides is stretched beyond 0.02; bond by bond, without those that the crack cuts."""
     u, (nx, ny) = run.fields["u"], run.lattice.shape
     x, y = run.lattice.coordinates()
     i, j = np.indices((nx, ny))

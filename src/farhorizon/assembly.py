@@ -10,7 +10,7 @@ import numpy as np
 from farhorizon.analysis.chain import Recursion, half_weights
 from farhorizon.analysis.choice import Choice
 from farhorizon.analysis.spectrum import band
-from farhorizon.beyond import Beyond
+from farhorizon.beyond import Beyond, gradients
 from farhorizon.boundaries import (
     Absorbing,
     Boundary,
@@ -128,6 +128,8 @@ class Assembly:
         self._choose_layers(initial, sources, dtype)
         sources = [s for s in sources if not isinstance(s, IncidentWave)]
         self._beyond = Beyond(lattice, self.sides, model.order, self._depth(), self._near_field)
+        if factor is not None:
+            self._beyond.notes += gradients(factor, "the coefficient", self._beyond.targets, self.stencil.reach)
         u = self._initial("u", initial)
         v = self._initial("v", initial) if "v" in initial and model.order == 2 else np.broadcast_to(0.0, self.field_shape)
         for name in set(initial) - ({"u", "v"} if model.order == 2 else {"u"}):

@@ -14,6 +14,8 @@ from farhorizon.lattice import AXES, Lattice
 from farhorizon.shapes import Cut
 
 _FAR_NODES = 1_000_000  # nodes of the box in which data are sought that vanish in the near field, at most
+_REACHES = 4  # over which a material is looked at in front of a side
+_FLAT = 1e-4  # part by which it may change there without a note
 _ROUNDING = float(np.finfo(float).eps)  # less than this of the largest value is zero
 
 Function = Callable[..., Any]
@@ -196,6 +198,34 @@ class Beyond:
         pads[axis] = (0, 0)
         edge = np.pad(np.take(lattice.mask, [0 if side < 0 else -1], axis), pads, mode="edge")
         return coordinates, np.broadcast_to(edge, coordinates[0].shape)
+
+
+def gradients(values: np.ndarray, what: str, sides: Iterable[tuple[int, int]], reach: Sequence[int]) -> list[str]:
+    """Notes on a material that varies gradually along the normal in front of absorbing sides, beyond which it goes on as at the edge.
+
+    Gradually: it changes between more neighbours than one reach holds, of the last `_REACHES` reaches. An interface is not a gradient.
+
+    Parameters
+    ----------
+    values : ndarray, of the lattice's shape
+    what : str
+        Its name.
+    sides : iterable of (axis, side)
+    reach : sequence of int
+        Of the stencil, along each axis.
+    """
+    notes = []
+    for axis, side in sides:
+        lines = np.moveaxis(values, axis, 0)[::-side][: _REACHES * reach[axis] + 1]
+        gradual = (np.diff(lines, axis=0) != 0).sum(0) > reach[axis]
+        size = np.abs(lines).max(0)
+        change = np.divide(np.ptp(lines, axis=0), size, out=np.zeros(size.shape), where=gradual & (size > 0)).max()
+        if change > _FLAT:
+            notes.append(
+                f"{what} changes by {100 * change:.2g} % along the normal over the last {len(lines) - 1} nodes in front of {_name(axis, side)}, and "
+                "goes on beyond as it is at the edge: what a medium that goes on changing sends back is missed; a wider near field misses less"
+            )
+    return notes
 
 
 def _name(axis: int, side: int) -> str:

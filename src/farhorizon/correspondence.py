@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from farhorizon.analysis.correspondence import bond_weights, largest_frequency
+from farhorizon.beyond import gradients
 from farhorizon.boundaries import Fixed, Free, NonlocalPML, Sponge, sides
 from farhorizon.certificate import BUDGET, Certificate
 from farhorizon.cracks import as_cut, cut_bonds
@@ -305,6 +306,8 @@ class Body(Run):
             if (np.ptp(last, axis=axis) > 0).any():
                 raise InputError(f"the material varies along {AXES[axis]} within one reach of an absorbing side", key=key,
                                  limit=f"constant over the last {m + 1} nodes", remedy="enlarge the near field")  # fmt: skip
+        if not callable(value):  # what a function is beyond is known, see below
+            self._notes += gradients(values, key, depth, self.stencil.reach)
         if callable(value) and depth:
             pads = [(depth.get((a, -1), 0), depth.get((a, 1), 0)) for a in range(self.dim)]
             beyond = np.asarray(value(*self.lattice.extended(depth).coordinates()), float)
