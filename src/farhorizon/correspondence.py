@@ -27,9 +27,9 @@ from farhorizon.errors import InputError
 from farhorizon.kernel import Kernel
 from farhorizon.lattice import AXES, Lattice
 from farhorizon.loads import BodyForce, Traction, force_density
+from farhorizon.overstretch import Rim, rim_of
 from farhorizon.report import Report
 from farhorizon.results import Caution, write_checkpoint
-from farhorizon.rim import Rim, rim_of
 from farhorizon.run import Run
 from farhorizon.sources import checked, steady
 from farhorizon.stencil import Stencil

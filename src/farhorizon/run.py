@@ -15,9 +15,9 @@ import numpy as np
 from farhorizon.describe import rebuild
 from farhorizon.errors import FileFormatError, InputError, UnstableError, ValidityWarning
 from farhorizon.lattice import Lattice
+from farhorizon.overstretch import Rim
 from farhorizon.probes import Probes
 from farhorizon.results import Caution, read_checkpoint
-from farhorizon.rim import Rim
 from farhorizon.steps import last_step, steps_between
 
 if TYPE_CHECKING:

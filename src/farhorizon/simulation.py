@@ -23,9 +23,9 @@ from farhorizon.integrators import stage_effects
 from farhorizon.lattice import AXES, Lattice
 from farhorizon.loads import BodyForce, Traction
 from farhorizon.models import Corrosion, Elastic, LatticeModel
+from farhorizon.overstretch import Rim, rim_of
 from farhorizon.report import Report
 from farhorizon.results import Caution, write_checkpoint
-from farhorizon.rim import Rim, rim_of
 from farhorizon.run import Run
 from farhorizon.sources import steady
 from farhorizon.specimens import Specimen
