@@ -2,6 +2,8 @@
 
 import json
 import os
+import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,7 +14,8 @@ import numpy as np
 import pytest
 
 from farhorizon.cli import main
-from farhorizon.results import open_results
+from farhorizon.results import ResultsWriter, open_results, read_checkpoint
+from farhorizon.storage import locked
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
@@ -49,7 +52,8 @@ def test_examples_run_and_agree_with_the_infinite_medium(case, tmp_path, monkeyp
 def test_dispersive_pulse_says_that_it_grows(tmp_path, monkeypatch, capsys):
     """Appendix B of Hermann et al. (2023): warned of before the run, which stops soon after the front has arrived."""
     monkeypatch.chdir(tmp_path)
-    assert main(["check", str(GROWING), "--json", "check.json"]) == 0
+    assert main(["check", str(GROWING), "--json", "check.json"]) == 2  # as run does
+    assert "run refuses this case" in capsys.readouterr().err
     checked = json.loads(Path("check.json").read_text())
     assert any("backward waves" in w for w in checked["warnings"])
     assert checked["certificate"]["rate"] > 1
@@ -189,27 +193,145 @@ def test_damaged_and_foreign_files_are_refused_and_stay(tmp_path, monkeypatch, c
     assert sorted(p.name for p in tmp_path.iterdir()) == ["blob", "blob.ckpt", "blob.h5", "blob.toml"]
 
 
-def test_interrupted_run_resumes_to_the_same_result(tmp_path):
-    """Ctrl-C leaves a valid results file and a checkpoint; the resumed run equals the whole one bitwise."""
+def stopped(folder, number, *options):
+    """Standard error of a run of two notches that a signal reached in its loop, and its exit code."""
     text = (EXAMPLES / "two_notches.toml").read_text().replace("until = 70.0", "until = 150.0").replace("every = 1.0", "every = 0.5")
-    (tmp_path / "long.toml").write_text(text)
-    command = [sys.executable, "-m", "farhorizon", "run", "long.toml"]
-    run = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    while not (tmp_path / "long.ckpt").exists():
+    (folder / "long.toml").write_text(text)
+    command = [sys.executable, "-m", "farhorizon", "run", "long.toml", *options]
+    run = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    while not list(folder.rglob("long.ckpt")):
         assert run.poll() is None, run.stderr.read()
         time.sleep(0.05)
     time.sleep(1.0)
-    os.kill(run.pid, signal.SIGINT)
-    run.communicate()
-    assert run.returncode == 130
-    part = open_results(tmp_path / "long.h5").times
-    assert 1 <= len(part) < 301
-    assert subprocess.run([*command, "--resume"], cwd=tmp_path, capture_output=True).returncode == 0
-    subprocess.run([*command, "--out", "whole"], cwd=tmp_path, capture_output=True, check=True)
-    resumed, whole = open_results(tmp_path / "long.h5"), open_results(tmp_path / "whole" / "long.h5")
+    os.kill(run.pid, number)
+    return run.communicate()[1], run.returncode
+
+
+def test_interrupted_run_resumes_to_the_same_result(tmp_path):
+    """Ctrl-C leaves a valid results file and a checkpoint; the command that it advises, taken literally, goes on bitwise as the whole run."""
+    said, code = stopped(tmp_path, signal.SIGINT, "--out", "a folder", "--until", "120", "--json", "run.json")
+    assert code == 130
+    part = open_results(tmp_path / "a folder" / "long.h5")
+    assert 1 <= len(part.times) < 241 and not part.finished
+    advice = shlex.split(said.strip().splitlines()[-1].split("go on with: ")[1])
+    assert advice[:4] == ["farhorizon", "run", "long.toml", "--resume"]
+    assert subprocess.run([sys.executable, "-m", *advice], cwd=tmp_path, capture_output=True).returncode == 0
+    command = [sys.executable, "-m", "farhorizon", "run", "long.toml", "--out", "whole", "--until", "120"]
+    subprocess.run(command, cwd=tmp_path, capture_output=True, check=True)
+    resumed, whole = open_results(tmp_path / "a folder" / "long.h5"), open_results(tmp_path / "whole" / "long.h5")
     np.testing.assert_array_equal(resumed.times, whole.times)
     np.testing.assert_array_equal(resumed.field("u"), whole.field("u"))
     np.testing.assert_array_equal(resumed.energy, whole.energy)
+    assert resumed.finished and json.loads((tmp_path / "run.json").read_text())["time"] >= 120
+
+
+def test_a_batch_system_that_ends_a_run_loses_nothing(tmp_path):
+    """SIGTERM is Ctrl-C with another exit code: the checkpoint is of that moment."""
+    said, code = stopped(tmp_path, signal.SIGTERM)
+    assert code == 143 and "go on with: farhorizon run long.toml --resume" in said
+    _, meta = read_checkpoint(tmp_path / "long.ckpt")
+    assert f"t = {meta['step'] * meta['fingerprint']['dt']:g};" in said
+    assert not list(tmp_path.glob(".*"))  # no lock, no temporary file
+
+
+SMALL = """lattice = { spacing = 0.25, lower = [-3.0], upper = [3.0] }
+model = { type = "wave", kernel = { horizon = 0.75 } }
+initial = { u = "max(0, 1-4*x**2)**2" }
+run = { until = 2.0 }
+"""
+
+
+@pytest.fixture
+def small(tmp_path, monkeypatch):
+    """A folder with a case of an instant."""
+    monkeypatch.chdir(tmp_path)
+    Path("small.toml").write_text(SMALL)
+    return tmp_path
+
+
+def test_finished_results_are_overwritten_by_force_alone(small, capsys):
+    """Unfinished ones are; --resume goes on from finished ones."""
+    assert main(["run", "small.toml"]) == 0
+    before = Path("small.h5").read_bytes()
+    assert main(["run", "small.toml"]) == 2
+    assert "--force" in capsys.readouterr().err and Path("small.h5").read_bytes() == before
+    assert main(["run", "small.toml", "--until", "3", "--resume"]) == 0
+    assert open_results("small.h5").times[-1] >= 3 and open_results("small.h5").finished
+    assert main(["run", "small.toml", "--force"]) == 0
+    assert open_results("small.h5").times[-1] < 3
+    ResultsWriter.resume("small.h5", 1)  # as a run that was killed
+    assert main(["run", "small.toml"]) == 0
+
+
+def test_two_runs_do_not_write_into_one_output(small, capsys):
+    with locked(small / ".small.lock"):
+        assert main(["run", "small.toml"]) == 2
+    said = capsys.readouterr().err
+    assert "another run writes these results" in said and said.count("\n") == 1
+    assert not Path("small.h5").exists()
+    assert main(["run", "small.toml"]) == 0
+    assert not list(small.glob(".*"))
+
+
+def test_left_temporary_files_are_removed(small):
+    for name in (".small.h5.4711.tmp", ".small.ckpt.4711.tmp", ".other.h5.4711.tmp"):
+        (small / name).touch()
+    assert main(["run", "small.toml"]) == 0
+    assert [p.name for p in small.glob(".*")] == [".other.h5.4711.tmp"]
+
+
+def test_a_disk_that_is_full_ends_a_run_in_one_line_and_blocks_nothing(small):
+    """At limits from before the first output to the last checkpoint: exit code 1, no crash; then the same command runs, or --resume does."""
+    Path("small.toml").write_text(SMALL.replace("until = 2.0", "until = 40.0") + "output = { every = 0.2 }\n")
+    assert main(["run", "small.toml", "--out", "whole"]) == 0
+    assert Path("whole/small.h5").stat().st_size > 75_000 > 60_000 > Path("whole/small.ckpt").stat().st_size
+    whole = open_results("whole/small.h5")
+    for blocks, begun in ((4, False), (40, False), (70, True)):  # of 1024 bytes: no results, no checkpoint, no further output
+        script = f"trap '' XFSZ; ulimit -f {blocks}; exec {sys.executable} -m farhorizon run small.toml"
+        run = subprocess.run(["bash", "-c", script], capture_output=True, text=True)
+        told = [line for line in run.stderr.splitlines() if line.startswith("farhorizon: ")]
+        assert run.returncode == 1 and len(told) == 1 and "File too large" in told[0] and "Traceback" not in run.stderr, run.stderr
+        assert Path("small.ckpt").exists() == begun
+        assert main(["run", "small.toml", *["--resume"] * begun]) == 0
+        assert np.array_equal(open_results("small.h5").field("u"), whole.field("u")) and np.array_equal(open_results("small.h5").times, whole.times)
+        assert not list(small.glob(".*"))
+        shutil.rmtree("small")
+        for name in ("small.h5", "small.ckpt"):
+            Path(name).unlink()
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device that is always full")
+@pytest.mark.parametrize("arguments", [["info"], ["check", "small.toml"], ["run", "small.toml"]])
+def test_an_output_that_cannot_be_written_is_told_in_one_line(small, arguments):
+    with open("/dev/full", "w") as full:
+        run = subprocess.run([sys.executable, "-m", "farhorizon", *arguments], stdout=full, stderr=subprocess.PIPE, text=True)
+    assert run.returncode == 1
+    assert [line for line in run.stderr.splitlines() if "note" not in line and "warning" not in line] == ["farhorizon: No space left on device"]
+
+
+def test_a_picture_folder_that_cannot_be_made_is_refused_before_the_run(small, capsys):
+    Path("small").write_text("a file")
+    assert main(["run", "small.toml"]) == 2
+    assert "small" in capsys.readouterr().err and not Path("small.h5").exists()
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.1, 0.3, 0.6, 1.0, 1.5])
+def test_ctrl_c_while_modules_are_imported_is_one_line(small, delay):
+    """And wherever else it comes before the run begins; afterwards it is that of the run."""
+    script = 'import sys; from farhorizon.cli import main; print("here", flush=True); sys.exit(main(["run", "small.toml"]))'
+    run = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert run.stdout.readline() == "here\n"
+    time.sleep(delay)
+    os.kill(run.pid, signal.SIGINT)
+    said = run.communicate()[1].strip()
+    assert (run.returncode, said) in ((130, "farhorizon: interrupted"), (0, "")) or said.startswith("interrupted at t = ")
+
+
+def test_check_warns_of_runs_that_nobody_can_mean(small, capsys):
+    Path("small.toml").write_text(SMALL.replace("until = 2.0", "until = 1e13"))
+    assert main(["check", "small.toml", "--budget", "1"]) == 0
+    said = capsys.readouterr().out
+    assert "warning: the run would take about" in said and " years: compare until = 1e+13 with dt = " in said
 
 
 def test_corrosion_goes_on_after_an_interrupt(tmp_path, monkeypatch):

@@ -1,29 +1,9 @@
 """farhorizon: peridynamic and classical waves, elasticity, diffusion, heat and corrosion in an unbounded medium, on a small grid."""
 
-from farhorizon.boundaries import Exact, FirstOrder, Fixed, Free, Higdon, LatticePML, NonlocalPML, Periodic, PlaneWave, Sponge
-from farhorizon.certificate import Certificate
-from farhorizon.conditions import Convection, Flux, Insulated, Temperature
-from farhorizon.constraints import Prescribed
-from farhorizon.correspondence import Body
-from farhorizon.cracks import Crack
-from farhorizon.errors import FarhorizonError, FileFormatError, InputError, UnstableError, ValidityWarning
-from farhorizon.expressions import Expression
-from farhorizon.incidence import IncidentWave
-from farhorizon.integrators import RungeKuttaChebyshev
-from farhorizon.kernel import Kernel
-from farhorizon.lattice import Lattice
-from farhorizon.loads import BodyForce, Traction
-from farhorizon.models import Beam, Corrosion, Diffusion, Elastic, Heat, Wave
-from farhorizon.outlines import ImageMask, Text
-from farhorizon.probes import Probes
-from farhorizon.results import open_results
-from farhorizon.shapes import Ball, Box, Disc, DiscCut, PointCut, Polygon, PolygonCut, Polyline, Rectangle
-from farhorizon.simulation import Simulation
-from farhorizon.sources import Source
-from farhorizon.specimens import Specimen
-from farhorizon.stencil import Stencil
-from farhorizon.steps import WholeSteps
-from farhorizon.tuning import tuned
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from farhorizon.public import *
 
 __version__ = "0.1.0"
 
@@ -34,3 +14,19 @@ __all__ = [
     "PolygonCut", "Polyline", "Prescribed", "Probes", "Rectangle", "RungeKuttaChebyshev", "Simulation", "Source", "Specimen", "Sponge", "Stencil",
     "Temperature", "Text", "Traction", "UnstableError", "ValidityWarning", "Wave", "WholeSteps", "open_results", "tuned",
 ]  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    """Load names when they are wanted: NumPy, SciPy and the rest take a second, in which the command line must hear an interrupt."""
+    from importlib import import_module
+    from importlib.util import find_spec
+
+    if name in __all__:
+        return getattr(import_module("farhorizon.public"), name)
+    if not name.startswith("_") and find_spec(f"farhorizon.{name}"):
+        return import_module(f"farhorizon.{name}")
+    raise AttributeError(f"module 'farhorizon' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

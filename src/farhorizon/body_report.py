@@ -12,7 +12,7 @@ from farhorizon.certificate import BUDGET, CERTIFIED, NOT_CERTIFIED, UNDECIDED, 
 from farhorizon.correspondence import Body
 from farhorizon.lattice import AXES, Lattice
 from farhorizon.machine import one_blas_thread
-from farhorizon.report import LEAST, Report, seconds, shown
+from farhorizon.report import LEAST, Report, shown
 
 _MARGIN = 1 - 1e-9  # at the step limit itself the shortest wave grows linearly
 
@@ -75,10 +75,7 @@ def report(body: Body, until: float | None = None, budget: float | None = None) 
     say(("memory", f"{body.nbytes / 2**20:.3g} MiB = {body.nbytes / nodes:.3g} bytes a node"))
     found.numbers |= {"dt": body.dt, "step_limit": body.step_limit, "memory": float(body.nbytes)}
     if until is not None:
-        steps = body.prepare(until)
-        duration = steps * body.seconds_per_step()
-        say(("time", f"about {seconds(duration)} for {steps} steps to t = {until:g}"))
-        found.numbers |= {"steps": float(steps), "seconds": duration}
+        found.estimate(body, body.prepare(until), until)
     share = min(BUDGET, max(LEAST, found.numbers.get("seconds", BUDGET))) if budget is None else budget
     found.certificate = body.certificate(share)
     say(("stability", str(found.certificate)))

@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shlex
 import signal
 import sys
+import threading
 import time
 import warnings
 from collections.abc import Iterator, Sequence
@@ -20,31 +22,72 @@ _CHECKPOINT_SECONDS = 30.0
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of the `farhorizon` command; returns the exit code."""
-    options = _parser().parse_args(arguments)
-    from farhorizon.errors import FarhorizonError, InputError
-
     try:
+        options = _parser().parse_args(arguments)
+        with _leaving_at_once():
+            import farhorizon.case  # noqa: F401
         _check_json(getattr(options, "json", None))
-        return int(options.command(options) or GOOD)
-    except InputError as error:
-        print(f"farhorizon: {error}", file=sys.stderr)
-        return BAD_INPUT
-    except FarhorizonError as error:
-        print(f"farhorizon: {error}", file=sys.stderr)
-        return FAILED
-    except KeyboardInterrupt:
+        code = int(options.command(options) or GOOD)
+        sys.stdout.flush()  # here a full disk can still be told
+        return code
+    except KeyboardInterrupt:  # first: it comes while the names of other errors are imported, too
         print("farhorizon: interrupted", file=sys.stderr)
         return INTERRUPTED
-    except BrokenPipeError:  # the reader of our output, such as head, has gone
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nothing more is written at the exit
-        return FAILED
+    except Exception as error:
+        return _tell(error)
+
+
+@contextmanager
+def _leaving_at_once() -> Iterator[None]:
+    """While modules are imported, where Python may lose the exception of Ctrl-C, and where nothing is to be lost, Ctrl-C ends the process."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # signals are heard in the main thread alone
+        return
+
+    def leave(number: int, frame: Any) -> None:
+        os.write(2, b"farhorizon: interrupted\n")
+        os._exit(INTERRUPTED)
+
+    before = signal.signal(signal.SIGINT, leave)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _tell(error: Exception) -> int:
+    """Explain in one line an error that is no fault of the program, and return the exit code; raises others again."""
+    from farhorizon.errors import FarhorizonError, InputError
+
+    code = BAD_INPUT if isinstance(error, InputError | PermissionError | FileExistsError | FileNotFoundError | NotADirectoryError) else FAILED
+    if isinstance(error, OSError):
+        _let_go_of_stdout()
+        if isinstance(error, BrokenPipeError):  # the reader of our output, such as head, has gone
+            return FAILED
+        print(f"farhorizon: {error.strerror or error}" + (f": {error.filename}" if error.filename else ""), file=sys.stderr)
+    elif isinstance(error, MemoryError):
+        print(f"farhorizon: not enough memory ({error or 'no more to be had'}); remedy: a coarser or smaller lattice", file=sys.stderr)
+    elif isinstance(error, FarhorizonError):
+        print(f"farhorizon: {error}", file=sys.stderr)
+    else:
+        raise error
+    return code
+
+
+def _let_go_of_stdout() -> None:
+    """If nobody takes what is printed, throw it away, so that nothing is written at the exit."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="farhorizon",
         description="Waves, diffusion, heat and corrosion in an unbounded peridynamic or classical medium, computed on a small grid.",
-        epilog="Start with 'farhorizon demo', then 'farhorizon run CASE.toml'. Exit code: 0 good, 1 run failed, 2 bad input, 130 interrupted.",
+        epilog="Start with 'farhorizon demo', then 'farhorizon run CASE.toml'. Exit code: 0 good, 1 run failed, 2 bad input, "
+        "130 interrupted (Ctrl-C), 143 terminated.",
     )
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
@@ -58,6 +101,7 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--out", metavar="DIR", default=".", help="folder of the results (default: here)")
     run.add_argument("--resume", action="store_true", help="go on from the checkpoint NAME.ckpt of an interrupted run")
     run.add_argument("--until", type=float, metavar="T", help="end time instead of the case's")
+    run.add_argument("--force", action="store_true", help="overwrite the results of a finished run")
     run.add_argument("--allow-unstable", action="store_true", help="run although a mode grows")
     check = add("check", _check, "check a case without running it: step limit, stability, reflection, layer, memory, time")
     check.add_argument("case", help="case file (TOML)")
@@ -117,42 +161,119 @@ def _folder(name: str) -> Path:
     return folder
 
 
+def _again(options: argparse.Namespace) -> str:
+    """The command that goes on with a run, with every option that it was given."""
+    words = ["farhorizon", "run", options.case, "--resume"]
+    for name, value, default in (("--out", options.out, "."), ("--until", options.until, None), ("--json", options.json, None)):
+        words += [name, str(value)] if value != default else []
+    return shlex.join(words + ["--allow-unstable"] * options.allow_unstable)
+
+
+def _refuse_finished(result: Path, options: argparse.Namespace) -> None:
+    """Refuse to overwrite the results of a run that came to its end."""
+    from farhorizon.errors import FileFormatError, InputError
+    from farhorizon.results import open_results
+
+    if options.force or options.resume or not result.is_file():
+        return
+    try:
+        finished = open_results(result).finished
+    except FileFormatError:
+        return  # no results of ours: `ResultsWriter.create` refuses it
+    if finished:
+        remedy = "--force overwrites them, --resume --until T goes on from them, --out DIR puts the new ones elsewhere"
+        raise InputError(f"{result} holds the results of a finished run", remedy=remedy)
+
+
+@contextmanager
+def _stopping(sim: Any) -> Iterator[list[int]]:
+    """Let Ctrl-C and SIGTERM, which batch systems send, end a run between two steps; yields the signals that came. A second one acts at once."""
+    came: list[int] = []
+
+    def interrupt(number: int, frame: Any) -> None:
+        came.append(number)
+        if len(came) > 1:
+            raise KeyboardInterrupt
+        sim.stop_requested = True
+
+    before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield came
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _files(options: argparse.Namespace, case: Any) -> tuple[Path, Path]:
+    """Results and checkpoint of a case."""
+    return Path(options.out) / f"{case.name}.h5", Path(options.out) / f"{case.name}.ckpt"
+
+
 def _run(options: argparse.Namespace) -> int:
     import numpy as np
 
-    import farhorizon as fh
     from farhorizon.case import Case
-    from farhorizon.errors import FarhorizonError, InputError
+    from farhorizon.errors import InputError
     from farhorizon.plot import plot_results
-    from farhorizon.results import ResultsWriter, open_results
-    from farhorizon.run import Run
+    from farhorizon.results import open_results
+    from farhorizon.storage import locked, remove_leftovers
 
     case = Case.read(options.case)
     until = case.parts.run.until if options.until is None else options.until
     if not (np.isfinite(until) and until > 0):
         raise InputError("the end of the run must be positive", value=until, key="--until")
     folder = Path(options.out)
-    result, checkpoint = folder / f"{case.name}.h5", folder / f"{case.name}.ckpt"
+    result, checkpoint = _files(options, case)
     if options.resume and not checkpoint.exists():
-        raise InputError(f"no checkpoint {checkpoint}", key="--resume", remedy="run without --resume")
+        raise InputError(f"no checkpoint {checkpoint}", key="--resume", remedy="run without --resume, or give the --out of the run")
+    _refuse_finished(result, options)
+    _check_folder(str(folder / case.name))
     sim = case.run()
     with case.naming():
         last = sim.prepare(until)
-        probes = sim.record(case.parts.output.probes, case.parts.output.probe_every)
+        sim.record(case.parts.output.probes, case.parts.output.probe_every)
     certificate = _certified(sim, until, options.allow_unstable)
+    _folder(options.out)
+    with locked(folder / f".{case.name}.lock"):
+        _refuse_finished(result, options)
+        for path in (result, checkpoint):
+            remove_leftovers(path)
+        with _stopping(sim) as came:
+            writer, code = _compute(options, case, sim, until, last, came)
+        if code != GOOD:
+            return code
+        results = open_results(result)
+        for caution in results.cautions:
+            print(f"warning: not valid from t = {caution.time:.6g} on: {caution.brief}", file=sys.stderr)
+        pictures = plot_results(results, folder / case.name, case.parts.output.pictures, _polylines(case))
+        print(f"results: {result} ({len(results.times)} outputs); pictures: {', '.join(str(p) for p in pictures)}")
+        _write_json(options.json, {"name": case.name, "steps": sim.step_count, "time": sim.time, "dt": sim.dt, "energy": sim.energy(),
+                                   "results": str(result), "pictures": [str(p) for p in pictures], "certificate": certificate.as_json()})  # fmt: skip
+        writer.finish()
+    return GOOD
+
+
+def _compute(options: argparse.Namespace, case: Any, sim: Any, until: float, last: int, came: list[int]) -> tuple[Any, int]:
+    """Begin or take up the files of a run and advance it to its end, or until a signal came; returns the writer of the results and the exit code."""
+    import farhorizon as fh
+    from farhorizon.errors import FarhorizonError
+    from farhorizon.results import ResultsWriter
+    from farhorizon.run import Run
+
+    result, checkpoint = _files(options, case)
+    probes = sim.probes
     if options.resume:
         kept = sim.load(checkpoint)
         writer = ResultsWriter.resume(result, int(kept["outputs"]), int(kept["rows"]), int(kept["records"]))
         probes.take()  # the start, which the file has
     else:
-        _folder(options.out)
+        checkpoint.unlink(missing_ok=True)  # it belongs to the results that go
         writer = ResultsWriter.create(
             result, dim=case.lattice.dim, shape=case.lattice.shape, spacing=case.lattice.spacing, lower=case.lattice.lower,
             fields=case.fields, dtype=sim.fields["u"].dtype, probes=probes.places, accounts=list(sim.balance()) if case.parts.output.balance else [],
             case=case.text, program=f"farhorizon {fh.__version__}",
             components={name: len(field) if field.ndim > case.lattice.dim else 1 for name, field in sim.fields.items()},
         )  # fmt: skip
-        checkpoint.unlink(missing_ok=True)
     for note in (*sim.notes, *probes.notes):
         print(f"note: {note}", file=sys.stderr)
     print(f"{case.name}: {case.lattice.nodes} nodes, dt = {sim.dt:.6g}, {last} steps to t = {last * sim.dt:g}; outputs {case.schedule(sim.dt)}")
@@ -185,32 +306,22 @@ def _run(options: argparse.Namespace) -> int:
         keep(sim)
     sim.observers.append(observe)
 
-    def interrupt(number: int, frame: Any) -> None:
-        signal.signal(signal.SIGINT, signal.default_int_handler)  # a second one acts at once
-        sim.stop_requested = True
-
-    before = signal.signal(signal.SIGINT, interrupt)
     try:
         with _said_plainly():
             sim.run(until, case.every(sim.dt))
     except KeyboardInterrupt:
-        keep(sim)
-        print(f"\ninterrupted at t = {sim.time:g}; go on with: farhorizon run {options.case} --resume", file=sys.stderr)
-        return INTERRUPTED
+        if len(came) == 1:  # it ended between two steps
+            keep(sim)
+        print(f"\ninterrupted at t = {sim.time:g}; go on with: {_again(options)}", file=sys.stderr)
+        return writer, 128 + came[0] if came else INTERRUPTED
     except FarhorizonError:
         print(f"the last good checkpoint is {checkpoint}", file=sys.stderr)
         raise
-    finally:
-        signal.signal(signal.SIGINT, before)
+    except OSError:
+        print(f"the last good checkpoint is {checkpoint}; when files can be written again go on with: {_again(options)}", file=sys.stderr)
+        raise
     keep(sim)
-    results = open_results(result)
-    for caution in results.cautions:
-        print(f"warning: not valid from t = {caution.time:.6g} on: {caution.brief}", file=sys.stderr)
-    pictures = plot_results(results, folder / case.name, case.parts.output.pictures, _polylines(case))
-    print(f"results: {result} ({len(results.times)} outputs); pictures: {', '.join(str(p) for p in pictures)}")
-    _write_json(options.json, {"name": case.name, "steps": sim.step_count, "time": sim.time, "dt": sim.dt, "energy": sim.energy(),
-                               "results": str(result), "pictures": [str(p) for p in pictures], "certificate": certificate.as_json()})  # fmt: skip
-    return GOOD
+    return writer, GOOD
 
 
 @contextmanager
@@ -274,6 +385,9 @@ def _check(options: argparse.Namespace) -> int:
         print(f"tuned: {found}\nin the case file: all = {found.toml}")
         facts["tuned"] = {"boundary": found.toml, "amplitude": found.amplitude, "angle": found.angle, **found.certificate.as_json()}
     _write_json(options.json, facts)
+    if report.refused:
+        print("farhorizon: run refuses this case: it is not stable", file=sys.stderr)
+        return BAD_INPUT
     return GOOD
 
 

@@ -26,6 +26,7 @@ from farhorizon.stencil import BackwardWaves
 from farhorizon.strip import Strip
 
 if TYPE_CHECKING:
+    from farhorizon.run import Run
     from farhorizon.simulation import Simulation
 
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)
@@ -35,6 +36,7 @@ LEAST = 2 - _MAKING  # seconds that the rest may take whatever the run takes
 _SHARE, _MINIMUM = 0.4, 0.1  # of the time: until when wavelengths are predicted, and what the certificate has at least
 _EXACT = 1e-14  # less than this comes back: rounding
 _MUCH = 1e-3  # amplitude that a layer of given thickness may send back without a warning
+_LONG = 30 * 86400.0  # seconds of a run that is warned of
 _PROBED = 400_000  # nodes of a plain run that is timed, at most
 
 
@@ -150,6 +152,11 @@ class Report:
         report.notes = [*report.notes, *sim.notes]
         return report
 
+    @property
+    def refused(self) -> bool:
+        """Whether `farhorizon run` refuses the set-up because it grows."""
+        return self.certificate is not None and self.certificate.verdict == NOT_CERTIFIED
+
     def _predict(self, sim: Simulation, wavelengths: tuple[float, ...], end: float) -> None:
         """Reflection by each kind of absorbing side, the typical wave first; what there is no time for is noted."""
         for names, side in _sides(sim):
@@ -230,9 +237,7 @@ class Report:
     def _estimate(self, sim: Simulation, until: float) -> None:
         """Time of the run, and of one on a domain so large that nothing returns."""
         steps = int(np.ceil(until / sim.dt))
-        duration = sim.seconds_per_step() * steps
-        self._say("time", f"about {seconds(duration)} for {steps} steps to t = {until:g}")
-        self.numbers |= {"steps": float(steps), "seconds": duration}
+        duration = self.estimate(sim, steps, until)
         open_sides = [axis for (axis, _), b in sim.sides.items() if isinstance(b, Absorbing)]
         if not open_sides:
             return
@@ -247,6 +252,16 @@ class Report:
         self.numbers |= {"extended_nodes": extended, "extended_cost": ratio}
         if ratio < 1:
             self.notes.append("the extended domain would be faster than this run")
+
+    def estimate(self, run: Run, steps: int, until: float) -> float:
+        """Say how long a run takes, in seconds, and warn where nobody can mean that."""
+        duration = run.seconds_per_step() * steps
+        self._say("time", f"about {seconds(duration)} for {steps} steps to t = {until:g}")
+        self.numbers |= {"steps": float(steps), "seconds": duration}
+        if duration > _LONG:
+            self.warnings.append(f"the run would take about {seconds(duration)}: compare until = {until:g} with dt = {run.dt:.3g}, and look at the "
+                                 "units of speed, spacing and time")  # fmt: skip
+        return duration
 
     def _backward(self, sim: Simulation) -> BackwardWaves:
         backward = sim.stencil.backward_waves()
@@ -412,7 +427,7 @@ def _decibels(amplitude: float) -> str:
 
 def seconds(duration: float) -> str:
     """A duration in words."""
-    for unit, length in (("h", 3600.0), ("min", 60.0)):
+    for unit, length in (("years", 31557600.0), ("days", 86400.0), ("h", 3600.0), ("min", 60.0)):
         if duration >= 2 * length:
             return f"{duration / length:.2g} {unit}"
     return f"{duration:.2g} s"

@@ -8,7 +8,7 @@ So HDF5 does not write our files itself: it is given an object that looks like a
 - Of a change to an existing file, what lies beyond the old end is written at once, for nothing refers to it yet. What replaces old content is
   kept, written to a journal beside the file when it is complete, and from there into the file; then the journal is removed. A journal that is found
   belongs to a change that was interrupted, and is finished by the next one; readers see through it.
-- The first error of the operating system is kept, what follows is thrown away without a word to HDF5, and then the error is raised.
+- The first error of the operating system, or an interrupt, is kept, what follows is thrown away without a word to HDF5, and then the error is raised.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ class Draft(io.RawIOBase):
         What replaces content of the file, in the order in which it was written.
     old_size, size : int
         Of the file, and of the draft.
-    error : OSError or None
-        The first one that a write met; nothing has been written since.
+    error : BaseException or None
+        The first one that a read or write met; nothing has been written since.
     """
 
     def __init__(self, path: Path, writable: bool, changes: list[Change] | None = None, size: int | None = None) -> None:
@@ -60,7 +60,7 @@ class Draft(io.RawIOBase):
         self.old_size = os.fstat(self._file.fileno()).st_size
         self.size = self.old_size if size is None else size
         self.changes: list[Change] = [] if changes is None else changes
-        self.error: OSError | None = None
+        self.error: BaseException | None = None
         self._place = 0
 
     def close(self) -> None:
@@ -88,9 +88,14 @@ class Draft(io.RawIOBase):
     def readinto(self, buffer: Any) -> int:
         """Read as if the changes were in the file; zeros beyond its end."""
         target = memoryview(buffer).cast("B")
-        start, end = self._place, self._place + len(target)
+        with self._keeping_errors():
+            self._read(target)
+        self._place += len(target)
+        return len(target)
+
+    def _read(self, target: memoryview) -> None:
+        start, end, done = self._place, self._place + len(target), 0
         self._file.seek(start)
-        done = 0
         while done < len(target):
             count = self._file.readinto(target[done:])
             if not count:
@@ -101,24 +106,35 @@ class Draft(io.RawIOBase):
             first, last = max(start, offset), min(end, offset + len(data))
             if first < last:
                 target[first - start : last - start] = data[first - offset : last - offset]
-        self._place = end
-        return len(target)
 
     def write(self, data: Any) -> int:
         """Write what lies beyond the old end, keep the rest."""
         source = memoryview(data).cast("B")
-        start, end = self._place, self._place + len(source)
+        if self.error is None:
+            with self._keeping_errors():
+                self._write(source)
+        self._place += len(source)
+        self.size = max(self.size, self._place)
+        return len(source)
+
+    def _write(self, source: memoryview) -> None:
+        start = self._place
         inside = max(0, min(len(source), self.old_size - start))
         if inside:
             self.changes = [c for c in self.changes if not (start <= c[0] and c[0] + len(c[1]) <= start + inside)]
             self.changes.append((start, bytes(source[:inside])))
-        if inside < len(source) and self.error is None:
-            try:
-                _write_all(self._file.fileno(), source[inside:], start + inside)
-            except OSError as error:
-                self.error = error
-        self._place, self.size = end, max(self.size, end)
-        return len(source)
+        if inside < len(source):
+            _write_all(self._file.fileno(), source[inside:], start + inside)
+
+    @contextmanager
+    def _keeping_errors(self) -> Iterator[None]:
+        """Keep the first error, an interrupt too: HDF5 must not see it."""
+        try:
+            yield
+        except BaseException as error:
+            if isinstance(error, OSError) and error.filename is None:
+                error.filename = str(self.path)
+            self.error = self.error or error
 
     def truncate(self, size: int | None = None) -> int:
         """The size that the file shall have; up to here unless given."""
