@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import tempfile
 import time
-import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,7 +18,7 @@ from farhorizon.analysis.stability import Growth, dense_growth, fastest, krylov_
 from farhorizon.boundaries import Closing, FirstOrder, Fixed, Free, LatticePML, Periodic, Sponge
 from farhorizon.boundaries.plane_wave import largest_update
 from farhorizon.engine import NEVER, state
-from farhorizon.engine.build import cache_folder
+from farhorizon.engine.cache import cache_folder, keep, kept
 from farhorizon.engine.state import State
 from farhorizon.errors import InputError
 from farhorizon.lattice import AXES
@@ -259,16 +256,15 @@ def _cache_file(sim: Simulation) -> Path:
 
 
 def _recall(path: Path) -> Certificate | None:
-    try:
-        with np.load(path) as kept:
-            words = json.loads(str(kept["words"]))
-            parts = [
-                Part(p["name"], Growth(p["rate"], p["error"], complex(*p["factor"]), np.zeros(0), p["hidden"]), kept[f"field{i}"], p["drifts"])
-                for i, p in enumerate(words["parts"])
-            ]
-        return Certificate(words["verdict"], words["reason"], words["rate"], words["error"], words["crossing"], tuple(parts), (), words["seconds"])
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-        return None  # not there, or damaged: made anew
+    arrays = kept(path)
+    if arrays is None:
+        return None
+    words = json.loads(str(arrays["words"]))
+    parts = [
+        Part(p["name"], Growth(p["rate"], p["error"], complex(*p["factor"]), np.zeros(0), p["hidden"]), arrays[f"field{i}"], p["drifts"])
+        for i, p in enumerate(words["parts"])
+    ]
+    return Certificate(words["verdict"], words["reason"], words["rate"], words["error"], words["crossing"], tuple(parts), (), words["seconds"])
 
 
 def _keep(path: Path, found: Certificate) -> None:
@@ -278,9 +274,7 @@ def _keep(path: Path, found: Certificate) -> None:
         rows.append({"name": p.name, "rate": p.growth.rate, "error": p.growth.error, "factor": factor, "hidden": p.growth.hidden, "drifts": p.drifts})
     words = {"verdict": found.verdict, "reason": found.reason, "rate": found.rate, "error": found.error, "crossing": found.crossing,
              "seconds": found.seconds, "parts": rows}  # fmt: skip
-    with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
-        np.savez(file, words=json.dumps(words), **{f"field{i}": p.field for i, p in enumerate(found.parts)})  # type: ignore[arg-type]
-    os.replace(file.name, path)
+    keep(path, words=json.dumps(words), **{f"field{i}": p.field for i, p in enumerate(found.parts)})
 
 
 # --- proofs ----------------------------------------------------------------------------------------------------

@@ -491,7 +491,7 @@ def _info(options: argparse.Namespace) -> int:
 
     import farhorizon
     from farhorizon.engine import available_threads
-    from farhorizon.engine.build import cache_folder
+    from farhorizon.engine.cache import cache_folder
 
     for name, value in (
         ("farhorizon", farhorizon.__version__), ("python", platform.python_version()), ("numpy", numpy.__version__), ("scipy", scipy.__version__),

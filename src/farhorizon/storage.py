@@ -19,6 +19,7 @@ import io
 import os
 import re
 import struct
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -157,7 +158,7 @@ def _journal_of(path: Path) -> Path:
 
 
 def _temporary_of(path: Path) -> Path:
-    return path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    return path.with_name(f".{path.name}.{os.getpid()}-{threading.get_ident()}.tmp")
 
 
 @contextmanager
@@ -306,7 +307,7 @@ def force_to_disk(path: Path) -> None:
 
 def remove_leftovers(path: Path) -> None:
     """Remove temporary files that stopped processes left beside a file; the caller holds its lock, so that none is in use."""
-    left = re.compile(re.escape(f".{path.name}.") + r"\d+\.tmp")
+    left = re.compile(re.escape(f".{path.name}.") + r"[\d-]+\.tmp")
     for other in path.parent.iterdir():
         if left.fullmatch(other.name):
             other.unlink(missing_ok=True)

@@ -7,10 +7,7 @@ to it (K the reach of the stencil) depends on their whole past; a sum of exponen
 from __future__ import annotations
 
 import hashlib
-import os
 import sys
-import tempfile
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -24,7 +21,7 @@ from farhorizon.analysis.chain import Recursion
 from farhorizon.analysis.convolution import BlockConvolution
 from farhorizon.analysis.exponential_sum import ExponentialSum
 from farhorizon.engine import Engine
-from farhorizon.engine.build import cache_folder
+from farhorizon.engine.cache import cache_folder, keep, kept
 from farhorizon.errors import InputError
 from farhorizon.machine import available_memory
 
@@ -98,15 +95,11 @@ def _compressed(weights: tuple[float, ...], recursion: Recursion, steps: int, to
     """The kernel as a sum of exponentials, from the cache folder if it was made before."""
     a = np.array(weights)
     path = _cache_file(a, recursion, steps, tolerance)
-    try:
-        with np.load(path) as found:
-            return ExponentialSum(found["poles"], found["inputs"], found["outputs"], steps, float(found["error"]))
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-        pass  # not there, or damaged: made anew
+    found = kept(path)
+    if found is not None:
+        return ExponentialSum(found["poles"], found["inputs"], found["outputs"], steps, float(found["error"]))
     made = exponential_sum.compress(_make_kernel(weights, recursion, steps), tolerance, chain.band(a, recursion))
-    with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as file:
-        np.savez(file, poles=made.poles, inputs=made.inputs, outputs=made.outputs, error=made.error)
-    os.replace(file.name, path)
+    keep(path, poles=made.poles, inputs=made.inputs, outputs=made.outputs, error=made.error)
     return made
 
 

@@ -1,7 +1,6 @@
 """Sweeps of tiles for one law of bonds. This text is a template: `engine.build` writes it out once per law and number type."""
 
-from numba import cfunc
-
+from farhorizon.engine.compiled import cfunc
 from farhorizon.engine.simd_bonds import bond_signature, bond_sweep, steepness, steepness_signature
 
 COMPONENTS = 2
@@ -14,19 +13,19 @@ damaged_tile = bond_sweep(COMPONENTS, NONLINEAR, REAL, RULE, True)
 measure = steepness(COMPONENTS, REAL)
 
 
-@cfunc(bond_signature(REAL), cache=True)
+@cfunc(bond_signature(REAL))
 def intact(src, base, out, coefficient, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit):  # type: ignore[no-untyped-def]
     """A tile with all its bonds."""
     return intact_tile(src, base, out, coefficient, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit)
 
 
-@cfunc(bond_signature(REAL), cache=True)
+@cfunc(bond_signature(REAL))
 def damaged(src, base, out, coefficient, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit):  # type: ignore[no-untyped-def]
     """A tile that lacks bonds, or has bonds that leave the zone."""
     return damaged_tile(src, base, out, coefficient, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit)
 
 
-@cfunc(steepness_signature(), cache=True)
+@cfunc(steepness_signature())
 def steep(src, planes, rows, n, step0, step1, apart):  # type: ignore[no-untyped-def]
     """Bound of the stretch in a box of nodes."""
     return measure(src, planes, rows, n, step0, step1, apart)

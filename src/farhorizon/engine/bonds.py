@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from farhorizon.engine.compiled import njit
 from farhorizon.engine.simd_bonds import LANES, PLACES, ROWS, call_bonds, call_steepness
 
 PLAIN, ODD = 0, 1

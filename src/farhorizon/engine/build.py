@@ -4,36 +4,19 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
-import os
 import platform
 import re
 import sys
-import tempfile
 import threading
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from farhorizon.engine.cache import cache_folder, write
+
 _HERE = Path(__file__).parent
 _COMPILED_IN = ("bonds", "ends", "filter", "phases", "simd", "simd_bonds", "simd_matrix", "fringe", "layout", "threads")  # modules that templates use
 _LOADING = threading.RLock()  # simulations may be made side by side
-
-
-def cache_folder() -> Path:
-    """Folder of generated programs: ``FARHORIZON_CACHE`` or the user's cache folder, else a temporary one."""
-    if "FARHORIZON_CACHE" in os.environ:
-        candidates = [Path(os.environ["FARHORIZON_CACHE"])]
-    else:
-        home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-        candidates = [home / "farhorizon", Path(tempfile.gettempdir()) / f"farhorizon-{os.getuid() if hasattr(os, 'getuid') else 0}"]
-    for folder in candidates:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            if os.access(folder, os.W_OK):
-                return folder
-        except OSError:
-            continue
-    return Path(tempfile.mkdtemp(prefix="farhorizon-"))
 
 
 def load_driver() -> ModuleType:
@@ -76,10 +59,8 @@ def _load(name: str, **settings: Any) -> ModuleType:
 
 def _load_file(name: str, template: str) -> ModuleType:
     path = cache_folder() / f"{name}.py"
-    if not path.exists():
-        with tempfile.NamedTemporaryFile("w", dir=path.parent, suffix=".tmp", delete=False) as file:
-            file.write(template)
-        os.replace(file.name, path)
+    if not path.is_file() or path.read_bytes() != template.encode():  # missing or damaged
+        write(path, template.encode())
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)

@@ -7,7 +7,8 @@ operator in differences, so that rounding does not drift.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from farhorizon.engine.compiled import njit
 
 _CHUNK = 512  # nodes whose increments stay in the nearest cache while the bonds are summed
 

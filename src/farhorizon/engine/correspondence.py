@@ -19,10 +19,11 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from farhorizon.engine.compiled import njit
 from farhorizon.engine.simd import Vectors
 from farhorizon.engine.threads import barrier
 

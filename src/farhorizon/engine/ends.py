@@ -4,7 +4,7 @@ An end is a sum of exponentials (states of which each step costs the same) or a 
 block's own samples act here). See `farhorizon.analysis.chain` for the kernels.
 """
 
-from numba import njit
+from farhorizon.engine.compiled import njit
 
 _ANY_ORDER = {"reassoc", "contract", "nsz"}  # sums may be taken in vectors
 

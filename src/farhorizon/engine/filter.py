@@ -13,8 +13,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numba import njit
 
+from farhorizon.engine.compiled import njit
 from farhorizon.engine.layout import Layout
 from farhorizon.engine.threads import barrier
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from numba import njit
 
+from farhorizon.engine.compiled import njit
 from farhorizon.engine.simd import BUNDLE, WINDOW, clear, move_up, window_sums
 from farhorizon.engine.threads import barrier
 

@@ -10,8 +10,8 @@ one kind in a row of tiles; they are found anew in the rows whose counts have ch
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from farhorizon.engine.compiled import njit
 from farhorizon.engine.simd import TILE, TILE_ROWS, any_below
 from farhorizon.engine.threads import add
 

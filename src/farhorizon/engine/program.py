@@ -9,9 +9,9 @@ Several threads go through the same loop, each with its share (`lane` of `lanes`
 """
 
 import numpy as np
-from numba import njit
 
 from farhorizon.engine.bonds import CALM_ROWS, END, FIRST, PHASES, bond_factor, book_work, next_piece, sweep_tiles
+from farhorizon.engine.compiled import njit
 from farhorizon.engine.ends import exact_ends
 from farhorizon.engine.filter import damp_short_waves
 from farhorizon.engine.fringe import close_fringe

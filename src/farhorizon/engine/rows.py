@@ -1,7 +1,6 @@
 """Sweeps of grid rows for one stencil shape. This text is a template: `engine.build` writes it out once per shape and number type."""
 
-from numba import cfunc
-
+from farhorizon.engine.compiled import cfunc
 from farhorizon.engine.simd import line_sweep, strided_sweep, sweep_signature
 from farhorizon.engine.simd_matrix import matrix_line_sweep, matrix_strided_sweep
 
@@ -16,7 +15,7 @@ strided = matrix_strided_sweep(SHAPE, PATTERN, REAL) if PATTERN else strided_swe
 line = (matrix_line_sweep(SHAPE, PATTERN, REAL) if PATTERN else line_sweep(SHAPE, CLASSES, REAL)) if LINES else strided
 
 
-@cfunc(sweep_signature(REAL), cache=True)
+@cfunc(sweep_signature(REAL))
 def rows(src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, shifts):
     """Neighbouring rows of one block."""
     if LINES and s2 == 1:

@@ -14,9 +14,11 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
+
+from farhorizon.engine.compiled import njit
 
 _LINE = 16  # elements from one shared word to the next: each has cache lines of its own
 _ARRIVED, _ROUND, _CLAIMED = range(0, 3 * _LINE, _LINE)  # the last one for lane 0, those of the others follow
