@@ -42,6 +42,7 @@ _DECADES = 20
 _ARROWS = 18  # along an axis
 _RIM = (("white", 2.2), ("0.1", 0.9))  # a light rim shows a line on dark colours
 _DAMAGE = "magma_r"  # light where nothing is broken
+_ROOM = 5.0  # how much larger than in the first column values may be in the others without leaving the colours
 _SHARED = 0.2  # panels whose largest values differ by more than this factor have colour scales of their own
 
 
@@ -318,18 +319,9 @@ def _images(
                 scale = _color_range([array], signed)
             if colors is not None:
                 scale = {**scale, "cmap": colors, "vmin": 0.0}
-            image = panel.imshow(array.T, origin="lower", extent=(left, right, bottom, top), aspect="equal", **scale)
-            outside = np.isnan(array)
-            if outside.any() and not outside.all() and min(array.shape) > 1:
-                panel.contour(*axes, outside.T, levels=[0.5], colors="0.6", linewidths=0.6)
-            if solids and min(array.shape) > 1:
-                for color, width_of_line in _RIM:
-                    panel.contour(*axes, solids[number].T.astype(float), levels=[0.5], colors=color, linewidths=width_of_line)
+            image = _image(panel, array, axes, scale, cracks, solids[number] if solids else None)
             if arrows:
                 _arrows(panel, arrows[number], axes)
-            for points in cracks:
-                for color, width_of_line in _RIM:
-                    panel.plot(points[:, 0], points[:, 1], color=color, linewidth=width_of_line, linestyle="-", scalex=False, scaley=False)
             panel.set_title(title)
             lowest = number + columns >= len(arrays)
             panel.tick_params(labelbottom=lowest, labelleft=number % columns == 0)
@@ -339,6 +331,75 @@ def _images(
                 figure.colorbar(image, ax=panel, label=label)
         if shared_scale:
             figure.colorbar(image, ax=list(panels[: len(arrays)]), label=label, pad=0.02)
+
+
+def _image(panel: Any, array: np.ndarray, axes: Sequence[np.ndarray], scale: Mapping[str, Any], cracks: Any, solid: np.ndarray | None = None) -> Any:
+    """Draw a field into one panel, with the outline of its window, of what is solid, and its cracks; returns the image."""
+    image = panel.imshow(array.T, origin="lower", extent=_extent(axes), aspect="equal", **scale)
+    outside = np.isnan(array)
+    if outside.any() and not outside.all() and min(array.shape) > 1:
+        panel.contour(*axes, outside.T, levels=[0.5], colors="0.6", linewidths=0.6)
+    for color, width in _RIM:
+        if solid is not None and min(array.shape) > 1:
+            panel.contour(*axes, solid.T.astype(float), levels=[0.5], colors=color, linewidths=width)
+    for points in cracks:
+        for color, width in _RIM:
+            panel.plot(points[:, 0], points[:, 1], color=color, linewidth=width, linestyle="-", scalex=False, scaley=False)
+    return image
+
+
+def field_table(
+    rows: Sequence[str],
+    columns: Sequence[tuple[str, Sequence[np.ndarray]]],
+    axes: Sequence[np.ndarray],
+    path: str | Path,
+    *,
+    cracks: Sequence[np.ndarray] = (),
+    label: str = "u",
+) -> None:
+    """Draw 2D fields as a table of images: what is compared side by side, times one below the other.
+
+    Each row has one colour scale, which reaches up to five times the largest value of the first column; what is larger has the colour of the end.
+
+    Parameters
+    ----------
+    rows : sequence of str
+        Names of the rows.
+    columns : sequence of (title, fields)
+        One field of shape (nx, ny) a row; fewer where a run has ended.
+    axes : sequence of ndarray
+        Coordinates of the nodes along the two axes.
+    path : str or Path
+        The PNG file.
+    cracks : sequence of ndarray, each of shape (n, 2)
+    label : str
+        Name of what is drawn.
+
+    Raises
+    ------
+    InputError
+        No rows or columns, a first column that is not complete, or no such directory.
+    """
+    if not rows or not columns or len(columns[0][1]) < len(rows):
+        given = f"{len(rows)} rows, {len(columns)} columns"
+        raise InputError("a table of fields needs rows, columns, and a first column that is complete", value=given)
+    left, right, bottom, top = _extent(axes)
+    width = min(2.0, 8.0 / len(columns))
+    height = width * (top - bottom) / (right - left)
+    with _figure(path, (len(columns) * (width + 0.1) + 1.6, len(rows) * (height + 0.15) + 0.6), "compressed") as figure:
+        panels = figure.subplots(len(rows), len(columns), sharex=True, sharey=True, squeeze=False)
+        for i, row in enumerate(rows):
+            most = _ROOM * float(np.nanmax(np.abs(columns[0][1][i])))
+            scale = _color_range([np.clip(fields[i], -most, most) for _, fields in columns if i < len(fields)])
+            for j, (title, fields) in enumerate(columns):
+                panel = panels[i, j]
+                if i < len(fields):
+                    image = _image(panel, fields[i], axes, scale, cracks)
+                else:
+                    panel.text(0.5, 0.5, "overflow", transform=panel.transAxes, ha="center", va="center", color="0.4")
+                panel.set(title=title if i == 0 else "", xlabel="x" if i + 1 == len(rows) else "", ylabel=f"{row}\ny" if j == 0 else "")
+                panel.locator_params(nbins=4)
+            figure.colorbar(image, ax=list(panels[i]), label=label, pad=0.02, extend="both")
 
 
 def _comparable(fields: Sequence[np.ndarray]) -> bool:

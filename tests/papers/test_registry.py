@@ -21,7 +21,7 @@ def test_rows():
 
 
 def test_all_published_items_are_there():
-    assert {f"hermann2023-{name}" for name in ("ex1", "ex2", "ex3", "appB", "fig6")} <= set(reproductions())
+    assert {f"hermann2023-{name}" for name in ("ex1", "ex2", "ex3", "appB", "fig6", "fig10")} <= set(reproductions())
     assert {f"shojaei2020-{name}" for name in ("ex1-fem", "ex1-pd", "ex1-layers", "table1")} <= set(reproductions())
     assert {f"ji2021-table{n}" for n in range(1, 7)} | {"ji2021-fig2", "ji2021-fig3"} <= set(reproductions())
     assert {f"ji2021-fig{n}" for n in (4, 8, 9, 13)} <= set(reproductions())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -30,11 +31,14 @@ class Measured:
     errors : ndarray, shape (times,)
         Largest difference from the infinite medium over the near field; infinite from the time on at which the run overflowed.
     fields : list of ndarray
-        The near field at the times.
+        The near field at the times at which it is kept.
+    history : ndarray, shape (times,)
+        At one node; nan without one, and from the overflow on.
     """
 
     errors: np.ndarray
     fields: list[np.ndarray] = field(default_factory=list)
+    history: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
 
 def infinite(setup: Mapping[str, Any], until: float) -> Reference:
@@ -44,21 +48,43 @@ def infinite(setup: Mapping[str, Any], until: float) -> Reference:
     last = round(until / sim.dt) + 1
     exact = InfiniteLattice(sim.stencil, rate, sim.model.integrator, sim.dt, last, sim.start_u, None, sim.model.damping)
     mask = sim.lattice.mask
-    return lambda steps: exact.after(steps) if mask is None else np.where(mask, exact.after(steps), np.nan)
+    return cache(lambda steps: exact.after(steps) if mask is None else np.where(mask, exact.after(steps), np.nan))
 
 
-def run(setup: Mapping[str, Any], boundary: Boundary, times: Sequence[float], reference: Reference) -> Measured:
-    """Run a set-up with a boundary and compare it with the infinite medium."""
+def run(
+    setup: Mapping[str, Any], boundary: Boundary, times: Sequence[float], reference: Reference, kept: Sequence[float] | None = None,
+    probe: tuple[int, ...] | None = None,
+) -> Measured:  # fmt: skip
+    """Run a set-up with a boundary and compare it with the infinite medium.
+
+    Parameters
+    ----------
+    setup : mapping
+        Arguments of `Simulation`.
+    boundary : Boundary
+    times : sequence of float
+        At which it is compared.
+    reference : callable
+        The infinite medium after a number of steps.
+    kept : sequence of float, optional
+        Those of the times at which the field is kept, all unless given.
+    probe : tuple of int, optional
+        Node of which the history is recorded.
+    """
     sim = Simulation(**{**setup, "boundary": boundary})
-    found = Measured(np.full(len(times), np.inf))
+    found = Measured(np.full(len(times), np.inf), history=np.full(len(times), np.nan))
     for number, t in enumerate(times):
         steps = round(t / sim.dt)
         try:
             sim.step(steps - sim.step_count)
         except UnstableError:
             break
-        found.fields.append(sim.fields["u"])
-        found.errors[number] = np.nanmax(np.abs(found.fields[-1] - reference(steps)))
+        u = sim.fields["u"]
+        if kept is None or t in kept:
+            found.fields.append(u)
+        if probe is not None:
+            found.history[number] = u[probe]
+        found.errors[number] = np.nanmax(np.abs(u - reference(steps)))
     return found
 
 
@@ -111,20 +137,19 @@ def stability_note(setup: Mapping[str, Any], boundary: Boundary, until: float) -
     return f"spectral radius less 1: {less_one:+.1e} ({how})" if np.isfinite(less_one) else f"spectral radius beyond bounds ({how})"
 
 
-def pictures(
-    name: str, folder: Path, axes: Sequence[np.ndarray], times: Sequence[float], exact: Sequence[np.ndarray], runs: Mapping[str, Measured],
-    shown: Sequence[str], cracks: Sequence[np.ndarray] = (),
-) -> list[Path]:  # fmt: skip
-    """Errors over time of all runs; the infinite medium's field at the last time, and how far the `shown` runs are from it."""
-    from farhorizon.plot import error_history, field_panels
+def errors_picture(path: Path, times: Sequence[float], runs: Mapping[str, Measured]) -> None:
+    """Errors over time of all runs."""
+    from farhorizon.plot import error_history
 
-    files = [folder / f"{name}-errors.png", folder / f"{name}-differences.png"]
-    error_history({label: (np.array(times), found.errors) for label, found in runs.items()}, files[0], "largest difference from infinity", "")
-    panels = [(f"infinite medium, t = {times[-1]:g}", exact[-1])] if len(axes) > 1 else []
-    panels += [
-        (f"{label}, difference" if len(axes) > 1 else label, runs[label].fields[-1] - exact[-1])
-        for label in shown
-        if len(runs[label].fields) == len(times)
-    ]
-    field_panels(panels, axes, files[1], shared_scale=False, cracks=cracks, label="u" if len(axes) > 1 else "difference from the infinite medium")
-    return files
+    ylabel = r"largest $|u - u_\infty|$ in the near field"
+    error_history({label: (np.array(times), found.errors) for label, found in runs.items()}, path, ylabel, "", xlabel="$t$")
+
+
+def differences_picture(
+    path: Path, axes: Sequence[np.ndarray], t: float, exact: np.ndarray, runs: Mapping[str, Measured], cracks: Sequence[np.ndarray] = ()
+) -> None:
+    """How far the fields of those runs that reach the last time are from the infinite medium."""
+    from farhorizon.plot import field_panels
+
+    panels = [(f"{label}, $t = {t:g}$", found.fields[-1] - exact) for label, found in runs.items() if np.isfinite(found.errors[-1])]
+    field_panels(panels, axes, path, shared_scale=False, cracks=cracks, label=r"$u - u_\infty$")
