@@ -150,7 +150,7 @@ MISTAKES = {
     "dt too large": ("until = 70.0", "until = 70.0\ndt = 2.0", "run.dt", "limit: 0.38"),
     "unknown function": ("exp(-log", "expp(-log", "initial.u", "did you mean exp?"),
     "forbidden expression": ("exp(-log(2)/9*(x**2+y**2))", "().__class__", "initial.u", "value: '().__class__'"),
-    "crack outside": ("[[0.0, 10.0], [7.0, 10.0]]", "[[40.0, 10.0], [47.0, 10.0]]", "crack", "limit: [-26.0, -26.0] to [26.0, 26.0]; remedy"),
+    "crack outside": ("[[0.0, 10.0], [7.0, 10.0]]", "[[40.0, 10.0], [47.0, 10.0]]", "crack", "limit: [-26, -26] to [26, 26]; remedy"),
     "near field too thin": ("window = { disc = { radius = 26.0 } }", "lower = [-26.0, 0.0]\nupper = [26.0, 0.5]", "lattice", "limit: >= 7; remedy"),
     "data beyond": ("log(2)/9", "0.001", "initial.u", "error of about"),
     "radius": ("radius = 26.0", "radius = -26.0", "lattice.window", "value: -26"),

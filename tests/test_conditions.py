@@ -160,7 +160,7 @@ def test_bad_conditions():
         (lambda: Temperature("x-", 0.0, "soft"), "unknown kind"),
         (lambda: Temperature(Disc(1.0), 0.0, "mirror"), "unknown kind|needs a side"),
         (lambda: Flux(Disc(1.0), 0.0), "needs a side"),
-        (lambda: Convection("x-", -1.0), "coefficient of heat transfer"),
+        (lambda: Convection("x-", -1.0), "constraint.transfer: must be finite and not negative"),
     ]:
         with pytest.raises(InputError, match=message):
             make()

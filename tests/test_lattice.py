@@ -78,7 +78,7 @@ def test_index_outside_a_window():
         lattice.index((2.0, 2.0))
 
 
-@pytest.mark.parametrize(("upper", "nearest"), [((1.1, 1.0), "1.0, 1.0"), ((0.5, 1.2), "0.5, 1.25"), ((1.0, 1.0 + 1e-6), "1.0, 1.0")])
+@pytest.mark.parametrize(("upper", "nearest"), [((1.1, 1.0), "1, 1"), ((0.5, 1.2), "0.5, 1.25"), ((1.0, 1.0 + 1e-6), "1, 1")])
 def test_bounds_that_are_no_whole_number_of_spacings_apart(upper, nearest):
     """The message names the nearest bounds that work."""
     with pytest.raises(InputError, match=rf"whole number of spacings.*{nearest}"):
@@ -103,8 +103,8 @@ def test_rounding_in_the_bounds_is_no_error():
 @pytest.mark.parametrize(
     ("options", "match"),
     [
-        ({"spacing": 0.0, "lower": 0, "upper": 1}, "spacing must be positive"),
-        ({"spacing": np.inf, "lower": 0, "upper": 1}, "spacing must be positive"),
+        ({"spacing": 0.0, "lower": 0, "upper": 1}, "spacing: must be finite and positive"),
+        ({"spacing": np.inf, "lower": 0, "upper": 1}, "spacing: must be finite and positive"),
         ({"spacing": 0.1}, "needs lower and upper"),
         ({"spacing": 0.1, "lower": 0}, "needs lower and upper"),
         ({"spacing": 0.1, "lower": (0, 0), "upper": (1,)}, "same length"),

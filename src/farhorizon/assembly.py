@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from farhorizon import kinds
 from farhorizon.analysis.chain import Recursion, half_weights
 from farhorizon.analysis.choice import Choice
 from farhorizon.analysis.spectrum import band
@@ -31,8 +32,9 @@ from farhorizon.boundaries.plane_wave import SERIES, Medium
 from farhorizon.conditions import Conditions, Constraint, resolve
 from farhorizon.constraints import Holds, Prescribed
 from farhorizon.cracks import Crack, as_crack, cut_bonds
-from farhorizon.engine import NEVER, Engine, Layer, Zone, available_threads
+from farhorizon.engine import NEVER, Engine, Layer, Zone
 from farhorizon.errors import InputError
+from farhorizon.expressions import as_given
 from farhorizon.incidence import Incidence, IncidentWave, check_scatterers
 from farhorizon.integrators import Euler, Verlet
 from farhorizon.kernel import Kernel
@@ -40,12 +42,18 @@ from farhorizon.lattice import AXES, Lattice
 from farhorizon.loads import BodyForce, Traction, force_density
 from farhorizon.machine import available_memory
 from farhorizon.models import Corrosion, Elastic, LatticeModel
+from farhorizon.run import wanted_threads
 from farhorizon.shapes import Cut, Shape
-from farhorizon.sources import Source, by_component, checked, field, magnitude, parts, split, steady
+from farhorizon.sources import Source, as_source, by_component, field, magnitude, parts, split, steady
 from farhorizon.specimens import Specimen, place
 from farhorizon.stencil import Stencil
 
 _SAID = 1e-9  # part of an incident wave's signal that a note is worth
+
+
+def _keys(name: str, values: Sequence[Any]) -> list[str]:
+    """What the entries of a list are called in messages."""
+    return [f"{name}[{i}]" for i in range(len(values))] if len(values) > 1 else [name] * len(values)
 
 
 class Assembly:
@@ -88,23 +96,24 @@ class Assembly:
         loads: Sequence[BodyForce | Traction],
         balance: bool,
     ) -> None:
-        self.lattice, self.model, self.background = lattice, model, float(background)
+        kinds.instance(lattice, "lattice", Lattice, "a Lattice")
+        kinds.instance(model, "model", LatticeModel, "a model", remedy="Wave, Diffusion, Heat, Corrosion, Elastic or Beam")
+        self.lattice, self.model, self.background = lattice, model, kinds.number(background, "background")
+        kinds.instance(initial, "initial", Mapping, "a mapping of fields to their values", remedy='{"u": ...}')
+        sources, specimens, loads = (kinds.sequence(v, k) for v, k in ((sources, "sources"), (specimens, "specimens"), (loads, "loads")))
+        cracks, constraints = kinds.sequence(cracks, "cracks"), kinds.sequence(constraints, "constraints")
+        kinds.flag(balance, "balance")
         self.lasting = isinstance(model, Elastic) and (model.bondwise or balance)
         self.sides = sides(LatticePML() if boundary is None else boundary, lattice.dim)
         self._check_model(cracks, coefficient, specimens, loads)
         self._check_bonds(cracks, rim)
-        if dtype not in ("float64", "float32"):
-            raise InputError("unknown number type", value=dtype, limit="float64, float32", key="dtype")
-        if threads is not None and not 1 <= threads <= available_threads():
-            raise InputError("so many threads are not to be had", value=threads, limit=f"1 to {available_threads()}", key="threads",
-                             remedy="leave it out, or set NUMBA_NUM_THREADS before the program starts")  # fmt: skip
-        if rim not in ("free", "fixed"):
-            raise InputError("unknown rim of a body", value=rim, limit="free, fixed", key="rim")
+        kinds.one_of(dtype, "dtype", ("float64", "float32"), "unknown number type")
+        kinds.one_of(rule, "rule", ("both", "arithmetic", "harmonic"), "unknown rule for the bond between two coefficients")
+        kinds.one_of(rim, "rim", ("free", "fixed"), "unknown rim of a body")
+        threads = wanted_threads(threads)
         if rim == "fixed" and lattice.body is None:
             raise InputError("only a body has a rim", value=rim, key="rim", remedy="give the lattice a body, or fix the sides: Fixed(...)")
         self.rim = rim
-        if not np.isfinite(self.background):
-            raise InputError("the background must be finite", value=background, key="background")
         self.stencil = model.stencil(lattice.spacing, lattice.dim)
         self.field_shape = lattice.shape if self.stencil.components == 1 else (self.stencil.components, *lattice.shape)
         self._check_vector(constraints)
@@ -112,7 +121,10 @@ class Assembly:
         self._layers = self._make_layers()
         self._check_size()
         self._check_memory(dtype)
-        factor = None if coefficient is None else checked(coefficient, lattice, "coefficient")
+        initial = {name: as_given(value, lattice.dim, f"initial.{name}", time=False) for name, value in initial.items()}
+        given = zip(sources, _keys("source", sources), strict=True)
+        sources = [s if isinstance(s, IncidentWave) else as_source(s, lattice.dim, key) for s, key in given]
+        factor = None if coefficient is None else field(as_given(coefficient, lattice.dim, "coefficient", time=False), lattice, 1, "coefficient")
         if factor is not None and (factor < 0).any():
             raise InputError("a coefficient must not be negative", value=float(factor.min()), limit=">= 0", key="coefficient")
         self.strongest = model.strongest if factor is None else float(factor.max())
@@ -132,7 +144,7 @@ class Assembly:
             self._beyond.notes += gradients(factor, "the coefficient", self._beyond.targets, self.stencil.reach)
         u = self._initial("u", initial)
         v = self._initial("v", initial) if "v" in initial and model.order == 2 else np.broadcast_to(0.0, self.field_shape)
-        for name in set(initial) - ({"u", "v"} if model.order == 2 else {"u"}):
+        for name in set(map(str, initial)) - ({"u", "v"} if model.order == 2 else {"u"}):
             raise InputError("unknown initial field", value=name, limit="u, v" if model.order == 2 else "u", key="initial")
         self._holds = Holds(tuple(c for c in constraints if isinstance(c, Prescribed)), lattice, model.integrator, self.dt, self.background)
         u = self._holds.start(u)
@@ -144,7 +156,7 @@ class Assembly:
         cuts = [c.cut for c in self._cracks]
         self._beyond.check_cracks(cuts, self.stencil.reach)
         self._unsplit: list[Callable[..., Any]] = []
-        self.sources = [drive for i, s in enumerate(sources) for drive in self._split_source(s, f"source[{i}]" if len(sources) > 1 else "source")]
+        self.sources = [drive for s, key in zip(sources, _keys("source", sources), strict=True) for drive in self._split_source(s, key)]
         self.sources += [drive for i, load in enumerate(loads) for drive in self._split_source(self._as_source(load, f"load[{i}]"), f"load[{i}]")]
         self._drives = self.sources + [drive for _, drive in self.conditions.sources]
         self._margins = self._choose_margins(u, v, solid.astype(float) if solid.any() else factor, cuts)
@@ -169,8 +181,8 @@ class Assembly:
         model = self.model
         for (axis, side), boundary in self.sides.items():
             if model.sides and type(boundary).__name__ not in model.sides:
-                raise InputError(f"{type(model).__name__} has no such side", value=type(boundary).__name__, limit=", ".join(model.sides),
-                                 key=f"boundary.{AXES[axis]}{'-+'[side > 0]}", remedy=model.sides[0])  # fmt: skip
+                raise InputError(f"{model.title} has no such side", value=type(boundary).__name__, limit=", ".join(model.sides),
+                                 key=f"boundary.{AXES[axis]}{'-+'[side > 0]}", remedy=model.combinations or model.sides[0])  # fmt: skip
         if not model.bonds and (len(cracks) or coefficient is not None or self.lattice.body is not None):
             key = "crack" if len(cracks) else "coefficient" if coefficient is not None else "lattice.body"
             raise InputError(f"the bonds of a {type(model).__name__} cannot be cut or weakened one by one", key=key, remedy="leave it out")
@@ -360,13 +372,12 @@ class Assembly:
             default = 0.5 * min([self.step_limit, *fitted])
             if dt is None:
                 return default
-            dt = dt(default)
-        if not (np.isfinite(dt) and 0 < dt):
-            raise InputError("the time step must be positive", value=dt, key="run.dt")
+            dt = kinds.function(dt, "run.dt", "the default step")(default)
+        dt = kinds.number(dt, "run.dt", above=0)
         if dt > self.step_limit * (1 + 1e-12):
             raise InputError("the time step is above the stable limit", value=dt, limit=f"{self.step_limit:.6g}", key="run.dt",
                              remedy=f"dt <= {0.9 * self.step_limit:.4g}, or leave dt out")  # fmt: skip
-        return float(dt)
+        return dt
 
     def _initial(self, name: str, initial: Mapping[str, Any]) -> np.ndarray:
         """Initial values less the background; refuses data that the infinite medium would have beyond the near field."""
@@ -469,8 +480,9 @@ class Assembly:
 
     def _as_source(self, load: BodyForce | Traction, key: str) -> Source:
         """A load as the force per volume that it is."""
+        kinds.instance(load, key, (BodyForce, Traction), "a BodyForce or a Traction")
         value = force_density(load, self.lattice, self.sides, key) if isinstance(load, Traction) else list(load.value)
-        return Source(value, load.time or steady)
+        return as_source(Source(value, load.time or steady), self.lattice.dim, f"{key}.value")
 
     def _split_part(self, source: Any, unit: Any, key: str) -> tuple[np.ndarray | None, Callable[..., Any]]:
         """One part of a source, to be multiplied with `unit`; one with a unit vector is a scalar."""
@@ -593,7 +605,7 @@ class Assembly:
                 margins[axis, side] = 0
         return margins
 
-    def _make_engine(self, factor: np.ndarray | None, rule: str, dtype: str, threads: int | None) -> None:
+    def _make_engine(self, factor: np.ndarray | None, rule: str, dtype: str, threads: int) -> None:
         lattice, model = self.lattice, self.model
         lead = 3 - lattice.dim
         core = (1,) * lead + tuple(n + self._margins[a, -1] + self._margins[a, 1] for a, n in enumerate(lattice.shape))
@@ -614,7 +626,7 @@ class Assembly:
             self._check_material(grown, lead)
         self.engine = Engine(
             core, offsets, self.stencil.weights * model.coefficient / lattice.spacing**2, stages, self.dt, layers=layers, periodic=periodic,
-            real=dtype, threads=threads or available_threads(), coefficient=grown, rule=rule,
+            real=dtype, threads=threads, coefficient=grown, rule=rule,
         )  # fmt: skip
         self._near = tuple(
             [Ellipsis] + [slice(None)] * lead + [slice(self._margins[a, -1], self._margins[a, -1] + n) for a, n in enumerate(lattice.shape)]

@@ -9,13 +9,14 @@ import numpy as np
 
 from farhorizon.boundaries import Absorbing, Boundary, Sponge
 from farhorizon.boundaries.lattice_pml import DEFAULT_TARGET
-from farhorizon.errors import InputError
+from farhorizon.errors import InputError, shown
 from farhorizon.lattice import AXES, Lattice
 from farhorizon.shapes import Cut
 
 _FAR_NODES = 1_000_000  # nodes of the box in which data are sought that vanish in the near field, at most
 _REACHES = 4  # over which a material is looked at in front of a side
 _FLAT = 1e-4  # part by which it may change there without a note
+_FARTHER = (2, 4, 8, 16, 32)  # times the extent of the near field, in which the largest value of data that lie outside is sought
 _ROUNDING = float(np.finfo(float).eps)  # less than this of the largest value is zero
 
 Function = Callable[..., Any]
@@ -99,7 +100,9 @@ class Beyond:
             worst = float(beyond.max(initial=0))
             share = worst / max(peak, worst, 1e-300) if np.isfinite(worst) else np.inf
             if not share <= target:
-                where = [round(float(c[np.unravel_index(int(np.argmax(beyond)), beyond.shape)]), 9) for c in coordinates]
+                if worst > peak and missed != "value":
+                    self._refuse_outside(function, key, level, missed)
+                where = shown([float(c[np.unravel_index(int(np.argmax(beyond)), beyond.shape)]) for c in coordinates])
                 edge = "outline" if name == "outline" else f"side {name}"
                 raise InputError(
                     f"not zero beyond the absorbing {edge}; the run would miss it: an error of about {share:.2g} of the largest "
@@ -118,8 +121,27 @@ class Beyond:
 
     def _seek(self, function: Function, key: str, level: float) -> None:
         """Refuse what vanishes on every node of the near field, but not farther out."""
+        most, where = self._largest(function, level)
+        if most > 0:
+            raise InputError("zero on every node of the near field, and not beyond", value=f"{most:.3g} near {where}",
+                             limit=_extent(self.lattice), key=key, remedy="move it inside or enlarge the near field")  # fmt: skip
+        self.notes.append(f"{key} is zero on every node of the near field")
+
+    def _refuse_outside(self, function: Function, key: str, level: float, missed: str) -> None:
+        """InputError for what is larger beyond a side than anywhere inside: most of it lies outside."""
+        most, where = self._largest(function, level)
+        for times in _FARTHER:
+            farther, place = self._largest(function, level, times)
+            if not farther > most:
+                break
+            most, where = farther, place
+        raise InputError(f"lies outside the near field: the largest {missed} is found beyond the absorbing sides", value=f"{most:.3g} near {where}",
+                         limit=_extent(self.lattice), key=key, remedy="move it inside or enlarge the near field")  # fmt: skip
+
+    def _largest(self, function: Function, level: float, times: int = 1) -> tuple[float, str]:
+        """The largest magnitude less the level and its place, on a sample of the near field and of `times` as much beyond each absorbing side."""
         lattice = self.lattice
-        more = {key: lattice.shape[key[0]] for key in self.targets}
+        more = {key: times * lattice.shape[key[0]] for key in self.targets}
         lower, count = lattice.lower.copy(), np.array(lattice.shape)
         for (axis, side), nodes in more.items():
             lower[axis] -= lattice.spacing * nodes * (side < 0)
@@ -128,12 +150,9 @@ class Beyond:
         axes = [first + lattice.spacing * np.arange(0, n, stride) for first, n in zip(lower, count, strict=True)]
         coordinates = np.meshgrid(*axes, indexing="ij")
         with np.errstate(all="ignore"):
-            found = np.abs(np.asarray(function(*coordinates), float) - level) + np.zeros(coordinates[0].shape)
-        if np.any(found > 0):
-            where = [round(float(c[np.unravel_index(int(np.argmax(found)), found.shape)]), 9) for c in coordinates]
-            raise InputError("zero on every node of the near field, and not beyond", value=f"{found.max():.3g} near {where}",
-                             limit=_extent(lattice), key=key, remedy="move it inside or enlarge the near field")  # fmt: skip
-        self.notes.append(f"{key} is zero on every node of the near field")
+            found = np.nan_to_num(np.abs(np.asarray(function(*coordinates), float) - level) + np.zeros(coordinates[0].shape), nan=0.0)
+        top = np.unravel_index(int(np.argmax(found)), found.shape)
+        return float(found[top]), shown([float(c[top]) for c in coordinates])
 
     def check_moving(self, source: Function, times: np.ndarray, peak: float, key: str = "source") -> float:
         """Look at a source s(x, ..., t) at some times.
@@ -233,4 +252,4 @@ def _name(axis: int, side: int) -> str:
 
 
 def _extent(lattice: Lattice) -> str:
-    return f"{lattice.lower.tolist()} to {lattice.upper.tolist()}"
+    return f"{shown(lattice.lower)} to {shown(lattice.upper)}"

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import difflib
+import re
 import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
 import farhorizon as fh
 from farhorizon.errors import FileFormatError, InputError
+from farhorizon.expressions import as_given, as_signal
 from farhorizon.lattice import AXES
 from farhorizon.run import Run
 from farhorizon.steps import WholeSteps, whole_steps
@@ -79,7 +81,7 @@ class RegionPart(_Part):
         try:
             return self._shape(key)
         except InputError as error:
-            raise error if error.key else InputError(f"{key}: {error}") from None
+            raise error.at(_under(key, error.key)) from None
 
     def _shape(self, key: str) -> fh.shapes.Shape:
         shapes: list[fh.shapes.Shape] = []
@@ -279,10 +281,10 @@ class FirstOrderPart(_Part):
     type: Literal["first-order"]
 
 
-BoundaryPart = Annotated[
-    LatticePMLPart | ExactPart | FixedPart | FreePart | PeriodicPart | SpongePart | NonlocalPMLPart | PlaneWavePart | HigdonPart | FirstOrderPart,
-    Field(discriminator="type"),
-]
+AnyBoundary = (
+    LatticePMLPart | ExactPart | FixedPart | FreePart | PeriodicPart | SpongePart | NonlocalPMLPart | PlaneWavePart | HigdonPart | FirstOrderPart
+)
+BoundaryPart = Annotated[AnyBoundary, Field(discriminator="type")]
 _BOUNDARIES = {
     "lattice-pml": fh.LatticePML, "exact": fh.Exact, "fixed": fh.Fixed, "free": fh.Free, "periodic": fh.Periodic, "sponge": fh.Sponge,
     "nonlocal-pml": fh.NonlocalPML, "plane-wave": fh.PlaneWave, "higdon": fh.Higdon, "first-order": fh.FirstOrder,
@@ -374,9 +376,14 @@ class OutputPart(_Part):
     balance: bool = False
 
 
+AnyModel = WavePart | DiffusionPart | HeatPart | CorrosionPart | BeamPart | ElasticPart | BodyPart
+AnyLoad = TractionPart | BodyForcePart
+AnyConstraint = ConstraintPart | PrescribedPart
+
+
 class CasePart(_Part):
     lattice: LatticePart
-    model: Annotated[WavePart | DiffusionPart | HeatPart | CorrosionPart | BeamPart | ElasticPart | BodyPart, Field(discriminator="type")]
+    model: Annotated[AnyModel, Field(discriminator="type")]
     material: list[MaterialPart] = []
     initial: dict[Literal["u", "v"], Value] = {}
     boundary: dict[str, BoundaryPart] = {}
@@ -384,8 +391,8 @@ class CasePart(_Part):
     crack: list[CrackPart] = []
     source: list[SourcePart] = []
     incident: list[IncidentPart] = []
-    load: list[Annotated[TractionPart | BodyForcePart, Field(discriminator="type")]] = []
-    constraint: list[Annotated[ConstraintPart | PrescribedPart, Field(discriminator="type")]] = []
+    load: list[Annotated[AnyLoad, Field(discriminator="type")]] = []
+    constraint: list[Annotated[AnyConstraint, Field(discriminator="type")]] = []
     coefficient: str | Number | None = None
     rule: str = "both"
     rim: str = "free"
@@ -419,7 +426,7 @@ class Case:
         try:
             self.parts = CasePart.model_validate(data, context={"folder": self.path.parent})
         except ValidationError as error:
-            raise InputError(f"{self.path}: " + _explain(error)) from None
+            raise InputError(f"{self.path}: " + _explain(error, data)) from None
         with self.naming():
             self.lattice = self._lattice()
             if isinstance(self.parts.model, BodyPart):
@@ -572,18 +579,10 @@ class Case:
     @staticmethod
     def _of_time(value: str | float, key: str) -> fh.Expression:
         """A function of t alone."""
-        try:
-            return fh.Expression(str(value), 0)
-        except InputError as error:
-            raise InputError(f"{key}: {error}; value: {value!r}") from None
+        return as_signal(value, key)
 
     def _entry(self, value: str | float, key: str) -> Any:
-        if not isinstance(value, str):
-            return value
-        try:
-            return fh.Expression(value, self.lattice.dim)
-        except InputError as error:
-            raise InputError(f"{key}: {error}; value: {value!r}") from None
+        return as_given(value, self.lattice.dim, key)
 
     def _initial(self) -> dict[str, Any]:
         """Initial values, which do not depend on time."""
@@ -603,7 +602,7 @@ class Case:
             try:
                 boundary[side] = _BOUNDARIES[part.type](**values)
             except InputError as error:
-                raise InputError(f"boundary.{side}: {error}") from None
+                raise error.at(_under(f"boundary.{side}", error.key)) from None
         allowed = ["all"] + [AXES[a] + s for a in range(self.lattice.dim) for s in ("", "-", "+")]
         for side in boundary:
             if side not in allowed:
@@ -678,11 +677,7 @@ class Case:
         return entry
 
     def _load(self, part: TractionPart | BodyForcePart, key: str) -> fh.Traction | fh.BodyForce:
-        expression = self._of_time(part.time, f"{key}.time")
-
-        def factor(t: float) -> float:
-            return float(expression(t=t))
-
+        factor = self._of_time(part.time, f"{key}.time")
         if isinstance(part, TractionPart):
             return fh.Traction(part.side, part.value, part.between, factor)
         return fh.BodyForce(self._expression(part.value, f"{key}.value"), factor)
@@ -731,7 +726,7 @@ class Case:
         try:
             return make(where, **options)
         except InputError as error:
-            raise InputError(f"{key}: {error}") from None
+            raise error.at(_under(key, error.key)) from None
 
     def _check_output(self) -> None:
         out = self.parts.output
@@ -748,12 +743,19 @@ class Case:
             try:
                 self.lattice.index(point)
             except InputError as error:
-                raise InputError(f"output.probes: {error}") from None
+                raise error.at("output.probes") from None
+
+
+def _under(place: str, key: str) -> str:
+    """The key that an error has in Python, at its place in the case: the last part of it, unless it has the place already."""
+    if not key:
+        return place
+    return key if key.startswith(place) else f"{place}.{key.rpartition('.')[2]}"
 
 
 def _nearest(word: str, words: list[str]) -> str:
-    near = difflib.get_close_matches(word, words, 1, 0.4)
-    return f"did you mean {near[0]!r}? " if near else f"known: {', '.join(words)}"
+    near = difflib.get_close_matches(word, words, 1, 0.6)
+    return (f"did you mean {near[0]!r}? " if near else "") + f"known: {', '.join(words)}"
 
 
 _PARTS: dict[str, type[_Part]] = {
@@ -782,34 +784,55 @@ def _known(location: tuple[Any, ...]) -> list[str]:
     return list(parts.model_fields)
 
 
-def _explain(error: ValidationError) -> str:
-    """The first problem in one line: key, value, what is wrong, the nearest known key."""
-    messages = []
+# What pydantic wants, in words, by the types of its errors.
+_WANTED = {
+    "float_type": "a number", "float_parsing": "a number", "finite_number": "a finite number", "int_type": "a whole number",
+    "int_parsing": "a whole number", "int_from_float": "a whole number", "string_type": "a text", "bool_type": "true or false",
+    "bool_parsing": "true or false", "list_type": "a list", "tuple_type": "a list", "dict_type": "a table", "model_type": "a table",
+    "model_attributes_type": "a table",
+}  # fmt: skip
+
+
+def _types(table: str) -> list[str]:
+    """The types that a table of the case may have."""
+    union = {"model": AnyModel, "boundary": AnyBoundary, "load": AnyLoad, "constraint": AnyConstraint}[table]
+    return [name for part in get_args(union) for name in get_args(part.model_fields["type"].annotation)]
+
+
+def _explain(error: ValidationError, data: dict[str, Any]) -> str:
+    """The first problems in one line: key, value, what is wrong, the nearest known key."""
     problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")  # a misspelt key is why another is missing
-    for problem in problems[:3]:
-        location = tuple(problem["loc"])
-        tags = {
-            "wave",
-            "beam",
-            "diffusion",
-            "heat",
-            "corrosion",
-            "elastic",
-            "body",
-            "traction",
-            "body-force",
-            "float",
-            "str",
-            "int",
-            "[key]",
-            *_BOUNDARIES,
-        }
-        tags |= {"temperature", "flux", "insulated", "convection", "prescribed"}
-        key = ".".join(str(s) for s in location if s not in tags)
-        if problem["type"] == "extra_forbidden":
-            messages.append(f"unknown key {key}; {_nearest(str(location[-1]), _known(location[:-1]))}")
-        elif problem["type"] == "missing":
-            messages.append(f"missing key {key}")
-        else:
-            messages.append(f"{key}: {problem['msg']}; value: {problem['input']!r}")
-    return " | ".join(messages)
+    by_key: dict[str, list[Any]] = {}
+    for problem in problems:
+        by_key.setdefault(_key(data, tuple(problem["loc"]), problem["type"] == "missing"), []).append(problem)
+    return " | ".join(_problem(key, same) for key, same in list(by_key.items())[:3])
+
+
+def _key(data: Any, location: tuple[Any, ...], missing: bool) -> str:
+    """The path of a problem as it stands in the case: pydantic's has names of types in between, which are nowhere in the data."""
+    found = ""
+    for number, step in enumerate(location):
+        if isinstance(data, list) and isinstance(step, int) and step < len(data):
+            found, data = f"{found}[{step}]", data[step]
+        elif isinstance(data, dict) and (step in data or (missing and number == len(location) - 1)):
+            found, data = f"{found}.{step}".lstrip("."), data.get(step)
+    return found
+
+
+def _problem(key: str, same: list[Any]) -> str:
+    """What is wrong with one key; of what may be of several types there is a problem each."""
+    first = same[0]
+    location, context = tuple(first["loc"]), first.get("ctx", {})
+    match first["type"]:
+        case "extra_forbidden":
+            return f"unknown key {key}; {_nearest(str(location[-1]), _known(location[:-1]))}"
+        case "missing":
+            return f"missing key {key}"
+        case "union_tag_not_found" | "union_tag_invalid":
+            types = _types(re.split(r"\W", key)[0])
+            message = "unknown type" if "tag" in context else "the type is missing"
+            return str(InputError(message, value=context.get("tag"), limit=", ".join(types), key=f"{key}.type", remedy=f'type = "{types[0]}"'))
+    words = [_WANTED.get(p["type"], f"one of {p['ctx']['expected']}" if p["type"] == "literal_error" else "") for p in same]
+    message = f"must be {' or '.join(dict.fromkeys(words))}" if all(words) else first["msg"]
+    value = first["input"]
+    return str(InputError(message, value=f"the text {value!r}" if isinstance(value, str) else value, key=key))

@@ -13,16 +13,17 @@ Which nodes follow from which is a table of numbers (`Conditions`); the engine a
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from farhorizon import kinds
 from farhorizon.constraints import Prescribed
 from farhorizon.errors import InputError
 from farhorizon.lattice import AXES, Lattice
 from farhorizon.shapes import Shape
-from farhorizon.sources import parts
+from farhorizon.sources import as_source, parts
 
 Where = str | Shape | np.ndarray
 
@@ -53,7 +54,8 @@ class Temperature:
     within: Shape | None = None
 
     def __post_init__(self) -> None:
-        _check_kind(self.kind, ("node", "volume", "mirror"), self.where, ("node", "volume"))
+        kind = kinds.one_of(self.kind, "constraint.kind", ("node", "volume", "mirror"), "unknown kind of condition")
+        _check_place(self.where, self.within, anywhere=kind != "mirror")
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,8 @@ class Flux:
     within: Shape | None = None
 
     def __post_init__(self) -> None:
-        _check_kind(self.kind, ("source", "layer", "mirror"), self.where, ())
+        _check_place(self.where, self.within)
+        kinds.one_of(self.kind, "constraint.kind", ("source", "layer", "mirror"), "unknown kind of condition")
 
 
 @dataclass(frozen=True)
@@ -98,7 +101,8 @@ class Insulated:
     within: Shape | None = None
 
     def __post_init__(self) -> None:
-        _check_kind(self.kind, ("mirror", "layer"), self.where, ())
+        _check_place(self.where, self.within)
+        kinds.one_of(self.kind, "constraint.kind", ("mirror", "layer"), "unknown kind of condition")
 
 
 @dataclass(frozen=True)
@@ -121,10 +125,8 @@ class Convection:
     within: Shape | None = None
 
     def __post_init__(self) -> None:
-        _check_kind("source", ("source",), self.where, ())
-        if not (np.isfinite(self.transfer) and self.transfer >= 0):
-            raise InputError("the coefficient of heat transfer must be finite and not negative", value=self.transfer, limit=">= 0",
-                             key="constraint.transfer")  # fmt: skip
+        _check_place(self.where, self.within)
+        kinds.settle(self, transfer=kinds.number(self.transfer, "constraint.transfer", least=0))
 
 
 Constraint = Temperature | Flux | Insulated | Convection
@@ -132,15 +134,17 @@ Constraint = Temperature | Flux | Insulated | Convection
 Drive = tuple[np.ndarray | None, Callable[..., Any]]
 
 
-def _check_kind(kind: str, known: tuple[str, ...], where: Where, region: tuple[str, ...]) -> None:
-    if kind not in known:
-        raise InputError("unknown kind of condition", value=kind, limit=", ".join(known), key="constraint.kind")
+def _check_place(where: Where, within: Any, anywhere: bool = False) -> None:
+    """A side; or, of a condition that may be `anywhere`, a shape or a mask, too."""
+    if within is not None:
+        kinds.instance(within, "constraint.within", Shape, "a shape")
     if isinstance(where, str):
-        if where not in [axis + sign for axis in AXES for sign in "-+"]:
-            raise InputError("a condition is on a side, a shape or a mask", value=where, limit="x-, x+, y-, y+, z-, z+", key="constraint.where")
-    elif kind not in region:
-        raise InputError("this condition needs a side", value=type(where).__name__, limit="x-, x+, y-, y+, z-, z+", key="constraint.where",
+        kinds.one_of(where, "constraint.where", [axis + sign for axis in AXES for sign in "-+"], "a condition is on a side, a shape or a mask")
+    elif not anywhere:
+        raise InputError("this condition needs a side", value=where, limit="x-, x+, y-, y+, z-, z+", key="constraint.where",
                          remedy="a side, a Temperature, or a Source in the shape")  # fmt: skip
+    elif not isinstance(where, Shape):
+        kinds.mask(where, "constraint.where", "a condition is on a side, a shape or a mask")
 
 
 @dataclass
@@ -214,8 +218,11 @@ def resolve(
             continue  # farhorizon.constraints
         if not isinstance(constraint, Constraint):
             names = "Temperature, Flux, Insulated, Convection, Prescribed"
-            raise InputError("not a constraint", value=repr(constraint), limit=names, key="constraints")
+            raise InputError("not a constraint", value=kinds.said(constraint), limit=names, key="constraints")
         key = f"constraint[{number}]"
+        given = "ambient" if isinstance(constraint, Convection) else "value"
+        if hasattr(constraint, given):
+            constraint = replace(constraint, **{given: as_source(getattr(constraint, given), lattice.dim, f"{key}.value")})
         if isinstance(constraint.where, str):
             face = _Face(constraint.where, lattice, constraint.within, key)
             if isinstance(constraint, Convection) or (isinstance(constraint, Flux) and constraint.kind == "source"):
@@ -298,7 +305,7 @@ class _Face:
             return None, lambda t: _finite(time(*at, t), len(at[0]), self.key)
         if callable(space):
             space = space(*at)
-        space = np.asarray(space, float)
+        space = kinds.array(space, self.key, finite=False)
         if space.ndim:
             face = self.lattice.shape[: self.axis] + self.lattice.shape[self.axis + 1 :]
             if space.shape == self.lattice.shape and self.lattice.dim > 1:
@@ -311,7 +318,7 @@ class _Face:
 
 
 def _finite(value: Any, count: int, key: str) -> np.ndarray:
-    values = np.broadcast_to(np.asarray(value, float), (count,))
+    values = np.broadcast_to(kinds.array(value, key, finite=False), (count,))
     if not np.isfinite(values).all():
         raise InputError("values must be finite", value=f"{int((~np.isfinite(values)).sum())} nan or inf", key=key)
     return values
@@ -401,7 +408,7 @@ def _in_region(number: int, constraint: Constraint, lattice: Lattice, background
     if space is None:
         drive = None, lambda t: _finite(time(*at, t), len(nodes), key)
     else:
-        space = np.asarray(space(*at) if callable(space) else space, float)
+        space = kinds.array(space(*at) if callable(space) else space, key, finite=False)
         if space.ndim and space.shape != lattice.shape and space.shape != nodes.shape:
             raise InputError("an array must have the lattice's shape", value=space.shape, limit=lattice.shape, key=key)
         drive = _finite(space.ravel()[nodes] if space.shape == lattice.shape else space, len(nodes), key), time

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from farhorizon import kinds
 from farhorizon.errors import InputError
-from farhorizon.expressions import Expression
+from farhorizon.expressions import Expression, as_signal
 from farhorizon.integrators import Integrator, RungeKutta4
 from farhorizon.lattice import Lattice
 from farhorizon.shapes import Shape
@@ -22,17 +23,17 @@ class Prescribed:
     ----------
     where : array_like or Shape
         Points, each of which stands for the node nearest to it (shape (n, dim), or (n,) in 1D), a shape, or a mask of the lattice's shape.
-    value : float, callable or Expression
+    value : float, callable, str or Expression
         Value as a function of t.
     until : float, optional
         The nodes are let go after this time; never unless given.
-    rate : float or callable, optional
+    rate : float, callable, str or Expression, optional
         Velocity with which they are let go (waves); the derivative of `value` there unless given.
 
     Raises
     ------
     InputError
-        An expression of the coordinates, an end before the start.
+        What is no function of t, an end before the start.
     """
 
     where: Any
@@ -45,12 +46,15 @@ class Prescribed:
             given = getattr(self, name)
             if isinstance(given, Expression) and given.uses_space:
                 raise InputError("a prescribed value is a function of t only", value=given.text, key=f"constraint.{name}")
-        if self.until is not None and not (np.isfinite(self.until) and self.until >= 0):
-            raise InputError("must be finite and not negative", value=self.until, key="constraint.until")
+        kinds.settle(
+            self, value=as_signal(self.value, "constraint.value"),
+            rate=None if self.rate is None else as_signal(self.rate, "constraint.rate"),
+            until=None if self.until is None else kinds.number(self.until, "constraint.until", least=0),
+        )  # fmt: skip
 
     def at(self, t: float) -> float:
         """The value at a time; InputError if it is not finite."""
-        found = _at(self.value, t)
+        found = float(kinds.array(self.value(t), "constraint.value", shape=(), finite=False))
         if not np.isfinite(found):
             raise InputError("a prescribed value is not finite", value=f"{found} at t = {t:g}", key="constraint.value")
         return found
@@ -60,14 +64,15 @@ class Prescribed:
         if isinstance(self.where, Shape):
             mask = self.where.contains(np.stack(lattice.coordinates(), axis=-1))
         else:
-            given = np.asarray(self.where)
+            given = np.asarray(self.where) if isinstance(self.where, np.ndarray) else kinds.array(self.where, "constraint.where")
             if given.dtype == bool:
                 if given.shape != lattice.shape:
                     raise InputError("a mask must have the lattice's shape", value=given.shape, limit=lattice.shape, key="constraint.where")
                 mask = given
             else:
                 mask = np.zeros(lattice.shape, bool)
-                for point in np.asarray(self.where, float).reshape(-1, lattice.dim):
+                points = kinds.array(given, "constraint.where")
+                for point in points.reshape(-1, 1) if lattice.dim == 1 else np.atleast_2d(points):
                     mask[lattice.index(point)] = True
         if lattice.mask is not None:
             mask = mask & lattice.mask
@@ -82,16 +87,10 @@ class Prescribed:
     def release_rate(self, t: float, dt: float) -> float:
         """Velocity at the release at time t."""
         if self.rate is not None:
-            return _at(self.rate, t)
+            return float(self.rate(t))
         # Backward difference of fourth order: the value need not be defined later.
         h = min(dt, t / 4 if t > 0 else dt) / 16
         return float(np.dot([25 / 12, -4, 3, -4 / 3, 1 / 4], [self.at(t - k * h) for k in range(5)]) / h)
-
-
-def _at(function: Any, t: float) -> float:
-    if isinstance(function, Expression):
-        return float(function(t=t) if function.dim == 0 else function(*np.zeros(function.dim), t=t))
-    return float(function(t) if callable(function) else function)
 
 
 class Holds:

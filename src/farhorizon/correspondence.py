@@ -14,24 +14,25 @@ from typing import Any
 
 import numpy as np
 
+from farhorizon import kinds
 from farhorizon.analysis.correspondence import bond_weights, largest_frequency
 from farhorizon.beyond import gradients
 from farhorizon.boundaries import Fixed, Free, NonlocalPML, Sponge, sides
 from farhorizon.certificate import BUDGET, Certificate
 from farhorizon.cracks import as_cut, cut_bonds
 from farhorizon.describe import describe
-from farhorizon.engine import available_threads
 from farhorizon.engine import correspondence as engine
 from farhorizon.engine.threads import side_by_side
 from farhorizon.errors import InputError
+from farhorizon.expressions import as_given
 from farhorizon.kernel import Kernel
 from farhorizon.lattice import AXES, Lattice
 from farhorizon.loads import BodyForce, Traction, force_density
 from farhorizon.overstretch import Rim, rim_of
 from farhorizon.report import Report
 from farhorizon.results import Caution, write_checkpoint
-from farhorizon.run import Run
-from farhorizon.sources import checked, steady
+from farhorizon.run import MOST_STEPS, Run, wanted_threads
+from farhorizon.sources import LISTED, checked, steady
 from farhorizon.stencil import Stencil
 
 PLANES = ("strain", "stress")
@@ -53,8 +54,7 @@ def lame_constants(young: Any, poisson: Any, dim: int, plane: str = "strain") ->
         Young's modulus not positive, Poisson's ratio outside -1..1/2 (plane stress: -1..1), an unknown plane state.
     """
     _all_positive(young, "Young's modulus", "model.young")
-    if plane not in PLANES:
-        raise InputError("unknown plane state", value=plane, limit=", ".join(PLANES), key="model.plane")
+    kinds.one_of(plane, "model.plane", PLANES, "unknown plane state")
     in_stress = dim == 2 and plane == "stress"
     most = 1.0 if in_stress else 0.5
     wrong = [value for value in (float(np.min(poisson)), float(np.max(poisson))) if not -1 < value < most]
@@ -171,20 +171,20 @@ class Body(Run):
         observe: Sequence[Callable[[Body], None]] = (),
     ) -> None:
         self._setup = {name: value for name, value in locals().items() if name not in ("self", "initial", "observe", "__class__")}
+        kinds.instance(lattice, "lattice", Lattice, "a Lattice")
+        kinds.instance(operator, "model.kernel", (Kernel, Stencil), "a Kernel or a Stencil", remedy="Kernel(horizon=3*spacing)")
+        loads, cracks = kinds.sequence(loads, "loads"), kinds.sequence(cracks, "cracks")
         if lattice.dim not in (2, 3) or lattice.window is not None:
             raise InputError("correspondence elasticity needs a lattice of two or three dimensions with bounds", value=repr(lattice), key="lattice")
         self.lattice, self.dim = lattice, lattice.dim
         self._notes: list[str] = []
-        if critical_stretch is not None:
-            _all_positive(critical_stretch, "the critical stretch", "model.critical_stretch")
-        if shape_tensor not in SHAPE_TENSORS:
-            raise InputError("unknown shape tensor", value=shape_tensor, limit=", ".join(SHAPE_TENSORS), key="model.shape_tensor")
-        for name, value, most in (("drag", drag, np.inf), ("stabilisation", stabilisation, 1.0)):
-            if not (0 <= value <= most and np.isfinite(value)):
-                raise InputError("out of range", value=value, limit=f"0 to {most}", key=f"model.{name}")
+        critical_stretch = None if critical_stretch is None else kinds.number(critical_stretch, "model.critical_stretch", above=0)
+        kinds.one_of(shape_tensor, "model.shape_tensor", SHAPE_TENSORS, "unknown shape tensor")
+        drag, stabilisation = kinds.number(drag, "model.drag", least=0), kinds.number(stabilisation, "model.stabilisation", least=0, most=1)
+        kinds.flag(balance, "balance")
         self.stencil = Stencil.from_kernel(operator, lattice.spacing, self.dim) if isinstance(operator, Kernel) else operator
         self._set_sides(boundary)
-        self._critical, self._balance, self._stabilisation = critical_stretch, balance, float(stabilisation)
+        self._critical, self._balance, self._stabilisation = critical_stretch, balance, stabilisation
         self._lay_out(threads)
         self._set_material({"young": young, "poisson": poisson, "density": density}, plane)
         self._set_loads(loads)
@@ -192,7 +192,7 @@ class Body(Run):
         self._cut_tiles(whole, shape_tensor == "kept")
         self._set_step(dt, drag)
         self._set_layers()
-        self._set_fields(initial or {})
+        self._set_fields({} if initial is None else initial)
         self._check_load_strain()
         self._rim = self._find_rim()
         self._refuse_in_split_form(cracks, loads, drag)
@@ -237,9 +237,7 @@ class Body(Run):
         half = self._bonds[0] > 0
         self._pairs = (self._bonds[0][half], np.ascontiguousarray(w[half, None] * xi[half]))
         nodes = int(np.prod(self._box))
-        wanted = available_threads() if threads is None else threads
-        if wanted < 1:
-            raise InputError("needs at least one thread", value=threads, limit=">= 1", key="run.threads")
+        wanted = wanted_threads(threads)
         self._threads = wanted if nodes >= _PARALLEL_NODES else 1
 
     def _view(self, flat: np.ndarray) -> np.ndarray:
@@ -289,6 +287,7 @@ class Body(Run):
     def _on_nodes(self, value: Any, key: str) -> Any:
         """A constant of the material: a number if it is the same on all nodes, else an array of the lattice's shape; missing nodes have one, too."""
         lattice = self.lattice
+        value = as_given(value, lattice.dim, key, time=False)
         values = checked(value(*lattice.coordinates()) if callable(value) else value, lattice, key)
         there = np.ones(lattice.shape, bool) if lattice.mask is None else lattice.mask
         first = float(values[there][0])
@@ -333,7 +332,8 @@ class Body(Run):
     def _set_loads(self, loads: Sequence[BodyForce | Traction]) -> None:
         self._times: list[Callable[[float], float]] = []
         values = []
-        for load in loads:
+        for number, load in enumerate(loads):
+            kinds.instance(load, f"load[{number}]", (BodyForce, Traction), "a BodyForce or a Traction")
             value = force_density(load, self.lattice, self.sides) if isinstance(load, Traction) else load.value
             values.append(self._components(value, "load.value", False))
             self._times.append(load.time or steady)
@@ -343,19 +343,24 @@ class Body(Run):
 
     def _components(self, values: Sequence[Any] | np.ndarray, key: str, beyond: bool) -> np.ndarray:
         """A vector field on the box, shape (dim, three axes); functions reach into the layers if `beyond`."""
-        if not isinstance(values, Sequence | np.ndarray) or isinstance(values, str) or len(values) != self.dim:
-            given = len(values) if isinstance(values, Sequence | np.ndarray) else "one"
-            raise InputError("needs one component an axis", value=given, limit=self.dim, key=key)
+        entries = len(values) if isinstance(values, list | tuple) or (isinstance(values, np.ndarray) and values.ndim) else None
+        if entries != self.dim:
+            raise InputError("a vector field needs one entry a component", value="one for all" if entries is None else f"{entries} entries",
+                             limit=f"a list of {self.dim}", key=key, remedy=LISTED[self.dim])  # fmt: skip
+        values = as_given(values, self.dim, key, time=False)
         out = np.zeros((self.dim, *self._box))
         near = self._near_slices
         for a, value in enumerate(values):
             if callable(value):
                 at = self._coordinates()
-                out[a] = value(*at) if beyond else 0.0
-                if not beyond:
-                    out[a][near] = np.broadcast_to(np.asarray(value(*[x[near] for x in at]), float), out[a][near].shape)
+                part = ... if beyond else near
+                found = kinds.array(value(*[x[part] for x in at]), f"{key}[{a}]", finite=False)
+                if found.shape not in ((), out[a][part].shape):
+                    raise InputError("a function returns one value a point", value=f"shape {found.shape}", limit=out[a][part].shape,
+                                     key=f"{key}[{a}]")  # fmt: skip
+                out[a][part] = found
             else:
-                array = np.asarray(value, float)
+                array = kinds.array(value, f"{key}[{a}]", finite=False)
                 if array.ndim and array.shape != self.lattice.shape:
                     raise InputError("an array must have the lattice's shape", value=array.shape, limit=self.lattice.shape, key=key)
                 out[a][near] = np.broadcast_to(array, self.lattice.shape).reshape(tuple(self._near))
@@ -511,10 +516,11 @@ class Body(Run):
         limit = 2 / (drag + np.sqrt(drag**2 + self.largest_frequency**2))
         self.step_limit = float(limit)
         default = 0.5 * self.step_limit
-        self.dt = default if dt is None else float(dt(default) if callable(dt) else dt)
+        given = kinds.function(dt, "run.dt", "the default step")(default) if callable(dt) else dt
+        self.dt = default if given is None else kinds.number(given, "run.dt", above=0)
         if not 0 < self.dt <= limit:
             raise InputError("the step is out of range", value=self.dt, limit=f"{limit:.6g}", key="run.dt", remedy=f"dt = {0.5 * limit:.3g}")
-        self._drag = float(drag) * self.dt
+        self._drag = drag * self.dt
 
     def _largest_frequency(self) -> float:
         """From the symbol, or where bonds are missing, which makes K smaller and the body stiffer, or materials meet, by power iteration."""
@@ -577,9 +583,9 @@ class Body(Run):
                     to[:, slot : slot + count] = values[here]
 
     def _set_fields(self, initial: Mapping[str, Sequence[Any]]) -> None:
-        unknown = set(initial) - {"u", "v"}
+        unknown = set(kinds.instance(initial, "initial", Mapping, "a mapping of fields to their values", remedy='{"u": [...]}')) - {"u", "v"}
         if unknown:
-            raise InputError("unknown initial field", value=sorted(unknown), limit="u, v", key="initial")
+            raise InputError("unknown initial field", value=sorted(map(str, unknown)), limit="u, v", key="initial")
         nothing = np.zeros((self.dim, 0))
         self._u, self._v = (np.zeros((self.dim, self._size)) for _ in range(2))
         self._spare = np.zeros_like(self._v) if self._drag else nothing
@@ -636,7 +642,7 @@ class Body(Run):
         UnstableError
             The displacements became non-finite or exploded.
         """
-        last = self.step_count + count
+        last = self.step_count + kinds.integer(count, "count", least=0, most=MOST_STEPS)
         while self.step_count < last:
             steps = min(self._guard_steps, last - self.step_count)
             self._advance(steps, self.step_count)

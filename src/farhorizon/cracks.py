@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from farhorizon import kinds
 from farhorizon.errors import InputError
 from farhorizon.shapes import Cut, PointCut, PolygonCut, Polyline
 
@@ -34,10 +35,13 @@ class Crack:
     opens: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0 <= self.factor <= 1:
-            raise InputError("what a crack leaves of its bonds is a factor from 0 to 1", value=self.factor, limit="0 to 1", key="crack.factor")
-        if not np.isfinite(self.opens):
-            raise InputError("the time at which a crack opens must be finite", value=self.opens, key="crack.opens")
+        kinds.settle(
+            self,
+            factor=kinds.number(self.factor, "crack.factor", least=0, most=1),
+            opens=kinds.number(self.opens, "crack.opens"),
+        )
+        if not isinstance(self.cut, Cut):
+            kinds.array(self.cut, "crack")
 
 
 def as_crack(crack: Any, dim: int) -> Crack:
@@ -58,13 +62,13 @@ def as_cut(crack: Any, dim: int) -> Cut:
     if isinstance(crack, Cut):
         cut = crack
     elif dim == 1:
-        cut = PointCut(float(np.ravel(crack)[0]))
+        cut = PointCut(kinds.array(np.ravel(kinds.array(crack, "crack")), "crack", shape=(1,))[0])
     elif dim == 2:
         cut = Polyline(crack)
-    elif np.ndim(crack) == 2 and len(crack) >= 3:
-        cut = PolygonCut(crack)
+    elif (points := kinds.array(crack, "crack")).ndim == 2 and len(points) >= 3:
+        cut = PolygonCut(points)
     else:
-        raise InputError("a crack in 3D is a surface", value=repr(crack), key="crack",
+        raise InputError("a crack in 3D is a surface", value=crack, key="crack",
                          remedy="use Rectangle(...), DiscCut(...) or the corners of a polygon")  # fmt: skip
     if cut.dim != dim:
         raise InputError("crack and lattice differ in dimension", value=cut.dim, limit=dim, key="crack")

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+import numbers
+from typing import Any, Self
+
+import numpy as np
+
+_LONGEST = 100  # characters of a value in a message
+_FEW = 8  # entries of an array that are shown
 
 
 class FarhorizonError(Exception):
@@ -28,12 +34,16 @@ class InputError(FarhorizonError, ValueError):
         self.message, self.value, self.limit, self.remedy, self.key = message, value, limit, remedy, key
         parts = [f"{key}: {message}" if key else message]
         if value is not None:
-            parts.append(f"value: {value}")
+            parts.append(f"value: {_cut(shown(value))}")
         if limit is not None:
-            parts.append(f"limit: {limit}")
+            parts.append(f"limit: {shown(limit)}")
         if remedy:
             parts.append(f"remedy: {remedy}")
         super().__init__("; ".join(parts))
+
+    def at(self, key: str) -> Self:
+        """The same error with another key, of what knows where the value stands."""
+        return type(self)(self.message, value=self.value, limit=self.limit, remedy=self.remedy, key=key)
 
 
 class FileFormatError(InputError):
@@ -46,3 +56,40 @@ class UnstableError(FarhorizonError, RuntimeError):
 
 class ValidityWarning(UserWarning):
     """From some time of a run on its result is doubtful; see `Run.cautions`."""
+
+
+def shown(value: Any) -> str:
+    """A value as a person writes it: numbers without the noise of rounding, large arrays by their shape, objects by their type."""
+    if isinstance(value, np.ndarray | np.generic):
+        if value.size > _FEW:
+            return f"an array of shape {shown(value.shape)}"
+        return shown(value.tolist())
+    if isinstance(value, numbers.Real) and not isinstance(value, numbers.Integral):
+        return f"{float(value):.10g}"
+    if isinstance(value, list | tuple):
+        inner = ", ".join(shown(part) for part in value[: 4 * _FEW])
+        inner += ", ..." if len(value) > 4 * _FEW else "," if isinstance(value, tuple) and len(value) == 1 else ""
+        return f"({inner})" if isinstance(value, tuple) else f"[{inner}]"
+    if isinstance(value, type) or callable(value):
+        name = getattr(value, "__qualname__", type(value).__name__)
+        if isinstance(value, type):
+            return name
+        return f"the function {name}" if name != type(value).__name__ else _plain(value)
+    return _plain(value)
+
+
+def _plain(value: Any) -> str:
+    """Objects that do not say what they are, by their type: an address helps nobody."""
+    kind = type(value)
+    return f"an object of type {kind.__qualname__}" if kind.__repr__ is object.__repr__ and kind.__str__ is object.__str__ else _long(value)
+
+
+def _long(value: Any) -> str:
+    try:
+        return str(value)
+    except ValueError:  # Python writes no integers of more than 4300 digits
+        return f"a whole number of {value.bit_length()} bits"
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 4]} ..."

@@ -13,15 +13,17 @@ import functools
 import operator
 import sys
 from collections.abc import Callable, Iterable, Mapping
+from numbers import Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import erf
 
-from farhorizon.errors import InputError
+from farhorizon import kinds
+from farhorizon.errors import InputError, shown
 
-__all__ = ["CONSTANTS", "FUNCTIONS", "MAX_LENGTH", "MAX_NESTING", "Expression"]
+__all__ = ["CONSTANTS", "FUNCTIONS", "MAX_LENGTH", "MAX_NESTING", "Expression", "as_given", "as_signal"]
 
 MAX_LENGTH = 10_000
 """Longest text of an expression, in characters."""
@@ -131,14 +133,15 @@ class Expression:
     ----------
     text : str
         The expression; line breaks count as spaces.
-    dim : int
-        Number of coordinates, 0 to 3: the names allowed are the first `dim` of x, y, z, and t.
+    dim : int, optional
+        Number of coordinates, 0 to 3: the names allowed are the first `dim` of x, y, z, and t. Unless given the expression has as many as where it
+        is used, on a lattice those of the lattice; see `on`.
 
     Attributes
     ----------
     text : str
         The expression as given.
-    dim : int
+    dim : int or None
         Number of coordinates.
     uses_time, uses_space : bool
         Whether t, or any coordinate, occurs.
@@ -157,26 +160,38 @@ class Expression:
     """
 
     text: str
-    dim: int
+    dim: int | None
     uses_time: bool
     uses_space: bool
     _tree: ast.expr
 
-    def __init__(self, text: str, dim: int) -> None:
-        if dim not in range(4):
-            raise InputError("an expression has 0 to 3 coordinates", value=dim)
+    def __init__(self, text: str, dim: int | None = None) -> None:
+        dim = None if dim is None else kinds.integer(dim, "expression.dim", least=0, most=len(COORDINATES))
         tree = _parse(text)
-        _check(tree, dim)
-        self._set(text, tree, int(dim))
+        try:
+            _check(tree, len(COORDINATES) if dim is None else dim)
+        except InputError as error:
+            raise error if error.value is not None else InputError(error.message, value=text, limit=error.limit, remedy=error.remedy) from None
+        self._set(text, tree, dim)
 
-    def _set(self, text: str, tree: ast.expr, dim: int) -> None:
+    def on(self, dim: int) -> Expression:
+        """The expression of so many coordinates: itself, or if it was made without a number of them, or for fewer, its text read anew.
+
+        Raises
+        ------
+        InputError
+            A coordinate that is not there.
+        """
+        return self if self.dim == dim else Expression(self.text, dim)
+
+    def _set(self, text: str, tree: ast.expr, dim: int | None) -> None:
         names = _names(tree)
         self.text, self.dim, self._tree = text, dim, tree
         self.uses_time = "t" in names
         self.uses_space = not names.isdisjoint(COORDINATES)
 
     def __repr__(self) -> str:
-        return f"Expression({self.text!r}, dim={self.dim})"
+        return f"Expression({self.text!r})" if self.dim is None else f"Expression({self.text!r}, dim={self.dim})"
 
     def __call__(self, *coordinates: ArrayLike, t: ArrayLike = 0.0) -> NDArray[np.float64]:
         """Evaluate the expression.
@@ -184,7 +199,7 @@ class Expression:
         Parameters
         ----------
         *coordinates : array_like
-            The `dim` coordinates, of shapes that broadcast.
+            The `dim` coordinates, of shapes that broadcast. An expression of t alone, ``dim=0``, may also be called with t.
         t : array_like, optional
             The time.
 
@@ -199,9 +214,13 @@ class Expression:
         InputError
             If the number of coordinates is not `dim`, or the shapes do not broadcast.
         """
+        if self.dim is None:
+            return self.on(min(len(coordinates), len(COORDINATES)))(*coordinates, t=t)
+        if self.dim == 0 and len(coordinates) == 1:
+            return self(t=coordinates[0])
         if len(coordinates) != self.dim:
             raise InputError(f"{self!r} takes {self.dim} coordinates", value=len(coordinates))
-        arrays = [np.asarray(c, dtype=np.float64) for c in (*coordinates, t)]
+        arrays = [kinds.array(c, "expression", finite=False) for c in (*coordinates, t)]
         try:
             shape = np.broadcast_shapes(*(a.shape for a in arrays))
         except ValueError:
@@ -238,6 +257,62 @@ class Expression:
         return space.expression(self.dim), time.expression(0)
 
 
+def as_given(value: Any, dim: int, key: str, *, time: bool = True) -> Any:
+    """What a user gives for a function of space and time, with every text in it as an `Expression` of the lattice's coordinates.
+
+    Parameters
+    ----------
+    value : str, Expression, callable, array_like or float, or a list of these
+        A list has one entry a component; what is neither text nor expression stays as it is.
+    dim : int
+        Of the lattice.
+    key : str
+        Named in messages.
+    time : bool
+        Whether it may depend on t.
+
+    Raises
+    ------
+    InputError
+        A text that is no expression of these coordinates, one of t where it may not be, and there a function of other arguments than the
+        coordinates; what holds no real numbers.
+    """
+    if isinstance(value, list | tuple) and not all(isinstance(part, Real) for part in value):
+        entries = [as_given(part, dim, f"{key}[{i}]", time=time) for i, part in enumerate(value)]
+        return entries if any(new is not old for new, old in zip(entries, value, strict=True)) else value
+    if not isinstance(value, str | Expression):
+        if not callable(value):
+            kinds.array(value, key, finite=False)
+        elif not time:
+            kinds.function(value, key, ", ".join(COORDINATES[:dim]))
+        return value
+    try:
+        found = value.on(dim) if isinstance(value, Expression) else Expression(value, dim)
+    except InputError as error:
+        raise error.at(key) from None
+    if found.uses_time and not time:
+        raise InputError("cannot depend on t", value=found.text, key=key, remedy=f"use {', '.join(COORDINATES[:dim])}")
+    return found
+
+
+def as_signal(value: Any, key: str) -> Any:
+    """What a user gives for a function of t alone: a text, an expression or a number as an `Expression`, a callable as it is.
+
+    Raises
+    ------
+    InputError
+        A text that is no expression of t, a callable of another number of arguments, neither of these nor a number.
+    """
+    if isinstance(value, str | Expression):
+        try:
+            return value.on(0) if isinstance(value, Expression) else Expression(value, 0)
+        except InputError as error:
+            raise error.at(key) from None
+    if isinstance(value, Real) and not isinstance(value, bool):
+        return Expression(repr(kinds.number(value, key)), 0)
+    return kinds.function(value, key, "t")
+
+
 class _Product:
     """A product in the making: its tree and its text."""
 
@@ -255,7 +330,7 @@ class _Product:
             self.tree = ast.BinOp(self.tree, ast.Div() if inverse else ast.Mult(), node)
             self.text = f"{self.text or '1'}{'/' if inverse else '*'}{text}"
 
-    def expression(self, dim: int) -> Expression:
+    def expression(self, dim: int | None) -> Expression:
         # Past the constructor: its limits are for what users write, and the reordered product may be a little longer than what passed them.
         result = Expression.__new__(Expression)
         result._set(self.text or "1", self.tree, dim)
@@ -281,7 +356,7 @@ def _names(tree: ast.expr) -> set[str]:
 
 def _parse(text: str) -> ast.expr:
     if not isinstance(text, str):
-        raise InputError("an expression is a text", value=repr(text), remedy="put it in quotes")
+        raise InputError("an expression is a text", value=shown(text), remedy="put it in quotes")
     if len(text) > MAX_LENGTH:
         raise InputError("the expression is too long", value=f"{len(text)} characters", limit=MAX_LENGTH)
     if "#" in text:

@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from farhorizon import kinds
 from farhorizon.analysis.pulse import PlanePulse
-from farhorizon.errors import InputError
+from farhorizon.errors import InputError, shown
+from farhorizon.expressions import as_signal
 from farhorizon.lattice import AXES, Lattice
 from farhorizon.shapes import Box, Cut
 from farhorizon.stencil import Stencil
@@ -29,7 +31,7 @@ class IncidentWave:
     ----------
     direction : sequence of float
         Along which it travels; its length does not matter.
-    signal : callable or Expression
+    signal : callable, str or Expression
         Displacement as a function of t, where the wave meets the box first.
     duration : float
         The signal is zero before 0 and after it.
@@ -41,32 +43,30 @@ class IncidentWave:
     Raises
     ------
     InputError
-        A direction without length, a duration that is not positive, an unknown polarisation.
+        A direction without length, a duration that is not positive, a signal that is no function of t, an unknown polarisation.
     """
 
     direction: Sequence[float]
-    signal: Callable[..., Any]
+    signal: Any
     duration: float
     polarisation: str | Sequence[float] = "P"
     within: Box | None = None
 
     def __post_init__(self) -> None:
-        direction = np.asarray(self.direction, float)
-        if direction.ndim != 1 or not np.isfinite(direction).all() or not direction.any():
+        if not kinds.array(self.direction, "incident.direction", shape=(None,)).any():
             raise InputError("an incident wave needs a direction", value=self.direction, limit="one component an axis, not all zero",
                              key="incident.direction")  # fmt: skip
-        if not (np.isfinite(self.duration) and self.duration > 0):
-            raise InputError("the duration of a signal must be finite and positive", value=self.duration, limit="> 0", key="incident.duration")
-        if isinstance(self.polarisation, str) and self.polarisation not in _POLARISATIONS:
-            raise InputError("unknown polarisation", value=self.polarisation, limit="P, S, or a direction", key="incident.polarisation")
+        kinds.settle(self, duration=kinds.number(self.duration, "incident.duration", above=0), signal=as_signal(self.signal, "incident.signal"))
+        if isinstance(self.polarisation, str):
+            kinds.one_of(self.polarisation, "incident.polarisation", _POLARISATIONS, "unknown polarisation")
+        else:
+            kinds.array(self.polarisation, "incident.polarisation", shape=(None,))
+        if self.within is not None:
+            kinds.instance(self.within, "incident.within", Box, "a Box")
 
     def at(self, t: float) -> float:
         """The signal at a time."""
-        from farhorizon.expressions import Expression
-
-        if not 0 <= t <= self.duration:
-            return 0.0
-        return float(self.signal(t=t) if isinstance(self.signal, Expression) else self.signal(t))
+        return float(kinds.array(self.signal(t), "incident.signal", shape=())) if 0 <= t <= self.duration else 0.0
 
     def resolved(self, lattice: Lattice, reach: Sequence[int]) -> IncidentWave:
         """The same wave with its box.
@@ -85,9 +85,10 @@ class IncidentWave:
         outside = (lower - more < lattice.lower - close) | (upper + more > lattice.upper + close)
         if outside.any():
             axis = int(np.argmax(outside))
-            raise InputError(f"the box of an incident wave needs one reach of the near field around it, along {AXES[axis]}",
-                             value=[lower[axis], upper[axis]], key="incident.within",
-                             limit=[float((lattice.lower + more)[axis]), float((lattice.upper - more)[axis])])  # fmt: skip
+            limits = shown((lattice.lower + more)[axis]), shown((lattice.upper - more)[axis])
+            raise InputError(f"the box of an incident wave reaches too far along {AXES[axis]}: one reach of the near field must be left around it",
+                             value=f"{shown(lower[axis])} to {shown(upper[axis])}", key="incident.within",
+                             limit=f"within {limits[0]} to {limits[1]}", remedy="a smaller box, or a larger near field")  # fmt: skip
         if (upper - lower < 4 * more - close).any():
             raise InputError("the box of an incident wave is too small", value=(upper - lower).tolist(), limit=f"sides of {(4 * more).tolist()}",
                              key="incident.within", remedy="enlarge the near field")  # fmt: skip

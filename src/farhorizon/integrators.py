@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from farhorizon.errors import InputError
+from farhorizon import kinds
 
 #: Largest |dt * eigenvalue| on the negative real axis for which Runge-Kutta 4 does not grow.
 RK4_REAL_LIMIT = 2.785293563405282
@@ -192,8 +192,7 @@ class RungeKuttaChebyshev:
     name = "Runge-Kutta-Chebyshev"
 
     def __post_init__(self) -> None:
-        if not 2 <= self.chebyshev <= 1000:
-            raise InputError("a Runge-Kutta-Chebyshev step has 2 to 1000 stages", value=self.chebyshev, limit="2 to 1000", key="model.integrator")
+        kinds.settle(self, chebyshev=kinds.integer(self.chebyshev, "model.integrator.chebyshev", least=2, most=1000))
 
     @classmethod
     def for_step(cls, dt: float, largest: float) -> RungeKuttaChebyshev:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
+from farhorizon import kinds
 from farhorizon.errors import InputError
 
 INFLUENCES = ("constant", "linear", "gaussian")
@@ -53,16 +54,17 @@ class Kernel:
     calibrate: bool = True
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.horizon) and self.horizon > 0):
-            raise InputError("the horizon must be positive", value=self.horizon, limit="> 0", key="kernel.horizon")
-        if self.exponent not in (0, 1, 2, 3):
-            raise InputError("the exponent must be 0, 1, 2 or 3", value=self.exponent, key="kernel.exponent")
-        if self.influence not in INFLUENCES:
-            raise InputError("unknown influence function", value=self.influence, limit=", ".join(INFLUENCES), key="kernel.influence")
-        if self.volume not in ("ramp", "full"):
-            raise InputError("unknown volume rule", value=self.volume, limit="ramp, full", key="kernel.volume")
-        if self.width is not None and (self.influence != "gaussian" or not self.width > 0):
-            raise InputError("width is the positive width of a gaussian influence", value=self.width, key="kernel.width")
+        kinds.settle(
+            self, horizon=kinds.number(self.horizon, "kernel.horizon", above=0),
+            exponent=kinds.integer(self.exponent, "kernel.exponent", least=0, most=3),
+            influence=kinds.one_of(self.influence, "kernel.influence", INFLUENCES, "unknown influence function"),
+            width=None if self.width is None else kinds.number(self.width, "kernel.width", above=0),
+            volume=kinds.one_of(self.volume, "kernel.volume", ("ramp", "full"), "unknown volume rule"),
+            calibrate=kinds.flag(self.calibrate, "kernel.calibrate"),
+        )  # fmt: skip
+        if self.width is not None and self.influence != "gaussian":
+            raise InputError("only a gaussian influence has a width", value=self.influence, limit="gaussian", key="kernel.width",
+                             remedy="leave it out")  # fmt: skip
 
     @property
     def gaussian_width(self) -> float:

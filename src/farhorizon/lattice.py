@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from farhorizon.errors import InputError
+from farhorizon import kinds
+from farhorizon.errors import InputError, shown
 from farhorizon.machine import available_memory
 from farhorizon.shapes import Shape
 
 AXES = ("x", "y", "z")
+_SHAPES = "Disc, Ball, Box, Polygon, in 2D ImageMask of a mask, or a subclass of farhorizon.shapes.Shape with dim, bounds() and contains(points)"
 
 
 class Lattice:
@@ -42,58 +44,59 @@ class Lattice:
         window: Shape | None = None,
         body: Shape | None = None,
     ) -> None:
-        if not (np.isfinite(spacing) and spacing > 0):
-            raise InputError("the spacing must be positive and finite", value=spacing, limit="> 0", key="lattice.spacing")
-        self.spacing = float(spacing)
+        self.spacing = spacing = kinds.number(spacing, "lattice.spacing", above=0)
+        for key, shape in (("lattice.window", window), ("lattice.body", body)):
+            if shape is not None:
+                kinds.instance(shape, key, Shape, "a shape", remedy=_SHAPES)
         self.window, self.body = window, body
         if window is not None:
             if lower is not None or upper is not None or body is not None:
                 raise InputError("a window replaces lower, upper and body", key="lattice.window", remedy="give the window alone")
             low, high = window.bounds()
-            first = np.ceil(np.asarray(low) / spacing - 1e-9).astype(int)
-            last = np.floor(np.asarray(high) / spacing + 1e-9).astype(int)
+            first = np.ceil(np.asarray(low) / spacing - 1e-9)
+            last = np.floor(np.asarray(high) / spacing + 1e-9)
         elif lower is None or upper is None:
             raise InputError("a lattice needs lower and upper, or a window", key="lattice", remedy="give lower=(...), upper=(...)")
         else:
-            first, last = self._whole_spacings(np.atleast_1d(np.asarray(lower, float)), np.atleast_1d(np.asarray(upper, float)))
+            lower, upper = (np.atleast_1d(kinds.array(bound, f"lattice.{name}")) for name, bound in (("lower", lower), ("upper", upper)))
+            first, last = self._whole_spacings(lower, upper)
+        region = window if window is not None else body
+        _check_size(last - first + 1, 1 if region is None else 3 * len(first) + 2)
         self.shape: tuple[int, ...] = tuple(int(n) for n in last - first + 1)
         self.dim = len(self.shape)
         if min(self.shape) < 1:
             raise InputError("the lattice holds no node", value=self.shape, key="lattice", remedy="a smaller spacing or a larger window")
-        self.lower = np.asarray(first * self.spacing if window is not None else np.atleast_1d(np.asarray(lower, float)))
+        self.lower = np.asarray(first * self.spacing if lower is None else lower)
         self.upper = self.lower + (np.array(self.shape) - 1) * self.spacing
-        region = window if window is not None else body
         self.mask: np.ndarray | None = None
         if region is not None:
             if region.dim != self.dim:
                 raise InputError("shape and lattice differ in dimension", value=region.dim, limit=self.dim, key="lattice")
-            need = 8 * (3 * self.dim + 2) * float(np.prod(np.array(self.shape, float)))
-            if need > available_memory():
-                size = f"about {need / 2**30:.3g} GiB for {' x '.join(map(str, self.shape))} nodes"
-                raise InputError("the lattice does not fit into memory", value=size,
-                                 limit=f"{available_memory() / 2**30:.3g} GiB available", key="lattice.spacing",
-                                 remedy="a larger spacing or a smaller window")  # fmt: skip
-            self.mask = region.contains(np.stack(self.coordinates(), axis=-1))
+            inside = kinds.function(region.contains, "lattice", "points")(np.stack(self.coordinates(), axis=-1))
+            if not isinstance(inside, np.ndarray) or inside.dtype != bool or inside.shape != self.shape:
+                raise InputError("contains(points) of a shape tells true or false for each point", value=kinds.said(inside), key="lattice",
+                                 limit=f"an array of bool of shape {self.shape} for points of shape {(*self.shape, self.dim)}")  # fmt: skip
+            self.mask = inside
             if not self.mask.any():
                 raise InputError("no node lies in the window or body", key="lattice", remedy="a smaller spacing or a larger shape")
 
     def _whole_spacings(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if lower.shape != upper.shape or lower.ndim != 1 or not 1 <= len(lower) <= 3:
             raise InputError("lower and upper need the same length, 1 to 3", value=(lower.tolist(), upper.tolist()), key="lattice")
-        if not (np.isfinite(lower).all() and np.isfinite(upper).all() and (upper >= lower).all()):
-            raise InputError("bounds must be finite with upper >= lower", value=(lower.tolist(), upper.tolist()), key="lattice")
+        if not (upper >= lower).all():
+            raise InputError("upper lies below lower", value=(lower.tolist(), upper.tolist()), limit="upper >= lower", key="lattice.upper")
         steps = (upper - lower) / self.spacing
         whole = np.round(steps)
         if np.any(np.abs(steps - whole) > 1e-9 * np.maximum(1.0, whole)):
-            nearest = (lower + whole * self.spacing).tolist()
+            nearest = shown(lower + whole * self.spacing)
             raise InputError(
                 "upper - lower is not a whole number of spacings",
                 value=(upper - lower).tolist(),
-                limit=f"multiples of {self.spacing}",
+                limit=f"multiples of {shown(self.spacing)}",
                 key="lattice.upper",
                 remedy=f"nearest upper = {nearest}",
             )
-        return np.zeros(len(lower), int), whole.astype(int)
+        return np.zeros(len(lower)), whole
 
     @property
     def axes(self) -> list[np.ndarray]:
@@ -106,16 +109,17 @@ class Lattice:
 
     def index(self, point: ArrayLike) -> tuple[int, ...]:
         """Index of the node nearest to a point; InputError beyond the near field or outside the window."""
-        at = np.asarray(point, float)
-        if at.shape != (self.dim,) or not np.isfinite(at).all():
-            raise InputError("a point needs one finite coordinate an axis", value=np.atleast_1d(at).tolist(), limit=f"{self.dim} coordinates")
-        node = tuple(int(i) for i in np.round((at - self.lower) / self.spacing))
-        inside = all(0 <= i < n for i, n in zip(node, self.shape, strict=True))
+        at = kinds.array(point, "point")
+        if at.shape != (self.dim,):
+            raise InputError("a point needs one coordinate an axis", value=at, limit=f"{self.dim} coordinates", key="point")
+        place = np.round((at - self.lower) / self.spacing)
+        inside = bool(((place >= 0) & (place < self.shape)).all())
+        node = tuple(int(i) for i in place) if inside else ()
         if not inside or (self.mask is not None and not self.mask[node]):
             raise InputError(
                 "the point lies outside the near field",
                 value=at.tolist(),
-                limit=f"{self.lower.tolist()} to {self.upper.tolist()}",
+                limit=f"{shown(self.lower)} to {shown(self.upper)}",
                 remedy="move it inside or enlarge the lattice",
             )
         return node
@@ -136,3 +140,13 @@ class Lattice:
 
     def __repr__(self) -> str:
         return f"Lattice(spacing={self.spacing}, lower={self.lower.tolist()}, upper={self.upper.tolist()}, nodes={self.nodes})"
+
+
+def _check_size(count: np.ndarray, fields: int) -> None:
+    """InputError unless so many fields on so many nodes along each axis fit into memory."""
+    need = 8.0 * fields * float(np.prod(np.maximum(count, 1.0)))
+    if not need <= available_memory():
+        size = " x ".join(shown(n) for n in count)
+        raise InputError("the lattice does not fit into memory", value=f"about {need / 2**30:.3g} GiB for {size} nodes",
+                         limit=f"{available_memory() / 2**30:.3g} GiB available", key="lattice.spacing",
+                         remedy="a larger spacing or a smaller extent")  # fmt: skip

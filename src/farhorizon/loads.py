@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from farhorizon import kinds
 from farhorizon.boundaries import Free
 from farhorizon.errors import InputError
+from farhorizon.expressions import as_signal
 from farhorizon.lattice import AXES, Lattice
 
 
@@ -19,14 +21,24 @@ class BodyForce:
 
     Parameters
     ----------
-    value : sequence of (ndarray, callable or float)
-        One component an axis: an array of the lattice's shape, a function of the coordinates, or a number.
-    time : callable, optional
+    value : sequence of (ndarray, callable, str, Expression or float)
+        One component an axis: an array of the lattice's shape, a function or an expression of the coordinates, or a number.
+    time : callable, str, Expression or float, optional
         Factor of t; 1 unless given.
+
+    Raises
+    ------
+    InputError
+        No list of components, a factor that is no function of t.
     """
 
     value: Sequence[Any]
-    time: Callable[[float], float] | None = None
+    time: Any = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.value, np.ndarray):
+            kinds.sequence(self.value, "load.value", "one component an axis")
+        kinds.settle(self, time=None if self.time is None else as_signal(self.time, "load.time"))
 
 
 @dataclass(frozen=True)
@@ -41,14 +53,26 @@ class Traction:
         One component an axis.
     between : sequence of (float, float), optional
         Where it acts, along each of the other axes in their order; the whole side unless given. Nodes on either end count.
-    time : callable, optional
+    time : callable, str, Expression or float, optional
         Factor of t; 1 unless given.
+
+    Raises
+    ------
+    InputError
+        An unknown side, components or ends that are no finite numbers, a factor that is no function of t.
     """
 
     side: str
     value: Sequence[float]
     between: Sequence[tuple[float, float]] | None = None
-    time: Callable[[float], float] | None = None
+    time: Any = None
+
+    def __post_init__(self) -> None:
+        kinds.one_of(self.side, "load.side", [axis + sign for axis in AXES for sign in "-+"], "unknown side")
+        kinds.array(self.value, "load.value", shape=(None,))
+        if self.between is not None:
+            kinds.array(self.between, "load.between", shape=(None, 2))
+        kinds.settle(self, time=None if self.time is None else as_signal(self.time, "load.time"))
 
     def bounded(self, lattice: Lattice) -> Traction:
         """The same with the ends of the whole side named, if that is where it acts: on a larger lattice it stays where it is."""
@@ -82,8 +106,8 @@ def force_density(load: Traction, lattice: Lattice, sides: Mapping[tuple[int, in
     axis, side = names[load.side]
     if not isinstance(sides[axis, side], Free):
         raise InputError("a traction acts on a free side", value=type(sides[axis, side]).__name__, key=f"{key}.side {load.side}", remedy="Free()")
-    if len(load.value) != lattice.dim or not np.isfinite(load.value).all():
-        raise InputError("a traction needs one finite component an axis", value=list(load.value), key=f"{key}.value")
+    if len(load.value) != lattice.dim:
+        raise InputError("a traction needs one component an axis", value=list(load.value), limit=f"a list of {lattice.dim}", key=f"{key}.value")
     at = lattice.coordinates()
     place = lattice.lower[axis] if side < 0 else lattice.upper[axis]
     loaded = np.abs(at[axis] - place) < 0.5 * lattice.spacing

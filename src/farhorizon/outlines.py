@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from farhorizon import kinds
 from farhorizon.errors import InputError
-from farhorizon.shapes import TOLERANCE, Array, Mask, Shape, _positive, _vector, polygon_side
+from farhorizon.shapes import TOLERANCE, Array, Mask, Shape, constant, polygon_side
 
 _FONT_SIZE = 1000.0  # in which curves become polygons: to a part in some thousands
 
@@ -43,8 +44,9 @@ class Text(Shape):
         from matplotlib.font_manager import FontProperties, findfont, get_font
         from matplotlib.textpath import TextPath
 
-        self.text, self.height, self.font, self.bold = text, _positive("height", height), font, bold
-        self.centre = _vector("centre", np.zeros(2) if centre is None else centre, 2)
+        self.text, self.font, self.bold = kinds.text(text, "text"), kinds.text(font, "font"), kinds.flag(bold, "bold")
+        self.height = kinds.number(height, "height", above=0)
+        self.centre = constant("centre", np.zeros(2) if centre is None else centre, (2,))
         look = FontProperties(family=font, weight="bold" if bold else "normal")
         try:
             known = get_font(findfont(look, fallback_to_default=False)).get_charmap()
@@ -55,7 +57,8 @@ class Text(Shape):
             raise InputError("the font cannot draw this", value=text, limit="one line of letters of the font", key="text",
                              remedy=f"leave out {missing}" if missing else "give a text")  # fmt: skip
         capital = TextPath((0, 0), "H", size=_FONT_SIZE, prop=look).get_extents().height
-        loops = TextPath((0, 0), text, size=_FONT_SIZE, prop=look).to_polygons(closed_only=True)
+        plain = text.replace("$", r"\$")  # matplotlib takes what is between dollar signs for mathematics
+        loops = TextPath((0, 0), plain, size=_FONT_SIZE, prop=look).to_polygons(closed_only=True)
         drawn = [np.asarray(loop, float)[:-1] * (self.height / capital) for loop in loops]
         middle = (np.min([loop.min(0) for loop in drawn], axis=0) + np.max([loop.max(0) for loop in drawn], axis=0)) / 2
         self._loops = [loop - middle + self.centre for loop in drawn]
@@ -105,11 +108,12 @@ class ImageMask(Shape):
     _shown = ("width", "centre", "threshold")
 
     def __init__(self, image: str | Path | np.ndarray, width: float, centre: ArrayLike | None = None, threshold: float = 0.5) -> None:
-        if not 0 < threshold < 1:
-            raise InputError("the threshold is out of range", value=threshold, limit="between 0 and 1", key="threshold")
-        self.threshold, self.width = float(threshold), _positive("width", width)
-        self.centre = _vector("centre", np.zeros(2) if centre is None else centre, 2)
-        self.image = _brightness(Path(image)) < threshold if isinstance(image, str | Path) else np.asarray(image)
+        self.threshold = threshold = kinds.number(threshold, "threshold", above=0, below=1)
+        self.width = kinds.number(width, "width", above=0)
+        self.centre = constant("centre", np.zeros(2) if centre is None else centre, (2,))
+        if not isinstance(image, str | Path | np.ndarray):
+            raise InputError("an image is a file or a table of bool", value=kinds.said(image), key="image")
+        self.image = image if isinstance(image, np.ndarray) else _brightness(Path(image)) < threshold
         if self.image.ndim != 2 or self.image.dtype != bool:
             raise InputError("an image is a file or a table of bool", value=f"{self.image.dtype}, shape {self.image.shape}", key="image")
         if not self.image.any():

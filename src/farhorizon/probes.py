@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from farhorizon import kinds
 from farhorizon.lattice import Lattice
 
 
@@ -34,7 +35,9 @@ class Probes:
     """
 
     def __init__(self, lattice: Lattice, points: Any, stride: int = 1) -> None:
-        asked = np.asarray(points, float).reshape(-1, lattice.dim)
+        kinds.instance(lattice, "lattice", Lattice, "a Lattice")
+        stride, given = kinds.integer(stride, "stride", least=1), kinds.array(points, "probes")
+        asked = given.reshape(-1, 1) if lattice.dim == 1 else kinds.array(np.atleast_2d(given), "probes", shape=(None, lattice.dim))
         found = np.array([lattice.index(point) for point in asked], int).reshape(-1, lattice.dim)
         self.places, self.stride = lattice.lower + lattice.spacing * found, stride
         self.nodes = np.ravel_multi_index(tuple(found.T), lattice.shape) if len(found) else np.zeros(0, int)

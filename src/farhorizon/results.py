@@ -29,6 +29,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import h5py
 import numpy as np
 
+from farhorizon import kinds
 from farhorizon.errors import FarhorizonError, FileFormatError, InputError
 from farhorizon.storage import Draft, changed, created, read
 
@@ -778,7 +779,7 @@ def open_results(path: str | Path) -> Results:
     FileFormatError
         The file is truncated, damaged or not a farhorizon results file.
     """
-    return Results(path)
+    return Results(kinds.path(path, "path"))
 
 
 def _digest(data: bytes | np.ndarray) -> str:
@@ -803,7 +804,7 @@ def write_checkpoint(path: str | Path, arrays: Mapping[str, np.ndarray], meta: M
     InputError
         There is no such directory, an array does not hold numbers, or `meta` is not JSON.
     """
-    path = Path(path)
+    path = kinds.path(path, "path")
     _directory_of(path)
     stored = {name: np.asarray(array, order="C") for name, array in arrays.items()}
     for name, array in stored.items():
@@ -842,7 +843,7 @@ def read_checkpoint(path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, 
     FileFormatError
         The file is truncated, damaged, incomplete, of a newer version or not a farhorizon checkpoint.
     """
-    path = Path(path)
+    path = kinds.path(path, "path")
     remedy = "use an earlier checkpoint, or start the run anew"
     with _opened(path, "r", "checkpoint") as file:
         _refuse_other_files(file, path)

@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from farhorizon import kinds
 from farhorizon.describe import rebuild
+from farhorizon.engine import available_threads
 from farhorizon.errors import FileFormatError, InputError, UnstableError, ValidityWarning
 from farhorizon.lattice import Lattice
 from farhorizon.overstretch import Rim
@@ -26,7 +28,19 @@ if TYPE_CHECKING:
 
 _GUARD_STEPS = 200  # steps between two looks of the instability guard, at most; fewer on lattices above
 _GUARD_NODES = 1_000_000  # this many nodes, so that an interrupt is heard within seconds
+MOST_STEPS = 2**53  # their numbers are exact in double precision
 EXPLODED = 1e6  # growth of the largest value over all that initial data and what drives the run explain
+
+
+def wanted_threads(threads: int | None) -> int:
+    """A number of threads that is to be had, all unless given; InputError for others."""
+    if threads is None:
+        return available_threads()
+    try:
+        return kinds.integer(threads, "threads", least=1, most=available_threads())
+    except InputError as error:
+        raise InputError("so many threads are not to be had", value=error.value, limit=error.limit, key="threads",
+                         remedy="leave it out, or set NUMBA_NUM_THREADS before the program starts") from None  # fmt: skip
 
 
 class Run(ABC):
@@ -54,7 +68,7 @@ class Run(ABC):
 
     def _at_start(self, observe: Sequence[Callable[[Any], None]]) -> None:
         """Before the first step."""
-        self.observers = list(observe)
+        self.observers = [kinds.function(one, "observe", "run") for one in kinds.sequence(observe, "observe", "functions of the run")]
         self.stop_requested = False
         self.cautions: list[Caution] = []
         self._next_look = 0  # step of the next look at the rim
@@ -94,8 +108,7 @@ class Run(ABC):
         """
         from tqdm import tqdm
 
-        if not np.isfinite(until):
-            raise InputError("the end of the run must be finite", value=until, key="run.until")
+        until = kinds.number(until, "run.until")
         count = None if every is None else steps_between(every, self.dt)
         last = self.prepare(until)
         show = sys.stderr.isatty() if progress is None else progress

@@ -17,6 +17,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from farhorizon import kinds
 from farhorizon.errors import InputError
 
 __all__ = [
@@ -43,42 +44,26 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 
-def _array(name: str, value: ArrayLike) -> Array:
-    try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} is not an array of numbers", value=value) from None
-    if not np.isfinite(array).all():
-        raise InputError(f"{name} is not finite", value=value)
+def constant(name: str, value: ArrayLike, shape: tuple[int | None, ...] | None = None) -> Array:
+    """Finite coordinates that nobody changes afterwards."""
+    array = np.array(kinds.array(value, name, shape=shape))
+    if (np.abs(array) > kinds.LARGEST).any():
+        raise InputError("is beyond what can be computed with", value=value, limit=f"{kinds.LARGEST:g} in magnitude", key=name, remedy="other units")
     array.setflags(write=False)
     return array
 
 
-def _vector(name: str, value: ArrayLike, dim: int) -> Array:
-    array = _array(name, value)
-    if array.shape != (dim,):
-        raise InputError(f"{name} needs {dim} coordinates", value=value)
-    return array
-
-
-def _positive(name: str, value: float) -> float:
-    array = _array(name, value)
-    if array.ndim or not array > 0:
-        raise InputError(f"{name} must be a number greater than zero", value=value)
-    return float(array)
-
-
-def _points(name: str, value: ArrayLike, least: int) -> Array:
-    array = _array(name, value)
-    if array.ndim != 2 or array.shape[1] != 2 or len(array) < least:
-        raise InputError(f"{name} needs at least {least} points of 2 coordinates", value=value)
+def _points(name: str, value: ArrayLike, least: int, dim: int = 2) -> Array:
+    array = constant(name, value)
+    if array.ndim != 2 or array.shape[1] != dim or len(array) < least:
+        raise InputError(f"needs at least {least} points of {dim} coordinates", value=value, limit=f"shape (n, {dim})", key=name)
     return array
 
 
 def _trailing(name: str, value: ArrayLike, dim: int) -> Array:
-    array = np.asarray(value, dtype=np.float64)
+    array = kinds.array(value, name, finite=False)
     if array.ndim == 0 or array.shape[-1] != dim:
-        raise InputError(f"the last axis of {name} must have length {dim}", value=f"shape {array.shape}")
+        raise InputError(f"the last axis must have length {dim}", value=f"shape {array.shape}", key=name)
     return array
 
 
@@ -158,8 +143,8 @@ class _Round(Shape):
     _shown = ("radius", "centre")
 
     def __init__(self, radius: float, centre: ArrayLike | None = None) -> None:
-        self.radius = _positive("radius", radius)
-        self.centre = _vector("centre", np.zeros(self.dim) if centre is None else centre, self.dim)
+        self.radius = kinds.number(radius, "radius", above=0)
+        self.centre = constant("centre", np.zeros(self.dim) if centre is None else centre, (self.dim,))
 
     def bounds(self) -> tuple[Array, Array]:
         return self.centre - self.radius, self.centre + self.radius
@@ -223,12 +208,12 @@ class Box(Shape):
     _shown = ("lower", "upper")
 
     def __init__(self, lower: ArrayLike, upper: ArrayLike) -> None:
-        first = np.atleast_1d(_array("lower", lower))
+        first = np.atleast_1d(constant("lower", lower))
         if first.ndim != 1 or len(first) not in (1, 2, 3):
             raise InputError("lower needs 1 to 3 coordinates", value=lower)
         self.dim = len(first)
         self.lower = first
-        self.upper = _vector("upper", np.atleast_1d(_array("upper", upper)), self.dim)
+        self.upper = constant("upper", np.atleast_1d(constant("upper", upper)), (self.dim,))
         if not (self.upper > self.lower).all():
             shown = f"lower {self.lower.tolist()}, upper {self.upper.tolist()}"
             raise InputError("every coordinate of upper must be greater than that of lower", value=shown)
@@ -316,6 +301,8 @@ class _Pair(Shape):
     _shown = ("first", "second")
 
     def __init__(self, first: Shape, second: Shape) -> None:
+        for name, shape in (("first", first), ("second", second)):
+            kinds.instance(shape, name, Shape, "a shape")
         if first.dim != second.dim:
             raise InputError("shapes of different dimensions cannot be combined", value=f"{first.dim}D and {second.dim}D")
         self.first, self.second, self.dim = first, second, first.dim
@@ -471,7 +458,7 @@ class PointCut(Cut):
     _shown = ("x",)
 
     def __init__(self, x: float) -> None:
-        self.x = float(_vector("x", np.atleast_1d(_array("x", x)), 1)[0])
+        self.x = float(constant("x", np.atleast_1d(constant("x", x)), (1,))[0])
 
     def bounds(self) -> tuple[Array, Array]:
         return np.array([self.x]), np.array([self.x])
@@ -570,7 +557,7 @@ def segments_cross(a0: ArrayLike, a1: ArrayLike, b0: ArrayLike, b1: ArrayLike) -
     InputError
         If b0 equals b1, or for arrays of the wrong shape.
     """
-    return Polyline([_vector("b0", b0, 2), _vector("b1", b1, 2)]).cuts(a0, a1)
+    return Polyline([constant("b0", b0, (2,)), constant("b1", b1, (2,))]).cuts(a0, a1)
 
 
 class Rectangle(Cut):
@@ -595,7 +582,7 @@ class Rectangle(Cut):
     _shown = ("corner", "edge1", "edge2")
 
     def __init__(self, corner: ArrayLike, edge1: ArrayLike, edge2: ArrayLike) -> None:
-        self.corner, self.edge1, self.edge2 = _vector("corner", corner, 3), _vector("edge1", edge1, 3), _vector("edge2", edge2, 3)
+        self.corner, self.edge1, self.edge2 = constant("corner", corner, (3,)), constant("edge1", edge1, (3,)), constant("edge2", edge2, (3,))
         self._lengths = (float(_norm(self.edge1)), float(_norm(self.edge2)))
         if not min(self._lengths) > 0:
             raise InputError("an edge of the rectangle has no length", value=f"edge1 {self.edge1.tolist()}, edge2 {self.edge2.tolist()}")
@@ -649,7 +636,8 @@ class DiscCut(Cut):
     _shown = ("centre", "normal", "radius")
 
     def __init__(self, centre: ArrayLike, normal: ArrayLike, radius: float) -> None:
-        self.centre, self.normal, self.radius = _vector("centre", centre, 3), _vector("normal", normal, 3), _positive("radius", radius)
+        self.centre, self.normal = constant("centre", centre, (3,)), constant("normal", normal, (3,))
+        self.radius = kinds.number(radius, "radius", above=0)
         length = float(_norm(self.normal))
         if not length > 0:
             raise InputError("the normal of the disc has no length", value=normal)
@@ -686,9 +674,7 @@ class PolygonCut(Cut):
     _shown = ("points",)
 
     def __init__(self, points: ArrayLike) -> None:
-        corners = _array("points", points)
-        if corners.ndim != 2 or corners.shape[1] != 3 or len(corners) < 3:
-            raise InputError("a polygon in space needs at least 3 corners of 3 coordinates", value=corners.shape, limit="(n, 3)")
+        corners = _points("points", points, 3, dim=3)
         self.points = corners[:-1] if (corners[0] == corners[-1]).all() else corners
         self._origin = self.points.mean(axis=0)
         arms = self.points - self._origin

@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from farhorizon import kinds
 from farhorizon.analysis.flux import nodal_flux, power_across
 from farhorizon.assembly import Assembly
-from farhorizon.boundaries import Boundary, ExactEnds, Fixed, Periodic
+from farhorizon.boundaries import Boundary, Closing, ExactEnds, Fixed, Periodic
 from farhorizon.certificate import BUDGET, Certificate, certify
 from farhorizon.conditions import Constraint
 from farhorizon.constraints import Prescribed
@@ -26,7 +27,7 @@ from farhorizon.models import Corrosion, Elastic, LatticeModel
 from farhorizon.overstretch import Rim, rim_of
 from farhorizon.report import Report
 from farhorizon.results import Caution, write_checkpoint
-from farhorizon.run import Run
+from farhorizon.run import MOST_STEPS, Run
 from farhorizon.sources import steady
 from farhorizon.specimens import Specimen
 
@@ -120,8 +121,8 @@ class Simulation(Assembly, Run):
         loads: Sequence[BodyForce | Traction] = (),
     ) -> None:
         super().__init__(
-            lattice, model, boundary, initial or {}, sources, cracks, coefficient, background, dt, dtype, threads, rule, rim, constraints, specimens,
-            loads, balance,
+            lattice, model, boundary, {} if initial is None else initial, sources, cracks, coefficient, background, dt, dtype, threads, rule, rim,
+            constraints, specimens, loads, balance,
         )  # fmt: skip
         self._at_start(observe)
         self._source_peaks: dict[int, float] = {}
@@ -318,7 +319,7 @@ class Simulation(Assembly, Run):
         UnstableError
             The field became non-finite or exploded.
         """
-        done = 0
+        count, done = kinds.integer(count, "count", least=0, most=MOST_STEPS), 0
         while done < count:
             self._open_cracks()
             steps = min(count - done, self._guard_steps, self._until_opening())
@@ -418,8 +419,11 @@ class Simulation(Assembly, Run):
 
     def _guard(self) -> None:
         def cause() -> str:
+            if self.closure is not None:
+                names = ", ".join(sorted({type(b).__name__ for b in self.sides.values() if isinstance(b, Closing)}))
+                return f"{names} grows on this outline, which `check` tells before the run: try `farhorizon check --tune`, or LatticePML"
             backward = self.stencil.backward_waves()
-            if backward:
+            if backward and self._layers:
                 return f"the stencil has backward waves, which grow in layers that do not damp them (up to {backward.growth:.2g} sigma)"
             return "check dt, sources and coefficient"
 
@@ -681,9 +685,8 @@ class Simulation(Assembly, Run):
         InputError
             An axis that the lattice has not, a plane outside it.
         """
-        if axis not in AXES[: self.lattice.dim]:
-            raise InputError("the lattice has no such axis", value=axis, limit=", ".join(AXES[: self.lattice.dim]), key="axis")
-        number = AXES.index(axis)
+        number = AXES.index(kinds.one_of(axis, "axis", AXES[: self.lattice.dim], "the lattice has no such axis"))
+        position = kinds.number(position, "position")
         row = int(np.floor((position - self.lattice.lower[number]) / self.lattice.spacing + 1e-9))
         if not 0 <= row < self.lattice.shape[number] - 1:
             raise InputError("the plane lies outside the near field", value=position, key="position",

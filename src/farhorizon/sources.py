@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from farhorizon.errors import InputError
-from farhorizon.expressions import Expression
-from farhorizon.lattice import Lattice
+from farhorizon import kinds
+from farhorizon.errors import InputError, shown
+from farhorizon.expressions import Expression, as_given, as_signal
+from farhorizon.lattice import AXES, Lattice
 
 
 @dataclass(frozen=True)
@@ -19,21 +20,47 @@ class Source:
 
     Parameters
     ----------
-    value : ndarray, callable, Expression or float, or a sequence of one a component
+    value : ndarray, callable, str, Expression or float, or a list of one a component
         An array of the lattice's shape, a callable of the coordinates (with `time`) or of the coordinates and t
         (without), an expression of x, y, z, t, or a number. Of a vector field, a body force: arrays and what callables return have the
         components first.
-    time : callable, optional
+    time : callable, str, Expression or float, optional
         Factor of t. A source that is a product of space and time runs without returning to Python.
+
+    Raises
+    ------
+    InputError
+        A time factor that is no function of t.
     """
 
     value: Any
-    time: Callable[[float], float] | None = None
+    time: Any = None
+
+    def __post_init__(self) -> None:
+        if self.time is not None:
+            kinds.settle(self, time=as_signal(self.time, "source.time"))
 
 
 def steady(t: float) -> float:
     """The factor 1 of what does not depend on time."""
     return 1.0
+
+
+def as_source(source: Any, dim: int, key: str) -> Any:
+    """A source, or a value that is given like one, with every text as an `Expression` of the lattice's coordinates.
+
+    Raises
+    ------
+    InputError
+        A text that is no expression, a function of other arguments than the coordinates and t, or than the coordinates where there is a factor
+        of time.
+    """
+    value, timed = (source.value, source.time is not None) if isinstance(source, Source) else (source, False)
+    found = as_given(value, dim, key)
+    for entry in found if isinstance(found, list | tuple) else [found]:
+        if callable(entry) and not isinstance(entry, Expression):
+            kinds.function(entry, key, ", ".join(AXES[:dim]) + ("" if timed else ", t"))
+    return replace(source, value=found) if isinstance(source, Source) else found
 
 
 def parts(source: Any) -> tuple[Any, Callable[..., Any]]:
@@ -73,7 +100,8 @@ def by_component(source: Any, lattice: Lattice, components: int) -> list[tuple[A
     if components == 1 or not isinstance(value, list | tuple):
         return [(source, 1.0)]
     if len(value) != components:
-        raise InputError("a source of a vector field needs all components", value=len(value), limit=components, key="source")
+        raise InputError("a source of a vector field needs one entry a component", value=f"{len(value)} entries", limit=f"a list of {components}",
+                         key="source", remedy="0 for a component that is not driven")  # fmt: skip
     units = np.eye(components).reshape(components, components, *[1] * lattice.dim)
     found = [(Source(part, time), unit) for part, unit in zip(value, units, strict=True)]
     return [pair for pair in found if not _is_zero(pair[0].value)] or found
@@ -82,7 +110,7 @@ def by_component(source: Any, lattice: Lattice, components: int) -> list[tuple[A
 def _is_zero(value: Any) -> bool:
     """Whether a component is left at zero: the number, or an expression that is nothing else."""
     if isinstance(value, Expression):
-        return not (value.uses_space or value.uses_time) and not value(*[0.0] * value.dim).any()
+        return not (value.uses_space or value.uses_time) and not value.on(0)().any()
     return bool(np.isscalar(value)) and value == 0
 
 
@@ -97,10 +125,14 @@ def field(value: Any, lattice: Lattice, components: int, key: str = "source") ->
     found = value(*lattice.coordinates()) if callable(value) else value
     if components == 1:
         return checked(found, lattice, key)
-    if np.isscalar(found) or len(found) != components:
-        raise InputError("a vector field needs one entry a component", value="a number" if np.isscalar(found) else f"{len(found)} entries",
-                         limit=components, key=key)  # fmt: skip
+    entries = len(found) if isinstance(found, list | tuple) or (isinstance(found, np.ndarray) and found.ndim > lattice.dim) else None
+    if entries != components:
+        raise InputError("a vector field needs one entry a component", value="one for all" if entries is None else f"{entries} entries",
+                         limit=f"a list of {components}", key=key, remedy=LISTED[components])  # fmt: skip
     return np.stack([field(part, lattice, 1, f"{key}[{i}]") for i, part in enumerate(found)])
+
+
+LISTED = {2: '["exp(-x**2 - y**2)", 0.0] for a field along x', 3: '["exp(-x**2 - y**2 - z**2)", 0.0, 0.0] for a field along x'}
 
 
 def magnitude(value: Any) -> Callable[..., np.ndarray]:
@@ -118,13 +150,16 @@ def magnitude(value: Any) -> Callable[..., np.ndarray]:
 
 def checked(value: Any, lattice: Lattice, key: str = "source") -> np.ndarray:
     """The values as a float array of the lattice's shape; zero outside a body, and outside a window where not finite."""
-    values = np.asarray(value, float)
+    values = kinds.array(value, key, finite=False)
     if values.ndim and values.shape != lattice.shape:
         raise InputError("an array must have the lattice's shape", value=values.shape, limit=lattice.shape, key=key)
     values = np.broadcast_to(values, lattice.shape)
-    shown = values if lattice.mask is None else values[lattice.mask]
-    if not np.isfinite(shown).all():
-        raise InputError("values must be finite", value=f"{int((~np.isfinite(shown)).sum())} nan or inf", key=key)
+    bad = ~np.isfinite(values) if lattice.mask is None else ~np.isfinite(values) & lattice.mask
+    if bad.any():
+        first = np.unravel_index(int(np.argmax(bad)), bad.shape)
+        place = lattice.lower + lattice.spacing * np.array(first)
+        raise InputError("values must be finite", value=f"{values[first]:g} at {shown(place)}, and on {int(bad.sum())} of {bad.size} nodes in all",
+                         key=key, remedy="where(condition, a, b) in an expression keeps to where it is defined")  # fmt: skip
     if lattice.mask is None:
         return values
     return np.where(lattice.mask if lattice.body is not None else np.isfinite(values), values, 0.0)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from farhorizon import kinds
 from farhorizon.errors import InputError
 from farhorizon.lattice import Lattice
 from farhorizon.shapes import Shape
@@ -34,10 +35,9 @@ class Specimen:
     concentration: float = 1.0
 
     def __post_init__(self) -> None:
-        if not isinstance(self.where, Shape) and np.asarray(self.where).dtype != bool:
-            raise InputError("a specimen is a shape or a mask", value=type(self.where).__name__, limit="Shape, array of bool", key="specimen.where")
-        if not np.isfinite(self.concentration):
-            raise InputError("the concentration must be finite", value=self.concentration, key="specimen.concentration")
+        if not isinstance(self.where, Shape):
+            kinds.mask(self.where, "specimen.where", "a specimen is a shape or a mask")
+        kinds.settle(self, concentration=kinds.number(self.concentration, "specimen.concentration"))
 
     def nodes(self, lattice: Lattice, key: str = "specimen") -> np.ndarray:
         """Which nodes of a lattice it holds, mask of the lattice's shape; InputError if there are none, or shape and lattice do not fit."""
@@ -83,7 +83,7 @@ def place(specimens: Sequence[Specimen], lattice: Lattice, saturation: float, ba
     for number, specimen in enumerate(specimens):
         key = f"specimen[{number}]"
         if not isinstance(specimen, Specimen):
-            raise InputError("not a specimen", value=repr(specimen), limit="Specimen", key=key, remedy="Specimen(shape, concentration)")
+            raise InputError("not a specimen", value=kinds.said(specimen), limit="Specimen", key=key, remedy="Specimen(shape, concentration)")
         if not background < saturation < specimen.concentration:
             raise InputError("the saturation lies outside the range of the data: the metal would dissolve at once, or never", value=saturation,
                              limit=f"above {background:g} (background), below {specimen.concentration:g} ({key}.concentration)",

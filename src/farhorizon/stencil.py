@@ -9,9 +9,11 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
+from farhorizon import kinds
 from farhorizon.errors import InputError
 from farhorizon.kernel import Kernel
 
+_FARTHEST = 1000  # nodes that an offset may span
 _MOST_NEIGHBOURS = 100_000  # of a kernel's stencil: far beyond use, and soon built
 
 
@@ -54,14 +56,15 @@ class Stencil:
     """
 
     def __init__(self, offsets: np.ndarray, weights: np.ndarray) -> None:
-        offsets = np.atleast_2d(np.asarray(offsets, int))
-        weights = np.asarray(weights, float)
+        given = np.atleast_2d(kinds.array(offsets, "stencil.offsets"))
+        weights, offsets = kinds.array(weights, "stencil.weights"), np.round(np.clip(given, -_FARTHEST, _FARTHEST)).astype(int)
+        if given.ndim != 2 or (given != offsets).any():
+            raise InputError("offsets are whole numbers of nodes", value=given, limit=f"at most {_FARTHEST} in magnitude, shape (K, dim)",
+                             key="stencil.offsets")  # fmt: skip
         count, dim = offsets.shape
         if weights.shape not in ((count,), (count, dim, dim)) or not 1 <= dim <= 3 or (weights.ndim == 3 and dim == 1):
             raise InputError("a stencil needs one weight an offset in 1 to 3 dimensions, or one dim x dim matrix in 2 or 3",
                              value=(offsets.shape, weights.shape))  # fmt: skip
-        if not np.isfinite(weights).all():
-            raise InputError("stencil weights must be finite", value=weights)
         if len(np.unique(offsets, axis=0)) != count or not offsets.any(1).all():
             raise InputError("stencil offsets must be distinct and not zero", value=offsets.tolist())
         order = np.lexsort(offsets.T[::-1])

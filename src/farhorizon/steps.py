@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from farhorizon import kinds
 from farhorizon.errors import InputError
 
 #: An interval is a whole number of steps if no more than this part of a step is missing: what is left of one that was typed in or divided.
@@ -43,10 +44,7 @@ class WholeSteps:
     def __init__(self, **intervals: float) -> None:
         if not intervals:
             raise InputError("a step is to divide one interval or more", key="dt", remedy="WholeSteps(every=..., until=...)")
-        for name, interval in intervals.items():
-            if not (np.isfinite(interval) and interval > 0):
-                raise InputError("must be finite and positive", value=interval, key=name)
-        self.intervals = {name: float(interval) for name, interval in intervals.items()}
+        self.intervals = {name: kinds.number(interval, name, above=0) for name, interval in intervals.items()}
 
     def __repr__(self) -> str:
         return f"WholeSteps({', '.join(f'{name}={interval:g}' for name, interval in self.intervals.items())})"
@@ -107,8 +105,7 @@ def steps_between(every: float, dt: float, key: str = "run.every") -> int:
     InputError
         The time between them is not positive, or not a whole number of steps.
     """
-    if not (np.isfinite(every) and every > 0):
-        raise InputError("must be finite and positive", value=every, key=key)
+    every = kinds.number(every, key, above=0)
     count = whole_steps(every, dt)
     if count is None:
         name = key.rpartition(".")[2]

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from farhorizon import kinds
 from farhorizon.analysis.chain import Recursion
 from farhorizon.analysis.layer import Medium, Wave
 from farhorizon.boundaries import Higdon, Periodic, PlaneWave
@@ -92,16 +93,15 @@ def tuned(sim: Simulation, angle: float = 60.0, band: tuple[float, float] | None
     InputError
         Another boundary, diffusion, numbers out of range, or no candidate that is certified in this time.
     """
+    if not hasattr(sim, "remade"):
+        raise InputError("must be a Simulation", value=kinds.said(sim), key="sim")
+    angle, budget = kinds.number(angle, "angle", least=0, below=90), kinds.number(budget, "budget", above=0)
     given = next(iter(sim.sides.values()))
     if sim.model.order != 2 or not isinstance(given, PlaneWave | Higdon) or any(b != given for b in sim.sides.values()):
         raise InputError("waves that one PlaneWave or Higdon closes are tuned", value=", ".join(type(b).__name__ for b in sim.sides.values()),
                          key="boundary")  # fmt: skip
-    if not 0 <= angle < 90:
-        raise InputError("waves arrive at less than 90 degrees", value=angle, limit="0 to less than 90", key="angle")
-    if band is not None and not 0 < band[0] <= band[1] < np.inf:
+    if band is not None and not 0 < kinds.array(band, "band", shape=(2,))[0] <= band[1]:
         raise InputError("a band has its shortest wavelength first", value=band, limit="0 < shortest <= longest", key="band")
-    if not budget > 0:
-        raise InputError("must be positive", value=budget, key="budget")
     if band is None:
         waves = content(sim)
         band = (waves.shortest, waves.longest) if waves is not None else (_BAND[0] * sim.lattice.spacing, _BAND[1] * sim.lattice.spacing)

@@ -87,3 +87,11 @@ def test_refused():
             fh.Higdon(angles)
     with pytest.raises(fh.InputError, match="negative"):
         fh.Higdon(shift=-1.0)
+
+
+def test_growth_is_laid_to_the_condition():
+    """Finite elements closed by Higdon's condition grow: there is no layer that could be to blame."""
+    lattice = fh.Lattice(0.5, (-4.0, -4.0), (4.0, 4.0))
+    sim = fh.Simulation(lattice, fh.Wave(fh.Stencil.finite_element(2)), fh.Higdon(), {"u": "exp(-4*(x**2 + y**2))"})
+    with pytest.raises(fh.UnstableError, match=r"likely cause: Higdon grows on this outline, which `check` tells.*--tune.*LatticePML"):
+        sim.run(until=3000.0)

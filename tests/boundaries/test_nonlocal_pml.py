@@ -119,7 +119,7 @@ def test_three_dimensions():
 
 
 @pytest.mark.parametrize(("change", "words"), [
-    ({"nodes": 0}, "at least one node"), ({"ramp": "linear"}, "unknown ramp"), ({"form": "velocity"}, "unknown form"),
+    ({"nodes": 0}, "boundary.nodes: is out of range"), ({"ramp": "linear"}, "unknown ramp"), ({"form": "velocity"}, "unknown form"),
     ({"strength": -1.0}, "strength"), ({"reflection": 1.0}, "reflection"), ({"plateau": 1.0}, "plateau"), ({"cross": 2.0}, "cross"),
     ({"shift": -1.0}, "shift"), ({"shift": 1.0, "form": "split"}, "split fields take no shift"),
 ])  # fmt: skip

@@ -460,7 +460,7 @@ def test_a_source_that_reaches_the_metal_is_refused_when_it_does():
 def test_bad_specimens():
     with pytest.raises(fh.InputError, match="shape or a mask"):
         fh.Specimen(3.0)
-    with pytest.raises(fh.InputError, match="concentration must be finite"):
+    with pytest.raises(fh.InputError, match="concentration: must be finite"):
         fh.Specimen(fh.Disc(1.0), np.nan)
-    with pytest.raises(fh.InputError, match="saturation must be finite"):
+    with pytest.raises(fh.InputError, match="saturation: must be finite"):
         model(kernel_stencil(2, 2), saturation=np.inf)

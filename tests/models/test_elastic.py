@@ -375,8 +375,8 @@ BAD = {
     "ratio of bonds": (lambda: fh.Elastic(PROFILE, 1.0, 0.3), "bond-based materials have one Poisson's ratio"),
     "ratio of bonds in plane stress": (lambda: fh.Elastic(PROFILE, 1.0, 0.25, plane="stress"), "limit: 0.333"),
     "incompressible": (lambda: fh.Elastic(PROFILE, 1.0, 0.5, material="state-based"), "below 0.5"),
-    "no second constant": (lambda: fh.Elastic(PROFILE, 1.0, material="state-based"), "needs two constants"),
-    "no constant": (lambda: fh.Elastic(PROFILE), "needs two constants"),
+    "no second constant": (lambda: fh.Elastic(PROFILE, 1.0, material="state-based"), "needs two elastic constants; value: only young"),
+    "no constant": (lambda: fh.Elastic(PROFILE), "needs one modulus; value: none; limit: one of young"),
     "contradiction": (lambda: fh.Elastic(PROFILE, 1.0, 0.2, shear=1.0, material="state-based"), "do not agree"),
     "negative": (lambda: fh.Elastic(PROFILE, -1.0), "must be finite and positive"),
     "material": (lambda: fh.Elastic(PROFILE, 1.0, material="steel"), "unknown material"),
@@ -398,16 +398,18 @@ def test_impossible_materials(name):
 
 
 SIMULATIONS = {
+    "one text": ({"initial": {"u": "x"}}, "needs one entry a component; value: one for all; limit: a list of 2; remedy"),
     "one number": ({"initial": {"u": 1.0}}, "one entry a component"),
     "three components": ({"initial": {"u": np.zeros((3, 9, 9))}}, "one entry a component"),
     "data beyond": ({"initial": {"u": [0.0, lambda x, y: np.exp(-(x**2) / 30)]}}, "not zero beyond"),
-    "source": ({"sources": [fh.Source([0.0])]}, "needs all components"),
+    "source": ({"sources": [fh.Source([0.0])]}, "needs one entry a component; value: 1 entries"),
     "background": ({"background": 1.0}, "background of a vector field"),
     "fixed value": ({"boundary": fh.Fixed(2.0)}, "has no such side"),
     "published condition": ({"boundary": fh.Higdon()}, "has no such side"),
     "no wavelengths": ({"boundary": fh.LatticePML(angle=60)}, "wavelengths cannot be read"),
     "constraint": ({"constraints": [fh.Prescribed([[0.0, 0.0]], 1.0)]}, "for scalar fields"),
-    "free sides of composites": ({"model": elastic(poisson=0.3, material="state-based"), "boundary": fh.Free()}, "no such side"),
+    "free sides of composites": ({"model": elastic(poisson=0.3, material="state-based"), "boundary": fh.Free()},
+                                 "Elastic of state-based material has no such side; .* remedy: free sides: .*bond-based.*; no free sides: every"),
     "cracks in composites": ({"model": elastic(poisson=0.3, material="correspondence"), "cracks": [[(0, 0.5), (2, 0.5)]]}, "cannot be cut"),
     "scalar stencil": ({"model": fh.Elastic(fh.Stencil.finite_difference(2), 1.0)}, "stencil of matrices"),
 }

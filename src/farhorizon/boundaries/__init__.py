@@ -15,6 +15,7 @@ from farhorizon.boundaries.plain import Fixed, Free, Periodic
 from farhorizon.boundaries.plane_wave import PlaneWave
 from farhorizon.boundaries.sponge import Sponge
 from farhorizon.errors import InputError
+from farhorizon.kinds import said
 from farhorizon.lattice import AXES
 
 __all__ = ["Absorbing", "Boundary", "Closing", "Closure", "Exact", "ExactEnds", "FirstOrder", "Fixed", "Free", "Higdon", "LatticePML",
@@ -46,10 +47,10 @@ def sides(boundary: Any | Mapping[str, Any], dim: int, kinds: Any = Boundary) ->
     names = ["all"] + [AXES[a] + s for a in range(dim) for s in ("", "-", "+")]
     for key, value in given.items():
         if key not in names:
-            raise InputError("unknown side", value=key, limit=", ".join(names), key="boundary")
+            raise InputError("unknown side", value=said(key), limit=", ".join(names), key="boundary")
         if not isinstance(value, kinds):
             known = ", ".join(sorted(kind.__name__ for kind in get_args(kinds) or (kinds,)))
-            raise InputError("not a boundary that serves here", value=repr(value), key=f"boundary.{key}", limit=known)
+            raise InputError("not a boundary that serves here", value=said(value), key=f"boundary.{key}", limit=known)
     found: dict[tuple[int, int], Any] = {}
     for axis in range(dim):
         for side, sign in ((-1, "-"), (1, "+")):

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from farhorizon import kinds
 from farhorizon.analysis import chain, exponential_sum
 from farhorizon.analysis.chain import Recursion
 from farhorizon.analysis.convolution import BlockConvolution
@@ -55,10 +56,8 @@ class Exact:
     compress: float | None = 1e-12
 
     def __post_init__(self) -> None:
-        if self.compress is False:
-            object.__setattr__(self, "compress", None)
-        if self.compress is not None and not 1e-15 <= self.compress <= 0.1:
-            raise InputError("the tolerance is out of range", value=self.compress, limit="1e-15 to 0.1, or none", key="boundary.compress")
+        none = self.compress is None or self.compress is False  # a case file has no None
+        kinds.settle(self, compress=None if none else kinds.number(self.compress, "boundary.compress", least=1e-15, most=0.1))
 
     def wanted(self, order: int) -> float:
         """What may be missed beyond the end, as a part of the largest value."""

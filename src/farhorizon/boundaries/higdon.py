@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import sparse
 
+from farhorizon import kinds
 from farhorizon.errors import InputError
 
 if TYPE_CHECKING:
@@ -45,13 +46,16 @@ class Higdon:
     shift: float | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "angles", tuple(float(a) for a in np.atleast_1d(np.asarray(self.angles, float))))
+        angles = np.atleast_1d(kinds.array(self.angles, "boundary.angles"))
+        kinds.settle(
+            self,
+            angles=tuple(kinds.array(angles, "boundary.angles", shape=(None,)).tolist()),
+            shift=None if self.shift is None else kinds.number(self.shift, "boundary.shift", least=0),
+        )
         if not 1 <= len(self.angles) <= 4:
             raise InputError("a Higdon condition has one to four angles", value=list(self.angles), key="boundary.angles")
         if not all(0 <= abs(a) < 90 for a in self.angles):
             raise InputError("waves arrive at less than 90 degrees", value=list(self.angles), limit="below 90", key="boundary.angles")
-        if self.shift is not None and not 0 <= self.shift < np.inf:
-            raise InputError("must not be negative", value=self.shift, key="boundary.shift")
 
     def wanted(self, order: int) -> float:
         """What may be missed beyond the outline, as a part of the largest value: much less than the condition's own error."""

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
+from farhorizon import kinds
 from farhorizon.analysis.chain import Recursion
 from farhorizon.analysis.choice import Choice, Profile, choose, weak
 from farhorizon.analysis.gain import largest_gain
@@ -32,6 +33,8 @@ _GAIN = 6.2  # logarithm of what a mode may gain in a layer that damps strong ba
 _GAIN_ALONE = 7.5  # in a layer without or with weak damping: measured, reach 8 to 12 grow from 8.3 on
 _STEEPEST = 60  # power of a ramp: all in the last column
 _LEAST = 1.95  # sum of sigma over the edges: a long wave comes back with 2 percent
+
+_MOST_NODES = 1000  # of a layer: what predicts its echo is dense algebra of that size
 
 DEFAULT_TARGET = {1: 1e-5, 2: 1e-8}  # diffusion: of the current maximum; waves: of the initial maximum
 
@@ -70,19 +73,19 @@ class LatticePML:
     wavelengths: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        if self.target is not None and not 1e-14 <= self.target <= 0.1:
-            raise InputError("the target is out of range", value=self.target, limit="1e-14 to 0.1", key="boundary.target")
-        if self.nodes is not None and self.nodes < 1:
-            raise InputError("a layer needs at least one node", value=self.nodes, limit=">= 1", key="boundary.nodes")
+        kinds.settle(
+            self,
+            target=None if self.target is None else kinds.number(self.target, "boundary.target", least=1e-14, most=0.1),
+            nodes=None if self.nodes is None else kinds.integer(self.nodes, "boundary.nodes", least=1, most=_MOST_NODES),
+            angle=None if self.angle is None else kinds.number(self.angle, "boundary.angle", least=0, most=89),
+        )
         if self.profile is not None:
+            kinds.instance(self.profile, "boundary.profile", (Mapping, Layer), "a mapping of kappa, sigma and alpha to numbers")
             if self.nodes is None:
                 raise InputError("a profile by hand needs nodes", key="boundary.profile", remedy="give nodes=...")
             unknown = set() if isinstance(self.profile, Layer) else set(self.profile) - {"kappa", "sigma", "alpha"}
             if unknown:
-                raise InputError("unknown profile", value=sorted(unknown), limit="kappa, sigma, alpha", key="boundary.profile")
-
-        if self.angle is not None and not 0 <= self.angle <= 89:
-            raise InputError("the angle of incidence is out of range", value=self.angle, limit="0 to 89 degrees", key="boundary.angle")
+                raise InputError("unknown profile", value=sorted(map(str, unknown)), limit="kappa, sigma, alpha", key="boundary.profile")
         if self.angle is not None and self.nodes is not None:
             raise InputError(
                 "a layer chosen by angle chooses its own nodes", value=self.nodes, key="boundary.nodes", remedy="leave nodes or angle out"
@@ -90,8 +93,11 @@ class LatticePML:
         if self.wavelengths is not None:
             if self.angle is None:
                 raise InputError("wavelengths are for a layer chosen by angle", key="boundary.wavelengths", remedy="give angle=...")
-            if len(self.wavelengths) != 2 or not 0 < self.wavelengths[0] <= self.wavelengths[1] < np.inf:
-                raise InputError("wavelengths are the shortest and the longest", value=list(self.wavelengths), key="boundary.wavelengths")
+            band = kinds.array(self.wavelengths, "boundary.wavelengths", shape=(2,)).tolist()
+            if not 0 < band[0] <= band[1] <= kinds.LARGEST:
+                raise InputError("wavelengths are the shortest and the longest", value=band, limit="0 < shortest <= longest",
+                                 key="boundary.wavelengths")  # fmt: skip
+            kinds.settle(self, wavelengths=(band[0], band[1]))
 
     def chosen(
         self, stencil: Stencil, coefficient: float, spacing: float, recursion: Recursion, dt: float, waves: tuple[float, float]
@@ -147,13 +153,14 @@ class LatticePML:
         if self.profile is not None and self.nodes is not None:
             values = {}
             for name, default in (("kappa", 1.0), ("sigma", 0.0), ("alpha", 0.0)):
-                try:
-                    values[name] = np.broadcast_to(np.asarray(self.profile.get(name, default), float), (self.nodes + 1,)).copy()
-                except ValueError:
-                    raise InputError("a profile needs nodes + 1 values", limit=self.nodes + 1, key=f"boundary.profile.{name}") from None
+                given = kinds.array(self.profile.get(name, default), f"boundary.profile.{name}")
+                if given.shape not in ((), (1,), (self.nodes + 1,)):
+                    raise InputError("a profile needs nodes + 1 values", value=f"shape {given.shape}", limit=self.nodes + 1,
+                                     key=f"boundary.profile.{name}")  # fmt: skip
+                values[name] = np.broadcast_to(given, (self.nodes + 1,)).copy()
                 low = 1.0 if name == "kappa" else 0.0
-                if not (np.isfinite(values[name]).all() and (values[name] >= low).all()):
-                    raise InputError("profile out of range", value=values[name].min(), limit=f">= {low}", key=f"boundary.profile.{name}")
+                if not (values[name] >= low).all():
+                    raise InputError("profile out of range", value=values[name].min(), limit=f">= {low:g}", key=f"boundary.profile.{name}")
             if order == 1 and np.any(values["sigma"]):
                 raise InputError("diffusion takes kappa only", key="boundary.profile.sigma", remedy="leave sigma out")
             return Layer(values["kappa"], values["sigma"], values["alpha"])

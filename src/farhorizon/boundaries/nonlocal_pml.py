@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from farhorizon import kinds
 from farhorizon.errors import InputError
 
 RAMPS = {"quadratic": 2, "cubic": 3}
@@ -59,18 +60,15 @@ class NonlocalPML:
     shift: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.nodes < 1:
-            raise InputError("a layer needs at least one node", value=self.nodes, limit=">= 1", key="boundary.nodes")
-        for name, known in (("ramp", (*RAMPS, "gaussian")), ("form", FORMS)):
-            if getattr(self, name) not in known:
-                raise InputError(f"unknown {name}", value=getattr(self, name), limit=", ".join(known), key=f"boundary.{name}")
-        if self.strength is not None and not (np.isfinite(self.strength) and self.strength >= 0):
-            raise InputError("the strength must be finite and not negative", value=self.strength, limit=">= 0", key="boundary.strength")
-        if not 0 < self.reflection < 1:
-            raise InputError("the reflection is out of range", value=self.reflection, limit="between 0 and 1", key="boundary.reflection")
-        for name, limit in (("plateau", 0.95), ("cross", 1.0), ("shift", np.inf)):
-            if not (0 <= getattr(self, name) <= limit and np.isfinite(getattr(self, name))):
-                raise InputError("out of range", value=getattr(self, name), limit=f"0 to {limit}", key=f"boundary.{name}")
+        kinds.settle(
+            self, nodes=kinds.integer(self.nodes, "boundary.nodes", least=1),
+            ramp=kinds.one_of(self.ramp, "boundary.ramp", (*RAMPS, "gaussian"), "unknown ramp"),
+            strength=None if self.strength is None else kinds.number(self.strength, "boundary.strength", least=0),
+            reflection=kinds.number(self.reflection, "boundary.reflection", above=0, below=1),
+            plateau=kinds.number(self.plateau, "boundary.plateau", least=0, most=0.95),
+            form=kinds.one_of(self.form, "boundary.form", FORMS, "unknown form"),
+            cross=kinds.number(self.cross, "boundary.cross", least=0, most=1), shift=kinds.number(self.shift, "boundary.shift", least=0),
+        )  # fmt: skip
         if self.shift and self.form == "split":
             raise InputError("split fields take no shift", value=self.shift, key="boundary.shift", remedy='form = "displacement"')
 

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from farhorizon.errors import InputError
+from farhorizon import kinds
 
 
 @dataclass(frozen=True)
@@ -21,8 +19,7 @@ class Fixed:
     value: float = 0.0
 
     def __post_init__(self) -> None:
-        if not np.isfinite(self.value):
-            raise InputError("the fixed value must be finite", value=self.value, key="boundary.value")
+        kinds.settle(self, value=kinds.number(self.value, "boundary.value"))
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,16 @@ nodes, normals and the medium only, so that it closes any cloud of points, a fin
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import sparse
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
+from farhorizon import kinds
 from farhorizon.analysis import modes
 from farhorizon.errors import InputError
 
@@ -25,6 +27,7 @@ _CHOICES = {
     "fit": ("operator", "collocation"), "dispersion": ("discrete", "continuum", "taylor", "local"), "time": ("discrete", "continuous"),
     "normals": ("lattice", "free"),
 }  # fmt: skip
+_MOST = 1000  # modes along one direction, directions, nodes of a cloud's grid: far beyond use, and soon computed
 SERIES = 40  # terms of the continuum's series: it converges everywhere, and does not cancel for modes that decay
 
 
@@ -173,19 +176,15 @@ class PlaneWave:
     balanced: bool = True
 
     def __post_init__(self) -> None:
-        for name, known in _CHOICES.items():
-            if getattr(self, name) not in (None, *known):
-                raise InputError("unknown choice", value=getattr(self, name), limit=", ".join(known), key=f"boundary.{name}")
-        for name in ("layer", "radius", "cone", "thin", "wavenumber", "wavenumbers", "smallest", "angles"):
-            value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value > 0):
-                raise InputError("must be positive", value=value, key=f"boundary.{name}")
-        if self.angle is not None and not 0 <= self.angle < 90:
-            raise InputError("modes must leave", value=self.angle, limit="0 to less than 90 degrees", key="boundary.angle")
-        if self.regularization is not None and not 0 <= self.regularization < np.inf:
-            raise InputError("must not be negative", value=self.regularization, key="boundary.regularization")
-        if not 0 <= self.rcond < 1:
-            raise InputError("must be a part of 1", value=self.rcond, limit="0 to less than 1", key="boundary.rcond")
+        takes: dict[str, Callable[[Any, str], Any]] = {
+            name: partial(kinds.one_of, known=known, message="unknown choice") for name, known in _CHOICES.items()
+        }
+        takes |= dict.fromkeys(("layer", "radius", "cone", "wavenumber", "smallest"), partial(kinds.number, above=0))
+        takes |= dict.fromkeys(("thin", "wavenumbers"), partial(kinds.integer, least=1, most=_MOST))
+        takes |= {"angle": partial(kinds.number, least=0, below=90), "regularization": partial(kinds.number, least=0)}
+        given = {name: take for name, take in takes.items() if getattr(self, name) is not None}
+        given |= {"angles": partial(kinds.integer, least=1, most=_MOST), "rcond": partial(kinds.number, least=0, below=1), "balanced": kinds.flag}
+        kinds.settle(self, **{name: take(getattr(self, name), f"boundary.{name}") for name, take in given.items()})
 
     def wanted(self, order: int) -> float:
         """What may be missed beyond the outline, as a part of the largest value: much less than the condition's own error."""

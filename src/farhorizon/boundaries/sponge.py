@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from farhorizon.errors import InputError
+from farhorizon import kinds
 
 
 @dataclass(frozen=True)
@@ -28,10 +28,11 @@ class Sponge:
     strength: float | None = None
 
     def __post_init__(self) -> None:
-        if self.nodes < 1:
-            raise InputError("a sponge needs at least one node", value=self.nodes, limit=">= 1", key="boundary.nodes")
-        if self.strength is not None and not (np.isfinite(self.strength) and self.strength >= 0):
-            raise InputError("the strength must be finite and not negative", value=self.strength, key="boundary.strength")
+        kinds.settle(
+            self,
+            nodes=kinds.integer(self.nodes, "boundary.nodes", least=1),
+            strength=None if self.strength is None else kinds.number(self.strength, "boundary.strength", least=0),
+        )
 
     def damping(self, order: int, coefficient: float, spacing: float) -> np.ndarray:
         """Damping on the sponge's nodes from the near field outwards, shape (nodes,)."""

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from farhorizon import kinds
 from farhorizon.errors import InputError
 from farhorizon.integrators import Verlet
-from farhorizon.models.model import LatticeModel, positive
+from farhorizon.models.model import LatticeModel
 from farhorizon.stencil import Stencil
 
 
@@ -32,8 +33,8 @@ class Beam(LatticeModel):
     bonds = False
 
     def __init__(self, stiffness: float = 1.0, damping: float = 0.0) -> None:
-        self.stiffness = positive(stiffness, "model.stiffness")
-        self.damping = positive(damping, "model.damping", zero=True)
+        self.stiffness = kinds.number(stiffness, "model.stiffness", above=0)
+        self.damping = kinds.number(damping, "model.damping", least=0)
         self.coefficient = self.stiffness
         self.integrator = Verlet()
 

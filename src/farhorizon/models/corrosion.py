@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from farhorizon.errors import InputError
+from farhorizon import kinds
 from farhorizon.integrators import Integrator
 from farhorizon.kernel import Kernel
-from farhorizon.models.model import LatticeModel, first_order, positive
+from farhorizon.models.model import LatticeModel, first_order
 from farhorizon.stencil import Stencil
 
 
@@ -48,10 +46,8 @@ class Corrosion(LatticeModel):
         integrator: str | Integrator = "euler",
     ) -> None:  # fmt: skip
         super().__init__(operator)
-        self.coefficient = self.diffusivity = positive(diffusivity, "model.diffusivity")
-        self.interface = positive(interface, "model.interface")
+        self.coefficient = self.diffusivity = kinds.number(diffusivity, "model.diffusivity", above=0)
+        self.interface = kinds.number(interface, "model.interface", above=0)
         self.strongest = max(1.0, self.interface)
-        if not np.isfinite(saturation):
-            raise InputError("the saturation must be finite", value=saturation, key="model.saturation")
-        self.saturation = float(saturation)
+        self.saturation = kinds.number(saturation, "model.saturation")
         self.integrator = first_order(integrator)

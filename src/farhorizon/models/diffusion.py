@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from farhorizon import kinds
 from farhorizon.integrators import Integrator
 from farhorizon.kernel import Kernel
-from farhorizon.models.model import LatticeModel, first_order, positive
+from farhorizon.models.model import LatticeModel, first_order
 from farhorizon.stencil import Stencil
 
 
@@ -26,5 +27,6 @@ class Diffusion(LatticeModel):
 
     def __init__(self, operator: Kernel | Stencil, diffusivity: float = 1.0, integrator: str | Integrator = "euler") -> None:
         super().__init__(operator)
-        self.coefficient = self.diffusivity = positive(diffusivity, "model.diffusivity")
+        varies = "the largest; coefficient=diffusivity/largest of Simulation varies it"
+        self.coefficient = self.diffusivity = kinds.number(diffusivity, "model.diffusivity", above=0, remedy=varies)
         self.integrator = first_order(integrator)

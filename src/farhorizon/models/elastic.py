@@ -11,16 +11,22 @@ import itertools
 
 import numpy as np
 
+from farhorizon import kinds
 from farhorizon.cracks import fracture_energy as energy_of_fracture
 from farhorizon.errors import InputError
 from farhorizon.integrators import Verlet
 from farhorizon.kernel import Kernel
-from farhorizon.models.model import LatticeModel, positive
+from farhorizon.models.model import LatticeModel
 from farhorizon.stencil import Stencil
 
 MATERIALS = ("bond-based", "state-based", "correspondence", "finite-element")
 _CAUCHY = {"strain": 0.25, "stress": 1 / 3, None: 0.25}  # Poisson's ratio of central forces
 _PAIRS = "two of young, poisson, bulk, shear"
+_COMBINATIONS = (
+    'free sides: material="bond-based" (Poisson\'s ratio 1/4, in plane stress 1/3) with LatticePML or Sponge, or, of any ratio, Body '
+    '(type = "correspondence" in a case file) with NonlocalPML or Sponge; no free sides: every material with LatticePML or Sponge'
+)
+_MODULI = "one of young, bulk, shear"
 _CLOSE = 1e-6  # of Poisson's ratio
 
 Table = tuple[np.ndarray, np.ndarray]
@@ -90,23 +96,24 @@ class Elastic(LatticeModel):
         critical_stretch: float | None = None,
         fracture_energy: float | None = None,
     ) -> None:
-        if material not in MATERIALS:
-            raise InputError("unknown material", value=material, limit=", ".join(MATERIALS), key="model.material")
-        if plane not in (None, "strain", "stress"):
-            raise InputError("unknown plane state", value=plane, limit="strain, stress", key="model.plane")
+        kinds.one_of(material, "model.material", MATERIALS, "unknown material")
+        if plane is not None:
+            kinds.one_of(plane, "model.plane", ("strain", "stress"), "unknown plane state")
         if (kernel is None) != (material == "finite-element") and not isinstance(kernel, Stencil):
-            raise InputError(f"a {material} material takes " + ("no kernel" if kernel else "a kernel"), key="model.kernel")
+            raise InputError(f"a {material} material takes " + ("a kernel" if kernel is None else "no kernel"), value=kinds.said(kernel),
+                             key="model.kernel", remedy="Kernel(horizon=3*spacing, exponent=1)" if kernel is None else "leave it out")  # fmt: skip
         if kernel is not None:
             super().__init__(kernel)
         self.kernel, self.material, self.plane = kernel, material, plane
-        self.stabilisation = positive(stabilisation, "model.stabilisation", zero=True)
-        if stabilisation and (material != "correspondence" or stabilisation > 1):
-            raise InputError("stabilisation is for correspondence materials", value=stabilisation, limit="0 to 1", key="model.stabilisation")
+        self.stabilisation = kinds.number(stabilisation, "model.stabilisation", least=0, most=1)
+        if stabilisation and material != "correspondence":
+            raise InputError("stabilisation is for correspondence materials", value=material, limit="correspondence", key="model.stabilisation",
+                             remedy="leave it out")  # fmt: skip
         self.bonds = material == "bond-based"
-        self.nonlinear, self.critical_stretch, self.fracture_energy = bool(nonlinear), critical_stretch, fracture_energy
+        self.nonlinear, self.critical_stretch, self.fracture_energy = kinds.flag(nonlinear, "model.nonlinear"), critical_stretch, fracture_energy
         self._check_law()
         self.sides = () if self.bonds else ("LatticePML", "Fixed", "Periodic", "Sponge")
-        self.density, self.damping = positive(density, "model.density"), positive(damping, "model.damping", zero=True)
+        self.density, self.damping = kinds.number(density, "model.density", above=0), kinds.number(damping, "model.damping", least=0)
         self._constants(young=young, poisson=poisson, bulk=bulk, shear=shear)
         self.source_factor = 1 / self.density
         self.coefficient = self.p_modulus / self.density
@@ -119,11 +126,18 @@ class Elastic(LatticeModel):
                              key="model.fracture_energy", remedy="give one of them")  # fmt: skip
         for name in ("critical_stretch", "fracture_energy"):
             if getattr(self, name) is not None:
-                positive(getattr(self, name), f"model.{name}")
+                setattr(self, name, kinds.number(getattr(self, name), f"model.{name}", above=0))
         if self.bondwise and (not self.bonds or not isinstance(self.kernel, Kernel)):
             key = "nonlinear" if self.nonlinear else "critical_stretch" if self.critical_stretch is not None else "fracture_energy"
             raise InputError("only bonds of a bond-based material with a kernel are nonlinear or break", value=self.material, key=f"model.{key}",
                              remedy='material="bond-based", or Body for correspondence with damage')  # fmt: skip
+
+    combinations = _COMBINATIONS
+
+    @property
+    def title(self) -> str:
+        """Elastic, and of which material."""
+        return f"Elastic of {self.material} material"
 
     @property
     def bondwise(self) -> bool:
@@ -157,19 +171,26 @@ class Elastic(LatticeModel):
 
     def _constants(self, **constants: float | None) -> None:
         """Set all elastic constants from those that are given."""
-        given = {name: value for name, value in constants.items() if value is not None}
-        for name in set(given) - {"poisson"}:
-            positive(given[name], f"model.{name}")
+        varies = "one number; Body takes constants that vary, and the coefficient of a Simulation multiplies the stiffness of bonds"
+        given = {
+            name: kinds.number(value, f"model.{name}", above=None if name == "poisson" else 0, remedy=varies)
+            for name, value in constants.items()
+            if value is not None
+        }
         fixed = _CAUCHY[self.plane] if self.bonds else None
         nu = given.get("poisson", _poisson(given, fixed))
         if nu is None or not set(given) - {"poisson"}:
-            raise InputError("an elastic material needs two constants", value=sorted(given), limit=_PAIRS, key="model")
+            one = fixed is not None
+            raise InputError(f"a {self.material} material needs {'one modulus' if one else 'two elastic constants'}",
+                             value=f"only {', '.join(sorted(given))}" if given else "none", limit=_MODULI if one else _PAIRS, key="model",
+                             remedy="give young" if one else "give young and poisson")  # fmt: skip
         if not -1 < nu < 0.5:
-            raise InputError("Poisson's ratio is out of range", value=nu, limit="above -1, below 0.5", key="model.poisson")
+            raise InputError("Poisson's ratio is out of range", value=nu, limit="above -1, below 0.5", key="model.poisson",
+                             remedy="0.49 for a nearly incompressible material" if nu >= 0.5 else "")  # fmt: skip
         if fixed is not None and abs(nu - fixed) > _CLOSE:
             state = "plane stress" if self.plane == "stress" else "three dimensions and plane strain"
             raise InputError(f"bond-based materials have one Poisson's ratio, in {state}", value=nu, limit=fixed, key="model.poisson",
-                             remedy='material="state-based" or "correspondence"')  # fmt: skip
+                             remedy=_COMBINATIONS)  # fmt: skip
         if "shear" in given:
             self.shear = given["shear"]
         else:

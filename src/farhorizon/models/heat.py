@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from farhorizon.errors import InputError
+from farhorizon import kinds
 from farhorizon.integrators import Integrator
 from farhorizon.kernel import Kernel
-from farhorizon.models.model import LatticeModel, first_order, positive
+from farhorizon.models.model import LatticeModel, first_order
 from farhorizon.stencil import Stencil
 
 SELF_TERMS = ("centre", "neighbour", "none")
@@ -48,11 +48,11 @@ class Heat(LatticeModel):
         integrator: str | Integrator = "euler", self_term: str = "centre",
     ) -> None:  # fmt: skip
         super().__init__(operator)
-        self.density, self.specific_heat = positive(density, "model.density"), positive(specific_heat, "model.specific_heat")
-        self.conductivity = positive(conductivity, "model.conductivity")
-        if self_term not in SELF_TERMS:
-            raise InputError("unknown self term", value=self_term, limit=", ".join(SELF_TERMS), key="model.self_term")
-        self.self_term = self_term
+        self.density = kinds.number(density, "model.density", above=0)
+        self.specific_heat = kinds.number(specific_heat, "model.specific_heat", above=0)
+        varies = "the largest; coefficient=conductivity/largest of Simulation varies it"
+        self.conductivity = kinds.number(conductivity, "model.conductivity", above=0, remedy=varies)
+        self.self_term = kinds.one_of(self_term, "model.self_term", SELF_TERMS, "unknown self term")
         self.integrator = first_order(integrator)
         self.coefficient = self.conductivity / self.heat_capacity
         self.source_factor = 1 / self.heat_capacity

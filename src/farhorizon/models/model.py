@@ -7,6 +7,7 @@ from typing import Self
 
 import numpy as np
 
+from farhorizon import kinds
 from farhorizon.errors import InputError
 from farhorizon.integrators import Euler, Integrator, RungeKutta4, RungeKuttaChebyshev, Verlet
 from farhorizon.kernel import Kernel
@@ -27,6 +28,8 @@ class LatticeModel:
         Factor on sources: 1, or what turns power into a rate of temperature.
     sides : tuple of str
         Names of the boundaries that serve it; empty: all.
+    combinations : str
+        What goes together with which sides, for messages; empty where `sides` say it all.
     bonds : bool
         Whether bonds may be cut and weakened one by one.
     strongest : float
@@ -38,13 +41,17 @@ class LatticeModel:
     integrator: Integrator
     source_factor: float = 1.0
     sides: tuple[str, ...] = ()
+    combinations: str = ""
     bonds: bool = True
     strongest: float = 1.0
 
     def __init__(self, operator: Kernel | Stencil) -> None:
-        if not isinstance(operator, Kernel | Stencil):
-            raise InputError("a model's first argument is a Kernel or a Stencil", value=type(operator).__name__, key="model")
-        self.operator = operator
+        self.operator = kinds.instance(operator, "model", (Kernel, Stencil), "a Kernel or a Stencil", remedy="Kernel(horizon=3*spacing)")
+
+    @property
+    def title(self) -> str:
+        """What it is called in messages."""
+        return type(self).__name__
 
     @property
     def order(self) -> int:
@@ -78,13 +85,6 @@ class LatticeModel:
         return self.operator
 
 
-def positive(value: float, key: str, *, zero: bool = False) -> float:
-    """The number itself, or InputError unless it is finite and positive (or zero where allowed)."""
-    if not np.isfinite(value) or value < 0 or (value == 0 and not zero):
-        raise InputError("must be finite and " + ("not negative" if zero else "positive"), value=value, key=key)
-    return float(value)
-
-
 INTEGRATORS: dict[str, Integrator] = {"euler": Euler(), "rk4": RungeKutta4(), "rkc": RungeKuttaChebyshev()}
 
 
@@ -96,7 +96,6 @@ def first_order(integrator: str | Integrator) -> Integrator:
     InputError
         An unknown name, or an integrator for waves.
     """
-    found = INTEGRATORS.get(integrator) if isinstance(integrator, str) else integrator
-    if not isinstance(found, Euler | RungeKutta4 | RungeKuttaChebyshev):
-        raise InputError("unknown integrator", value=integrator, limit=", ".join(INTEGRATORS), key="model.integrator")
-    return found
+    if isinstance(integrator, Euler | RungeKutta4 | RungeKuttaChebyshev):
+        return integrator
+    return INTEGRATORS[kinds.one_of(integrator, "model.integrator", INTEGRATORS, "unknown integrator")]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from farhorizon import kinds
 from farhorizon.integrators import Verlet
 from farhorizon.kernel import Kernel
-from farhorizon.models.model import LatticeModel, positive
+from farhorizon.models.model import LatticeModel
 from farhorizon.stencil import Stencil
 
 
@@ -26,7 +27,8 @@ class Wave(LatticeModel):
 
     def __init__(self, operator: Kernel | Stencil, speed: float = 1.0, damping: float = 0.0) -> None:
         super().__init__(operator)
-        self.speed = positive(speed, "model.speed")
-        self.damping = positive(damping, "model.damping", zero=True)
+        varies = "the largest speed; coefficient=(speed/largest)**2 of Simulation varies it"
+        self.speed = kinds.number(speed, "model.speed", above=0, remedy=varies)
+        self.damping = kinds.number(damping, "model.damping", least=0)
         self.coefficient = self.speed**2
         self.integrator = Verlet()

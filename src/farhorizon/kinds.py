@@ -1,0 +1,245 @@
+"""Kinds of arguments: a converter for each, which returns what the program computes with, or raises InputError.
+
+Every public argument goes through one of these before any work, so that what is wrong is named by its key, in the user's words, and not by
+whatever NumPy would say of it later.
+"""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+import numbers
+import operator
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from farhorizon.errors import InputError, shown
+
+LARGEST = 1e60
+"""Of a constant; positive ones are at least its inverse. Products of five such numbers, as of the horizon's powers, stay finite."""
+MOST_WHOLE = 1_000_000
+"""Of a whole number, unless it has another limit."""
+
+
+def number(
+    value: Any,
+    key: str,
+    *,
+    above: float | None = None,
+    least: float | None = None,
+    below: float | None = None,
+    most: float | None = None,
+    remedy: str = "",
+) -> float:
+    """A finite real number.
+
+    Parameters
+    ----------
+    value : object
+        An int, a float, a NumPy scalar, or an array of no dimension; neither bool nor text.
+    key : str
+        Named in messages.
+    above, least, below, most : float, optional
+        Limits, the first and the third excluded.
+    remedy : str
+        What to do instead of giving something that is no number, as an array.
+
+    Raises
+    ------
+    InputError
+        Anything else, or a number out of range.
+    """
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
+    if not isinstance(value, numbers.Real) or isinstance(value, bool):
+        raise InputError("must be a number", value=said(value), limit=_range(above, least, below, most), key=key, remedy=remedy)
+    try:
+        found = float(value)
+    except OverflowError:
+        found = np.inf
+    fits = (
+        np.isfinite(found)
+        and (above is None or found > above)
+        and (least is None or found >= least)
+        and (below is None or found < below)
+        and (most is None or found <= most)
+    )
+    if not fits:
+        raise InputError(_demand(above, least, below, most), value=value, limit=_range(above, least, below, most), key=key)
+    if found and not 1 / LARGEST <= abs(found) <= LARGEST:
+        raise InputError("is beyond what can be computed with", value=value, limit=f"{1 / LARGEST:g} to {LARGEST:g} in magnitude", key=key,
+                         remedy="other units")  # fmt: skip
+    return found
+
+
+def integer(value: Any, key: str, *, least: int, most: int = MOST_WHOLE) -> int:
+    """A whole number between two limits, both included; what `operator.index` takes, so no 3.0, and no bool.
+
+    Raises
+    ------
+    InputError
+        Anything else.
+    """
+    try:
+        if isinstance(value, bool):
+            raise TypeError
+        found = operator.index(value)
+    except TypeError:
+        raise InputError("must be a whole number", value=said(value), limit=f"{least} to {most}", key=key) from None
+    if not least <= found <= most:
+        raise InputError("is out of range", value=found, limit=f"{least} to {most}", key=key)
+    return found
+
+
+def flag(value: Any, key: str) -> bool:
+    """True or false; InputError for anything else."""
+    if not isinstance(value, bool | np.bool_):
+        raise InputError("must be true or false", value=said(value), key=key)
+    return bool(value)
+
+
+def text(value: Any, key: str) -> str:
+    """A text; InputError for anything else."""
+    if not isinstance(value, str):
+        raise InputError("must be a text", value=said(value), key=key)
+    return value
+
+
+def one_of(value: Any, key: str, known: Iterable[str], message: str = "unknown word") -> str:
+    """One of some words; InputError with `message`, all of them and the nearest one for anything else."""
+    words = list(known)
+    if not isinstance(value, str) or value not in words:
+        near = difflib.get_close_matches(value, words, 1) if isinstance(value, str) else []
+        raise InputError(message, value=said(value), limit=", ".join(words), key=key, remedy=f"did you mean {near[0]!r}?" if near else "")
+    return value
+
+
+def array(value: Any, key: str, *, shape: tuple[int | None, ...] | None = None, finite: bool = True) -> np.ndarray:
+    """Numbers as an array of float64.
+
+    Parameters
+    ----------
+    value : array_like
+        Real numbers, or bool.
+    key : str
+        Named in messages.
+    shape : tuple of int or None, optional
+        Wanted shape; None stands for any length.
+    finite : bool
+        Whether nan and inf are refused.
+
+    Raises
+    ------
+    InputError
+        What holds no real numbers, or complex ones; another shape; numbers that are not finite.
+    """
+    try:
+        found = np.asarray(value)
+    except (TypeError, ValueError):  # rows of different lengths
+        found = np.asarray(None)
+    if found.dtype.kind not in "biuf":
+        raise InputError("must be real numbers", value=said(value), limit=None if shape is None else f"shape {_shape(shape)}", key=key)
+    found = found.astype(float, copy=False)
+    if shape is not None and not (found.ndim == len(shape) and all(want in (None, n) for n, want in zip(found.shape, shape, strict=True))):
+        raise InputError("has another shape", value=f"shape {_shape(found.shape)}", limit=f"shape {_shape(shape)}", key=key)
+    if finite and not np.isfinite(found).all():
+        raise InputError("values must be finite", value=said(value), key=key)
+    return found
+
+
+def mask(value: Any, key: str, message: str = "must be an array of true and false") -> np.ndarray:
+    """An array of bool; InputError with `message` for anything else."""
+    try:
+        found = np.asarray(value)
+    except (TypeError, ValueError):
+        found = np.asarray(None)
+    if found.dtype != bool:
+        raise InputError(message, value=said(value), limit="an array of bool", key=key)
+    return found
+
+
+def sequence(value: Any, key: str, what: str = "entries") -> list[Any]:
+    """A list or a tuple as a list; InputError for anything else, a text and an array among it."""
+    if not isinstance(value, list | tuple):
+        raise InputError(f"must be a list of {what}", value=said(value), key=key, remedy="put it into a list: [...]")
+    return list(value)
+
+
+def instance(value: Any, key: str, kinds: type | tuple[type, ...], what: str, remedy: str = "") -> Any:
+    """An object of some classes; InputError that it is not `what` for anything else."""
+    if not isinstance(value, kinds):
+        raise InputError(f"must be {what}", value=said(value), key=key, remedy=remedy)
+    return value
+
+
+def function(value: Any, key: str, arguments: str) -> Callable[..., Any]:
+    """A callable that takes as many positional arguments as are named in `arguments`, e.g. "x, y, t".
+
+    Raises
+    ------
+    InputError
+        No callable, or one that takes more or fewer.
+    """
+    if not callable(value):
+        raise InputError(f"must be a function of {arguments}", value=said(value), key=key)
+    names = arguments.split(", ")
+    try:
+        if isinstance(value, np.ufunc) and value.nin != len(names):  # their signatures have an argument for the output, too
+            raise TypeError(f"it takes {value.nin}")
+        inspect.signature(value).bind(*names)
+    except TypeError as error:
+        raise InputError(f"the function is called with {arguments}", value=f"{shown(value)}: {error}", key=key,
+                         remedy=f"a function of {len(names)} argument{'s' if len(names) > 1 else ''}") from None  # fmt: skip
+    except ValueError:  # compiled functions do not say what they take
+        pass
+    return value
+
+
+def path(value: Any, key: str) -> Path:
+    """A path, of which a text is one; InputError for anything else."""
+    if not isinstance(value, str | Path):
+        raise InputError("must be a path", value=said(value), key=key)
+    return Path(value)
+
+
+def settle(target: Any, /, **values: Any) -> None:
+    """Set attributes of a frozen dataclass to what converters returned."""
+    for name, value in values.items():
+        object.__setattr__(target, name, value)
+
+
+def said(value: Any) -> str:
+    """A value of the wrong kind, with its type where that does not show."""
+    if value is None:
+        return "None"
+    if isinstance(value, str):
+        return f"the text {value!r}"
+    if isinstance(value, np.ndarray):
+        return f"an array of shape {_shape(value.shape)}" + ("" if value.dtype.kind in "biuf" else f" and type {value.dtype}")
+    return shown(value)
+
+
+def _shape(shape: Sequence[int | None]) -> str:
+    inner = ", ".join("n" if n is None else str(n) for n in shape)
+    return f"({inner},)" if len(shape) == 1 else f"({inner})"
+
+
+def _range(above: float | None, least: float | None, below: float | None, most: float | None) -> str | None:
+    if least is not None and most is not None:
+        return f"{shown(least)} to {shown(most)}"
+    limits = ((above, ">"), (least, ">="), (below, "<"), (most, "<="))
+    return " and ".join(f"{sign} {shown(limit)}" for limit, sign in limits if limit is not None) or None
+
+
+def _demand(above: float | None, least: float | None, below: float | None, most: float | None) -> str:
+    if below is not None or most is not None:
+        return "is out of range"
+    words: dict[tuple[float | None, float | None], str] = {
+        (None, None): "must be finite",
+        (0, None): "must be finite and positive",
+        (None, 0): "must be finite and not negative",
+    }
+    return words.get((above, least), "is out of range")
