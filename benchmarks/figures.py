@@ -1,0 +1,164 @@
+"""The figures of README.md and docs/: measured by the commands that users have, kept in docs/figures.json, written where they are marked.
+
+A document marks a figure as ``<!-- figure: KEY -->VALUE<!-- end -->``. This script runs the commands that it is asked for, takes the
+figures of each from what it writes with ``--json``, and keeps them with the command, the date and the processor; then it rewrites all marked
+places. ``tests/test_documents.py`` compares the places with the file, and in its slow tier the file with what some commands print now.
+
+Run: ``python benchmarks/figures.py [NAME...]``; without a name it only rewrites the places. ``--list`` tells names and commands.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import json
+import platform
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+ROOT = Path(__file__).resolve().parents[1]
+STORE = ROOT / "docs" / "figures.json"
+DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PLACE = re.compile(r"<!-- figure: (\S+) -->(.*?)<!-- end -->")
+PICTURE_COLOURS = 256  # of docs/demo.png: a palette takes a third of the space
+
+
+class Measurement(NamedTuple):
+    """A command, and what is read off the JSON that it writes: one number a figure, or the least and the largest."""
+
+    command: tuple[str, ...]
+    figures: dict[str, Callable[[Any], float | tuple[float, float]]]
+
+
+def reproduced(name: str, wanted: dict[str, tuple[str, str]]) -> Measurement:
+    """Errors of a reproduction: of each key the boundaries whose names begin with a text, all of them or the "best"."""
+
+    def reader(start: str, how: str) -> Callable[[Any], float | tuple[float, float]]:
+        def read(found: Any) -> float | tuple[float, float]:
+            given = [value for boundary, value in found["infinite_error"].items() if boundary.startswith(start)]
+            errors = [float("inf") if value is None else value for value in given]  # JSON has no infinity: what overflowed is null
+            return min(errors) if how == "best" else (min(errors), max(errors))
+
+        return read
+
+    command = ("farhorizon", "reproduce", name)
+    return Measurement(command, {key: reader(*how) for key, how in wanted.items()})
+
+
+def reach(m: int, nodes: int) -> Callable[[Any], float]:
+    """Error of a layer beside a stencil of this reach."""
+    return lambda found: next(row[f"{nodes} nodes/initial"] for row in found["rows"] if row["2D wave to t=60"] == f"m={m}")
+
+
+MEASUREMENTS = {
+    "demo": Measurement(("farhorizon", "demo"), {
+        "demo.error": lambda found: found["lattice PML"]["error_max_over_run"],
+        "demo.fixed": lambda found: found["fixed edge"]["error_max_over_run"],
+    }),
+    "square": reproduced("hermann2023-ex1", {
+        "square.published": ("published", "all"), "square.repaired": ("repaired", "best"), "square.higdon": ("Higdon (0, 45)", "best"),
+        "square.first": ("first order", "best"), "square.pml": ("lattice PML", "best"),
+    }),
+    "discs": reproduced("hermann2023-ex2", {
+        f"disc{m}.{key}": (f"horizon {m} spacings: {start}", how)
+        for m in (3, 6)
+        for key, start, how in (("published", "published", "all"), ("repaired", "repaired", "best"), ("higdon", "Higdon (0, 45)", "best"),
+                                ("pml", "lattice PML", "best"))
+    }),
+    "notches": reproduced("hermann2023-ex3", {
+        f"notches.{key}": (f"radius 26, {start}", how)
+        for key, start, how in (("published", "published", "all"), ("repaired", "repaired", "best"), ("higdon", "Higdon (0, 45)", "best"),
+                                ("pml", "lattice PML", "best"))
+    }),
+    "wide": Measurement(("python", "benchmarks/accuracy.py", "waves2d"), {
+        f"reach{m}.{nodes}": reach(m, nodes) for m in (4, 5, 6) for nodes in (12, 20)
+    }),
+    "bar": Measurement(("python", "benchmarks/layer.py", "bar"), {
+        "bar.ratio": lambda found: found["rows"][0]["layers us"] / found["rows"][0]["bare us"],
+        "bar.added": lambda found: found["rows"][0]["added us"],
+    }),
+}  # fmt: skip
+
+
+def written(value: float | tuple[float, float]) -> str:
+    """A figure as the documents have it: two digits, a range as "a to b"."""
+    if isinstance(value, tuple):
+        return f"{written(value[0])} to {written(value[1])}"
+    if value == float("inf"):
+        return "overflow"
+    if value != 0 and not 1e-2 <= abs(value) < 1e3:
+        mantissa, exponent = f"{value:.1e}".split("e")
+        return f"{mantissa}e{int(exponent)}"
+    return f"{value:.2g}"
+
+
+def processor() -> str:
+    """Name of the processor, where the operating system tells it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), platform.machine())
+
+
+def measure(name: str, picture: Path | None = None) -> dict[str, dict[str, Any]]:
+    """Run one command and read its figures; the demo's picture goes to `picture`."""
+    import farhorizon
+
+    command, figures = MEASUREMENTS[name]
+    with tempfile.TemporaryDirectory() as folder:
+        made, out = Path(folder) / "found.json", Path(folder) / "out"
+        program = {"farhorizon": [sys.executable, "-m", "farhorizon"], "python": [sys.executable]}[command[0]]
+        more = ["--out", str(out)] if command[0] == "farhorizon" else []
+        subprocess.run([*program, *command[1:], *more, "--json", str(made)], cwd=ROOT, check=True)
+        found = json.loads(made.read_text())
+        if name == "demo" and picture is not None:
+            shrink(out / "compare.png", picture)
+    about = {"command": " ".join(command), "date": datetime.date.today().isoformat(), "processor": processor(), "version": farhorizon.__version__}
+    return {key: {"value": written(read(found)), **about} for key, read in figures.items()}
+
+
+def shrink(source: Path, target: Path) -> None:
+    """The picture with a palette, which a document can carry."""
+    from PIL import Image
+
+    with Image.open(source) as image:
+        image.convert("RGB").quantize(PICTURE_COLOURS).save(target, optimize=True)
+
+
+def rewrite(figures: dict[str, dict[str, Any]]) -> None:
+    """Put the figures where the documents mark them."""
+    for path in DOCUMENTS:
+        text = path.read_text(encoding="utf-8")
+        new = PLACE.sub(lambda place: f"<!-- figure: {place[1]} -->{figures.get(place[1], {'value': place[2]})['value']}<!-- end -->", text)
+        if new != text:
+            path.write_text(new, encoding="utf-8")
+
+
+def main() -> None:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(MEASUREMENTS)}, or all")
+    parser.add_argument("--list", action="store_true", help="names and commands")
+    given = parser.parse_args()
+    if given.list:
+        for name, measurement in MEASUREMENTS.items():
+            print(f"{name:9}{' '.join(measurement.command)}")
+        return
+    names = list(MEASUREMENTS) if given.names == ["all"] else given.names
+    if unknown := set(names) - set(MEASUREMENTS):
+        parser.error(f"unknown measurement {', '.join(sorted(unknown))}; known: {', '.join(MEASUREMENTS)}")
+    for name in names:
+        figures = json.loads(STORE.read_text()) if STORE.exists() else {}
+        figures |= measure(name, ROOT / "docs" / "demo.png")
+        STORE.write_text(json.dumps(dict(sorted(figures.items())), indent=1) + "\n")
+    rewrite(json.loads(STORE.read_text()))
+
+
+if __name__ == "__main__":
+    main()

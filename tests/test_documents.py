@@ -1,0 +1,105 @@
+"""README and docs/: what they show runs, what they link to is there, and the figures that they mark are those that were measured."""
+
+import importlib.util
+import json
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.case import Case
+from farhorizon.cli import main
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def _script(name):
+    """A script of benchmarks/ as a module."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "benchmarks" / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+figures = _script("figures")
+STORED = json.loads(figures.STORE.read_text())
+
+
+def _blocks(language):
+    return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
+
+
+def test_readme_is_a_door():
+    assert len(README.splitlines()) <= 150
+    assert (ROOT / "docs" / "demo.png").stat().st_size < 200_000
+    assert set(re.findall(r"```(\w+)\n", README)) == {"sh", "toml", "python"}
+
+
+def test_case_and_python_of_the_readme_are_one_run(capsys):
+    (case,), (program,) = _blocks("toml"), _blocks("python")
+    names = {}
+    exec(compile(program, "README.md", "exec"), names)
+    assert "reflection" in capsys.readouterr().out
+    sim = fh.Simulation(**Case(case).setup | {"dt": names["sim"].dt})  # a case has outputs besides, which its own step divides
+    sim.run(until=30.0)
+    assert names["sim"].step_count == sim.step_count and np.abs(sim.fields["u"]).max() > 1e-4
+    assert np.allclose(names["sim"].fields["u"], sim.fields["u"], rtol=0, atol=1e-13)
+
+
+def test_commands_of_the_readme_exist(capsys):
+    extras = (ROOT / "pyproject.toml").read_text()
+    lines = [part for block in _blocks("sh") for part in re.split(r"&&|\n", block) if part.strip()]
+    lines += re.findall(r"^\| `(farhorizon [^`]*)`", README, re.MULTILINE)
+    ours = [shlex.split(line) for line in lines if line.strip().startswith("farhorizon")]
+    assert {words[1] for words in ours} == {"demo", "check", "run", "compare", "plot", "reproduce"}
+    for words in ours:
+        with pytest.raises(SystemExit) as end:
+            main([words[1], "--help"])
+        assert end.value.code == 0
+    assert "'.[test]'" in README and "\ntest = [" in extras
+
+
+def _anchors(path):
+    headings = re.findall(r"^#+ (.*)$", path.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("path", figures.DOCUMENTS, ids=lambda path: path.name)
+def test_links_lead_somewhere(path):
+    for target in re.findall(r"\]\(([^)\s]+)\)", path.read_text(encoding="utf-8")):
+        if not target.startswith("http"):
+            name, _, anchor = target.partition("#")
+            there = (path.parent / name).resolve() if name else path
+            assert there.exists(), target
+            assert not anchor or anchor in _anchors(there), target
+
+
+def test_marked_figures_are_the_measured_ones():
+    places = [place for path in figures.DOCUMENTS for place in figures.PLACE.findall(path.read_text(encoding="utf-8"))]
+    assert places and {key for key, _ in places} == set(STORED)
+    for key, value in places:
+        assert value == STORED[key]["value"], key
+    known = {key: " ".join(m.command) for m in figures.MEASUREMENTS.values() for key in m.figures}
+    for key, entry in STORED.items():
+        assert entry["command"] == known[key] and entry["date"] and entry["processor"], key
+
+
+@pytest.mark.parametrize(("value", "words"), [
+    (2.8035e-11, "2.8e-11"), (0.23, "0.23"), (2.304, "2.3"), ((0.0128, 0.0366), "0.013 to 0.037"), ((2e-3, np.inf), "2.0e-3 to overflow"),
+])  # fmt: skip
+def test_figures_as_they_are_written(value, words):
+    assert figures.written(value) == words
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["demo", "square", "wide"])
+def test_figures_are_what_the_commands_print_now(name):
+    """Within a factor of 2, errors below 1e-9 within 10: of those some are rounding, which differs from processor to processor. No times."""
+    for key, entry in figures.measure(name).items():
+        now, then = (np.array([float(word) for word in e["value"].split(" to ")]) for e in (entry, STORED[key]))
+        factor = np.where(then < 1e-9, 10.0, 2.0)
+        assert (now <= factor * then).all() and (then <= factor * now).all(), (key, entry["value"], STORED[key]["value"])
