@@ -3,26 +3,31 @@
 Measures in fresh processes, medians of the repeats:
 
 - import: ``import farhorizon`` in a process that has only the interpreter, and the modules that take most of it.
+- cold: the first `farhorizon check`, `run` and `demo` of a fresh install, by the wall clock (empty caches), beside the second.
 - compile: the first simulation and step ever (empty ``FARHORIZON_CACHE``: the time loop is compiled, too), of a new stencil
   where another has run before, and of the same in a second process that finds everything there. Target for a new stencil: 5 s.
 
 Wall-clock seconds here mean this machine; the ratio of first to second run is what the cache gains.
 
-Run: ``python benchmarks/startup.py [import] [compile] [--json FILE] [--repeats N]``. Takes about one minute.
+Run: ``python benchmarks/startup.py [import] [cold] [compile] [--json FILE] [--repeats N]``. Takes about four minutes.
 """
 
 from __future__ import annotations
 
 import os
 import re
+import shutil
 import statistics
 import subprocess
 import sys
 import tempfile
+import time
+from pathlib import Path
 from typing import Any
 
 from common import run_parts, verdict
 
+EXAMPLES = Path(__file__).parents[1] / "examples"
 TARGET = 5.0  # seconds from a new stencil to its first step
 
 _IMPORT = "import time; t = time.perf_counter(); import farhorizon; print(time.perf_counter() - t)"
@@ -42,7 +47,12 @@ print(loaded - start, first - loaded, time.perf_counter() - first)
 def python(code: str, cache: str, *options: str) -> subprocess.CompletedProcess[str]:
     """Run code in a fresh interpreter with a given cache folder."""
     return subprocess.run([sys.executable, *options, "-c", code], capture_output=True, text=True, check=True,
-                          env={**os.environ, "FARHORIZON_CACHE": cache})  # fmt: skip
+                          env=empty_caches(cache))  # fmt: skip
+
+
+def empty_caches(folder: str) -> dict[str, str]:
+    """The environment with all compiled code in a folder: that of generated programs and that of the package's own modules."""
+    return {**os.environ, "FARHORIZON_CACHE": folder, "NUMBA_CACHE_DIR": f"{folder}/numba"}
 
 
 def import_time(repeats: int) -> list[dict[str, Any]]:
@@ -57,6 +67,26 @@ def import_time(repeats: int) -> list[dict[str, Any]]:
         own[package] = own.get(package, 0.0) + 1e-6 * int(microseconds)
     heaviest = sorted(own.items(), key=lambda item: -item[1])[:6]
     return [{"import": "farhorizon", "s": total}] + [{"import": f"  {name} (traced)", "s": seconds} for name, seconds in heaviest]
+
+
+def cold_start(repeats: int) -> list[dict[str, Any]]:
+    """Seconds of whole commands by the wall clock, from empty caches and again."""
+    rows = []
+    for name in ("check", "run", "demo"):
+        times: list[list[float]] = [[], []]
+        for _ in range(repeats):
+            with tempfile.TemporaryDirectory() as folder:
+                case = Path(folder) / "blob.toml"
+                shutil.copy(EXAMPLES / "blob.toml", case)
+                case_of = [] if name == "demo" else [str(case)]
+                for number, found in enumerate(times):
+                    start = time.perf_counter()
+                    command = [sys.executable, "-m", "farhorizon", name, *case_of, "--out", f"{folder}/{number}"]
+                    subprocess.run(command, capture_output=True, check=True, env=empty_caches(folder))
+                    found.append(time.perf_counter() - start)
+        first, second = (statistics.median(found) for found in times)
+        rows.append({"farhorizon": name, "first ever s": first, "again s": second, "compiled s": first - second})
+    return rows
 
 
 def compile_time(repeats: int) -> list[dict[str, Any]]:
@@ -83,5 +113,6 @@ if __name__ == "__main__":
     run_parts(__doc__, {
         "import": ("Import time in a fresh process", lambda given: import_time(given.repeats)),
         # compiling is slow and steady: fewer repeats
+        "cold": ("Commands of a fresh install", lambda given: cold_start(max(1, given.repeats // 9))),
         "compile": ("From a new stencil to its first step, import not counted", lambda given: compile_time(max(1, given.repeats // 9))),
     })  # fmt: skip

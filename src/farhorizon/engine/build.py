@@ -13,6 +13,7 @@ from types import ModuleType
 from typing import Any
 
 from farhorizon.engine.cache import cache_folder, write
+from farhorizon.engine.notice import importing
 
 _HERE = Path(__file__).parent
 _COMPILED_IN = ("bonds", "ends", "filter", "phases", "simd", "simd_bonds", "simd_matrix", "fringe", "layout", "threads")  # modules that templates use
@@ -65,5 +66,6 @@ def _load_file(name: str, template: str) -> ModuleType:
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
-    spec.loader.exec_module(module)
+    with importing(name):
+        spec.loader.exec_module(module)
     return module

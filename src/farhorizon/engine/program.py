@@ -22,7 +22,10 @@ from farhorizon.engine.threads import barrier, claim
 
 CHUNK = 64
 SHIFTS = 12  # column of a block's row where the distances of the components begin
-LONG, GRAIN = 256, 16  # nodes of a row that is worth cutting, and of the pieces: whole cache lines
+LONG, GRAIN = 256, np.int64(16)  # nodes of a row that is worth cutting, and of the pieces: whole cache lines
+
+# Plain numbers among the arguments would be types of their own, for each of which Numba compiles a function anew.
+NONE, ONE = np.int64(0), np.int64(1)
 
 stretch_remembering = stretch_chain(LINES, True)
 stretch_memoryless = stretch_chain(LINES, False)
@@ -170,7 +173,7 @@ def sweep_two_phases(src, base, out, block, number, depth, function, weights, of
     for row in range(first, last):
         metal |= runs[row * block[1] + i0, 0, 0] != LIQUID or runs[row * block[1] + i0, 0, 1] * TILE < block[3]
     if not metal:
-        sweep_part(src, base, out, block, number, depth, 0, block[3], function, weights, offsets, coefficient, law)
+        sweep_part(src, base, out, block, number, depth, NONE, block[3], function, weights, offsets, coefficient, law)
         return
     general, a, a_difference, b, _, _, _ = law
     size = src.itemsize
@@ -249,9 +252,9 @@ def sweep_core(lane, lanes, sync, src, base, out, block, function, depth, backwa
                 elif bonds.places.shape[0]:
                     sweep_bonds(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, bonds, reach)
                 else:
-                    sweep_part(src, base, out, block, number, depth, 0, block[3], function, weights, offsets, coefficient, law)
+                    sweep_part(src, base, out, block, number, depth, NONE, block[3], function, weights, offsets, coefficient, law)
                 if rim[1].size:
-                    release(src, base, out, block, 0, number, depth, 0, block[3], law, scale, coefficient, rim)
+                    release(src, base, out, block, NONE, number, depth, NONE, block[3], law, scale, coefficient, rim)
             claimed = claim(sync, owner) if lanes > 1 else 1
 
 
@@ -274,7 +277,7 @@ def sweep_tree(lane, lanes, slots, base, out, first, last, blocks, functions, de
         if nodes[1] >= LONG:
             nodes = share(lane, lanes, nodes[1], GRAIN)
         else:
-            parts = share(lane, lanes, parts[1], 1)
+            parts = share(lane, lanes, parts[1], ONE)
         for number in range(parts[0], parts[1]):
             sweep_part(slots, base, out, blocks[k], number, depths[k], nodes[0], nodes[1], functions[k], weights[k], offsets[k], coefficient, law)
             if rim[1].size:
@@ -383,7 +386,7 @@ def fill_tree(lane, lanes, sync, tree, level, slots, memory, work, components, c
             barrier(sync, lanes)
         first, last = task_ranges[tree, axis, 0], task_ranges[tree, axis, 1]
         if first < last:
-            own = share(lane, lanes, last - first, 1)
+            own = share(lane, lanes, last - first, ONE)
             for c in range(components):
                 values, places, past = component(level, c, components), component(slots, c, components), component(memory, c, components)
                 for t in range(first + own[0], first + own[1]):
@@ -423,7 +426,7 @@ def cut(lane, lanes, sync, src, values, base, out, scale, components, first, las
     """
     if first == last:
         return
-    own = share(lane, lanes, last - first, 1)
+    own = share(lane, lanes, last - first, ONE)
     begin, end = run_start(nodes, first + own[0], first, last), run_start(nodes, first + own[1], first, last)
     here, there = src.size // components, values.size // components
     for i in range(begin, end):
@@ -610,7 +613,7 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                 for axis in range(3):
                     if period[axis] > 0:
                         if lane == 0:
-                            copy(coefficient, copies, copy_ranges[-1, axis], 1)
+                            copy(coefficient, copies, copy_ranges[-1, axis], ONE)
                         barrier(sync, lanes)
         state = levels[stages[phase, per_step - 1, 2]]  # the next step does not write it before its first barrier
         for i in range(lane, watched.size, lanes):
