@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from types import ModuleType
 
 import numpy as np
 
@@ -163,7 +164,6 @@ class Engine:
         self.set_books(none, none, none, np.zeros(0), np.zeros(len(stages.numbers)), 0)
         self.watched, self.seen = none, np.zeros((0, 0))
         self._collect_filter()
-        self._driver = load_driver()
 
     # --- tables of the compiled loop ---------------------------------------------------------------------------
 
@@ -628,6 +628,12 @@ class Engine:
         return np.where(self.exists[nodes] == self.exists[neighbours], cut, weights)
 
     # --- the work ----------------------------------------------------------------------------------------------
+
+    @property
+    def _driver(self) -> ModuleType:
+        """The compiled loop that has what this run needs."""
+        fringe, work = self._fringe[0], self._work_done
+        return load_driver(bool(self._runs[0].size or self.has_bonds or work.size or self.history.shape[0] or fringe.size))
 
     @property
     def current(self) -> np.ndarray:

@@ -17,12 +17,17 @@ from farhorizon.engine.notice import importing
 
 _HERE = Path(__file__).parent
 _COMPILED_IN = ("bonds", "ends", "filter", "phases", "simd", "simd_bonds", "simd_matrix", "fringe", "layout", "threads")  # modules that templates use
+_DRIVERS: dict[bool, ModuleType] = {}
 _LOADING = threading.RLock()  # simulations may be made side by side
 
 
-def load_driver() -> ModuleType:
-    """The compiled time loop."""
-    return _load("program")
+def load_driver(rare: bool) -> ModuleType:
+    """The compiled time loop, with the kernels of what few runs have or without; one that has them serves all."""
+    if True in _DRIVERS:
+        return _DRIVERS[True]
+    if rare not in _DRIVERS:
+        _DRIVERS[rare] = _load("program", RARE=rare)
+    return _DRIVERS[rare]
 
 
 def load_rows(

@@ -5,6 +5,9 @@ layers, fills and sweeps each (``out = a*in + b*base + weights * neighbours``), 
 Arrays named ``levels[l]`` are flat time levels laid out by `engine.layout`, ``slots`` the continued values of one tree. Of a field of
 several components each level, the slots and the layers' memory hold as many copies of the layout, one after the other.
 
+This text is a template: `engine.build` writes it out with and without the kernels of what few runs have (`RARE`: phases, bonds
+that break, exact ends, outlines), which take as long to compile as all others.
+
 Several threads go through the same loop, each with its share (`lane` of `lanes`) of every part, and meet at barriers.
 """
 
@@ -23,6 +26,8 @@ from farhorizon.engine.threads import barrier, claim
 CHUNK = 64
 SHIFTS = 12  # column of a block's row where the distances of the components begin
 LONG, GRAIN = 256, np.int64(16)  # nodes of a row that is worth cutting, and of the pieces: whole cache lines
+
+RARE = True
 
 # Plain numbers among the arguments would be types of their own, for each of which Numba compiles a function anew.
 NONE, ONE = np.int64(0), np.int64(1)
@@ -247,9 +252,9 @@ def sweep_core(lane, lanes, sync, src, base, out, block, function, depth, backwa
         while claimed * size < share:
             for i in range(claimed * size, min(share, (claimed + 1) * size)):
                 number = first + (share - 1 - i if backward else i)
-                if runs.size:
+                if RARE and runs.size:
                     sweep_two_phases(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, runs, interface)
-                elif bonds.places.shape[0]:
+                elif RARE and bonds.places.shape[0]:
                     sweep_bonds(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, bonds, reach)
                 else:
                     sweep_part(src, base, out, block, number, depth, NONE, block[3], function, weights, offsets, coefficient, law)
@@ -558,7 +563,7 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                   blocks, functions, depths, weights[part], offsets, general[part], copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember,
                   coefficient, rule, cut_ranges, cut_nodes, cut_neighbours, cut_weights, rim, runs, interface,
                   bonds)  # fmt: skip
-            if bounded:
+            if RARE and bounded:
                 if lane == 0:
                     exact_ends(src, base, out, scale, increments, *ends)
                     book_ends(end_books, ends[8], book_effects[part], flows)
@@ -591,7 +596,7 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                     if increments:
                         base[node] = out[node] - src[node]
                 barrier(sync, lanes)
-            if work.size and source_fields.shape[0]:
+            if RARE and work.size and source_fields.shape[0]:
                 book_work(lane, lanes, work, base, out, source_nodes, source_fields, source_times[step, part])
             if books.size or tied.size:
                 if lane == 0:
@@ -600,9 +605,9 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                     if tied.size:
                         tie(src, base, out, increments, tied, tied_starts, tied_sources, tied_weights, tied_fields, tied_times[step, part])
                 barrier(sync, lanes)
-            if fringe[0].size:
+            if RARE and fringe[0].size:
                 close_fringe(lane, lanes, sync, src, base, out, increments, *fringe)
-        if runs.size:
+        if RARE and runs.size:
             dissolve(lane, lanes, levels[stages[phase, per_step - 1, 2]], coefficient, dissolved, total, steps_before + step + 1, blocks[0],
                      solids, changed, saturation, period, runs, reach)  # fmt: skip
             barrier(sync, lanes)
