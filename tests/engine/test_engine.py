@@ -270,7 +270,7 @@ THREADED = {
 @pytest.mark.parametrize(("shape", "model", "boundary", "rest"), THREADED.values(), ids=THREADED)
 def test_threads_share_every_part_of_a_step(shape, model, boundary, rest, threads, monkeypatch):
     """As many threads as cores or more: bitwise the serial run, boundary memory included, since the order of summation does not change."""
-    monkeypatch.setattr("farhorizon.assembly.available_threads", lambda: threads)
+    monkeypatch.setattr("farhorizon.run.available_threads", lambda: threads)
     lattice = lattice_of(shape)
     u = np.pad(np.random.default_rng(17).normal(size=[n - 16 for n in shape]), 8)
     runs = [Simulation(lattice, model, boundary, {"u": u}, threads=n, **rest) for n in (1, threads)]

@@ -101,7 +101,7 @@ def test_two_threads_compute_what_one_does(monkeypatch):
     lattice = lattice_of((15, 40))
     runs = []
     for threads in (1, 2):
-        monkeypatch.setattr("farhorizon.assembly.available_threads", lambda n=threads: n)
+        monkeypatch.setattr("farhorizon.run.available_threads", lambda n=threads: n)
         sim = Simulation(
             lattice, Elastic(Kernel(2.0), 1.0), {"x-": LatticePML(nodes=4), "x+": Sponge(5), "y": Periodic()},
             {"u": np.random.default_rng(2).standard_normal((2, *lattice.shape))}, threads=threads,
