@@ -46,3 +46,13 @@ def test_a_shorter_entrance_lets_modes_gain_less():
     stencil, depth = kernel_stencil(1, 12, 1), (np.arange(49) + 0.5) / 49
     gains = [largest_gain(stencil, np.ones(49), 5 * depth**p / (depth**p).sum(), np.full(49, 1e-3)) for p in (3, 6, 12)]
     assert gains[0] > 1.5 * gains[1] > 2 * gains[2] > 0
+
+
+def test_vectors_gain_component_by_component():
+    """A stencil of two scalar fields side by side, the second half as stiff: the larger of their gains."""
+    one = kernel_stencil(2, 5, 0)
+    layer = (np.ones(21), np.linspace(0.0, 1.4, 21) ** 4, np.full(21, 1e-3))
+    both = fh.Stencil(one.offsets, one.weights[:, None, None] * np.diag([1.0, 0.5]))
+    alike = fh.Stencil(one.offsets, one.weights[:, None, None] * np.eye(2))
+    assert largest_gain(alike, *layer) == pytest.approx(largest_gain(one, *layer), rel=1e-9)
+    assert largest_gain(both, *layer) >= largest_gain(one, *layer) * (1 - 1e-9)

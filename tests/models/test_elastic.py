@@ -8,6 +8,7 @@ import pytest
 import farhorizon as fh
 from farhorizon.analysis import InfiniteLattice
 from farhorizon.compare import compare
+from farhorizon.engine.state import State
 from farhorizon.models.elastic import central, correspondence, dilatation
 from farhorizon.strip import Strip
 from helpers import fitted_rate, lattice_of, roll_apply
@@ -420,3 +421,27 @@ def test_impossible_runs(name):
     changes, message = SIMULATIONS[name]
     with pytest.raises(fh.InputError, match=message):
         fh.Simulation(**{"lattice": box(4, 2), "model": elastic(), **changes})
+
+
+def noise_over_time(reach, exponent, near, nodes, until, seed):
+    """Size of white noise at the end of eight even parts of a run of a bond-based material with constant influence between default layers."""
+    model = elastic(1.2, fh.Kernel(float(reach), exponent))
+    sim = fh.Simulation(fh.Lattice(1.0, (0.0, 0.0), (near - 1.0, near - 1.0)), model, fh.LatticePML(nodes=nodes))
+    state, part = State(sim.engine), int(until / sim.model.p_speed / sim.dt / 8)
+    x, sizes = np.random.default_rng(seed).standard_normal(state.size), []
+    for _ in range(8):
+        x = state.after(x, part)
+        sizes.append(np.linalg.norm(x))
+    return sizes
+
+
+WIDE = [(5, 0, 21, 20, 2500), (6, 1, 21, 24, 2500)]
+WIDE_LONG = [(4, 0, 47, 30, 6000), (5, 0, 47, 30, 6000), (4, 1, 47, 30, 6000), (5, 1, 47, 30, 6000), (6, 1, 47, 30, 6000), (8, 1, 47, 32, 4000)]
+
+
+@pytest.mark.parametrize("reach, exponent, near, nodes, until", [*WIDE, *(pytest.param(*w, marks=pytest.mark.slow) for w in WIDE_LONG)])
+def test_noise_decays_in_layers_of_wide_bonds(reach, exponent, near, nodes, until):
+    """The prototype material and its like: without an alpha that rises, noise grows by 1e-3 to 1e-2 c/spacing after a few hundred time units."""
+    seed = int(np.random.default_rng().integers(2**31))
+    sizes = noise_over_time(reach, exponent, near, nodes, until, seed)
+    assert sizes[-1] < sizes[-3] < sizes[0], f"seed {seed}: {sizes}"

@@ -9,6 +9,8 @@ node. Wide ones have such that are nearly waves, and with a long entrance these 
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from farhorizon.analysis.reflection import chain_weights
@@ -25,14 +27,15 @@ def largest_gain(stencil: Stencil, kappa: np.ndarray, sigma: np.ndarray, alpha: 
     Parameters
     ----------
     stencil : Stencil
-        Of a scalar field; its first axis is the normal.
+        Its first axis is the normal. Of vectors each component counts by itself: long waves along the side hardly couple them.
     kappa, sigma, alpha : ndarray, shape (columns + 1,)
         Stretch of the edges, sigma and alpha in units of speed over spacing.
     """
     weights = chain_weights(stencil, [_LONG] * (stencil.dim - 1))
+    chains = np.diagonal(weights, axis1=1, axis2=2).T if stencil.components > 1 else weights[None]
     found = 0.0
-    for frequency in _FREQUENCIES * np.sqrt(stencil.symbol_maximum):
-        chain = weights.copy()
+    for frequency, component in itertools.product(_FREQUENCIES * np.sqrt(stencil.symbol_maximum), chains):
+        chain = component.copy()
         chain[len(chain) // 2] += frequency**2
         roots = np.roots(chain)
         roots = roots[np.abs(roots) < 1 - _TRAVELS]

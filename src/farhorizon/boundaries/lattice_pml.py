@@ -31,6 +31,9 @@ from farhorizon.stencil import Stencil
 _CREST = 1.26  # largest sigma beside backward waves, over twice the largest frequency of the stencil: measured, reach 6 is stable at it
 _GAIN = 6.2  # logarithm of what a mode may gain in a layer that damps strong backward waves: measured, reach 10 and 12 grow at 7
 _GAIN_ALONE = 7.5  # in a layer without or with weak damping: measured, reach 8 to 12 grow from 8.3 on
+_FEEDBACK = 0.15  # of layers of vectors: logarithm of a mode's gain times the growth of backward waves over sigma; measured, 0.18 grows
+_FEEDBACK_SHIFTED = 0.3  # where alpha rises towards the outer end: measured, 0.38 grows at 0.95 of the step limit
+_SHIFTS = (0.3, 0.5, 0.8, 1.2, 1.8, 2.5, 3.5, 5.0)  # of alpha, see `Profile`
 _STEEPEST = 60  # power of a ramp: all in the last column
 _LEAST = 1.95  # sum of sigma over the edges: a long wave comes back with 2 percent
 
@@ -196,7 +199,8 @@ def _wave_profile(nodes: int, stencil: Stencil, damped: HighPass | None) -> Prof
         return Profile(0.3, 1.0, 4, smooth=True) if damped.still else Profile(0.6, 1.0, 5, smooth=True)
     if not weak(damped):
         if stencil.components > 1:  # shear waves are slower and feel more; between thin layers long waves along them would grow without alpha
-            return Profile(0.7, 1.0, 4, 0.1 if nodes < 16 else 0.0, smooth=reach < 5) if nodes < 25 else Profile(0.6, 1.0, 5, smooth=reach < 5)
+            thick = Profile(0.6, 1.0, 5, smooth=reach < 5)
+            return _drained(thick if nodes >= 25 else Profile(0.7, 1.0, 4, 0.1 if nodes < 16 else 0.0, smooth=reach < 5), nodes, stencil)
         if reach < 5:
             return _bounded(Profile(1.0, 1.0, 5, smooth=True), nodes, stencil)
         if dim > 1:  # nearly as strong as `_bounded` lets them be
@@ -225,6 +229,24 @@ def _bounded(profile: Profile, nodes: int, stencil: Stencil) -> Profile:
         gentle = replace(gentle, strength=most, smooth=False, rate=2.0)
     gentle = _shortened(gentle, nodes, stencil, _GAIN)
     return gentle if gentle.edges(nodes, 1.0, 1.0)[1].sum() >= _LEAST else profile
+
+
+def _drained(profile: Profile, nodes: int, stencil: Stencil) -> Profile:
+    """The profile of a layer of vectors, or one whose alpha rises towards the outer end until modes no longer keep themselves alive in the layer.
+
+    What dies out in the medium gains in the layer and meets backward waves at the end of it; the more these grow, the less of that gain is
+    stable. The product of both ordered all materials and thicknesses that were run from noise (exponents 0 and 1, reach 3 to 8, 16 to 32 nodes).
+    A larger alpha takes the gain and costs absorption, so it is the least of a few. Stencils with a reach below 4 stay below the bound by themselves.
+    """
+    growth = stencil.backward_waves().growth
+
+    def feedback(one: Profile) -> float:
+        return growth * largest_gain(stencil, *one.edges(nodes, 1.0, 1.0))
+
+    if feedback(profile) <= _FEEDBACK:
+        return profile
+    shifted = [replace(profile, shift=shift, smooth=False) for shift in _SHIFTS]
+    return next((one for one in shifted if feedback(one) <= _FEEDBACK_SHIFTED), shifted[-1])
 
 
 def _shortened(profile: Profile, nodes: int, stencil: Stencil, most: float) -> Profile:
