@@ -78,7 +78,7 @@ def test_case_file():
     sim = Case(text + '[boundary]\nall = { type = "exact" }\n[run]\nuntil = 1.0\n').simulation()
     assert sim.model.stiffness == 2.0
     sim.run(1.0)
-    other = fh.Simulation(sim.lattice, fh.Beam(2.0), fh.Exact(), {"u": lambda x: np.exp(-4 * x**2)})
+    other = fh.Simulation(sim.lattice, fh.Beam(2.0), fh.Exact(), {"u": lambda x: np.exp(-4 * x**2)}, dt=sim.dt)
     other.run(1.0)
     np.testing.assert_allclose(sim.fields["u"], other.fields["u"], atol=1e-12)
 
