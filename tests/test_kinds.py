@@ -168,6 +168,30 @@ def test_odd_arguments_of_methods():
             _or_input_error(lambda call=call, value=value: call(value))
 
 
+def test_values_far_beyond_everything():
+    """What once overflowed in arithmetic."""
+    with pytest.raises(fh.InputError, match="outside the near field"):
+        LINE.index([-1e308])
+    with pytest.raises(fh.InputError, match="more steps than can be counted"):
+        fh.Simulation(LINE, fh.Wave(KERNEL), fh.Exact(), {"u": "exp(-20*x**2)"}).run(1e59)
+    with pytest.raises(fh.InputError, match=r"lattice\.spacing: the lattice does not fit into memory"):
+        fh.Lattice(1e-15, (-1.0, -1.0), (1.0, 1.0))
+    with pytest.raises(fh.InputError, match=r"boundary\.nodes: is out of range"):
+        fh.LatticePML(nodes=10**20)
+
+
+def test_a_thin_body_of_a_material_that_is_given_as_a_text():
+    """Fewer nodes than a stencil reaches: there is nothing to compare along the normal."""
+    thin = fh.Lattice(0.5, (0.0, -4.0), (0.0, 4.0))
+    body = fh.Body(thin, KERNEL, young="1 + 0*x", poisson=0.3, boundary={"x": fh.Sponge(4), "y": fh.Fixed()})
+    assert body.lattice.shape == (1, 17)
+
+
+def test_dollars_are_letters():
+    """Not the marks of mathematics, which would draw something else or fail."""
+    assert np.ptp(fh.Text("$5 and $6", 1.0).bounds(), axis=0)[0] > np.ptp(fh.Text("5 and 6", 1.0).bounds(), axis=0)[0] + 1.0
+
+
 class TestConverters:
     @pytest.mark.parametrize("value", [3, 3.0, np.float32(3), np.int8(3), np.array(3.0)])
     def test_number(self, value):

@@ -300,11 +300,11 @@ class Body(Run):
         """Layers continue the material along their normals: it must not vary there."""
         depth = {side: b.nodes for side, b in self.sides.items() if isinstance(b, NonlocalPML | Sponge)}
         for axis, side in depth:
-            m = self.stencil.reach[axis]
-            last = np.take(values, np.arange(m + 1) if side < 0 else np.arange(-m - 1, 0), axis)
+            n = min(self.stencil.reach[axis] + 1, values.shape[axis])
+            last = np.take(values, np.arange(n) if side < 0 else np.arange(-n, 0), axis)
             if (np.ptp(last, axis=axis) > 0).any():
                 raise InputError(f"the material varies along {AXES[axis]} within one reach of an absorbing side", key=key,
-                                 limit=f"constant over the last {m + 1} nodes", remedy="enlarge the near field")  # fmt: skip
+                                 limit=f"constant over the last {n} nodes", remedy="enlarge the near field")  # fmt: skip
         if not callable(value):  # what a function is beyond is known, see below
             self._notes += gradients(values, key, depth, self.stencil.reach)
         if callable(value) and depth:

@@ -112,7 +112,8 @@ class Lattice:
         at = kinds.array(point, "point")
         if at.shape != (self.dim,):
             raise InputError("a point needs one coordinate an axis", value=at, limit=f"{self.dim} coordinates", key="point")
-        place = np.round((at - self.lower) / self.spacing)
+        with np.errstate(over="ignore"):  # so far away is outside, too
+            place = np.round((at - self.lower) / self.spacing)
         inside = bool(((place >= 0) & (place < self.shape)).all())
         node = tuple(int(i) for i in place) if inside else ()
         if not inside or (self.mask is not None and not self.mask[node]):

@@ -109,6 +109,9 @@ class Run(ABC):
         from tqdm import tqdm
 
         until = kinds.number(until, "run.until")
+        if until > MOST_STEPS * self.dt:
+            raise InputError("the run has more steps than can be counted", value=until, limit=MOST_STEPS * self.dt, key="run.until",
+                             remedy=f"other units: a step is {self.dt:.3g}")  # fmt: skip
         count = None if every is None else steps_between(every, self.dt)
         last = self.prepare(until)
         show = sys.stderr.isatty() if progress is None else progress
