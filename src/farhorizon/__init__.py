@@ -12,7 +12,7 @@ __all__ = [
     "Exact", "Expression", "FarhorizonError", "FileFormatError", "FirstOrder", "Fixed", "Flux", "Free", "Heat", "Higdon", "ImageMask",
     "IncidentWave", "InputError", "Insulated", "Kernel", "Lattice", "LatticePML", "NonlocalPML", "Periodic", "PlaneWave", "PointCut", "Polygon",
     "PolygonCut", "Polyline", "Prescribed", "Probes", "Rectangle", "RungeKuttaChebyshev", "Simulation", "Source", "Specimen", "Sponge", "Stencil",
-    "Temperature", "Text", "Traction", "UnstableError", "ValidityWarning", "Wave", "WholeSteps", "open_results", "tuned",
+    "Temperature", "Text", "Traction", "UnstableError", "ValidityWarning", "Wave", "WholeSteps", "open_results", "speed_of_current", "tuned",
 ]  # fmt: skip
 
 

@@ -434,7 +434,7 @@ class Assembly:
         if isinstance(self.model, Corrosion):
             core = np.zeros(self.engine.core.nodes, np.int64)
             core[self._near] = dissolved.reshape(core[self._near].shape)
-            self.engine.set_phases(core, self.model.interface, self.model.saturation - self.background)
+            self.engine.set_phases(core, self.model.interface, self.model.saturation - self.background, self.model.limited)
 
     def _check_dry(self) -> None:
         """Metal changes by what it loses to the liquid alone: neither conditions nor sources act on it."""

@@ -160,6 +160,7 @@ class CorrosionPart(_Part):
     diffusivity: Number = 1.0
     saturation: Number
     interface: Number = 0.1
+    limited: bool = False
     integrator: str = "euler"
     kernel: KernelPart | None = None
     stencil: Literal["finite-difference", "finite-element"] | None = None
@@ -562,7 +563,8 @@ class Case:
         if isinstance(part, DiffusionPart):
             return fh.Diffusion(operator, part.diffusivity, part.integrator)
         if isinstance(part, CorrosionPart):
-            return fh.Corrosion(operator, part.diffusivity, saturation=part.saturation, interface=part.interface, integrator=part.integrator)
+            options = part.model_dump(include={"saturation", "interface", "limited", "integrator"})
+            return fh.Corrosion(operator, part.diffusivity, **options)
         if part.stages is not None and part.integrator != "rkc":
             raise InputError("only Runge-Kutta-Chebyshev has stages to choose", value=part.integrator, limit="rkc", key="model.stages")
         integrator = part.integrator if part.stages is None else fh.RungeKuttaChebyshev(part.stages)

@@ -13,7 +13,7 @@ from farhorizon.integrators import RungeKuttaChebyshev
 from farhorizon.kernel import Kernel
 from farhorizon.lattice import Lattice
 from farhorizon.loads import BodyForce, Traction
-from farhorizon.models import Beam, Corrosion, Diffusion, Elastic, Heat, Wave
+from farhorizon.models import Beam, Corrosion, Diffusion, Elastic, Heat, Wave, speed_of_current
 from farhorizon.outlines import ImageMask, Text
 from farhorizon.probes import Probes
 from farhorizon.results import open_results
@@ -30,5 +30,5 @@ __all__ = [
     "Exact", "Expression", "FarhorizonError", "FileFormatError", "FirstOrder", "Fixed", "Flux", "Free", "Heat", "Higdon", "ImageMask",
     "IncidentWave", "InputError", "Insulated", "Kernel", "Lattice", "LatticePML", "NonlocalPML", "Periodic", "PlaneWave", "PointCut", "Polygon",
     "PolygonCut", "Polyline", "Prescribed", "Probes", "Rectangle", "RungeKuttaChebyshev", "Simulation", "Source", "Specimen", "Sponge", "Stencil",
-    "Temperature", "Text", "Traction", "UnstableError", "ValidityWarning", "Wave", "WholeSteps", "open_results", "tuned",
+    "Temperature", "Text", "Traction", "UnstableError", "ValidityWarning", "Wave", "WholeSteps", "open_results", "speed_of_current", "tuned",
 ]  # fmt: skip

@@ -221,6 +221,11 @@ class Report:
         if isinstance(sim.model, Corrosion):
             metal = int(np.nansum(sim.fields["solid"]))
             say("metal", f"{metal} solid nodes shown, saturation {sim.model.saturation:g}, interface {sim.model.interface:g} of the liquid")
+            if metal:
+                whole = float(np.nanmax(sim.fields["u"]))
+                speed = sim.model.speed(lattice.spacing, lattice.dim, whole, sim.background)
+                say("front", f"speed {speed:.4g} under activation control{' (limited by saturation)' if sim.model.limited else ''}; "
+                    f"for another speed v: interface = {sim.model.interface / speed:.4g} v")  # fmt: skip
         total = int(np.prod(engine.core.nodes))
         extra = sum(int(np.prod(b.nodes)) for b in engine.layout.blocks.values()) - int(np.prod(lattice.shape))
         say("nodes computed", f"{total} in the core, {extra} beyond the near field")

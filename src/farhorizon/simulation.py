@@ -32,6 +32,7 @@ from farhorizon.sources import steady
 from farhorizon.specimens import Specimen
 
 _SHATTERS = 10.0  # a load whose first strain is so many times the critical stretch breaks whatever it meets
+_SUPERSATURATED = 0.05  # part of the saturation by which liquid may exceed it without a word
 _TABLE = 1 << 20  # numbers in one table of source amplitudes
 
 
@@ -267,6 +268,15 @@ class Simulation(Assembly, Run):
         if self._rim is not None:
             self._guard_steps = min(self._guard_steps, self._rim.every)
 
+    def _look_at_saturation(self) -> None:
+        """Say it if the liquid holds more than can be dissolved in it."""
+        if isinstance(self.model, Corrosion) and not self.cautions and self._first_solid:
+            liquid = np.where(self._solid, -np.inf, self.engine.core.view(self.engine.current)[self._near].reshape(self.lattice.shape))
+            most = float(liquid.max()) / (self.model.saturation - self.background)
+            if most > 1 + _SUPERSATURATED:
+                self._caution("supersaturated", f"the liquid holds up to {most:.3g} times the saturation: metal dissolves faster than it diffuses "
+                              "away; take limited = true, or an interface for the speed of the front (Corrosion.interface_for)")  # fmt: skip
+
     def _until_opening(self) -> int:
         """Steps until the next crack opens; very many without."""
         waits = [int(np.ceil(c.opens / self.dt - 1e-9)) - self.step_count for c in self._cracks]
@@ -332,6 +342,7 @@ class Simulation(Assembly, Run):
                 self._release()
             done += steps
             self._guard()
+            self._look_at_saturation()
             self._look_at(self._rim, self.engine.current)
 
     def _advance(self, steps: int) -> None:
@@ -655,6 +666,8 @@ class Simulation(Assembly, Run):
 
     def _flux_tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, Callable[[int], np.ndarray]]:
         u = self.engine.core.view(self.engine.current)[self._near].reshape(self.lattice.shape).astype(float)
+        if isinstance(self.model, Corrosion) and self.model.limited:  # what bonds between the phases carry
+            u = np.where(self._solid, self.model.saturation - self.background, u)
         return u, self.stencil.offsets, self.stencil.weights * self.model.coefficient / self.model.source_factor, self._bonds()
 
     def flux(self) -> np.ndarray:
@@ -776,6 +789,7 @@ class Simulation(Assembly, Run):
             **({"constraints": len(self._holds.constraints)} if self._holds.constraints else {}),
             **({"solid": self._first_solid, "saturation": self.model.saturation, "interface": self.model.interface}
                if isinstance(self.model, Corrosion) else {}),
+            **({"limited": True} if isinstance(self.model, Corrosion) and self.model.limited else {}),
         }  # fmt: skip
 
     def save(self, path: str | Path, **extra: Any) -> None:

@@ -11,6 +11,7 @@ from farhorizon.compare import compare
 from helpers import kernel_stencil, lattice_of
 
 SATURATION, INTERFACE, METAL = 0.8, 0.1, 2.0
+pytestmark = pytest.mark.filterwarnings("ignore::farhorizon.ValidityWarning")  # of liquid above the saturation
 SKEWED = fh.Stencil(
     np.array([[1, 0], [-1, 0], [0, 1], [0, -1], [1, 1], [-1, -1], [2, 1], [-2, -1]]), np.array([1, 1, 0.6, 0.6, 0.4, 0.4, 0.05, 0.05])
 )
@@ -30,7 +31,7 @@ def model(stencil, **options):
     return fh.Corrosion(stencil, **{"saturation": SATURATION, "interface": INTERFACE, **options})
 
 
-def plain(u, solid, stencil, dt, steps, sides, body=None):
+def plain(u, solid, stencil, dt, steps, sides, body=None, limited=False):
     """Forward Euler bond by bond on padded arrays; solid nodes below the saturation become liquid after each step."""
     body = np.ones(u.shape, bool) if body is None else body
     u, solid, reach = u.copy(), solid.copy(), max(stencil.reach)
@@ -42,7 +43,10 @@ def plain(u, solid, stencil, dt, steps, sides, body=None):
         for offset, weight in zip(stencil.offsets, stencil.weights, strict=True):
             at = tuple(slice(reach + o, reach + o + n) for o, n in zip(offset, u.shape, strict=True))
             factor = np.where(solid & hard[at], 0.0, np.where(solid ^ hard[at], INTERFACE, 1.0))
-            change += weight * factor * (body & there[at]) * (wide[at] - u)
+            gap = wide[at] - u
+            if limited:
+                gap = np.where(solid ^ hard[at], np.minimum(wide[at], SATURATION) - np.minimum(u, SATURATION), gap)
+            change += weight * factor * (body & there[at]) * gap
         u += dt * change
         new = solid & (u < SATURATION)
         solid &= ~new
@@ -50,20 +54,23 @@ def plain(u, solid, stencil, dt, steps, sides, body=None):
     return u, solid, dissolved
 
 
+@pytest.mark.parametrize("limited", [False, True])
 @pytest.mark.parametrize("sides", SIDES)
 @pytest.mark.parametrize("name", LATTICES)
-def test_against_plain_numpy(name, sides):
+def test_against_plain_numpy(name, sides, limited):
     """Every kind of tile, row and side: the same nodes dissolve at the same steps."""
     stencil, shape = LATTICES[name]
     random = np.random.default_rng(3)
     solid = random.random(shape) < 0.3
     solid[..., 10:50] = True
     solid[..., 20:25] = False
-    sim = fh.Simulation(lattice_of(shape), model(stencil), SIDES[sides], {"u": 0.1 * random.random(shape)}, specimens=[fh.Specimen(solid, METAL)])
+    start = {"u": 0.1 * random.random(shape)}
+    start["u"][..., 21:23] = 1.5 * SATURATION  # which would be taken out of a solution that dissolves nothing more
+    sim = fh.Simulation(lattice_of(shape), model(stencil, limited=limited), SIDES[sides], start, specimens=[fh.Specimen(solid, METAL)])
     u, left = sim.fields["u"], []
     for steps in (1, 20, 120):
         sim.step(steps - sim.step_count)
-        expected, hard, dissolved = plain(u, solid, stencil, sim.dt, steps, sides)
+        expected, hard, dissolved = plain(u, solid, stencil, sim.dt, steps, sides, limited=limited)
         np.testing.assert_allclose(sim.fields["u"], expected, rtol=0, atol=1e-13)
         np.testing.assert_array_equal(sim.fields["solid"], hard)
         np.testing.assert_allclose(sim.fields["dissolved"], dissolved, rtol=1e-12)
@@ -72,8 +79,9 @@ def test_against_plain_numpy(name, sides):
     check_counts(sim)
 
 
+@pytest.mark.parametrize("limited", [False, True])
 @pytest.mark.parametrize("sides", ["free", "fixed"])
-def test_a_body_with_a_hole_against_plain_numpy(sides):
+def test_a_body_with_a_hole_against_plain_numpy(sides, limited):
     """Metal and liquid beside a hole have no bonds to what is not there, before and after they dissolve."""
     stencil, shape = LATTICES["2D"]
     body = fh.Box((-9.0, -9.0), (99.0, 99.0)) - fh.Disc(5.3, (10.2, 41.4))
@@ -83,11 +91,11 @@ def test_a_body_with_a_hole_against_plain_numpy(sides):
     solid[:, 38:50] |= lattice.mask[:, 38:50]
     start = lattice.mask * 0.1 * random.random(shape)
     metal = [fh.Specimen(solid, METAL)]
-    sim = fh.Simulation(lattice, model(stencil), SIDES[sides], {"u": start}, specimens=metal, balance=True)
+    sim = fh.Simulation(lattice, model(stencil, limited=limited), SIDES[sides], {"u": start}, specimens=metal, balance=True)
     u = np.where(solid, METAL, start)
     for steps in (1, 40, 200):
         sim.step(steps - sim.step_count)
-        expected, hard, _ = plain(u, solid, stencil, sim.dt, steps, sides, lattice.mask)
+        expected, hard, _ = plain(u, solid, stencil, sim.dt, steps, sides, lattice.mask, limited)
         np.testing.assert_allclose(sim.fields["u"][lattice.mask], expected[lattice.mask], rtol=0, atol=1e-13)
         np.testing.assert_array_equal(sim.fields["solid"][lattice.mask], hard[lattice.mask])
     assert 0 < hard.sum() < solid.sum()
@@ -157,7 +165,7 @@ def test_all_solid_stays(integrator):
 # The Stefan problem
 
 
-def front_error(horizon, metal=1.0, depth=2.56):
+def front_error(horizon, metal=1.0, depth=2.56, limited=False):
     """Relative error of the front of a half-infinite bar that dissolves from x = 0 on into a half-infinite liquid, mean over t = 1/2 to 1.
 
     Stefan problem: the front is at -2 p sqrt(t), where (metal - saturation) times its speed is what diffuses away from the saturation; the
@@ -166,12 +174,13 @@ def front_error(horizon, metal=1.0, depth=2.56):
     p = brentq(lambda p: np.sqrt(np.pi) * p * np.exp(p**2) * erfc(-p) - SATURATION / (metal - SATURATION), 0.01, 5)
     spacing, errors = horizon / 2, []
     lattice = fh.Lattice(spacing, -depth + spacing / 2, 0.64 - spacing / 2)
-    sim = fh.Simulation(lattice, model(fh.Kernel(horizon), interface=1.0), {"x-": fh.Free(), "x+": fh.LatticePML()},
+    sim = fh.Simulation(lattice, model(fh.Kernel(horizon), interface=1.0, limited=limited), {"x-": fh.Free(), "x+": fh.LatticePML()},
                      specimens=[fh.Specimen(fh.Box(-depth, 0.0), metal)])  # fmt: skip
     for t in np.linspace(0.5, 1.0, 60):
         sim.run(t, progress=False)
         left = sim.fields["u"][sim.fields["solid"] > 0].sum() * spacing / metal
         errors.append((depth - left) / (2 * p * np.sqrt(sim.time)) - 1)
+        assert not limited or sim.fields["u"][sim.fields["solid"] == 0].max() <= SATURATION * (1 + 1e-12)
     return np.mean(errors)
 
 
@@ -184,6 +193,62 @@ def test_the_front_tends_to_that_of_the_stefan_problem():
     limit, pulses, _ = np.linalg.solve(np.stack([np.ones(3), np.sqrt(horizons), horizons], axis=1), errors)
     assert abs(limit) < 0.005
     assert pulses > 0
+
+
+@pytest.mark.parametrize("metal, depth", [(1.0, 2.56), (4.0, 0.64), (12.0, 0.64)])
+def test_a_limited_front_is_that_of_diffusion_control(metal, depth):
+    """No liquid above the saturation, whatever the metal holds, and the front of the Stefan problem; without the limit 15 times as much metal
+    as the liquid takes makes a front that is a fifth too fast, which is told."""
+    errors = np.array([front_error(h, metal, depth, limited=True) for h in (0.02, 0.01)])
+    assert abs(errors[1]) < 0.005 and abs(errors[1]) < 0.6 * abs(errors[0])  # of first order in the horizon
+    if metal > 10:
+        with pytest.warns(fh.ValidityWarning, match="times the saturation"):
+            assert front_error(0.01, metal, depth) > 0.15
+
+
+# The speed of a front
+
+
+def test_speeds_of_fronts_under_activation_control():
+    """Random constants: fronts that recede into liquid that is fresh at once, layer by layer; `interface_for` gives the speed asked for."""
+    seed = 77
+    rng = np.random.default_rng(seed)
+    for limited in (False, True):
+        for reach in (1, 3):
+            diffusivity, spacing, saturation = 10.0 ** rng.uniform([-3, -6, -2], [3, 2, 4])
+            metal, speed = saturation / rng.uniform(0.2, 0.7), 1e-4 * diffusivity / spacing
+            kernel, options = fh.Kernel(reach * spacing), {"saturation": saturation, "limited": limited}
+            interface = fh.Corrosion(kernel, diffusivity, interface=0.3, **options).interface_for(speed, spacing, 1, metal)
+            corroding = fh.Corrosion(kernel, diffusivity, interface=interface, **options)
+            assert corroding.speed(spacing, 1, metal) == pytest.approx(speed, rel=1e-12), seed
+            lattice = fh.Lattice(spacing, [-24 * spacing], [4 * spacing])
+            solid = fh.Specimen(lattice.axes[0] < 0.5 * spacing, metal)
+            sim = fh.Simulation(lattice, corroding, {"x-": fh.Free(), "x+": fh.Fixed(0.0)}, specimens=[solid])
+            sim.run(12.5 * spacing / speed, progress=False)
+            times = np.sort(sim.fields["dissolved"][sim.fields["dissolved"] > 0])
+            assert spacing / np.diff(times)[4:].mean() == pytest.approx(speed, rel=0.02), seed
+
+
+def test_currents():
+    """1 A/m^2 of iron (two electrons, 141 000 mol/m^3) takes 1.16 mm a year."""
+    assert fh.speed_of_current(1.0, 141_000.0, 2) * 365.25 * 86400 == pytest.approx(1.16e-3, rel=2e-3)
+    for bad in ({"metal": 0.5}, {"far": 0.9}):
+        with pytest.raises(fh.InputError, match="saturation"):
+            model(kernel_stencil(1, 2)).speed(**{"spacing": 1.0, "dim": 1, "metal": METAL, "far": 0.0, **bad})
+
+
+def test_check_tells_the_speed_of_the_front():
+    """Beside the factor that leads from a speed to the interface; supersaturation becomes a caution, limited dissolution none."""
+    sim = Case(CASE).simulation()
+    facts = dict(sim.check(budget=1.0).rows)
+    speed = sim.model.speed(0.25, 2, 2.0)
+    assert f"speed {speed:.4g}" in facts["front"] and f"{0.1 / speed:.4g} v" in facts["front"]
+    pitting = CASE.replace("concentration = 2.0", "concentration = 22.4")
+    runs = [Case(pitting.replace("interface = 0.1", f"interface = 0.1\nlimited = {word}")).simulation() for word in ("false", "true")]
+    with pytest.warns(fh.ValidityWarning, match="times the saturation"):
+        runs[0].run(1.0)
+    runs[1].run(1.0)
+    assert [c.brief for c in runs[0].cautions] == ["supersaturated"] and not runs[1].cautions
 
 
 # What is conserved
@@ -211,10 +276,12 @@ def test_only_differences_from_the_background_matter():
 
 
 @pytest.mark.parametrize("axis, position", [("x", -2.5), ("y", 0.5)])
-def test_power_across_a_plane(axis, position):
+@pytest.mark.parametrize("limited", [False, True])
+def test_power_across_a_plane(axis, position, limited):
     """What crosses a plane through metal, front and liquid is what the nodes beyond it gain in the next step."""
     lattice = fh.Lattice(1.0, (-8.0, -8.0), (8.0, 8.0))
-    sim = fh.Simulation(lattice, model(kernel_stencil(2, 2)), fh.Free(), specimens=[fh.Specimen(fh.Disc(3.3, (-1.0, 2.0)), METAL)])
+    sim = fh.Simulation(lattice, model(kernel_stencil(2, 2), limited=limited), fh.Free(),
+                        specimens=[fh.Specimen(fh.Disc(3.3, (-1.0, 2.0)), METAL)])  # fmt: skip
     sim.step(20)
     beyond = lattice.coordinates()["xy".index(axis)] > position
     before, power = sim.fields["u"][beyond].sum(), sim.power_across(axis, position)
@@ -236,11 +303,13 @@ def test_exact_ends():
 SOME_SIDES = [fh.LatticePML(nodes=8), fh.Sponge(8), fh.Fixed(0.0), fh.Free(), fh.Periodic()]
 
 
+@pytest.mark.parametrize("limited", [False, True])
 @pytest.mark.parametrize("dim, boundary", [*((d, b) for d in (1, 2, 3) for b in SOME_SIDES), (1, fh.Exact()), (1, fh.Exact(None))])
-def test_mass_balance(dim, boundary):
+def test_mass_balance(dim, boundary, limited):
     """Metal, what is dissolved and what has left add up to the start, to rounding of what has moved."""
     lattice = fh.Lattice(1.0, [-8.0] * dim, [8.0] * dim)
-    sim = fh.Simulation(lattice, model(kernel_stencil(dim, 2)), boundary, specimens=specimens(dim), balance=True)
+    corroding = model(kernel_stencil(dim, 2), limited=limited, interface=0.1 + 0.4 * limited)
+    sim = fh.Simulation(lattice, corroding, boundary, specimens=specimens(dim), balance=True)
     sim.run(60.0, progress=False)
     found = sim.balance()
     start = METAL * specimens(dim)[0].nodes(lattice).sum()
@@ -329,7 +398,8 @@ def test_specimen_next_to_the_layer():
     assert np.abs(runs[0].fields["u"] - runs[1].fields["u"][:21]).max() < 1e-6
 
 
-def test_pit_under_a_film():
+@pytest.mark.parametrize("limited", [False, True])
+def test_pit_under_a_film(limited):
     """Metal under a film dissolves through the hole in it only, and spreads beneath; a film that opens lets go of all."""
     lattice = fh.Lattice(1.0, (-15.0, -10.0), (15.0, 10.0))
     plate = fh.Specimen(fh.Box((-15.0, -10.0), (15.0, 0.0)), METAL)
@@ -337,7 +407,7 @@ def test_pit_under_a_film():
     sides = {"x": fh.Free(), "y-": fh.Free(), "y+": fh.LatticePML(nodes=12)}
 
     def run(cracks):
-        sim = fh.Simulation(lattice, model(kernel_stencil(2, 2)), sides, specimens=[plate], cracks=cracks, balance=True)
+        sim = fh.Simulation(lattice, model(kernel_stencil(2, 2), limited=limited), sides, specimens=[plate], cracks=cracks, balance=True)
         sim.run(150.0, progress=False)
         assert abs(sim.balance()["residual"]) < 1e-10
         return sim.fields["solid"]

@@ -155,7 +155,7 @@ class Engine:
         self._bonds, self._work_done = no_bonds(self.dtype), np.zeros(0)
         self.set_cuts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
         self.set_damping(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros(0))
-        self._set_tiles(np.zeros((0, 0), np.int64), np.zeros((0, 0), np.int64), np.zeros(0, np.int64), 1.0, 0.0)
+        self._set_tiles(np.zeros((0, 0), np.int64), np.zeros((0, 0), np.int64), np.zeros(0, np.int64), (1.0, np.inf), 0.0)
         self.set_ends(np.zeros((0, 0), np.int64), 1.0)
         self.hold(np.zeros(0, np.int64))
         self.set_tied(np.zeros(0, np.int64), np.zeros(1, np.int64), np.zeros(0, np.int64), np.zeros(0))
@@ -484,7 +484,7 @@ class Engine:
             self._filter[4][np.isin(self._filter[3], nodes[after == 0])] = 0
         self._damping = (nodes.astype(np.int64), before.astype(self.dtype), after.astype(self.dtype), leak.astype(self.dtype))
 
-    def set_phases(self, dissolved: np.ndarray, interface: float, saturation: float) -> None:
+    def set_phases(self, dissolved: np.ndarray, interface: float, saturation: float, limited: bool = False) -> None:
         """Two phases: bonds between solid nodes carry nothing, those between phases `interface` times their weight, and a solid node
         becomes liquid once its value is below `saturation`. All beyond the core is liquid, beyond a periodic side what it repeats.
 
@@ -492,6 +492,8 @@ class Engine:
         ----------
         dissolved : ndarray of int, shape of the core
             Steps (of `steps_done`) at which the nodes became liquid, `NEVER` for the solid ones.
+        limited : bool
+            Whether between the phases no value counts for more than the saturation.
         """
         solid = dissolved == NEVER
         beyond = {(axis, side): 1.0 for axis in range(3) for side in (-1, 1) if axis not in self.layout.periodic}
@@ -501,17 +503,19 @@ class Engine:
         self.core.view(steps)[...] = dissolved
         depths = self._sweeps[3]
         depths[0] = -(-depths[0] // TILE_ROWS) * TILE_ROWS
-        self._set_tiles(*self._count_solid(), steps, interface, saturation)
+        self._set_tiles(*self._count_solid(), steps, (interface, saturation if limited else np.inf), saturation)
 
     def _count_solid(self) -> tuple[np.ndarray, np.ndarray]:
         """Solid nodes, and all nodes, of each tile and within one reach of it."""
         return count_solid(self.core.plane.all(self._coefficient) < 0, self.layout.reach, (1, TILE_ROWS, TILE))
 
-    def _set_tiles(self, solids: np.ndarray, volumes: np.ndarray, dissolved: np.ndarray, interface: float, saturation: float) -> None:
+    def _set_tiles(
+        self, solids: np.ndarray, volumes: np.ndarray, dissolved: np.ndarray, interface: tuple[float, float], saturation: float
+    ) -> None:  # fmt: skip
         period = np.array([n if a in self.layout.periodic else 0 for a, n in enumerate(self.core.nodes)])
         changed, runs = np.ones(len(solids), bool), np.zeros((*solids.shape, 2), np.int32)
         find_runs(0, 1, solids, volumes, changed, runs)
-        self._runs = runs, self.dtype.type(interface)
+        self._runs = runs, (self.dtype.type(interface[0]), self.dtype.type(interface[1]))
         self._tiles = solids, volumes, changed
         self._dissolution = dissolved, np.zeros(1, np.int64), float(saturation), period
 
@@ -669,13 +673,13 @@ class Engine:
         """The operator L on the core of a level with whatever its halo holds."""
         out, base, numbers = self._plain(level)
         _, blocks, functions, depths, weights, offsets, general = self._first_sweeps
-        law = (general, *numbers[:3], self.stages.increments, self._rule, self.components)
+        law = (general, *numbers[:3], self.stages.increments, self._rule, self.components, self._runs[1][1])
         first = blocks[0], functions[0], depths[0], False, weights[0], offsets[0]
         self._driver.sweep_core(0, 1, _ALONE, level, base, out, *first, self._coefficient, law, numbers[3], self._rim,
                                 *self._runs, self._lasting_bonds, self._fills[4])  # fmt: skip
         ranges, *cuts = self._cuts
         self._driver.cut(0, 1, _ALONE, level, level, base, out, numbers[3], self.components, ranges[-1], len(cuts[0]), *cuts, self.stages.increments,
-                         self._coefficient, self._coefficient, self._rule)  # fmt: skip
+                         self._coefficient, self._coefficient, self._rule, self._runs[1][1])  # fmt: skip
         return (base if self.stages.increments else out) / numbers[3]
 
     def _plain(self, level: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -120,6 +120,14 @@ def bond_factor(rule, mine, other):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy", inline="always")
+def bond_gap(rule, mine, other, here, there, ceiling):  # type: ignore[no-untyped-def]
+    """Difference of the values at the ends of a bond; between two phases none counts for more than the ceiling."""
+    if rule == PHASES and mine * other < 0:
+        return min(there, ceiling) - min(here, ceiling)
+    return there - here
+
+
+@njit(error_model="numpy", inline="always")
 def follows_law(zone, i0, i1, i2):  # type: ignore[no-untyped-def]
     """Whether bonds between this node of the core, or of its halo, and the zone follow the law."""
     return (

@@ -13,7 +13,7 @@ Several threads go through the same loop, each with its share (`lane` of `lanes`
 
 import numpy as np
 
-from farhorizon.engine.bonds import CALM_ROWS, END, FIRST, PHASES, bond_factor, book_work, next_piece, sweep_tiles
+from farhorizon.engine.bonds import CALM_ROWS, END, FIRST, PHASES, bond_factor, bond_gap, book_work, next_piece, sweep_tiles
 from farhorizon.engine.compiled import njit
 from farhorizon.engine.ends import exact_ends
 from farhorizon.engine.filter import damp_short_waves
@@ -102,7 +102,7 @@ def sweep_general_matrix(src, base, out, start, to, count, offsets, weights, a, 
                 new[i] = a * here[i] + b * old[i] + acc[row, i]
 
 
-# What all rows of a stage share: law = (weights of the general sweep, a, a for differences, b, increments, rule, components).
+# What all rows of a stage share: law = (weights of the general sweep, a, a for differences, b, increments, rule, components, ceiling).
 
 
 @njit(error_model="numpy", cache=True)
@@ -114,7 +114,7 @@ def count_parts(block, depth):
 @njit(error_model="numpy", cache=True)
 def sweep_rows(src, base, out, block, i0, i1, count, first, last, function, weights, offsets, coefficient, law):
     """Nodes `first` to `last` of `count` rows of a block; a stencil without compiled rows has function 0."""
-    general, a, a_difference, b, increments, rule, components = law
+    general, a, a_difference, b, increments, rule, components, _ = law
     start, to = block[0] + i0 * block[4] + i1 * block[5] + first, block[9] + i0 * block[10] + i1 * block[11] + first
     if function != 0:
         size = src.itemsize
@@ -180,7 +180,7 @@ def sweep_two_phases(src, base, out, block, number, depth, function, weights, of
     if not metal:
         sweep_part(src, base, out, block, number, depth, NONE, block[3], function, weights, offsets, coefficient, law)
         return
-    general, a, a_difference, b, _, _, _ = law
+    general, a, a_difference, b, _, _, _, _ = law
     size = src.itemsize
     places = src.ctypes.data, coefficient.ctypes.data, base.ctypes.data, out.ctypes.data
     bonds, apart, between, plain = offsets.size, offsets.ctypes.data, general.ctypes.data, weights.ctypes.data
@@ -199,7 +199,7 @@ def sweep_two_phases(src, base, out, block, number, depth, function, weights, of
                            block[6], block[7], block[8], block[5], block[11], block.ctypes.data + 8 * SHIFTS)  # fmt: skip
             elif kind != SOLID:
                 sweep_phases(places[0] + here, places[1] + here, places[2] + there, places[3] + there, apart, between, bonds,
-                             a_difference, b, interface, stop - start, count, block[5], block[11])  # fmt: skip
+                             a_difference, b, interface[0], interface[1], stop - start, count, block[5], block[11])  # fmt: skip
 
 
 @njit(error_model="numpy", cache=True)
@@ -210,7 +210,7 @@ def release(src, base, out, block, rows, number, depth, begin, end, law, scale, 
     is the number of the block's first row.
     """
     ranges, stretches, weights = rim
-    increments, rule, components = law[4], law[5], law[6]
+    increments, rule, components, ceiling = law[4], law[5], law[6], law[7]
     size, count = src.itemsize, weights.shape[1]
     apart, away = src.size // components, out.size // components
     i0, first = number % block[1], (number // block[1]) * depth
@@ -224,7 +224,8 @@ def release(src, base, out, block, rows, number, depth, begin, end, law, scale, 
                 for i in range(stop - place):
                     own = start + place + i
                     factor = scale * abs(coefficient[own])  # beyond a body all is liquid
-                    out[to + place + i] += factor * weights[0, entry + i] * src[own]
+                    gap = bond_gap(rule, coefficient[own], abs(coefficient[own]), src[own] * 0, src[own], ceiling)
+                    out[to + place + i] += factor * weights[0, entry + i] * gap
                 continue
             for a in range(components):
                 here, node = src.ctypes.data + (start + place) * size, (to + place + a * away) * size
@@ -424,7 +425,7 @@ def run_start(nodes, i, first, last):
 
 @njit(error_model="numpy", cache=True)
 def cut(lane, lanes, sync, src, values, base, out, scale, components, first, last, nodes, neighbours, weights, increments, coefficient, material,
-        rule):  # fmt: skip
+        rule, ceiling):  # fmt: skip
     """Take back the absent bonds from `nodes` to `neighbours` among `values`, whose coefficients are `material`.
 
     All those of a node belong to one lane.
@@ -435,11 +436,12 @@ def cut(lane, lanes, sync, src, values, base, out, scale, components, first, las
     begin, end = run_start(nodes, first + own[0], first, last), run_start(nodes, first + own[1], first, last)
     here, there = src.size // components, values.size // components
     for i in range(begin, end):
-        factor = scale
+        factor, mine, other = scale, coefficient[0], coefficient[0]
         if coefficient.size > 1:
-            factor *= bond_factor(rule, coefficient[nodes[i]], material[neighbours[i]])
+            mine, other = coefficient[nodes[i]], material[neighbours[i]]
+            factor *= bond_factor(rule, mine, other)
         for column in range(components):
-            difference = factor * (values[neighbours[i] + column * there] - src[nodes[i] + column * here])
+            difference = factor * bond_gap(rule, mine, other, src[nodes[i] + column * here], values[neighbours[i] + column * there], ceiling)
             for row in range(components):
                 lost = weights[(i * components + row) * components + column] * difference
                 out[nodes[i] + row * here] -= lost
@@ -457,7 +459,7 @@ def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slot
     trees[tree] = (axis, first block, last block + 1, first coefficient); numbers = (a, a for differences, b, scale, source scale).
     """
     scale = numbers[3]
-    law = (general, numbers[0], numbers[1], numbers[2], increments, rule, components)
+    law = (general, numbers[0], numbers[1], numbers[2], increments, rule, components, interface[1])
     for axis in range(3):
         bounds = copy_ranges[-1, axis]
         if bounds[0] < bounds[1]:
@@ -475,12 +477,12 @@ def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slot
                            material, law, scale, rim)  # fmt: skip
                 barrier(sync, lanes)
                 cut(lane, lanes, sync, src, slots, base, out, scale, components, cut_ranges[tree], cut_ranges[tree + 1], cut_nodes, cut_neighbours,
-                    cut_weights, increments, coefficient, material, rule)  # fmt: skip
+                    cut_weights, increments, coefficient, material, rule, interface[1])  # fmt: skip
     sweep_core(lane, lanes, sync, src, base, out, blocks[0], functions[0], depths[0], backward, weights[0], offsets[0],
                coefficient, law, scale, rim, runs, interface, bonds, reach)  # fmt: skip
     barrier(sync, lanes)
     cut(lane, lanes, sync, src, src, base, out, scale, components, cut_ranges[trees.shape[0]], cut_nodes.size, cut_nodes, cut_neighbours, cut_weights,
-        increments, coefficient, coefficient, rule)  # fmt: skip
+        increments, coefficient, coefficient, rule, interface[1])  # fmt: skip
 
 
 @njit(error_model="numpy", cache=True)
@@ -506,13 +508,17 @@ def add_to(flows, row, gain):
 
 
 @njit(error_model="numpy", cache=True)
-def book(src, books, nodes, neighbours, weights, effect, flows, coefficient, rule):
+def book(src, books, nodes, neighbours, weights, effect, flows, coefficient, rule, ceiling):
     """Add what flows along bonds into `nodes` to the flows, book by book; a neighbour below 0 is at zero."""
     for i in range(books.size):
-        other = np.float64(src[neighbours[i]]) if neighbours[i] >= 0 else 0.0
-        gain = effect * weights[i] * (other - np.float64(src[nodes[i]]))
-        if coefficient.size > 1 and neighbours[i] >= 0:
-            gain *= bond_factor(rule, coefficient[nodes[i]], coefficient[neighbours[i]])
+        here = np.float64(src[nodes[i]])
+        gain = -effect * weights[i] * here
+        if neighbours[i] >= 0:
+            mine, other, factor = coefficient[0], coefficient[0], 1.0
+            if coefficient.size > 1:
+                mine, other = coefficient[nodes[i]], coefficient[neighbours[i]]
+                factor = bond_factor(rule, mine, other)
+            gain = effect * weights[i] * bond_gap(rule, mine, other, here, np.float64(src[neighbours[i]]), np.float64(ceiling)) * factor
         add_to(flows, books[i], gain)
 
 
@@ -601,7 +607,8 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
             if books.size or tied.size:
                 if lane == 0:
                     if books.size and book_effects[part] != 0:
-                        book(src, books, book_nodes, book_neighbours, book_weights, book_effects[part], flows, coefficient, rule)
+                        book(src, books, book_nodes, book_neighbours, book_weights, book_effects[part], flows, coefficient, rule,
+                             interface[1])  # fmt: skip
                     if tied.size:
                         tie(src, base, out, increments, tied, tied_starts, tied_sources, tied_weights, tied_fields, tied_times[step, part])
                 barrier(sync, lanes)

@@ -386,23 +386,22 @@ TILE, TILE_ROWS = 8, 4
 
 
 @intrinsic
-def sweep_phases(typingctx, src, coefficient, base, out, offsets, weights, bonds, a, b, interface, n, count, step, t):  # type: ignore[no-untyped-def]
+def sweep_phases(typingctx, src, coefficient, base, out, offsets, weights, bonds, a, b, interface, ceiling, n, count, step, t):  # type: ignore[no-untyped-def]
     """``out = a*src + b*base + sum over the bonds`` on up to `TILE_ROWS` rows of `n` nodes, where bonds differ by the phases of their ends.
 
     All but a, b, the factor `interface` of bonds between the phases and the counts are byte addresses: of the first node in each array, of the
     distances (int64) to the neighbours and of their weights. Rows lie `step` elements apart in src and coefficient, t in base and out; a
-    coefficient above 0 marks the liquid. With the sums ``all = sum w (u' - u)`` and ``open``, over liquid neighbours only, a liquid node gains
-    ``interface all + (1 - interface) open``, a solid one ``interface open``, so that nothing at all flows between solid nodes. Rows that are
+    coefficient above 0 marks the liquid. A liquid node gains ``w (u' - u)`` from each liquid neighbour, and a node gains ``interface w (c' - c)``
+    from each neighbour of the other phase, c the lesser of u and `ceiling`, so that nothing at all flows between solid nodes. Rows that are
     not there repeat the last one: their sums cost less than a loop of another length. Reads up to 8 nodes beyond the end of a row, writes none.
     """
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-        src, coefficient, base, out, offsets, weights, bonds, a, b, interface, n, count, step, t = args
+        src, coefficient, base, out, offsets, weights, bonds, a, b, interface, ceiling, n, count, step, t = args
         vectors = Vectors(builder, a.type, TILE)
         size = vectors.size
         zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
-        a_all, b_all, between = (vectors.splat(value) for value in (a, b, interface))
-        within = builder.fsub(ir.Constant(vectors.type, [1.0] * vectors.lanes), between)
+        a_all, b_all, between, most = (vectors.splat(value) for value in (a, b, interface, ceiling))
         last = builder.sub(count, I64(1))
         numbers = [builder.select(builder.icmp_signed("<", last, I64(row)), last, I64(row)) for row in range(TILE_ROWS)]
         apart = builder.sub(coefficient, src)
@@ -410,9 +409,14 @@ def sweep_phases(typingctx, src, coefficient, base, out, offsets, weights, bonds
         def liquid(address: Any) -> Any:
             return builder.fcmp_ordered(">", vectors.load(address), zero)
 
+        def held(value: Any) -> Any:
+            return builder.select(builder.fcmp_ordered(">", value, most), most, value)  # what is no number stays so
+
         def chunk(x: Any, store: Callable[[Any, Any], None]) -> None:
             heres = [vectors.shifted(src, (1, x), (1, builder.mul(number, step))) for number in numbers]
             own = [vectors.load(here) for here in heres]
+            wet = [liquid(builder.add(here, apart)) for here in heres]
+            bound = [held(value) for value in own]
             before, body, after = builder.block, builder.append_basic_block("bonds"), builder.append_basic_block("done")
             builder.branch(body)
             builder.position_at_end(body)
@@ -426,10 +430,11 @@ def sweep_phases(typingctx, src, coefficient, base, out, offsets, weights, bonds
             grown = []
             for row, here in enumerate(heres):
                 there = builder.add(here, distance)
-                difference = builder.fsub(vectors.load(there), own[row])
-                grown.append(vectors.multiply_add(sums[2 * row], weight, difference))
-                opened = vectors.multiply_add(sums[2 * row + 1], weight, difference)
-                grown.append(builder.select(liquid(builder.add(there, apart)), opened, sums[2 * row + 1]))
+                value, other = vectors.load(there), liquid(builder.add(there, apart))
+                across = vectors.multiply_add(sums[2 * row], weight, builder.fsub(held(value), bound[row]))
+                grown.append(builder.select(builder.xor(wet[row], other), across, sums[2 * row]))
+                opened = vectors.multiply_add(sums[2 * row + 1], weight, builder.fsub(value, own[row]))
+                grown.append(builder.select(builder.and_(wet[row], other), opened, sums[2 * row + 1]))
             following = builder.add(bond, I64(1))
             for phi, value in zip([bond, *sums], [following, *grown], strict=True):
                 phi.add_incoming(value, builder.block)
@@ -437,10 +442,8 @@ def sweep_phases(typingctx, src, coefficient, base, out, offsets, weights, bonds
             builder.position_at_end(after)
             places = [vectors.shifted(I64(0), (1, x), (1, builder.mul(number, t))) for number in numbers]
             olds = [vectors.load(builder.add(base, place)) for place in places]  # before any store: rows may be repeated, and base be out
-            for row, (here, place) in enumerate(zip(heres, places, strict=True)):
-                everywhere, opened = grown[2 * row], grown[2 * row + 1]
-                total = builder.fmul(builder.select(liquid(builder.add(here, apart)), within, between), opened)
-                total = builder.select(liquid(builder.add(here, apart)), vectors.multiply_add(total, between, everywhere), total)
+            for row, place in enumerate(places):
+                total = vectors.multiply_add(grown[2 * row + 1], between, grown[2 * row])
                 total = vectors.multiply_add(total, b_all, olds[row])
                 store(vectors.multiply_add(total, a_all, own[row]), builder.add(out, place))
 
@@ -452,7 +455,7 @@ def sweep_phases(typingctx, src, coefficient, base, out, offsets, weights, bonds
             chunk(whole, vectors.store_first(rest))
         return context.get_dummy_value()
 
-    return types.void(*[types.int64] * 7, a, a, a, *[types.int64] * 4), codegen
+    return types.void(*[types.int64] * 7, a, a, a, a, *[types.int64] * 4), codegen
 
 
 #: Neighbouring values that a window has, and sums that are taken side by side.

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from farhorizon import kinds
+from farhorizon.errors import InputError
 from farhorizon.integrators import Integrator
 from farhorizon.kernel import Kernel
 from farhorizon.models.model import LatticeModel, first_order
 from farhorizon.stencil import Stencil
+
+FARADAY = 96485.33212  # C/mol
 
 
 class Corrosion(LatticeModel):
@@ -17,6 +22,10 @@ class Corrosion(LatticeModel):
     A solid node whose concentration has fallen below `saturation` after a step is liquid from then on and keeps its concentration. `Simulation`
     takes the solid as `specimens`.
 
+    How fast the metal dissolves into a liquid that carries it away at once (activation control) is set by `interface`: see `speed`,
+    `interface_for` and `speed_of_current`. Where the liquid does not carry it away, it may rise far above the saturation, which `Simulation`
+    warns of, unless the dissolution is `limited`.
+
     Parameters
     ----------
     operator : Kernel or Stencil
@@ -26,6 +35,10 @@ class Corrosion(LatticeModel):
         Concentration below which a solid node dissolves: above that of the liquid far away, below that of the metal.
     interface : float
         Micro-diffusivity of bonds between the phases over that of the liquid; positive.
+    limited : bool
+        Bonds between the phases carry ``saturation - u`` in place of ``metal - u``, u the concentration of the liquid, and nothing where that is
+        saturated: no node of the liquid rises above the saturation, and diffusion controls the front where `interface` is not small. The
+        front is then slower under activation control, too (`speed`): take `interface` from `interface_for`.
     integrator : {"euler", "rk4", "rkc"} or RungeKuttaChebyshev
         The phases change at the end of a step only, so that the fronts are of first order in time whatever the integrator.
 
@@ -43,11 +56,71 @@ class Corrosion(LatticeModel):
 
     def __init__(
         self, operator: Kernel | Stencil, diffusivity: float = 1.0, *, saturation: float, interface: float = 0.1,
-        integrator: str | Integrator = "euler",
+        integrator: str | Integrator = "euler", limited: bool = False,
     ) -> None:  # fmt: skip
         super().__init__(operator)
         self.coefficient = self.diffusivity = kinds.number(diffusivity, "model.diffusivity", above=0)
         self.interface = kinds.number(interface, "model.interface", above=0)
         self.strongest = max(1.0, self.interface)
-        self.saturation = kinds.number(saturation, "model.saturation")
+        self.saturation, self.limited = kinds.number(saturation, "model.saturation"), kinds.flag(limited, "model.limited")
         self.integrator = first_order(integrator)
+
+    def speed(self, spacing: float, dim: int, metal: float, far: float = 0.0) -> float:
+        """Speed of a plane front along an axis under activation control, where the liquid beside it holds what it does far away.
+
+        A node of the metal loses its surplus from when the front is within its reach until it falls below the saturation, so that in a steady
+        front the time between two layers of nodes follows from all bonds ahead of a node, ``S = sum_(x > 0) w x`` (x in spacings):
+        the speed is ``interface diffusivity S / spacing / ln((metal - far) / (saturation - far))``, limited it is
+        ``interface diffusivity S / spacing * (saturation - far) / (metal - saturation)``. It is proportional to `interface`, and holds while it
+        is far below diffusivity / spacing.
+
+        Parameters
+        ----------
+        spacing : float
+        dim : {1, 2, 3}
+        metal : float
+            Concentration of the intact metal.
+        far : float
+            Concentration of the liquid far away.
+
+        Returns
+        -------
+        float
+            Length / time.
+
+        Raises
+        ------
+        InputError
+            The saturation does not lie between the concentrations of the liquid and the metal.
+        """
+        metal, far = kinds.number(metal, "metal"), kinds.number(far, "far")
+        if not far < self.saturation < metal:
+            raise InputError("the saturation lies outside the range of the data", value=self.saturation, limit=f"above {far:g}, below {metal:g}",
+                             key="model.saturation")  # fmt: skip
+        stencil = self.stencil(spacing, dim)
+        ahead = float((stencil.weights * np.maximum(stencil.offsets[:, 0], 0)).sum())
+        whole = self.interface * self.diffusivity * ahead / spacing
+        if self.limited:
+            return whole * (self.saturation - far) / (metal - self.saturation)
+        return whole / float(np.log((metal - far) / (self.saturation - far)))
+
+    def interface_for(self, speed: float, spacing: float, dim: int, metal: float, far: float = 0.0) -> float:
+        """The `interface` that gives a plane front a speed (length / time) under activation control; the rest as of `speed`."""
+        return self.interface * kinds.number(speed, "speed", above=0) / self.speed(spacing, dim, metal, far)
+
+
+def speed_of_current(density: float, metal: float, electrons: float) -> float:
+    """Speed of a front (m/s) from the density of the corrosion current, by Faraday's law.
+
+    Parameters
+    ----------
+    density : float
+        A/m^2.
+    metal : float
+        Concentration of the intact metal, mol/m^3.
+    electrons : float
+        That an atom gives away.
+    """
+    given = (kinds.number(value, name, above=0) for name, value in (("density", density), ("metal", metal), ("electrons", electrons)))
+    current, concentration, number = given
+    return current / (number * FARADAY * concentration)
