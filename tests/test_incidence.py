@@ -166,3 +166,19 @@ def test_notes():
     report = str(fh.Simulation(lattice, _bonds(2.5), {"x": fh.LatticePML(), "y": fh.Free()}, sources=[cut]).check())
     assert "shorter than the lattice carries" in report
     assert "only what is scattered meets y-, y+" in report
+
+
+@pytest.mark.parametrize("side", [fh.Free(), fh.Fixed()])
+def test_a_wave_onto_a_surface_is_refused_with_the_reason(side):
+    """Inside its box it would not know the surface; a box that ends before it serves, and so does one beside absorbing sides."""
+    lattice = fh.Lattice(0.5, (-8.0, -8.0), (8.0, 0.0))
+    wave = {"direction": (1.0, 1.0), "signal": lambda t: np.sin(t) ** 2, "duration": np.pi}
+    sides = {"all": fh.LatticePML(nodes=8), "y+": side}
+    for top in (0.0, -0.5, 3.0):
+        with pytest.raises(fh.InputError, match="does not know the surface") as error:
+            fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), sides, sources=[fh.IncidentWave(**wave, within=fh.Box((-6.0, -6.0), (6.0, top)))])
+        assert error.value.value == "y+" and "source" in error.value.remedy
+    sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), sides, sources=[fh.IncidentWave(**wave, within=fh.Box((-6.0, -6.0), (6.0, -1.0)))])
+    assert any("only what is scattered meets y+" in note for note in sim.notes)
+    with pytest.raises(fh.InputError, match="needs one reach"):
+        fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), fh.LatticePML(nodes=8), sources=[fh.IncidentWave(**wave, within=fh.Box((-6, -6), (6, 0)))])

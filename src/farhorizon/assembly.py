@@ -136,7 +136,8 @@ class Assembly:
         self.step_limit = model.integrator.step_limit(self.rate_limit)
         self.dt = self._choose_step(dt)
         self.choices: dict[str, Choice] = {}
-        waves = [s.resolved(lattice, self.stencil.reach) for s in sources if isinstance(s, IncidentWave)]
+        walls = [key for key, b in self.sides.items() if not isinstance(b, Absorbing | Periodic)]
+        waves = [s.resolved(lattice, self.stencil.reach, walls) for s in sources if isinstance(s, IncidentWave)]
         self._choose_layers(initial, sources, dtype)
         sources = [s for s in sources if not isinstance(s, IncidentWave)]
         self._beyond = Beyond(lattice, self.sides, model.order, self._depth(), self._near_field)

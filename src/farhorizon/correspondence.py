@@ -28,6 +28,7 @@ from farhorizon.expressions import as_given
 from farhorizon.kernel import Kernel
 from farhorizon.lattice import AXES, Lattice
 from farhorizon.loads import BodyForce, Traction, force_density
+from farhorizon.models.elastic import COMBINATIONS
 from farhorizon.overstretch import Rim, rim_of
 from farhorizon.report import Report
 from farhorizon.results import Caution, write_checkpoint
@@ -207,7 +208,7 @@ class Body(Run):
     # --- set-up ------------------------------------------------------------------------------------------------------------------------
 
     def _set_sides(self, boundary: Any) -> None:
-        self.sides: dict[Side, Any] = sides(boundary, self.dim, Fixed | Free | Sponge | NonlocalPML)
+        self.sides: dict[Side, Any] = sides(boundary, self.dim, Fixed | Free | Sponge | NonlocalPML, COMBINATIONS)
         layers = [b for b in self.sides.values() if isinstance(b, NonlocalPML)]
         if len({b.form for b in layers}) > 1 or len({b.cross for b in layers}) > 1:
             raise InputError("the layers of a body need one form and one cross-damping", value=sorted({(b.form, b.cross) for b in layers}),

@@ -68,13 +68,21 @@ class IncidentWave:
         """The signal at a time."""
         return float(kinds.array(self.signal(t), "incident.signal", shape=())) if 0 <= t <= self.duration else 0.0
 
-    def resolved(self, lattice: Lattice, reach: Sequence[int]) -> IncidentWave:
+    def resolved(self, lattice: Lattice, reach: Sequence[int], walls: Sequence[tuple[int, int]] = ()) -> IncidentWave:
         """The same wave with its box.
+
+        Parameters
+        ----------
+        lattice : Lattice
+        reach : sequence of int
+        walls : sequence of (axis, side)
+            Sides at which the medium ends.
 
         Raises
         ------
         InputError
-            A box that is not inside the near field by one reach, or so small that its faces' neighbourhoods meet.
+            A box that is not inside the near field by one reach, or reaches a side at which the medium ends, or is so small that its faces'
+            neighbourhoods meet.
         """
         more = lattice.spacing * np.array(reach)
         box = self.within or Box(tuple(lattice.lower + 2 * more), tuple(lattice.upper - 2 * more))
@@ -83,6 +91,13 @@ class IncidentWave:
             raise InputError("an incident wave and the lattice differ in dimension", value=np.size(self.direction), limit=lattice.dim, key="incident")
         close = 1e-6 * lattice.spacing
         outside = (lower - more < lattice.lower - close) | (upper + more > lattice.upper + close)
+        past = {-1: lower - more < lattice.lower - close, 1: upper + more > lattice.upper + close}
+        beyond = [(axis, side) for axis, side in walls if past[side][axis]]
+        if beyond:
+            names = ", ".join(AXES[axis] + "-+"[side > 0] for axis, side in beyond)
+            raise InputError("an incident wave is the wave of the open medium, which does not know the surface that it would fall on", value=names,
+                             key="incident.within", limit="one reach away from sides at which the medium ends",
+                             remedy="a source below the surface, or initial data in the form of the wave")  # fmt: skip
         if outside.any():
             axis = int(np.argmax(outside))
             limits = shown((lattice.lower + more)[axis]), shown((lattice.upper - more)[axis])

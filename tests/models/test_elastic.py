@@ -445,3 +445,24 @@ def test_noise_decays_in_layers_of_wide_bonds(reach, exponent, near, nodes, unti
     seed = int(np.random.default_rng().integers(2**31))
     sizes = noise_over_time(reach, exponent, near, nodes, until, seed)
     assert sizes[-1] < sizes[-3] < sizes[0], f"seed {seed}: {sizes}"
+
+
+def test_one_message_says_which_material_sides_and_layers_go_together():
+    """Whichever of them is asked for first, and what it proposes is accepted."""
+    lattice, kernel = fh.Lattice(1.0, (-10, -10), (10, 0)), fh.Kernel(2.0, 1)
+    ground = {"all": fh.LatticePML(nodes=8), "y+": fh.Free()}
+    wrong = [
+        lambda: fh.Elastic(kernel, 1.0, 0.3),
+        lambda: fh.Simulation(lattice, fh.Elastic(kernel, 1.0, 0.3, material="state-based"), ground),
+        lambda: fh.Simulation(lattice, fh.Elastic(kernel, 1.0, 0.3, material="correspondence"), ground),
+        lambda: fh.Simulation(lattice, fh.Elastic(None, 1.0, 0.3, material="finite-element"), ground),
+        lambda: fh.Body(lattice, kernel, young=1.0, poisson=0.3, boundary=ground),
+    ]
+    for make in wrong:
+        with pytest.raises(fh.InputError) as error:
+            make()
+        for word in ("Poisson's ratio", 'type = "correspondence"', "NonlocalPML", "bond-based", "1/4", "LatticePML", "free"):
+            assert word in error.value.remedy, word
+    fh.Body(lattice, kernel, young=1.0, poisson=0.3, boundary={"all": fh.NonlocalPML(8, cross=0.1), "y+": fh.Free()})
+    fh.Simulation(lattice, fh.Elastic(kernel, 1.0), ground)
+    fh.Simulation(lattice, fh.Elastic(kernel, 1.0, 0.3, material="state-based"), fh.LatticePML(nodes=8))

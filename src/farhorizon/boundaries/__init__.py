@@ -26,7 +26,7 @@ Absorbing = LatticePML | Exact | Sponge | Closing
 Boundary = Absorbing | Fixed | Free | Periodic
 
 
-def sides(boundary: Any | Mapping[str, Any], dim: int, kinds: Any = Boundary) -> dict[tuple[int, int], Any]:
+def sides(boundary: Any | Mapping[str, Any], dim: int, kinds: Any = Boundary, remedy: str = "") -> dict[tuple[int, int], Any]:
     """One boundary for each (axis, side), side = -1 or +1.
 
     Parameters
@@ -36,6 +36,8 @@ def sides(boundary: Any | Mapping[str, Any], dim: int, kinds: Any = Boundary) ->
     dim : int
     kinds : type or union
         What may stand on a side.
+    remedy : str
+        For what may not.
 
     Raises
     ------
@@ -50,7 +52,7 @@ def sides(boundary: Any | Mapping[str, Any], dim: int, kinds: Any = Boundary) ->
             raise InputError("unknown side", value=said(key), limit=", ".join(names), key="boundary")
         if not isinstance(value, kinds):
             known = ", ".join(sorted(kind.__name__ for kind in get_args(kinds) or (kinds,)))
-            raise InputError("not a boundary that serves here", value=said(value), key=f"boundary.{key}", limit=known)
+            raise InputError("not a boundary that serves here", value=said(value), key=f"boundary.{key}", limit=known, remedy=remedy)
     found: dict[tuple[int, int], Any] = {}
     for axis in range(dim):
         for side, sign in ((-1, "-"), (1, "+")):

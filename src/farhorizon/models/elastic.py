@@ -22,9 +22,10 @@ from farhorizon.stencil import Stencil
 MATERIALS = ("bond-based", "state-based", "correspondence", "finite-element")
 _CAUCHY = {"strain": 0.25, "stress": 1 / 3, None: 0.25}  # Poisson's ratio of central forces
 _PAIRS = "two of young, poisson, bulk, shear"
-_COMBINATIONS = (
+#: For messages; docs/index.md has it as a table.
+COMBINATIONS = (
     'free sides: material="bond-based" (Poisson\'s ratio 1/4, in plane stress 1/3) with LatticePML or Sponge, or, of any ratio, Body '
-    '(type = "correspondence" in a case file) with NonlocalPML or Sponge; no free sides: every material with LatticePML or Sponge'
+    '(type = "correspondence" in a case file) with NonlocalPML (cross = 0.1) or Sponge; no free sides: every material with LatticePML or Sponge'
 )
 _MODULI = "one of young, bulk, shear"
 _CLOSE = 1e-6  # of Poisson's ratio
@@ -132,7 +133,7 @@ class Elastic(LatticeModel):
             raise InputError("only bonds of a bond-based material with a kernel are nonlinear or break", value=self.material, key=f"model.{key}",
                              remedy='material="bond-based", or Body for correspondence with damage')  # fmt: skip
 
-    combinations = _COMBINATIONS
+    combinations = COMBINATIONS
 
     @property
     def title(self) -> str:
@@ -190,7 +191,7 @@ class Elastic(LatticeModel):
         if fixed is not None and abs(nu - fixed) > _CLOSE:
             state = "plane stress" if self.plane == "stress" else "three dimensions and plane strain"
             raise InputError(f"bond-based materials have one Poisson's ratio, in {state}", value=nu, limit=fixed, key="model.poisson",
-                             remedy=_COMBINATIONS)  # fmt: skip
+                             remedy=COMBINATIONS)  # fmt: skip
         if "shear" in given:
             self.shear = given["shear"]
         else:
