@@ -22,6 +22,7 @@ from farhorizon import (
     RungeKuttaChebyshev,
     Simulation,
     Source,
+    Sponge,
     Temperature,
 )  # fmt: skip
 from farhorizon.analysis import classical
@@ -304,3 +305,73 @@ def test_restored_run_is_bitwise_the_uninterrupted_one(tmp_path):
     again.step(20)
     np.testing.assert_array_equal(again.fields["u"], whole.fields["u"])
     assert again.balance() == whole.balance()
+
+
+SURFACES = {
+    "convection": Convection("y+", 2.0, 5.0),
+    "held": Temperature("y+", 5.0),
+    "one layer held": Temperature("y+", 5.0, "node"),
+}
+
+
+def ground(half, depth, surface, sides):
+    """Ground that has been warmed below its surface, off the middle, and cools; the surroundings have 5 degrees."""
+    lattice = Lattice(0.25, (-half, -depth), (half, 0.0))
+    start = {"u": lambda x, y: 5 + 10 * np.exp(-8 * ((x - 1.0) ** 2 + (y + 1.0) ** 2))}
+    return Simulation(lattice, Heat(Kernel(0.5)), sides, start, background=5.0, constraints=[surface], dt=0.02)
+
+
+@pytest.mark.parametrize("surface", SURFACES.values(), ids=SURFACES)
+def test_surfaces_run_into_the_layers(surface):
+    """Against ground so wide that nothing comes back, to 1 R^2 / D and beyond: 1e-9 of what is left, where a surface that ends with the
+    near field is wrong by a third and more."""
+    layers = {"x": LatticePML(nodes=20), "y-": LatticePML(nodes=20), "y+": Free()}
+    near, wide = ground(3.0, 3.0, surface, layers), ground(24.0, 24.0, surface, Free())
+    ended = ground(3.0, 3.0, surface, {"x": Free(), "y-": LatticePML(nodes=20), "y+": Free()})
+    part = (slice(84, 109), slice(84, 97))
+    for t in (1.0, 3.0, 9.0):
+        for sim in (near, wide, ended):
+            sim.run(t, progress=False)
+        left = np.abs(wide.fields["u"] - 5).max()
+        assert np.abs(near.fields["u"] - wide.fields["u"][part]).max() < 1e-9 * left
+    assert np.abs(ended.fields["u"] - wide.fields["u"][part]).max() > 0.3 * left
+
+
+def test_a_convective_surface_beside_a_sponge_and_through_a_checkpoint(tmp_path):
+    """Its nodes in the sponge lose heat twice, whatever the number of threads."""
+    runs = [ground(3.0, 3.0, SURFACES["convection"], {"x": Sponge(8), "y-": Sponge(8), "y+": Free()}) for _ in range(2)]
+    runs[0].run(3.0, progress=False)
+    assert 0 < np.abs(runs[0].fields["u"] - 5).max() < 10
+    runs[1].step(70)
+    runs[1].save(tmp_path / "a.ckpt")
+    again = Simulation.restore(tmp_path / "a.ckpt")
+    again.run(3.0, progress=False)
+    assert np.array_equal(again.fields["u"], runs[0].fields["u"])
+
+
+@pytest.mark.parametrize(
+    "surface, said",
+    [
+        (Convection("y+", 2.0, 7.0), "must come to rest.*remedy: background"),
+        (Temperature("y+", 7.0), "must come to rest"),
+        (Temperature("y+", lambda x, y, t: 5 + np.sin(t)), "must come to rest"),
+        (Temperature("y+", 5.0, "mirror"), "must come to rest"),
+        (Convection("y+", 2.0, 5.0, Box((-2.9, -1.0), (9.0, 1.0))), "ends or varies within one reach of the absorbing side x-"),
+    ],
+)
+def test_surfaces_that_cannot_go_on_are_refused(surface, said):
+    with pytest.raises(InputError, match=said):
+        ground(3.0, 3.0, surface, {"x": LatticePML(), "y-": LatticePML(), "y+": Free()})
+
+
+def test_what_lies_outside_within_is_said_to_be_insulated():
+    """With the numbers of nodes; not where the rest has a condition of its own, or where there is no rest."""
+    sides = {"x": LatticePML(), "y-": LatticePML(), "y+": Free()}
+    middle, rest = Box((-1.1, -9.0), (1.1, 9.0)), Box((-9.0, -9.0), (9.0, 9.0)) - Box((-1.1, -9.0), (1.1, 9.0))
+    sim = ground(3.0, 3.0, Convection("y+", 2.0, 20.0, middle), sides)
+    assert any("16 of the 25 nodes of side y+ are insulated" in note for note in sim.notes)
+    lattice = sim.lattice
+    both = [Convection("y+", 2.0, 20.0, middle), Convection("y+", 2.0, 5.0, rest)]
+    for constraints in (both, [Convection("y+", 2.0, 5.0)]):
+        sim = Simulation(lattice, Heat(Kernel(0.5)), sides, {"u": 5.0}, background=5.0, constraints=constraints)
+        assert not any("insulated" in note for note in sim.notes)

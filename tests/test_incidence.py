@@ -172,7 +172,7 @@ def test_notes():
 def test_a_wave_onto_a_surface_is_refused_with_the_reason(side):
     """Inside its box it would not know the surface; a box that ends before it serves, and so does one beside absorbing sides."""
     lattice = fh.Lattice(0.5, (-8.0, -8.0), (8.0, 0.0))
-    wave = {"direction": (1.0, 1.0), "signal": lambda t: np.sin(t) ** 2, "duration": np.pi}
+    wave = {"direction": (1.0, 1.0), "signal": lambda t: np.sin(t / 4) ** 4, "duration": 4 * np.pi}
     sides = {"all": fh.LatticePML(nodes=8), "y+": side}
     for top in (0.0, -0.5, 3.0):
         with pytest.raises(fh.InputError, match="does not know the surface") as error:

@@ -141,6 +141,7 @@ class Assembly:
         self._choose_layers(initial, sources, dtype)
         sources = [s for s in sources if not isinstance(s, IncidentWave)]
         self._beyond = Beyond(lattice, self.sides, model.order, self._depth(), self._near_field)
+        self._beyond.notes += self.conditions.notes
         if factor is not None:
             self._beyond.notes += gradients(factor, "the coefficient", self._beyond.targets, self.stencil.reach)
         u = self._initial("u", initial)
@@ -457,22 +458,28 @@ class Assembly:
         return (self.engine.dissolved[self._near] == NEVER).reshape(self.lattice.shape)
 
     def _check_conditions(self) -> None:
-        """The layer beyond an absorbing side continues the medium, not a condition on its nodes."""
-        leak = self.leak()
+        """What lies beyond an absorbing side goes on as at the edge and comes to rest: surfaces that lose heat, or are held at the background."""
+        held, leak = self._surfaces()
         if not self.conditions.nodes.size and not leak.any():
             return
-        busy = np.zeros(self.lattice.shape, bool)
+        busy = (leak > 0) & self.conditions.fed(self.lattice.shape)
         busy.ravel()[self.conditions.nodes] = True
-        if leak.size:
-            busy |= leak > 0
+        busy &= ~held
         for (axis, side), boundary in self.sides.items():
             m = self.stencil.reach[axis] - self._margins[axis, side] + 1
             if isinstance(boundary, LatticePML | Sponge) and m > 0:
                 last = np.arange(m) if side < 0 else self.lattice.shape[axis] - 1 - np.arange(m)
+                name = AXES[axis] + "-+"[side > 0]
                 if np.take(busy, last, axis).any():
                     raise InputError(
-                        f"a condition holds on nodes within one reach of the absorbing side {AXES[axis]}{'-+'[side > 0]}", key="constraints",
-                        limit=f"none on the last {m} nodes", remedy="a Free side there, or restrict the condition by `within`",
+                        f"a condition holds on nodes within one reach of the absorbing side {name}, where the medium must come to rest",
+                        key="constraints", limit=f"convection to the background, or nodes held at it, on the last {m} nodes",
+                        remedy="background = the temperature of the surroundings, a Free side there, or restrict the condition by `within`",
+                    )  # fmt: skip
+                if any(np.ptp(np.take(surface, last, axis), axis=axis).any() for surface in (held.astype(float), leak)):
+                    raise InputError(
+                        f"a condition ends or varies within one reach of the absorbing side {name}, into which it would go on", key="constraints",
+                        limit=f"the same on the last {m} nodes", remedy="a larger near field, or restrict the condition by `within`",
                     )  # fmt: skip
 
     def _split_source(self, source: Any, key: str) -> list[tuple[np.ndarray | None, Callable[..., Any]]]:
@@ -800,15 +807,46 @@ class Assembly:
         if self.rim == "fixed":
             exists = self._existing(True)
             held = np.concatenate([b.node_indices()[~exists[b.slot_indices()]] for b in self.engine.layout.blocks.values()])
+        resting, leaking, leak = self._continued_surfaces()
+        held = np.concatenate([held, resting])
         self._held = self.engine.all_components(held)
         tables = [(self._held, *np.zeros((3, len(self._held))))]
         if any(isinstance(b, Sponge) for b in self.sides.values()):
             tables.append(self._damped(held))
-        leak = self.leak().ravel()
-        lossy = np.flatnonzero(leak)
-        if lossy.size:
-            tables.append((self._near_indices()[lossy], *np.ones((2, lossy.size)), leak[lossy]))
-        self.engine.set_damping(*(np.concatenate(columns) for columns in zip(*tables, strict=True)))
+        tables.append((leaking, *np.ones((2, leaking.size)), leak))
+        nodes, before, after, losses = (np.concatenate(columns) for columns in zip(*tables, strict=True))
+        once, at = np.unique(nodes, return_inverse=True)  # a node belongs to one thread: a sponge's may lose heat at a surface, too
+        rows = [np.ones(once.size), np.ones(once.size), np.zeros(once.size)]
+        for row, put, values in zip(rows, (np.multiply, np.multiply, np.add), (before, after, losses), strict=True):
+            put.at(row, at, values)
+        self.engine.set_damping(once, *rows)
+
+    def _surfaces(self) -> tuple[np.ndarray, np.ndarray]:
+        """Nodes that conditions hold at the background, and the rates at which nodes lose heat; of the lattice's shape."""
+        held, leak = np.zeros(self.lattice.shape, bool), self.leak()
+        held.ravel()[self.conditions.nodes[self.conditions.resting]] = True
+        return held, leak if leak.size else np.zeros(self.lattice.shape)
+
+    def _continued_surfaces(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Nodes beyond the near field that go on being held at the background, and nodes that lose heat, with their rates, beyond it too."""
+        near = np.zeros(self.engine.core.nodes, bool)
+        near[self._near[-3:]] = True
+        pads = [(self._margins[a, -1], self._margins[a, 1]) for a in range(self.lattice.dim)]
+        held, leak = (np.pad(f.astype(float), pads, mode="edge").reshape(self.engine.core.nodes) for f in self._surfaces())
+        resting, leaking, rates = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
+        for f, nodes in ((held, resting), (leak, leaking)):
+            if not f.any():
+                continue
+            spread = self.engine.spread(f)
+            for block in self.engine.layout.blocks.values():
+                places = block.node_indices()
+                there = spread[places] > 0
+                if f is held and block is self.engine.core:
+                    there &= ~near
+                nodes.append(places[there])
+                if f is leak:
+                    rates.append(spread[places][there])
+        return np.concatenate(resting), np.concatenate(leaking), np.concatenate(rates)
 
     def _damped(self, held: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Nodes of the sponges but those held, their factors on the old and the new increment, their loss rate."""

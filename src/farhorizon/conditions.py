@@ -23,7 +23,7 @@ from farhorizon.constraints import Prescribed
 from farhorizon.errors import InputError
 from farhorizon.lattice import AXES, Lattice
 from farhorizon.shapes import Shape
-from farhorizon.sources import as_source, parts
+from farhorizon.sources import as_source, parts, steady
 
 Where = str | Shape | np.ndarray
 
@@ -134,6 +134,19 @@ Constraint = Temperature | Flux | Insulated | Convection
 Drive = tuple[np.ndarray | None, Callable[..., Any]]
 
 
+def _driven(drives: Sequence[Drive], shape: tuple[int, ...]) -> np.ndarray:
+    """Where what varies in time, and the sum of what does not, is not zero."""
+    constant, active = np.zeros(shape), np.zeros(shape, bool)
+    for space, time in drives:
+        if space is None:
+            active[...] = True
+        elif time is steady:
+            constant += space
+        else:
+            active |= space != 0
+    return active | (constant != 0)
+
+
 def _check_place(where: Where, within: Any, anywhere: bool = False) -> None:
     """A side; or, of a condition that may be `anywhere`, a shape or a mask, too."""
     if within is not None:
@@ -167,6 +180,8 @@ class Conditions:
         Powers per volume, of the lattice's shape, and the condition that they come from.
     leaks : list of (int, ndarray)
         Power lost per volume and temperature, of the lattice's shape, and its condition.
+    notes : list of str
+        What is allowed, but to be known.
     """
 
     nodes: np.ndarray
@@ -177,6 +192,16 @@ class Conditions:
     drives: list[Drive] = field(default_factory=list)
     sources: list[tuple[int, Drive]] = field(default_factory=list)
     leaks: list[tuple[int, np.ndarray]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def resting(self) -> np.ndarray:
+        """Which of the prescribed nodes hold the background at all times."""
+        return (np.diff(self.starts) == 0) & ~_driven(self.drives, self.nodes.shape)
+
+    def fed(self, shape: tuple[int, ...]) -> np.ndarray:
+        """Nodes, of the lattice's shape, that heat is put into at some time."""
+        return _driven([drive for _, drive in self.sources], shape)
 
     @property
     def images(self) -> np.ndarray:
@@ -234,6 +259,15 @@ def resolve(
             found.append(_in_region(number, constraint, lattice, background, key))
     _join(out, found, lattice)
     _refuse_fed(out, found, fed, lattice)
+    for number, face in fed:
+        one = constraints[number]
+        if isinstance(one, Convection) and one.within is not None:
+            covered = np.concatenate([out.nodes, *(other.nodes(0) for _, other in fed if (other.axis, other.side) == (face.axis, face.side))])
+            whole = _Face(one.where, lattice, None, f"constraint[{number}]").nodes(0)
+            rest = int((~np.isin(whole, covered)).sum())
+            if rest:
+                out.notes.append(f"constraint[{number}]: outside `within` {rest} of the {len(whole)} nodes of side {one.where} are insulated: "
+                                 "no heat passes there")  # fmt: skip
     return out
 
 
