@@ -180,5 +180,5 @@ def test_a_wave_onto_a_surface_is_refused_with_the_reason(side):
         assert error.value.value == "y+" and "source" in error.value.remedy
     sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), sides, sources=[fh.IncidentWave(**wave, within=fh.Box((-6.0, -6.0), (6.0, -1.0)))])
     assert any("only what is scattered meets y+" in note for note in sim.notes)
-    with pytest.raises(fh.InputError, match="needs one reach"):
+    with pytest.raises(fh.InputError, match="one reach of the near field must be left"):
         fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), fh.LatticePML(nodes=8), sources=[fh.IncidentWave(**wave, within=fh.Box((-6, -6), (6, 0)))])

@@ -61,7 +61,7 @@ def test_probes_are_the_field_after_every_step(make):
     probes = run.record(points)
     expected = []
     for step in range(24):
-        other.step(step > 0)
+        other.step(int(step > 0))
         expected.append([other.fields["u"][(..., *run.lattice.index(p))] for p in points])
     run.step(5)
     run.run(23 * run.dt)
