@@ -9,8 +9,11 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.analysis.chain import Recursion, half_weights
-from farhorizon.analysis.choice import Choice
+from farhorizon.analysis.choice import Choice, weak
+from farhorizon.analysis.returned import Datum
+from farhorizon.analysis.short_waves import high_pass
 from farhorizon.analysis.spectrum import band
+from farhorizon.analysis.thickness import Thickness
 from farhorizon.beyond import Beyond, gradients
 from farhorizon.boundaries import (
     Absorbing,
@@ -35,6 +38,7 @@ from farhorizon.cracks import Crack, as_crack, cut_bonds
 from farhorizon.engine import NEVER, Engine, Layer, Zone
 from farhorizon.errors import InputError
 from farhorizon.expressions import as_given
+from farhorizon.far_field import DEFAULT_CROSSINGS, FarField, stand_ins
 from farhorizon.incidence import Incidence, IncidentWave, check_scatterers
 from farhorizon.integrators import Euler, Verlet
 from farhorizon.kernel import Kernel
@@ -74,6 +78,8 @@ class Assembly:
         Whether the older time level outlives a step, which the energies of bonds one by one and the work of sources need.
     conditions : Conditions
     incident : list of Incidence
+    thickness : dict of str to Thickness
+        By side, what the layers that chose themselves are predicted to do.
     """
 
     def __init__(
@@ -136,9 +142,10 @@ class Assembly:
         self.step_limit = model.integrator.step_limit(self.rate_limit)
         self.dt = self._choose_step(dt)
         self.choices: dict[str, Choice] = {}
+        self.thickness: dict[str, Thickness] = {}
         walls = [key for key, b in self.sides.items() if not isinstance(b, Absorbing | Periodic)]
         waves = [s.resolved(lattice, self.stencil.reach, walls) for s in sources if isinstance(s, IncidentWave)]
-        self._choose_layers(initial, sources, dtype)
+        self._choose_layers(initial, sources, dtype, cracks, factor)
         sources = [s for s in sources if not isinstance(s, IncidentWave)]
         self._beyond = Beyond(lattice, self.sides, model.order, self._depth(), self._near_field)
         self._beyond.notes += self.conditions.notes
@@ -524,7 +531,9 @@ class Assembly:
             if isinstance(boundary, LatticePML) and boundary.angle is None
         }
 
-    def _choose_layers(self, initial: Mapping[str, Any], sources: Sequence[Any], dtype: str) -> None:
+    def _choose_layers(
+        self, initial: Mapping[str, Any], sources: Sequence[Any], dtype: str, cracks: Sequence[Any], factor: np.ndarray | None
+    ) -> None:  # fmt: skip
         """Add the layers that are chosen by angle, which takes the step and the waves of the data; one choice for sides that are alike."""
         known: dict[Any, tuple[Layer, Choice]] = {}
         for (axis, side), boundary in self.sides.items():
@@ -534,8 +543,53 @@ class Assembly:
                 if like not in known:
                     known[like] = self._chosen(boundary, stencil, name, initial, sources)
                 self._layers[axis, side], self.choices[name] = known[like]
-        if known:
+        self._choose_thickness(initial, sources, cracks, factor)
+        if known or self.thickness:
             self._check_memory(dtype)
+
+    def _choose_thickness(self, initial: Mapping[str, Any], sources: Sequence[Any], cracks: Sequence[Any], factor: np.ndarray | None) -> None:
+        """Give each side whose layer chooses for itself the thinnest that keeps its target."""
+        chosen = {key: b for key, b in self.sides.items() if isinstance(b, LatticePML) and b.chooses}
+        if not chosen or self.model.order != 2 or self.stencil.components > 1 or not weak(high_pass(self.stencil)):
+            return
+        lattice, model = self.lattice, self.model
+        crossing = float((lattice.upper - lattice.lower).max()) / float(np.sqrt(model.coefficient * self.strongest))
+        lengths = {key: b.until or DEFAULT_CROSSINGS * crossing for key, b in chosen.items()}
+        field = FarField(
+            lattice.shape, self.stencil, model.coefficient, lattice.spacing, Recursion.of(model.integrator, self.dt, model.damping), self.dt,
+            self.sides, self._data(initial, sources, max(lengths.values())), self._scatterers(cracks, factor),
+        )  # fmt: skip
+        for (axis, side), boundary in chosen.items():
+            found = field.layer(axis, side, boundary, lengths[axis, side])
+            self._layers[axis, side], self.thickness[AXES[axis] + "-+"[side > 0]] = found.layer, found
+
+    def _data(self, initial: Mapping[str, Any], sources: Sequence[Any], until: float) -> list[Datum]:
+        """What sends waves: the start, and sources over a time; pulses in the middle and beside each side where that cannot be known."""
+        start = {name: field(initial[name], self.lattice, 1, f"initial.{name}") for name in ("u", "v") if name in initial}
+        found = [Datum(self._inside(values - (self.background if name == "u" else 0.0)), name) for name, values in start.items()]
+        times = np.arange(int(np.ceil(until / self.dt)) + 1) * self.dt
+        for source in sources:
+            space, time = (None, None) if isinstance(source, IncidentWave) else split(source, self.lattice)
+            if space is None or time is None:
+                return stand_ins(self.lattice.shape, max(self.stencil.reach))
+            found.append(Datum(space * self.model.source_factor, "source", np.array([float(time(t)) for t in times])))
+        found = [datum for datum in found if datum.values.any() and (datum.kind != "source" or datum.time.any())]
+        return found or stand_ins(self.lattice.shape, max(self.stencil.reach))
+
+    def _scatterers(self, cracks: Sequence[Any], factor: np.ndarray | None) -> np.ndarray:
+        """Nodes that scatter waves: around cracks, beside nodes that do not exist, and where the medium changes."""
+        lattice = self.lattice
+        found = np.zeros(lattice.shape, bool)
+        for crack in cracks:
+            low, high = (np.asarray(bound, float) for bound in as_crack(crack, lattice.dim).cut.bounds())
+            first, last = (np.round((bound - lattice.lower) / lattice.spacing).astype(int) for bound in (low, high))
+            found[tuple(slice(max(a, 0), max(b, 0) + 1) for a, b in zip(first, last, strict=True))] = True
+        if lattice.body is not None and lattice.mask is not None:
+            found |= ~lattice.mask
+        if factor is not None:
+            for axis in range(lattice.dim):
+                found |= np.abs(np.gradient(factor, axis=axis)) > 0
+        return found
 
     def _chosen(
         self, boundary: LatticePML, stencil: Stencil, name: str, initial: Mapping[str, Any], sources: Sequence[Any]

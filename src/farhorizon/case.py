@@ -209,6 +209,7 @@ class MaterialPart(_Part):
 
 class LatticePMLPart(_Part):
     type: Literal["lattice-pml"]
+    until: Number | None = None
     target: Number | None = None
     nodes: int | None = None
     profile: dict[str, Number | list[Number]] | None = None
@@ -601,6 +602,8 @@ class Case:
         boundary: dict[str, Any] = {}
         for side, part in self.parts.boundary.items():
             values = part.model_dump(exclude={"type"}, exclude_none=True)
+            if isinstance(part, LatticePMLPart):
+                values.setdefault("until", self.parts.run.until)
             try:
                 boundary[side] = _BOUNDARIES[part.type](**values)
             except InputError as error:
@@ -623,7 +626,7 @@ class Case:
             expression = self._expression(parts.coefficient, "coefficient")
             coefficient = np.broadcast_to(expression(*self.lattice.coordinates()) if callable(expression) else expression, self.lattice.shape)
         return {
-            "lattice": self.lattice, "model": self.model, "initial": self._initial(), "boundary": self._boundary() or fh.LatticePML(),
+            "lattice": self.lattice, "model": self.model, "initial": self._initial(), "boundary": self._boundary() or fh.LatticePML(until=parts.run.until),
             "sources": [self._expression(s.value, "source.value") for s in parts.source] + [self._incident(w) for w in parts.incident],
             "specimens": [fh.Specimen(s.region.build(f"specimen[{i}].region"), s.concentration) for i, s in enumerate(parts.specimen)],
             "cracks": [self._crack(c) for c in parts.crack],

@@ -206,6 +206,8 @@ class Report:
             name = AXES[axis - 3 + lattice.dim] + "-+"[side > 0]
             if name in sim.choices:
                 text += f"; chosen up to {boundary.angle:g} degrees: {sim.choices[name]}"
+            if name in sim.thickness:
+                text += f"; {sim.thickness[name]}"
             layers.setdefault(text, []).append(name)
         for text, names in layers.items():
             say(f"layer {', '.join(names)}", text)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -135,7 +136,7 @@ class Simulation(Assembly, Run):
         self._first_cuts = self.engine.absent_bonds
         held = [abs(b.value - self.background) for b in self.sides.values() if isinstance(b, Fixed)]
         self._setup: dict[str, Any] = {
-            "lattice": lattice, "model": model, "boundary": {AXES[a] + "-+"[side > 0]: b for (a, side), b in self.sides.items()},
+            "lattice": lattice, "model": model, "boundary": self._settled_sides(),
             "sources": list(sources), "cracks": self._cracks, "constraints": list(constraints), "balance": balance,
             "coefficient": self._factor, "background": self.background, "dt": self.dt, "specimens": list(specimens),
             "dtype": dtype, "threads": threads, "rule": rule, "rim": rim, "loads": list(loads),
@@ -715,6 +716,14 @@ class Simulation(Assembly, Run):
     def ends(self) -> dict[str, str]:
         """What serves each exact end: modes and error bound of its sum, and for how many steps."""
         return {} if self._ends is None else {name: self._ends.describe(i, self.dt) for i, name in enumerate(self._ends.names)}
+
+    def _settled_sides(self) -> dict[str, Boundary]:
+        """The sides by name, with the layers that were chosen for the data: on another lattice, or without data, they stay what they are."""
+        named = {AXES[axis] + "-+"[side > 0]: (boundary, self._layers.get((axis, side))) for (axis, side), boundary in self.sides.items()}
+        return {
+            name: replace(boundary, nodes=layer.columns, profile=layer) if layer is not None and name in self.thickness else boundary
+            for name, (boundary, layer) in named.items()
+        }
 
     def remade(self, **changes: Any) -> Simulation:
         """The same set-up at its start with some arguments changed; on another lattice nothing is there, and the medium is uniform."""

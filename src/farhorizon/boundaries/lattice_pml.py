@@ -52,7 +52,10 @@ class LatticePML:
         Wanted error: waves 1e-8 of the initial maximum, diffusion 1e-5 of the current maximum unless given.
         The program chooses the thickness from it.
     nodes : int, optional
-        Fixes the thickness in nodes.
+        Fixes the thickness in nodes. Otherwise it is the least that keeps the target for the data and the length of the run.
+    until : float, optional
+        Length of the run that the layer is chosen for: in a case file the end of the run, else 20 crossings of the near field, in diffusion 10
+        R^2/diffusivity. Longer runs cost only its logarithm.
     profile : mapping or Layer, optional
         Stretch by hand: "kappa" (>= 1), "sigma" (1/time), "alpha" (1/time), each a number or an array of
         ``nodes + 1`` values from the near field outwards; names left out keep 1, 0 and 0. Needs nodes. Or a whole layer as `chosen` makes it.
@@ -74,6 +77,7 @@ class LatticePML:
     profile: Mapping[str, np.ndarray | float] | Layer | None = None
     angle: float | None = None
     wavelengths: tuple[float, float] | None = None
+    until: float | None = None
 
     def __post_init__(self) -> None:
         kinds.settle(
@@ -81,6 +85,7 @@ class LatticePML:
             target=None if self.target is None else kinds.number(self.target, "boundary.target", least=1e-14, most=0.1),
             nodes=None if self.nodes is None else kinds.integer(self.nodes, "boundary.nodes", least=1, most=_MOST_NODES),
             angle=None if self.angle is None else kinds.number(self.angle, "boundary.angle", least=0, most=89),
+            until=None if self.until is None else kinds.number(self.until, "boundary.until", above=0),
         )
         if self.profile is not None:
             kinds.instance(self.profile, "boundary.profile", (Mapping, Layer), "a mapping of kappa, sigma and alpha to numbers")
@@ -130,6 +135,11 @@ class LatticePML:
         medium = Medium(stencil, coefficient, spacing, recursion, dt)
         choice = choose(medium, self.wanted(2), band, self.angle)
         return choice.profile.layer(choice.nodes, medium.speed, spacing, high_pass(stencil)), choice
+
+    @property
+    def chooses(self) -> bool:
+        """Whether the thickness is to follow from the data."""
+        return self.nodes is None and self.profile is None and self.angle is None
 
     def wanted(self, order: int) -> float:
         """The target, or the default of the equation's order in time."""

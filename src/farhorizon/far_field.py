@@ -1,0 +1,149 @@
+"""The layers of a set-up whose thickness nobody gave: chosen for its data, its shape and the length of its run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy import fft
+
+from farhorizon.analysis.chain import Recursion
+from farhorizon.analysis.layer import Medium
+from farhorizon.analysis.returned import Arrivals, Datum, arrivals
+from farhorizon.analysis.thickness import Thickness, distance_to_side, family, thinnest
+from farhorizon.boundaries import Fixed, Free, LatticePML, Periodic
+from farhorizon.engine import Layer
+from farhorizon.errors import InputError
+from farhorizon.stencil import Stencil
+
+DEFAULT_CROSSINGS = 20  # of the near field, that a run takes unless it is known
+_ROOM = {2: 512, 3: 96}  # nodes beside the near field, at most, before the data repeat themselves along the side
+_STAND_IN = 2.0  # width, in nodes, of the pulses that stand for data which are not known
+
+
+@dataclass(frozen=True)
+class FarField:
+    """A scalar wave field with open sides.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        Nodes of the near field.
+    stencil : Stencil
+    coefficient : float
+        Squared speed.
+    spacing : float
+    recursion : Recursion
+    dt : float
+    sides : mapping of (axis, side) to Boundary
+    data : sequence of Datum
+        On the near field.
+    scatterers : ndarray of bool, or None
+        Nodes where waves are scattered: the data are taken to come from the nearest of them, too.
+    """
+
+    shape: tuple[int, ...]
+    stencil: Stencil
+    coefficient: float
+    spacing: float
+    recursion: Recursion
+    dt: float
+    sides: Mapping[tuple[int, int], object]
+    data: Sequence[Datum]
+    scatterers: np.ndarray | None = None
+    _known: dict[tuple[object, ...], Thickness] = field(default_factory=dict)  # of sides that are alike
+
+    def layer(self, axis: int, side: int, boundary: LatticePML, until: float) -> Thickness:
+        """The thinnest layer of one side that keeps the target to the end of a run.
+
+        Raises
+        ------
+        InputError
+            No layer keeps it.
+        """
+        stencil, wanted = self.stencil.along(axis), boundary.wanted(2)
+        size = max((float(np.abs(datum.values).max()) for datum in self.data if datum.kind == "u"), default=0.0)
+        medium = Medium(stencil, self.coefficient, self.spacing, self.recursion, self.dt)
+        turned = [self._from_scatterers(datum.turned(axis, side), axis, side) for datum in self.data]
+        alike = (boundary, until, stencil, self.sides[axis, -side], *self._beside(axis), *(datum.values.tobytes() for datum in turned))
+        if alike in self._known:
+            return self._known[alike]
+        distance = distance_to_side([datum.values for datum in turned])
+        arrived = self._arrivals(medium, axis, side, turned, until, wanted, size)
+        size = max(size, arrived.largest)
+
+        def steep(nodes: int) -> Layer:
+            return replace(boundary, nodes=nodes).layer(2, stencil, self.coefficient, self.spacing, 0.0)
+
+        members = family(stencil, medium.speed / self.spacing, until, distance, wanted, steep)
+        found = thinnest(members, arrived, wanted, size)
+        if found is None:
+            raise InputError("no layer keeps the target for these data", value=wanted, key="boundary.target",
+                             remedy="a larger target, smoother data, or data farther from the side")  # fmt: skip
+        self._known[alike] = found
+        return found
+
+    def _beside(self, axis: int) -> list[object]:
+        """The sides along the other axes."""
+        return [self.sides[other, side] for other in range(len(self.shape)) if other != axis for side in (-1, 1)]
+
+    def _from_scatterers(self, datum: Datum, axis: int, side: int) -> Datum:
+        """The datum, moved along the normal to where waves are scattered last before the side, if that is nearer to it."""
+        if self.scatterers is None or not self.scatterers.any():
+            return datum
+        nodes = Datum(self.scatterers, datum.kind).turned(axis, side).values.reshape(len(datum.values), -1)
+        nearer = int(distance_to_side([datum.values])) - (len(nodes) - 1 - int(np.flatnonzero(nodes.any(1))[-1]))
+        nearer = min(nearer, int(distance_to_side([datum.values])) // 2)
+        if nearer <= 0:
+            return datum
+        moved = np.zeros_like(datum.values)
+        moved[nearer:] = datum.values[:-nearer]
+        return replace(datum, values=np.where(np.abs(moved) > np.abs(datum.values), moved, datum.values))
+
+    def _arrivals(self, medium: Medium, axis: int, side: int, data: Sequence[Datum], until: float, wanted: float, size: float) -> Arrivals:
+        """What arrives at a side, with the images of the data behind the walls of the near field."""
+        room = int(np.ceil(medium.speed * until / self.spacing))
+        unfolded, lengths = [datum.values for datum in data], []
+        image = _image(self.sides[axis, -side])
+        if image:
+            unfolded = [np.concatenate([image * values[::-1], values]) for values in unfolded]
+        tangential = [b for b in range(len(self.shape)) if b != axis]
+        for place, other in enumerate(tangential, 1):
+            unfolded, length = self._unfold(unfolded, place, other, room)
+            lengths.append(length)
+        steps = max(2, int(np.ceil(until / self.dt)))
+        return arrivals(medium, steps, [replace(d, values=v) for d, v in zip(data, unfolded, strict=True)], lengths, wanted, size)
+
+    def _unfold(self, fields: list[np.ndarray], place: int, axis: int, room: int) -> tuple[list[np.ndarray], int]:
+        """Fields with their images along a tangential axis, and the length after which they repeat themselves."""
+        lower, upper = self.sides[axis, -1], self.sides[axis, 1]
+        below, above, nodes = _image(lower), _image(upper), fields[0].shape[place]
+        if isinstance(lower, Periodic):
+            return fields, nodes
+        if above:
+            fields = [np.concatenate([field, above * np.flip(field, place)], place) for field in fields]
+        elif below:
+            fields = [np.concatenate([below * np.flip(field, place), field], place) for field in fields]
+        if above and below and above != below:
+            fields = [np.concatenate([field, -field], place) for field in fields]
+        count = fields[0].shape[place]
+        if above and below:
+            return fields, count
+        return fields, fft.next_fast_len(count + min(room, max(_ROOM.get(len(self.shape), 0), nodes)))
+
+
+def stand_ins(shape: tuple[int, ...], reach: int) -> list[Datum]:
+    """Data in place of such that are not known: short pulses in the middle and one reach and a few nodes from both ends of each axis."""
+    places = [np.array(shape) / 2]
+    for axis, nodes in enumerate(shape):
+        near = min(reach + 4 * _STAND_IN, nodes / 2)
+        places += [np.where(np.arange(len(shape)) == axis, end, places[0]) for end in (near, nodes - 1 - near)]
+    grid = np.ix_(*[np.arange(n) for n in shape])
+    pulses = [np.exp(-sum((x - a) ** 2 for x, a in zip(grid, place, strict=True)) / _STAND_IN**2) for place in places]
+    return [Datum(np.max(pulses, axis=0), "u")]
+
+
+def _image(boundary: object) -> int:
+    """Sign of the image that stands for a wall; 0 where the medium goes on."""
+    return 1 if isinstance(boundary, Free) else -1 if isinstance(boundary, Fixed) else 0
