@@ -13,7 +13,7 @@ from farhorizon.analysis.choice import Choice, weak
 from farhorizon.analysis.returned import Datum
 from farhorizon.analysis.short_waves import high_pass
 from farhorizon.analysis.spectrum import band
-from farhorizon.analysis.thickness import Thickness
+from farhorizon.analysis.thickness import Thickness, distance_to_side, thinnest_for_diffusion
 from farhorizon.beyond import Beyond, gradients
 from farhorizon.boundaries import (
     Absorbing,
@@ -38,7 +38,7 @@ from farhorizon.cracks import Crack, as_crack, cut_bonds
 from farhorizon.engine import NEVER, Engine, Layer, Zone
 from farhorizon.errors import InputError
 from farhorizon.expressions import as_given
-from farhorizon.far_field import DEFAULT_CROSSINGS, FarField, stand_ins
+from farhorizon.far_field import CROSSINGS, LASTING, FarField, stand_ins
 from farhorizon.incidence import Incidence, IncidentWave, check_scatterers
 from farhorizon.integrators import Euler, Verlet
 from farhorizon.kernel import Kernel
@@ -145,7 +145,7 @@ class Assembly:
         self.thickness: dict[str, Thickness] = {}
         walls = [key for key, b in self.sides.items() if not isinstance(b, Absorbing | Periodic)]
         waves = [s.resolved(lattice, self.stencil.reach, walls) for s in sources if isinstance(s, IncidentWave)]
-        self._choose_layers(initial, sources, dtype, cracks, factor)
+        self._choose_layers(initial, sources, dtype, cracks, factor, specimens)
         sources = [s for s in sources if not isinstance(s, IncidentWave)]
         self._beyond = Beyond(lattice, self.sides, model.order, self._depth(), self._near_field)
         self._beyond.notes += self.conditions.notes
@@ -531,8 +531,15 @@ class Assembly:
             if isinstance(boundary, LatticePML) and boundary.angle is None
         }
 
+    @property
+    def crossing(self) -> float:
+        """The set-up's own unit of time: in it the fastest wave crosses the near field, or what diffuses empties it, ``R^2/D``."""
+        extent = max(self.lattice.shape) * self.lattice.spacing
+        return self.model.crossing(extent, max(self.strongest, 1e-300))
+
     def _choose_layers(
-        self, initial: Mapping[str, Any], sources: Sequence[Any], dtype: str, cracks: Sequence[Any], factor: np.ndarray | None
+        self, initial: Mapping[str, Any], sources: Sequence[Any], dtype: str, cracks: Sequence[Any], factor: np.ndarray | None,
+        specimens: Sequence[Specimen],
     ) -> None:  # fmt: skip
         """Add the layers that are chosen by angle, which takes the step and the waves of the data; one choice for sides that are alike."""
         known: dict[Any, tuple[Layer, Choice]] = {}
@@ -543,24 +550,51 @@ class Assembly:
                 if like not in known:
                     known[like] = self._chosen(boundary, stencil, name, initial, sources)
                 self._layers[axis, side], self.choices[name] = known[like]
-        self._choose_thickness(initial, sources, cracks, factor)
+        self._choose_thickness(initial, sources, cracks, factor, specimens)
         if known or self.thickness:
             self._check_memory(dtype)
 
-    def _choose_thickness(self, initial: Mapping[str, Any], sources: Sequence[Any], cracks: Sequence[Any], factor: np.ndarray | None) -> None:
+    def _choose_thickness(
+        self, initial: Mapping[str, Any], sources: Sequence[Any], cracks: Sequence[Any], factor: np.ndarray | None, specimens: Sequence[Specimen]
+    ) -> None:  # fmt: skip
         """Give each side whose layer chooses for itself the thinnest that keeps its target."""
         chosen = {key: b for key, b in self.sides.items() if isinstance(b, LatticePML) and b.chooses}
-        if not chosen or self.model.order != 2 or self.stencil.components > 1 or not weak(high_pass(self.stencil)):
+        if not chosen or self.stencil.components > 1:
             return
         lattice, model = self.lattice, self.model
-        crossing = float((lattice.upper - lattice.lower).max()) / float(np.sqrt(model.coefficient * self.strongest))
-        lengths = {key: b.until or DEFAULT_CROSSINGS * crossing for key, b in chosen.items()}
+        if model.order == 1:
+            self._choose_for_diffusion(chosen, initial, sources, self._scatterers(cracks, factor), specimens)
+            return
+        if not weak(high_pass(self.stencil)):
+            return
+        lengths = {key: b.until or CROSSINGS * self.crossing for key, b in chosen.items()}
         field = FarField(
             lattice.shape, self.stencil, model.coefficient, lattice.spacing, Recursion.of(model.integrator, self.dt, model.damping), self.dt,
             self.sides, self._data(initial, sources, max(lengths.values())), self._scatterers(cracks, factor),
         )  # fmt: skip
         for (axis, side), boundary in chosen.items():
             found = field.layer(axis, side, boundary, lengths[axis, side])
+            self._layers[axis, side], self.thickness[AXES[axis] + "-+"[side > 0]] = found.layer, found
+
+    def _choose_for_diffusion(
+        self, chosen: Mapping[tuple[int, int], LatticePML], initial: Mapping[str, Any], sources: Sequence[Any], scatterers: np.ndarray,
+        specimens: Sequence[Specimen],
+    ) -> None:  # fmt: skip
+        """As `_choose_thickness`; what counts is the way from the data, the metal or a condition to the side."""
+        lattice, diffusivity = self.lattice, self.model.coefficient * self.strongest
+        busy = scatterers.astype(float)
+        busy.ravel()[self.conditions.nodes] = 1
+        if specimens:
+            busy[self._place(specimens)[0]] = 1
+        data = self._data(initial, sources, 0.0)
+        for (axis, side), boundary in chosen.items():
+            turned = [datum.turned(axis, side).values for datum in [*data, Datum(busy, "u")]]
+            distance = lattice.spacing * distance_to_side(turned)
+            spread = diffusivity * (boundary.until or LASTING * self.crossing)
+            found = thinnest_for_diffusion(lattice.spacing, spread, distance, boundary.wanted(1))
+            if found is None:
+                raise InputError("no layer keeps the target for so long a run", value=boundary.wanted(1), key="boundary.target",
+                                 remedy="a larger target, a shorter run, or data farther from the side")  # fmt: skip
             self._layers[axis, side], self.thickness[AXES[axis] + "-+"[side > 0]] = found.layer, found
 
     def _data(self, initial: Mapping[str, Any], sources: Sequence[Any], until: float) -> list[Datum]:

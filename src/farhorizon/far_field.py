@@ -17,7 +17,7 @@ from farhorizon.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.stencil import Stencil
 
-DEFAULT_CROSSINGS = 20  # of the near field, that a run takes unless it is known
+CROSSINGS, LASTING = 20, 10  # length of a run unless it is known: of waves in crossings of the near field, of diffusion in R^2/diffusivity
 _ROOM = {2: 512, 3: 96}  # nodes beside the near field, at most, before the data repeat themselves along the side
 _STAND_IN = 2.0  # width, in nodes, of the pulses that stand for data which are not known
 
@@ -104,33 +104,35 @@ class FarField:
     def _arrivals(self, medium: Medium, axis: int, side: int, data: Sequence[Datum], until: float, wanted: float, size: float) -> Arrivals:
         """What arrives at a side, with the images of the data behind the walls of the near field."""
         room = int(np.ceil(medium.speed * until / self.spacing))
-        unfolded, lengths = [datum.values for datum in data], []
+        unfolded, lengths, near = [datum.values for datum in data], [], []
         image = _image(self.sides[axis, -side])
         if image:
             unfolded = [np.concatenate([image * values[::-1], values]) for values in unfolded]
-        tangential = [b for b in range(len(self.shape)) if b != axis]
-        for place, other in enumerate(tangential, 1):
-            unfolded, length = self._unfold(unfolded, place, other, room)
+        for place, other in enumerate((b for b in range(len(self.shape)) if b != axis), 1):
+            unfolded, nodes, length = self._unfold(unfolded, place, other, room)
             lengths.append(length)
+            near.append(nodes)
         steps = max(2, int(np.ceil(until / self.dt)))
-        return arrivals(medium, steps, [replace(d, values=v) for d, v in zip(data, unfolded, strict=True)], lengths, wanted, size)
+        return arrivals(medium, steps, [replace(d, values=v) for d, v in zip(data, unfolded, strict=True)], lengths, near, wanted, size)
 
-    def _unfold(self, fields: list[np.ndarray], place: int, axis: int, room: int) -> tuple[list[np.ndarray], int]:
-        """Fields with their images along a tangential axis, and the length after which they repeat themselves."""
+    def _unfold(self, fields: list[np.ndarray], place: int, axis: int, room: int) -> tuple[list[np.ndarray], range, int]:
+        """Fields with their images along a tangential axis, which nodes are the near field's, and the length after which all is repeated."""
         lower, upper = self.sides[axis, -1], self.sides[axis, 1]
         below, above, nodes = _image(lower), _image(upper), fields[0].shape[place]
+        near = range(nodes)
         if isinstance(lower, Periodic):
-            return fields, nodes
+            return fields, near, nodes
         if above:
             fields = [np.concatenate([field, above * np.flip(field, place)], place) for field in fields]
         elif below:
             fields = [np.concatenate([below * np.flip(field, place), field], place) for field in fields]
+            near = range(nodes, 2 * nodes)
         if above and below and above != below:
             fields = [np.concatenate([field, -field], place) for field in fields]
         count = fields[0].shape[place]
         if above and below:
-            return fields, count
-        return fields, fft.next_fast_len(count + min(room, max(_ROOM.get(len(self.shape), 0), nodes)))
+            return fields, near, count
+        return fields, near, fft.next_fast_len(count + min(room, max(_ROOM.get(len(self.shape), 0), nodes)))
 
 
 def stand_ins(shape: tuple[int, ...], reach: int) -> list[Datum]:

@@ -741,11 +741,6 @@ class Simulation(Assembly, Run):
         """The exact ends; None without."""
         return self._ends
 
-    @property
-    def crossing(self) -> float:
-        extent = max(self.lattice.shape) * self.lattice.spacing
-        return self.model.crossing(extent, max(self.strongest, 1e-300))
-
     def certificate(self, budget: float = BUDGET) -> Certificate:
         """Whether the complete update, near field and all memory of the boundaries, is stable; see `farhorizon.certificate`.
 

@@ -32,6 +32,7 @@ _NEWTON, _LONGEST = 12, 0.3  # iterations from the root of long waves, and the l
 _SETTLED = 1e-8  # relative residual of a root
 _FELT = 0.02  # share of the wanted error that waves which are left out may make together
 _EXACT = 24  # waves whose reflection is computed exactly, into all modes of a wide stencil
+_FINER = 2  # moments and places at which the largest value is looked for, over the fewest that hold the waves
 _COMPARED = 2000  # waves by which layers are compared
 _COHERENT = 0.05  # the largest value over the sum of all amplitudes, at least
 _SPARSE = 8  # every so many tangential modes tell which frequencies are felt
@@ -81,6 +82,8 @@ class Arrivals:
         Of that array, frequencies first: no more than the waves need.
     growth : ndarray, shape (times,)
         exp(a t) at so many moments of the run, times what the transforms divide by.
+    seen : list of ndarray of int
+        Of the places along each tangential axis, those beside the near field.
     """
 
     medium: Medium
@@ -91,6 +94,7 @@ class Arrivals:
     place: np.ndarray
     shape: tuple[int, ...]
     growth: np.ndarray
+    seen: list[np.ndarray]
 
     @property
     def frequency(self) -> np.ndarray:
@@ -118,8 +122,8 @@ class Arrivals:
         spectrum[self.place] = amplitude
         along = tuple(range(1, len(self.shape)))
         spectrum = fft.ifftn(spectrum.reshape(self.shape), axes=along) if along else spectrum
-        steps = len(self.growth)
-        history = fft.irfft(spectrum, 2 * steps, axis=0)[:steps]
+        times = len(self.growth)
+        history = fft.irfft(spectrum[np.ix_(np.arange(self.shape[0]), *self.seen)], 2 * times, axis=0)[:times]
         return float((np.abs(history).max(along) * self.growth).max())
 
     def conversion(self, layer: Layer) -> float:
@@ -160,7 +164,8 @@ def reflected(root: np.ndarray, frequency: np.ndarray, layer: Layer) -> np.ndarr
 
 
 def arrivals(
-    medium: Medium, steps: int, data: Sequence[Datum], lengths: Sequence[int], wanted: float, size: float = 0.0
+    medium: Medium, steps: int, data: Sequence[Datum], lengths: Sequence[int], near: Sequence[range], wanted: float,
+    size: float = 0.0,
 ) -> Arrivals:  # fmt: skip
     """The waves that data send to a side.
 
@@ -174,6 +179,8 @@ def arrivals(
     lengths : sequence of int
         Nodes after which the near field repeats itself, one for each tangential axis: so many that nothing comes round
         within the run, or the period of a waveguide.
+    near : sequence of range
+        Of the data's nodes along each tangential axis, those of the near field; the others are images.
     wanted : float
         The error that is to be told from none, relative to the largest value.
     size : float
@@ -213,15 +220,19 @@ def arrivals(
     heard = heard[_largest(loudness, 0.5 * threshold)]
     root, amplitude = arrived(heard, slice(None))
     felt = _largest(np.abs(amplitude).ravel(), 0.5 * threshold)
-    times = int(heard[-1]) + 1  # a coarser sampling of time and place holds all that is heard
+    times = _FINER * (int(heard[-1]) + 1)  # a coarser sampling of time and place than the run's holds all that is heard
     signed = [np.round(line / (2 * np.pi) * length).astype(int) for line, length in zip(along, lengths, strict=True)]
-    counts = [fft.next_fast_len(2 * int(np.abs(line).max()) + 1) for line in signed]
+    counts = [fft.next_fast_len(_FINER * (2 * int(np.abs(line).max()) + 1)) for line in signed]
+    seen = [
+        np.unique(np.round(np.linspace(nodes[0], nodes[-1], count) / length * count).astype(int) % count)
+        for nodes, length, count in zip(near, lengths, counts, strict=True)
+    ]
     grid = np.ravel_multi_index([line % count for line, count in zip(signed, counts, strict=True)], counts) if counts else np.zeros(1, int)
     place = (heard[:, None] * int(np.prod(counts)) + grid).ravel()[felt]
     factor = np.broadcast_to(z[heard][:, None], root.shape).ravel()[felt]
     along = np.broadcast_to(along[:, None, :], (len(along), *root.shape)).reshape(len(along), root.size)[:, felt]
     growth = np.exp(decay * medium.dt * steps / times * np.arange(times)) * (times / steps) * np.prod(counts)
-    return Arrivals(medium, amplitude.ravel()[felt], root.ravel()[felt], factor, along, place, (times + 1, *counts), growth)
+    return Arrivals(medium, amplitude.ravel()[felt], root.ravel()[felt], factor, along, place, (times + 1, *counts), growth, seen)
 
 
 def _start(datum: Datum, z: np.ndarray, medium: Medium, decay: float) -> np.ndarray:

@@ -38,8 +38,11 @@ _SLOWEST = 0.3  # least alpha times the length of the run: with less, what stand
 _GENTLE = HighPass(3, 1, 1.0, 0.0)  # filter of three neighbours for weak backward waves, beside thin profiles
 _GENTLE_RATE, _GENTLE_RAMP = 3.0, 4  # its rate over what first order in sigma asks for, at the outer end, and the power of its ramp
 _AIM = 0.4  # of the wanted error: the prediction knows one side and one reflection
+_AIM_LASTING = 0.25  # in diffusion, where what all sides send back adds up
 _MOST = 60  # nodes
-_DECAYS = 5.2, 3.2, 2.3  # of diffusion: the steepest and the slowest decay that matter, see `diffusive`
+_STEEPEST, _EARLY, _GRADUAL = 3.2, 5.2, 2.3  # of diffusion: which decays matter, fitted to the least error over all times of a run
+_HIGHEST, _POINTS = 6.0, 241  # of the integral over y: exp(-36) remains
+_BEGIN, _TIMES = 0.03, 60  # first time in squared distance over D, before which nothing has come back, and how many are looked at
 
 
 @dataclass(frozen=True)
@@ -183,28 +186,61 @@ def distance_to_side(values: Iterable[np.ndarray]) -> float:
     return float(min((len(share) - 1 - int(np.searchsorted(share, 0.999)) for share in held), default=0))
 
 
-def diffusive(spacing: float, spread: float, distance: float, wanted: float, nodes: int | None = None) -> Layer:
-    """A layer for diffusion to all times of a run.
-
-    With ``D T / distance^2 = r`` the number of nodes is ``ln(1/wanted) (0.49 + 0.124 ln r) + 2``, a fit to the exact error
-    of a point source in front of one side, relative to the field at that time.
+def diffusive(nodes: int, spacing: float, spread: float, distance: float) -> Layer:
+    """A layer for diffusion.
 
     Parameters
     ----------
+    nodes : int
     spacing : float
     spread : float
         Diffusivity times the length of the run.
     distance : float
         The shortest way from the data to the side.
-    wanted : float
-        Error relative to the largest value at the same time.
-    nodes : int, optional
-        Fixes the thickness.
     """
-    distance = max(distance, spacing)
     later = np.log(max(spread / distance**2, 1.0))
-    count = nodes or int(np.ceil(np.log(1 / wanted) * (0.49 + 0.124 * later) + 2))
-    steepest = min(_DECAYS[1] * count / (distance * (later + _DECAYS[0])), 2 / spacing)
-    slowest = min(_DECAYS[2] / np.sqrt(spread), steepest / 2)
-    tau = spacing / 2 * steepest * _zolotarev(slowest / steepest, count + 1)
-    return Layer(np.maximum(1 / tau, 1.0), np.zeros(count + 1), np.zeros(count + 1))
+    steepest = min(_STEEPEST * nodes / (distance * (later + _EARLY)), 2 / spacing)
+    slowest = min(_GRADUAL / np.sqrt(spread), steepest / 2)
+    tau = spacing / 2 * steepest * _zolotarev(slowest / steepest, nodes + 1)
+    return Layer(np.maximum(1 / tau, 1.0), np.zeros(nodes + 1), np.zeros(nodes + 1))
+
+
+def returned_by_diffusion(layer: Layer, spacing: float, spreads: np.ndarray, distance: float) -> np.ndarray:
+    """What comes back to the side of a point source on a line, relative to the largest value at the same time.
+
+    The inverse Laplace transform along ``lambda = (1.2 + i y)/sqrt(D t)``; of waves along the side less remains.
+
+    Parameters
+    ----------
+    layer : Layer
+    spacing : float
+    spreads : ndarray, shape (n,)
+        D t of the times.
+    distance : float
+        Of the source from the side.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+    """
+    y, step = np.linspace(-_HIGHEST, _HIGHEST, _POINTS, retstep=True)
+    scaled = 1.2 + 1j * y
+    decay = scaled / np.sqrt(spreads)[:, None]
+    tangent = np.tanh(spacing * decay / 2)
+    back = np.ones_like(decay)
+    for edge, kappa in enumerate(layer.kappa):
+        passed = (1 - kappa * tangent) / (1 + kappa * tangent)
+        back *= passed if edge == layer.columns else passed**2
+    return np.asarray(np.abs((np.exp(scaled**2 - decay * distance) * back).sum(1)) * step / np.sqrt(np.pi))
+
+
+def thinnest_for_diffusion(spacing: float, spread: float, distance: float, wanted: float) -> Thickness | None:
+    """The fewest nodes that keep an error relative to the largest value at every time of a run; None if no 60 nodes do."""
+    distance = max(distance, spacing)
+    spreads = np.geomspace(min(_BEGIN * distance**2, spread), spread, _TIMES)
+    for nodes in range(2, _MOST + 1):
+        layer = diffusive(nodes, spacing, spread, distance)
+        predicted = float(returned_by_diffusion(layer, spacing, spreads, distance).max())
+        if predicted <= _AIM_LASTING * wanted:
+            return Thickness("diffusive", layer, predicted)
+    return None
