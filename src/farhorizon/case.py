@@ -626,7 +626,8 @@ class Case:
             expression = self._expression(parts.coefficient, "coefficient")
             coefficient = np.broadcast_to(expression(*self.lattice.coordinates()) if callable(expression) else expression, self.lattice.shape)
         return {
-            "lattice": self.lattice, "model": self.model, "initial": self._initial(), "boundary": self._boundary() or fh.LatticePML(until=parts.run.until),
+            "lattice": self.lattice, "model": self.model, "initial": self._initial(),
+            "boundary": self._boundary() or fh.LatticePML(until=parts.run.until),
             "sources": [self._expression(s.value, "source.value") for s in parts.source] + [self._incident(w) for w in parts.incident],
             "specimens": [fh.Specimen(s.region.build(f"specimen[{i}].region"), s.concentration) for i, s in enumerate(parts.specimen)],
             "cracks": [self._crack(c) for c in parts.crack],

@@ -11,6 +11,7 @@ from farhorizon import boundaries, outlines, shapes
 from farhorizon.conditions import Convection, Flux, Insulated, Temperature
 from farhorizon.constraints import Prescribed
 from farhorizon.cracks import Crack
+from farhorizon.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.expressions import Expression
 from farhorizon.incidence import IncidentWave
@@ -34,7 +35,8 @@ _TYPES = {
         *(getattr(shapes, n) for n in ("Disc", "Ball", "Box", "Polygon", "Union", "Intersection", "Difference")),
         *(getattr(outlines, n) for n in ("ImageMask", "Text")),
         *(getattr(shapes, n) for n in ("PointCut", "Polyline", "Rectangle", "DiscCut", "PolygonCut")),
-        *(Beam, Convection, Crack, Diffusion, Expression, Flux, Heat, Insulated, Kernel, Lattice, Prescribed, RungeKuttaChebyshev, Source, Stencil),
+        *(Beam, Convection, Crack, Diffusion, Expression, Flux, Heat, Insulated, Kernel, Lattice, Layer, Prescribed, RungeKuttaChebyshev),
+        *(Source, Stencil),
         *(BodyForce, Corrosion, Elastic, IncidentWave, Specimen, Traction, Temperature, Wave),
     )
 }

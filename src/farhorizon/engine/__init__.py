@@ -60,6 +60,10 @@ class Layer:
     taps: np.ndarray = field(default_factory=lambda: np.zeros(1))
     whole: bool = False
 
+    def __post_init__(self) -> None:
+        for name in ("kappa", "sigma", "alpha", "damping", "taps"):  # a checkpoint has short arrays as lists
+            object.__setattr__(self, name, np.asarray(getattr(self, name), float))
+
     @property
     def columns(self) -> int:
         """Nodes of the layer along its normal."""
