@@ -430,6 +430,7 @@ class Case:
         except ValidationError as error:
             raise InputError(f"{self.path}: " + _explain(error, data)) from None
         with self.naming():
+            self._check_times()
             self.lattice = self._lattice()
             if isinstance(self.parts.model, BodyPart):
                 self.kind: type[Run] = fh.Body
@@ -734,11 +735,14 @@ class Case:
         except InputError as error:
             raise error.at(_under(key, error.key)) from None
 
-    def _check_output(self) -> None:
+    def _check_times(self) -> None:
         out = self.parts.output
         for name, value in (("output.every", out.every), ("output.probe_every", out.probe_every), ("run.until", self.parts.run.until)):
             if value is not None and value <= 0:
                 raise InputError("must be positive", value=value, key=name)
+
+    def _check_output(self) -> None:
+        out = self.parts.output
         known = {"correspondence": ["u", "v", "damage"], "corrosion": ["u", "solid", "dissolved"]}.get(self.parts.model.type, ["u"])
         if self.kind is fh.Simulation and self.model.order == 2:
             known = [*known, "v", *(["damage"] if self._bondwise else [])]
