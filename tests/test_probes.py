@@ -82,6 +82,8 @@ def test_every_so_many_steps_and_forgetting():
     assert len(times) == len(values) == 4 and not len(probes.times) and not len(probes.values)
     run.run(1.3)
     np.testing.assert_allclose(probes.times, [1.2])
+    assert run.record([]).values.shape[1] == 0 and waves().record([0.5, 0.5]).places.tolist() == [[0.5, 0.5]]
+    assert bar().record([0.5, 1.0]).places.tolist() == [[0.5], [1.0]] and bar().record([[0.5], [1.0]]).places.shape == (2, 1)
     for bad in ({"points": [[9.0, 0.0]]}, {"points": [[0.0, 0.0]], "every": 0.31}, {"points": [[0.0, 0.0]], "every": -1.0}):
         with pytest.raises(fh.InputError):
             run.record(**bad)

@@ -37,7 +37,9 @@ class Probes:
     def __init__(self, lattice: Lattice, points: Any, stride: int = 1) -> None:
         kinds.instance(lattice, "lattice", Lattice, "a Lattice")
         stride, given = kinds.integer(stride, "stride", least=1), kinds.array(points, "probes")
-        asked = given.reshape(-1, 1) if lattice.dim == 1 else kinds.array(np.atleast_2d(given), "probes", shape=(None, lattice.dim))
+        if given.ndim < 2 and (lattice.dim == 1 or not given.size):  # numbers along a line, or none at all
+            given = given.reshape(-1, lattice.dim)
+        asked = kinds.array(np.atleast_2d(given), "probes", shape=(None, lattice.dim))
         found = np.array([lattice.index(point) for point in asked], int).reshape(-1, lattice.dim)
         self.places, self.stride = lattice.lower + lattice.spacing * found, stride
         self.nodes = np.ravel_multi_index(tuple(found.T), lattice.shape) if len(found) else np.zeros(0, int)
