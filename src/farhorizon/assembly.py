@@ -114,7 +114,7 @@ class Assembly:
         self._check_model(cracks, coefficient, specimens, loads)
         self._check_bonds(cracks, rim)
         kinds.one_of(dtype, "dtype", ("float64", "float32"), "unknown number type")
-        kinds.one_of(rule, "rule", ("both", "arithmetic", "harmonic"), "unknown rule for the bond between two coefficients")
+        kinds.one_of(rule, "rule", ("both", "arithmetic", "harmonic"), "unknown bond rule")
         kinds.one_of(rim, "rim", ("free", "fixed"), "unknown rim of a body")
         threads = wanted_threads(threads)
         if rim == "fixed" and lattice.body is None:

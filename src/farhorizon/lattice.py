@@ -11,6 +11,8 @@ from farhorizon.machine import available_memory
 from farhorizon.shapes import Shape
 
 AXES = ("x", "y", "z")
+_LARGE = 2.0**28  # bytes that need no look at the memory, which takes longer than to fill a few nodes
+_COUNTED = 2.0**53  # nodes: beyond it their numbers are not exact in double precision
 _SHAPES = "Disc, Ball, Box, Polygon, in 2D ImageMask of a mask, or a subclass of farhorizon.shapes.Shape with dim, bounds() and contains(points)"
 
 
@@ -61,7 +63,8 @@ class Lattice:
             lower, upper = (np.atleast_1d(kinds.array(bound, f"lattice.{name}")) for name, bound in (("lower", lower), ("upper", upper)))
             first, last = self._whole_spacings(lower, upper)
         region = window if window is not None else body
-        _check_size(last - first + 1, 1 if region is None else 3 * len(first) + 2)
+        if region is not None or np.prod(last - first + 1) > _COUNTED:
+            _check_size(last - first + 1, 3 * len(first) + 2)
         self.shape: tuple[int, ...] = tuple(int(n) for n in last - first + 1)
         self.dim = len(self.shape)
         if min(self.shape) < 1:
@@ -104,7 +107,8 @@ class Lattice:
         return [self.lower[a] + self.spacing * np.arange(n) for a, n in enumerate(self.shape)]
 
     def coordinates(self) -> list[np.ndarray]:
-        """Coordinates of all nodes, one array of the lattice's shape an axis."""
+        """Coordinates of all nodes, one array of the lattice's shape an axis; InputError if they do not fit into memory."""
+        _check_size(np.array(self.shape), self.dim)
         return list(np.meshgrid(*self.axes, indexing="ij"))
 
     def index(self, point: ArrayLike) -> tuple[int, ...]:
@@ -146,7 +150,7 @@ class Lattice:
 def _check_size(count: np.ndarray, fields: int) -> None:
     """InputError unless so many fields on so many nodes along each axis fit into memory."""
     need = 8.0 * fields * float(np.prod(np.maximum(count, 1.0)))
-    if not need <= available_memory():
+    if need > _LARGE and need > available_memory():
         size = " x ".join(shown(n) for n in count)
         raise InputError("the lattice does not fit into memory", value=f"about {need / 2**30:.3g} GiB for {size} nodes",
                          limit=f"{available_memory() / 2**30:.3g} GiB available", key="lattice.spacing",
