@@ -27,6 +27,7 @@ class _Part(BaseModel):
 
 _OUTPUTS = 40  # of a run, unless `every` is given
 
+_MOST_OUTPUTS = 1e6  # each takes milliseconds
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Value = str | Number | list[str | Number]  # an expression or a number, of vectors one a component
 
@@ -423,7 +424,7 @@ class Case:
         self.text, self.path = text, Path(path)
         try:
             data = tomllib.loads(text)
-        except tomllib.TOMLDecodeError as error:
+        except (ValueError, RecursionError) as error:  # of numbers and of nesting beyond what Python takes, too
             raise InputError(f"{self.path}: not valid TOML: {error}") from None
         try:
             self.parts = CasePart.model_validate(data, context={"folder": self.path.parent})
@@ -740,6 +741,9 @@ class Case:
         for name, value in (("output.every", out.every), ("output.probe_every", out.probe_every), ("run.until", self.parts.run.until)):
             if value is not None and value <= 0:
                 raise InputError("must be positive", value=value, key=name)
+        if self.parts.run.until > _MOST_OUTPUTS * (out.every or self.parts.run.until):
+            raise InputError("so many outputs cannot be written", value=out.every, limit=f">= {self.parts.run.until / _MOST_OUTPUTS:.3g}",
+                             key="output.every", remedy="fewer outputs; probes record every step")  # fmt: skip
 
     def _check_output(self) -> None:
         out = self.parts.output

@@ -161,6 +161,9 @@ class Stencil:
         c = kernel.scaling_constant(dim) * spacing ** (dim + 2 - kernel.exponent)
         weights = c * kernel.influence_at(r * spacing) * share * r ** -float(kernel.exponent)
         used = weights > 1e-14 * weights.max()
+        if not used.any():  # such as a linear influence, which ends at the horizon
+            raise InputError("every neighbour within the horizon has the weight zero", value=kernel.influence, key="kernel.influence",
+                             remedy=f"horizon = {3 * spacing:g} (three spacings)")  # fmt: skip
         return grid[used], weights[used]
 
     @classmethod

@@ -142,7 +142,8 @@ def chain_modes(weights: np.ndarray, factor: complex, recursion: Recursion, near
     apart = np.abs(roots) - 1
     # what grows in time came from where it was small: a wave that comes to the side then falls off towards it
     ahead = np.where(np.abs(apart) > _UNIT, apart, (rise / np.where(slope == 0, 1e-300, slope)).real) < 0
-    if not ahead.any():
+    there = (len(blocks) // 2) * blocks.shape[1]  # so many waves go each way, fewer where the outermost weights are singular
+    if not ahead.any() or not 0 < (~ahead).sum() <= there:  # or overdamped, where nothing travels
         raise InputError("no wave of this frequency and wavenumber comes to the side", value=near)
     incoming = roots[ahead][np.argmin(np.minimum(np.abs(roots[ahead] - near), np.abs(roots[ahead] - 1 / near)))]
     leaving = roots[~ahead]

@@ -1,0 +1,136 @@
+"""Input that once ended in a traceback, a crash or an endless loop: refused in one line, or run."""
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.case import Case
+
+LINE = {"spacing": "0.25", "lower": "[-3.0]", "upper": "[3.0]"}
+PULSE = "max(0, 1-4*x**2)**2"
+
+
+def case(lattice=LINE, model='{ type = "wave", kernel = { horizon = 0.75 } }', u=PULSE, until="2.0", more=""):
+    words = ", ".join(f"{name} = {value}" for name, value in lattice.items())
+    return f'lattice = {{ {words} }}\nmodel = {model}\ninitial = {{ u = "{u}" }}\nrun = {{ until = {until} }}\n{more}'
+
+
+PLANE = {"spacing": "0.25", "lower": "[-3.0, -3.0]", "upper": "[3.0, 3.0]"}
+BOND = '{{ type = "elastic", young = 1.0, kernel = {{ horizon = {0}, exponent = 1 }} }}'
+REFUSED = {
+    "weights that are all zero": case(model='{ type = "wave", kernel = { horizon = 0.25, influence = "linear" } }'),
+    "a state-based material without weights": case(
+        {"spacing": "0.3333333333333333", "lower": "[-3.0, -3.0]", "upper": "[3.0, 3.0]"},
+        u='["0", "0"]'.replace('"', "'"),
+        model='{ type = "elastic", material = "state-based", young = 1.0, poisson = 0.2, kernel = { horizon = 0.4, exponent = 0, '
+        'influence = "linear" } }',
+    ),
+    "a number of 5000 digits": case(until="1" * 5000),
+    "brackets in brackets": case(more="output = { probes = " + "[" * 3000 + "]" * 3000 + " }"),
+    "a crack without points": case(more="crack = [{ points = [] }]"),
+    "a layer of 1e20 nodes": case(more='boundary = { all = { type = "lattice-pml", nodes = 100000000000000000000 } }'),
+    "a probe far away": case(more="output = { probes = [[-1e308]] }"),
+    "a speed whose square overflows": case(model='{ type = "wave", speed = 1e200, kernel = { horizon = 0.75 } }'),
+    "a width whose square overflows": case(
+        model='{ type = "wave", kernel = { horizon = 0.75, influence = "gaussian", width = 1e199 } }'
+    ),
+    "an exact end to the end of days": case(until="1e199", more='boundary = { all = { type = "exact" } }'),
+    "a lattice of 1e15 nodes with a load": case(
+        {**PLANE, "spacing": "1e-15"},
+        BOND.format("2e-15"),
+        "0",
+        more='load = [{ type = "traction", side = "x-", value = [1.0, 0.0] }]',
+    ),
+    "outputs a billion times a step": case(more="output = { every = 1e-12 }"),
+    "a time step of 1e-300": case(until="2.0, dt = 1e-300"),
+    "exact ends with several stages": case(
+        model='{ type = "diffusion", integrator = "rkc", kernel = { horizon = 0.75 } }',
+        more='boundary = { all = { type = "exact" } }',
+    ),
+}
+
+
+@pytest.mark.parametrize("text", REFUSED.values(), ids=REFUSED)
+def test_refused_in_a_line_of_some_length(text):
+    with pytest.raises(fh.InputError) as caught:
+        made = Case(text)
+        run = made.run()
+        run.prepare(made.parts.run.until)
+        made.every(run.dt)
+    assert len(str(caught.value)) < 1500
+
+
+def test_long_texts_are_cut_in_messages():
+    with pytest.raises(fh.InputError) as caught:
+        Case(case(u="x" * 20_000))
+    assert len(str(caught.value)) < 1000
+
+
+def test_dollars_are_letters_in_a_drawn_text():
+    """A pair of them is no mathematics: the area of "$5 and $6" is that of its letters one by one."""
+    for text in (r"$\frac$", "$5 and $6"):
+        assert np.isfinite(fh.Text(text, 1.0).bounds()).all()
+    assert np.ptp(fh.Text("$x$", 1.0).bounds(), axis=0)[0] > 2 * np.ptp(fh.Text("x", 1.0).bounds(), axis=0)[0]
+
+
+@pytest.mark.parametrize("horizon", ["0.375", "0.75"])
+def test_check_of_an_overdamped_wave(horizon):
+    made = Case(
+        case(
+            model=f'{{ type = "wave", damping = 10.0, kernel = {{ horizon = {horizon} }} }}',
+            more='boundary = { all = { type = "sponge", nodes = 4 } }',
+        )
+    )
+    assert "stability" in str(made.run().check(2.0, 0.5))
+
+
+@pytest.mark.parametrize("every", [-1.0, 0.0, float("nan"), float("inf"), 1e-320, "1"])
+def test_times_between_outputs_that_are_none(every):
+    sim = fh.Simulation(fh.Lattice(0.25, -3, 3), fh.Wave(fh.Kernel(0.75)), fh.LatticePML(nodes=6))
+    with pytest.raises(fh.InputError):
+        sim.run(1.0, every=every)
+
+
+def test_whole_numbers_of_any_kind_are_one():
+    """4, 4.0 as NumPy's integers: the same layers; halves are refused."""
+    fields = []
+    for nodes in (4, np.uint8(4), np.int8(4), np.int64(4)):
+        for kind in (fh.Sponge, fh.LatticePML):
+            sim = fh.Simulation(
+                fh.Lattice(0.25, -3, 3),
+                fh.Wave(fh.Kernel(0.75)),
+                kind(nodes=nodes),
+                {"u": lambda x: np.maximum(0, 1 - 4 * x**2) ** 2},
+            )
+            fields.append(sim.run(2.0).fields["u"])
+    for k in (0, 1):
+        assert all(np.array_equal(fields[k], other) for other in fields[k::2])
+    for kind in (fh.Sponge, fh.LatticePML):
+        with pytest.raises(fh.InputError):
+            kind(nodes=4.5)
+
+
+def test_complex_data_are_refused():
+    with pytest.raises(fh.InputError):
+        fh.Simulation(fh.Lattice(0.25, -3, 3), fh.Wave(fh.Kernel(0.75)), fh.Fixed(), {"u": np.ones(25) * 1j})
+
+
+def test_a_body_one_node_wide():
+    """Its coefficients vary over the plane, of which it has a line."""
+    lattice = fh.Lattice(1.0, (0.0, 0.0), (8.0, 0.0))
+    body = fh.Body(
+        lattice,
+        fh.Kernel(2.0, 0, "gaussian"),
+        young=lambda x, y: 1.0 + 0 * x,
+        poisson=0.25,
+        initial={"u": [lambda x, y: 0.01 * x, 0.0]},
+    )
+    body.step(3)
+    assert np.isfinite(body.fields["u"]).all() and body.fields["u"].shape == (2, 9, 1)
+
+
+@pytest.mark.parametrize("lattice", [LINE, PLANE], ids=["line", "plane"])
+def test_a_case_without_probes(lattice):
+    made = Case(case(lattice))
+    run = made.run()
+    assert len(run.record(made.parts.output.probes, made.parts.output.probe_every).nodes) == 0
