@@ -17,7 +17,9 @@ SHAPE = (40, 30)
 
 def begun(path, outputs=2):
     """A results file with some outputs, each filled with its number."""
-    writer = ResultsWriter.create(path, dim=2, shape=SHAPE, spacing=1.0, lower=(0, 0), fields=("u", "v"), dtype="float64", probes=np.zeros((2, 2)))
+    writer = ResultsWriter.create(
+        path, dim=2, shape=SHAPE, spacing=1.0, lower=(0, 0), fields=("u", "v"), dtype="float64", probes=np.zeros((2, 2))
+    )
     for _ in range(outputs):
         append(writer)
     return writer
@@ -64,7 +66,9 @@ def dying(number, function):
             calls[0] += 1
             if calls[0] == number:
                 if call is os.write:  # half of it is written
-                    os.pwrite(arguments[0], arguments[1][: len(arguments[1]) // 2], os.lseek(arguments[0], 0, os.SEEK_CUR))
+                    os.pwrite(
+                        arguments[0], arguments[1][: len(arguments[1]) // 2], os.lseek(arguments[0], 0, os.SEEK_CUR)
+                    )
                 os._exit(42)
             return call(*arguments, **options)
 
@@ -76,7 +80,9 @@ def dying(number, function):
 
 
 def every_death(function):
-    """Exit codes of `function` with an end at its first call that changes a file, its second and so on, until it comes to its own end."""
+    """Exit codes of `function` with an end at its first call that changes a file, its second and so on, until it comes
+    to its own end.
+    """
     number = 1
     while (code := in_child(lambda: dying(number, function))) == 42:  # noqa: B023
         yield number

@@ -1,14 +1,19 @@
 """Files that are as they were or as they shall be, wherever a writing process is stopped, and locks on names.
 
-HDF5 writes the pieces of one change (data, sizes, indices) one after the other and in an order of its own, so that a process that dies between two
-of them, or a disk that is full, leaves a file that nothing can read. It also cannot let go of a file that it failed to write, and ends in a crash.
+HDF5 writes the pieces of one change (data, sizes, indices) one after the other and in an order of its own, so that a
+process that dies between two
+of them, or a disk that is full, leaves a file that nothing can read. It also cannot let go of a file that it failed
+to write, and ends in a crash.
 So HDF5 does not write our files itself: it is given an object that looks like a file (`Draft`).
 
 - A new file grows under a temporary name beside its own and is renamed when it is whole.
-- Of a change to an existing file, what lies beyond the old end is written at once, for nothing refers to it yet. What replaces old content is
-  kept, written to a journal beside the file when it is complete, and from there into the file; then the journal is removed. A journal that is found
+- Of a change to an existing file, what lies beyond the old end is written at once, for nothing refers to it yet. What
+  replaces old content is
+  kept, written to a journal beside the file when it is complete, and from there into the file; then the journal is
+  removed. A journal that is found
   belongs to a change that was interrupted, and is finished by the next one; readers see through it.
-- The first error of the operating system, or an interrupt, is kept, what follows is thrown away without a word to HDF5, and then the error is raised.
+- The first error of the operating system, or an interrupt, is kept, what follows is thrown away without a word to
+  HDF5, and then the error is raised.
 """
 
 from __future__ import annotations
@@ -55,7 +60,9 @@ class Draft(io.RawIOBase):
         The first one that a read or write met; nothing has been written since.
     """
 
-    def __init__(self, path: Path, writable: bool, changes: list[Change] | None = None, size: int | None = None) -> None:
+    def __init__(
+        self, path: Path, writable: bool, changes: list[Change] | None = None, size: int | None = None
+    ) -> None:
         self.path = path
         self._file = open(path, "r+b" if writable else "rb", buffering=0)
         self.old_size = os.fstat(self._file.fileno()).st_size
@@ -228,7 +235,9 @@ def changed(path: Path) -> Iterator[Draft]:
 
 @contextmanager
 def read(path: Path) -> Iterator[Draft | None]:
-    """A file with the rest of an interrupted change; None where there is no such change, and the file can be read as it is."""
+    """A file with the rest of an interrupted change; None where there is no such change, and the file can be read as it
+    is.
+    """
     found = _read_journal(path)
     if found is None:
         yield None
@@ -253,7 +262,9 @@ def _held(draft: Draft) -> Iterator[Draft]:
 
 
 def _commit(path: Path, draft: Draft) -> None:
-    body = _PIECE.pack(draft.old_size, draft.size) + b"".join(_PIECE.pack(o, len(data)) + data for o, data in draft.changes)
+    body = _PIECE.pack(draft.old_size, draft.size) + b"".join(
+        _PIECE.pack(o, len(data)) + data for o, data in draft.changes
+    )
     temporary = _temporary_of(path)
     try:
         with open(temporary, "wb", buffering=0) as file:
@@ -306,7 +317,9 @@ def force_to_disk(path: Path) -> None:
 
 
 def remove_leftovers(path: Path) -> None:
-    """Remove temporary files that stopped processes left beside a file; the caller holds its lock, so that none is in use."""
+    """Remove temporary files that stopped processes left beside a file; the caller holds its lock, so that none is in
+    use.
+    """
     left = re.compile(re.escape(f".{path.name}.") + r"[\d-]+\.tmp")
     for other in path.parent.iterdir():
         if left.fullmatch(other.name):
@@ -360,4 +373,8 @@ def _lock(descriptor: int, path: Path) -> None:
         return
     except OSError as error:
         if error.errno in (errno.EWOULDBLOCK, errno.EACCES, errno.EDEADLK):
-            raise InputError("another run writes these results", value=str(path), remedy="wait until it has ended, or --out another folder") from None
+            raise InputError(
+                "another run writes these results",
+                value=str(path),
+                remedy="wait until it has ended, or --out another folder",
+            ) from None

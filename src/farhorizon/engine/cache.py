@@ -1,4 +1,6 @@
-"""The folder of what is made once and found again: compiled programs, kernels, certificates. A damaged file in it counts as none."""
+"""The folder of what is made once and found again: compiled programs, kernels, certificates. A damaged file in it
+counts as none.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ _STALE = 86400.0  # seconds after which a temporary file belongs to a process th
 
 
 def cache_folder() -> Path:
-    """Folder of generated programs: ``FARHORIZON_CACHE`` or the user's cache folder, else a temporary one of the user's own."""
+    """Folder of generated programs: ``FARHORIZON_CACHE`` or the user's cache folder, else a temporary one of the user's
+    own.
+    """
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     given = os.environ.get("FARHORIZON_CACHE")
     with suppress(OSError):
@@ -75,7 +79,9 @@ def kept(path: Path) -> dict[str, np.ndarray] | None:
 
 
 def write(path: Path, data: bytes) -> None:
-    """Write a file of the cache under a temporary name and rename it; temporary files that stopped processes left there go."""
+    """Write a file of the cache under a temporary name and rename it; temporary files that stopped processes left there
+    go.
+    """
     with replacing(path) as temporary:
         temporary.write_bytes(data)
     for old in (*path.parent.glob("*.tmp"), *path.parent.glob("__pycache__/*.tmp.*")):

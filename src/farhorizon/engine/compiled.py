@@ -1,4 +1,6 @@
-"""Numba's decorators with a cache that knows its damaged files: Numba itself keeps machine code without a check sum, and runs whatever it finds."""
+"""Numba's decorators with a cache that knows its damaged files: Numba itself keeps machine code without a check sum,
+and runs whatever it finds.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +42,9 @@ def _whole(path: str, head: bytes = b"") -> bool:
 class _SealedCache(FunctionCache):
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
-        self._cache_file = _SealedFiles(self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp())
+        self._cache_file = _SealedFiles(
+            self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp()
+        )
 
 
 def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:

@@ -1,0 +1,217 @@
+"""Odd arguments to every public callable: each answer is a value or an InputError that names the argument.
+
+python tests/robustness/arguments.py --seed 7
+"""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import sys
+import tempfile
+import warnings
+from pathlib import Path
+
+import machinery
+import numpy as np
+
+BAD = ("traceback", "crash", "hang")
+LIMIT = 120.0
+
+
+def odd_values():
+    """What nobody should give, by name."""
+    return {
+        "none": None,
+        "text": "text",
+        "empty": "",
+        "true": True,
+        "zero": 0,
+        "negative": -1,
+        "float": 2.5,
+        "nan": float("nan"),
+        "inf": float("inf"),
+        "huge": 1e300,
+        "tiny": 1e-300,
+        "complex": 1 + 2j,
+        "list": [],
+        "nested": [[1.0], [2.0, 3.0]],
+        "dict": {},
+        "array": np.zeros((2, 2)),
+        "nans": np.full(3, np.nan),
+        "objects": np.array([None, "a"], dtype=object),
+        "complex array": np.ones(3) * 1j,
+        "uint8": np.uint8(4),
+        "int8": np.int8(4),
+        "float32": np.float32(1.5),
+        "function": lambda *a: 1 / 0,
+        "class": dict,
+        "bytes": b"ab",
+        "set": {1, 2},
+        "big": 10**30,
+    }
+
+
+def good():
+    """Sound arguments of each public callable."""
+    import farhorizon as fh
+
+    lattice, kernel = fh.Lattice(0.5, (-3.0, -3.0), (3.0, 3.0)), fh.Kernel(1.0)
+    wave = fh.Wave(kernel)
+    disc, square = fh.Disc(1.0), [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)]
+    return {
+        "Ball": {"radius": 1.0},
+        "Beam": {"stiffness": 1.0},
+        "BodyForce": {"value": [1.0, 0.0]},
+        "Box": {"lower": [0.0, 0.0], "upper": [1.0, 1.0]},
+        "Body": {"lattice": lattice, "operator": kernel, "young": 1.0, "poisson": 0.25},
+        "Convection": {"where": "x-", "transfer": 1.0, "ambient": 0.0},
+        "Corrosion": {"operator": kernel, "diffusivity": 1.0, "saturation": 0.9},
+        "Crack": {"cut": square[:2]},
+        "Diffusion": {"operator": kernel, "diffusivity": 1.0},
+        "Disc": {"radius": 1.0},
+        "DiscCut": {"centre": [0.0] * 3, "normal": [0.0, 0.0, 1.0], "radius": 1.0},
+        "Elastic": {"kernel": fh.Kernel(1.0, 1), "young": 1.0},
+        "Exact": {},
+        "Expression": {"text": "x", "dim": 2},
+        "FirstOrder": {},
+        "Fixed": {},
+        "Flux": {"where": "x-", "value": 1.0},
+        "Free": {},
+        "Heat": {"operator": kernel},
+        "Higdon": {},
+        "Insulated": {"where": "x-"},
+        "ImageMask": {"image": np.ones((3, 3), bool), "width": 1.0},
+        "IncidentWave": {"direction": [1.0, 0.0], "signal": fh.Expression("sin(t)", 0), "duration": 3.0},
+        "Kernel": {"horizon": 1.0},
+        "Lattice": {"spacing": 0.5, "lower": (-1.0, -1.0), "upper": (1.0, 1.0)},
+        "LatticePML": {},
+        "NonlocalPML": {},
+        "Periodic": {},
+        "PlaneWave": {},
+        "PointCut": {"position": 0.1},
+        "Polygon": {"points": square},
+        "PolygonCut": {"points": [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0)]},
+        "Polyline": {"points": square},
+        "Prescribed": {"where": [[0.0, 0.0]], "value": 1.0},
+        "Rectangle": {"corner": [0.0] * 3, "edge1": [1.0, 0.0, 0.0], "edge2": [0.0, 1.0, 0.0]},
+        "RungeKuttaChebyshev": {"chebyshev": 5},
+        "Simulation": {"lattice": lattice, "model": wave, "boundary": fh.LatticePML(nodes=4)},
+        "Source": {"space": 1.0, "time": 1.0},
+        "Specimen": {"region": disc, "concentration": 1.0},
+        "Sponge": {},
+        "Stencil": {"offsets": [[1, 0], [-1, 0], [0, 1], [0, -1]], "weights": [1.0] * 4},
+        "Temperature": {"where": "x-", "value": 1.0},
+        "Text": {"text": "a", "height": 1.0},
+        "Traction": {"side": "x-", "value": [1.0, 0.0]},
+        "Wave": {"operator": kernel},
+        "WholeSteps": {},
+        "open_results": {"path": "none.h5"},
+    }
+
+
+#: Public names that are no callables for users' arguments, or that compute for long.
+NOT_CALLED = {
+    "Certificate",
+    "FarhorizonError",
+    "FileFormatError",
+    "InputError",
+    "UnstableError",
+    "ValidityWarning",
+    "Probes",
+    "tuned",
+}
+
+
+def jobs():
+    """Each argument of each public callable with each odd value, and the methods of a run."""
+    import farhorizon as fh
+
+    found = []
+    for name in fh.__all__:
+        if name not in NOT_CALLED:
+            for parameter in inspect.signature(getattr(fh, name)).parameters.values():
+                if parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY):
+                    found += [{"name": name, "argument": parameter.name, "odd": odd} for odd in odd_values()]
+    for method, arguments in METHODS.items():
+        found += [
+            {"name": "Simulation." + method, "argument": argument, "odd": odd}
+            for argument in arguments
+            for odd in odd_values()
+        ]
+    return [{"seed": 0, "number": number, **job} for number, job in enumerate(found)]
+
+
+METHODS = {"run": ("until", "every"), "step": ("count",), "save": ("path",), "load": ("path",)}
+
+
+def call(job):
+    """Call, and for what is made use it in a simulation."""
+    import farhorizon as fh
+
+    odd = odd_values()[job["odd"]]
+    name, _, method = job["name"].partition(".")
+    if method:
+        sim = fh.Simulation(**{**good()["Simulation"], "initial": {"u": 0.0}})
+        arguments = {"run": {"until": 0.5}, "step": {}, "save": {"path": "a.ckpt"}, "load": {"path": "none.ckpt"}}[
+            method
+        ]
+        return getattr(sim, method)(**{**arguments, job["argument"]: odd})
+    made = getattr(fh, name)(**{**good()[name], job["argument"]: odd})
+    setup = {**good()["Simulation"], "initial": {"u": 0.0}}
+    if name in ("Sponge", "LatticePML", "Higdon", "PlaneWave", "FirstOrder", "Fixed", "Free", "Periodic"):
+        fh.Simulation(**{**setup, "boundary": made}).step(1)
+    elif name in ("Wave", "Diffusion", "Heat"):
+        fh.Simulation(**{**setup, "model": made}).step(1)
+    elif name == "Source":
+        fh.Simulation(**{**setup, "boundary": fh.Fixed(), "sources": [made]}).step(1)
+    elif name in ("Simulation", "Body"):
+        made.step(1)
+    return made
+
+
+def answer(job):
+    import farhorizon as fh
+
+    with tempfile.TemporaryDirectory(), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            call(job)
+        except fh.InputError as error:
+            return {"class": "refused", "where": str(error)[:200]}
+        except fh.UnstableError:
+            return {"class": "unstable"}
+        except ZeroDivisionError:
+            if job["odd"] == "function":  # the user's own function
+                return {"class": "refused"}
+            return {"class": "traceback", "where": f"{job['name']}({job['argument']}={job['odd']}): ZeroDivisionError"}
+        except Exception as error:
+            return {
+                "class": "traceback",
+                "where": f"{job['name']}({job['argument']}={job['odd']}): {type(error).__name__}: {str(error)[:120]}",
+            }
+    return {"class": "taken"}
+
+
+def campaign(count, seed, processes, folder, report=print):
+    """Counts by class of `count` calls drawn at random, all of them if there are no more."""
+    every = jobs()
+    chosen = machinery.random_of(seed).permutation(len(every))[:count]
+    drawn = ({**every[int(k)], "seed": seed} for k in chosen)
+    return machinery.table(machinery.answers(Path(__file__), drawn, processes, LIMIT, folder), BAD, folder, report)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--calls", type=int, default=10**6)
+    parser.add_argument("--seed", type=int)
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.worker:
+        machinery.serve(answer)
+    else:
+        folder = Path(tempfile.mkdtemp(prefix="farhorizon-arguments-"))
+        counts = campaign(options.calls, machinery.seed_of(options.seed), options.processes, folder)
+        print(folder)
+        sys.exit(1 if set(BAD) & set(counts) else 0)

@@ -1,0 +1,481 @@
+"""Random cases: sound ones, of every model with what may stand around it, and the same with something odd in one place."""
+
+from __future__ import annotations
+
+import math
+
+ODD = [
+    "0",
+    "-1",
+    "-0.0",
+    "1e300",
+    "-1e300",
+    "1e-300",
+    "5e-324",
+    "nan",
+    "inf",
+    "1e17",
+    "'x'",
+    "''",
+    "[]",
+    "{}",
+    "true",
+    "[[]]",
+    "0.1",
+    "3",
+    "1" + "0" * 30,
+    "'exp('",
+    "'1/0'",
+    "'x**x**x'",
+    "'log(-1)'",
+    "'t'",
+    '"where(x > 0, 1, nan)"',
+    "'" + "x" * 3000 + "'",
+    "1" * 5000,
+    "[" * 2000 + "]" * 2000,
+]
+ODD_TEXTS = [
+    "linear",
+    "free",
+    "lattice-pml",
+    "exact",
+    "sponge",
+    "periodic",
+    "rk4",
+    "rkc",
+    "euler",
+    "nonsense",
+    "$\\\\frac$",
+    "float32",
+]
+
+
+def toml(value) -> str:
+    """A value as TOML; dictionaries inline."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    if isinstance(value, dict):
+        return (
+            "{ "
+            + ", ".join(f"{toml(str(k)) if not k.isidentifier() else k} = {toml(v)}" for k, v in value.items())
+            + " }"
+        )
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(toml(v) for v in value) + "]"
+    return repr(value) if isinstance(value, int | float) else str(value)
+
+
+def text_of(case: dict) -> str:
+    """A case file: one line a key."""
+    return "\n".join(f"{key} = {toml(value)}" for key, value in case.items()) + "\n"
+
+
+class Draw:
+    """One sound case from a generator: plain numbers of random units, data that end well inside the near field."""
+
+    def __init__(self, rng):
+        self.rng = rng
+        self.dim = int(rng.choice([1, 2, 3], p=[0.35, 0.5, 0.15]))
+        self.length, self.time = (float(f"{10 ** rng.uniform(-4, 4):.3g}") for _ in range(2))
+        self.spacing = 0.25 * self.length
+        self.half = int(rng.integers(8, 17)) if self.dim == 1 else int(rng.integers(7, 11)) if self.dim == 2 else 6
+        self.span = self.half * self.spacing
+        self.names = "xyz"[: self.dim]
+        self.solid = False  # whether sides are of a body that ends
+        self.vector = False
+
+    def chance(self, p: float) -> bool:
+        return bool(self.rng.random() < p)
+
+    def one(self, *values):
+        return values[int(self.rng.integers(len(values)))]
+
+    def number(self, low: float, high: float) -> float:
+        return float(f"{self.rng.uniform(low, high):.3g}")
+
+    # --- parts -------------------------------------------------------------------------------------------------
+
+    def bump(self, share: float = 0.55, height: float = 1.0) -> str:
+        """Smooth, and zero beyond a share of the near field."""
+        squares = "+".join(f"{name}**2" for name in self.names)
+        return f"{height!r}*max(0, 1-({squares})/{(share * self.span) ** 2!r})**3"
+
+    def kernel(self) -> dict:
+        reach = int(self.rng.integers(2, 4)) if self.dim == 1 else 2  # few shapes: each is compiled once
+        kernel = {
+            "horizon": reach * self.spacing,
+            "exponent": int(self.rng.integers(0, 3)),
+            "influence": self.one("constant", "constant", "linear", "gaussian"),
+        }
+        if kernel["influence"] == "gaussian" and self.chance(0.5):
+            kernel["width"] = self.number(0.3, 1.0) * kernel["horizon"]
+        if self.chance(0.3):
+            kernel["volume"] = self.one("ramp", "full")
+        if self.chance(0.2):
+            kernel["calibrate"] = self.chance(0.5)
+        return kernel
+
+    def operator(self) -> dict:
+        return (
+            {"stencil": self.one("finite-difference", "finite-element")}
+            if self.chance(0.15)
+            else {"kernel": self.kernel()}
+        )
+
+    def sides(self, open_ones: list[dict], closed: list[dict]) -> dict:
+        """Conditions on all sides, on some of them others, on an axis periodic."""
+        found = {"all": self.one(*open_ones)}
+        for name in self.names:
+            if self.chance(0.25):
+                found[name] = self.one({"type": "periodic"}, *closed, *open_ones)
+            elif self.chance(0.2):
+                found[name + self.one("-", "+")] = self.one(*closed)
+        return found
+
+    def lattice(self) -> dict:
+        return {"spacing": self.spacing, "lower": [-self.span] * self.dim, "upper": [self.span] * self.dim}
+
+    def window(self) -> dict:
+        return {
+            "spacing": self.spacing,
+            "window": {"disc" if self.dim == 2 else "ball": {"radius": (self.half + 0.3) * self.spacing}},
+        }
+
+    # --- models ------------------------------------------------------------------------------------------------
+
+    @property
+    def speed(self) -> float:
+        return self.length / self.time
+
+    def pml(self) -> dict:
+        found: dict = {"type": "lattice-pml"}
+        if self.chance(0.6):
+            found["nodes"] = int(self.rng.integers(6, 13))
+        elif self.chance(0.5):
+            found["target"] = self.one(1e-3, 1e-4, 1e-6)
+        return found
+
+    def wave(self) -> dict:
+        model = {"type": "wave", "speed": self.speed, **self.operator()}
+        if self.chance(0.3):
+            model["damping"] = self.number(0, 0.2) / self.time
+        sponge = {"type": "sponge", "nodes": int(self.rng.integers(4, 12))}
+        open_ones = [self.pml(), self.pml(), sponge] + [{"type": "exact", "compress": self.one(False, 1e-8, 1e-12)}] * (
+            self.dim == 1
+        )
+        case = {
+            "lattice": self.lattice(),
+            "model": model,
+            "boundary": self.sides(open_ones, [{"type": "fixed"}, {"type": "free"}]),
+        }
+        if self.dim == 2 and self.chance(0.25):
+            case["lattice"], case["boundary"] = (
+                self.window(),
+                {"all": self.one(self.pml(), {"type": "plane-wave"}, {"type": "higdon"}, {"type": "first-order"})},
+            )
+        elif self.dim > 1 and self.chance(0.15):
+            case["lattice"]["body"] = {"ball" if self.dim == 3 else "disc": {"radius": 0.9 * self.span}}
+            case["boundary"] = {"all": {"type": "free"}}
+            if self.chance(0.5):
+                case["rim"] = self.one("free", "fixed")
+        case["initial"] = {"u": self.bump()} | ({"v": self.bump(0.5, 1 / self.time)} if self.chance(0.3) else {})
+        return case
+
+    def diffusion(self) -> dict:
+        model = {
+            "type": "diffusion",
+            "diffusivity": self.length * self.speed,
+            "integrator": self.one("euler", "rk4", "rkc"),
+            **self.operator(),
+        }
+        open_ones = [self.pml()] + [{"type": "exact"}] * (self.dim == 1 and model["integrator"] == "euler")
+        case = {
+            "lattice": self.lattice(),
+            "model": model,
+            "boundary": self.sides(open_ones, [{"type": "fixed"}, {"type": "free"}]),
+        }
+        if self.chance(0.2):
+            case["background"] = self.number(-2, 2)
+            case["boundary"] = {"all": self.pml()}
+        case["initial"] = {"u": f"{case.get('background', 0.0)!r}+{self.bump()}"}
+        return case
+
+    def heat(self) -> dict:
+        model = {
+            "type": "heat",
+            "density": 2.0,
+            "specific_heat": 3.0,
+            "conductivity": 6.0 * self.length * self.speed,
+            "integrator": self.one("euler", "rk4", "rkc"),
+            "kernel": self.kernel(),
+        }
+        if model["integrator"] == "rkc" and self.chance(0.5):
+            model["stages"] = int(self.rng.integers(2, 12))
+        side = self.one("x-", "x+")
+        constraint = self.one(
+            {"type": "temperature", "side": side, "value": self.one(1.0, f"1+0.1*t/{self.time!r}")},
+            {"type": "insulated", "side": side},
+            {"type": "flux", "side": side, "value": self.number(-1, 1)},
+            {"type": "convection", "side": side, "value": 1.0, "transfer": self.speed},
+        )
+        boundary = {"all": self.pml(), side: {"type": "free"}}
+        return {
+            "lattice": self.lattice(),
+            "model": model,
+            "boundary": boundary,
+            "constraint": [constraint],
+            "initial": {"u": self.bump()},
+        }
+
+    def corrosion(self) -> dict:
+        model = {
+            "type": "corrosion",
+            "diffusivity": self.length * self.speed,
+            "saturation": self.number(0.6, 0.95),
+            "interface": self.number(0.1, 1.0),
+            "kernel": self.kernel(),
+        }
+        radius = self.number(0.3, 0.5) * self.span
+        region = (
+            {"disc": {"radius": radius}}
+            if self.dim == 2
+            else {"ball": {"radius": radius}}
+            if self.dim == 3
+            else {"box": {"lower": [-radius], "upper": [radius]}}
+        )
+        case = {"lattice": self.lattice(), "model": model, "specimen": [{"region": region}]}
+        if self.chance(0.5):
+            case["boundary"] = {"all": self.pml()}
+        return case
+
+    def beam(self) -> dict:
+        self.dim, self.names = 1, "x"
+        return {
+            "lattice": self.lattice(),
+            "model": {"type": "beam", "stiffness": self.length**2 * self.speed**2},
+            "initial": {"u": self.bump(0.4)},
+            "boundary": {
+                "all": self.one(
+                    {"type": "exact"}, {"type": "periodic"}, {"type": "fixed"}, {"type": "sponge", "nodes": 8}
+                )
+            },
+        }
+
+    def elastic(self) -> dict:
+        self.dim, self.names, self.vector = max(2, self.dim), "xyz"[: max(2, self.dim)], True
+        self.half = min(self.half, 9 if self.dim == 2 else 5)
+        self.span = self.half * self.spacing
+        material = self.one("bond-based", "bond-based", "state-based", "correspondence", "finite-element")
+        model = {"type": "elastic", "young": 2.5 * self.speed**2, "material": material, "density": 1.0}
+        if material == "bond-based":
+            kernel = self.kernel()
+            kernel["exponent"] = int(self.rng.integers(0, 3))
+            if self.chance(0.4):
+                model |= {"nonlinear": True}
+            if self.chance(0.3):
+                model |= {"critical_stretch": 0.3}
+        else:
+            model["poisson"] = self.number(0.1, 0.3)
+            kernel = {"horizon": 2 * self.spacing, "exponent": 1}
+        if material != "finite-element":
+            model["kernel"] = kernel
+        if material == "correspondence":
+            model["stabilisation"] = self.number(0.1, 0.9)
+        closed = [{"type": "fixed"}] + [{"type": "free"}] * (material == "bond-based")
+        case = {
+            "lattice": self.lattice(),
+            "model": model,
+            "boundary": self.sides([self.pml(), {"type": "sponge", "nodes": 8}], closed),
+        }
+        case["initial"] = {"u": [self.bump(0.5, 0.02 * self.length)] + ["0"] * (self.dim - 1)}
+        if self.chance(0.2):
+            case["load"] = [
+                {
+                    "type": "body-force",
+                    "value": [self.bump(0.4, 0.01 * self.speed / self.time)] + [0.0] * (self.dim - 1),
+                    "time": f"sin(t/{self.time!r})",
+                }
+            ]
+        return case
+
+    def correspondence(self) -> dict:
+        self.dim, self.names, self.vector = max(2, self.dim), "xyz"[: max(2, self.dim)], True
+        self.half = 6 if self.dim == 2 else 5
+        self.span = self.half * self.spacing
+        model = {
+            "type": "correspondence",
+            "young": self.one(2.5 * self.speed**2, f"{2.5 * self.speed**2!r}*where(x > 0, 1, 2)"),
+            "poisson": 0.25,
+            "kernel": {"horizon": 2 * self.spacing, "exponent": 0, "influence": "gaussian"},
+        }
+        if self.chance(0.4):
+            model["critical_stretch"] = 0.2
+        if self.chance(0.3):
+            model["stabilisation"] = 0.5
+        if self.chance(0.3):
+            model["drag"] = 0.05 / self.time
+        boundary = {
+            "all": self.one(
+                {"type": "fixed"},
+                {"type": "free"},
+                {"type": "sponge", "nodes": 5},
+                {"type": "nonlocal-pml", "nodes": 6},
+            )
+        }
+        return {
+            "lattice": self.lattice(),
+            "model": model,
+            "boundary": boundary,
+            "initial": {"u": [self.bump(0.5, 0.02 * self.length)] + ["0"] * (self.dim - 1)},
+        }
+
+    # --- what may stand around ---------------------------------------------------------------------------------
+
+    def around(self, case: dict) -> dict:
+        kind = case["model"]["type"]
+        body = kind in ("correspondence",)
+        if self.chance(0.25) and kind in ("wave", "diffusion", "heat"):
+            case["source"] = [
+                {
+                    "value": f"{self.bump(0.4, 1 / self.time**2)}*{self.one(f'sin(3*t/{self.time!r})', '1', f'exp(-t/{self.time!r})')}"
+                }
+            ]
+        whole = kind == "elastic" and case["model"]["material"] != "bond-based"  # its bonds are not cut one by one
+        if (
+            self.chance(0.25)
+            and not whole
+            and kind in ("wave", "diffusion", "elastic", "correspondence")
+            and "window" not in case["lattice"]
+        ):
+            at, reach = 0.31 * self.span, 0.35 * self.span
+            points = {
+                1: [[at]],
+                2: [[at, -reach], [at, reach]],
+                3: [[at, -reach, -reach], [at, reach, -reach], [at, reach, reach]],
+            }[self.dim]
+            crack: dict = {"points": points}
+            if not body and kind != "elastic" and self.chance(0.4):
+                crack |= {"factor": 0.3}
+            if not body and self.chance(0.3):
+                crack |= {"opens": 2 * self.time}
+            case["crack"] = [crack]
+        if self.chance(0.15) and kind in ("wave", "diffusion"):
+            case = {
+                "coefficient": f"1+0.5*{self.bump(0.5)}",
+                "rule": self.one("both", "arithmetic", "harmonic"),
+                **case,
+            }
+        if self.chance(0.1) and kind == "wave" and "window" not in case["lattice"]:
+            case["constraint"] = [
+                {
+                    "type": "prescribed",
+                    "points": [[0.0] * self.dim],
+                    "value": f"sin(t/{self.time!r})",
+                    "until": 3 * self.time,
+                }
+            ]
+        if (
+            self.chance(0.08)
+            and kind == "wave"
+            and case["boundary"].get("all", {}).get("type") == "lattice-pml"
+            and len(case["boundary"]) == 1
+            and "window" not in case["lattice"]
+        ):
+            inner = 0.4 * self.span
+            case["incident"] = [
+                {
+                    "direction": [1.0] + [0.0] * (self.dim - 1),
+                    "signal": f"sin(2*t/{self.time!r})*exp(-t/{self.time!r})",
+                    "duration": 5 * self.time,
+                    "within": {"lower": [-inner] * self.dim, "upper": [inner] * self.dim},
+                }
+            ]
+        case["run"] = {
+            "until": self.number(2, 8)
+            * self.time
+            / (1 if kind in ("wave", "elastic", "beam", "correspondence") else 20)
+        }
+        if self.chance(0.08) and not body:
+            case["run"]["dtype"] = "float32"
+        if self.chance(0.2):
+            case["run"]["threads"] = self.one(1, 2)
+        output: dict = {"every": case["run"]["until"] / int(self.rng.integers(2, 6))} if self.chance(0.8) else {}
+        if self.chance(0.4):
+            output["probes"] = [[0.2 * self.span] * self.dim]
+        if self.chance(0.25) and kind not in ("wave", "beam"):
+            output["balance"] = True
+        if output:
+            case["output"] = output
+        return case
+
+    def case(self) -> dict:
+        kinds = (
+            "wave",
+            "wave",
+            "wave",
+            "diffusion",
+            "diffusion",
+            "heat",
+            "corrosion",
+            "beam",
+            "elastic",
+            "elastic",
+            "correspondence",
+        )
+        return self.around(getattr(self, self.one(*kinds))())
+
+
+def places(value, path=()):
+    """All places in a case, outer ones too."""
+    if isinstance(value, dict | list):
+        for key, inner in value.items() if isinstance(value, dict) else enumerate(value):
+            yield (*path, key)
+            yield from places(inner, (*path, key))
+
+
+def spoilt(case: dict, rng) -> str:
+    """A case file with something odd in one place or two: a value, a missing key, a key of another part, a character."""
+    for _ in range(int(rng.integers(1, 3))):
+        found = list(places(case))
+        if not found:
+            break
+        path = found[int(rng.integers(len(found)))]
+        owner = case
+        for key in path[:-1]:
+            owner = owner[key]
+        what = rng.random()
+        if what < 0.6:
+            owner[path[-1]] = Odd(ODD[int(rng.integers(len(ODD)))])
+        elif what < 0.7:
+            owner[path[-1]] = ODD_TEXTS[int(rng.integers(len(ODD_TEXTS)))]
+        elif what < 0.85 or not isinstance(owner, dict):
+            del owner[path[-1]]
+        elif isinstance(owner[path[-1]], float) and math.isfinite(owner[path[-1]]):
+            owner[path[-1]] *= float(10 ** rng.uniform(-6, 6))
+        else:
+            owner[str(path[-1]) + "s"] = owner[path[-1]]
+    text = text_of(case)
+    if rng.random() < 0.05:
+        at = int(rng.integers(len(text)))
+        text = text[:at] + chr(int(rng.integers(1, 300))) + text[at + 1 :]
+    return text
+
+
+class Odd:
+    """A piece of TOML that is no value of Python's."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+
+    def __str__(self) -> str:
+        return self.text
+
+
+def random_case(rng, odd: float = 0.35) -> tuple[str, bool]:
+    """Text of a case file, and whether it was spoilt."""
+    case = Draw(rng).case()
+    if rng.random() < odd:
+        return spoilt(case, rng), True
+    return text_of(case), False

@@ -1,0 +1,155 @@
+"""Random case files: each runs, or is refused in one line; none ends in a traceback, a crash, a hang or numbers that are not finite.
+
+    python tests/robustness/fuzz.py --cases 10000 --seed 7 --processes 16
+    python tests/robustness/fuzz.py --show 123 --seed 7
+
+Most cases are run from Python: half of the run, a checkpoint, the rest; the same from the checkpoint, which must be
+bitwise the same. Some go through the command line (run and check). What was spoilt on purpose may be refused; of
+what was not, at least half must be accepted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import sys
+import tempfile
+import traceback
+import warnings
+from pathlib import Path
+
+import cases
+import machinery
+
+BAD = ("traceback", "crash", "hang", "not finite", "other resume", "wrong exit")
+MOST_STEPS = 60
+LIMIT = 180.0  # seconds that a case may take on a busy machine
+
+
+def place(error):
+    """Where an error came from, in our code."""
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if "farhorizon" in f.filename]
+    where = f"{Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else "?"
+    return f"{type(error).__name__} at {where}: {str(error)[:150]}"
+
+
+def library(text, folder):
+    """Run a case from Python, and half of it again from its checkpoint."""
+    import numpy as np
+
+    import farhorizon as fh
+    from farhorizon.case import Case
+
+    try:
+        case = Case(text)
+        sim = case.run()
+        until = min(case.parts.run.until, MOST_STEPS * sim.dt)
+        if not until > 0:
+            return {"class": "refused"}
+        sim.prepare(until)
+        sim.run(until / 2)
+        sim.save(folder / "half.ckpt")
+        sim.run(until)
+        other = case.run()
+        other.load(folder / "half.ckpt")
+        other.run(until)
+    except fh.InputError as error:
+        return {"class": "refused", "where": str(error)[:300]}
+    except fh.UnstableError as error:
+        return {"class": "unstable", "where": str(error)[:300]}
+    hidden = np.zeros(case.lattice.shape, bool) if case.lattice.mask is None else ~case.lattice.mask
+    conditioned = bool(case.parts.constraint)
+    for name, values in sim.fields.items():
+        if name != "dissolved" and not conditioned and not np.isfinite(values[..., ~hidden]).all():
+            return {"class": "not finite", "where": name}
+        if values.tobytes() != other.fields[name].tobytes():
+            return {"class": "other resume", "where": f"{name} of {case.parts.model.type}"}
+    if not np.isfinite(sim.energy()):
+        return {"class": "not finite", "where": "energy"}
+    return {"class": "accepted"}
+
+
+def command(text, folder, arguments):
+    """Run the command line on a case that cannot take long."""
+    from farhorizon.case import Case
+    from farhorizon.cli import main
+    from farhorizon.errors import InputError
+
+    with contextlib.suppress(InputError):
+        case = Case(text)
+        if case.parts.run.until > 1e4 * case.run().dt:
+            return {"class": "too long"}
+    path = folder / "case.toml"
+    path.write_text(text)
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        code = main([arguments[0], str(path), *arguments[1:]])
+    if code not in (0, 1, 2):
+        return {"class": "wrong exit", "where": str(code)}
+    return {"class": {0: "accepted", 1: "unstable", 2: "refused"}[code], "where": said.getvalue()[-300:]}
+
+
+def answer(job):
+    """Class of one case, and where it went wrong."""
+    rng = machinery.random_of(job["seed"], job["number"])
+    text, odd = cases.random_case(rng)
+    mode = rng.random()
+    with tempfile.TemporaryDirectory() as name, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        folder = Path(name)
+        try:
+            if mode < 0.9:
+                found = library(text, folder)
+            elif mode < 0.96:
+                found = command(text, folder, ["run", "--out", str(folder / "out")])
+            else:
+                found = command(text, folder, ["check", "--budget", "0.5"])
+        except Exception as error:
+            found = {"class": "traceback", "where": place(error)}
+    return {"odd": odd, "mode": round(mode, 2), "text": text, **found}
+
+
+def campaign(count, seed, processes, folder, report=print, first=0):
+    """Counts by class of so many cases; asserts nothing."""
+    shares = {"sound": [0, 0]}
+
+    def watched(found):
+        for one in found:
+            if not one.get("odd", True):
+                shares["sound"][0] += one["class"] == "accepted"
+                shares["sound"][1] += 1
+                if one["class"] == "refused":
+                    (folder / "refused.txt").open("a").write(f"{one['number']}: {one['where']}\n")
+            yield one
+
+    jobs = ({"seed": seed, "number": number} for number in range(first, first + count))
+    counts = machinery.table(
+        watched(machinery.answers(Path(__file__), jobs, processes, LIMIT, folder)), BAD, folder, report
+    )
+    accepted, sound = shares["sound"]
+    report(f"of {sound} sound cases {accepted} accepted; of all {counts['accepted']} of {count}")
+    return counts
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--cases", type=int, default=100)
+    parser.add_argument("--first", type=int, default=0, help="number of the first case")
+    parser.add_argument("--seed", type=int)
+    parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--show", type=int, metavar="NUMBER", help="run this case here and print it")
+    parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.worker:
+        machinery.serve(answer)
+    elif options.show is not None:
+        found = answer({"seed": machinery.seed_of(options.seed), "number": options.show})
+        print(found.pop("text"), *(f"{name}: {value}" for name, value in found.items()), sep="\n")
+    else:
+        folder = Path(tempfile.mkdtemp(prefix="farhorizon-fuzz-"))
+        counts = campaign(
+            options.cases, machinery.seed_of(options.seed), options.processes, folder, first=options.first
+        )
+        print(f"{folder}: {options.cases} cases")
+        sys.exit(1 if set(BAD) & set(counts) else 0)

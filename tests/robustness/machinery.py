@@ -1,0 +1,155 @@
+"""What fuzzers, killers and damagers share: seeds, workers that may crash or hang, and what counts as the same results."""
+
+from __future__ import annotations
+
+import json
+import os
+import selectors
+import subprocess
+import sys
+import time
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+HERE = Path(__file__).parent
+
+
+def seed_of(given=None):
+    """The seed that was given, that of FARHORIZON_SEED, or one of the clock; printed, so that it can be given again."""
+    found = int(given if given is not None else os.environ.get("FARHORIZON_SEED", time.time_ns() % 10**6))
+    print(f"seed {found} (FARHORIZON_SEED={found} gives the same again)", flush=True)
+    return found
+
+
+def random_of(*numbers):
+    """A generator of its own for each case: case 17 of a seed is the same whatever was before it."""
+    return np.random.default_rng(numbers)
+
+
+class Worker:
+    """A child process that answers jobs, one JSON line each; what it says on stderr is kept for when it dies."""
+
+    def __init__(self, script, errors):
+        self.errors = open(errors, "w+")
+        self.process = subprocess.Popen(
+            [sys.executable, "-X", "faulthandler", str(script), "--worker"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self.errors,
+            text=True,
+        )
+        self.job, self.since = None, 0.0
+
+    def give(self, job):
+        self.job, self.since = job, time.monotonic()
+        self.process.stdin.write(json.dumps(job) + "\n")
+        self.process.stdin.flush()
+
+    def end(self):
+        """Kill it; returns its exit code and the last that it said."""
+        self.process.kill()
+        code = self.process.wait()
+        self.process.stdin.close()
+        self.process.stdout.close()
+        self.errors.seek(0)
+        said = self.errors.read()[-3000:]
+        self.errors.close()
+        return code, said
+
+
+def answers(script, jobs: Iterable[dict], processes: int, limit: float, folder: Path) -> Iterator[dict]:
+    """Answers of workers to jobs, in the order in which they come; of a worker that died or took too long an answer in its place.
+
+    Parameters
+    ----------
+    script : Path
+        Answers jobs with `serve` when it is run with --worker.
+    jobs : iterable of dict
+    processes : int
+    limit : float
+        Seconds for a job; then it hangs.
+    folder : Path
+        For what workers say on stderr.
+    """
+    waiting, workers, number = deque(jobs), [], 0
+    selector = selectors.DefaultSelector()
+
+    def start():
+        nonlocal number
+        number += 1
+        worker = Worker(script, folder / f"worker-{number}.txt")
+        selector.register(worker.process.stdout, selectors.EVENT_READ, worker)
+        workers.append(worker)
+        return worker
+
+    def drop(worker):
+        selector.unregister(worker.process.stdout)
+        workers.remove(worker)
+        return worker.end()
+
+    for _ in range(min(processes, len(waiting))):
+        start().give(waiting.popleft())
+    while workers:
+        for key, _ in selector.select(timeout=1.0):
+            worker = key.data
+            line = worker.process.stdout.readline()
+            if line:
+                yield worker.job | json.loads(line)
+            else:
+                job, code = worker.job, worker.process.wait()
+                yield job | {"class": "crash", "where": f"exit code {code}", "said": drop(worker)[1]}
+                worker = start() if waiting else None
+            if worker is not None and waiting:
+                worker.give(waiting.popleft())
+            elif worker is not None:
+                drop(worker)
+        for worker in [w for w in workers if time.monotonic() - w.since > limit]:
+            job = worker.job
+            yield job | {"class": "hang", "where": f"more than {limit:g} s", "said": drop(worker)[1]}
+            if waiting:
+                start().give(waiting.popleft())
+
+
+def serve(answer):
+    """Answer the jobs that come on stdin until it ends."""
+    out = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # what a case prints is not an answer
+    for line in sys.stdin:
+        out.write(json.dumps(answer(json.loads(line))) + "\n")
+        out.flush()
+
+
+def table(found: Iterable[dict], bad: Iterable[str], folder: Path, report=print) -> Counter:
+    """Count answers by class and keep what is bad in a folder, one file each; each bad place is reported once."""
+    counts: Counter = Counter()
+    places: Counter = Counter()
+    for answer in found:
+        counts[answer["class"]] += 1
+        if answer["class"] in bad:
+            place = f"{answer['class']}: {answer.get('where', '')}"
+            places[place] += 1
+            name = f"{answer['class']}-{answer['seed']}-{answer['number']}.json"
+            (folder / name).write_text(json.dumps(answer, indent=1))
+            if places[place] == 1:
+                report(f"{place} ({folder / name})", flush=True)
+    report(", ".join(f"{name} {count}" for name, count in counts.most_common()))
+    return counts
+
+
+def same_results(one: Path, other: Path):
+    """Assert that two results files tell the same, bit by bit."""
+    from farhorizon.results import open_results
+
+    a, b = open_results(one), open_results(other)
+    assert a.finished and b.finished
+    columns = ("times", "steps", "history_times", "energy", "probe_times", "probe_values")
+    pairs = [(name, getattr(a, name), getattr(b, name)) for name in columns]
+    pairs += [(f"balance {name}", values, b.balance[name]) for name, values in a.balance.items()]
+    pairs += [
+        (f"{name}[{k}]", a.field(name, k), b.field(name, k)) for name in a.field_names for k in range(len(a.times))
+    ]
+    for name, mine, theirs in pairs:
+        assert mine.shape == theirs.shape and mine.tobytes() == theirs.tobytes(), name

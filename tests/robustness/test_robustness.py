@@ -1,0 +1,52 @@
+"""Few cases of the fuzzers, killers and damagers beside this file, and thousands of them in the slow tests.
+
+Each prints its seed; FARHORIZON_SEED gives the same again. For more of them, on more cores, run the scripts themselves.
+"""
+
+import os
+
+import arguments
+import damage
+import fuzz
+import kill
+import machinery
+import pytest
+
+PROCESSES = 2 if (os.cpu_count() or 1) > 1 else 1
+
+
+@pytest.mark.parametrize("count", [100, pytest.param(2000, marks=pytest.mark.slow)])
+def test_random_cases_run_or_are_refused(count, tmp_path):
+    """No traceback, crash or hang, fields that are finite, resumes that are bitwise; the fast tier has the same cases
+    always, for its time.
+    """
+    counts = fuzz.campaign(count, 15 if count == 100 else machinery.seed_of(), PROCESSES, tmp_path)
+    assert not {name: counts[name] for name in fuzz.BAD if counts[name]}
+    assert counts["accepted"] > 0.4 * count
+
+
+@pytest.mark.parametrize("count", [6, pytest.param(500, marks=pytest.mark.slow)])
+def test_killed_runs_go_on_or_begin_anew(count, tmp_path):
+    counts = kill.campaign(count, machinery.seed_of(), PROCESSES if count > 6 else 1, tmp_path)
+    if counts is None:
+        pytest.skip("no C compiler, or no Linux")
+    assert counts["resumed"] + counts["begun anew"] == count
+
+
+@pytest.mark.parametrize("count", [10, pytest.param(600, marks=pytest.mark.slow)])
+def test_damaged_files_are_told_or_harmless(count, tmp_path):
+    counts = damage.campaign(count, machinery.seed_of(), 1 if count == 10 else PROCESSES, tmp_path)
+    assert counts["told"] + counts["harmless"] == count
+
+
+@pytest.mark.slow
+def test_odd_arguments_are_taken_or_named(tmp_path):
+    counts = arguments.campaign(10**6, machinery.seed_of(), PROCESSES, tmp_path)
+    assert not {name: counts[name] for name in arguments.BAD if counts[name]}
+
+
+def test_every_public_callable_is_tried():
+    """A new public name is given odd arguments, too."""
+    import farhorizon as fh
+
+    assert set(arguments.good()) | arguments.NOT_CALLED == set(fh.__all__)
