@@ -131,6 +131,6 @@ def test_a_body_one_node_wide():
 
 @pytest.mark.parametrize("lattice", [LINE, PLANE], ids=["line", "plane"])
 def test_a_case_without_probes(lattice):
-    made = Case(case(lattice))
+    made = Case(case(lattice, u="0"))
     run = made.run()
     assert len(run.record(made.parts.output.probes, made.parts.output.probe_every).nodes) == 0
