@@ -222,8 +222,8 @@ def test_free_faces_cost_little(make, threads):
     for _ in range(12):
         seconds = []
         for sim in sims:
-            begin = time.perf_counter()
+            begin = time.process_time()  # whatever else the machine does
             sim.step(8)
-            seconds.append(time.perf_counter() - begin)
+            seconds.append(time.process_time() - begin)
         ratios.append(seconds[0] / seconds[1])
     assert np.median(ratios[1:]) < 1.3
