@@ -518,7 +518,8 @@ class Engine:
     ) -> None:  # fmt: skip
         period = np.array([n if a in self.layout.periodic else 0 for a, n in enumerate(self.core.nodes)])
         changed, runs = np.ones(len(solids), bool), np.zeros((*solids.shape, 2), np.int32)
-        find_runs(0, 1, solids, volumes, changed, runs)
+        if len(solids):
+            find_runs(0, 1, solids, volumes, changed, runs)
         self._runs = runs, (self.dtype.type(interface[0]), self.dtype.type(interface[1]))
         self._tiles = solids, volumes, changed
         self._dissolution = dissolved, np.zeros(1, np.int64), float(saturation), period
