@@ -66,6 +66,18 @@ def test_damaged_generated_programs_are_written_again(tmp_path, monkeypatch, dam
         (tmp_path / "rows_of_this_test.py").write_bytes(damage)
 
 
+def test_half_a_module_is_none(tmp_path, monkeypatch):
+    """A program whose import was cut short is imported again."""
+    monkeypatch.setattr(build, "cache_folder", lambda: tmp_path)
+    text = "from farhorizon.engine import build\nif build.CUT_SHORT:\n    raise KeyboardInterrupt\nVALUE = 1\n"
+    monkeypatch.setattr(build, "CUT_SHORT", True, raising=False)
+    with pytest.raises(KeyboardInterrupt):
+        build._load_file("rows_cut_short", text)
+    monkeypatch.setattr(build, "CUT_SHORT", False)
+    assert build._load_file("rows_cut_short", text).VALUE == 1
+    del sys.modules["rows_cut_short"]
+
+
 def test_damaged_arrays_are_none(tmp_path):
     path = tmp_path / "a.npz"
     assert cache.kept(path) is None

@@ -71,6 +71,10 @@ def _load_file(name: str, template: str) -> ModuleType:
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
-    with importing(name):
-        spec.loader.exec_module(module)
+    try:
+        with importing(name):
+            spec.loader.exec_module(module)
+    except BaseException:  # an interrupt, too: half a module is none
+        del sys.modules[name]
+        raise
     return module
