@@ -1,0 +1,46 @@
+"""Nothing depends on units: the examples in SI (millimetres, microseconds) give the same fields and the same verdicts."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from farhorizon.case import Case
+from farhorizon.errors import InputError
+from scaling import in_units
+
+EXAMPLES = sorted((Path(__file__).parent.parent / "examples").glob("*.toml"))
+SI = (1e-3, 1e-6, 1e-6)
+SOON = {"backward_waves": 0.2, "blob": 0.2, "inclusion": 0.1, "quenched_bar": 1.0, "exact_bar": 0.3, "layered_ground": 0.1}
+
+
+def verdict(run, until):
+    """What the run says of its stability before it begins, or that it refuses."""
+    try:
+        return run.examine(until).verdict
+    except InputError as error:
+        return str(error).split(";")[0]
+
+
+def in_both(path, share):
+    """The run of an example and the same in SI, and their ends at a share of its time."""
+    text = path.read_text()
+    cases = Case(text, path), Case(in_units(text, *SI), path)
+    return [(case.run(), case.parts.run.until * share) for case in cases]
+
+
+@pytest.mark.parametrize("path, share", [
+    *(pytest.param(p, SOON[p.stem], id=p.stem) for p in EXAMPLES if p.stem in SOON),
+    *(pytest.param(p, 1.0, id=f"{p.stem}, whole", marks=pytest.mark.slow) for p in EXAMPLES),
+])  # fmt: skip
+def test_examples_in_si(path, share):
+    (plain, until), (scaled, later) = in_both(path, share)
+    assert verdict(plain, until) == verdict(scaled, later)
+    assert scaled.dt == pytest.approx(plain.dt * SI[1], rel=1e-12)
+    length = SI[0] if plain.fields["u"].ndim > plain.lattice.dim else 1.0
+    if verdict(plain, until) != "the run is not stable":
+        plain.run(until)
+        scaled.run(later)
+    assert plain.step_count == scaled.step_count
+    one, other = plain.fields["u"], scaled.fields["u"] / length
+    np.testing.assert_allclose(other, one, rtol=0, atol=1e-9 * np.nanmax(np.abs(one)))
