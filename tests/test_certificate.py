@@ -172,7 +172,7 @@ def test_run_refuses_what_grows(tmp_path, monkeypatch, capsys):
     assert json.loads(Path("check.json").read_text())["certificate"]["verdict"] == "certified"
     sigma = np.linspace(0.1, 10.0, 21).round(3).tolist()
     Path(case).write_text(text.replace("nodes = 20", f"nodes = 20, profile = {{ sigma = {sigma}, alpha = 0.01 }}"))
-    assert main(["check", case, "--json", "check.json", "--out", "pictures"]) == 0
+    assert main(["check", case, "--json", "check.json", "--out", "pictures"]) == 2
     facts = json.loads(Path("check.json").read_text())
     assert facts["certificate"]["verdict"] == "not certified" and facts["certificate"]["rate"] > 0
     assert Path("pictures/backward_waves-growing-mode.png").stat().st_size > 10_000
@@ -339,3 +339,65 @@ def test_certificates_know_no_units(name, units):
     assert scaled.crossing == pytest.approx(plain.crossing * units[1], rel=1e-12)
     slack = 2 * (one.error * one.crossing + other.error * other.crossing)
     assert other.rate_per_crossing == pytest.approx(one.rate_per_crossing, rel=1e-3, abs=slack, nan_ok=True)
+
+
+def test_run_refuses_what_grows_from_python_too():
+    """The same rule as on the command line: tenfold until the end is refused before a step is done, less is noted; the way out runs it."""
+    make = lambda: fh.Simulation(box(30), wave(3, 0), boundary=undamped(10))  # noqa: E731
+    sim = make()
+    with pytest.raises(fh.InputError, match=r"not stable.*white noise.*allow_unstable=True"):
+        sim.run(100.0)
+    assert sim.step_count == 0
+    sim.run(100.0, allow_unstable=True)
+    assert sim.time >= 100.0 and any("not stable" in note for note in sim.notes)
+    short = make().run(10.0)
+    assert short.time >= 10.0 and not short.examine(10.0).grows_within(10.0)
+    body = fh.Body(box(9, 9), fh.Kernel(2.0, 1), young=1.0, poisson=0.25, boundary=fh.NonlocalPML(nodes=10, form="split"))
+    with pytest.raises(fh.InputError, match="forward Euler on split fields"):
+        body.run(20.0)
+
+
+def test_a_run_that_is_no_longer_than_its_noise_is_not_remarked():
+    """White noise for as long as the run tells what is to be known of it; of a longer one modes are examined. Examined once, it is not again."""
+    sim = fh.Simulation(box(30, 30), wave(3), boundary=fh.LatticePML(nodes=12))
+    first = sim.examine(40.0)
+    assert first.verdict == "undecided" and first.quiet == 40.0 and not sim.notes and not first.remark(40.0)
+    assert "--budget" in first.remark(41.0) and "\n" not in first.remark(41.0)
+    assert sim.examine(30.0) is first
+    assert sim.certificate(60.0, until=5000.0).verdict == "certified"
+
+
+def test_what_grows_in_noise_is_refused_whatever_the_time():
+    """Stabilised correspondence with a profile by hand: a second is too short for modes, noise tells. So says a run from noise."""
+    random, depth = np.random.default_rng(1), (np.arange(13) + 0.5) / 13
+    kappa = 1 + random.choice([0.0, 4.0]) * depth
+    profile = {"kappa": kappa, "sigma": 4 * random.random() * depth ** random.integers(0, 4), "alpha": float(random.choice([0.0, 0.001, 0.05]))}
+    model = fh.Elastic(fh.Kernel(2.0, 1), 1.0, 0.25, material="correspondence", stabilisation=0.5)
+    sim = fh.Simulation(box(12, 21), model, fh.LatticePML(nodes=12, profile=profile))
+    assert measured_rate(sim, 4000) > 1e-3
+    found = certify(sim, budget=3.0)
+    assert found.verdict == "not certified", str(found)
+
+
+def test_a_strip_that_grows_does_not_refuse_a_box_that_does_not():
+    """Between the layers at x a wave that runs along them without end grows slowly; here it runs into the layer at y+."""
+    model = fh.Wave(fh.Kernel(3.0, 2, volume="full"))
+    sim = fh.Simulation(box(20, 21), model, {"x": fh.LatticePML(nodes=16), "y-": fh.Fixed(), "y+": fh.LatticePML(nodes=16)})
+    found = certify(sim, budget=120.0)
+    assert found.verdict == "certified" and "without end along its sides a mode would grow" in found.reason, str(found)
+
+
+SEED = int(np.random.default_rng().integers(2**31))
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_noise_agrees_with_what_a_longer_run_says(number):
+    """Random layers by hand on a line: what noise refuses within ten crossings grows in a run ten times as long, printed with its seed."""
+    random = np.random.default_rng([SEED, number])
+    reach, nodes, n = int(random.integers(1, 7)), int(random.integers(6, 20)), int(random.integers(20, 50))
+    depth = (np.arange(nodes + 1) + 0.5) / (nodes + 1)
+    profile = {"sigma": 3 * random.random() * depth ** random.integers(0, 4), "alpha": float(random.choice([0.001, 0.05]))}
+    sim = fh.Simulation(box(n), wave(reach, int(random.integers(0, 3))), fh.LatticePML(nodes=nodes, profile=profile))
+    found, rate = sim.certificate(5.0, until=3.0 * n), measured_rate(sim, int(100 * n / sim.dt))
+    assert (found.verdict == "not certified") <= (rate > 0), f"seed {SEED}, {number}: {found}; {rate}"
+    assert (rate * 3 * n > 12) <= (found.verdict == "not certified"), f"seed {SEED}, {number}: {found}; {rate}"

@@ -229,7 +229,7 @@ def test_no_curves_are_refused(tmp_path, panels):
 
 
 def test_log_panels(tmp_path, monkeypatch):
-    """Histories with zeros and overflow; of a convergence plot both axes, the line of its order, the printed values."""
+    """Histories with zeros and overflow; a convergence plot has two logarithmic axes, a line of its order, and the printed values."""
     from matplotlib.axes import Axes
 
     x = np.array([0.1, 0.2, 0.4])
@@ -238,16 +238,10 @@ def test_log_panels(tmp_path, monkeypatch):
     assert is_picture(tmp_path / "a.png")
     drawn, legends = [], []
     plotted, legend = Axes.plot, Axes.legend
-    monkeypatch.setattr(
-        Axes, "plot", lambda axes, x, y, *args, **options: drawn.append((x, y)) or plotted(axes, x, y, *args, **options)
-    )
-    monkeypatch.setattr(
-        Axes, "legend", lambda axes, *args, **options: legends.append(axes) or legend(axes, *args, **options)
-    )
+    monkeypatch.setattr(Axes, "plot", lambda axes, x, y, *args, **options: drawn.append((x, y)) or plotted(axes, x, y, *args, **options))
+    monkeypatch.setattr(Axes, "legend", lambda axes, *args, **options: legends.append(axes) or legend(axes, *args, **options))
     curves = [("two", x, x**2), ("other", x, 3 * x**2)]
-    plot.log_panels(
-        [("b", curves)], tmp_path / "b.png", xlabel="dt", ylabel="e", order=2, printed=[[1.1 * x**2, 3.1 * x**2]]
-    )
+    plot.log_panels([("b", curves)], tmp_path / "b.png", xlabel="dt", ylabel="e", order=2, printed=[[1.1 * x**2, 3.1 * x**2]])
     assert is_picture(tmp_path / "b.png")
     (axes,) = legends
     assert axes.get_xscale() == axes.get_yscale() == "log"
@@ -261,14 +255,10 @@ def test_field_table(tmp_path, monkeypatch):
 
     axes = axes_of(2)
     limits, image = [], Axes.imshow
-    monkeypatch.setattr(
-        Axes, "imshow", lambda axes, *args, **options: limits.append(options["vmax"]) or image(axes, *args, **options)
-    )
+    monkeypatch.setattr(Axes, "imshow", lambda axes, *args, **options: limits.append(options["vmax"]) or image(axes, *args, **options))
     first = [wave(axes, t) for t in (0.0, 1.0)]
     columns = [("reference", first), ("twice", [2 * u for u in first]), ("ended", [100 * first[0]])]
-    plot.field_table(
-        ["t = 0", "t = 1"], columns, axes, tmp_path / "u.png", cracks=[np.array([[-0.5, 0.0], [0.5, 0.0]])]
-    )
+    plot.field_table(["t = 0", "t = 1"], columns, axes, tmp_path / "u.png", cracks=[np.array([[-0.5, 0.0], [0.5, 0.0]])])
     assert is_picture(tmp_path / "u.png")
     peaks = [np.nanmax(np.abs(u)) for u in first]
     np.testing.assert_allclose(limits, [5 * peaks[0]] * 3 + [2 * peaks[1]] * 2)

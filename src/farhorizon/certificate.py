@@ -14,7 +14,7 @@ import numpy as np
 
 from farhorizon import strip as strips
 from farhorizon.analysis import stability
-from farhorizon.analysis.stability import Growth, dense_growth, fastest, krylov_growth
+from farhorizon.analysis.stability import Growth, dense_growth, fastest, krylov_growth, noise_growth
 from farhorizon.boundaries import Closing, FirstOrder, Fixed, Free, LatticePML, Periodic, Sponge
 from farhorizon.boundaries.plane_wave import largest_update
 from farhorizon.engine import NEVER, state
@@ -34,6 +34,9 @@ BUDGET = 30.0  # seconds that a certificate may take
 _DENSE = 700  # numbers in a state up to which all eigenvalues are computed: a second
 _WIDE = 1500  # the same where a growing mode is looked at again
 _CROSSINGS = 200_000  # of a run from noise whose map is known as a matrix
+PATIENCE = 2.0  # seconds that noise which rises may take before a run
+_MATTERS = 10.0  # factor of growth in a run from which on it is refused
+_ALIKE = 4  # times the nodes of the small copy up to which noise runs in the set-up itself
 _ESCAPES = 0.5  # growth per crossing up to which the sides along a strip may take a mode before it has grown
 _MARGIN = 1 - 1e-9  # at the step limit itself the shortest wave grows linearly
 
@@ -80,6 +83,8 @@ class Certificate:
         What would have to be computed, too, and why it was not.
     seconds : float
         What it cost.
+    quiet : float
+        Time over which white noise did not grow in a first run; 0 where there was none, as for proofs and eigenvalues of the whole.
     """
 
     verdict: str
@@ -90,6 +95,7 @@ class Certificate:
     parts: tuple[Part, ...] = ()
     skipped: tuple[str, ...] = ()
     seconds: float = 0.0
+    quiet: float = 0.0
 
     @property
     def rate_per_crossing(self) -> float:
@@ -105,6 +111,20 @@ class Certificate:
     def __str__(self) -> str:
         return f"{self.verdict}: {self.reason}" + "".join(f"; not examined: {s}" for s in self.skipped)
 
+    def grows_within(self, until: float) -> bool:
+        """Whether what is known to grow grows tenfold in a run of a length: less cannot matter, since what grows begins with rounding or leaks."""
+        return self.verdict == NOT_CERTIFIED and not self.rate * until < np.log(_MATTERS)
+
+    def remark(self, until: float) -> str:
+        """What is to be known before a run of a length; empty where nothing is to be done."""
+        if self.verdict == NOT_CERTIFIED:
+            so = f"{np.exp(min(self.rate * until, 700)):.2g}-fold in this run" if np.isfinite(self.rate) else "in this run"
+            return f"not stable, {so}: {self.reason}"
+        if self.verdict == UNDECIDED and self.quiet < until:
+            seen = f"white noise did not grow for t = {self.quiet:.3g}, the run takes longer" if self.quiet else "nothing is known yet"
+            return f"stability is undecided, {seen}: farhorizon check --budget 60 (certificate(60.0) in Python) examines it"
+        return ""
+
     def as_json(self) -> dict[str, Any]:
         """Plain numbers and words; None for what is not known."""
 
@@ -117,14 +137,15 @@ class Certificate:
         ]
         return {"verdict": self.verdict, "reason": self.reason, "rate": known(self.rate), "error": known(self.error),
                 "crossing": known(self.crossing), "rate_per_crossing": known(self.rate_per_crossing), "parts": rows,
-                "skipped": list(self.skipped), "seconds": self.seconds}  # fmt: skip
+                "skipped": list(self.skipped), "seconds": self.seconds, "quiet": self.quiet}  # fmt: skip
 
 
 @one_blas_thread()
-def certify(sim: Simulation, budget: float = BUDGET) -> Certificate:
+def certify(sim: Simulation, budget: float = BUDGET, until: float = np.inf) -> Certificate:
     """Examine the one-step map of a simulation.
 
-    Where no proof holds, a state of up to 700 numbers is examined as it is. Otherwise each pair of absorbing sides is examined by itself, the medium
+    Where no proof holds, a state of up to 700 numbers is examined as it is. Otherwise white noise runs for ten crossing times of a small copy of the
+    near field, and what grows there is refused. Then each pair of absorbing sides is examined by itself, the medium
     between them without end along the other axes: its map is a chain for each tangential wavenumber, all of whose eigenvalues are computed. Corners,
     edges and faces that run into a layer are examined on a small copy of the near field by Krylov spaces of powers of the map; where layers are
     all around and those of both sides of an axis are the same, that copy has one of them, and the other side is held fixed: all corners are alike.
@@ -135,20 +156,23 @@ def certify(sim: Simulation, budget: float = BUDGET) -> Certificate:
     sim : Simulation
     budget : float
         Seconds; what would take longer is skipped, and said so.
+    until : float
+        Length of the run for which this is asked: where it is shorter than the run from noise, that takes as long as the run, whatever `budget`
+        says, and modes are not examined.
 
     Returns
     -------
     Certificate
     """
     if isinstance(sim.model, Elastic) and sim.model.bondwise:
-        found = certify(sim.remade(model=sim.model.linearised, balance=False), budget)
+        found = certify(sim.remade(model=sim.model.linearised, balance=False), budget, until)
         return replace(found, reason=f"{found.reason}; that of the linear form, in which no bond breaks")
     begin = time.monotonic()
     proof = _proof(sim)
     if proof:
         return Certificate(CERTIFIED, proof, seconds=time.monotonic() - begin)
     if isinstance(sim.model, Corrosion) and (sim.engine.dissolved == NEVER).any():
-        found = certify(sim.remade(specimens=()), budget)
+        found = certify(sim.remade(specimens=()), budget, until)
         return replace(found, reason=f"{found.reason}; that of the linear form, all liquid")
     path = _cache_file(sim)
     known = _recall(path)
@@ -157,6 +181,11 @@ def certify(sim: Simulation, budget: float = BUDGET) -> Certificate:
     parts: list[Part] = []
     slow: list[Part] = []
     skipped: list[str] = []
+    grown, quiet = _noise_part(sim, budget / 3 if np.isinf(until) else PATIENCE, until)
+    if grown is not None and np.isfinite(until):
+        return judge([grown], [], sim.crossing, time.monotonic() - begin)
+    if until <= quiet:
+        return judge([], ["modes, for the run is no longer"], sim.crossing, time.monotonic() - begin, quiet)
     try:
         for name, examine in _examinations(sim):
             left = budget - (time.monotonic() - begin)
@@ -183,7 +212,11 @@ def certify(sim: Simulation, budget: float = BUDGET) -> Certificate:
                 parts, skipped = _with_whole(sim, slow, parts, skipped, budget - (time.monotonic() - begin))
     except InputError as error:
         skipped.append(f"a smaller copy, which is refused ({error.message})")
-    found = _short_lived(sim, judge(parts, skipped, sim.crossing, time.monotonic() - begin))
+    found = judge(parts, skipped, sim.crossing, time.monotonic() - begin, quiet)
+    examined = found.verdict == CERTIFIED and bool(slow)  # the whole, of which a copy tells less
+    if grown is not None and found.verdict != NOT_CERTIFIED and not examined:
+        found = judge([*parts, grown], skipped, sim.crossing, time.monotonic() - begin)
+    found = _short_lived(sim, found)
     if not skipped:
         _keep(path, found)
     return found
@@ -194,7 +227,7 @@ def told(rate: float, crossing: float) -> str:
     return f"{rate:.2g} per crossing ({rate / crossing:.2g} per unit time)"
 
 
-def judge(parts: list[Part], skipped: list[str], crossing: float, seconds: float) -> Certificate:
+def judge(parts: list[Part], skipped: list[str], crossing: float, seconds: float, quiet: float = 0.0) -> Certificate:
     """What follows from the parts that were computed and those that were not.
 
     Parameters
@@ -205,14 +238,17 @@ def judge(parts: list[Part], skipped: list[str], crossing: float, seconds: float
         Time of a crossing.
     seconds : float
         What the parts cost.
+    quiet : float
+        Time over which white noise did not grow.
     """
     if not parts:
-        return Certificate(UNDECIDED, "nothing could be examined", crossing=crossing, skipped=tuple(skipped), seconds=seconds)
+        reason = f"white noise does not grow for t = {quiet:.3g}" if quiet else "nothing could be examined"
+        return Certificate(UNDECIDED, reason, crossing=crossing, skipped=tuple(skipped), seconds=seconds, quiet=quiet)
     growths = [p.growth for p in parts]
     growth = fastest(growths) if any(g.stable is not True for g in growths) else max(growths, key=lambda g: g.rate)
     part = next(p for p in parts if p.growth is growth)
-    found: tuple[float, float, float, tuple[Part, ...], tuple[str, ...], float] = (
-        growth.rate / crossing, growth.error / crossing, crossing, tuple(parts), tuple(skipped), seconds,
+    found: tuple[float, float, float, tuple[Part, ...], tuple[str, ...], float, float] = (
+        growth.rate / crossing, growth.error / crossing, crossing, tuple(parts), tuple(skipped), seconds, quiet,
     )  # fmt: skip
     if growth.stable is False:
         how = f"a mode grows by {told(growth.rate, crossing)}, tenfold in {np.log(10) * crossing / growth.rate:.3g} ({part.name})"
@@ -264,7 +300,8 @@ def _recall(path: Path) -> Certificate | None:
         Part(p["name"], Growth(p["rate"], p["error"], complex(*p["factor"]), np.zeros(0), p["hidden"]), arrays[f"field{i}"], p["drifts"])
         for i, p in enumerate(words["parts"])
     ]
-    return Certificate(words["verdict"], words["reason"], words["rate"], words["error"], words["crossing"], tuple(parts), (), words["seconds"])
+    return Certificate(words["verdict"], words["reason"], words["rate"], words["error"], words["crossing"], tuple(parts), (), words["seconds"],
+                       words["quiet"])  # fmt: skip
 
 
 def _keep(path: Path, found: Certificate) -> None:
@@ -273,7 +310,7 @@ def _keep(path: Path, found: Certificate) -> None:
         factor = [p.growth.factor.real, p.growth.factor.imag]
         rows.append({"name": p.name, "rate": p.growth.rate, "error": p.growth.error, "factor": factor, "hidden": p.growth.hidden, "drifts": p.drifts})
     words = {"verdict": found.verdict, "reason": found.reason, "rate": found.rate, "error": found.error, "crossing": found.crossing,
-             "seconds": found.seconds, "parts": rows}  # fmt: skip
+             "quiet": found.quiet, "seconds": found.seconds, "parts": rows}  # fmt: skip
     keep(path, words=json.dumps(words), **{f"field{i}": p.field for i, p in enumerate(found.parts)})
 
 
@@ -327,10 +364,10 @@ def _outline_proof(sim: Simulation, positive: bool) -> str:
 
 
 def _escapes(sim: Simulation, part: Part) -> bool:
-    """Whether a mode between two sides grows so slowly that absorbing sides along them may take it before it has grown."""
+    """Whether a mode between two sides grows so slowly that an absorbing side along them may take it before it has grown."""
     axis = AXES.index(part.name[len("sides ")]) if part.name.startswith("sides ") else None
     along = [] if axis is None else [a for a in range(sim.lattice.dim) if a != axis]
-    if not along or not all(isinstance(sim.sides[a, s], LatticePML | Sponge) for a in along for s in (-1, 1)):
+    if not any(isinstance(sim.sides[a, s], LatticePML | Sponge) for a in along for s in (-1, 1)):
         return False
     return part.growth.rate < _ESCAPES
 
@@ -369,6 +406,28 @@ def _examinations(sim: Simulation) -> Iterator[tuple[str, Callable[[float], tupl
     small = small_lattice(sim)
     kind = f"{'corners' if len(layered) > 1 else 'faces'} on a copy of {' x '.join(map(str, small.shape))} nodes"
     yield kind, lambda left: (_krylov_part(kind, plain_twin(sim, small, one_corner(sim)), sim.crossing, left), [])
+
+
+def _noise_part(sim: Simulation, budget: float, until: float) -> tuple[Part | None, float]:
+    """What grows in a short run from white noise, None if nothing does; and the time for which noise ran.
+
+    It runs in the set-up itself where this is small, or where cracks, conditions or an outline make a copy another problem, else on a small copy.
+    """
+    ends = sim.exact_ends
+    if ends is not None and (ends.convolved or not ends.steps):
+        return None, 0.0  # a past that is kept whole is no finite state
+    small = small_lattice(sim)
+    special = sim.conditions.nodes.size or sim.conditions.leaks or sim.closure is not None
+    whole = special or np.prod(sim.lattice.shape) <= _ALIKE * np.prod(small.shape)
+    twin = plain_twin(sim) if whole else plain_twin(sim, small)
+    state, crossing = State(twin.engine), crossing_steps(twin)
+    asked = until / (crossing * twin.dt)
+    growth, crossings = noise_growth(state.after, state.size, twin.dt / sim.crossing, crossing, budget, asked)
+    quiet = float(until if asked <= crossings * (1 + 1e-9) else crossings * crossing * twin.dt)
+    if growth is None:
+        return None, quiet
+    where = "the complete update" if whole else f"a copy of {' x '.join(map(str, small.shape))} nodes"
+    return Part(f"white noise, {where}", growth, state.portrait(growth.mode) if growth.mode.size else np.zeros(0)), quiet
 
 
 def _dense_part(name: str, sim: Simulation) -> Part:

@@ -232,7 +232,7 @@ def _run(options: argparse.Namespace) -> int:
     with case.naming():
         last = sim.prepare(until)
         sim.record(case.parts.output.probes, case.parts.output.probe_every)
-    certificate = _certified(sim, until, options.allow_unstable)
+    certificate = sim.examine(until, options.allow_unstable)
     _folder(options.out)
     with locked(folder / f".{case.name}.lock"):
         _refuse_finished(result, options)
@@ -308,7 +308,7 @@ def _compute(options: argparse.Namespace, case: Any, sim: Any, until: float, las
 
     try:
         with _said_plainly():
-            sim.run(until, case.every(sim.dt))
+            sim.run(until, case.every(sim.dt), allow_unstable=options.allow_unstable)
     except KeyboardInterrupt:
         if len(came) == 1:  # it ended between two steps
             keep(sim)
@@ -341,22 +341,6 @@ def _said_plainly() -> Iterator[None]:
         warnings.simplefilter("always", ValidityWarning)
         warnings.showwarning = show
         yield
-
-
-def _certified(sim: Any, until: float, allowed: bool) -> Any:
-    """The stability certificate, in at most half the time of the run or two seconds; refuses what grows unless that is allowed."""
-    from farhorizon.certificate import CERTIFIED, NOT_CERTIFIED, UNDECIDED
-    from farhorizon.errors import InputError
-
-    certificate = sim.certificate(max(2.0, 0.5 * sim.seconds_per_step() * until / sim.dt))
-    if certificate.verdict == NOT_CERTIFIED and not allowed:
-        raise InputError("the run is not stable", value=certificate.reason, limit="1e-10 per crossing",
-                         remedy="see the warnings of farhorizon check, or run it with --allow-unstable")  # fmt: skip
-    if certificate.verdict == UNDECIDED and certificate.skipped:
-        print(f"note: stability was not fully examined, to take no longer than the run ('farhorizon check' does): {certificate}", file=sys.stderr)
-    elif certificate.verdict != CERTIFIED:
-        print(f"warning: stability {certificate}", file=sys.stderr)
-    return certificate
 
 
 def _check(options: argparse.Namespace) -> int:

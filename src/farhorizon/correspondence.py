@@ -747,7 +747,7 @@ class Body(Run):
     @property
     def notes(self) -> list[str]:
         """What is allowed, but to be known."""
-        return list(self._notes)
+        return self._notes + self._remarks
 
     @property
     def u(self) -> np.ndarray:
@@ -880,11 +880,11 @@ class Body(Run):
                 count, spent = count + 1, perf_counter() - begin
         return spent / count
 
-    def certificate(self, budget: float = BUDGET) -> Certificate:
+    def certificate(self, budget: float = BUDGET, until: float = np.inf) -> Certificate:
         """Whether the update of the intact linear form is stable; see `farhorizon.body_report`."""
         from farhorizon.body_report import certify
 
-        return certify(self, budget)
+        return certify(self, budget, until)
 
     def check(self, until: float | None = None, budget: float | None = None) -> Report:
         """Step limit, stability certificate of the intact linear form, layers, memory, time, before running.

@@ -101,11 +101,6 @@ def _number(value: float, scale: float) -> str:
     return f"{value if abs(value) > 1e-9 * scale else 0.0:g}".replace("-", "\N{MINUS SIGN}")
 
 
-def _with_unit(name: str, unit: str) -> str:
-    """Name of an axis."""
-    return f"{name} ({unit})" if unit else name
-
-
 def _color_range(fields: Sequence[np.ndarray], signed: bool | None = None) -> dict[str, Any]:
     """Colour map and limits of some fields: symmetric and diverging if they have both signs, sequential otherwise.
 
@@ -142,7 +137,6 @@ def field_panels(
     label: str = "u",
     solids: Sequence[np.ndarray] = (),
     colors: str | None = None,
-    unit: str = "",
 ) -> None:
     """Draw fields side by side: lines in one axes in 1D, images in 2D, the slice in the middle of z in 3D.
 
@@ -164,8 +158,6 @@ def field_panels(
         For each field the nodes that are solid: their outline is drawn as cracks are. Without meaning in 1D.
     colors : str, optional
         Matplotlib's colour map, from zero; diverging or sequential as the values are, unless given. Without meaning in 1D.
-    unit : str
-        Of the coordinates.
 
     Raises
     ------
@@ -188,14 +180,7 @@ def field_panels(
     if dim == 1:
         curves = [(title, coordinates[0], array) for title, array in zip(titles, arrays, strict=True)]
         title = titles[0] if len(titles) == 1 else ""
-        _lines(
-            curves,
-            path,
-            xlabel=_with_unit("x", unit),
-            ylabel=label,
-            title=title,
-            places=[x for points in polylines for x in points[:, 0]],
-        )
+        _lines(curves, path, xlabel="x", ylabel=label, title=title, places=[x for points in polylines for x in points[:, 0]])
         return
     if dim == 3:
         middle = shape[2] // 2
@@ -203,8 +188,7 @@ def field_panels(
         place = f"z = {_number(coordinates[2][middle], np.ptp(coordinates[2]))}"
         titles = [f"{title}, {place}" if title else place for title in titles]
         solids = [solid[:, :, middle] for solid in solids]
-    _images(arrays, titles, coordinates[:2], path, shared_scale=shared_scale, cracks=polylines, label=label, solids=solids,
-            colors=colors, unit=unit)  # fmt: skip
+    _images(arrays, titles, coordinates[:2], path, shared_scale=shared_scale, cracks=polylines, label=label, solids=solids, colors=colors)
 
 
 def gradient_panels(
@@ -318,7 +302,6 @@ def _images(
     solids: Sequence[np.ndarray] = (),
     arrows: Sequence[np.ndarray] = (),
     colors: str | None = None,
-    unit: str = "",
 ) -> None:
     """Draw checked 2D fields as images."""
     left, right, bottom, top = _extent(axes)
@@ -342,10 +325,7 @@ def _images(
             panel.set_title(title)
             lowest = number + columns >= len(arrays)
             panel.tick_params(labelbottom=lowest, labelleft=number % columns == 0)
-            panel.set(
-                xlabel=_with_unit("x", unit) if lowest else "",
-                ylabel=_with_unit("y", unit) if number % columns == 0 else "",
-            )
+            panel.set(xlabel="x" if lowest else "", ylabel="y" if number % columns == 0 else "")
             panel.locator_params(nbins=4 if width < 2 else 6)
             if not shared_scale:
                 figure.colorbar(image, ax=panel, label=label)
@@ -353,15 +333,8 @@ def _images(
             figure.colorbar(image, ax=list(panels[: len(arrays)]), label=label, pad=0.02)
 
 
-def _image(
-    panel: Any,
-    array: np.ndarray,
-    axes: Sequence[np.ndarray],
-    scale: Mapping[str, Any],
-    cracks: Any,
-    solid: np.ndarray | None = None,
-) -> Any:
-    """Draw a field into one panel, with its cracks and the outlines of its window and of what is solid; returns the image."""
+def _image(panel: Any, array: np.ndarray, axes: Sequence[np.ndarray], scale: Mapping[str, Any], cracks: Any, solid: np.ndarray | None = None) -> Any:
+    """Draw a field into one panel, with the outline of its window, of what is solid, and its cracks; returns the image."""
     image = panel.imshow(array.T, origin="lower", extent=_extent(axes), aspect="equal", **scale)
     outside = np.isnan(array)
     if outside.any() and not outside.all() and min(array.shape) > 1:
@@ -371,9 +344,7 @@ def _image(
             panel.contour(*axes, solid.T.astype(float), levels=[0.5], colors=color, linewidths=width)
     for points in cracks:
         for color, width in _RIM:
-            panel.plot(
-                points[:, 0], points[:, 1], color=color, linewidth=width, linestyle="-", scalex=False, scaley=False
-            )
+            panel.plot(points[:, 0], points[:, 1], color=color, linewidth=width, linestyle="-", scalex=False, scaley=False)
     return image
 
 
@@ -388,8 +359,7 @@ def field_table(
 ) -> None:
     """Draw 2D fields as a table of images: what is compared side by side, times one below the other.
 
-    Each row has one colour scale, which reaches up to five times the largest value of the first column; what is larger
-    has the colour of the end.
+    Each row has one colour scale, which reaches up to five times the largest value of the first column; what is larger has the colour of the end.
 
     Parameters
     ----------
@@ -427,11 +397,7 @@ def field_table(
                     image = _image(panel, fields[i], axes, scale, cracks)
                 else:
                     panel.text(0.5, 0.5, "overflow", transform=panel.transAxes, ha="center", va="center", color="0.4")
-                panel.set(
-                    title=title if i == 0 else "",
-                    xlabel="x" if i + 1 == len(rows) else "",
-                    ylabel=f"{row}\ny" if j == 0 else "",
-                )
+                panel.set(title=title if i == 0 else "", xlabel="x" if i + 1 == len(rows) else "", ylabel=f"{row}\ny" if j == 0 else "")
                 panel.locator_params(nbins=4)
             figure.colorbar(image, ax=list(panels[i]), label=label, pad=0.02, extend="both")
 
@@ -588,7 +554,6 @@ def curve_panels(
     xlabel: str,
     ylabel: str,
     reference: str | None = None,
-    points: Sequence[str] = (),
 ) -> None:
     """Draw panels of curves that are to be compared: the reference a broad pale line, the others thin ones on top of it.
 
@@ -601,8 +566,6 @@ def curve_panels(
     xlabel, ylabel : str
     reference : str, optional
         Name of the curve that the others are held against; the first one unless given.
-    points : sequence of str
-        Names of curves of which the points are drawn, and no line.
 
     Raises
     ------
@@ -619,8 +582,6 @@ def curve_panels(
     colors = [_COLORS[i] for i in (1, 6, 2, 3, 0, 4, 1)]
     styles = {name: {"color": colors[i % len(colors)], "linewidth": 1.1, **dashes[i % len(dashes)]} for i, name in enumerate(names)}
     styles[broad] = {"color": _COLORS[5], "linewidth": 3.4}
-    for name, mark in zip(points, "osx^", strict=False):
-        styles[name] = {"color": styles[name]["color"], "linestyle": "", "marker": mark, "markerfacecolor": "none"}
     shared = all(len(curves) > 1 for _, curves in panels)  # all axes are of one quantity
     with _figure(path, (6.4, 0.7 + 2.0 * rows)) as figure:
         legend: dict[str, Any] = {}
@@ -681,28 +642,14 @@ def log_panels(
             if order is not None:
                 axes.set_xscale("log")
             for name, x, y in curves:
-                axes.plot(
-                    x, np.where((y > 0) & np.isfinite(y), y, np.nan), label=name, marker=None if order is None else "."
-                )
+                axes.plot(x, np.where((y > 0) & np.isfinite(y), y, np.nan), label=name, marker=None if order is None else ".")
             for k, line in enumerate(axes.get_lines() if printed else ()):
-                circles = {
-                    "color": line.get_color(),
-                    "markerfacecolor": "none",
-                    "markersize": 7,
-                    "label": "" if k else "as printed",
-                }
+                circles = {"color": line.get_color(), "markerfacecolor": "none", "markersize": 7, "label": "" if k else "as printed"}
                 axes.plot(curves[k][1], printed[number][k], "o", **circles)
             top = max(np.max(y, where=np.isfinite(y), initial=0) for _, _, y in curves)
             if order is not None:
                 _, x, y = max(curves, key=lambda curve: float(np.nanmax(curve[2])))
-                axes.plot(
-                    x,
-                    2 * np.nanmax(y) * (x / np.max(x)) ** order,
-                    color="0.4",
-                    linestyle="--",
-                    linewidth=0.9,
-                    label=f"order {order:g}",
-                )
+                axes.plot(x, 2 * np.nanmax(y) * (x / np.max(x)) ** order, color="0.4", linestyle="--", linewidth=0.9, label=f"order {order:g}")
                 axes.set_xticks(x, [f"{value:.3g}" for value in x])
                 axes.minorticks_off()
             else:
@@ -766,7 +713,6 @@ def reflection_picture(angles: np.ndarray, curves: Sequence[tuple[str, np.ndarra
 
 def waterfall(
     x: np.ndarray, times: np.ndarray, lines: np.ndarray, path: str | Path, *, xlabel: str, ylabel: str, backdrop: tuple[str, np.ndarray],
-    tlabel: str = "t",
 ) -> None:  # fmt: skip
     """Draw a field on a line at many times, the latest farthest back.
 
@@ -780,8 +726,6 @@ def waterfall(
     xlabel, ylabel : str
     backdrop : (str, ndarray of shape (n,))
         Name and values of what is drawn behind the last line, scaled to the field.
-    tlabel : str
-        Name of the times.
 
     Raises
     ------
@@ -800,7 +744,7 @@ def waterfall(
             axes.plot(x, base + lines[number], color=_COLORS[0], linestyle="-", linewidth=0.9, zorder=2.5 - number / len(times))
         shown = range(0, len(times), max(1, len(times) // 5))
         axes.set_yticks([gap * number for number in shown], [f"{times[number]:g}" for number in shown])
-        axes.set(xlabel=xlabel, ylabel=tlabel)
+        axes.set(xlabel=xlabel, ylabel="t")
         axes.plot([], [], color=_COLORS[0], linestyle="-", linewidth=0.9, label=ylabel)
         axes.margins(x=0)
         axes.legend(loc="upper center", ncols=2)

@@ -16,7 +16,7 @@ from farhorizon.analysis.chain import Recursion
 from farhorizon.analysis.layer import LayerSide, Medium
 from farhorizon.analysis.spectrum import Band, band, gain_of_time
 from farhorizon.boundaries import Absorbing, Closing, Exact, Fixed, LatticePML, Sponge
-from farhorizon.certificate import BUDGET, NOT_CERTIFIED, UNDECIDED, Certificate, told
+from farhorizon.certificate import BUDGET, NOT_CERTIFIED, Certificate, told
 from farhorizon.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.lattice import AXES
@@ -123,6 +123,8 @@ class Report:
         Of each kind of absorbing side.
     numbers : dict of str to float
         Those of the rows that a program may want: "dt", "step_limit", "seconds", "steps", "extended_nodes", "extended_cost", "memory".
+    until : float
+        End of the run; infinite if it is not known.
     """
 
     rows: list[tuple[str, str]] = field(default_factory=list)
@@ -131,12 +133,13 @@ class Report:
     certificate: Certificate | None = None
     reflections: list[Reflections] = field(default_factory=list)
     numbers: dict[str, float] = field(default_factory=dict)
+    until: float = np.inf
 
     @classmethod
     def of(cls, sim: Simulation, until: float | None = None, budget: float | None = None) -> Report:
         """Examine a simulation; see `Simulation.check`."""
         begin = time.monotonic()
-        report = cls()
+        report = cls(until=np.inf if until is None else until)
         waves = content(sim, until)
         report._describe(sim, waves)
         if until is not None:
@@ -155,7 +158,7 @@ class Report:
     @property
     def refused(self) -> bool:
         """Whether `farhorizon run` refuses the set-up because it grows."""
-        return self.certificate is not None and self.certificate.verdict == NOT_CERTIFIED
+        return self.certificate is not None and self.certificate.grows_within(self.until)
 
     def _predict(self, sim: Simulation, wavelengths: tuple[float, ...], end: float) -> None:
         """Reflection by each kind of absorbing side, the typical wave first; what there is no time for is noted."""
@@ -281,8 +284,8 @@ class Report:
         self._say("stability", str(certificate))
         if certificate.verdict == NOT_CERTIFIED:
             self.warnings.append(f"the run is not stable: {certificate.reason}. {_remedy(sim, backward)}")
-        elif certificate.verdict == UNDECIDED:
-            self.warnings.append(f"stability is undecided: {certificate.reason}; watch the energy, or give the certificate more time (--budget 30)")
+        elif remark := certificate.remark(self.until):
+            self.warnings.append(remark)
 
     def as_json(self) -> dict[str, Any]:
         """Facts, numbers, warnings, notes, the certificate and the reflections as plain data."""

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.certificate import UNDECIDED, Certificate
 from farhorizon.describe import rebuild
 from farhorizon.engine import available_threads
 from farhorizon.errors import FileFormatError, InputError, UnstableError, ValidityWarning
@@ -20,15 +21,17 @@ from farhorizon.lattice import Lattice
 from farhorizon.overstretch import Rim
 from farhorizon.probes import Probes
 from farhorizon.results import Caution, read_checkpoint
+from farhorizon.stencil import Stencil
 from farhorizon.steps import last_step, steps_between
 
 if TYPE_CHECKING:
-    from farhorizon.certificate import Certificate
     from farhorizon.report import Report
 
 _GUARD_STEPS = 200  # steps between two looks of the instability guard, at most; fewer on lattices above
 _GUARD_NODES = 1_000_000  # this many nodes, so that an interrupt is heard within seconds
 MOST_STEPS = 2**53  # their numbers are exact in double precision
+_LEAST = 2.0  # seconds that the examination of a run's modes may take, at least
+_LONG = 100_000_000  # bonds times steps of a run that may take so long that its time is estimated
 EXPLODED = 1e6  # growth of the largest value over all that initial data and what drives the run explain
 
 
@@ -63,6 +66,7 @@ class Run(ABC):
     """
 
     lattice: Lattice
+    stencil: Stencil
     dt: float
     probes: Probes | None = None
 
@@ -73,6 +77,9 @@ class Run(ABC):
         self.cautions: list[Caution] = []
         self._next_look = 0  # step of the next look at the rim
         self.time, self.step_count = 0.0, 0
+        self._examined: Certificate | None = None
+        self._asked = 0.0  # length of the run for which that was
+        self._remarks: list[str] = []
         self._guard_steps = max(1, min(_GUARD_STEPS, _GUARD_STEPS * _GUARD_NODES // max(int(np.prod(self.lattice.shape)), 1)))
 
     # --- in time -----------------------------------------------------------------------------------------------
@@ -89,7 +96,7 @@ class Run(ABC):
         """What `run` does first; returns the number of the last step, the first one at or after a time."""
         return last_step(until, self.dt)
 
-    def run(self, until: float, every: float | None = None, progress: bool | None = None) -> Self:
+    def run(self, until: float, every: float | None = None, progress: bool | None = None, allow_unstable: bool = False) -> Self:
         """Run to a time; observers are called every `every` time units and at the end.
 
         Parameters
@@ -100,11 +107,13 @@ class Run(ABC):
             A whole number of steps: build the run with ``dt=WholeSteps(every=...)`` where it matters.
         progress : bool, optional
             Show a bar; on terminals only unless given.
+        allow_unstable : bool
+            Run although something grows tenfold or more until then, see `examine`.
 
         Raises
         ------
         InputError
-            An end that is not finite, a time between outputs that is not a whole number of steps.
+            An end that is not finite, a time between outputs that is not a whole number of steps, a run that is not stable.
         """
         from tqdm import tqdm
 
@@ -114,6 +123,7 @@ class Run(ABC):
                              remedy=f"other units: a step is {self.dt:.3g}")  # fmt: skip
         count = None if every is None else steps_between(every, self.dt)
         last = self.prepare(until)
+        self.examine(until, allow_unstable)
         show = sys.stderr.isatty() if progress is None else progress
         with tqdm(total=max(last - self.step_count, 0), disable=not show, unit="step", leave=False) as bar:
             while self.step_count < last:
@@ -235,8 +245,44 @@ class Run(ABC):
         """Time of a step on this machine now; the state stays as it is."""
 
     @abstractmethod
-    def certificate(self, budget: float) -> Certificate:
-        """Whether the complete update is stable, in at most `budget` seconds."""
+    def certificate(self, budget: float, until: float = np.inf) -> Certificate:
+        """Whether the complete update is stable, in at most `budget` seconds; as far as a run to `until` needs it."""
+
+    def examine(self, until: float, allow_unstable: bool = False) -> Certificate:
+        """What `run` knows of its stability before it begins; the same for a Python program and for the command line.
+
+        White noise runs for as long as the run, ten crossing times at most. Where the run is longer modes are examined, too, for half the time of
+        the run or two seconds. What was examined before is not examined again. What is to be known is added to the `notes`.
+
+        Parameters
+        ----------
+        until : float
+        allow_unstable : bool
+            Note what grows, in place of refusing it.
+
+        Returns
+        -------
+        Certificate
+
+        Raises
+        ------
+        InputError
+            What grows does so tenfold or more until then.
+        """
+        known = self._examined
+        if known is None or (known.verdict == UNDECIDED and known.quiet < until and self._asked < until):
+            asked = until if known is None else max(until, 2 * self._asked)  # a run in many pieces is examined a few times only
+            steps = until / self.dt - self.step_count
+            work = steps * self.lattice.nodes * len(self.stencil.weights)
+            seconds = self.seconds_per_step() * steps if work > _LONG else 0.0
+            self._examined, self._asked = self.certificate(max(_LEAST, 0.5 * seconds), asked), asked
+        certificate = self._examined
+        assert certificate is not None
+        if certificate.grows_within(until) and not allow_unstable:
+            raise InputError("the run is not stable", value=certificate.reason, limit=f"no tenfold growth until t = {until:.6g}",
+                             remedy="see the warnings of check; or allow_unstable=True (--allow-unstable) runs it all the same")  # fmt: skip
+        self._remarks = [remark] if (remark := certificate.remark(until)) else []
+        return certificate
 
     @abstractmethod
     def check(self, until: float | None = None, budget: float | None = None) -> Report:

@@ -710,7 +710,7 @@ class Simulation(Assembly, Run):
     @property
     def notes(self) -> list[str]:
         """What lies beyond the near field and is missed, but within the sides' targets, or cannot be known."""
-        return self._beyond.notes + (self._ends.notes() if self._ends is not None else [])
+        return self._beyond.notes + (self._ends.notes() if self._ends is not None else []) + self._remarks
 
     @property
     def ends(self) -> dict[str, str]:
@@ -741,15 +741,17 @@ class Simulation(Assembly, Run):
         """The exact ends; None without."""
         return self._ends
 
-    def certificate(self, budget: float = BUDGET) -> Certificate:
+    def certificate(self, budget: float = BUDGET, until: float = np.inf) -> Certificate:
         """Whether the complete update, near field and all memory of the boundaries, is stable; see `farhorizon.certificate`.
 
         Parameters
         ----------
         budget : float
             Seconds that it may take; what is not examined in that time is named.
+        until : float
+            Length of the run: noise for as long is enough, up to ten crossing times.
         """
-        return certify(self, budget)
+        return certify(self, budget, until)
 
     def seconds_per_step(self) -> float:
         """Time of a step on this machine now, measured for a tenth of a second without sources; the state stays as it is."""

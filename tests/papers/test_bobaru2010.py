@@ -83,7 +83,7 @@ def test_flux(number, ratio, kernel, error, largest):
 
 
 def test_profiles_tell_the_bulk_from_the_held_ends(tmp_path):
-    """Figure 8 beside a matrix of the paper's sums (eqs 12 to 18), exact in time, and the Fourier series of eq. 33."""
+    """Figure 8: the rows beside a matrix of the paper's sums (eqs 12 to 18) that is exact in time and the Fourier series of eq. 33."""
     nodes, length, alpha, m = 1067, 10.0, 1.14, 4
     dx = length / nodes
     x = dx * (np.arange(nodes) + 0.5)
@@ -100,9 +100,7 @@ def test_profiles_tell_the_bulk_from_the_held_ends(tmp_path):
         for t in (0.1, 4.0, 8.0):
             u = np.zeros(nodes)
             u[1:-1] = modes @ (np.exp(values * t) * (modes.T @ np.full(nodes - 2, 100.0)))
-            series = (
-                400 / (n * np.pi) * np.sin(n * np.pi * x / length) * np.exp(-alpha * (n * np.pi / length) ** 2 * t)
-            ).sum(0)
+            series = (400 / (n * np.pi) * np.sin(n * np.pi * x / length) * np.exp(-alpha * (n * np.pi / length) ** 2 * t)).sum(0)
             apart = np.abs(u - series)
             name = f"t = {t:g} s, {kernel}, "
             bulk = found[name + "largest difference from the classical solution two horizons inside (C)"]

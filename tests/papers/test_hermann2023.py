@@ -21,9 +21,7 @@ def test_example_1(tmp_path):
     assert found["nodes of the square"].deviation == found["elements"].deviation == 0
     assert outcome.infinite_error["lattice PML"] <= 1e-7
     last = {name: found[f"{name}, t = 50"].ours for name in outcome.infinite_error}
-    assert last["repaired, 3 spacings"] < 0.2 * min(
-        last[name] for name in last if name.startswith(("published", "first"))
-    )
+    assert last["repaired, 3 spacings"] < 0.2 * min(last[name] for name in last if name.startswith(("published", "first")))
     assert all(path.stat().st_size > 20_000 for path in outcome.pictures)
     # Errors of an independent program at t = 50 for clouds of 1, 2 and 3 spacings, two digits; its near field has one node more on each side.
     for name, error in (("published, 1 spacing", 3.1e-2), ("published, 2 spacings", 1.2e-2), ("published, 3 spacings", 4.4e-2)):
@@ -50,13 +48,13 @@ def test_growth_is_measured():
 
 
 def test_energy_of_a_known_field():
-    """Eq 55 is exact for a bilinear field with a constant rate: over the unit square 1/2 (1/3 + 1/3 + 9)."""
+    """Eq 55 of a bilinear field is exact, and so are lumped masses for a constant rate: over the unit square 1/2 (1/3 + 1/3 + 9)."""
     x, y = np.meshgrid(np.linspace(0, 1, 6), np.linspace(0, 1, 6), indexing="ij")
     assert paper.energy(x * y, np.full_like(x, 3.0), 0.2) == pytest.approx((2 / 3 + 9) / 2, rel=1e-14)
 
 
 def test_energy_of_the_pulse():
-    """That of a gaussian is pi/2 whatever its width, to the square of the spacing; the damped continuum starts from it."""
+    """That of a gaussian is pi/2 whatever its width, to the square of the spacing over its length; the damped continuum starts from it."""
     setup = paper.square(paper.RADIUS, 0.01)
     x, y = setup["lattice"].coordinates()
     assert paper.energy(paper.wide_pulse(x, y), 0 * x, 0.5) == pytest.approx(np.pi / 2, rel=0.5**2 / 9)
@@ -66,7 +64,7 @@ def test_energy_of_the_pulse():
 
 
 def test_the_continuum_solves_its_equation():
-    """``u_tt + 2 d u_t = u_rr + u_r / r`` by differences at t = 30; late a diffusing pulse, ``M / (4 pi D t)``."""
+    """``u_tt + 2 d u_t = u_rr + u_r / r`` by differences at t = 30, and at late times a diffusing pulse of the same content, ``M / (4 pi D t)``."""
     lattice = Lattice(0.05, (-1.0, -1.0), (1.0, 1.0))
     medium, h = paper.Continuum(lattice, 3e4), 1e-2
     states = [medium.state(30.0 + n * h) for n in (-1, 0, 1)]
@@ -80,13 +78,11 @@ def test_the_continuum_solves_its_equation():
 
 
 def test_late_energies():
-    """The lattice PML keeps the energy of the infinite medium, of the lattice and then of the continuum; others do not."""
+    """The lattice PML keeps the energy of the infinite medium, on the lattice until the front has left, then of the continuum; others do not."""
     setup = paper.square(paper.RADIUS, 0.1)
     times = np.array([20.0, 100.0, 200.0, 205.0, 400.0])
     exact = paper.exact_energies(setup, times)
-    assert exact[0] == pytest.approx(
-        np.exp(-2 * paper.DAMPING * 20), rel=0.1
-    )  # all of it is there, and all of it is in the front, damped
+    assert exact[0] == pytest.approx(np.exp(-2 * paper.DAMPING * 20), rel=0.1)  # all of it is there, and all of it is in the front, damped
     later = paper.energy(*paper.Continuum(setup["lattice"], 200.0).state(200.0), 0.5) / (np.pi / 2)
     assert exact[2] == pytest.approx(later, rel=2e-3)  # where one takes over from the other they agree
     np.testing.assert_allclose(paper.energies(setup, LatticePML(), times), exact, rtol=2e-3)

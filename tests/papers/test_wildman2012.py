@@ -53,7 +53,7 @@ def test_errors_of_the_layers(kernel, label, known):
 @pytest.mark.parametrize(("kernel", "limit"), [("Gaussian", 1e-6), ("Heaviside", 1.7e-3)])
 def test_lattice_pml_with_the_same_nodes(kernel, limit):
     """1e-6 where the published layer keeps 2.3e-4, and a tenth of its 1.7e-2 (an independent program's errors)."""
-    assert infinite(kernel).errors_of(paper.lattice_plate(paper.KERNELS[kernel])).max() <= limit
+    assert infinite(kernel).error_of(paper.lattice_plate(paper.KERNELS[kernel])) <= limit
 
 
 @pytest.mark.slow
@@ -113,40 +113,12 @@ def test_figure_7(tmp_path):
     assert all(path.stat().st_size > 10_000 for path in outcome.pictures)
 
 
-def test_the_printed_fit_is_found_again():
-    """The constants of eq. 3-5 from its own curve; rounded to whole nodes it has s from 0.66 to 1.48 (an independent fit)."""
-    loads = np.array(paper.LOADS)
-    assert paper.fit(loads, paper.fitted(loads)) == pytest.approx(paper.FIT, rel=1e-4)
-    step = 2e3 * paper.GRID
-    limits = paper.exponents_of_steps(loads, paper.fitted(loads), step)
-    assert limits["printed"] == pytest.approx((0.66, 1.48), abs=0.03)
-    assert limits["ours"][0] < paper.FIT[1] - 0.3 and limits["ours"][1] > paper.FIT[1] + 0.3
-
-
 @pytest.mark.slow
 def test_figure_9(tmp_path):
-    """Every separation within one node at each tip of the paper's fit; with its exponent a fit within the rounding."""
-    outcome = find("wildman2012-fig9").run(tmp_path)
-    found = [row for what, row in rows(outcome).items() if what.endswith("N, separation (mm)")]
+    """Every separation within one node at each tip of the paper's fit."""
+    found = [row for what, row in rows(find("wildman2012-fig9").run(tmp_path)).items() if what.endswith("separation (mm)")]
     assert len(found) == len(paper.LOADS)
     assert all(abs(row.ours - row.printed) < 2e3 * paper.GRID for row in found)
-    named = {what: row.ours for what, row in rows(outcome).items()}
-    assert named["largest distance from that fit (mm)"] < 1e3 * paper.GRID
-    changed = [value for what, value in named.items() if what.startswith("s if one of our")]
-    of_printed = [value for what, value in named.items() if what.startswith("s of the paper's own")]
-    assert changed[0] < of_printed[1]  # what ours may be and what the paper's may be overlap
-    assert outcome.pictures[0].stat().st_size > 20_000
-
-
-@pytest.mark.slow
-def test_lattice_layer(tmp_path):
-    """Beside the published layer, by default until t = 10; errors as asserted above, the energy on its way down."""
-    outcome = find("wildman2012-lattice").run(tmp_path)
-    found = {what: row.ours for what, row in rows(outcome).items()}
-    assert found["Gaussian, lattice PML around 61 x 61 nodes, error"] <= 1e-6
-    assert found["Gaussian, published layer, error"] == pytest.approx(2.3e-4, rel=0.25)
-    assert found["Gaussian, lattice PML, |energy| at t = 10"] < 1e-9
-    assert outcome.pictures[0].stat().st_size > 20_000
 
 
 def test_growth_is_a_rate():
@@ -156,7 +128,7 @@ def test_growth_is_a_rate():
 
 
 def test_every_long_run_starts():
-    """All set-ups run with the step of their reproduction (free faces lower its limit), and lose energy at first."""
+    """Free faces lower the step's limit to 0.0143: all set-ups run with the step of their reproduction, and lose energy at first."""
     for kernel, boundary in paper.LONG.values():
         times, values = paper.amplitudes(paper.KERNELS[kernel], boundary, 1.0)
         assert times[-1] == pytest.approx(1.0) and values[0] == 1 and values[-1] < 0.7
@@ -164,20 +136,12 @@ def test_every_long_run_starts():
 
 @pytest.mark.slow
 def test_long_times(tmp_path):
-    """As in an independent program the Heaviside kernel grows unless cross-damped by 0.5, and free faces grow."""
-    found = {
-        what.removesuffix(", rate (1/s)"): row.ours
-        for what, row in rows(find("wildman2012-growth").run(tmp_path)).items()
-    }
+    """What an independent program found to grow and to decay: the Heaviside kernel grows unless cross-damped by 0.5, free faces grow."""
+    found = {what.removesuffix(", rate (1/s)"): row.ours for what, row in rows(find("wildman2012-growth").run(tmp_path)).items()}
     grows = {name for name, rate in found.items() if rate > 0}
-    assert grows == {
-        "Gaussian, between free faces", "Gaussian, half-space", "Heaviside, as published, 10 nodes",
-        "Heaviside, quadratic", "Heaviside, quadratic, shift 2", "Heaviside, quadratic, cross 0.2",
-    }  # fmt: skip
-    for name, known in (
-        ("Heaviside, quadratic, cross 0.2", 0.11),
-        ("Heaviside, quadratic", 0.31),
-    ):  # with a step twice as long
+    assert grows == {"Gaussian, between free faces", "Gaussian, half-space", "Heaviside, as published, 10 nodes", "Heaviside, quadratic",
+                     "Heaviside, quadratic, shift 2", "Heaviside, quadratic, cross 0.2"}  # fmt: skip
+    for name, known in (("Heaviside, quadratic, cross 0.2", 0.11), ("Heaviside, quadratic", 0.31)):  # with a step twice as long
         assert found[name] == pytest.approx(known, rel=0.15)
 
 

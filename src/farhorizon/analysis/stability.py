@@ -9,19 +9,22 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import linalg
 
 #: Growth per crossing, (spectral radius - 1)/dt, up to which a map counts as stable.
 TOLERANCE = 1e-10
-_NOISE = 20  # crossing times of white noise before Krylov spaces
+SHORT = 10  # crossing times of white noise that come before all else
+_NOISE = 20  # the same before Krylov spaces
 _LONG = 120  # crossing times of noise where Krylov spaces do not tell
 _LEAST = 12  # Krylov vectors of the first power, at least: a mode that grows slowly may hide behind one that decays slowly
 _RAISE = 8  # factor from one power of the map to the next
 _POWERS = 2  # powers that are tried
 _CLEAR = 1e-6  # a factor so far inside the unit circle needs a condition of a thousand million to be doubtful
+_RISES = 2.0  # over the last third of a short run: more than what rises as fast as time
+_VECTORS = 16  # of a Krylov space
 _EXPLODED = 1e6  # growth of white noise over a run that is no transient any more
 
 
@@ -113,7 +116,7 @@ def _eigenvectors(matrix: np.ndarray, factor: complex) -> tuple[np.ndarray, np.n
 
 
 def krylov_growth(
-    advance: Callable[[np.ndarray, int], np.ndarray], size: int, dt: float, crossing: int, budget: float, seed: int = 0, subspace: int = 16
+    advance: Callable[[np.ndarray, int], np.ndarray], size: int, dt: float, crossing: int, budget: float, seed: int = 0, subspace: int = _VECTORS
 ) -> Growth:
     """Fastest mode of a map that can only be applied, from white noise.
 
@@ -167,6 +170,48 @@ def krylov_growth(
     return noise.explosion() or unknown
 
 
+def noise_growth(
+    advance: Callable[[np.ndarray, int], np.ndarray], size: int, dt: float, crossing: int, budget: float, crossings: float = np.inf, seed: int = 0
+) -> tuple[Growth | None, float]:
+    """What a short run from white noise tells of a map that can only be applied: cheap, before anything else is examined.
+
+    Parameters
+    ----------
+    advance, size, dt, crossing, budget, seed
+        As of `krylov_growth`.
+    crossings : float
+        Length of the run for which this is asked, in crossing times of what the map moves; noise runs for as long, ten crossing times at most. If it
+        is finite that takes what it takes, which is less than the run, and the budget is for what follows where noise rises.
+
+    Returns
+    -------
+    Growth or None
+        Noise that rises over the last third of the run is run on, and a Krylov space of the map tells growth from a transient. What is still twice
+        as large at the end as at two thirds when time is up counts as growth. None if none is seen.
+    float
+        Crossing times for which noise ran: fewer than asked for if there was no time.
+    """
+    begin, asked = time.monotonic(), bool(np.isfinite(crossings))
+    share = min(crossings / SHORT, 1.0)
+    piece = max(1, int(np.ceil(crossing * share)))  # a shorter run is looked at as often
+    noise = _Noise(advance, size, dt, piece, seed)
+    whole = noise.run(SHORT, np.inf if asked else begin + budget)
+    end = budget + (time.monotonic() if asked else begin)
+    if noise.explosion() is not None:
+        return noise.explosion(), 0.0
+    length = len(noise.sizes) - 1
+    least = 1.0 if whole and share == 1 else _RISES  # soon after the start noise may rise as fast as time: its velocities are those of short waves
+    while noise.rise() > least and time.monotonic() < end:
+        found, _ = _arnoldi(lambda v: advance(v, crossing), noise.state, crossing, dt, 4, min(_VECTORS, size))
+        if found.stable is False:
+            return found, length * share
+        length *= 2
+        if not noise.run(length, end):
+            break
+    growth = noise.explosion() or (replace(noise.decay(), error=0.0) if noise.rise() > _RISES else None)
+    return growth, length * share
+
+
 class _Noise:
     """A run from white noise and the size of its state after each crossing time."""
 
@@ -193,6 +238,10 @@ class _Noise:
         rate = np.log(late[-1] / late[0]) / ((len(late) - 1) * self.crossing * self.dt) if len(late) > 1 else np.inf
         mode = self.state / self.sizes[-1] if np.isfinite(self.sizes[-1]) else np.zeros(0)
         return Growth(float(rate), 0.0 if np.isinf(rate) else 0.1 * abs(float(rate)), complex(np.exp(min(rate, 1e3) * self.dt)), mode.astype(complex))
+
+    def rise(self) -> float:
+        """Size of the state over that at two thirds of the run."""
+        return self.sizes[-1] / max(self.sizes[-1 - (len(self.sizes) - 1) // 3], 1e-300)
 
     def decay(self) -> Growth:
         """What the last third of the run tells."""

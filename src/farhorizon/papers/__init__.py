@@ -80,8 +80,8 @@ class Reproduction:
         Takes the folder of the pictures, and `full` if it is scaled.
     takes : {"seconds", "a minute"}
         About how long it runs on one core, once what it needs is compiled.
-    full : {"", "a minute", "minutes", "half an hour"}
-        The same of the published size, where the default is smaller or has larger steps; empty if there is one size.
+    full : {"", "a minute", "minutes", "an hour"}
+        The same of the published size, where the default is a smaller version or has larger steps; empty if there is one size.
     """
 
     name: str
@@ -124,7 +124,7 @@ _ENTRIES: dict[str, Reproduction] = {}
 def reproduction(
     name: str, paper: str, title: str, takes: str = "seconds", full: str = ""
 ) -> Callable[[Callable[..., Outcome]], Callable[..., Outcome]]:
-    """Decorator that enters a function of the pictures' folder into the list; see `Reproduction`."""
+    """Decorator that enters a function of the pictures' folder into the list; one with a `full` size takes `full`, too. See `Reproduction`."""
 
     def enter(function: Callable[..., Outcome]) -> Callable[..., Outcome]:
         _ENTRIES[name] = Reproduction(name, paper, title, function, takes, full)

@@ -24,16 +24,7 @@ from farhorizon.kernel import Kernel
 from farhorizon.lattice import Lattice
 from farhorizon.models import Wave
 from farhorizon.papers import Outcome, Row, reproduction
-from farhorizon.papers.measure import (
-    Measured,
-    Reference,
-    differences_picture,
-    errors_picture,
-    infinite,
-    run,
-    stability,
-    stability_note,
-)
+from farhorizon.papers.measure import Measured, Reference, differences_picture, errors_picture, infinite, run, stability, stability_note
 from farhorizon.shapes import Disc
 from farhorizon.simulation import Simulation
 from farhorizon.stencil import Stencil
@@ -87,10 +78,9 @@ def disc(radius: float, reach: int, dt: float) -> dict[str, Any]:
 
 
 def _outcome(
-    setup: Mapping[str, Any], small: Mapping[str, Any], conditions: Mapping[str, Boundary],
-    course: Sequence[float], times: Sequence[float],
+    setup: Mapping[str, Any], small: Mapping[str, Any], conditions: Mapping[str, Boundary], course: Sequence[float], times: Sequence[float],
 ) -> tuple[Outcome, dict[str, Measured], list[np.ndarray]]:  # fmt: skip
-    """Errors of an example in a homogeneous medium, and the stability of a small near field; the runs; the exact fields."""
+    """Rows of an example in a homogeneous medium: errors at the times, and the stability of a small near field; the runs, and the exact fields."""
     exact = infinite(setup, course[-1])
     fields = [exact(round(t / setup["dt"])) for t in times]
     rows = [Row(f"infinite medium, largest |u| at t = {t:g}", float(np.nanmax(np.abs(f)))) for t, f in zip(times, fields, strict=True)]
@@ -106,13 +96,7 @@ def _outcome(
     return Outcome(rows, {label: float(found.errors.max()) / peak for label, found in runs.items()}), runs, fields
 
 
-def _fields(
-    path: Path,
-    setup: Mapping[str, Any],
-    times: Sequence[float],
-    first: tuple[str, list[np.ndarray]],
-    runs: Mapping[str, Measured],
-) -> None:
+def _fields(path: Path, setup: Mapping[str, Any], times: Sequence[float], first: tuple[str, list[np.ndarray]], runs: Mapping[str, Measured]) -> None:
     """Fields side by side, the reference first, one row a time."""
     from farhorizon.plot import field_table
 
@@ -121,12 +105,7 @@ def _fields(
     field_table([f"$t = {t:g}$" for t in times], columns, setup["lattice"].axes, path, cracks=cracks)
 
 
-@reproduction(
-    "hermann2023-ex1",
-    PAPER,
-    "finite elements on a square, classical waves: fields, differences, errors (figures 8, 9)",
-    full="minutes",
-)
+@reproduction("hermann2023-ex1", PAPER, "finite elements on a square, classical waves: fields, differences, errors (figures 8, 9)", full="minutes")
 def example_1(folder: Path, full: bool = False) -> Outcome:
     """Square of 105^2 nodes; the step is 20 times the paper's unless `full`."""
     dt = 5e-4 if full else 0.01
@@ -141,21 +120,8 @@ def example_1(folder: Path, full: bool = False) -> Outcome:
     counts = [Row("nodes of the square", nodes, 11025), Row("elements", (2 * RADIUS / 0.5) ** 2, 10816)]
     outcome, runs, exact = _outcome(setup, square(_SMALL, 0.05), conditions, COURSE, TIMES)
     paths = [folder / f"hermann2023-{name}.png" for name in ("fig8", "fig9", "ex1-errors")]
-    _fields(
-        paths[0],
-        setup,
-        TIMES,
-        (INFINITE, exact),
-        {name: runs[name] for name in ("published, 2 spacings", "first order, A13", "lattice PML")},
-    )
-    apart = (
-        "published, 1 spacing",
-        "published, 2 spacings",
-        "published, 3 spacings",
-        "repaired, 3 spacings",
-        "first order, A13",
-        "lattice PML",
-    )
+    _fields(paths[0], setup, TIMES, (INFINITE, exact), {name: runs[name] for name in ("published, 2 spacings", "first order, A13", "lattice PML")})
+    apart = ("published, 1 spacing", "published, 2 spacings", "published, 3 spacings", "repaired, 3 spacings", "first order, A13", "lattice PML")
     differences_picture(paths[1], setup["lattice"].axes, TIMES[-1], exact[-1], {name: runs[name] for name in apart})
     errors_picture(paths[2], COURSE, runs)
     return Outcome(counts + outcome.rows, outcome.infinite_error, paths)
@@ -171,9 +137,7 @@ def energy(u: np.ndarray, v: np.ndarray, spacing: float) -> float:
     spacing : float
     """
     across, along = np.diff(u, axis=0), np.diff(u, axis=1)
-    gradient = sum(
-        (a**2 + a * b + b**2).sum() / 3 for a, b in ((across[:, :-1], across[:, 1:]), (along[:-1], along[1:]))
-    )
+    gradient = sum((a**2 + a * b + b**2).sum() / 3 for a, b in ((across[:, :-1], across[:, 1:]), (along[:-1], along[1:])))
     weight = np.ones(u.shape[0])
     weight[[0, -1]] = 0.5
     return float(gradient + spacing**2 * (np.outer(weight, weight) * v**2).sum()) / 2
@@ -194,22 +158,12 @@ class Continuum:
     def __init__(self, lattice: Lattice, until: float) -> None:
         x, y = lattice.coordinates()
         self._shape = x.shape
-        squares, self._place = np.unique(
-            np.round((x**2 + y**2) / lattice.spacing**2).astype(np.int64), return_inverse=True
-        )
+        squares, self._place = np.unique(np.round((x**2 + y**2) / lattice.spacing**2).astype(np.int64), return_inverse=True)
         panels = int(_SHORTEST * (until + 60) / (6 * np.pi)) + 4  # three oscillations in each
         points, gauss = np.polynomial.legendre.leggauss(24)
         self._k = (_SHORTEST * (np.arange(panels)[:, None] + (points + 1) / 2) / panels).ravel()
         width = np.log(2) / 9
-        weight = (
-            np.tile(gauss, panels)
-            * _SHORTEST
-            / panels
-            / 2
-            * self._k
-            * np.exp(-(self._k**2) / (4 * width))
-            / (2 * width)
-        )
+        weight = np.tile(gauss, panels) * _SHORTEST / panels / 2 * self._k * np.exp(-(self._k**2) / (4 * width)) / (2 * width)
         self._waves = special.j0(np.multiply.outer(lattice.spacing * np.sqrt(squares), self._k)) * weight
 
     def state(self, t: float) -> tuple[np.ndarray, np.ndarray]:
@@ -223,20 +177,17 @@ class Continuum:
 
 #: Conditions of figure 10: what the paper calls proposed (for three sizes of cloud) and conventional, and ours.
 LONG: dict[str, Boundary] = {
-    "published, 1 spacing": published(0.5), "published, 2 spacings": published(1.0),
-    "published, 3 spacings": published(1.5), "first order, A13": FirstOrder(), "lattice PML": LatticePML(),
+    "published, 1 spacing": published(0.5), "published, 2 spacings": published(1.0), "published, 3 spacings": published(1.5),
+    "first order, A13": FirstOrder(), "lattice PML": LatticePML(),
 }  # fmt: skip
 FRONT = 200.0  # by then the wave front has left the near field for long
 
 
 def energies(setup: Mapping[str, Any], boundary: Boundary, times: np.ndarray) -> np.ndarray:
-    """Energy of the near field over that of the initial data at some times, nan from an overflow on; shape (times,)."""
+    """Energy of the near field at some times, nan from an overflow on, over that of the initial data; shape (times,)."""
     sim = Simulation(**{**setup, "boundary": boundary})
     spacing, found = sim.lattice.spacing, np.full(len(times), np.nan)
-    near = tuple(
-        slice((n - m) // 2, (n + m) // 2)
-        for n, m in zip(sim.lattice.shape, square(RADIUS, sim.dt)["lattice"].shape, strict=True)
-    )
+    near = tuple(slice((n - m) // 2, (n + m) // 2) for n, m in zip(sim.lattice.shape, square(RADIUS, sim.dt)["lattice"].shape, strict=True))
     for number, t in enumerate(times):
         try:
             sim.step(round(t / sim.dt) - 1 - sim.step_count)
@@ -244,9 +195,7 @@ def energies(setup: Mapping[str, Any], boundary: Boundary, times: np.ndarray) ->
             sim.step(2)
         except UnstableError:
             break
-        found[number] = energy(
-            (before + sim.fields["u"][near]) / 2, (sim.fields["u"][near] - before) / (2 * sim.dt), spacing
-        )
+        found[number] = energy((before + sim.fields["u"][near]) / 2, (sim.fields["u"][near] - before) / (2 * sim.dt), spacing)
     return found / _START
 
 
@@ -266,13 +215,7 @@ def exact_energies(setup: Mapping[str, Any], times: np.ndarray) -> np.ndarray:
     return np.array(found) / _START
 
 
-@reproduction(
-    "hermann2023-fig10",
-    PAPER,
-    "finite elements on a square: history at (20, 10), and the energy to t = 2500",
-    "a minute",
-    full="half an hour",
-)
+@reproduction("hermann2023-fig10", PAPER, "finite elements on a square: history at (20, 10), and the energy to t = 2500", "a minute", full="minutes")
 def figure_10(folder: Path, full: bool = False) -> Outcome:
     """Left: three models. Right: 1e5 steps of 0.025, with `full` the published 5e6 steps of 5e-4."""
     from farhorizon.plot import curve_panels, error_history
@@ -290,12 +233,7 @@ def figure_10(folder: Path, full: bool = False) -> Outcome:
                         note=f"largest value {np.abs(history).max():.2g}"))  # fmt: skip
     shown = [c for c in curves if c[0] not in ("published, 1 spacing", "published, 3 spacings")]
     differences = [(name, t, values - history) for name, t, values in shown[1:]]
-    curve_panels(
-        [("$u$", shown), ("less that of the infinite medium", differences)],
-        paths[0],
-        xlabel="$t$",
-        ylabel="$u$ at (20, 10)",
-    )
+    curve_panels([("$u$", shown), ("less that of the infinite medium", differences)], paths[0], xlabel="$t$", ylabel="$u$ at (20, 10)")
 
     setup = square(RADIUS, 5e-4 if full else 0.025)
     times = np.unique(np.round(2 * np.geomspace(5.0, LAST, 100)) / 2)
@@ -304,19 +242,9 @@ def figure_10(folder: Path, full: bool = False) -> Outcome:
     courses |= {label: energies(setup, boundary, times) for label, boundary in LONG.items()}
     for label, values in courses.items():
         ended = not np.isfinite(values[-1])
-        rows.append(
-            Row(f"{label}, energy at t = {LAST:g} / initial", float(values[-1]), note="overflow" if ended else "")
-        )
-    seen = {
-        name: np.where(values < 100, values, np.nan) for name, values in courses.items()
-    }  # what grows leaves the picture
-    error_history(
-        {name: (times, values) for name, values in seen.items()},
-        paths[1],
-        "$E / E_0$ in the near field",
-        "",
-        xlabel="$t$",
-    )
+        rows.append(Row(f"{label}, energy at t = {LAST:g} / initial", float(values[-1]), note="overflow" if ended else ""))
+    seen = {name: np.where(values < 100, values, np.nan) for name, values in courses.items()}  # what grows leaves the picture
+    error_history({name: (times, values) for name, values in seen.items()}, paths[1], "$E / E_0$ in the near field", "", xlabel="$t$")
     return Outcome(rows, pictures=paths)
 
 
@@ -347,18 +275,14 @@ def _disc_counts(reach: int) -> list[Row]:
 
 
 @reproduction(
-    "hermann2023-ex2", PAPER,
-    "disc, horizon 6 (and 3) spacings: modes of the lattice (A), local ones (B), repairs (figures 11, 12)",
+    "hermann2023-ex2", PAPER, "disc, horizon 6 (and 3) spacings: modes of the lattice (A), local ones (B), repairs (figures 11, 12)",
     "a minute", "minutes",
 )  # fmt: skip
 def example_2(folder: Path, full: bool = False) -> Outcome:
     """Disc of radius 26; the step is 500 times the paper's, with `full` 20 times."""
     dt = 2e-3 if full else 0.05
     whole = Outcome(_disc_counts(6))
-    for reach, names in (
-        (6, ("fig11", "fig12", "ex2-errors")),
-        (3, ("ex2-3-fields", "ex2-3-differences", "ex2-3-errors")),
-    ):
+    for reach, names in ((6, ("fig11", "fig12", "ex2-errors")), (3, ("ex2-3-fields", "ex2-3-differences", "ex2-3-errors"))):
         setup = {**disc(RADIUS, reach, dt), "initial": {"u": narrow_pulse}}
         found, runs, exact = _outcome(setup, disc(_SMALL, reach, 0.05), disc_conditions(reach), COURSE, TIMES)
         paths = [folder / f"hermann2023-{name}.png" for name in names]
@@ -402,12 +326,7 @@ def large_domain(setup: Mapping[str, Any], until: float) -> Reference:
     return after
 
 
-@reproduction(
-    "hermann2023-ex3",
-    PAPER,
-    "disc with two notches: fields, history at (20, 10) for radius 26 and 42 (figures 13, 14)",
-    full="minutes",
-)
+@reproduction("hermann2023-ex3", PAPER, "disc with two notches: fields, history at (20, 10) for radius 26 and 42 (figures 13, 14)", full="minutes")
 def example_3(folder: Path, full: bool = False) -> Outcome:
     """Radius 26 and 42 to t = 70; the step is 500 times the paper's, with `full` 50 times."""
     from farhorizon.plot import curve_panels
@@ -420,10 +339,7 @@ def example_3(folder: Path, full: bool = False) -> Outcome:
         "repaired": PlaneWave(), "Higdon (0, 45)": Higdon((0, 45), 0.02), "lattice PML": LatticePML(),
     }  # fmt: skip
     whole, panels = Outcome([]), []
-    for radius, names in (
-        (RADIUS, ("fig13", "ex3-differences", "ex3-errors")),
-        (42.0, ("ex3-42-fields", "ex3-42-differences", "ex3-42-errors")),
-    ):
+    for radius, names in ((RADIUS, ("fig13", "ex3-differences", "ex3-errors")), (42.0, ("ex3-42-fields", "ex3-42-differences", "ex3-42-errors"))):
         setup = notched(radius, dt)
         exact = large_domain(setup, course[-1])
         probe = setup["lattice"].index(PROBE)
@@ -439,16 +355,12 @@ def example_3(folder: Path, full: bool = False) -> Outcome:
                 for t in (30.0, 40.0, 50.0, 70.0)
             )  # fmt: skip
             whole.infinite_error[f"radius {radius:g}, {label}"] = float(found.errors.max())
-        panels.append(
-            (f"radius {radius:g}", [c for c in curves if not c[0].startswith(("published A, thin", "Higdon"))])
-        )
+        panels.append((f"radius {radius:g}", [c for c in curves if not c[0].startswith(("published A, thin", "Higdon"))]))
         paths = [folder / f"hermann2023-{name}.png" for name in names]
         fields = [exact(round(t / dt)) for t in kept]
         shown = ("published A, thinned by 2", "published A, lattice normals", "lattice PML")
         _fields(paths[0], setup, TIMES, ("large domain", fields), {name: runs[name] for name in shown})
-        differences_picture(
-            paths[1], setup["lattice"].axes, kept[-1], fields[-1], runs, [np.array(notch) for notch in NOTCHES]
-        )
+        differences_picture(paths[1], setup["lattice"].axes, kept[-1], fields[-1], runs, [np.array(notch) for notch in NOTCHES])
         errors_picture(paths[2], course, runs)
         whole.pictures.extend(paths)
     for label, boundary in conditions.items():
@@ -459,14 +371,9 @@ def example_3(folder: Path, full: bool = False) -> Outcome:
     return whole
 
 
-@reproduction(
-    "hermann2023-appB",
-    PAPER,
-    "highly dispersive pulse on a line, horizon of 25 spacings, to t = 15 (figure B1)",
-    "a minute", "minutes",
-)
+@reproduction("hermann2023-appB", PAPER, "highly dispersive pulse on a line, horizon of 25 spacings, to t = 15 (figure B1)", full="minutes")
 def appendix_b(folder: Path, full: bool = False) -> Outcome:
-    """2001 nodes, 150 000 steps; exact ends at ten times the step unless `full`, as their kernel takes minutes at this one."""
+    """2001 nodes, 150 000 steps; exact ends, whose kernel takes minutes at this step, at ten times the step unless `full`."""
     from farhorizon.plot import curve_panels
 
     spacing, dt = 0.01, 1e-4
@@ -493,9 +400,8 @@ def appendix_b(folder: Path, full: bool = False) -> Outcome:
         outcome.infinite_error[label] = float(runs[label].errors.max())
     paths = [folder / f"hermann2023-{name}.png" for name in ("figB1", "appB-errors")]
     shown = ("published, centre and 25 nodes", "Higdon (0, 0)", "exact ends, dt = 0.001")
-    x = lattice.axes[0]
     panels = [
-        (f"$t = {t:g}$", [(INFINITE, x, exact[n]), *((label, x, runs[label].fields[n]) for label in shown)])
+        (f"$t = {t:g}$", [(INFINITE, lattice.axes[0], exact[n]), *((label, lattice.axes[0], runs[label].fields[n]) for label in shown)])
         for n, t in enumerate(times) if t != 10.0
     ]  # fmt: skip
     curve_panels(panels, paths[0], xlabel="$x$", ylabel="$u$")

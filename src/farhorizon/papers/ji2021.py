@@ -293,7 +293,7 @@ def _forced(u: np.ndarray, bonds: np.ndarray, node: int, times: Sequence[float])
 
 
 def solution(x: np.ndarray, t: float) -> State:
-    """u and u_t of the bar of eq 36 in the continuum, eq 37, by Gauss-Legendre; beyond k = 14 the integrand is below 1e-20."""
+    """u and u_t of the bar of eq 36 in the continuum, eq 37, by Gauss-Legendre; the integrand is below 1e-20 beyond k = 14."""
     points, gauss = np.polynomial.legendre.leggauss(400)
     k, weight = 7 * (points + 1), 7 * gauss
     omega = 2 / WIDTH * np.sqrt(-np.expm1(-((k * WIDTH) ** 2) / 4))
@@ -309,18 +309,14 @@ def _printed(lines: str) -> np.ndarray:
     return np.array([[float(word) for word in line.split()] for line in lines.strip().splitlines()])
 
 
-def _rows(
-    times: Sequence[float], errors: np.ndarray, printed: np.ndarray, misprints: dict[tuple[int, int], tuple[float, str]]
-) -> list[Row]:
+def _rows(times: Sequence[float], errors: np.ndarray, printed: np.ndarray, misprints: dict[tuple[int, int], tuple[float, str]]) -> list[Row]:
     """Rows of a table of errors, shape (times, steps), and of its convergence rates."""
     rows = []
     for i, t in enumerate(times):
         for j, dt in enumerate(STEPS):
             corrected, note = misprints.get((i, j), (None, ""))
             rows.append(Row(f"t = {t:g}, dt = {dt:g}", float(errors[i, j]), float(printed[i, j]), corrected, note))
-        rows.append(
-            Row(f"t = {t:g}, rate", float(np.polyfit(np.log(STEPS), np.log(errors[i]), 1)[0]), float(printed[i, -1]))
-        )
+        rows.append(Row(f"t = {t:g}, rate", float(np.polyfit(np.log(STEPS), np.log(errors[i]), 1)[0]), float(printed[i, -1])))
     return rows
 
 
@@ -335,8 +331,8 @@ def _errors(example: Example, times: Sequence[float], velocity: bool = False) ->
 
 
 def _table(
-    folder: Path, figure: int, example: Example, times: Sequence[float], lines: str,
-    misprints: dict[tuple[int, int], tuple[float, str]], velocity: bool = False,
+    folder: Path, figure: int, example: Example, times: Sequence[float], lines: str, misprints: dict[tuple[int, int], tuple[float, str]],
+    velocity: bool = False,
 ) -> Outcome:  # fmt: skip
     """A table of errors and the figure of its convergence: ours with the printed values."""
     from farhorizon.plot import log_panels
@@ -344,8 +340,8 @@ def _table(
     errors, printed = _errors(example, times, velocity), _printed(lines)
     path = folder / f"ji2021-fig{figure}.png"
     curves = [(f"$t = {t:g}$", np.array(STEPS), values) for t, values in zip(times, errors, strict=True)]
-    ylabel = r"$\ell_\infty$ error of the " + ("velocity" if velocity else "displacement")
-    log_panels([("", curves)], path, xlabel=r"$\Delta t$", ylabel=ylabel, order=2, printed=[list(printed[:, :-1])])
+    log_panels([("", curves)], path, xlabel=r"$\Delta t$", ylabel=r"$\ell_\infty$ error of the " + ("velocity" if velocity else "displacement"),
+               order=2, printed=[list(printed[:, :-1])])  # fmt: skip
     return Outcome(_rows(times, errors, printed, misprints), _boundary_errors(example, times), [path])
 
 
@@ -404,9 +400,7 @@ def table1(folder: Path) -> Outcome:
         panels.append((f"against {against}".replace("pi", "$\\pi$"), curves))
     path = folder / "ji2021-table1.png"
     circles = [np.array(printed[t][-2::-1]) for t in _BEAM_TIMES]
-    log_panels(
-        panels, path, xlabel=r"$\Delta t$", ylabel=r"$\ell_\infty$ error of $f$", order=2, printed=[circles, circles]
-    )
+    log_panels(panels, path, xlabel=r"$\Delta t$", ylabel=r"$\ell_\infty$ error of $f$", order=2, printed=[circles, circles])
     return Outcome(rows, pictures=[path])
 
 
@@ -505,17 +499,11 @@ def _snapshots(folder: Path, figure: int, velocity: bool) -> Outcome:
     steps, x = round(_TIMES[-1] / dt) + 1, example.coordinates()
     analytical = [solution(x, t)[field] for t in _TIMES]
     found = {
-        THEIRS: example.run(dt, _TIMES, _paper_kernel(dt, steps), 0.5)[field],
-        OURS: example.run(dt, _TIMES, _discrete_kernel(dt, steps))[field],
+        THEIRS: example.run(dt, _TIMES, _paper_kernel(dt, steps), 0.5)[field], OURS: example.run(dt, _TIMES, _discrete_kernel(dt, steps))[field]
     }  # fmt: skip
     panels, rows = [], []
     for n, (t, exact) in enumerate(zip(_TIMES, analytical, strict=True)):
-        panels.append(
-            (
-                f"$t = {t:g}$",
-                [("analytical (eq 37)", x, exact), *((name, x, values[n]) for name, values in found.items())],
-            )
-        )
+        panels.append((f"$t = {t:g}$", [("analytical (eq 37)", x, exact), *((name, x, values[n]) for name, values in found.items())]))
         rows += [Row(f"t = {t:g}, largest difference from eq 37, {name}", float(np.abs(values[n] - exact).max()),
                      note=f"largest value: {np.abs(exact).max():.1e}") for name, values in found.items()]  # fmt: skip
     path = folder / f"ji2021-fig{figure}.png"
@@ -551,14 +539,9 @@ def histories(example: Example, until: float) -> tuple[np.ndarray, dict[str, np.
 _BETAS, _LONG = (1.0, 0.5, 0.1), 100.0
 
 
-@reproduction(
-    "ji2021-fig8", PAPER, "interface: displacement of the origin and of the right end over time, beta = 1, 0.5, 0.1"
-)
+@reproduction("ji2021-fig8", PAPER, "interface: displacement of the origin and of the right end over time, beta = 1, 0.5, 0.1")
 def figure8(folder: Path) -> Outcome:
-    """To t = 100; the largest hump and hollow beside those of a local bar.
-
-    There the soft part reflects ``(sqrt(beta) - 1)/(sqrt(beta) + 1)``.
-    """
+    """To t = 100; the largest hump and hollow beside those of a local bar, in which the soft part reflects (sqrt(beta) - 1)/(sqrt(beta) + 1)."""
     from farhorizon.plot import curve_panels
 
     rows = []
@@ -571,42 +554,20 @@ def figure8(folder: Path) -> Outcome:
         hump, hollow = found[OURS][:, RIGHT], found[OURS][:, ORIGIN]
         note = "the figure prints no number; half of the pulse, transmitted"
         rows += [
-            Row(
-                f"beta = {beta:g}, first hump of the right end",
-                float(hump.max()),
-                note=f"{note}: local bar {(1 + local) / 2:.3f}",
-            ),
-            Row(
-                f"beta = {beta:g}, its time", float(times[hump.argmax()]), note=f"local bar {4 / np.sqrt(beta) + 6:.3g}"
-            ),
-            Row(
-                f"beta = {beta:g}, first hollow of the origin",
-                float(hollow.min()),
-                note=f"both halves, reflected: local bar {local:.3f}",
-            ),
+            Row(f"beta = {beta:g}, first hump of the right end", float(hump.max()), note=f"{note}: local bar {(1 + local) / 2:.3f}"),
+            Row(f"beta = {beta:g}, its time", float(times[hump.argmax()]), note=f"local bar {4 / np.sqrt(beta) + 6:.3g}"),
+            Row(f"beta = {beta:g}, first hollow of the origin", float(hollow.min()), note=f"both halves, reflected: local bar {local:.3f}"),
         ]
         if beta < 1:
-            rows.append(
-                Row(
-                    f"beta = {beta:g}, its time",
-                    float(times[hollow.argmin()]),
-                    note=f"local bar {8 / np.sqrt(beta):.3g}",
-                )
-            )
+            rows.append(Row(f"beta = {beta:g}, its time", float(times[hollow.argmin()]), note=f"local bar {8 / np.sqrt(beta):.3g}"))
     path = folder / "ji2021-fig8.png"
-    curve_panels(
-        [("origin", curves[ORIGIN]), ("right end", curves[RIGHT])], path, xlabel="$t$", ylabel="$u$", reference=""
-    )
+    curve_panels([("origin", curves[ORIGIN]), ("right end", curves[RIGHT])], path, xlabel="$t$", ylabel="$u$", reference="")
     return Outcome(rows, pictures=[path])
 
 
-@reproduction(
-    "ji2021-fig9",
-    PAPER,
-    "interface: error of the displacement of the origin and of the right end over time, beta = 1, 0.5, 0.1",
-)
+@reproduction("ji2021-fig9", PAPER, "interface: error of the displacement of the origin and of the right end over time, beta = 1, 0.5, 0.1")
 def figure9(folder: Path) -> Outcome:
-    """Differences from the chain that is exact in time to t = 100, at the paper's largest step."""
+    """Differences from the chain that is exact in time, at the paper's largest step: its error and that of its boundary, to t = 100."""
     from farhorizon.plot import log_panels
 
     rows, panels = [], []
@@ -617,13 +578,7 @@ def figure9(folder: Path) -> Outcome:
             for name in (THEIRS, OURS):
                 error = np.abs(found[name][:, node] - found["reference"][:, node])
                 curves.append((f"{place}, {name}", times, error))
-                rows.append(
-                    Row(
-                        f"beta = {beta:g}, {place}, {name}, largest error",
-                        float(error.max()),
-                        note="the figure prints no number",
-                    )
-                )
+                rows.append(Row(f"beta = {beta:g}, {place}, {name}, largest error", float(error.max()), note="the figure prints no number"))
                 rows.append(Row(f"beta = {beta:g}, {place}, {name}, error at t = 100", float(error[-1])))
         panels.append((rf"$\beta = {beta:g}$, $\Delta t = {STEPS[-1]:g}$", curves))
     path = folder / "ji2021-fig9.png"
@@ -633,29 +588,21 @@ def figure9(folder: Path) -> Outcome:
 
 @reproduction("ji2021-fig13", PAPER, "seismic source: displacement of the origin, the right and the left end over time")
 def figure13(folder: Path) -> Outcome:
-    """To t = 60, beside the chain that is exact in time; humps beside those of a local bar.
-
-    Its free end doubles the pulse and sends it back.
-    """
+    """To t = 60, beside the chain that is exact in time; humps beside those of a local bar, whose free end doubles the pulse and sends it back."""
     from farhorizon.plot import curve_panels
 
     example = Example(seismic=True)
     times, found = histories(example, 60.0)
     rows, panels = [], []
-    for place, node, humps in (
-        ("origin", ORIGIN, {5: 1, 25: 1}),
-        ("right end", RIGHT, {15: 2}),
-        ("left end", LEFT, {15: 1, 35: 1}),
-    ):
+    for place, node, humps in (("origin", ORIGIN, {5: 1, 25: 1}), ("right end", RIGHT, {15: 2}), ("left end", LEFT, {15: 1, 35: 1})):
         panels.append((place, [(name, times, values[:, node]) for name, values in found.items()]))
         for t, height in humps.items():
             near = np.abs(times - t) < 5
             ours, at = found[OURS][near, node], times[near]
-            note = f"local bar {height}; the figure prints no number"
-            rows += [Row(f"{place}, hump about t = {t}", float(ours.max()), note=note),
+            rows += [Row(f"{place}, hump about t = {t}", float(ours.max()), note=f"local bar {height}; the figure prints no number"),
                      Row(f"{place}, its time", float(at[ours.argmax()]), note=f"local bar {t}")]  # fmt: skip
-        apart = {name: np.abs(found[name] - found["reference"])[:, node].max() for name in (THEIRS, OURS)}
-        rows += [Row(f"{place}, largest difference from the reference, {name}", float(d)) for name, d in apart.items()]
+        rows += [Row(f"{place}, largest difference from the reference, {name}", float(np.abs(found[name] - found["reference"])[:, node].max()))
+                 for name in (THEIRS, OURS)]  # fmt: skip
     path = folder / "ji2021-fig13.png"
     curve_panels(panels, path, xlabel="$t$", ylabel="$u$")
     return Outcome(rows, _boundary_errors(example, (60.0,)), [path])

@@ -52,8 +52,8 @@ def infinite(setup: Mapping[str, Any], until: float) -> Reference:
 
 
 def run(
-    setup: Mapping[str, Any], boundary: Boundary, times: Sequence[float], reference: Reference,
-    kept: Sequence[float] | None = None, probe: tuple[int, ...] | None = None,
+    setup: Mapping[str, Any], boundary: Boundary, times: Sequence[float], reference: Reference, kept: Sequence[float] | None = None,
+    probe: tuple[int, ...] | None = None,
 ) -> Measured:  # fmt: skip
     """Run a set-up with a boundary and compare it with the infinite medium.
 
@@ -142,25 +142,14 @@ def errors_picture(path: Path, times: Sequence[float], runs: Mapping[str, Measur
     from farhorizon.plot import error_history
 
     ylabel = r"largest $|u - u_\infty|$ in the near field"
-    error_history(
-        {label: (np.array(times), found.errors) for label, found in runs.items()}, path, ylabel, "", xlabel="$t$"
-    )
+    error_history({label: (np.array(times), found.errors) for label, found in runs.items()}, path, ylabel, "", xlabel="$t$")
 
 
 def differences_picture(
-    path: Path,
-    axes: Sequence[np.ndarray],
-    t: float,
-    exact: np.ndarray,
-    runs: Mapping[str, Measured],
-    cracks: Sequence[np.ndarray] = (),
+    path: Path, axes: Sequence[np.ndarray], t: float, exact: np.ndarray, runs: Mapping[str, Measured], cracks: Sequence[np.ndarray] = ()
 ) -> None:
     """How far the fields of those runs that reach the last time are from the infinite medium."""
     from farhorizon.plot import field_panels
 
-    panels = [
-        (f"{label}, $t = {t:g}$", found.fields[-1] - exact)
-        for label, found in runs.items()
-        if np.isfinite(found.errors[-1])
-    ]
+    panels = [(f"{label}, $t = {t:g}$", found.fields[-1] - exact) for label, found in runs.items() if np.isfinite(found.errors[-1])]
     field_panels(panels, axes, path, shared_scale=False, cracks=cracks, label=r"$u - u_\infty$")

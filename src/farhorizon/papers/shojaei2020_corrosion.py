@@ -279,22 +279,18 @@ def _pictures(folder: Path, name: str, course: Course, runs: dict[str, Simulatio
 
     first = next(iter(runs))
     axes = runs[first].lattice.axes
-    fields = [
-        (f"{words}, $t = {t:g}$", u)
-        for words in (first, "infinite medium")
-        for t, u in zip(shown, course.fields[words], strict=True)
-    ]
+    fields = [(f"{words}, t = {t:g}", u) for words in (first, "infinite medium") for t, u in zip(shown, course.fields[words], strict=True)]
     paths = [folder / f"{name}-{part}.png" for part in ("fields", "front", "error", "energy", "gradients")]
     metal = [~(course.dissolved <= t) & ~np.isnan(u) for t, u in zip(shown, course.fields[first], strict=True)]
-    field_panels(fields, axes, paths[0], shared_scale=False, solids=2 * metal, label="concentration $u$")
-    gradient_panels(fields[: len(shown)], axes, paths[4], solids=metal, label=r"$|\nabla u|$")
+    field_panels(fields, axes, paths[0], shared_scale=False, solids=2 * metal)
+    gradient_panels(fields[: len(shown)], axes, paths[4], solids=metal)
     front(course.dissolved, axes, paths[1], outside=np.isnan(course.fields[first][0]))
     times = np.array(course.times)
     error_history({n: (times, np.array(e)) for n, e in course.errors.items()}, paths[2], "max error / largest concentration",
-                  "Error against the infinite medium", xlabel="$t$")  # fmt: skip
+                  "Error against the infinite medium")  # fmt: skip
     scale = course.energy[0]
     energies = {n: (times, np.array(e) / scale) for n, e in {"infinite medium": course.energy, **course.energies}.items()}
-    error_history(energies, paths[3], r"$\Pi / \Pi_0$", r"Integral of $u^2$ over the near field", xlabel="$t$")
+    error_history(energies, paths[3], r"$\Pi / \Pi_0$", r"Integral of $u^2$ over the near field")
     return paths
 
 
@@ -306,9 +302,7 @@ def last_dissolution(example: Example) -> float:
     return float(np.nanmax(sim.fields["dissolved"]))
 
 
-@reproduction(
-    "shojaei2020-ex2", PAPER, "example 2: letters that corrode in an infinite electrolyte, 2D, full size", "a minute"
-)
+@reproduction("shojaei2020-ex2", PAPER, "example 2: letters that corrode in an infinite electrolyte, 2D, full size")
 def example2(folder: Path) -> Outcome:
     """Concentration, its gradient, error and energy (figures 15 to 18); the time that p = 1 would take."""
     shown = (0.006, 0.016, 0.076, 0.266)
@@ -330,9 +324,7 @@ def asymmetry(u: np.ndarray) -> float:
     return max(float(np.nanmax(np.abs(u - image))) for image in images)
 
 
-@reproduction(
-    "shojaei2020-ex3", PAPER, "example 3: a sphere that corrodes in an infinite electrolyte, 3D", "a minute", "minutes"
-)
+@reproduction("shojaei2020-ex3", PAPER, "example 3: a sphere that corrodes in an infinite electrolyte, 3D", full="minutes")
 def example3(folder: Path, full: bool = False) -> Outcome:
     """Concentration, its gradient and energy (figures 20, 21), and what the paper could not have, a reference; spacing 0.1 with `full`, else 0.2."""
     shown = (0.005, 0.02, 0.05)
