@@ -386,7 +386,7 @@ def _compare_case(case: Any, folder: Path, times: Sequence[float] | None, moment
     from farhorizon.compare import compare
     from farhorizon.plot import error_history, field_panels, magnitude
 
-    with case.naming():
+    with case.naming(), _said_plainly():
         result = compare(case.setup, case.parts.run.until, times, moment, kind=case.kind)
     print(result.table())
     cracks = _polylines(case)
