@@ -149,7 +149,7 @@ MISTAKES = {
     "horizon far too wide": ("horizon = 0.75", "horizon = 75.0", "kernel.horizon", "limit: 157 nodes in 2D; remedy"),
     "dt too large": ("until = 70.0", "until = 70.0\ndt = 2.0", "run.dt", "limit: 0.38"),
     "unknown function": ("exp(-log", "expp(-log", "initial.u", "did you mean exp?"),
-    "forbidden expression": ("exp(-log(2)/9*(x**2+y**2))", "().__class__", "initial.u", "value: '().__class__'"),
+    "forbidden expression": ("exp(-log(2)/9*(x**2+y**2))", "().__class__", "initial.u", "value: ().__class__"),
     "crack outside": ("[[0.0, 10.0], [7.0, 10.0]]", "[[40.0, 10.0], [47.0, 10.0]]", "crack", "limit: [-26, -26] to [26, 26]; remedy"),
     "near field too thin": ("window = { disc = { radius = 26.0 } }", "lower = [-26.0, 0.0]\nupper = [26.0, 0.5]", "lattice", "limit: >= 7; remedy"),
     "data beyond": ("log(2)/9", "0.001", "initial.u", "error of about"),
