@@ -69,7 +69,7 @@ class PlanePulse:
     ) -> None:
         self._rate = np.sqrt(coefficient) / spacing
         self.spacing, self.dt, self.distance = spacing, dt, distance
-        steps = int(np.ceil(duration / dt)) + 1
+        steps = int(np.ceil(duration / dt - 1e-9)) + 1  # a whole number of steps is one in all units
         samples = np.array([float(signal(t)) for t in dt * np.arange(steps)])
         if not np.isfinite(samples).all():
             raise InputError("the signal must be finite", value=samples[~np.isfinite(samples)][0], key="incident.signal")
@@ -81,7 +81,7 @@ class PlanePulse:
         self.speed = float(speeds[0])
         late = np.abs(self._amplitudes) > _LATE * np.abs(self._amplitudes).max()
         passed = duration + distance / max(float(speeds[late].min()), 1e-300)
-        self._set_waves(samples, int(np.ceil(passed / dt)) + 2)
+        self._set_waves(samples, int(np.ceil(passed / dt - 1e-9)) + 2)
 
     def _set_waves(self, samples: np.ndarray, count: int) -> None:
         """The waves whose sum is the signal and then zero, over `count` steps."""
