@@ -144,6 +144,17 @@ def test_checkpoints_and_remade_runs_keep_the_layers(tmp_path):
     assert {k: v.columns for k, v in empty.engine.layers.items()} == {k: v.columns for k, v in sim.engine.layers.items()}
 
 
+def test_a_run_that_outlasts_its_layers_says_so():
+    lattice = fh.Lattice(1.0, (-16.0,), (16.0,))
+    sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), fh.LatticePML(target=1e-4, until=30.0), {"u": pulse(lattice, (0,), 2.5)}, threads=1)
+    sim.run(until=30.0)
+    assert not sim.notes
+    sim.run(until=45.0)
+    sim.run(until=60.0)
+    (note,) = sim.notes
+    assert "up to t = 30" in note
+
+
 def test_a_target_that_no_layer_keeps_is_refused():
     lattice = fh.Lattice(1.0, (-20.0,), (20.0,))
     noise = np.zeros(41)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -590,11 +591,12 @@ class Assembly:
         for (axis, side), boundary in chosen.items():
             turned = [datum.turned(axis, side).values for datum in [*data, Datum(busy, "u")]]
             distance = lattice.spacing * distance_to_side(turned)
-            spread = diffusivity * (boundary.until or LASTING * self.crossing)
-            found = thinnest_for_diffusion(lattice.spacing, spread, distance, boundary.wanted(1))
+            until = boundary.until or LASTING * self.crossing
+            found = thinnest_for_diffusion(lattice.spacing, diffusivity * until, distance, boundary.wanted(1))
             if found is None:
                 raise InputError("no layer keeps the target for so long a run", value=boundary.wanted(1), key="boundary.target",
                                  remedy="a larger target, a shorter run, or data farther from the side")  # fmt: skip
+            found = replace(found, until=until)
             self._layers[axis, side], self.thickness[AXES[axis] + "-+"[side > 0]] = found.layer, found
 
     def _data(self, initial: Mapping[str, Any], sources: Sequence[Any], until: float) -> list[Datum]:

@@ -81,8 +81,8 @@ class FarField:
         if found is None:
             raise InputError("no layer keeps the target for these data", value=wanted, key="boundary.target",
                              remedy="a larger target, smoother data, or data farther from the side")  # fmt: skip
-        self._known[alike] = found
-        return found
+        self._known[alike] = replace(found, until=until)
+        return self._known[alike]
 
     def _beside(self, axis: int) -> list[object]:
         """The sides along the other axes."""

@@ -128,6 +128,7 @@ class Simulation(Assembly, Run):
         )  # fmt: skip
         self._at_start(observe)
         self._source_peaks: dict[int, float] = {}
+        self._outlasted: list[str] = []
         self._looked = 0.0  # up to this time
         self._balance = balance
         self._books = balance and not self.lasting
@@ -311,10 +312,19 @@ class Simulation(Assembly, Run):
             As `check_sources`; a kernel that does not fit into memory.
         """
         self.check_sources(until)
+        self._outlasted = self._late(until)
         last = super().prepare(until)
         if self._ends is not None:
             self._ends.cover(last)
         return last
+
+    def _late(self, until: float) -> list[str]:
+        """What is to be said of a run that outlasts what its layers were chosen for."""
+        known = min((found.until for found in self.thickness.values()), default=np.inf)
+        if until <= known * (1 + 1e-9):
+            return []
+        longer = "LatticePML(target=..., until=...) chooses them for a longer run"
+        return [f"the layers keep their target up to t = {known:.6g}, later perhaps not: {longer}"]
 
     def _source_now(self, t: float) -> np.ndarray:
         total = np.zeros(self.field_shape)
@@ -710,7 +720,7 @@ class Simulation(Assembly, Run):
     @property
     def notes(self) -> list[str]:
         """What lies beyond the near field and is missed, but within the sides' targets, or cannot be known."""
-        return self._beyond.notes + (self._ends.notes() if self._ends is not None else []) + self._remarks
+        return self._beyond.notes + (self._ends.notes() if self._ends is not None else []) + self._remarks + self._outlasted
 
     @property
     def ends(self) -> dict[str, str]:

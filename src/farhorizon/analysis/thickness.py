@@ -56,14 +56,17 @@ class Thickness:
     layer : Layer
     predicted : float
         Largest error at the side, relative to the largest of the data.
+    until : float
+        Length of the run that it is predicted for.
     """
 
     name: str
     layer: Layer
     predicted: float
+    until: float = np.inf
 
     def __str__(self) -> str:
-        return f"{self.name} profile, predicted error {self.predicted:.1g} of the largest value"
+        return f"{self.name} profile, predicted error {self.predicted:.1g} of the largest value up to t = {self.until:.6g}"
 
 
 def thin(nodes: int, strength: float, pace: float) -> Layer:
