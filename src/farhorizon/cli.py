@@ -257,7 +257,7 @@ def _compute(options: argparse.Namespace, case: Any, sim: Any, until: float, las
     """Begin or take up the files of a run and advance it to its end, or until a signal came; returns the writer of the results and the exit code."""
     import farhorizon as fh
     from farhorizon.errors import FarhorizonError
-    from farhorizon.results import ResultsWriter
+    from farhorizon.results import ResultsWriter, check_replaceable
     from farhorizon.run import Run
 
     result, checkpoint = _files(options, case)
@@ -267,6 +267,7 @@ def _compute(options: argparse.Namespace, case: Any, sim: Any, until: float, las
         writer = ResultsWriter.resume(result, int(kept["outputs"]), int(kept["rows"]), int(kept["records"]))
         probes.take()  # the start, which the file has
     else:
+        check_replaceable(result)
         checkpoint.unlink(missing_ok=True)  # it belongs to the results that go
         writer = ResultsWriter.create(
             result, dim=case.lattice.dim, shape=case.lattice.shape, spacing=case.lattice.spacing, lower=case.lattice.lower,

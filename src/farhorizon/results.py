@@ -232,6 +232,27 @@ def _put(dataset: Any, start: int, values: Any) -> None:
     dataset[start:stop] = values
 
 
+def check_replaceable(path: Path) -> None:
+    """Refuse to put new results where something else is than results of ours, or nothing.
+
+    Raises
+    ------
+    InputError
+        Another file, or one that may not be written; no such folder.
+    """
+    _directory_of(path)
+    if not path.exists():
+        return
+    if not os.access(path, os.W_OK):
+        raise InputError(f"{path}: permission denied", remedy="change the permissions or use another path")
+    try:
+        with _opened(path, "r", "results file") as file:
+            _check_format(file, path)
+    except FileFormatError as error:
+        remedy = "move or delete it, or choose another path"
+        raise InputError(f"{path} exists, is not a whole results file of ours, and is not overwritten", remedy=remedy) from error
+
+
 class ResultsWriter:
     """Appends outputs to a results file; the file is closed between the calls.
 
@@ -328,16 +349,7 @@ class ResultsWriter:
             An argument is wrong, `path` holds another file, or one that may not be written.
         """
         path = Path(path)
-        _directory_of(path)
-        if path.exists():
-            if not os.access(path, os.W_OK):
-                raise InputError(f"{path}: permission denied", remedy="change the permissions or use another path")
-            try:
-                with _opened(path, "r", "results file") as file:
-                    _check_format(file, path)
-            except FileFormatError as error:
-                remedy = "move or delete it, or choose another path"
-                raise InputError(f"{path} exists, is not a whole results file of ours, and is not overwritten", remedy=remedy) from error
+        check_replaceable(path)
         dtype = np.dtype(dtype)
         if dtype not in (np.dtype("float32"), np.dtype("float64")):
             raise InputError("results are stored in single or double precision", value=dtype, remedy="use float32 or float64")
