@@ -159,6 +159,7 @@ class Assembly:
         self._holds = Holds(tuple(c for c in constraints if isinstance(c, Prescribed)), lattice, model.integrator, self.dt, self.background)
         u = self._holds.start(u)
         solid, metal = self._place(specimens)
+        self._check_specimens(specimens)
         u = np.where(solid, metal - self.background, u) if solid.any() else u
         self.varied |= bool(solid.any())
         self.start_u, self.start_v, self._first_solid, self._factor = u, v, int(solid.sum()), factor
@@ -433,11 +434,14 @@ class Assembly:
             if isinstance(boundary, Absorbing) and np.take(solid, 0 if side < 0 else -1, axis).any():
                 raise InputError(f"a specimen touches the absorbing side {AXES[axis]}{'-+'[side > 0]}; beyond it all is liquid", key="specimens",
                                  remedy="enlarge the near field, or end the specimen at a Free side")  # fmt: skip
+        return solid, metal
+
+    def _check_specimens(self, specimens: Sequence[Specimen]) -> None:
+        """Refuse metal beyond an absorbing side."""
         for number, specimen in enumerate(specimens):
             if isinstance(specimen.where, Shape):
                 shape = specimen.where
                 self._beyond.check_function(lambda *at, shape=shape: shape.contains(np.stack(at, -1)), 1.0, f"specimen[{number}]")
-        return solid, metal
 
     def _set_phases(self, dissolved: np.ndarray) -> None:
         """Give the engine the step at which each node of the near field became liquid (`NEVER`: solid), for a corrosion."""

@@ -220,7 +220,7 @@ class Draw:
             {"type": "flux", "side": side, "value": self.number(-1, 1)},
             {"type": "convection", "side": side, "value": 1.0, "transfer": self.speed},
         )
-        boundary = {"all": self.pml(), side: {"type": "free"}}
+        boundary = {"all": self.pml(), side: {"type": "free"}} | {name: {"type": "periodic"} for name in self.names[1:]}
         return {
             "lattice": self.lattice(),
             "model": model,

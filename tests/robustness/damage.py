@@ -23,7 +23,7 @@ model = { type = "wave", kernel = { horizon = 0.75 } }
 initial = { u = "max(0, 1-4*x**2)**2" }
 boundary = { all = { type = "exact" } }
 run = { until = 3.0 }
-output = { every = 0.5, probes = [[1.0]], balance = true }
+output = { every = 0.5, probes = [[1.0]] }
 """
 
 

@@ -134,3 +134,14 @@ def test_a_case_without_probes(lattice):
     made = Case(case(lattice, u="0"))
     run = made.run()
     assert len(run.record(made.parts.output.probes, made.parts.output.probe_every).nodes) == 0
+
+
+def test_corrosion_beside_a_layer_that_is_chosen():
+    """The specimen is placed before there is a layer beyond which nothing of it may lie."""
+    lattice = fh.Lattice(0.25, (-3.0, -3.0), (3.0, 3.0))
+    model = fh.Corrosion(fh.Kernel(0.5), saturation=0.9)
+    beside = fh.LatticePML(target=1e-6)
+    run = fh.Simulation(lattice, model, beside, specimens=[fh.Specimen(fh.Disc(1.0))]).run(0.1)
+    assert np.isfinite(run.fields["u"]).all()
+    with pytest.raises(fh.InputError):
+        fh.Simulation(lattice, model, beside, specimens=[fh.Specimen(fh.Disc(3.2))])
