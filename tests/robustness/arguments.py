@@ -182,11 +182,9 @@ def answer(job):
             return {"class": "refused", "where": str(error)[:200]}
         except fh.UnstableError:
             return {"class": "unstable"}
-        except ZeroDivisionError:
-            if job["odd"] == "function":  # the user's own function
-                return {"class": "refused"}
-            return {"class": "traceback", "where": f"{job['name']}({job['argument']}={job['odd']}): ZeroDivisionError"}
         except Exception as error:
+            if job["odd"] in ("function", "class") and isinstance(error, ZeroDivisionError | TypeError):
+                return {"class": "refused"}  # by the user's own callable
             return {
                 "class": "traceback",
                 "where": f"{job['name']}({job['argument']}={job['odd']}): {type(error).__name__}: {str(error)[:120]}",
