@@ -6,6 +6,7 @@ python tests/robustness/arguments.py --seed 7
 from __future__ import annotations
 
 import argparse
+import contextlib
 import inspect
 import sys
 import tempfile
@@ -174,7 +175,7 @@ def call(job):
 def answer(job):
     import farhorizon as fh
 
-    with tempfile.TemporaryDirectory(), warnings.catch_warnings():
+    with tempfile.TemporaryDirectory() as here, contextlib.chdir(here), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             call(job)
