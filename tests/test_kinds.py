@@ -28,7 +28,7 @@ RIGHT = {
     "BodyForce": {"value": [1.0, 0.0], "time": None},
     "Box": {"lower": (0.0, 0.0), "upper": (1.0, 1.0)},
     "Convection": {"where": "x-", "transfer": 1.0, "ambient": 0.0, "within": None},
-    "Corrosion": {"operator": KERNEL, "diffusivity": 1.0, "saturation": 0.5, "interface": 0.1, "integrator": "euler"},
+    "Corrosion": {"operator": KERNEL, "diffusivity": 1.0, "saturation": 0.5, "interface": 0.1, "integrator": "euler", "limited": False},
     "Crack": {"cut": [[0.0, 0.0], [1.0, 0.0]], "factor": 0.0, "opens": 0.0},
     "Diffusion": {"operator": KERNEL, "diffusivity": 1.0, "integrator": "euler"},
     "Disc": {"radius": 1.0, "centre": (0.0, 0.0)},
@@ -52,7 +52,7 @@ RIGHT = {
     "Insulated": {"where": "x-", "kind": "mirror", "within": None},
     "Kernel": {"horizon": 1.0, "exponent": 2, "influence": "constant", "width": None, "volume": "ramp", "calibrate": True},
     "Lattice": {"spacing": 0.5, "lower": (0.0, 0.0), "upper": (1.0, 1.0), "window": None, "body": None},
-    "LatticePML": {"target": None, "nodes": None, "profile": None, "angle": None, "wavelengths": None},
+    "LatticePML": {"target": None, "nodes": None, "profile": None, "angle": None, "wavelengths": None, "until": None},
     "NonlocalPML": {
         "nodes": 30, "ramp": "cubic", "strength": None, "reflection": 1e-3, "plateau": 0.3, "form": "displacement", "cross": 0.0, "shift": 0.0,
     },
@@ -84,6 +84,7 @@ RIGHT = {
     "Wave": {"operator": KERNEL, "speed": 1.0, "damping": 0.0},
     "WholeSteps": {"every": 0.25, "until": 1.0},
     "open_results": {"path": "no such file"},
+    "speed_of_current": {"density": 10.0, "metal": 143000.0, "electrons": 2.0},
     "tuned": {"sim": None, "angle": 60.0, "band": None, "budget": 1.0},
 }  # fmt: skip
 MADE_BY_THE_PROGRAM = {"Certificate"}  # a result, which nobody makes by hand

@@ -128,7 +128,7 @@ balance = true
     sim = case.simulation().run(5.0, progress=False)
     loads = [fh.Traction("y+", (0.1, -1.0), [(-1.0, 1.0)], np.sin), fh.BodyForce([lambda x, y: np.exp(-4 * (x**2 + (y + 2) ** 2)), 0.0])]
     same = fh.Simulation(fh.Lattice(0.5, (-5, -5), (5, 0)), fh.Elastic(fh.Kernel(1.0, 1), 2.0),
-                         {"all": fh.LatticePML(nodes=8), "y+": fh.Free()}, loads=loads, balance=True)  # fmt: skip
+                         {"all": fh.LatticePML(nodes=8), "y+": fh.Free()}, loads=loads, balance=True, dt=sim.dt)  # fmt: skip
     same.run(5.0, progress=False)
     np.testing.assert_allclose(sim.fields["u"], same.fields["u"], rtol=0, atol=1e-14)
     assert sim.balance() == pytest.approx(same.balance())

@@ -210,12 +210,13 @@ until = 10.0
 
 
 def test_a_case_with_regions():
-    body = Case(CASE).run().run(10.0, progress=False)
+    body = Case(CASE).run()
+    body.run(10.0, progress=False)
     lattice = Lattice(1.0, (-12, -12), (12, 12))
     x, y = lattice.coordinates()
     disc = Disc(4.0).contains(np.stack([x, y], -1))
     same = Body(lattice, KERNELS["gaussian"], young=np.where(disc, 3 + 0.1 * x, 1 + 0.5 * (y > 0)), poisson=0.2, density=np.where(disc, 2.0, 1.0),
-                boundary={"x": NonlocalPML(6), "y": Fixed()}, initial={"u": [Expression("exp(-(x**2+y**2)/8)", 2), 0.0]})  # fmt: skip
+                boundary={"x": NonlocalPML(6), "y": Fixed()}, initial={"u": [Expression("exp(-(x**2+y**2)/8)", 2), 0.0]}, dt=body.dt)  # fmt: skip
     same.run(10.0, progress=False)
     np.testing.assert_allclose(body.u, same.u, rtol=0, atol=1e-14)
 

@@ -141,3 +141,12 @@ def test_a_component_left_at_zero_is_no_source():
         sim = Simulation(lattice, model, sources=[[nothing, push]])
         assert len(sim.sources) == 1 and not any("zero on every node" in note for note in sim.notes)
         assert any("zero on every node" in note for note in Simulation(lattice, model, sources=[[nothing, nothing]]).notes)
+
+
+def test_data_whose_squares_overflow_are_refused():
+    lattice = Lattice(1.0, (-8.0,), (8.0,))
+    with pytest.raises(InputError, match=r"initial.u: .*overflow; value: 1e[+]?300; limit: 1e[+]?150"):
+        Simulation(lattice, Wave(Kernel(2.0)), Free(), {"u": 1e300})
+    sim = Simulation(lattice, Wave(Kernel(2.0)), Free(), {"u": lambda x: 1e150 * np.exp(-(x**2))})
+    sim.step(20)
+    assert np.isfinite(sim.energy())

@@ -13,6 +13,8 @@ from farhorizon.errors import InputError, shown
 from farhorizon.expressions import Expression, as_given, as_signal
 from farhorizon.lattice import AXES, Lattice
 
+_LARGEST = 1e150  # of data: the squares of larger values overflow
+
 
 @dataclass(frozen=True)
 class Source:
@@ -160,6 +162,10 @@ def checked(value: Any, lattice: Lattice, key: str = "source") -> np.ndarray:
         place = lattice.lower + lattice.spacing * np.array(first)
         raise InputError("values must be finite", value=f"{values[first]:g} at {shown(place)}, and on {int(bad.sum())} of {bad.size} nodes in all",
                          key=key, remedy="where(condition, a, b) in an expression keeps to where it is defined")  # fmt: skip
+    largest = float(np.abs(values).max(initial=0, where=np.isfinite(values)))
+    if largest > _LARGEST:
+        raise InputError("values are beyond what can be computed with: their squares, as in an energy, overflow", value=largest,
+                         limit=f"{_LARGEST:g}", key=key, remedy="other units")  # fmt: skip
     if lattice.mask is None:
         return values
     return np.where(lattice.mask if lattice.body is not None else np.isfinite(values), values, 0.0)

@@ -74,7 +74,8 @@ def one_corner(sim: Simulation) -> dict[tuple[int, int], Boundary]:
 
 def plain_twin(sim: Simulation, lattice: Lattice | None = None, sides: Mapping[tuple[int, int], Boundary] | None = None) -> Simulation:
     """The same set-up in double precision with nothing in it, or a smaller copy of it without cracks, conditions and changes of the material."""
-    named = {AXES[a] + "-+"[s > 0]: b for (a, s), b in (sides or pinned(sim)).items()}
+    level = Fixed(sim.background)  # conditions that run into layers hold the surroundings' value, so the background stays
+    named = {AXES[a] + "-+"[s > 0]: level if isinstance(b, Fixed) else b for (a, s), b in (sides or pinned(sim)).items()}
     changes: dict[str, Any] = {
         "boundary": named,
         "sources": (),
@@ -82,7 +83,6 @@ def plain_twin(sim: Simulation, lattice: Lattice | None = None, sides: Mapping[t
         "specimens": (),
         "dtype": "float64",
         "balance": False,
-        "background": 0.0,
     }
     if lattice is not None:
         changes["lattice"] = lattice

@@ -145,7 +145,7 @@ DECAYING = ("Gaussian, as published, 10 nodes", "Gaussian, quadratic", "Gaussian
 
 def rate(name, **options):
     kernel, boundary = paper.LONG[name]
-    return paper.growth(paper.KERNELS[kernel], boundary, **options)
+    return paper.growth(*paper.amplitudes(paper.KERNELS[kernel], boundary, **options))
 
 
 @pytest.mark.slow
