@@ -39,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 @contextmanager
 def _leaving_at_once() -> Iterator[None]:
-    """While modules are imported, where Python may lose the exception of Ctrl-C, and where nothing is to be lost, Ctrl-C ends the process."""
+    """While modules are imported or loops compiled, where Python may lose the exception of Ctrl-C, and nothing is to be lost, it ends the process."""
     if threading.current_thread() is not threading.main_thread():
         yield  # signals are heard in the main thread alone
         return
@@ -228,11 +228,12 @@ def _run(options: argparse.Namespace) -> int:
         raise InputError(f"no checkpoint {checkpoint}", key="--resume", remedy="run without --resume, or give the --out of the run")
     _refuse_finished(result, options)
     _check_folder(str(folder / case.name))
-    sim = case.run()
-    with case.naming():
-        last = sim.prepare(until)
-        sim.record(case.parts.output.probes, case.parts.output.probe_every)
-    certificate = sim.examine(until, options.allow_unstable)
+    with _leaving_at_once():  # here loops are compiled, in whose callbacks Ctrl-C would be lost
+        sim = case.run()
+        with case.naming():
+            last = sim.prepare(until)
+            sim.record(case.parts.output.probes, case.parts.output.probe_every)
+        certificate = sim.examine(until, options.allow_unstable)
     _folder(options.out)
     with locked(folder / f".{case.name}.lock"):
         _refuse_finished(result, options)
