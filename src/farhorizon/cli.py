@@ -246,7 +246,8 @@ def _run(options: argparse.Namespace) -> int:
         results = open_results(result)
         for caution in results.cautions:
             print(f"warning: not valid from t = {caution.time:.6g} on: {caution.brief}", file=sys.stderr)
-        pictures = plot_results(results, folder / case.name, case.parts.output.pictures, _polylines(case))
+        with _leaving_at_once():
+            pictures = plot_results(results, folder / case.name, case.parts.output.pictures, _polylines(case))
         print(f"results: {result} ({len(results.times)} outputs); pictures: {', '.join(str(p) for p in pictures)}")
         _write_json(options.json, {"name": case.name, "steps": sim.step_count, "time": sim.time, "dt": sim.dt, "energy": sim.energy(),
                                    "results": str(result), "pictures": [str(p) for p in pictures], "certificate": certificate.as_json()})  # fmt: skip
