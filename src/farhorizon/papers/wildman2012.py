@@ -220,7 +220,7 @@ def figure_3(folder: Path) -> Outcome:
     x = SPACING * np.arange(101)
     lines, times = [], np.linspace(0, 1, 21)
     for t in times:
-        body.run(float(t), allow_unstable=True)
+        body.run(float(t))
         lines.append(body.displacements(layers=True)[0][:, 50])
     outwards = published().stretch(SPACING, body.fast)
     stretch = np.concatenate([outwards[::-1], np.zeros(41), outwards])
