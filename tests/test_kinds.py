@@ -39,6 +39,7 @@ RIGHT = {
     },
     "Exact": {"compress": 1e-12},
     "Expression": {"text": "x", "dim": 1},
+    "Extended": {"target": None, "nodes": None, "until": None},
     "FirstOrder": {},
     "Fixed": {"value": 0.0},
     "Flux": {"where": "x-", "value": 0.0, "kind": "source", "within": None},

@@ -11,6 +11,7 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.analysis.chain import Recursion, half_weights
 from farhorizon.analysis.choice import Choice, weak
+from farhorizon.analysis.extent import Extent, Waves, extent, largest
 from farhorizon.analysis.returned import Datum
 from farhorizon.analysis.short_waves import high_pass
 from farhorizon.analysis.spectrum import band
@@ -23,9 +24,11 @@ from farhorizon.boundaries import (
     Closure,
     Exact,
     ExactEnds,
+    Extended,
     Fixed,
     Free,
     LatticePML,
+    Margin,
     Outline,
     Periodic,
     PlaneWave,
@@ -81,6 +84,8 @@ class Assembly:
     incident : list of Incidence
     thickness : dict of str to Thickness
         By side, what the layers that chose themselves are predicted to do.
+    extents : dict of (axis, side) to Extent
+        How far the medium is computed beyond sides that extend it.
     """
 
     def __init__(
@@ -126,6 +131,7 @@ class Assembly:
         self._check_vector(constraints)
         self._check_closing()
         self._layers = self._make_layers()
+        self.extents: dict[tuple[int, int], Extent] = {}
         self._check_size()
         self._check_memory(dtype)
         initial = {name: as_given(value, lattice.dim, f"initial.{name}", time=False) for name, value in initial.items()}
@@ -170,6 +176,8 @@ class Assembly:
         self.sources = [drive for s, key in zip(sources, _keys("source", sources), strict=True) for drive in self._split_source(s, key)]
         self.sources += [drive for i, load in enumerate(loads) for drive in self._split_source(self._as_source(load, f"load[{i}]"), f"load[{i}]")]
         self._drives = self.sources + [drive for _, drive in self.conditions.sources]
+        self._unknown = bool(waves or self._unsplit)
+        self._extend(dtype)
         self._margins = self._choose_margins(u, v, solid.astype(float) if solid.any() else factor, cuts)
         self._check_conditions()
         self._make_engine(factor, rule, dtype, threads)
@@ -260,7 +268,8 @@ class Assembly:
         for (axis, side), boundary in self.sides.items():
             key = f"boundary.{AXES[axis]}{'-+'[side > 0]}"
             if isinstance(boundary, Closing) or (isinstance(boundary, Fixed) and boundary.value != 0):
-                raise InputError(f"{name} has no such side", value=repr(boundary), limit="LatticePML, Sponge, Fixed(0), Free, Periodic", key=key)
+                raise InputError(f"{name} has no such side", value=repr(boundary), key=key,
+                                 limit="LatticePML, Extended, Sponge, Fixed(0), Free, Periodic")  # fmt: skip
 
     def _check_closing(self) -> None:
         """Conditions along an outline: integrators of one stage, windows closed by one condition all around."""
@@ -365,7 +374,7 @@ class Assembly:
     def _memory_needed(self, itemsize: int) -> float:
         """Bytes at the peak, in setting up: three levels and the layers' memory once more, and about seven fields besides coordinates."""
         reach = self.stencil.reach
-        more = {key: self._width(key) for key, b in self.sides.items() if isinstance(b, Sponge | Closing)}
+        more = {key: self._width(key) for key, b in self.sides.items() if isinstance(b, Margin)}
         shape = [n + sum(width for (a, _), width in more.items() if a == axis) for axis, n in enumerate(self.lattice.shape)]
         columns = [sum(layer.columns for (a, _), layer in self._layers.items() if a == axis) for axis in range(self.lattice.dim)]
         nodes = [float(n + 2 * m + c) for n, m, c in zip(shape, reach, columns, strict=True)]
@@ -479,7 +488,7 @@ class Assembly:
         busy &= ~held
         for (axis, side), boundary in self.sides.items():
             m = self.stencil.reach[axis] - self._margins[axis, side] + 1
-            if isinstance(boundary, LatticePML | Sponge) and m > 0:
+            if isinstance(boundary, LatticePML | Sponge | Extended) and m > 0:
                 last = np.arange(m) if side < 0 else self.lattice.shape[axis] - 1 - np.arange(m)
                 name = AXES[axis] + "-+"[side > 0]
                 if np.take(busy, last, axis).any():
@@ -535,6 +544,11 @@ class Assembly:
             for (axis, side), boundary in self.sides.items()
             if isinstance(boundary, LatticePML) and boundary.angle is None
         }
+
+    @property
+    def targets(self) -> dict[tuple[int, int], float]:
+        """What may be missed beyond each side that absorbs, as a part of the largest value."""
+        return self._beyond.targets
 
     @property
     def crossing(self) -> float:
@@ -665,21 +679,97 @@ class Assembly:
             split(part, self.lattice, components if np.ndim(unit) == 0 else 1)[0] for part, unit in by_component(source, self.lattice, components)
         ]
 
+    def _extend(self, dtype: str) -> None:
+        """Choose how far the medium is computed beyond the sides that extend it."""
+        extended = {key: b for key, b in self.sides.items() if isinstance(b, Extended)}
+        self.extents = {key: Extent(b.nodes, b.until or np.inf) for key, b in extended.items() if b.nodes is not None}
+        wanted = {key: b.wanted(self.model.order) for key, b in extended.items() if b.nodes is None}
+        lengths = {b.until or self.crossing for key, b in extended.items() if key in wanted}
+        if lengths:
+            self.extents |= self.extents_for(wanted, max(lengths))
+        if extended and self._memory_needed(np.dtype(dtype).itemsize) > available_memory():
+            raise self._too_large({key: found.nodes for key, found in self.extents.items()}, np.dtype(dtype).itemsize)
+
+    def extents_for(self, wanted: Mapping[tuple[int, int], float], until: float) -> dict[tuple[int, int], Extent]:
+        """How far the medium must be computed beyond some sides for nothing to return in a run.
+
+        Parameters
+        ----------
+        wanted : mapping of (axis, side) to float
+            Error of each.
+        until : float
+            Length of the run.
+
+        Raises
+        ------
+        InputError
+            A domain that does not fit into memory.
+        """
+        model, lattice = self.model, self.lattice
+        steps = max(1, int(np.ceil(until / self.dt - 1e-9)))
+        rate = model.coefficient * max(self.strongest, 1e-300) / lattice.spacing**2
+        medium = Waves(self.stencil, rate, model.integrator, self.dt, model.damping, steps)
+        least = {key: max(0, int(medium.front - lattice.shape[key[0]]) // 2) for key in wanted}
+        if self._enlarged(least) * self.stencil.components * 16 > available_memory():
+            raise self._too_large(least, 8)
+        data = self._emitters(medium)
+        sizes = [largest(medium, datum) for datum in data]
+        found: dict[tuple[int, int], Extent] = {}
+        known: dict[Any, Extent] = {}
+        for (axis, side), error in wanted.items():
+            turned = [datum.turned(axis, side) for datum in data]
+            mirror = getattr(self.sides[axis, -side], "image", 0)
+            normal = self.stencil.along(axis)
+            like = error, mirror, normal, *(datum.values.tobytes() for datum in turned)
+            if like not in known:
+                known[like] = replace(extent(replace(medium, stencil=normal), turned, sizes, mirror, error), until=until)
+            found[axis, side] = known[like]
+        return found
+
+    def _enlarged(self, more: Mapping[tuple[int, int], int]) -> float:
+        """Nodes of the near field with so many more beyond some sides."""
+        return float(np.prod([float(n + more.get((a, -1), 0) + more.get((a, 1), 0)) for a, n in enumerate(self.lattice.shape)]))
+
+    def _too_large(self, more: Mapping[tuple[int, int], int], itemsize: int) -> InputError:
+        need = 3.0 * itemsize * self.stencil.components * self._enlarged(more)
+        return InputError("the extended domain does not fit into memory", value=f"about {need / 2**30:.3g} GiB for {self._enlarged(more):.3g} nodes",
+                          limit=f"{available_memory() / 2**30:.3g} GiB available", key="boundary",
+                          remedy="LatticePML, a shorter run, a larger target or float32")  # fmt: skip
+
+    def _emitters(self, medium: Waves) -> list[Datum]:
+        """All that sends waves or diffuses, component by component. What is known by its place alone counts from the start and relative to itself."""
+        lattice, waves = self.lattice, self.model.order == 2
+        busy = np.full(lattice.shape, self._unknown or any(space is None for space, _ in self._drives))
+        busy.ravel()[np.concatenate([self.conditions.nodes, *self._holds.nodes]).astype(int)] = True
+        for (axis, side), boundary in self.sides.items():
+            if isinstance(boundary, Fixed) and boundary.value != self.background:
+                np.moveaxis(busy, axis, 0)[0 if side < 0 else -1] = True
+        data = [("u", self.start_u, np.zeros(0)), ("v", self.start_v, np.zeros(0)), ("u", busy.astype(float), np.zeros(0))]
+        times = self.dt * np.arange(medium.steps if waves else 0)
+        for space, time in self._drives:
+            if space is not None:
+                data.append(("source" if waves else "u", space * self.model.source_factor, np.array([float(time(t)) for t in times])))
+        found = [Datum(part, kind, time) for kind, values, time in data for part in np.reshape(values, (-1, *lattice.shape))]
+        found = [datum for datum in found if datum.values.any() and (datum.kind != "source" or datum.time.any())]
+        return found or [Datum(np.ones(lattice.shape), "u")]
+
     def _depth(self) -> dict[tuple[int, int], int]:
         """Nodes beyond each absorbing side at which data and sources are looked at: its layer or sponge, or one reach if that is more.
 
-        Beyond an exact end, where there is no layer, as many as the near field has.
+        Beyond an exact end and an extended side as many as the near field has.
         """
         nodes = {key: layer.columns for key, layer in self._layers.items()}
-        nodes |= {key: self.lattice.shape[key[0]] for key, b in self.sides.items() if isinstance(b, Exact)}
+        nodes |= {key: self.lattice.shape[key[0]] for key, b in self.sides.items() if isinstance(b, Exact | Extended)}
         nodes |= {key: self._width(key) for key, b in self.sides.items() if isinstance(b, Sponge | Closing)}
         return {key: max(n, self.stencil.reach[key[0]]) for key, n in nodes.items()}
 
     def _width(self, key: tuple[int, int]) -> int:
-        """Nodes of the core beyond the near field that a sponge, or a condition along the outline, takes."""
+        """Nodes of the core beyond the near field that a sponge, an extended side or a condition along the outline takes."""
         boundary = self.sides[key]
         if isinstance(boundary, Sponge):
             return boundary.nodes
+        if isinstance(boundary, Extended):
+            return self.extents[key].nodes if key in self.extents else boundary.nodes or 0
         thick = boundary.layer if isinstance(boundary, PlaneWave) else None
         return self.stencil.reach[key[0]] if thick is None else int(thick / self.lattice.spacing + 1e-9)
 
@@ -691,7 +781,7 @@ class Assembly:
         """
         margins = {}
         for (axis, side), boundary in self.sides.items():
-            if isinstance(boundary, Sponge | Closing):
+            if isinstance(boundary, Margin):
                 margins[axis, side] = self._width((axis, side))
             elif isinstance(boundary, LatticePML | Exact):
                 m = self.stencil.reach[axis]
@@ -824,11 +914,14 @@ class Assembly:
         return rows
 
     def _crossed(self, cut: Cut) -> list[tuple[int, int]]:
-        """Sides (axis, side) with a layer that a crack runs into; InputError where it crosses a sponge or a periodic side."""
+        """Sides (axis, side) with a layer that a crack runs into; InputError where it crosses a sponge or a periodic side.
+
+        Beyond an extended side it is cut as it is given.
+        """
         crossed = []
         for (axis, side), boundary in self.sides.items():
             edge, end = ((self.lattice.lower, self.lattice.upper)[(side + 1) // 2][axis], cut.bounds()[(side + 1) // 2][axis])
-            if side * (end - edge) > 1e-9 * self.lattice.spacing and not isinstance(boundary, Free | Fixed):
+            if side * (end - edge) > 1e-9 * self.lattice.spacing and not isinstance(boundary, Free | Fixed | Extended):
                 if not isinstance(boundary, LatticePML):
                     raise InputError("a crack crosses a side that cannot continue it", value=AXES[axis] + "-+"[side > 0], key="crack",
                                      remedy="shorten it, or use a LatticePML there")  # fmt: skip

@@ -218,6 +218,13 @@ class LatticePMLPart(_Part):
     wavelengths: tuple[Number, Number] | None = None
 
 
+class ExtendedPart(_Part):
+    type: Literal["extended"]
+    until: Number | None = None
+    target: Number | None = None
+    nodes: int | None = None
+
+
 class ExactPart(_Part):
     type: Literal["exact"]
     compress: Literal[False] | Number = 1e-12
@@ -285,12 +292,13 @@ class FirstOrderPart(_Part):
 
 
 AnyBoundary = (
-    LatticePMLPart | ExactPart | FixedPart | FreePart | PeriodicPart | SpongePart | NonlocalPMLPart | PlaneWavePart | HigdonPart | FirstOrderPart
+    LatticePMLPart | ExtendedPart | ExactPart | FixedPart | FreePart | PeriodicPart | SpongePart | NonlocalPMLPart | PlaneWavePart | HigdonPart
+    | FirstOrderPart
 )
 BoundaryPart = Annotated[AnyBoundary, Field(discriminator="type")]
 _BOUNDARIES = {
-    "lattice-pml": fh.LatticePML, "exact": fh.Exact, "fixed": fh.Fixed, "free": fh.Free, "periodic": fh.Periodic, "sponge": fh.Sponge,
-    "nonlocal-pml": fh.NonlocalPML, "plane-wave": fh.PlaneWave, "higdon": fh.Higdon, "first-order": fh.FirstOrder,
+    "lattice-pml": fh.LatticePML, "extended": fh.Extended, "exact": fh.Exact, "fixed": fh.Fixed, "free": fh.Free, "periodic": fh.Periodic,
+    "sponge": fh.Sponge, "nonlocal-pml": fh.NonlocalPML, "plane-wave": fh.PlaneWave, "higdon": fh.Higdon, "first-order": fh.FirstOrder,
 }  # fmt: skip
 
 
@@ -604,7 +612,7 @@ class Case:
         boundary: dict[str, Any] = {}
         for side, part in self.parts.boundary.items():
             values = part.model_dump(exclude={"type"}, exclude_none=True)
-            if isinstance(part, LatticePMLPart):
+            if isinstance(part, LatticePMLPart | ExtendedPart):
                 values.setdefault("until", self.parts.run.until)
             try:
                 boundary[side] = _BOUNDARIES[part.type](**values)
@@ -779,8 +787,8 @@ _PARTS: dict[str, type[_Part]] = {
     "corrosion": CorrosionPart, "elastic": ElasticPart, "correspondence": BodyPart,
     "material": MaterialPart, "load": TractionPart, "traction": TractionPart, "body-force": BodyForcePart,
     "nonlocal-pml": NonlocalPMLPart, "specimen": SpecimenPart,
-    "kernel": KernelPart, "lattice-pml": LatticePMLPart, "exact": ExactPart, "fixed": FixedPart, "free": FreePart, "periodic": PeriodicPart,
-    "sponge": SpongePart, "plane-wave": PlaneWavePart, "higdon": HigdonPart, "first-order": FirstOrderPart,
+    "kernel": KernelPart, "lattice-pml": LatticePMLPart, "extended": ExtendedPart, "exact": ExactPart, "fixed": FixedPart, "free": FreePart,
+    "periodic": PeriodicPart, "sponge": SpongePart, "plane-wave": PlaneWavePart, "higdon": HigdonPart, "first-order": FirstOrderPart,
     "crack": CrackPart, "source": SourcePart, "incident": IncidentPart, "constraint": ConstraintPart,
     "temperature": ConstraintPart, "flux": ConstraintPart, "insulated": ConstraintPart, "convection": ConstraintPart, "prescribed": PrescribedPart,
     "run": RunPart, "output": OutputPart,

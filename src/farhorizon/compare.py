@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from farhorizon.analysis import InfiniteLattice, undisturbed
-from farhorizon.boundaries import Absorbing, Exact, FirstOrder, Fixed, Free, Higdon, LatticePML, NonlocalPML, PlaneWave, Sponge
+from farhorizon.boundaries import Absorbing, Exact, Extended, FirstOrder, Fixed, Free, Higdon, LatticePML, NonlocalPML, PlaneWave, Sponge
 from farhorizon.correspondence import Body
 from farhorizon.cracks import as_cut
 from farhorizon.errors import InputError
@@ -251,7 +251,8 @@ def _by_name(sim: Simulation | Body) -> dict[str, Any]:
 
 
 def _name(sim: Simulation | Body) -> str:
-    labels: dict[type, str] = {LatticePML: "lattice PML", NonlocalPML: "nonlocal PML", Exact: "exact", Sponge: "sponge"}
+    labels: dict[type, str] = {LatticePML: "lattice PML", NonlocalPML: "nonlocal PML", Exact: "exact", Sponge: "sponge",
+                               Extended: "extended domain"}  # fmt: skip
     labels |= {PlaneWave: "plane wave", Higdon: "Higdon", FirstOrder: "first order"}
     used: set[type] = {type(b) for b in sim.sides.values()}
     kinds = used & set(labels) or used

@@ -198,7 +198,7 @@ class Body(Run):
         self._rim = self._find_rim()
         self._refuse_in_split_form(cracks, loads, drag)
         self._setup |= {"dt": self.dt}
-        self._at_start(observe)
+        self._at_start(observe, int(np.prod(self.box)))
         if self._rim is not None:
             self._guard_steps = min(self._guard_steps, self._rim.every)
         self._watched = np.zeros(0, np.int64)  # nodes whose displacements after each step are in `_seen`

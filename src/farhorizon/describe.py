@@ -30,7 +30,7 @@ _TYPES = {
     for t in (
         *(
             getattr(boundaries, n)
-            for n in ("LatticePML", "Exact", "FirstOrder", "Fixed", "Free", "Higdon", "NonlocalPML", "Periodic", "PlaneWave", "Sponge")
+            for n in ("LatticePML", "Exact", "Extended", "FirstOrder", "Fixed", "Free", "Higdon", "NonlocalPML", "Periodic", "PlaneWave", "Sponge")
         ),
         *(getattr(shapes, n) for n in ("Disc", "Ball", "Box", "Polygon", "Union", "Intersection", "Difference")),
         *(getattr(outlines, n) for n in ("ImageMask", "Text")),

@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from farhorizon.analysis import undisturbed
 from farhorizon.analysis.chain import Recursion
 from farhorizon.analysis.layer import LayerSide, Medium
 from farhorizon.analysis.spectrum import Band, band, gain_of_time
-from farhorizon.boundaries import Absorbing, Closing, Exact, Fixed, LatticePML, Sponge
+from farhorizon.boundaries import Closing, Exact, Extended, Fixed, LatticePML, Sponge
 from farhorizon.certificate import BUDGET, NOT_CERTIFIED, Certificate, told
 from farhorizon.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.lattice import AXES
 from farhorizon.machine import one_blas_thread
 from farhorizon.models import Corrosion, Elastic
+from farhorizon.price import Price, extended_price, layered, price
 from farhorizon.stencil import BackwardWaves
 from farhorizon.strip import Strip
 
@@ -37,7 +37,6 @@ _SHARE, _MINIMUM = 0.4, 0.1  # of the time: until when wavelengths are predicted
 _EXACT = 1e-14  # less than this comes back: rounding
 _MUCH = 1e-3  # amplitude that a layer of given thickness may send back without a warning
 _LONG = 30 * 86400.0  # seconds of a run that is warned of
-_PROBED = 400_000  # nodes of a plain run that is timed, at most
 
 
 @dataclass(frozen=True)
@@ -122,7 +121,9 @@ class Report:
     reflections : list of Reflections
         Of each kind of absorbing side.
     numbers : dict of str to float
-        Those of the rows that a program may want: "dt", "step_limit", "seconds", "steps", "extended_nodes", "extended_cost", "memory".
+        Those of the rows that a program may want: "dt", "step_limit", "seconds", "steps", "memory"; of the extended domain over this run
+        "extended_nodes", "extended_cost", "extended_memory", or of layers over this run on an extended domain "layer_nodes", "layer_cost",
+        "layer_memory".
     until : float
         End of the run; infinite if it is not known.
     """
@@ -214,8 +215,13 @@ class Report:
             layers.setdefault(text, []).append(name)
         for text, names in layers.items():
             say(f"layer {', '.join(names)}", text)
+        extents: dict[str, list[str]] = {}
+        for (axis, side), extent in sim.extents.items():
+            extents.setdefault(str(extent), []).append(AXES[axis] + "-+"[side > 0])
+        for text, names in extents.items():
+            say(f"extended {', '.join(names)}", text)
         for (axis, side), boundary in sim.sides.items():
-            if not isinstance(boundary, LatticePML | Exact) and not (isinstance(boundary, Closing) and lattice.window is not None):
+            if not isinstance(boundary, LatticePML | Exact | Extended) and not (isinstance(boundary, Closing) and lattice.window is not None):
                 say(f"side {AXES[axis]}{'-+'[side > 0]}", shown(boundary))
         if sim.closure is not None:
             if lattice.window is not None:
@@ -247,21 +253,32 @@ class Report:
     def _estimate(self, sim: Simulation, until: float) -> None:
         """Time of the run, and of one on a domain so large that nothing returns."""
         steps = int(np.ceil(until / sim.dt))
-        duration = self.estimate(sim, steps, until)
-        open_sides = [axis for (axis, _), b in sim.sides.items() if isinstance(b, Absorbing)]
-        if not open_sides:
+        mine = price(sim, self.estimate(sim, steps, until) / steps)
+        if any(isinstance(b, Extended) for b in sim.sides.values()):
+            self._compare_with_layer(sim, mine, until)
             return
-        more = undisturbed(sim.stencil, sim.rate_limit / sim.stencil.symbol_maximum, sim.model.order, until)
-        extended = float(np.prod([n + more * open_sides.count(axis) for axis, n in enumerate(sim.lattice.shape)]))
-        cost = extended * _plain_seconds(sim) * steps
-        ratio = cost / max(duration, 1e-300)
-        compared = f"{ratio:.2g} times the time of this run" if ratio >= 1 else f"only {ratio:.2g} of the time of this run"
-        self._say(
-            "extended domain", f"{extended:.3g} nodes until nothing returns, {extended / np.prod(sim.lattice.shape):.3g} near fields: {compared}"
-        )
-        self.numbers |= {"extended_nodes": extended, "extended_cost": ratio}
-        if ratio < 1:
-            self.notes.append("the extended domain would be faster than this run")
+        far = extended_price(sim, until)
+        if far is None:
+            return
+        self._say("extended domain", f"{far.nodes:.3g} nodes until nothing returns, {far.nodes / np.prod(sim.lattice.shape):.3g} near fields: "
+                  f"{far.over(mine)} of this run")  # fmt: skip
+        self.numbers |= {"extended_nodes": far.nodes, "extended_cost": far.seconds / mine.seconds, "extended_memory": far.memory / mine.memory}
+        if far.seconds < mine.seconds:
+            self.notes.append('the extended domain would be faster than this run: type = "extended"')
+
+    def _compare_with_layer(self, sim: Simulation, mine: Price, until: float) -> None:
+        """Time and memory of layers in place of the extended domain."""
+        try:
+            twin = layered(sim, until)
+        except InputError as error:
+            self._say("layers instead", str(error))
+            return
+        other = price(twin)
+        thickest = max(layer.columns for layer in twin.engine.layers.values())
+        self._say("layers instead", f"of {thickest} nodes: {other.over(mine)} of this run")
+        self.numbers |= {"layer_nodes": float(thickest), "layer_cost": other.seconds / mine.seconds, "layer_memory": other.memory / mine.memory}
+        if other.seconds < mine.seconds:
+            self.notes.append('layers would be faster than this run: type = "lattice-pml"')
 
     def estimate(self, run: Run, steps: int, until: float) -> float:
         """Say how long a run takes, in seconds, and warn where nobody can mean that."""
@@ -396,18 +413,6 @@ def _layer_side(sim: Simulation, axis: int, layer: Layer) -> LayerSide:
     waves = sim.model.order == 2
     recursion = Recursion.of(sim.model.integrator, sim.dt, sim.model.damping) if waves else Recursion(0.0, sim.dt, 1.0)
     return LayerSide(Medium(sim.stencil.along(axis), sim.model.coefficient, sim.lattice.spacing, recursion, sim.dt), layer, not waves)
-
-
-def _plain_seconds(sim: Simulation) -> float:
-    """Time of a step a node without absorbing sides, on a lattice that is not too large."""
-    from farhorizon.lattice import Lattice
-
-    lattice = sim.lattice
-    wanted = max(1.0, (np.prod(lattice.shape) / _PROBED) ** (1 / lattice.dim))
-    count = [max(int(n / wanted), 2 * m + 1) for n, m in zip(lattice.shape, sim.stencil.reach, strict=True)]
-    box = Lattice(lattice.spacing, lattice.lower, lattice.lower + lattice.spacing * (np.array(count) - 1))
-    plain = sim.remade(lattice=box, boundary=Fixed(sim.background))
-    return plain.seconds_per_step() / float(np.prod(count))
 
 
 def _remedy(sim: Simulation, backward: BackwardWaves) -> str:

@@ -70,8 +70,8 @@ class Run(ABC):
     dt: float
     probes: Probes | None = None
 
-    def _at_start(self, observe: Sequence[Callable[[Any], None]]) -> None:
-        """Before the first step."""
+    def _at_start(self, observe: Sequence[Callable[[Any], None]], nodes: int) -> None:
+        """Before the first step of a run that computes so many nodes."""
         self.observers = [kinds.function(one, "observe", "run") for one in kinds.sequence(observe, "observe", "functions of the run")]
         self.stop_requested = False
         self.cautions: list[Caution] = []
@@ -80,7 +80,7 @@ class Run(ABC):
         self._examined: Certificate | None = None
         self._asked = 0.0  # length of the run for which that was
         self._remarks: list[str] = []
-        self._guard_steps = max(1, min(_GUARD_STEPS, _GUARD_STEPS * _GUARD_NODES // max(int(np.prod(self.lattice.shape)), 1)))
+        self._guard_steps = max(1, min(_GUARD_STEPS, _GUARD_STEPS * _GUARD_NODES // max(nodes, 1)))
 
     # --- in time -----------------------------------------------------------------------------------------------
 

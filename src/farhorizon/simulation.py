@@ -15,7 +15,7 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.analysis.flux import nodal_flux, power_across
 from farhorizon.assembly import Assembly
-from farhorizon.boundaries import Boundary, Closing, ExactEnds, Fixed, Periodic
+from farhorizon.boundaries import Boundary, Closing, ExactEnds, Extended, Fixed, Periodic
 from farhorizon.certificate import BUDGET, Certificate, certify
 from farhorizon.conditions import Constraint
 from farhorizon.constraints import Prescribed
@@ -27,7 +27,7 @@ from farhorizon.loads import BodyForce, Traction
 from farhorizon.models import Corrosion, Elastic, LatticeModel
 from farhorizon.overstretch import Rim, rim_of
 from farhorizon.report import Report
-from farhorizon.results import Caution, write_checkpoint
+from farhorizon.results import Caution, read_checkpoint, write_checkpoint
 from farhorizon.run import MOST_STEPS, Run
 from farhorizon.sources import steady
 from farhorizon.specimens import Specimen
@@ -126,9 +126,11 @@ class Simulation(Assembly, Run):
             lattice, model, boundary, {} if initial is None else initial, sources, cracks, coefficient, background, dt, dtype, threads, rule, rim,
             constraints, specimens, loads, balance,
         )  # fmt: skip
-        self._at_start(observe)
+        self._at_start(observe, int(np.prod(self.engine.core.nodes)))
         self._source_peaks: dict[int, float] = {}
-        self._outlasted: list[str] = []
+        self._initial_given = initial
+        self._end = 0.0  # of the run, as far as it is known
+        self._open_ended = [key for key, b in self.sides.items() if isinstance(b, Extended) and b.nodes is None]
         self._looked = 0.0  # up to this time
         self._balance = balance
         self._books = balance and not self.lasting
@@ -311,20 +313,36 @@ class Simulation(Assembly, Run):
         InputError
             As `check_sources`; a kernel that does not fit into memory.
         """
+        self._enlarge(until)
         self.check_sources(until)
-        self._outlasted = self._late(until)
+        self._end = max(self._end, until)
         last = super().prepare(until)
         if self._ends is not None:
             self._ends.cover(last)
         return last
 
+    def _enlarge(self, until: float) -> None:
+        """Extend the domain for a run that is longer than it was chosen for, if nothing has run yet."""
+        if not self.step_count and any(until > self.extents[key].until * (1 + 1e-9) for key in self._open_ended):
+            sides = {AXES[a] + "-+"[s > 0]: replace(self.sides[a, s], nodes=None, until=until) for a, s in self._open_ended}
+            self._become(self._setup["boundary"] | sides)
+
+    def _become(self, sides: Mapping[str, Boundary]) -> None:
+        """Be at the start of the same run with other sides."""
+        other = type(self)(**{**self._setup, "initial": self._initial_given, "boundary": sides})
+        self.__dict__ = other.__dict__ | {name: getattr(self, name) for name in ("observers", "stop_requested", "probes", "_open_ended")}
+        if self.probes is not None:
+            self._watch(self.probes.nodes)
+
     def _late(self, until: float) -> list[str]:
-        """What is to be said of a run that outlasts what its layers were chosen for."""
-        known = min((found.until for found in self.thickness.values()), default=np.inf)
-        if until <= known * (1 + 1e-9):
-            return []
-        longer = "LatticePML(target=..., until=...) chooses them for a longer run"
-        return [f"the layers keep their target up to t = {known:.6g}, later perhaps not: {longer}"]
+        """What is to be said of a run that outlasts what its sides were chosen for, by more than its last step."""
+        chosen = {
+            "the layers keep their target up to t = {:.6g}, later perhaps not: LatticePML(target=..., until=...) chooses them for a longer run":
+            [found.until for found in self.thickness.values()],
+            "nothing comes back from the end of the extended domain up to t = {:.6g}, later something does: Extended(until=...)":
+            [found.until for found in self.extents.values()],
+        }  # fmt: skip
+        return [said.format(min(ends)) for said, ends in chosen.items() if ends and until > min(ends) + self.dt]
 
     def _source_now(self, t: float) -> np.ndarray:
         total = np.zeros(self.field_shape)
@@ -720,7 +738,7 @@ class Simulation(Assembly, Run):
     @property
     def notes(self) -> list[str]:
         """What lies beyond the near field and is missed, but within the sides' targets, or cannot be known."""
-        return self._beyond.notes + (self._ends.notes() if self._ends is not None else []) + self._remarks + self._outlasted
+        return self._beyond.notes + (self._ends.notes() if self._ends is not None else []) + self._remarks + self._late(max(self._end, self.time))
 
     @property
     def ends(self) -> dict[str, str]:
@@ -730,10 +748,11 @@ class Simulation(Assembly, Run):
     def _settled_sides(self) -> dict[str, Boundary]:
         """The sides by name, with the layers that were chosen for the data: on another lattice, or without data, they stay what they are."""
         named = {AXES[axis] + "-+"[side > 0]: (boundary, self._layers.get((axis, side))) for (axis, side), boundary in self.sides.items()}
+        chosen = {AXES[axis] + "-+"[side > 0]: found for (axis, side), found in self.extents.items() if np.isfinite(found.until)}
         return {
             name: replace(boundary, nodes=layer.columns, profile=layer) if layer is not None and name in self.thickness else boundary
             for name, (boundary, layer) in named.items()
-        }
+        } | {name: replace(named[name][0], nodes=found.nodes, until=found.until) for name, found in chosen.items()}
 
     def remade(self, **changes: Any) -> Simulation:
         """The same set-up at its start with some arguments changed; on another lattice nothing is there, and the medium is uniform."""
@@ -786,6 +805,8 @@ class Simulation(Assembly, Run):
         budget : float, optional
             Seconds for the certificate. Unless given all of it takes about as long as the run to `until`, from 2 to 30; 30 without `until`.
         """
+        if until is not None:
+            self._enlarge(until)
         return Report.of(self, until, budget)
 
     # --- state -------------------------------------------------------------------------------------------------
@@ -837,7 +858,18 @@ class Simulation(Assembly, Run):
         initial = {"u": arrays["start_u"] + rebuild(meta["setup"]["dict"]["background"], arrays)}
         return {"initial": initial | ({"v": arrays["start_v"]} if np.any(arrays["start_v"]) else {})}
 
+    def _adopt(self, path: str | Path) -> None:
+        """Extend the domain as far as the run that wrote a checkpoint did."""
+        arrays, meta = read_checkpoint(path)
+        if not self.step_count and "setup" in meta:
+            sides = rebuild(meta["setup"]["dict"]["boundary"], arrays)
+            extended = {name: b for name, b in self._setup["boundary"].items() if isinstance(b, Extended)}
+            if all(isinstance(sides.get(name), Extended) for name in extended) and any(sides[name] != b for name, b in extended.items()):
+                self._become(self._setup["boundary"] | {name: sides[name] for name in extended})
+
     def load(self, path: str | Path) -> dict[str, Any]:
+        if self._open_ended:
+            self._adopt(path)
         arrays, meta = self._read(path)
         self.engine.levels[...] = arrays["levels"]
         self.engine.memory[...] = arrays["memory"]

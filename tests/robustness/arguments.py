@@ -75,6 +75,7 @@ def good():
         "Elastic": {"kernel": fh.Kernel(1.0, 1), "young": 1.0},
         "Exact": {},
         "Expression": {"text": "x", "dim": 2},
+        "Extended": {},
         "FirstOrder": {},
         "Fixed": {},
         "Flux": {"where": "x-", "value": 1.0},
@@ -161,7 +162,7 @@ def call(job):
         return getattr(sim, method)(**{**arguments, job["argument"]: odd})
     made = getattr(fh, name)(**{**good()[name], job["argument"]: odd})
     setup = {**good()["Simulation"], "initial": {"u": 0.0}}
-    if name in ("Sponge", "LatticePML", "Higdon", "PlaneWave", "FirstOrder", "Fixed", "Free", "Periodic"):
+    if name in ("Extended", "Sponge", "LatticePML", "Higdon", "PlaneWave", "FirstOrder", "Fixed", "Free", "Periodic"):
         fh.Simulation(**{**setup, "boundary": made}).step(1)
     elif name in ("Wave", "Diffusion", "Heat"):
         fh.Simulation(**{**setup, "model": made}).step(1)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, get_args
 
 from farhorizon.boundaries.exact import Exact, ExactEnds
+from farhorizon.boundaries.extended import Extended
 from farhorizon.boundaries.first_order import FirstOrder
 from farhorizon.boundaries.fringe import Closing, Closure, Outline
 from farhorizon.boundaries.higdon import Higdon
@@ -18,11 +19,13 @@ from farhorizon.errors import InputError
 from farhorizon.kinds import said
 from farhorizon.lattice import AXES
 
-__all__ = ["Absorbing", "Boundary", "Closing", "Closure", "Exact", "ExactEnds", "FirstOrder", "Fixed", "Free", "Higdon", "LatticePML",
-           "NonlocalPML", "Outline", "Periodic", "PlaneWave", "Sponge", "sides"]  # fmt: skip
+__all__ = ["Absorbing", "Boundary", "Closing", "Closure", "Exact", "ExactEnds", "Extended", "FirstOrder", "Fixed", "Free", "Higdon", "LatticePML",
+           "Margin", "NonlocalPML", "Outline", "Periodic", "PlaneWave", "Sponge", "sides"]  # fmt: skip
 
+#: Sides beyond which nodes of the medium itself are computed.
+Margin = Sponge | Extended | Closing
 #: Sides beyond which the medium goes on.
-Absorbing = LatticePML | Exact | Sponge | Closing
+Absorbing = LatticePML | Exact | Margin
 Boundary = Absorbing | Fixed | Free | Periodic
 
 
@@ -71,7 +74,7 @@ def sides(boundary: Any | Mapping[str, Any], dim: int, kinds: Any = Boundary, re
 def _check_closing(found: Mapping[tuple[int, int], Boundary]) -> None:
     """Conditions along an outline stand beside fixed, free and periodic sides, which the halo can go by."""
     closing = [b for b in found.values() if isinstance(b, Closing)]
-    others = {type(b).__name__ for b in found.values() if isinstance(b, LatticePML | Exact | Sponge)}
+    others = {type(b).__name__ for b in found.values() if isinstance(b, LatticePML | Exact | Sponge | Extended)}
     if closing and others:
         raise InputError(f"{type(closing[0]).__name__} and {', '.join(sorted(others))} do not stand beside each other", key="boundary",
                          limit="Fixed, Free, Periodic", remedy="the same absorber on all open sides")  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from farhorizon import kinds
 
@@ -17,6 +18,7 @@ class Fixed:
     """
 
     value: float = 0.0
+    image: ClassVar[int] = -1  # sign of what it sends back
 
     def __post_init__(self) -> None:
         kinds.settle(self, value=kinds.number(self.value, "boundary.value"))
@@ -25,6 +27,8 @@ class Fixed:
 @dataclass(frozen=True)
 class Free:
     """The body ends: bonds across the side do not exist."""
+
+    image: ClassVar[int] = 1  # sign of what it sends back
 
 
 @dataclass(frozen=True)

@@ -113,7 +113,7 @@ class Elastic(LatticeModel):
         self.bonds = material == "bond-based"
         self.nonlinear, self.critical_stretch, self.fracture_energy = kinds.flag(nonlinear, "model.nonlinear"), critical_stretch, fracture_energy
         self._check_law()
-        self.sides = () if self.bonds else ("LatticePML", "Fixed", "Periodic", "Sponge")
+        self.sides = () if self.bonds else ("LatticePML", "Extended", "Fixed", "Periodic", "Sponge")
         self.density, self.damping = kinds.number(density, "model.density", above=0), kinds.number(damping, "model.damping", least=0)
         self._constants(young=young, poisson=poisson, bulk=bulk, shear=shear)
         self.source_factor = 1 / self.density

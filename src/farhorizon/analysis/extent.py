@@ -1,0 +1,213 @@
+"""How far away a fixed edge must be for nothing to return: the extent of a domain that stands for the infinite medium.
+
+A fixed edge sends back the mirror image of what reaches it. So what returns from an edge of N nodes beyond a side is what
+the infinite lattice would have 2N nodes farther out than the side, and the question is how far data have come by the end of
+a run. Along the normal that is computed exactly, for the scheme and the lattice as they are: precursors that the dispersion
+sends ahead of the front of a wave, and the tail of what diffuses, included. Along the side each line of nodes counts for
+itself, as if it were the profile of a plane wave: what spreads in the plane or in space is less, and travels no faster. So
+the extent is a little larger than the least, by the nodes in which the front falls as much as spreading would take.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from farhorizon.analysis.infinite import largest_speed, undisturbed
+from farhorizon.analysis.returned import Datum
+from farhorizon.integrators import Integrator, Verlet
+from farhorizon.stencil import Stencil
+
+_AIM = 0.3  # of the wanted error: in a corner several edges send something back
+_TIMES = 16  # moments of a run at which is looked how far data have come
+_LINES = 4096  # lines of nodes along the normal that are looked at, at most
+_FAINT = 1e-2  # share of the wanted error that profiles which are left out may have
+_LONGEST = 2**20  # nodes of a line beyond which the front counts alone
+_COARSE = 24  # nodes of a support along each axis on which the largest value of a field is estimated
+
+
+@dataclass(frozen=True)
+class Extent:
+    """How far the medium is computed beyond a side.
+
+    Attributes
+    ----------
+    nodes : int
+    until : float
+        Length of the run that it was chosen for.
+    predicted : float
+        Largest share of the largest value that comes back in it; nan where that was not asked.
+    """
+
+    nodes: int
+    until: float
+    predicted: float = np.nan
+
+    def __str__(self) -> str:
+        known = "" if np.isnan(self.predicted) else f", of which {self.predicted:.1g} of the largest value comes back up to t = {self.until:.6g}"
+        return f"{self.nodes} nodes{known}"
+
+
+@dataclass(frozen=True)
+class Waves:
+    """A medium and the steps of a run in it.
+
+    Attributes
+    ----------
+    stencil : Stencil
+    rate : float
+        Factor on the stencil, ``coefficient / spacing^2``, of the fastest part of the medium.
+    integrator : Verlet, Euler, RungeKutta4 or RungeKuttaChebyshev
+    dt : float
+    damping : float
+    steps : int
+    """
+
+    stencil: Stencil
+    rate: float
+    integrator: Integrator
+    dt: float
+    damping: float
+    steps: int
+
+    @property
+    def order(self) -> int:
+        """Order of the equation in time."""
+        return 2 if isinstance(self.integrator, Verlet) else 1
+
+    @property
+    def front(self) -> float:
+        """Nodes that the front of a long wave comes in the run, or that what diffuses spreads over."""
+        time = self.steps * self.dt
+        return float(np.sqrt(self.rate) * time if self.order == 2 else np.sqrt(self.rate * time))
+
+    @property
+    def travel(self) -> float:
+        """Nodes beyond which nothing comes in the run, not even as a precursor."""
+        if self.order == 1:
+            return float(13 * np.sqrt(self.rate * self.steps * self.dt) + 12 * max(self.stencil.reach))
+        front = largest_speed(self.stencil) * np.sqrt(self.rate) * self.steps * self.dt
+        return float(front + 20 * max(self.stencil.reach) + 10 * np.cbrt(front))
+
+    def moments(self) -> np.ndarray:
+        """Numbers of the steps that are looked at."""
+        return np.unique(np.ceil(self.steps * np.arange(1, _TIMES + 1) / _TIMES).astype(int))
+
+    def responses(self, eigenvalue: np.ndarray, datum: Datum) -> np.ndarray:
+        """What becomes of a unit datum in modes of given eigenvalues (1/time for diffusion, 1/time^2 for waves); shape (moments, modes)."""
+        moments, scheme = self.moments(), self.integrator
+        if not isinstance(scheme, Verlet):
+            return np.array([scheme.growth(eigenvalue, self.dt) ** n for n in moments])
+        if datum.kind != "source":
+            u, v = np.array(1.0 * (datum.kind == "u")), np.array(1.0 * (datum.kind == "v"))
+            return np.array([scheme.propagate(eigenvalue, self.dt, n, u, v, self.damping).real for n in moments])
+        found, share = [], self.damping * self.dt
+        older, now = np.zeros_like(eigenvalue), np.zeros_like(eigenvalue)
+        for number, strength in enumerate(datum.time[: self.steps], 1):
+            now, older = (2 * now - (1 - share) * older + self.dt**2 * (strength - eigenvalue * now)) / (1 + share), now
+            if number in moments:
+                found.append(now)
+        return np.array(found)
+
+
+def extent(medium: Waves, data: Sequence[Datum], sizes: Sequence[float], mirror: int, wanted: float) -> Extent:
+    """The fewest nodes beyond a side at whose end a fixed edge sends back less than an error.
+
+    Parameters
+    ----------
+    medium : Waves
+        The normal is its stencil's first axis.
+    data : sequence of Datum
+        The first axis is the normal, towards the side.
+    sizes : sequence of float
+        The largest value that each datum makes, to which its error is relative; in diffusion it is that of the same time.
+    mirror : int
+        What the opposite side is: 1 free, -1 fixed, 0 open.
+    wanted : float
+        Error.
+
+    Returns
+    -------
+    Extent
+    """
+    until = medium.steps * medium.dt
+    if medium.travel > _LONGEST:
+        return Extent(undisturbed(medium.stencil, medium.rate, medium.order, until), until)
+    returns = np.zeros(1)
+    for datum, size in zip(data, sizes, strict=True):
+        found = _far(medium, datum, size, mirror, wanted)
+        returns = np.maximum(*(np.pad(one, (0, max(found.size, returns.size) - one.size)) for one in (found, returns)))
+    farthest = np.maximum.accumulate(returns[::-1])[::-1]  # whatever is farther out than a place
+    beyond = int(np.argmax(np.append(farthest, 0.0) <= _AIM * wanted))
+    nodes = max(1, -(-beyond // 2))
+    return Extent(nodes, until, float(np.append(farthest, 0.0)[min(2 * nodes, farthest.size)]))
+
+
+def _far(medium: Waves, datum: Datum, size: float, mirror: int, wanted: float) -> np.ndarray:
+    """Largest share of a datum, over the run, on the nodes beyond a side; the first of them is the side's first."""
+    values = datum.values
+    inside = len(values)
+    if mirror:
+        values = np.concatenate([mirror * values[::-1], values])
+    profiles, weights = _profiles(values.reshape(len(values), -1), wanted)
+    travel = int(medium.travel)
+    length = fft.next_fast_len(len(values) + 2 * travel, real=True)
+    angles = [2 * np.pi * np.fft.rfftfreq(length)] + [np.zeros(1)] * (medium.stencil.dim - 1)
+    eigenvalue = np.maximum(medium.rate * medium.stencil.branches(*angles)[..., -1].ravel(), 0.0)
+    spectra = fft.rfft(profiles, length, axis=0)
+    worst = np.zeros(travel)
+    for response in medium.responses(eigenvalue, datum):
+        field = weights * np.abs(fft.irfft(response[:, None] * spectra, length, axis=0))
+        beyond = field[len(values) : len(values) + travel].sum(1)
+        scale = size if medium.order == 2 else float(field[len(values) - inside : len(values)].max())
+        worst = np.maximum(worst, beyond / max(scale, 1e-300))
+    return worst
+
+
+def _profiles(lines: np.ndarray, wanted: float) -> tuple[np.ndarray, np.ndarray]:
+    """Profiles that make up lines of nodes, one a column, and the largest weight that each has in any line."""
+    peaks = np.abs(lines).max(0)
+    if len(peaks) == 1:
+        return lines, np.ones(1)
+    loudest = np.argsort(peaks)[-_LINES:]
+    left, share, right = np.linalg.svd(lines[:, loudest], full_matrices=False)
+    weights = share * np.abs(right).max(1)
+    heard = weights > _FAINT * wanted * weights.max()
+    return left[:, heard], weights[heard]
+
+
+def largest(medium: Waves, datum: Datum) -> float:
+    """About the largest value that a datum makes where it is largest, from below.
+
+    A source is looked at while it is strongest, a velocity from the start, for as long as waves take to leave; the support of the
+    datum stands for the medium, and its long waves for all.
+    """
+    values = np.abs(datum.values)
+    if datum.kind == "u" or not values.any():
+        return float(values.max())
+    loud = values > 1e-3 * values.max()
+    held = [np.flatnonzero(np.moveaxis(loud, axis, 0).reshape(n, -1).any(1)) for axis, n in enumerate(values.shape)]
+    part = datum.values[tuple(slice(h[0], h[-1] + 1) for h in held)]
+    stride = max(1, -(-max(part.shape) // _COARSE))
+    part = part[(slice(None, None, stride),) * part.ndim]
+    box = [2 * n + 2 for n in part.shape]
+    place = np.unravel_index(int(np.argmax(np.abs(part))), part.shape)
+    angles = np.meshgrid(*(2 * np.pi * np.fft.fftfreq(n) for n in box), indexing="ij")
+    squared = float(medium.stencil.branches(1e-3, *[0.0] * (medium.stencil.dim - 1)).max()) * 1e6 * medium.rate / stride**2
+    eigenvalue = squared * sum(4 * np.sin(angle / 2) ** 2 for angle in angles)
+    weights = (fft.fftn(part, box) * np.exp(1j * sum(int(p) * angle for p, angle in zip(place, angles, strict=True)))).real / np.prod(box)
+    finer = int(np.ceil(medium.dt * np.sqrt(4 * part.ndim * squared)))  # a wide stencil's own step is too long for nearest neighbours
+    dt = medium.dt / finer
+    leave = max(1, int(min(box) / 2 / (np.sqrt(squared) * dt)))
+    strengths = np.zeros(leave) if datum.kind == "v" else np.repeat(datum.time, finer)
+    loudest = int(np.argmax(np.abs(strengths)))
+    strengths = strengths[max(0, loudest - leave // 2) :][:leave]
+    older, now = np.zeros_like(eigenvalue), np.full_like(eigenvalue, dt * (datum.kind == "v"))
+    found = [0.0]
+    for strength in strengths:
+        now, older = 2 * now - older + dt**2 * (strength - eigenvalue * now), now
+        found.append(abs(float((weights * now).sum())))
+    return max(found)

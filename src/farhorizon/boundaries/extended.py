@@ -1,0 +1,49 @@
+"""The extended domain: more of the same medium, with a fixed end so far out that nothing comes back before the end of the run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from farhorizon import kinds
+
+DEFAULT_TARGET = 1e-5  # of waves: of the initial maximum; of diffusion: of the current one
+
+
+@dataclass(frozen=True)
+class Extended:
+    """Side beyond which the program computes as much of the medium as the run needs, and shows none of it.
+
+    What a user would do without absorbing layers, with the distance chosen for him: the largest speed of waves on the lattice, the place of the
+    data and the length of the run decide it. It serves everything that a lattice of nodes serves, cracks that cross the side as they are
+    given among them, and is exact to the target; its price grows with the length of the run, to the power of the dimension.
+
+    Parameters
+    ----------
+    target : float, optional
+        Wanted error, of waves relative to the largest value, of diffusion to the largest value at the same time; 1e-5 unless given.
+    nodes : int, optional
+        Fixes the nodes beyond the side.
+    until : float, optional
+        Length of the run: in a case file its end, else what the first `run` asks for.
+
+    Raises
+    ------
+    InputError
+        A target outside 1e-12..0.1, fewer than one node, an end that is not positive.
+    """
+
+    target: float | None = None
+    nodes: int | None = None
+    until: float | None = None
+
+    def __post_init__(self) -> None:
+        kinds.settle(
+            self,
+            target=None if self.target is None else kinds.number(self.target, "boundary.target", least=1e-12, most=0.1),
+            nodes=None if self.nodes is None else kinds.integer(self.nodes, "boundary.nodes", least=1),
+            until=None if self.until is None else kinds.number(self.until, "boundary.until", above=0),
+        )
+
+    def wanted(self, order: int) -> float:
+        """The target, or the default."""
+        return DEFAULT_TARGET if self.target is None else self.target
