@@ -1,4 +1,6 @@
-"""Random case files: each runs, or is refused in one line; none ends in a traceback, a crash, a hang or numbers that are not finite.
+"""Random case files: each runs, or is refused in one line.
+
+None ends in a traceback, a crash, a hang or numbers that are not finite.
 
     python tests/robustness/fuzz.py --cases 10000 --seed 7 --processes 16
     python tests/robustness/fuzz.py --show 123 --seed 7
@@ -25,6 +27,7 @@ import machinery
 BAD = ("traceback", "crash", "hang", "not finite", "other resume", "wrong exit")
 MOST_STEPS = 60
 LIMIT = 180.0  # seconds that a case may take on a busy machine
+LARGEST = 2**28  # bytes of a set-up that is run, not only made: `check` announces what larger ones take
 
 
 def place(error):
@@ -44,6 +47,8 @@ def library(text, folder):
     try:
         case = Case(text)
         sim = case.run()
+        if sim.engine.nbytes > LARGEST:
+            return {"class": "too large"}
         until = min(case.parts.run.until, MOST_STEPS * sim.dt)
         if not until > 0:
             return {"class": "refused"}
@@ -78,8 +83,11 @@ def command(text, folder, arguments):
 
     with contextlib.suppress(InputError):
         case = Case(text)
-        if case.parts.run.until > 1e4 * case.run().dt:
+        sim = case.run()
+        if case.parts.run.until > 1e4 * sim.dt:
             return {"class": "too long"}
+        if sim.engine.nbytes > LARGEST:
+            return {"class": "too large"}
     path = folder / "case.toml"
     path.write_text(text)
     said = io.StringIO()
