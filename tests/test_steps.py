@@ -102,3 +102,10 @@ def test_rules_want_intervals():
     for intervals in ({}, {"every": 0.0}, {"every": np.nan}):
         with pytest.raises(fh.InputError):
             fh.WholeSteps(**intervals)
+
+
+@pytest.mark.parametrize("most", [1e-30, 1e-300])
+def test_steps_that_cannot_be_counted_are_refused(most):
+    with pytest.raises(fh.InputError, match="cannot be counted") as refused:
+        fh.WholeSteps(every=4.5, until=18.0)(most)
+    assert refused.value.key == "dt" and refused.value.remedy

@@ -1,7 +1,5 @@
 """``python -m farhorizon``."""
 
-import sys
+from farhorizon.cli import process
 
-from farhorizon.cli import main
-
-sys.exit(main())
+process()

@@ -8,24 +8,41 @@ import os
 import shlex
 import signal
 import sys
-import threading
 import time
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 GOOD, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 _CHECKPOINT_SECONDS = 30.0
 
 
+def process() -> NoReturn:
+    """The `farhorizon` command as a process: Ctrl-C ends it at once and in one line, and a run between two steps.
+
+    Python loses a KeyboardInterrupt that is raised in callbacks (of the compiler, of destructors, at its own exit).
+    Leaving is safe at any time, since files are complete or have a journal whenever a process dies.
+    """
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # as for jobs in the background of a script
+        signal.signal(signal.SIGINT, _leave)
+    sys.exit(main())
+
+
+def _leave(number: int, frame: Any) -> None:
+    with suppress(Exception):  # it may come while something is printed
+        sys.stdout.flush()
+    os.write(2, b"farhorizon: interrupted\n")
+    os._exit(INTERRUPTED)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of the `farhorizon` command; returns the exit code."""
+    """Run a command line, by default that of the process; returns the exit code."""
     try:
         options = _parser().parse_args(arguments)
-        with _leaving_at_once():
-            import farhorizon.case  # noqa: F401
+        import farhorizon.case  # noqa: F401
+
         _check_json(getattr(options, "json", None))
         code = int(options.command(options) or GOOD)
         sys.stdout.flush()  # here a full disk can still be told
@@ -35,24 +52,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return INTERRUPTED
     except Exception as error:
         return _tell(error)
-
-
-@contextmanager
-def _leaving_at_once() -> Iterator[None]:
-    """While modules are imported or loops compiled, where Python may lose the exception of Ctrl-C, and nothing is to be lost, it ends the process."""
-    if threading.current_thread() is not threading.main_thread():
-        yield  # signals are heard in the main thread alone
-        return
-
-    def leave(number: int, frame: Any) -> None:
-        os.write(2, b"farhorizon: interrupted\n")
-        os._exit(INTERRUPTED)
-
-    before = signal.signal(signal.SIGINT, leave)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def _tell(error: Exception) -> int:
@@ -228,12 +227,11 @@ def _run(options: argparse.Namespace) -> int:
         raise InputError(f"no checkpoint {checkpoint}", key="--resume", remedy="run without --resume, or give the --out of the run")
     _refuse_finished(result, options)
     _check_folder(str(folder / case.name))
-    with _leaving_at_once():  # here loops are compiled, in whose callbacks Ctrl-C would be lost
-        sim = case.run()
-        with case.naming():
-            last = sim.prepare(until)
-            sim.record(case.parts.output.probes, case.parts.output.probe_every)
-        certificate = sim.examine(until, options.allow_unstable)
+    sim = case.run()
+    with case.naming():
+        last = sim.prepare(until)
+        sim.record(case.parts.output.probes, case.parts.output.probe_every)
+    certificate = sim.examine(until, options.allow_unstable)
     _folder(options.out)
     with locked(folder / f".{case.name}.lock"):
         _refuse_finished(result, options)
@@ -246,8 +244,7 @@ def _run(options: argparse.Namespace) -> int:
         results = open_results(result)
         for caution in results.cautions:
             print(f"warning: not valid from t = {caution.time:.6g} on: {caution.brief}", file=sys.stderr)
-        with _leaving_at_once():
-            pictures = plot_results(results, folder / case.name, case.parts.output.pictures, _polylines(case))
+        pictures = plot_results(results, folder / case.name, case.parts.output.pictures, _polylines(case))
         print(f"results: {result} ({len(results.times)} outputs); pictures: {', '.join(str(p) for p in pictures)}")
         _write_json(options.json, {"name": case.name, "steps": sim.step_count, "time": sim.time, "dt": sim.dt, "energy": sim.energy(),
                                    "results": str(result), "pictures": [str(p) for p in pictures], "certificate": certificate.as_json()})  # fmt: skip

@@ -10,6 +10,7 @@ from farhorizon.errors import InputError
 #: An interval is a whole number of steps if no more than this part of a step is missing: what is left of one that was typed in or divided.
 FITS = 1e-6
 _CANDIDATES = 1_000_000  # steps that are tried, at most
+_COUNTED = 2.0**52  # steps in an interval up to which their number is a whole one in floating point
 
 
 def whole_steps(interval: float, dt: float) -> int | None:
@@ -60,7 +61,7 @@ class WholeSteps:
         Raises
         ------
         InputError
-            No such step divides all of the intervals.
+            No such step divides all of the intervals, or it is so short that its steps cannot be counted.
         """
         found = self._largest(most)
         if found is not None:
@@ -72,7 +73,11 @@ class WholeSteps:
 
     def _largest(self, most: float) -> float | None:
         """The largest step that divides all intervals; None if it were less than half of what it may be."""
-        shortest = min(self.intervals.values())
+        name, shortest = min(self.intervals.items(), key=lambda item: item[1])
+        if not shortest < _COUNTED * most:
+            raise InputError("the time step is so short that its steps cannot be counted", value=f"dt = {most:.4g}",
+                             limit=f"at least {shortest / _COUNTED:.4g} for {name} = {shortest:.4g}", key="dt",
+                             remedy="coefficients in the units of the lattice")  # fmt: skip
         first = max(1, int(np.ceil(shortest / most - FITS)))
         counts = np.arange(first, min(2 * first, first + _CANDIDATES) + 1)
         fit = np.ones(counts.size, bool)

@@ -37,6 +37,13 @@ def place(error):
     return f"{type(error).__name__} at {where}: {str(error)[:150]}"
 
 
+def large(sim):
+    """Whether a run is only made."""
+    import farhorizon as fh
+
+    return isinstance(sim, fh.Simulation) and sim.engine.nbytes > LARGEST
+
+
 def library(text, folder):
     """Run a case from Python, and half of it again from its checkpoint."""
     import numpy as np
@@ -47,7 +54,7 @@ def library(text, folder):
     try:
         case = Case(text)
         sim = case.run()
-        if sim.engine.nbytes > LARGEST:
+        if large(sim):
             return {"class": "too large"}
         until = min(case.parts.run.until, MOST_STEPS * sim.dt)
         if not until > 0:
@@ -86,7 +93,7 @@ def command(text, folder, arguments):
         sim = case.run()
         if case.parts.run.until > 1e4 * sim.dt:
             return {"class": "too long"}
-        if sim.engine.nbytes > LARGEST:
+        if large(sim):
             return {"class": "too large"}
     path = folder / "case.toml"
     path.write_text(text)
