@@ -26,7 +26,7 @@ import machinery
 
 BAD = ("traceback", "crash", "hang", "not finite", "other resume", "wrong exit")
 MOST_STEPS = 60
-LIMIT = 180.0  # seconds that a case may take on a busy machine
+LIMIT = 180.0  # seconds of processor time that a case may take
 LARGEST = 2**28  # bytes of a set-up that is run, not only made: `check` announces what larger ones take
 
 

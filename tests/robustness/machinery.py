@@ -41,12 +41,24 @@ class Worker:
             stderr=self.errors,
             text=True,
         )
-        self.job, self.since = None, 0.0
+        self.job, self.since, self.before = None, 0.0, 0.0
 
     def give(self, job):
-        self.job, self.since = job, time.monotonic()
+        self.job, self.since, self.before = job, time.monotonic(), self.processor_time()
         self.process.stdin.write(json.dumps(job) + "\n")
         self.process.stdin.flush()
+
+    def processor_time(self):
+        """Seconds of processor time so far; 0 where the operating system does not tell."""
+        try:
+            fields = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            return 0.0
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+    def hangs(self, limit):
+        """Whether its job took more processor time than a limit, or ten times as long without: others may be at work."""
+        return self.processor_time() - self.before > limit or time.monotonic() - self.since > 10 * limit
 
     def end(self):
         """Kill it; returns its exit code and the last that it said."""
@@ -70,7 +82,7 @@ def answers(script, jobs: Iterable[dict], processes: int, limit: float, folder: 
     jobs : iterable of dict
     processes : int
     limit : float
-        Seconds for a job; then it hangs.
+        Seconds of processor time for a job; then it hangs.
     folder : Path
         For what workers say on stderr.
     """
@@ -106,7 +118,7 @@ def answers(script, jobs: Iterable[dict], processes: int, limit: float, folder: 
                 worker.give(waiting.popleft())
             elif worker is not None:
                 drop(worker)
-        for worker in [w for w in workers if time.monotonic() - w.since > limit]:
+        for worker in [w for w in workers if w.hangs(limit)]:
             job = worker.job
             yield job | {"class": "hang", "where": f"more than {limit:g} s", "said": drop(worker)[1]}
             if waiting:
