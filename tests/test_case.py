@@ -1,5 +1,6 @@
 """Case files: the same run as the Python interface, and clear refusals."""
 
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -353,3 +354,32 @@ def test_what_a_body_is_not_for():
         Case(BODY).simulation()
     with pytest.raises(fh.InputError, match="loads act on an elastic medium"):
         Case(GOOD + '[[load]]\ntype = "body-force"\nvalue = [0.0, 0.0]\n')
+
+
+@pytest.fixture(scope="module")
+def validator():
+    from jsonschema import Draft202012Validator
+
+    from farhorizon.case import schema
+
+    Draft202012Validator.check_schema(schema())
+    return Draft202012Validator(schema())
+
+
+@pytest.mark.parametrize("path", sorted((Path(__file__).parents[1] / "examples").glob("*.toml")), ids=lambda path: path.stem)
+def test_the_schema_takes_every_example(path, validator):
+    assert not list(validator.iter_errors(tomllib.loads(path.read_text())))
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [("spacing =", "spacings ="), ("until = 30.0", 'until = "thirty"'), ('"lattice-pml"', '"pml"'), ("horizon = 0.75", "")],
+)
+def test_the_schema_refuses_what_the_program_refuses(old, new, validator):
+    readme = (Path(__file__).parents[1] / "README.md").read_text()
+    text = readme.split("```toml\n")[1].split("```")[0]
+    assert validator.is_valid(tomllib.loads(text)) and old in text
+    spoilt = text.replace(old, new, 1)
+    assert not validator.is_valid(tomllib.loads(spoilt))
+    with pytest.raises(fh.InputError):
+        Case(spoilt)

@@ -103,6 +103,8 @@ def test_plot_check_info(tmp_path, capsys, monkeypatch):
     assert "time step" in json.loads(Path("check.json").read_text())["facts"]
     assert main(["info"]) == 0
     assert "numba" in capsys.readouterr().out
+    assert main(["schema"]) == 0
+    assert json.loads(capsys.readouterr().out)["required"] == ["lattice", "model", "run"]
 
 
 def test_check_tunes_an_outline(tmp_path, capsys, monkeypatch):

@@ -412,6 +412,16 @@ class CasePart(_Part):
     output: OutputPart = OutputPart()
 
 
+def schema() -> dict[str, Any]:
+    """JSON Schema of case files: keys, kinds of values and defaults; what else must hold is told when a case is read."""
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **CasePart.model_json_schema(),
+        "title": "farhorizon case",
+        "description": f"A case file of farhorizon {fh.__version__}.",
+    }
+
+
 class Case:
     """A validated case file.
 

@@ -121,6 +121,7 @@ def _parser() -> argparse.ArgumentParser:
     reproduce.add_argument("--full", action="store_true", help="the published size, where the default is a smaller one; takes minutes")
     demo = add("demo", _demo, "two notches in an infinite membrane: run, compare and draw, in under a minute")
     demo.add_argument("--out", metavar="DIR", default="farhorizon-demo", help="folder of the picture (default: farhorizon-demo)")
+    add("schema", _schema, "the JSON Schema of case files, with which editors complete and check them")
     add("info", _info, "versions, threads, caches")
     for sub in (run, check, compare, reproduce, demo):
         sub.add_argument("--json", metavar="FILE", help="write the figures as JSON too")
@@ -465,6 +466,13 @@ def _demo(options: argparse.Namespace) -> int:
     return GOOD
 
 
+def _schema(options: argparse.Namespace) -> int:
+    from farhorizon.case import schema
+
+    print(json.dumps(schema(), indent=1))
+    return GOOD
+
+
 def _info(options: argparse.Namespace) -> int:
     import platform
 
@@ -483,7 +491,3 @@ def _info(options: argparse.Namespace) -> int:
     ):  # fmt: skip
         print(f"{name:<18}{value}")
     return GOOD
-
-
-if __name__ == "__main__":
-    sys.exit(main())
