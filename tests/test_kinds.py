@@ -18,6 +18,7 @@ ODD = [None, "text", "", [], [1.0, "a"], [[1.0], [1.0, 2.0]], 1 + 2j, np.nan, np
 
 # Arguments of every public callable that are right.
 RIGHT = {
+    "Auto": {"target": None, "until": None},
     "Ball": {"radius": 1.0, "centre": (0.0, 0.0, 0.0)},
     "Beam": {"stiffness": 1.0, "damping": 0.0},
     "Body": {

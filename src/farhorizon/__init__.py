@@ -8,7 +8,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
-    "Ball", "Beam", "Body", "BodyForce", "Box", "Certificate", "Convection", "Corrosion", "Crack", "Diffusion", "Disc", "DiscCut", "Elastic",
+    "Auto", "Ball", "Beam", "Body", "BodyForce", "Box", "Certificate", "Convection", "Corrosion", "Crack", "Diffusion", "Disc", "DiscCut", "Elastic",
     "Exact", "Expression", "Extended", "FarhorizonError", "FileFormatError", "FirstOrder", "Fixed", "Flux", "Free", "Heat", "Higdon", "ImageMask",
     "IncidentWave", "InputError", "Insulated", "Kernel", "Lattice", "LatticePML", "NonlocalPML", "Periodic", "PlaneWave", "PointCut", "Polygon",
     "PolygonCut", "Polyline", "Prescribed", "Probes", "Rectangle", "RungeKuttaChebyshev", "Simulation", "Source", "Specimen", "Sponge", "Stencil",

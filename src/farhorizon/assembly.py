@@ -19,6 +19,7 @@ from farhorizon.analysis.thickness import Thickness, distance_to_side, thinnest_
 from farhorizon.beyond import Beyond, gradients
 from farhorizon.boundaries import (
     Absorbing,
+    Auto,
     Boundary,
     Closing,
     Closure,
@@ -84,6 +85,8 @@ class Assembly:
     incident : list of Incidence
     thickness : dict of str to Thickness
         By side, what the layers that chose themselves are predicted to do.
+    autos : dict of (axis, side) to Auto
+        The sides that leave it to the run whether they are layers, as they are until it is known how long it is, or extend the domain.
     extents : dict of (axis, side) to Extent
         How far the medium is computed beyond sides that extend it.
     """
@@ -117,6 +120,8 @@ class Assembly:
         kinds.flag(balance, "balance")
         self.lasting = isinstance(model, Elastic) and (model.bondwise or balance)
         self.sides = sides(LatticePML() if boundary is None else boundary, lattice.dim)
+        self.autos = {key: b for key, b in self.sides.items() if isinstance(b, Auto)}
+        self.sides |= {key: b.layer(None, model.order) for key, b in self.autos.items()}
         self._check_model(cracks, coefficient, specimens, loads)
         self._check_bonds(cracks, rim)
         kinds.one_of(dtype, "dtype", ("float64", "float32"), "unknown number type")
@@ -152,7 +157,14 @@ class Assembly:
         self.thickness: dict[str, Thickness] = {}
         walls = [key for key, b in self.sides.items() if not isinstance(b, Absorbing | Periodic)]
         waves = [s.resolved(lattice, self.stencil.reach, walls) for s in sources if isinstance(s, IncidentWave)]
-        self._choose_layers(initial, sources, dtype, cracks, factor, specimens)
+        try:
+            self._choose_layers(initial, sources, dtype, cracks, factor, specimens)
+        except InputError:
+            if not self.autos:
+                raise
+            self.sides |= {key: b.extended(None) for key, b in self.autos.items()}
+            self._layers = self._make_layers()
+            self._choose_layers(initial, sources, dtype, cracks, factor, specimens)
         sources = [s for s in sources if not isinstance(s, IncidentWave)]
         self._beyond = Beyond(lattice, self.sides, model.order, self._depth(), self._near_field)
         self._beyond.notes += self.conditions.notes

@@ -225,6 +225,12 @@ class ExtendedPart(_Part):
     nodes: int | None = None
 
 
+class AutoPart(_Part):
+    type: Literal["auto"]
+    until: Number | None = None
+    target: Number | None = None
+
+
 class ExactPart(_Part):
     type: Literal["exact"]
     compress: Literal[False] | Number = 1e-12
@@ -292,13 +298,14 @@ class FirstOrderPart(_Part):
 
 
 AnyBoundary = (
-    LatticePMLPart | ExtendedPart | ExactPart | FixedPart | FreePart | PeriodicPart | SpongePart | NonlocalPMLPart | PlaneWavePart | HigdonPart
-    | FirstOrderPart
+    LatticePMLPart | ExtendedPart | AutoPart | ExactPart | FixedPart | FreePart | PeriodicPart | SpongePart | NonlocalPMLPart | PlaneWavePart
+    | HigdonPart | FirstOrderPart
 )
 BoundaryPart = Annotated[AnyBoundary, Field(discriminator="type")]
 _BOUNDARIES = {
-    "lattice-pml": fh.LatticePML, "extended": fh.Extended, "exact": fh.Exact, "fixed": fh.Fixed, "free": fh.Free, "periodic": fh.Periodic,
-    "sponge": fh.Sponge, "nonlocal-pml": fh.NonlocalPML, "plane-wave": fh.PlaneWave, "higdon": fh.Higdon, "first-order": fh.FirstOrder,
+    "lattice-pml": fh.LatticePML, "extended": fh.Extended, "auto": fh.Auto, "exact": fh.Exact, "fixed": fh.Fixed, "free": fh.Free,
+    "periodic": fh.Periodic, "sponge": fh.Sponge,
+    "nonlocal-pml": fh.NonlocalPML, "plane-wave": fh.PlaneWave, "higdon": fh.Higdon, "first-order": fh.FirstOrder,
 }  # fmt: skip
 
 
@@ -622,7 +629,7 @@ class Case:
         boundary: dict[str, Any] = {}
         for side, part in self.parts.boundary.items():
             values = part.model_dump(exclude={"type"}, exclude_none=True)
-            if isinstance(part, LatticePMLPart | ExtendedPart):
+            if isinstance(part, LatticePMLPart | ExtendedPart | AutoPart):
                 values.setdefault("until", self.parts.run.until)
             try:
                 boundary[side] = _BOUNDARIES[part.type](**values)
@@ -797,8 +804,9 @@ _PARTS: dict[str, type[_Part]] = {
     "corrosion": CorrosionPart, "elastic": ElasticPart, "correspondence": BodyPart,
     "material": MaterialPart, "load": TractionPart, "traction": TractionPart, "body-force": BodyForcePart,
     "nonlocal-pml": NonlocalPMLPart, "specimen": SpecimenPart,
-    "kernel": KernelPart, "lattice-pml": LatticePMLPart, "extended": ExtendedPart, "exact": ExactPart, "fixed": FixedPart, "free": FreePart,
-    "periodic": PeriodicPart, "sponge": SpongePart, "plane-wave": PlaneWavePart, "higdon": HigdonPart, "first-order": FirstOrderPart,
+    "kernel": KernelPart, "lattice-pml": LatticePMLPart, "extended": ExtendedPart, "auto": AutoPart, "exact": ExactPart, "fixed": FixedPart,
+    "free": FreePart, "periodic": PeriodicPart,
+    "sponge": SpongePart, "plane-wave": PlaneWavePart, "higdon": HigdonPart, "first-order": FirstOrderPart,
     "crack": CrackPart, "source": SourcePart, "incident": IncidentPart, "constraint": ConstraintPart,
     "temperature": ConstraintPart, "flux": ConstraintPart, "insulated": ConstraintPart, "convection": ConstraintPart, "prescribed": PrescribedPart,
     "run": RunPart, "output": OutputPart,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -51,14 +51,12 @@ def price(sim: Simulation, seconds: float | None = None) -> Price:
     return Price(float(nodes), sim.seconds_per_step() if seconds is None else seconds, float(sim.engine.nbytes))
 
 
-def extended_price(sim: Simulation, until: float) -> Price | None:
-    """Of the extended domain in place of the sides that absorb; None if there are none. It is not made: a small one tells.
+def extended_price(sim: Simulation, until: float, sides: Sequence[tuple[int, int]]) -> Price:
+    """Of the extended domain in place of some sides that absorb. It is not made: a small one tells.
 
     Where the domain would not fit into memory the front of the waves alone tells its size.
     """
-    wanted = {key: max(target, _LEAST_ERROR) for key, target in sim.targets.items()}
-    if not wanted:
-        return None
+    wanted = {key: max(sim.targets[key], _LEAST_ERROR) for key in sides}
     try:
         more = {key: found.nodes for key, found in sim.extents_for(wanted, until).items()}
     except InputError:

@@ -1,6 +1,6 @@
 """Every name of the public interface, see `farhorizon.__all__`."""
 
-from farhorizon.boundaries import Exact, Extended, FirstOrder, Fixed, Free, Higdon, LatticePML, NonlocalPML, Periodic, PlaneWave, Sponge
+from farhorizon.boundaries import Auto, Exact, Extended, FirstOrder, Fixed, Free, Higdon, LatticePML, NonlocalPML, Periodic, PlaneWave, Sponge
 from farhorizon.certificate import Certificate
 from farhorizon.conditions import Convection, Flux, Insulated, Temperature
 from farhorizon.constraints import Prescribed
@@ -26,7 +26,7 @@ from farhorizon.steps import WholeSteps
 from farhorizon.tuning import tuned
 
 __all__ = [
-    "Ball", "Beam", "Body", "BodyForce", "Box", "Certificate", "Convection", "Corrosion", "Crack", "Diffusion", "Disc", "DiscCut", "Elastic",
+    "Auto", "Ball", "Beam", "Body", "BodyForce", "Box", "Certificate", "Convection", "Corrosion", "Crack", "Diffusion", "Disc", "DiscCut", "Elastic",
     "Exact", "Expression", "Extended", "FarhorizonError", "FileFormatError", "FirstOrder", "Fixed", "Flux", "Free", "Heat", "Higdon", "ImageMask",
     "IncidentWave", "InputError", "Insulated", "Kernel", "Lattice", "LatticePML", "NonlocalPML", "Periodic", "PlaneWave", "PointCut", "Polygon",
     "PolygonCut", "Polyline", "Prescribed", "Probes", "Rectangle", "RungeKuttaChebyshev", "Simulation", "Source", "Specimen", "Sponge", "Stencil",

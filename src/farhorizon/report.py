@@ -257,9 +257,9 @@ class Report:
         if any(isinstance(b, Extended) for b in sim.sides.values()):
             self._compare_with_layer(sim, mine, until)
             return
-        far = extended_price(sim, until)
-        if far is None:
+        if not sim.targets:
             return
+        far = extended_price(sim, until, list(sim.targets))
         self._say("extended domain", f"{far.nodes:.3g} nodes until nothing returns, {far.nodes / np.prod(sim.lattice.shape):.3g} near fields: "
                   f"{far.over(mine)} of this run")  # fmt: skip
         self.numbers |= {"extended_nodes": far.nodes, "extended_cost": far.seconds / mine.seconds, "extended_memory": far.memory / mine.memory}

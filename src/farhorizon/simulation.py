@@ -15,7 +15,7 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.analysis.flux import nodal_flux, power_across
 from farhorizon.assembly import Assembly
-from farhorizon.boundaries import Boundary, Closing, ExactEnds, Extended, Fixed, Periodic
+from farhorizon.boundaries import Boundary, Closing, ExactEnds, Extended, Fixed, LatticePML, Periodic
 from farhorizon.certificate import BUDGET, Certificate, certify
 from farhorizon.conditions import Constraint
 from farhorizon.constraints import Prescribed
@@ -24,8 +24,10 @@ from farhorizon.errors import InputError
 from farhorizon.integrators import stage_effects
 from farhorizon.lattice import AXES, Lattice
 from farhorizon.loads import BodyForce, Traction
+from farhorizon.machine import available_memory
 from farhorizon.models import Corrosion, Elastic, LatticeModel
 from farhorizon.overstretch import Rim, rim_of
+from farhorizon.price import extended_price, price
 from farhorizon.report import Report
 from farhorizon.results import Caution, read_checkpoint, write_checkpoint
 from farhorizon.run import MOST_STEPS, Run
@@ -130,6 +132,8 @@ class Simulation(Assembly, Run):
         self._source_peaks: dict[int, float] = {}
         self._initial_given = initial
         self._end = 0.0  # of the run, as far as it is known
+        self._settled = 0.0  # length of the run that the sides are good for, as far as they are chosen for one
+        self._why: list[str] = []  # how sides that leave the choice were chosen
         self._open_ended = [key for key, b in self.sides.items() if isinstance(b, Extended) and b.nodes is None]
         self._looked = 0.0  # up to this time
         self._balance = balance
@@ -313,7 +317,7 @@ class Simulation(Assembly, Run):
         InputError
             As `check_sources`; a kernel that does not fit into memory.
         """
-        self._enlarge(until)
+        self._settle(until)
         self.check_sources(until)
         self._end = max(self._end, until)
         last = super().prepare(until)
@@ -321,16 +325,40 @@ class Simulation(Assembly, Run):
             self._ends.cover(last)
         return last
 
-    def _enlarge(self, until: float) -> None:
-        """Extend the domain for a run that is longer than it was chosen for, if nothing has run yet."""
-        if not self.step_count and any(until > self.extents[key].until * (1 + 1e-9) for key in self._open_ended):
-            sides = {AXES[a] + "-+"[s > 0]: replace(self.sides[a, s], nodes=None, until=until) for a, s in self._open_ended}
-            self._become(self._setup["boundary"] | sides)
+    def _settle(self, until: float) -> None:
+        """Sides that depend on the length of the run, if it is longer than they are good for and nothing has run yet."""
+        if self.step_count or not until > self._settled * (1 + 1e-9):
+            return
+        if self.autos:
+            self._decide(until)
+        elif any(until > self.extents[key].until * (1 + 1e-9) for key in self._open_ended):
+            self._become({key: replace(self.sides[key], nodes=None, until=until) for key in self._open_ended})
+        self._settled = until
 
-    def _become(self, sides: Mapping[str, Boundary]) -> None:
-        """Be at the start of the same run with other sides."""
-        other = type(self)(**{**self._setup, "initial": self._initial_given, "boundary": sides})
-        self.__dict__ = other.__dict__ | {name: getattr(self, name) for name in ("observers", "stop_requested", "probes", "_open_ended")}
+    def _decide(self, until: float) -> None:
+        """Take layers or the extended domain on the sides that leave the choice, whichever takes less time."""
+        far_sides: dict[tuple[int, int], Boundary] = {key: b.extended(until) for key, b in self.autos.items()}
+        near_sides: dict[tuple[int, int], Boundary] = {key: b.layer(until, self.model.order) for key, b in self.autos.items()}
+        try:
+            if any(self.sides[key] != layer for key, layer in near_sides.items()):
+                self._become(near_sides)
+        except InputError as error:
+            self._become(far_sides)
+            self._why = [f"the domain is extended, for layers do not serve: {error.message}"]
+            return
+        layers, far = price(self), extended_price(self, until, list(self.autos))
+        if far.seconds >= layers.seconds or far.memory > available_memory():
+            self._why = [f"layers: the extended domain would take {far.over(layers)}"]
+            return
+        self._become(far_sides)
+        self._why = [f"the domain is extended: layers would take {layers.over(far)}"]
+
+    def _become(self, sides: Mapping[tuple[int, int], Boundary]) -> None:
+        """Be at the start of the same run with some other sides."""
+        named = {AXES[axis] + "-+"[side > 0]: boundary for (axis, side), boundary in sides.items()}
+        other = type(self)(**{**self._setup, "initial": self._initial_given, "boundary": self._setup["boundary"] | named})
+        kept = ("observers", "stop_requested", "probes", "autos", "_open_ended", "_why")
+        self.__dict__ = other.__dict__ | {name: getattr(self, name) for name in kept}
         if self.probes is not None:
             self._watch(self.probes.nodes)
 
@@ -738,7 +766,8 @@ class Simulation(Assembly, Run):
     @property
     def notes(self) -> list[str]:
         """What lies beyond the near field and is missed, but within the sides' targets, or cannot be known."""
-        return self._beyond.notes + (self._ends.notes() if self._ends is not None else []) + self._remarks + self._late(max(self._end, self.time))
+        ends = [] if self._ends is None else self._ends.notes()
+        return self._beyond.notes + ends + self._remarks + self._why + self._late(max(self._end, self.time))
 
     @property
     def ends(self) -> dict[str, str]:
@@ -806,7 +835,7 @@ class Simulation(Assembly, Run):
             Seconds for the certificate. Unless given all of it takes about as long as the run to `until`, from 2 to 30; 30 without `until`.
         """
         if until is not None:
-            self._enlarge(until)
+            self._settle(until)
         return Report.of(self, until, budget)
 
     # --- state -------------------------------------------------------------------------------------------------
@@ -859,16 +888,17 @@ class Simulation(Assembly, Run):
         return {"initial": initial | ({"v": arrays["start_v"]} if np.any(arrays["start_v"]) else {})}
 
     def _adopt(self, path: str | Path) -> None:
-        """Extend the domain as far as the run that wrote a checkpoint did."""
+        """Take the sides of the run that wrote a checkpoint, as far as its length or its price chose them."""
         arrays, meta = read_checkpoint(path)
-        if not self.step_count and "setup" in meta:
-            sides = rebuild(meta["setup"]["dict"]["boundary"], arrays)
-            extended = {name: b for name, b in self._setup["boundary"].items() if isinstance(b, Extended)}
-            if all(isinstance(sides.get(name), Extended) for name in extended) and any(sides[name] != b for name, b in extended.items()):
-                self._become(self._setup["boundary"] | {name: sides[name] for name in extended})
+        if self.step_count or "setup" not in meta:
+            return
+        theirs = rebuild(meta["setup"]["dict"]["boundary"], arrays)
+        names = {key: AXES[key[0]] + "-+"[key[1] > 0] for key in {*self._open_ended, *self.autos}}
+        if all(isinstance(theirs.get(name), LatticePML | Extended) for name in names.values()):
+            self._become({key: theirs[name] for key, name in names.items()})
 
     def load(self, path: str | Path) -> dict[str, Any]:
-        if self._open_ended:
+        if self._open_ended or self.autos:
             self._adopt(path)
         arrays, meta = self._read(path)
         self.engine.levels[...] = arrays["levels"]

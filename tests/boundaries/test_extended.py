@@ -19,7 +19,8 @@ def pulse(lattice, centre, width):
 
 def random_setup(rng, physics, dim):
     """A pulse, a velocity or a source, off the centre of a box; its target and the end of the run."""
-    reach, spacing = int(rng.integers(1, 5 if dim < 3 else 3)), float(rng.choice([0.1, 0.25, 1.0]))
+    reach = int(rng.integers(1 if physics != "elastic" else 2, 5 if dim < 3 else 3))  # bonds of nearest neighbours alone are no elastic medium
+    spacing = float(rng.choice([0.1, 0.25, 1.0]))
     lattice = fh.Lattice(spacing, (0.0,) * dim, tuple(spacing * (rng.integers(2 * reach + 8, {1: 80, 2: 32, 3: 16}[dim], dim) - 1)))
     influence = "constant" if reach == 1 else str(rng.choice(["constant", "linear", "gaussian"]))
     exponent = int(rng.integers(0, 2 if physics != "wave" else 3 if dim == 1 else 4))

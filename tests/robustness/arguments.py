@@ -61,6 +61,7 @@ def good():
     wave = fh.Wave(kernel)
     disc, square = fh.Disc(1.0), [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)]
     return {
+        "Auto": {},
         "Ball": {"radius": 1.0},
         "Beam": {"stiffness": 1.0},
         "BodyForce": {"value": [1.0, 0.0]},
@@ -162,7 +163,7 @@ def call(job):
         return getattr(sim, method)(**{**arguments, job["argument"]: odd})
     made = getattr(fh, name)(**{**good()[name], job["argument"]: odd})
     setup = {**good()["Simulation"], "initial": {"u": 0.0}}
-    if name in ("Extended", "Sponge", "LatticePML", "Higdon", "PlaneWave", "FirstOrder", "Fixed", "Free", "Periodic"):
+    if name in ("Auto", "Extended", "Sponge", "LatticePML", "Higdon", "PlaneWave", "FirstOrder", "Fixed", "Free", "Periodic"):
         fh.Simulation(**{**setup, "boundary": made}).step(1)
     elif name in ("Wave", "Diffusion", "Heat"):
         fh.Simulation(**{**setup, "model": made}).step(1)

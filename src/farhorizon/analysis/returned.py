@@ -109,7 +109,7 @@ class Arrivals:
         """Root of the share of the waves' energy that comes back, from a sample of them: quick, to compare layers by."""
         some = slice(None, None, 1 + len(self.amplitude) // _COMPARED)
         back = self.amplitude[some] * reflected(self.root[some], self.frequency[some], layer)
-        return float(np.linalg.norm(back) / np.linalg.norm(self.amplitude[some]))
+        return float(np.linalg.norm(back) / max(float(np.linalg.norm(self.amplitude[some])), 1e-300))
 
     @property
     def largest(self) -> float:
@@ -137,7 +137,7 @@ class Arrivals:
         for i in loudest:
             wave = self.medium.wave(self.along[:, i], complex(self.factor[i]), complex(self.root[i]))
             found += abs(self.amplitude[i]) * layer_reflection(wave, layer)
-        return max(1.0, found / float(single[loudest].sum()))
+        return max(1.0, found / max(float(single[loudest].sum()), 1e-300))
 
 
 def reflected(root: np.ndarray, frequency: np.ndarray, layer: Layer) -> np.ndarray:
@@ -309,6 +309,6 @@ def _chain(lines: np.ndarray, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def _largest(sizes: np.ndarray, rest: float) -> np.ndarray:
-    """Indices, ascending, of the values that remain when the smallest ones are left out while their sum is below `rest`."""
+    """Indices, ascending, of the values that remain when the smallest ones are left out while their sum is below `rest`; one at least."""
     order = np.argsort(sizes)
-    return np.sort(order[np.searchsorted(np.cumsum(sizes[order]), rest) :])
+    return np.sort(order[min(int(np.searchsorted(np.cumsum(sizes[order]), rest)), len(order) - 1) :])

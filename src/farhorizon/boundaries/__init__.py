@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, get_args
 
+from farhorizon.boundaries.auto import Auto
 from farhorizon.boundaries.exact import Exact, ExactEnds
 from farhorizon.boundaries.extended import Extended
 from farhorizon.boundaries.first_order import FirstOrder
@@ -19,14 +20,16 @@ from farhorizon.errors import InputError
 from farhorizon.kinds import said
 from farhorizon.lattice import AXES
 
-__all__ = ["Absorbing", "Boundary", "Closing", "Closure", "Exact", "ExactEnds", "Extended", "FirstOrder", "Fixed", "Free", "Higdon", "LatticePML",
-           "Margin", "NonlocalPML", "Outline", "Periodic", "PlaneWave", "Sponge", "sides"]  # fmt: skip
+__all__ = [
+    "Absorbing", "Auto", "Boundary", "Closing", "Closure", "Exact", "ExactEnds", "Extended", "FirstOrder", "Fixed", "Free", "Higdon", "LatticePML",
+    "Margin", "NonlocalPML", "Outline", "Periodic", "PlaneWave", "Sponge", "sides",
+]  # fmt: skip
 
 #: Sides beyond which nodes of the medium itself are computed.
 Margin = Sponge | Extended | Closing
 #: Sides beyond which the medium goes on.
 Absorbing = LatticePML | Exact | Margin
-Boundary = Absorbing | Fixed | Free | Periodic
+Boundary = Absorbing | Fixed | Free | Periodic | Auto
 
 
 def sides(boundary: Any | Mapping[str, Any], dim: int, kinds: Any = Boundary, remedy: str = "") -> dict[tuple[int, int], Any]:

@@ -1,0 +1,47 @@
+"""Layer or extended domain, whichever takes less time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from farhorizon import kinds
+from farhorizon.boundaries.extended import Extended
+from farhorizon.boundaries.lattice_pml import LatticePML
+
+
+@dataclass(frozen=True)
+class Auto:
+    """Side beyond which the medium goes on, by a `LatticePML` or by an `Extended` domain of the same target: a run takes what is faster.
+
+    Both are timed on this machine when the run is prepared, so that no run takes longer than one on a domain from whose end nothing
+    comes back. All sides of a set-up that are `Auto` become the same; a note says which, and why.
+
+    Parameters
+    ----------
+    target : float, optional
+        Wanted error, as of both; 1e-5 unless given.
+    until : float, optional
+        Length of the run, as of both.
+
+    Raises
+    ------
+    InputError
+        A target outside 1e-12..0.1, an end that is not positive.
+    """
+
+    target: float | None = None
+    until: float | None = None
+
+    def __post_init__(self) -> None:
+        kinds.settle(self, target=self.extended(None).target, until=self.extended(None).until)
+
+    def layer(self, until: float | None, order: int) -> LatticePML:
+        """A layer for a run of a length, as far as it is known here or from the side."""
+        return LatticePML(target=self.extended(None).wanted(order), until=self._longer(until))
+
+    def extended(self, until: float | None) -> Extended:
+        """An extended domain for a run of a length, as far as it is known here or from the side."""
+        return Extended(self.target, until=self._longer(until))
+
+    def _longer(self, until: float | None) -> float | None:
+        return self.until if until is None else until if self.until is None else max(until, self.until)

@@ -1,0 +1,122 @@
+"""Sides that leave it to the run whether they are layers or extend the domain."""
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon import simulation
+from farhorizon.boundaries import Extended, LatticePML
+from farhorizon.case import Case
+from farhorizon.compare import compare
+from farhorizon.price import Price
+
+LATTICE = fh.Lattice(0.25, (-3.0, -2.0), (3.0, 2.0))
+SETUP = {"lattice": LATTICE, "model": fh.Wave(fh.Kernel(0.5)), "initial": {"u": "exp(-4*(x**2+y**2))"}}
+CASE = """
+[lattice]
+spacing = 0.25
+lower = [-3.0, -2.0]
+upper = [3.0, 2.0]
+[model]
+type = "wave"
+kernel = { horizon = 0.5 }
+[initial]
+u = "exp(-4*(x**2+y**2))"
+[boundary]
+all = { type = "auto", target = 1e-4 }
+[run]
+until = 8.0
+"""
+
+
+def kinds(sim):
+    return {type(b) for b in sim.sides.values()}
+
+
+@pytest.fixture
+def dear(monkeypatch):
+    """Makes the extended domain so many times as dear as layers."""
+    def set_price(times):
+        monkeypatch.setattr(simulation, "price", lambda sim: Price(1.0, 1.0, 1.0))
+        monkeypatch.setattr(simulation, "extended_price", lambda sim, until, sides: Price(1.0, times, 1.0))
+
+    return set_price
+
+
+@pytest.mark.parametrize("times, kind, words", [
+    (0.5, Extended, "extended: layers would take 2 times the time"), (2.0, LatticePML, "layers: the extended domain would take 2 times the time"),
+])  # fmt: skip
+def test_the_cheaper_one_is_taken_and_said(dear, times, kind, words):
+    dear(times)
+    sim = fh.Simulation(**SETUP, boundary=fh.Auto(1e-4, until=8.0)).run(until=8.0)
+    assert kinds(sim) == {kind} and sum(words in note for note in sim.notes) == 1
+    same = {Extended: fh.Extended(1e-4, until=8.0), LatticePML: LatticePML(target=1e-4, until=8.0)}[kind]
+    assert np.array_equal(sim.fields["u"], fh.Simulation(**SETUP, boundary=same).run(until=8.0).fields["u"])
+
+
+@pytest.mark.slow
+def test_errors_of_a_choice(dear):
+    dear(0.5)
+    (curve,) = compare({**SETUP, "boundary": fh.Auto(1e-4)}, 8.0, beside=False).curves.values()
+    assert 0 < max(curve["error_rel_initial"]) <= 1e-4
+
+
+def test_measured_prices_decide():
+    """Of a long bar and a short run the extended domain is cheaper, of a long run the layer: the arrays are a hundred times as long."""
+    bar = {"lattice": fh.Lattice(1.0, 0.0, 3000.0), "model": fh.Wave(fh.Kernel(1.0)), "initial": {"u": "exp(-(x - 1500)**2/20)"}, "threads": 1}
+    short = fh.Simulation(**bar, boundary=fh.Auto())
+    short.prepare(100.0)
+    assert short.extents and all(found.nodes < 5 for found in short.extents.values())
+    long = fh.Simulation(**bar, boundary=fh.Auto())
+    long.prepare(60_000.0)
+    assert kinds(long) == {LatticePML} and any("the extended domain would take" in note for note in long.notes)
+
+
+def test_a_choice_lasts_in_checkpoints(dear, tmp_path):
+    """The run that goes on has the sides of the one that wrote the checkpoint, whatever it would choose itself."""
+    for first, then in ((0.5, 2.0), (2.0, 0.5)):
+        dear(first)
+        sim = fh.Simulation(**SETUP, boundary=fh.Auto(1e-4, until=8.0))
+        sim.prepare(8.0)
+        sim.step(20)
+        sim.save(tmp_path / "a.ckpt")
+        dear(then)
+        again = fh.Simulation(**SETUP, boundary=fh.Auto(1e-4, until=8.0))
+        again.prepare(8.0)
+        again.load(tmp_path / "a.ckpt")
+        assert kinds(again) == kinds(sim) == kinds(fh.Simulation.restore(tmp_path / "a.ckpt"))
+        assert np.array_equal(again.run(until=8.0).fields["u"], sim.run(until=8.0).fields["u"])
+
+
+def test_longer_runs_choose_anew_until_something_has_run(dear):
+    dear(0.5)
+    sim = fh.Simulation(**SETUP, boundary={"x": fh.Auto(1e-4), "y": fh.Periodic()})
+    assert isinstance(sim.sides[0, 1], LatticePML)
+    sim.prepare(8.0)
+    assert sim.extents[0, 1].until == 8.0
+    dear(2.0)
+    sim.prepare(16.0)
+    assert isinstance(sim.sides[0, 1], LatticePML) and sim.thickness["x+"].until == 16.0
+
+
+def test_where_no_layer_serves_the_domain_is_extended(dear):
+    dear(2.0)
+    bar, noise = fh.Lattice(0.25, -3.0, 3.0), np.random.default_rng(3).standard_normal(25)
+    with pytest.raises(fh.InputError, match="no layer keeps the target"):
+        fh.Simulation(bar, fh.Wave(fh.Kernel(0.5)), LatticePML(target=1e-12, until=80.0), {"u": noise})
+    sim = fh.Simulation(bar, fh.Wave(fh.Kernel(0.5)), fh.Auto(1e-12, until=80.0), {"u": noise}).run(until=2.0)
+    assert kinds(sim) == {Extended} and any("layers do not serve: no layer keeps" in note for note in sim.notes)
+
+
+def test_a_case_and_its_check(dear):
+    dear(0.5)
+    case = Case(CASE)
+    sim = case.simulation()
+    sim.prepare(8.0)
+    assert kinds(sim) == {Extended} and "layers instead" in str(fh.Simulation(**case.setup).check(8.0))
+
+
+def test_bad_input():
+    for wrong in ({"target": 0.5}, {"until": -1.0}):
+        with pytest.raises(fh.InputError, match=f"boundary.{next(iter(wrong))}"):
+            fh.Auto(**wrong)
