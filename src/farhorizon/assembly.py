@@ -10,10 +10,9 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.analysis.chain import Recursion, half_weights
-from farhorizon.analysis.choice import Choice, weak
+from farhorizon.analysis.choice import Choice
 from farhorizon.analysis.extent import Extent, Waves, extent, largest
 from farhorizon.analysis.returned import Datum
-from farhorizon.analysis.short_waves import high_pass
 from farhorizon.analysis.spectrum import band
 from farhorizon.analysis.thickness import Thickness, distance_to_side, thinnest_for_diffusion
 from farhorizon.beyond import Beyond, gradients
@@ -157,14 +156,15 @@ class Assembly:
         self.thickness: dict[str, Thickness] = {}
         walls = [key for key, b in self.sides.items() if not isinstance(b, Absorbing | Periodic)]
         waves = [s.resolved(lattice, self.stencil.reach, walls) for s in sources if isinstance(s, IncidentWave)]
+        driven = [*sources, *(self._as_source(load, f"load[{i}]") for i, load in enumerate(loads))]
         try:
-            self._choose_layers(initial, sources, dtype, cracks, factor, specimens)
+            self._choose_layers(initial, driven, dtype, cracks, factor, specimens)
         except InputError:
             if not self.autos:
                 raise
             self.sides |= {key: b.extended(None) for key, b in self.autos.items()}
             self._layers = self._make_layers()
-            self._choose_layers(initial, sources, dtype, cracks, factor, specimens)
+            self._choose_layers(initial, driven, dtype, cracks, factor, specimens)
         sources = [s for s in sources if not isinstance(s, IncidentWave)]
         self._beyond = Beyond(lattice, self.sides, model.order, self._depth(), self._near_field)
         self._beyond.notes += self.conditions.notes
@@ -590,13 +590,11 @@ class Assembly:
     ) -> None:  # fmt: skip
         """Give each side whose layer chooses for itself the thinnest that keeps its target."""
         chosen = {key: b for key, b in self.sides.items() if isinstance(b, LatticePML) and b.chooses}
-        if not chosen or self.stencil.components > 1:
+        if not chosen:
             return
         lattice, model = self.lattice, self.model
         if model.order == 1:
             self._choose_for_diffusion(chosen, initial, sources, self._scatterers(cracks, factor), specimens)
-            return
-        if not weak(high_pass(self.stencil)):
             return
         lengths = {key: b.until or CROSSINGS * self.crossing for key, b in chosen.items()}
         field = FarField(
@@ -631,16 +629,24 @@ class Assembly:
 
     def _data(self, initial: Mapping[str, Any], sources: Sequence[Any], until: float) -> list[Datum]:
         """What sends waves: the start, and sources over a time; pulses in the middle and beside each side where that cannot be known."""
-        start = {name: field(initial[name], self.lattice, 1, f"initial.{name}") for name in ("u", "v") if name in initial}
-        found = [Datum(self._inside(values - (self.background if name == "u" else 0.0)), name) for name, values in start.items()]
+        components, reach = self.stencil.components, max(self.stencil.reach)
+        start = {name: field(initial[name], self.lattice, components, f"initial.{name}") for name in ("u", "v") if name in initial}
+        found = [d for name, v in start.items() for d in self._by_component(self._inside(v - (self.background if name == "u" else 0.0)), name)]
         times = np.arange(int(np.ceil(until / self.dt)) + 1) * self.dt
         for source in sources:
-            space, time = (None, None) if isinstance(source, IncidentWave) else split(source, self.lattice)
-            if space is None or time is None:
-                return stand_ins(self.lattice.shape, max(self.stencil.reach))
-            found.append(Datum(space * self.model.source_factor, "source", np.array([float(time(t)) for t in times])))
-        found = [datum for datum in found if datum.values.any() and (datum.kind != "source" or datum.time.any())]
-        return found or stand_ins(self.lattice.shape, max(self.stencil.reach))
+            for part, unit in [(source, 1.0)] if isinstance(source, IncidentWave) else by_component(source, self.lattice, components):
+                whole = components if np.ndim(unit) == 0 else 1
+                space, time = (None, None) if isinstance(source, IncidentWave) else split(part, self.lattice, whole)
+                if space is None or time is None:
+                    return stand_ins(self.lattice.shape, reach, components)
+                found += self._by_component(unit * space * self.model.source_factor, "source", np.array([float(time(t)) for t in times]))
+        return found or stand_ins(self.lattice.shape, reach, components)
+
+    def _by_component(self, values: np.ndarray, kind: str, time: np.ndarray | None = None) -> list[Datum]:
+        """A datum for each component that is not at rest."""
+        time = np.zeros(0) if time is None else time
+        moves = kind != "source" or bool(time.any())
+        return [Datum(part, kind, time, i) for i, part in enumerate(values.reshape(-1, *self.lattice.shape)) if moves and part.any()]
 
     def _scatterers(self, cracks: Sequence[Any], factor: np.ndarray | None) -> np.ndarray:
         """Nodes that scatter waves: around cracks, beside nodes that do not exist, and where the medium changes."""

@@ -5,7 +5,7 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.analysis.chain import Recursion
-from farhorizon.analysis.layer import LayerSide, Medium
+from farhorizon.analysis.layer import LayerSide, Medium, amplitudes_of, layer_amplitudes
 from farhorizon.compare import compare
 from farhorizon.strip import Strip, pinned
 
@@ -93,3 +93,24 @@ def test_prediction_and_run_of_a_diffusive_layer():
         error = next(iter(compare(setup, until, [until], beside=False).curves.values()))["error_rel_current"][-1]
         assert predicted / 10 < error < predicted
         assert "diffusion waves" in str(report)
+
+
+@pytest.mark.parametrize("model", [VECTORS[0][1], VECTORS[3][1], fh.Wave(fh.Kernel(3.0, 1))])
+def test_waves_are_reflected_together_as_one_by_one(model):
+    sim = fh.Simulation(fh.Lattice(1.0, (0.0, 0.0), (8.0, 8.0)), model, boundary=fh.LatticePML(nodes=7))
+    medium, layer = Strip(sim, 0, 8, (fh.Fixed(), pinned(sim)[0, 1])).medium, sim.engine.layers[1, 1]
+    waves = [medium.plane_wave(length, angle) for length, angle in ((9.0, 0.0), (14.0, 35.0), (40.0, 75.0))]
+    for together, wave in zip(amplitudes_of(waves, layer), waves, strict=True):
+        np.testing.assert_allclose(together, layer_amplitudes(wave, layer), rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_carrier_has_the_speed_of_its_waves(dim):
+    model = fh.Elastic(fh.Kernel(2.0, 1), young=2.0, poisson=0.3, density=3.0, material="state-based")
+    medium = Medium(model.stencil(0.5, dim), model.coefficient, 0.5, Recursion.of(model.integrator, 0.01, 0.0), 0.01)
+    for kind, speed in enumerate((model.p_speed, model.s_speed)):
+        carrier = medium.carrier(kind)
+        symbol = float(carrier.stencil.symbol(*(1e-3, *[0.0] * (dim - 1))))
+        assert carrier.rate * symbol == pytest.approx((speed * 1e-3 / 0.5) ** 2, rel=1e-3)
+    scalar = Medium(fh.Wave(fh.Kernel(2.0)).stencil(0.5, dim), 1.0, 0.5, medium.recursion, 0.01)
+    assert scalar.carrier(0) is scalar

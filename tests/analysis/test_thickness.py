@@ -7,6 +7,7 @@ import farhorizon as fh
 from farhorizon.analysis.infinite import InfiniteLattice
 from farhorizon.analysis.short_waves import high_pass
 from farhorizon.analysis.thickness import (
+    briefly_damped,
     diffusive,
     distance_to_side,
     gently_damped,
@@ -15,6 +16,8 @@ from farhorizon.analysis.thickness import (
     thin,
     thinnest_for_diffusion,
 )
+from farhorizon.engine.state import State
+from farhorizon.strip import plain_twin
 
 
 @pytest.mark.parametrize(("ratio", "known"), [(1, (4, 6, 9, 11)), (100, (8, 12, 18, 21)), (1e4, (14, 19, 27, 31))])
@@ -81,3 +84,37 @@ def test_distance_of_data():
     values[10, 2], values[12, 1] = 1.0, 1e-5
     assert distance_to_side([values, np.zeros((30, 5))]) == 19
     assert distance_to_side([np.zeros((30, 5))]) == 0
+
+
+BACKWARD = {
+    "elements": (fh.Elastic(None, young=1.0, poisson=0.3, material="finite-element"), 2),
+    "bonds": (fh.Elastic(fh.Kernel(2.0, 1), young=1.0), 2),
+    "wide bonds": (fh.Elastic(fh.Kernel(3.0, 1), young=1.0), 2),
+    "linear": (fh.Elastic(fh.Kernel(3.0, 1, "linear"), young=1.0), 2),
+    "states": (fh.Elastic(fh.Kernel(2.0, 1), young=1.0, poisson=0.3, material="state-based"), 2),
+    "exponent 0": (fh.Elastic(fh.Kernel(2.0, 0), young=1.0), 2),
+    "scalar elements": (fh.Wave(fh.Stencil.finite_element(2)), 2),
+    "scalar": (fh.Wave(fh.Kernel(3.0, 1)), 2),
+    "line": (fh.Wave(fh.Kernel(3.0, 0)), 1),
+    "bonds in space": (fh.Elastic(fh.Kernel(2.0, 1), young=1.0), 3),
+}
+
+
+@pytest.mark.parametrize("name", ["elements", *(pytest.param(n, marks=pytest.mark.slow) for n in BACKWARD if n != "elements")])
+@pytest.mark.parametrize("share", [0.5, 0.95])
+def test_short_damping_lets_no_noise_grow(name, share):
+    """White noise in the whole state, near both ends of the range of steps: over the last third of a long run it decays."""
+    model, dim = BACKWARD[name]
+    stencil = model.stencil(1.0, dim)
+    end = 2.0 * max(stencil.reach) + 2.0
+    lattice, steps = fh.Lattice(1.0, (0.0,) * dim, (end,) * dim), 9000 if dim < 3 else 2400
+    dt = share * fh.Simulation(lattice, model, fh.Fixed(), threads=1).step_limit
+    found = {nodes: briefly_damped(nodes, stencil, np.sqrt(model.coefficient)) for nodes in ((4, 12) if dim < 3 else (4,))}
+    assert found[4]
+    for layers in found.values():
+        for layer in layers.values():
+            sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=layer.columns, profile=layer), dt=dt, threads=1)
+            state = State(plain_twin(sim).engine)
+            before = state.after(np.random.default_rng(3).standard_normal(state.size), 2 * steps // 3)
+            after = state.after(before, steps // 3)
+            assert np.abs(after).max() < 0.9 * np.abs(before).max()

@@ -12,8 +12,8 @@ the columns is a matrix. With what a step takes of the increments, F = D F D of 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -89,6 +89,25 @@ class Medium:
     def speed(self) -> float:
         """Of waves."""
         return float(np.sqrt(self.coefficient))
+
+    def carrier(self, kind: int) -> Medium:
+        """A scalar medium in which long waves have the speed of one type and all are about as dispersive; a scalar medium itself.
+
+        Parameters
+        ----------
+        kind : int
+            Number of the type among `TYPES`.
+
+        Returns
+        -------
+        Medium
+        """
+        stencil = self.stencil
+        if stencil.components == 1:
+            return self
+        squared = 0.5 * np.einsum("kii,k->i", stencil.weights, stencil.offsets[:, 0] ** 2)  # speeds along the normal, P first
+        weights = np.trace(stencil.weights, axis1=1, axis2=2) * squared[kind] / squared.sum()
+        return replace(self, stencil=Stencil(stencil.offsets[weights != 0], weights[weights != 0]))
 
     def wave(self, along: Sequence[float] | np.ndarray, factor: complex, near: complex, polarisation: np.ndarray | None = None) -> Wave:
         """The wave of a factor a step and tangential wavenumbers times spacing.
@@ -173,27 +192,51 @@ def layer_amplitudes(wave: Wave, layer: Layer) -> np.ndarray:
     -------
     ndarray of complex, shape (leaving modes,)
     """
-    stretch = layer.kappa + layer.sigma / (wave.s + layer.alpha)
-    blocks = wave.weights.reshape(len(wave.weights), *wave.weights.shape[1:] or (1, 1))
-    reach, d = len(blocks) // 2, blocks.shape[1]
+    return amplitudes_of([wave], layer)[0]
+
+
+def amplitudes_of(waves: Sequence[Wave], layer: Layer) -> list[np.ndarray]:
+    """`layer_amplitudes` of several waves of one medium, which takes much less time than one after the other.
+
+    Parameters
+    ----------
+    waves : sequence of Wave
+        At least one.
+    layer : Layer
+
+    Returns
+    -------
+    list of ndarray of complex
+    """
+    stretch = layer.kappa + layer.sigma / (np.array([wave.s for wave in waves])[:, None] + layer.alpha)
+    blocks = np.stack([wave.weights.reshape(len(wave.weights), *wave.weights.shape[1:] or (1, 1)) for wave in waves])
+    n, reach, d, count = len(waves), blocks.shape[1] // 2, blocks.shape[2], layer.columns
     inwards, (outwards, here, before) = _inwards(stretch), _outwards(stretch)
-    count = layer.columns
-    system = np.kron(blocks[reach], np.eye(count))
-    ahead, back = np.eye(count + 1)[:, 1:], np.eye(count)
-    entrance = np.zeros((reach, count), complex)  # U(0, k), k = 1 .. K, by the columns
-    entrance_near = np.zeros(reach, complex)  # and by the last node of the near field
-    first = np.eye(count + 1)[:, 0].astype(complex)
-    near = np.zeros((reach + 1, count), complex)  # columns continued by -k nodes, by the near field's nodes 0, -1, .. -K
-    drive = np.zeros((reach + 1, d * count, d), complex)
+    system = np.einsum("nij,pq->nipjq", blocks[:, reach], np.eye(count))
+    ahead, back, first = np.eye(count + 1)[:, 1:], np.eye(count), np.eye(count + 1)[:, :1]
+    entrance = np.zeros((n, reach, count), complex)  # U(0, k), k = 1 .. K, by the columns
+    entrance_near = np.zeros((n, reach), complex)  # and by the last node of the near field
+    near = np.zeros((n, reach + 1, count), complex)  # columns continued by -k nodes, by the near field's nodes 0, -1, .. -K
+    drive = np.zeros((n, reach + 1, d * count, d), complex)
     for k in range(1, reach + 1):
         ahead, first, back = inwards @ ahead, inwards @ first, outwards @ back
-        entrance[k - 1], entrance_near[k - 1] = ahead[0], first[0]
-        system = system + np.kron(blocks[reach + k], ahead[1:]) + np.kron(blocks[reach - k], back)
-        near = near @ outwards.T
-        near[k - 1] += here
-        near[k] += before
-        drive += np.einsum("ij,kp->kipj", blocks[reach - k], near).reshape(reach + 1, d * count, d)
-    system = wave.eigenvalue * np.eye(d * count) - system
+        entrance[:, k - 1], entrance_near[:, k - 1] = ahead[:, 0], first[:, 0, 0]
+        system += np.einsum("nij,npq->nipjq", blocks[:, reach + k], ahead[:, 1:]) + np.einsum("nij,npq->nipjq", blocks[:, reach - k], back)
+        near = near @ outwards.swapaxes(1, 2)
+        near[:, k - 1] += here
+        near[:, k] += before
+        drive += np.einsum("nij,nkp->nkipj", blocks[:, reach - k], near).reshape(drive.shape)
+    system = np.array([wave.eigenvalue for wave in waves])[:, None, None] * np.eye(d * count) - system.reshape(n, d * count, d * count)
+    return [
+        _leaving(wave, layer, blocks[i], system[i], drive[i], entrance[i], entrance_near[i]) for i, wave in enumerate(waves)
+    ]  # fmt: skip
+
+
+def _leaving(
+    wave: Wave, layer: Layer, blocks: np.ndarray, system: np.ndarray, drive: np.ndarray, entrance: np.ndarray, entrance_near: np.ndarray
+) -> np.ndarray:  # fmt: skip
+    """Amplitudes of the modes with which the columns, and the medium in front of them, are in balance."""
+    reach, d = len(blocks) // 2, blocks.shape[1]
     if layer.damping.size:
         damping = np.kron(np.eye(d), line_damping(layer.damping, layer.taps, wave.dt, wave.along))
         lost = (wave.factor - 1) * damping  # of the increment
@@ -205,7 +248,7 @@ def layer_amplitudes(wave: Wave, layer: Layer) -> np.ndarray:
     roots, vectors = np.append(modes.leaving, modes.incoming), np.vstack([modes.vectors, modes.vector])
     size = np.maximum(np.abs(roots) ** reach, 1.0)  # what dies out over a node is told by what lies ahead
     powers = roots ** -np.arange(reach + 1)[:, None] / size
-    columns = np.linalg.solve(system, np.einsum("kaj,kn,nj->an", drive, powers, vectors)).reshape(d, count, -1)
+    columns = np.linalg.solve(system, np.einsum("kaj,kn,nj->an", drive, powers, vectors)).reshape(d, layer.columns, -1)
     continued = np.einsum("kp,ipn->kin", entrance, columns) + entrance_near[:, None, None] * (vectors.T * powers[0])
     continued -= vectors.T * (roots ** np.arange(1, reach + 1)[:, None] / size)[:, None, :]
     missing = np.concatenate([np.einsum("kij,kjn->in", blocks[reach + 1 + i :], continued[: reach - i]) for i in range(reach)])
@@ -214,19 +257,29 @@ def layer_amplitudes(wave: Wave, layer: Layer) -> np.ndarray:
     return np.asarray(found * size[-1] / size[:-1])
 
 
+def _bands(size: int, bands: Mapping[int, np.ndarray]) -> np.ndarray:
+    """Matrices (n, size, size) with the given diagonals, arrays (n, size - |offset|) by their offset."""
+    found = np.zeros((len(next(iter(bands.values()))), size, size), complex)
+    for offset, values in bands.items():
+        row = np.arange(size - abs(offset)) + max(-offset, 0)
+        found[:, row, row + offset] = values
+    return found
+
+
 def _inwards(stretch: np.ndarray) -> np.ndarray:
-    """U(., k + 1) from U(., k) for k >= 0, by columns 0 .. L."""
-    plus, minus = 1 + stretch, 1 - stretch
-    left = np.diag(plus) - np.diag(minus[:-1], 1)
-    return np.asarray(np.linalg.solve(left, np.diag(plus[:-1], 1) - np.diag(minus)))
+    """U(., k + 1) from U(., k) for k >= 0, by columns 0 .. L; for stretches (n, L + 1)."""
+    plus, minus, size = 1 + stretch, 1 - stretch, stretch.shape[1]
+    left = _bands(size, {0: plus, 1: -minus[:, :-1]})
+    return np.asarray(np.linalg.solve(left, _bands(size, {0: -minus, 1: plus[:, :-1]})))
 
 
 def _outwards(stretch: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """U(., k - 1) from U(., k) for k <= 0, by columns 1 .. L; and what the near field's nodes k and k - 1 add to it."""
-    plus, minus = 1 + stretch[:-1], 1 - stretch[:-1]
-    left, first = np.diag(plus) - np.diag(minus[1:], -1), np.eye(len(plus))[0]
-    found = np.linalg.solve(left, np.column_stack([np.diag(plus[1:], -1) - np.diag(minus), plus[0] * first, minus[0] * first]))
-    return found[:, :-2], found[:, -2], found[:, -1]
+    plus, minus, size = 1 + stretch[:, :-1], 1 - stretch[:, :-1], stretch.shape[1] - 1
+    left, first = _bands(size, {0: plus, -1: -minus[:, 1:]}), np.eye(size)[0][:, None]
+    right = [_bands(size, {0: -minus, -1: plus[:, 1:]}), plus[:, :1, None] * first, minus[:, :1, None] * first]
+    found = np.linalg.solve(left, np.concatenate(right, axis=2))
+    return found[..., :-2], found[..., -2], found[..., -1]
 
 
 @dataclass(frozen=True)

@@ -17,17 +17,20 @@ since the error falls by a factor of three to ten with each node.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import fft
 
 from farhorizon.analysis.choice import layer_reflection
-from farhorizon.analysis.layer import Medium
+from farhorizon.analysis.layer import Medium, Wave, amplitudes_of
+from farhorizon.analysis.reflection import polarisations
 from farhorizon.engine import Layer
+from farhorizon.errors import InputError
 from farhorizon.stencil import Stencil
 
-_DECAY = 4.0  # what happens after twice the length of the run folds back into it, exp(-4) times as large
+_DECAY = 6.0  # what happens after twice the length of the run folds back into it, exp(-12) times as large
 _NEWTON, _LONGEST = 12, 0.3  # iterations from the root of long waves, and the largest change of log zeta in one of them
 _SETTLED = 1e-8  # relative residual of a root
 _FELT = 0.02  # share of the wanted error that waves which are left out may make together
@@ -36,6 +39,7 @@ _FINER = 2  # moments and places at which the largest value is looked for, over 
 _COMPARED = 2000  # waves by which layers are compared
 _COHERENT = 0.05  # the largest value over the sum of all amplitudes, at least
 _SPARSE = 8  # every so many tangential modes tell which frequencies are felt
+_CELLS = 2.5  # parts of a factor e of frequency, or of decay over a node: waves of one such cell return alike
 
 
 @dataclass(frozen=True)
@@ -50,16 +54,83 @@ class Datum:
         Values or velocities at the start, or a source, ``u_tt = .. + values time``.
     time : ndarray, shape (steps,)
         Of a source, its factor at each step; empty otherwise.
+    component : int
+        Of a field of vectors, the one whose values these are.
     """
 
     values: np.ndarray
     kind: str
     time: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    component: int = 0
 
     def turned(self, axis: int, side: int) -> Datum:
         """The same with an axis first, and towards its lower (-1) or upper (1) end."""
         values = np.moveaxis(self.values, axis, 0)
-        return Datum(values if side > 0 else values[::-1], self.kind, self.time)
+        return replace(self, values=values if side > 0 else values[::-1])
+
+
+class Sample:
+    """Waves of one type that stand for all that are like them in frequency and in how they go on along the normal.
+
+    Parameters
+    ----------
+    medium : Medium
+    kind : int
+        Number of the type among `farhorizon.analysis.reflection.TYPES`.
+    """
+
+    def __init__(self, medium: Medium, kind: int = 0) -> None:
+        self.medium, self.kind = medium, kind
+        self._waves: list[Wave | None] = []
+        self._cells: dict[tuple[int, int], int] = {}
+        self._known: dict[bytes, np.ndarray] = {}
+
+    def needed(self, layer: Layer) -> bool:
+        """Whether a layer's reflection has no closed form."""
+        return bool(layer.damping.size) or self.medium.stencil.components > 1
+
+    def add(self, amplitude: np.ndarray, root: np.ndarray, factor: np.ndarray, along: np.ndarray) -> np.ndarray:
+        """Take in waves, arrays as of `Arrivals`; returns the number of the wave that each is like, the loudest that came first."""
+        finite = np.where(amplitude == 0, 0.5, root)
+        sizes = np.abs(np.log(factor)), np.abs(np.log(finite))
+        cells = np.stack([np.floor(_CELLS * np.log(np.maximum(size, 1e-12))).astype(int) for size in sizes], axis=1)
+        found, number = np.unique(cells, axis=0, return_inverse=True)
+        number = number.ravel()
+        order = np.lexsort((-np.abs(amplitude), number))
+        first = order[np.searchsorted(number[order], np.arange(len(found)))]
+        places = np.zeros(len(found), int)
+        for i, cell in enumerate(map(tuple, found.tolist())):
+            if cell not in self._cells:
+                self._cells[cell] = len(self._waves)
+                one = first[i]
+                self._waves.append(self._wave(complex(root[one]), complex(factor[one]), along[:, one]))
+            places[i] = self._cells[cell]
+        return places[number]
+
+    def _wave(self, root: complex, factor: complex, along: np.ndarray) -> Wave | None:
+        """A wave with all modes of the medium; None where none comes to the side."""
+        azimuth = float(np.arctan2(along[-1], along[0])) if len(along) > 1 else 0.0
+        angle = float(np.arctan2(np.linalg.norm(along), np.abs(np.log(root))))
+        try:
+            return self.medium.wave(along, factor, root, polarisations(self.medium.stencil.components, angle, azimuth)[self.kind])
+        except InputError:
+            return None
+
+    def excess(self, layer: Layer) -> np.ndarray:
+        """By how much the reflected amplitude of each wave of the sample, of all types together, is above the closed form."""
+        key = layer.sigma.tobytes() + layer.alpha.tobytes() + layer.damping.tobytes()
+        known = self._known.get(key, np.zeros(0))
+        waves = [wave for wave in self._waves[len(known) :] if wave is not None]
+        found = iter(amplitudes_of(waves, layer) if waves else [])
+        more = [0.0 if wave is None else _beyond(wave, layer, next(found)) for wave in self._waves[len(known) :]]
+        self._known[key] = np.append(known, more)
+        return self._known[key]
+
+
+def _beyond(wave: Wave, layer: Layer, amplitudes: np.ndarray) -> float:
+    """By how much a wave's exact reflection is above the closed form; never more than all."""
+    closed = np.abs(reflected(np.array([wave.modes.incoming]), np.array([wave.s]), layer))[0]
+    return max(0.0, min(1.0, float(np.linalg.norm(amplitudes[wave.modes.travels]))) - float(closed))
 
 
 @dataclass(frozen=True)
@@ -84,6 +155,10 @@ class Arrivals:
         exp(a t) at so many moments of the run, times what the transforms divide by.
     seen : list of ndarray of int
         Of the places along each tangential axis, those beside the near field.
+    sample : Sample
+        Waves whose exact reflections are known, and
+    number : ndarray of int, shape (n,)
+        which of them each wave is like.
     """
 
     medium: Medium
@@ -95,6 +170,8 @@ class Arrivals:
     shape: tuple[int, ...]
     growth: np.ndarray
     seen: list[np.ndarray]
+    sample: Sample
+    number: np.ndarray
 
     @property
     def frequency(self) -> np.ndarray:
@@ -102,16 +179,28 @@ class Arrivals:
         return 2 / self.medium.dt * (self.factor - 1) / (self.factor + 1)
 
     def returned(self, layer: Layer) -> float:
-        """Largest value, over the run and along the side, of what a layer sends back."""
-        return self._largest(self.amplitude * reflected(self.root, self.frequency, layer))
+        """Largest value, over the run and along the side, of what a layer sends back.
+
+        What the closed form does not know, such as the damping of short waves, is known of a sample: it counts by its share of
+        the waves' energy. As a sum of waves each step from one sample to the next would be noise, which the Laplace integral lets grow.
+        """
+        closed = self._largest(self.amplitude * reflected(self.root, self.frequency, layer))
+        if not self.sample.needed(layer):
+            return closed
+        beyond = float(np.linalg.norm(self.amplitude * self._excess(layer)))
+        return closed + self.largest * beyond / max(float(np.linalg.norm(self.amplitude)), 1e-300)
 
     def share(self, layer: Layer) -> float:
-        """Root of the share of the waves' energy that comes back, from a sample of them: quick, to compare layers by."""
+        """Root of the share of the waves' energy that comes back, from a part of them: quick, to compare layers by."""
         some = slice(None, None, 1 + len(self.amplitude) // _COMPARED)
-        back = self.amplitude[some] * reflected(self.root[some], self.frequency[some], layer)
+        back = self.amplitude[some] * (np.abs(reflected(self.root[some], self.frequency[some], layer)) + self._excess(layer)[some])
         return float(np.linalg.norm(back) / max(float(np.linalg.norm(self.amplitude[some])), 1e-300))
 
-    @property
+    def _excess(self, layer: Layer) -> np.ndarray:
+        """By how much the reflected amplitude of each wave is above the closed form, by the waves that stand for them."""
+        return self.sample.excess(layer)[self.number] if self.sample.needed(layer) else np.zeros(len(self.amplitude))
+
+    @cached_property
     def largest(self) -> float:
         """Largest value, over the run and along the side, of the waves themselves."""
         return self._largest(self.amplitude)
@@ -129,8 +218,10 @@ class Arrivals:
     def conversion(self, layer: Layer) -> float:
         """How much more a layer sends back than in one mode: by its exact reflection, into all modes, of the waves that return most of all.
 
-        The damping of short waves in the layer counts here, too.
+        1 where the exact reflection was looked at from the start.
         """
+        if self.sample.needed(layer):
+            return 1.0
         single = np.abs(self.amplitude * reflected(self.root, self.frequency, layer))
         loudest = np.argsort(single)[-_EXACT:]
         found = 0.0
@@ -165,14 +256,14 @@ def reflected(root: np.ndarray, frequency: np.ndarray, layer: Layer) -> np.ndarr
 
 def arrivals(
     medium: Medium, steps: int, data: Sequence[Datum], lengths: Sequence[int], near: Sequence[range], wanted: float,
-    size: float = 0.0,
+    size: float = 0.0, sample: Sample | None = None,
 ) -> Arrivals:  # fmt: skip
     """The waves that data send to a side.
 
     Parameters
     ----------
     medium : Medium
-        Of a scalar field and second order in time; its first axis is the normal of the side.
+        Of second order in time; its first axis is the normal of the side.
     steps : int
         Of the run.
     data : sequence of Datum
@@ -185,7 +276,11 @@ def arrivals(
         The error that is to be told from none, relative to the largest value.
     size : float
         The largest value, as far as it is known: that of the initial displacements.
+    sample : Sample, optional
+        Of the type of waves that all data are taken to travel as.
     """
+    front, sample = medium, sample or Sample(medium)
+    medium = medium.carrier(sample.kind)
     decay = _DECAY / (steps * medium.dt)
     z = np.exp(decay * medium.dt + 1j * np.pi * np.arange(steps + 1) / steps)
     numbers = [2 * np.pi * np.fft.fftfreq(length) for length in lengths]
@@ -232,7 +327,9 @@ def arrivals(
     factor = np.broadcast_to(z[heard][:, None], root.shape).ravel()[felt]
     along = np.broadcast_to(along[:, None, :], (len(along), *root.shape)).reshape(len(along), root.size)[:, felt]
     growth = np.exp(decay * medium.dt * steps / times * np.arange(times)) * (times / steps) * np.prod(counts)
-    return Arrivals(medium, amplitude.ravel()[felt], root.ravel()[felt], factor, along, place, (times + 1, *counts), growth, seen)
+    amplitude, root = amplitude.ravel()[felt], root.ravel()[felt]
+    number = sample.add(amplitude, root, factor, along)
+    return Arrivals(front, amplitude, root, factor, along, place, (times + 1, *counts), growth, seen, sample, number)
 
 
 def _start(datum: Datum, z: np.ndarray, medium: Medium, decay: float) -> np.ndarray:

@@ -1,11 +1,13 @@
 """The thinnest lattice PML that keeps a wanted error, for the waves that a run has.
 
-Waves have the thinnest of three families of profiles, by the error that `farhorizon.analysis.returned` predicts of each.
+Waves have the thinnest of four families of profiles, by the error that `farhorizon.analysis.returned` predicts of each.
 All are stretches ``1 + sigma/(s + alpha)`` whose sigma rises outwards, and differ in what they do to waves that hardly
 move towards the side:
 
 - *steep*: little alpha. The least leak of travelling waves: best below 1e-6 and in short runs.
 - *thin*: sigma as depth^(3/4), alpha rising as depth^4 to the outer end. The fewest nodes for 1e-3 to 1e-6.
+- *short*: for stencils with strong backward waves, whose damping decides what comes back. sigma and damping rise together,
+  and the filter of the damping reads few neighbours.
 - *late*: made for the length T of a run. On the line Re s = 1/T a travelling, grazing, evanescent or static wave is one
   number C in (0, 1], and an edge with ``sigma = 2c/(h a)``, ``alpha = (1/a^2 - 1)/T`` reflects ``|C - a|/(C + a)``. The
   points a are those of Zolotarev's problem on the interval of the C that reach the side within T: for waveguides, long
@@ -24,12 +26,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
+from farhorizon.analysis.choice import smooth_ramp, weak
 from farhorizon.analysis.returned import Arrivals
-from farhorizon.analysis.short_waves import HighPass
+from farhorizon.analysis.short_waves import HighPass, high_pass
 from farhorizon.engine import Layer
 from farhorizon.stencil import Stencil
 
-_STRENGTHS = (2.0, 4.0, 5.6)  # of thin profiles: the stronger, the more waves travel along the side
+_STRENGTHS = (1.4, 2.0, 4.0, 5.6)  # of thin profiles: the stronger, the more waves travel along the side
 _RISE, _END = 0.75, 0.15  # power of a thin sigma's ramp; alpha at the outer end over sigma there
 _SHIFT = 1e-3  # least alpha in speed / spacing
 _EQUAL, _EQUAL_AT = (2, 3, 4, 5), 2.2  # edges for waves along the normal, whose tangent is real, and their sigma in speed / spacing
@@ -37,6 +40,12 @@ _GRAZING = 0.6  # largest of the other points
 _SLOWEST = 0.3  # least alpha times the length of the run: with less, what stands still stays in the layer
 _GENTLE = HighPass(3, 1, 1.0, 0.0)  # filter of three neighbours for weak backward waves, beside thin profiles
 _GENTLE_RATE, _GENTLE_RAMP = 3.0, 4  # its rate over what first order in sigma asks for, at the outer end, and the power of its ramp
+_FINE, _COARSE = HighPass(4, 1, 1.0, 0.0), HighPass(2, 1, 1.0, 0.0)  # filters of four and of two neighbours for strong ones
+_STEADY = 1.25  # rate of their damping over what first order asks for
+_FINEST = ((0.25, 12), (0.3, 8))  # rate over sigma that the fine filter may take in layers of so many nodes: measured, more grows from noise
+_COARSEST = ((0.35, 12), (1.0, 4))  # and the coarse one
+_LONG = 3.0  # the fine filter's rate over the coarse one's: where it is larger, backward waves are so long that 12 nodes grow
+_LEAST = 3  # nodes of such layers that were looked at
 _AIM = 0.4  # of the wanted error: the prediction knows one side and one reflection
 _AIM_LASTING = 0.25  # in diffusion, where what all sides send back adds up
 _MOST = 60  # nodes
@@ -109,16 +118,54 @@ def _zolotarev(least: float, count: int) -> np.ndarray:
 
 def gently_damped(layer: Layer, stencil: Stencil) -> Layer:
     """The layer with a short damping of the weak backward waves that some stencils have in space."""
+    needed = _needed(stencil, _GENTLE)
+    if not needed:
+        return layer
+    depth = np.arange(1, layer.columns + 1) / (layer.columns + 1)
+    rate = _GENTLE_RATE * needed * layer.sigma[-1]
+    return replace(layer, damping=rate * smooth_ramp(depth) ** _GENTLE_RAMP, taps=_GENTLE.taps())
+
+
+def _needed(stencil: Stencil, filtered: HighPass) -> float:
+    """Rate over sigma with which a filter stops all backward waves, to first order in sigma; 0 without such waves."""
     zone, growth = stencil.layer_growth
     worst = growth.max(-1)
     backward = worst > 1e-6
     if not backward.any():
-        return layer
-    passed = sum(np.broadcast_to(_GENTLE.passed(axis), worst.shape)[backward] for axis in zone)
-    depth = np.arange(1, layer.columns + 1) / (layer.columns + 1)
-    ramp = np.sin(0.4 * np.pi * depth) / np.sin(0.4 * np.pi)
-    rate = _GENTLE_RATE * float((2 * worst[backward] / passed).max()) * layer.sigma[-1]
-    return replace(layer, damping=rate * ramp**_GENTLE_RAMP, taps=_GENTLE.taps())
+        return 0.0
+    passed = sum(np.broadcast_to(filtered.passed(axis), worst.shape)[backward] for axis in zone)
+    return float((2 * worst[backward] / np.maximum(passed, 1e-300)).max())
+
+
+def briefly_damped(nodes: int, stencil: Stencil, pace: float) -> dict[str, Layer]:
+    """Layers that damp strong backward waves with short filters, by name: those that do not grow.
+
+    The damping must rise as sigma does, or short waves grow where sigma is ahead of it. A sharper filter harms long
+    waves less and asks for more of its rate; beyond the bounds above the layer grows from noise at 0.5 or at 0.95 of the
+    step limit.
+
+    Parameters
+    ----------
+    nodes : int
+    stencil : Stencil
+    pace : float
+        Speed / spacing.
+    """
+    depth, columns = (np.arange(nodes + 1) + 0.5) / (nodes + 1), np.arange(1, nodes + 1) / (nodes + 1)
+    fine, coarse = _needed(stencil, _FINE), _needed(stencil, _COARSE)
+    strength = 1.4 if nodes < 5 else 1.0
+    found = {}
+
+    def add(name: str, filtered: HighPass, needed: float, sigma: np.ndarray, ramp: np.ndarray) -> None:
+        alpha = (_SHIFT + _END * sigma[-1] * depth**4) * pace
+        found[name] = Layer(np.ones(nodes + 1), sigma * pace, alpha, _STEADY * needed * ramp * pace, filtered.taps())
+
+    if _LEAST <= nodes <= max((most for rate, most in _FINEST if fine <= rate), default=0):
+        add("short", _FINE, fine, 2 * strength * depth**1.5, 2 * strength * smooth_ramp(columns) ** 3)
+    bounds = _COARSEST if fine <= _LONG * coarse else _COARSEST[1:]
+    if _LEAST <= nodes <= max((most for rate, most in bounds if coarse <= rate), default=0):
+        add("short, coarse", _COARSE, coarse, 2 * depth**2, 2 * columns**2)
+    return found
 
 
 def family(
@@ -126,29 +173,35 @@ def family(
 ) -> Callable[[int], Mapping[str, Layer]]:  # fmt: skip
     """The profiles of so many nodes that are tried for waves, by name.
 
-    The late profile is for stencils without backward waves: others grow in it.
+    The late profile is for scalars without backward waves: others grow in it.
     """
-    backward = stencil.backward_waves()
+    backward, damped = stencil.backward_waves(), high_pass(stencil)
+    timely = not backward and stencil.components == 1
 
     def members(nodes: int) -> Mapping[str, Layer]:
         found = {"steep": steep(nodes)}
-        for strength in _STRENGTHS[: 2 if backward else None]:
+        if not weak(damped):
+            return found if damped is None or damped.whole else found | briefly_damped(nodes, stencil, pace)
+        for strength in _STRENGTHS[: 3 if backward else None]:
             found[f"thin ({strength:g})"] = gently_damped(thin(nodes, strength, pace), stencil)
-        if nodes > max(_EQUAL) and not backward:
+        if nodes > max(_EQUAL) and timely:
             found["late"] = late(nodes, pace, until, distance, wanted)
         return found
 
     return members
 
 
-def thinnest(members: Callable[[int], Mapping[str, Layer]], side: Arrivals, wanted: float, size: float) -> Thickness | None:
+def thinnest(
+    members: Callable[[int], Mapping[str, Layer]], waves: Sequence[Arrivals], wanted: float, size: float
+) -> Thickness | None:  # fmt: skip
     """The fewest nodes with which some member of a family keeps an error at a side.
 
     Parameters
     ----------
     members : callable
         Layers of so many nodes, by name.
-    side : Arrivals
+    waves : sequence of Arrivals
+        What arrives there, each by itself.
     wanted : float
         Relative to `size`.
     size : float
@@ -162,11 +215,11 @@ def thinnest(members: Callable[[int], Mapping[str, Layer]], side: Arrivals, want
     aim = _AIM * wanted
 
     def best(nodes: int) -> Thickness | None:
-        name, layer = min(members(nodes).items(), key=lambda member: side.share(member[1]))
-        predicted = side.returned(layer) / size
+        name, layer = min(members(nodes).items(), key=lambda member: max(side.largest * side.share(member[1]) for side in waves))
+        predicted = max(side.returned(layer) for side in waves) / size
         if predicted > aim:
             return None
-        predicted *= side.conversion(layer)
+        predicted *= max(side.conversion(layer) for side in waves)
         return Thickness(name, layer, predicted) if predicted <= 2 * aim else None
 
     low, high, found = 0, 2, best(2)

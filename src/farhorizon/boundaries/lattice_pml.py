@@ -50,9 +50,8 @@ class LatticePML:
     ----------
     target : float, optional
         Wanted error, of waves relative to the largest value, of diffusion to the largest value at the same time. The layer is
-        the thinnest that is predicted to keep it for the data, the shape of the near field and the length of the run (scalar
-        fields; where strong backward waves are damped, and for elasticity, a rule takes its place). Without it a rule gives
-        waves 12 nodes or more, which keep 1e-8 in short runs, and diffusion 12, for 1e-5.
+        the thinnest that is predicted to keep it for the data, the shape of the near field and the length of the run. Without
+        it a rule gives waves 12 nodes or more, which keep 1e-8 in short runs, and diffusion 12, for 1e-5.
     nodes : int, optional
         Fixes the thickness in nodes.
     profile : mapping or Layer, optional
