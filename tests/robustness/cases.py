@@ -40,6 +40,8 @@ ODD_TEXTS = [
     "lattice-pml",
     "exact",
     "sponge",
+    "extended",
+    "auto",
     "periodic",
     "rk4",
     "rkc",
@@ -150,6 +152,9 @@ class Draw:
         return self.length / self.time
 
     def pml(self) -> dict:
+        """A layer; sometimes an extended domain in its place, or whichever is cheaper."""
+        if self.chance(0.15):
+            return {"type": self.one("extended", "auto"), "target": self.one(1e-3, 1e-4, 1e-6)}
         found: dict = {"type": "lattice-pml"}
         if self.chance(0.6):
             found["nodes"] = int(self.rng.integers(6, 13))
