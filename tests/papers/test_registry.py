@@ -54,13 +54,17 @@ def test_command_lists(capsys, tmp_path):
     assert {entry["full"] for entry in found.values()} <= {"", "a minute", "minutes", "an hour"}
 
 
+CONSTANTS = {"shojaei2020-table1"}  # nothing is run there that could be drawn
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", reproductions())
 def test_command_runs_each(name, capsys, tmp_path):
     """With default arguments to the end: rows of numbers, pictures that are there and not empty, the same in the JSON file."""
     assert main(["reproduce", name, "--out", str(tmp_path), "--json", str(tmp_path / "f.json")]) == 0
     found = json.loads((tmp_path / "f.json").read_text())
-    assert found["name"] == name and found["rows"] and found["pictures"]
+    assert found["name"] == name and found["rows"]
+    assert found["pictures"] or name in CONSTANTS
     assert all(isinstance(row["ours"], float | int) or row["note"] for row in found["rows"])  # what overflows says so
     assert {path.name for path in tmp_path.glob("*.png")} == set(found["pictures"])
     for picture in found["pictures"]:
