@@ -138,8 +138,10 @@ def table(found: Iterable[dict], bad: Iterable[str], folder: Path, report=print)
     """Count answers by class and keep what is bad in a folder, one file each; each bad place is reported once."""
     counts: Counter = Counter()
     places: Counter = Counter()
-    for answer in found:
+    for number, answer in enumerate(found, 1):
         counts[answer["class"]] += 1
+        if number % 500 == 0:
+            report(f"{number} so far", flush=True)
         if answer["class"] in bad:
             place = f"{answer['class']}: {answer.get('where', '')}"
             places[place] += 1
