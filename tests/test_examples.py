@@ -94,12 +94,11 @@ def test_indentation():
     assert bonds[0] == 0 < bonds[1]
 
 
-@pytest.mark.parametrize(("name", "until", "tips"), [("notch_blast", 16.0, 3.5), ("branching", 24.0, 4.0)])
+@pytest.mark.parametrize(("name", "until", "tips"), [("notch_blast", 16.0, 3.5), ("branching", 40.0, 8.0)])
 def test_cracks_grow_as_in_the_infinite_medium(name, until, tips):
     """On a lattice of twice the spacing: cracks beyond the notch, as symmetric as the set-up, an error a thousand times below that of a fixed edge.
 
-    A closed box drives the cracks on with its echoes. In the infinite medium, too, a crack that splits magnifies what is small: on this lattice
-    the run through layers and that on the large domain break a first bond at different steps at t = 25.
+    A closed box drives the cracks on with its echoes.
     """
     text = (EXAMPLES / f"{name}.toml").read_text()
     for fine, coarse in (("spacing = 0.125", "spacing = 0.25"), ("horizon = 0.375", "horizon = 0.75"), ("9.9375", "9.875"), ("15.9375", "15.875")):
