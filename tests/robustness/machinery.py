@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 HERE = Path(__file__).parent
+MOST_JOBS = 500  # of a worker: what was compiled stays in memory
 
 
 def seed_of(given=None):
@@ -41,9 +42,10 @@ class Worker:
             stderr=self.errors,
             text=True,
         )
-        self.job, self.since, self.before = None, 0.0, 0.0
+        self.job, self.since, self.before, self.given = None, 0.0, 0.0, 0
 
     def give(self, job):
+        self.given += 1
         self.job, self.since, self.before = job, time.monotonic(), self.processor_time()
         self.process.stdin.write(json.dumps(job) + "\n")
         self.process.stdin.flush()
@@ -115,6 +117,9 @@ def answers(script, jobs: Iterable[dict], processes: int, limit: float, folder: 
                 yield job | {"class": "crash", "where": f"exit code {code}", "said": drop(worker)[1]}
                 worker = start() if waiting else None
             if worker is not None and waiting:
+                if worker.given == MOST_JOBS:
+                    drop(worker)
+                    worker = start()
                 worker.give(waiting.popleft())
             elif worker is not None:
                 drop(worker)
