@@ -860,6 +860,7 @@ class Simulation(Assembly, Run):
 
     def save(self, path: str | Path, **extra: Any) -> None:
         """Write the complete state, boundary memory included, under a temporary name and rename it."""
+        self._open_cracks()  # as the next step begins: `load` opens what is due at that time
         meta = {"fingerprint": self._fingerprint(), "step": self.step_count, "phase": int(self.engine.phase), "scale": self._scale,
                 "cautions": self.cautions, "extra": extra}  # fmt: skip
         arrays = {
