@@ -391,6 +391,16 @@ BAD = {
 }
 
 
+@pytest.mark.parametrize("young", [1117238046.6589708, 1.0, *np.exp(np.random.default_rng(35).uniform(-20, 20, 20))])
+def test_a_state_of_the_ratio_of_bonds_is_bonds(young):
+    """Its dilatation does nothing, exactly or to rounding, in whatever units."""
+    kernel = fh.Kernel(2.0, 1)
+    state = fh.Elastic(kernel, young, 0.25, material="state-based").stencil(1.0, 2)
+    bonds = fh.Elastic(kernel, young, 0.25).stencil(1.0, 2)
+    assert np.array_equal(state.offsets, bonds.offsets)
+    assert np.allclose(state.weights, bonds.weights, rtol=1e-12, atol=1e-12 * np.abs(bonds.weights).max())
+
+
 @pytest.mark.parametrize("name", BAD)
 def test_impossible_materials(name):
     make, message = BAD[name]

@@ -354,7 +354,7 @@ def _listed(table: np.ndarray) -> Table:
 
 
 def _sum(one: Table, two: Table) -> Table:
-    reach = max(int(np.abs(offsets).max()) for offsets, _ in (one, two))
+    reach = max(int(np.abs(offsets).max(initial=0)) for offsets, _ in (one, two))  # a part may vanish
     dim = one[0].shape[1]
     table = np.zeros((*[2 * reach + 1] * dim, dim, dim))
     for offsets, weights in (one, two):
