@@ -10,10 +10,8 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.analysis.chain import Recursion, half_weights
-from farhorizon.analysis.choice import Choice
 from farhorizon.analysis.extent import Extent, Waves, extent, largest
 from farhorizon.analysis.returned import Datum
-from farhorizon.analysis.spectrum import band
 from farhorizon.analysis.thickness import Thickness, distance_to_side, thinnest_for_diffusion
 from farhorizon.beyond import Beyond, gradients
 from farhorizon.boundaries import (
@@ -54,7 +52,6 @@ from farhorizon.run import wanted_threads
 from farhorizon.shapes import Cut, Shape
 from farhorizon.sources import Source, as_source, by_component, field, magnitude, parts, split, steady
 from farhorizon.specimens import Specimen, place
-from farhorizon.stencil import Stencil
 
 _SAID = 1e-9  # part of an incident wave's signal that a note is worth
 
@@ -152,7 +149,6 @@ class Assembly:
         self.rate_limit += float(self.leak().max(initial=0))
         self.step_limit = model.integrator.step_limit(self.rate_limit)
         self.dt = self._choose_step(dt)
-        self.choices: dict[str, Choice] = {}
         self.thickness: dict[str, Thickness] = {}
         walls = [key for key, b in self.sides.items() if not isinstance(b, Absorbing | Periodic)]
         waves = [s.resolved(lattice, self.stencil.reach, walls) for s in sources if isinstance(s, IncidentWave)]
@@ -554,7 +550,7 @@ class Assembly:
         return {
             (axis, side): boundary.layer(model.order, self.stencil.along(axis), model.coefficient, lattice.spacing, half_width)
             for (axis, side), boundary in self.sides.items()
-            if isinstance(boundary, LatticePML) and boundary.angle is None
+            if isinstance(boundary, LatticePML)
         }
 
     @property
@@ -572,17 +568,9 @@ class Assembly:
         self, initial: Mapping[str, Any], sources: Sequence[Any], dtype: str, cracks: Sequence[Any], factor: np.ndarray | None,
         specimens: Sequence[Specimen],
     ) -> None:  # fmt: skip
-        """Add the layers that are chosen by angle, which takes the step and the waves of the data; one choice for sides that are alike."""
-        known: dict[Any, tuple[Layer, Choice]] = {}
-        for (axis, side), boundary in self.sides.items():
-            if isinstance(boundary, LatticePML) and boundary.angle is not None:
-                name, stencil = AXES[axis] + "-+"[side > 0], self.stencil.along(axis)
-                like = boundary, stencil.offsets.tobytes(), stencil.weights.tobytes()
-                if like not in known:
-                    known[like] = self._chosen(boundary, stencil, name, initial, sources)
-                self._layers[axis, side], self.choices[name] = known[like]
+        """Put the layers that follow from the data in place of those that follow from the target alone."""
         self._choose_thickness(initial, sources, cracks, factor, specimens)
-        if known or self.thickness:
+        if self.thickness:
             self._check_memory(dtype)
 
     def _choose_thickness(
@@ -662,40 +650,6 @@ class Assembly:
             for axis in range(lattice.dim):
                 found |= np.abs(np.gradient(factor, axis=axis)) > 0
         return found
-
-    def _chosen(
-        self, boundary: LatticePML, stencil: Stencil, name: str, initial: Mapping[str, Any], sources: Sequence[Any]
-    ) -> tuple[Layer, Choice]:  # fmt: skip
-        """A layer chosen for the waves of the data, unless the boundary names them."""
-        if self.model.order != 2:
-            raise InputError("only for waves a layer is chosen by angle", value=boundary.angle, key=f"boundary.{name}.angle", remedy="leave it out")
-        waves = (0.0, 0.0) if boundary.wavelengths else self._data_band(initial, sources, f"boundary.{name}.wavelengths")
-        recursion = Recursion.of(self.model.integrator, self.dt, self.model.damping)
-        return boundary.chosen(stencil, self.model.coefficient, self.lattice.spacing, recursion, self.dt, waves)
-
-    def _data_band(self, initial: Mapping[str, Any], sources: Sequence[Any], key: str) -> tuple[float, float]:
-        """Shortest and longest wave of initial data and sources."""
-        start = [
-            field(initial.get(name, np.zeros(self.field_shape)), self.lattice, self.stencil.components, f"initial.{name}") for name in ("u", "v")
-        ]
-        start[0] = start[0] - (self.background if "u" in initial else 0.0)
-        spaces = [space for source in sources for space in self._spaces(source)]
-        known = [(values, order) for values, order in zip([*start, *spaces], [1, 0] + [0] * len(spaces), strict=True) if values is not None]
-        scalars, orders = zip(*((part, order) for values, order in known for part in values.reshape(-1, *self.lattice.shape)), strict=True)
-        waves = band(scalars, self.lattice.spacing, orders) if all(space is not None for space in spaces) else None
-        if waves is None:
-            raise InputError("the wavelengths cannot be read from data and sources", key=key, remedy="give wavelengths = [shortest, longest]",
-                             limit="initial data, or sources that split into space and time")  # fmt: skip
-        return waves.shortest, waves.longest
-
-    def _spaces(self, source: Any) -> list[np.ndarray | None]:
-        """The functions of space in a source; None for what does not split into space and time."""
-        if isinstance(source, IncidentWave):
-            return [None]
-        components = self.stencil.components
-        return [
-            split(part, self.lattice, components if np.ndim(unit) == 0 else 1)[0] for part, unit in by_component(source, self.lattice, components)
-        ]
 
     def _extend(self, dtype: str) -> None:
         """Choose how far the medium is computed beyond the sides that extend it."""

@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
 import farhorizon as fh
+from farhorizon.boundaries.lattice_pml import BY_TARGET
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.expressions import as_given, as_signal
 from farhorizon.lattice import AXES
@@ -214,8 +215,6 @@ class LatticePMLPart(_Part):
     target: Number | None = None
     nodes: int | None = None
     profile: dict[str, Number | list[Number]] | None = None
-    angle: Number | None = None
-    wavelengths: tuple[Number, Number] | None = None
 
 
 class ExtendedPart(_Part):
@@ -864,6 +863,8 @@ def _problem(key: str, same: list[Any]) -> str:
     first = same[0]
     location, context = tuple(first["loc"]), first.get("ctx", {})
     match first["type"]:
+        case "extra_forbidden" if "lattice-pml" in location and location[-1] in ("angle", "wavelengths"):
+            return str(InputError("layers are no longer chosen by angle", key=key, remedy=BY_TARGET.replace("=...", " = ...")))
         case "extra_forbidden":
             return f"unknown key {key}; {_nearest(str(location[-1]), _known(location[:-1]))}"
         case "missing":

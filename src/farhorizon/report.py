@@ -208,8 +208,6 @@ class Report:
                 f"{layer.columns} nodes = {layer.columns / reach:.3g} horizons{share}, length {length:g}, target {boundary.wanted(sim.model.order):g}"
             )
             name = AXES[axis - 3 + lattice.dim] + "-+"[side > 0]
-            if name in sim.choices:
-                text += f"; chosen up to {boundary.angle:g} degrees: {sim.choices[name]}"
             if name in sim.thickness:
                 text += f"; {sim.thickness[name]}"
             layers.setdefault(text, []).append(name)

@@ -83,8 +83,6 @@ class Simulation(Assembly, Run):
     time : float
     step_count : int
     dt : float
-    choices : dict of str to Choice
-        The layers that were chosen by angle, by side.
     stop_requested : bool
         Set it (from a signal handler, an observer) to end `run` with KeyboardInterrupt between two steps.
     closure : Closure or None

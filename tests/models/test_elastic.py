@@ -417,7 +417,6 @@ SIMULATIONS = {
     "background": ({"background": 1.0}, "background of a vector field"),
     "fixed value": ({"boundary": fh.Fixed(2.0)}, "has no such side"),
     "published condition": ({"boundary": fh.Higdon()}, "has no such side"),
-    "no wavelengths": ({"boundary": fh.LatticePML(angle=60)}, "wavelengths cannot be read"),
     "constraint": ({"constraints": [fh.Prescribed([[0.0, 0.0]], 1.0)]}, "for scalar fields"),
     "free sides of composites": ({"model": elastic(poisson=0.3, material="state-based"), "boundary": fh.Free()},
                                  "Elastic of state-based material has no such side; .* remedy: free sides: .*bond-based.*; no free sides: every"),

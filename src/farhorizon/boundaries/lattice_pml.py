@@ -13,16 +13,14 @@ that of Du, Li and Zhang (2025, arXiv 2502.03713) for peridynamic waves in 2D to
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import InitVar, dataclass, replace
 
 import numpy as np
 from scipy import special
 
 from farhorizon import kinds
-from farhorizon.analysis.chain import Recursion
-from farhorizon.analysis.choice import Choice, Profile, choose, weak
+from farhorizon.analysis.choice import Profile, weak
 from farhorizon.analysis.gain import largest_gain
-from farhorizon.analysis.layer import Medium
 from farhorizon.analysis.short_waves import HighPass, high_pass
 from farhorizon.engine import Layer
 from farhorizon.errors import InputError
@@ -37,6 +35,7 @@ _SHIFTS = (0.3, 0.5, 0.8, 1.2, 1.8, 2.5, 3.5, 5.0)  # of alpha, see `Profile`
 _STEEPEST = 60  # power of a ramp: all in the last column
 _LEAST = 1.95  # sum of sigma over the edges: a long wave comes back with 2 percent
 
+BY_TARGET = "target=...: the layer follows from the error that is wanted, the data and the length of the run"
 _MOST_NODES = 1000  # of a layer: what predicts its echo is dense algebra of that size
 
 DEFAULT_TARGET = {1: 1e-5, 2: 1e-8}  # diffusion: of the current maximum; waves: of the initial maximum
@@ -56,12 +55,7 @@ class LatticePML:
         Fixes the thickness in nodes.
     profile : mapping or Layer, optional
         Stretch by hand: "kappa" (>= 1), "sigma" (1/time), "alpha" (1/time), each a number or an array of
-        ``nodes + 1`` values from the near field outwards; names left out keep 1, 0 and 0. Needs nodes. Or a whole layer as `chosen` makes it.
-    angle : float, optional
-        Waves: the thinnest layer is chosen, of a family of profiles, that sends back less than the target of every plane wave up to this angle
-        of incidence, in degrees. Without it the thickness is that of a rule for the target alone.
-    wavelengths : tuple of float, optional
-        Shortest and longest wave for the choice by angle; from the spectrum of initial data and sources unless given.
+        ``nodes + 1`` values from the near field outwards; names left out keep 1, 0 and 0. Needs nodes. Or a whole `Layer`.
     until : float, optional
         Length of the run that a target is to hold for: in a case file the end of the run, else 20 crossings of the near field,
         in diffusion 10 R^2/diffusivity.
@@ -69,23 +63,25 @@ class LatticePML:
     Raises
     ------
     InputError
-        A target outside 1e-14..0.1, a thickness below 1, a profile with unknown names or impossible values, an angle outside 0..89, wavelengths
-        without angle or in the wrong order.
+        A target outside 1e-14..0.1, a thickness below 1, a profile with unknown names or impossible values; an angle or wavelengths, by which
+        layers were chosen once.
     """
 
     target: float | None = None
     nodes: int | None = None
     profile: Mapping[str, np.ndarray | float] | Layer | None = None
-    angle: float | None = None
-    wavelengths: tuple[float, float] | None = None
     until: float | None = None
+    angle: InitVar[object] = None
+    wavelengths: InitVar[object] = None
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, angle: object, wavelengths: object) -> None:
+        for name, given in (("angle", angle), ("wavelengths", wavelengths)):
+            if given is not None:
+                raise InputError("layers are no longer chosen by angle", value=given, key=f"boundary.{name}", remedy=BY_TARGET)
         kinds.settle(
             self,
             target=None if self.target is None else kinds.number(self.target, "boundary.target", least=1e-14, most=0.1),
             nodes=None if self.nodes is None else kinds.integer(self.nodes, "boundary.nodes", least=1, most=_MOST_NODES),
-            angle=None if self.angle is None else kinds.number(self.angle, "boundary.angle", least=0, most=89),
             until=None if self.until is None else kinds.number(self.until, "boundary.until", above=0),
         )
         if self.profile is not None:
@@ -95,52 +91,11 @@ class LatticePML:
             unknown = set() if isinstance(self.profile, Layer) else set(self.profile) - {"kappa", "sigma", "alpha"}
             if unknown:
                 raise InputError("unknown profile", value=sorted(map(str, unknown)), limit="kappa, sigma, alpha", key="boundary.profile")
-        if self.angle is not None and self.nodes is not None:
-            raise InputError(
-                "a layer chosen by angle chooses its own nodes", value=self.nodes, key="boundary.nodes", remedy="leave nodes or angle out"
-            )
-        if self.wavelengths is not None:
-            if self.angle is None:
-                raise InputError("wavelengths are for a layer chosen by angle", key="boundary.wavelengths", remedy="give angle=...")
-            band = kinds.array(self.wavelengths, "boundary.wavelengths", shape=(2,)).tolist()
-            if not 0 < band[0] <= band[1] <= kinds.LARGEST:
-                raise InputError("wavelengths are the shortest and the longest", value=band, limit="0 < shortest <= longest",
-                                 key="boundary.wavelengths")  # fmt: skip
-            kinds.settle(self, wavelengths=(band[0], band[1]))
-
-    def chosen(
-        self, stencil: Stencil, coefficient: float, spacing: float, recursion: Recursion, dt: float, waves: tuple[float, float]
-    ) -> tuple[Layer, Choice]:
-        """The layer for waves up to `angle`.
-
-        Parameters
-        ----------
-        stencil : Stencil
-            Its first axis is the normal.
-        coefficient : float
-            Squared speed.
-        spacing : float
-        recursion : Recursion
-        dt : float
-        waves : tuple of float
-            Shortest and longest wave, where `wavelengths` are not given.
-
-        Raises
-        ------
-        InputError
-            No layer meets the target.
-        """
-        assert self.angle is not None
-        shortest, longest = self.wavelengths or waves
-        band = max(shortest / spacing, 2.0), max(longest / spacing, 2.0)
-        medium = Medium(stencil, coefficient, spacing, recursion, dt)
-        choice = choose(medium, self.wanted(2), band, self.angle)
-        return choice.profile.layer(choice.nodes, medium.speed, spacing, high_pass(stencil)), choice
 
     @property
     def chooses(self) -> bool:
         """Whether the thickness is to follow from the target and the data."""
-        return self.target is not None and self.nodes is None and self.profile is None and self.angle is None
+        return self.target is not None and self.nodes is None and self.profile is None
 
     def wanted(self, order: int) -> float:
         """The target, or the default of the equation's order in time."""
