@@ -54,7 +54,7 @@ RIGHT = {
     "Insulated": {"where": "x-", "kind": "mirror", "within": None},
     "Kernel": {"horizon": 1.0, "exponent": 2, "influence": "constant", "width": None, "volume": "ramp", "calibrate": True},
     "Lattice": {"spacing": 0.5, "lower": (0.0, 0.0), "upper": (1.0, 1.0), "window": None, "body": None},
-    "LatticePML": {"target": None, "nodes": None, "profile": None, "angle": None, "wavelengths": None, "until": None},
+    "LatticePML": {"target": None, "nodes": None, "profile": None, "until": None, "angle": None, "wavelengths": None},
     "NonlocalPML": {
         "nodes": 30, "ramp": "cubic", "strength": None, "reflection": 1e-3, "plateau": 0.3, "form": "displacement", "cross": 0.0, "shift": 0.0,
     },

@@ -59,6 +59,8 @@ class LatticePML:
     until : float, optional
         Length of the run that a target is to hold for: in a case file the end of the run, else 20 crossings of the near field,
         in diffusion 10 R^2/diffusivity.
+    angle, wavelengths
+        Refused: layers were once chosen by the angle of plane waves.
 
     Raises
     ------
