@@ -11,7 +11,7 @@ from scipy import fft
 from farhorizon.analysis.chain import Recursion
 from farhorizon.analysis.layer import Medium
 from farhorizon.analysis.returned import Arrivals, Datum, Sample, arrivals
-from farhorizon.analysis.thickness import Thickness, distance_to_side, family, thinnest
+from farhorizon.analysis.thickness import Thickness, distance_to_side, family, least, thinnest
 from farhorizon.boundaries import Fixed, Free, LatticePML, Periodic
 from farhorizon.engine import Layer
 from farhorizon.errors import InputError
@@ -86,8 +86,10 @@ class FarField:
         members = family(stencil, medium.speed / self.spacing, until, distance, wanted, steep)
         found = thinnest(members, arrived, wanted, size)
         if found is None:
-            raise InputError("no layer keeps the target for these data", value=wanted, key="boundary.target",
-                             remedy="a larger target, smoother data, or data farther from the side")  # fmt: skip
+            raise InputError(
+                "no layer keeps the target for these data", value=wanted, limit=f">= {least(members, arrived, size):.1g}", key="boundary.target",
+                remedy="a larger target, smoother data, data farther from the side, another influence, or Extended, Exact or a Sponge",
+            )  # fmt: skip
         self._known[alike] = replace(found, until=until)
         return self._known[alike]
 

@@ -215,7 +215,7 @@ def thinnest(
     aim = _AIM * wanted
 
     def best(nodes: int) -> Thickness | None:
-        name, layer = min(members(nodes).items(), key=lambda member: max(side.largest * side.share(member[1]) for side in waves))
+        name, layer = _quietest(members(nodes), waves)
         predicted = max(side.returned(layer) for side in waves) / size
         if predicted > aim:
             return None
@@ -233,6 +233,20 @@ def thinnest(
         tried = best(middle)
         low, high, found = (low, middle, tried) if tried is not None else (middle, high, found)
     return found
+
+
+def _quietest(members: Mapping[str, Layer], waves: Sequence[Arrivals]) -> tuple[str, Layer]:
+    """The layer, with its name, that returns the least share of the waves."""
+    return min(members.items(), key=lambda member: max(side.largest * side.share(member[1]) for side in waves))
+
+
+def least(members: Callable[[int], Mapping[str, Layer]], waves: Sequence[Arrivals], size: float) -> float:
+    """The smallest target, rounded up to one digit, that a layer of 60 nodes keeps; parameters as of `thinnest`."""
+    _, layer = _quietest(members(_MOST), waves)
+    returned = max(side.returned(layer) for side in waves) / size
+    found = returned * max(1.0, max(side.conversion(layer) for side in waves) / 2) / _AIM  # as `thinnest` judges
+    digit = 10.0 ** np.floor(np.log10(max(found, 1e-300)))
+    return float(np.ceil(found / digit) * digit)
 
 
 def distance_to_side(values: Iterable[np.ndarray]) -> float:
