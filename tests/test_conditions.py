@@ -257,6 +257,10 @@ BALANCED = {
         Lattice(0.25, (-2.0, -2.0), (2.0, 2.0)), Heat(Kernel(0.75), integrator=integrator),
         {"x": LatticePML(), "y-": Fixed(0.0), "y+": Free()}, {"u": lambda x, y: np.exp(-16 * (x**2 + y**2))}, balance=True,
     ),
+    "a hot disc in an unbounded medium": lambda integrator: Simulation(
+        Lattice(0.5, (-8.0, -6.0), (8.0, 6.0)), Heat(Kernel(1.5), 2.0, 3.0, 4.0, integrator), LatticePML(nodes=8),
+        constraints=[Temperature(Disc(2.0), "70 + t")], background=20.0, balance=True,
+    ),
     "block": lambda integrator: Simulation(
         Lattice(1.0, (0.0,) * 3, (8.0,) * 3), Heat(Kernel(2.0), integrator=integrator), {"all": Free(), "z": Periodic()},
         {"u": lambda x, y, z: np.cos(x + z)}, constraints=[Temperature("x-", 2.0, "node"), Convection("y+", 1.0, 7.0)], balance=True,

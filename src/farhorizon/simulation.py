@@ -609,7 +609,7 @@ class Simulation(Assembly, Run):
             strip = slice(0, width) if side < 0 else slice(core.shape[lead + axis] - width, None)
             core[tuple(strip if a == lead + axis else slice(None) for a in range(3))] = len(self._book_names)
         near = core[self._near].reshape(self.lattice.shape)
-        near.ravel()[self.conditions.nodes] = self.conditions.owner + 1
+        near.flat[self.conditions.nodes] = self.conditions.owner + 1  # also where `near` is no whole array
         if self.lattice.mask is not None and (self.lattice.body is not None or self._near_field is not None):
             number = -1  # bonds to a free rim are absent: no book
             if self.rim == "fixed" or self._near_field is not None:
