@@ -111,7 +111,7 @@ def _directory_of(path: Path) -> Path:
 def _check_format(file: Any, path: Path) -> Any:
     """Return the group ``/farhorizon`` of a results file; FileFormatError if the file is another program's or a later version's."""
     _refuse_other_files(file, path)
-    if "farhorizon" not in file or file["farhorizon"].attrs.get("format") != FORMAT or "VTKHDF" not in file:
+    if "farhorizon" not in file or _word(file["farhorizon"].attrs, "format") != FORMAT or "VTKHDF" not in file:
         raise FileFormatError(f"{path} is an HDF5 file, but not a farhorizon results file", remedy="give a file written by farhorizon run")
     group = file["farhorizon"]
     version = int(group.attrs["version"])
@@ -201,6 +201,18 @@ def _put_words(group: Any, name: str, words: Sequence[str]) -> None:
     encoded = [word.encode() for word in words]
     dtype = h5py.string_dtype("utf-8", max(1, *map(len, encoded)))
     _put_fixed(group, name, np.array(encoded, dtype))
+
+
+def _word(attributes: Any, name: str) -> str:
+    """A text among attributes; empty if it is not there."""
+    text = attributes.get(name, b"")
+    return text.decode(errors="replace") if isinstance(text, bytes) else str(text)
+
+
+def _put_word(attributes: Any, name: str, word: str) -> None:
+    """Keep a text of fixed length among attributes: damage where HDF5 keeps those of variable length makes it hang or crash."""
+    encoded = word.encode()
+    attributes.create(name, encoded, dtype=h5py.string_dtype("utf-8", max(1, len(encoded))))
 
 
 def _put_fixed(group: Any, name: str, values: np.ndarray) -> None:
@@ -389,10 +401,13 @@ class ResultsWriter:
                 chunk = _chunk(stored, dtype.itemsize)
                 data.create_dataset(name, (0, *stored), dtype, maxshape=(None, *stored), chunks=chunk, fletcher32=True)
                 _growing(offsets, name, "i8")
-                data.attrs.setdefault("Scalars" if width[name] == 1 else "Vectors", name)
+                kind = "Scalars" if width[name] == 1 else "Vectors"
+                if kind not in data.attrs:
+                    _put_word(data.attrs, kind, name)
             group = file.create_group("farhorizon")
-            group.attrs["format"], group.attrs["version"], group.attrs["program"] = FORMAT, RESULTS_VERSION, program
-            group.attrs["finished"], group.attrs["cautions"] = False, "[]"
+            for name, word in (("format", FORMAT), ("program", program), ("cautions", "[]")):
+                _put_word(group.attrs, name, word)
+            group.attrs["version"], group.attrs["finished"] = RESULTS_VERSION, False
             group.attrs["dim"], group.attrs["shape"], group.attrs["spacing"], group.attrs["lower"] = dim, shape, float(spacing), origin
             group.attrs["components"], group.attrs["probe_components"] = [width[name] for name in fields], probed_width
             group.attrs["outputs"] = 0
@@ -532,7 +547,7 @@ class ResultsWriter:
             _put(group["steps"], n, [step])
             _put(group["history_rows"], n, [rows])
             _put(group["record_rows"], n, [self.records])
-            group.attrs["cautions"] = json.dumps(list(cautions))
+            _put_word(group.attrs, "cautions", json.dumps(list(cautions)))
             _set_outputs(file, n + 1)
         self.outputs, self.rows, self._last_step = n + 1, rows, int(step)
 
@@ -616,7 +631,7 @@ class Results:
             self.field_names: tuple[str, ...] = _words(group, "fields")
             self.probes: np.ndarray = _read(group, self.path, "probes")
             self.case: str = _words(group, "case")[0]
-            self.program: str = str(group.attrs["program"])
+            self.program = _word(group.attrs, "program")
             self.finished = bool(group.attrs.get("finished", False))
             self._accounts = _words(group, "accounts")
             self.components = _components(group)
@@ -649,7 +664,7 @@ class Results:
     def cautions(self) -> list[Caution]:
         """From when on the result is doubtful, and why; empty where nothing is known against it."""
         with _opened(self.path, "r", "results file") as file:
-            return [Caution(*entry) for entry in json.loads(str(file["farhorizon"].attrs["cautions"]))]
+            return [Caution(*entry) for entry in json.loads(_word(file["farhorizon"].attrs, "cautions"))]
 
     @property
     def steps(self) -> np.ndarray:
@@ -828,8 +843,9 @@ def write_checkpoint(path: str | Path, arrays: Mapping[str, np.ndarray], meta: M
     except (TypeError, ValueError) as error:
         raise InputError(f"{path}: meta is not JSON ({error})", remedy="use numbers, strings, lists, dicts, bool and None") from error
     with created(path) as draft, _hdf5(draft, "w") as file:
-        file.attrs["format"], file.attrs["version"], file.attrs["complete"] = CHECKPOINT_FORMAT, VERSION, False
-        file.attrs["sha256"] = _digest(index)
+        file.attrs["version"], file.attrs["complete"] = VERSION, False
+        for name, word in (("format", CHECKPOINT_FORMAT), ("sha256", _digest(index))):
+            _put_word(file.attrs, name, word)
         file.create_dataset("index", data=np.frombuffer(index, dtype=np.uint8))
         for number, array in enumerate(stored.values()):
             file.create_dataset(f"arrays/{number}", data=array)
@@ -859,7 +875,7 @@ def read_checkpoint(path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, 
     remedy = "use an earlier checkpoint, or start the run anew"
     with _opened(path, "r", "checkpoint") as file:
         _refuse_other_files(file, path)
-        if file.attrs.get("format") != CHECKPOINT_FORMAT:
+        if _word(file.attrs, "format") != CHECKPOINT_FORMAT:
             raise FileFormatError(f"{path} is an HDF5 file, but not a farhorizon checkpoint", remedy="give a file written by Simulation.save")
         version = int(file.attrs["version"])
         if version > VERSION:
@@ -867,7 +883,7 @@ def read_checkpoint(path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, 
         if not file.attrs["complete"]:
             raise FileFormatError(f"{path} is incomplete: its writing was interrupted", remedy=remedy)
         text = file["index"][:].tobytes()
-        if _digest(text) != file.attrs["sha256"]:
+        if _digest(text) != _word(file.attrs, "sha256"):
             raise FileFormatError(f"{path} is damaged: its index fails its check sum", remedy=remedy)
         index = json.loads(text)
         arrays = {}
