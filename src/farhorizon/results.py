@@ -90,6 +90,15 @@ def _refuse_other_files(group: Any, path: Path, depth: int = 0) -> None:
             _refuse_other_files(item, path, depth + 1)
 
 
+def _read_indices(group: Any) -> None:
+    """Read where the chunks of all datasets lie; OSError if the check sum of an index fails."""
+    for item in group.values():
+        if isinstance(item, h5py.Group):
+            _read_indices(item)
+        elif item.chunks is not None:
+            item.id.get_num_chunks()
+
+
 def _read(file: Any, path: Path, name: str, rows: Any = ()) -> np.ndarray:
     """Rows of a dataset; FileFormatError names the one that fails its check sum."""
     try:
@@ -460,6 +469,8 @@ class ResultsWriter:
         path = Path(path)
         if min(outputs, rows or 0, records or 0) < 0:
             raise InputError("the numbers of outputs, history rows and records to keep are not negative", value=(outputs, rows, records), limit=0)
+        with _opened(path, "r", "results file") as file:  # HDF5 crashes where it meets damage of an index that it changes
+            _read_indices(_check_format(file, path).parent)
         with _opened(path, "r+", "results file") as file:
             group = _check_format(file, path)
             held = _counts(file, path)
