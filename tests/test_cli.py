@@ -21,7 +21,10 @@ EXAMPLES = Path(__file__).parent.parent / "examples"
 
 
 BOUNDED = EXAMPLES / "quenched_bar.toml"  # no side is open
-BREAKING = [EXAMPLES / "branching.toml", EXAMPLES / "notch_blast.toml"]  # slow at full size; tests/test_examples.py has them on coarser lattices
+LARGE = [  # slow at full size; tests/test_examples.py has those that break on coarser lattices
+    EXAMPLES / f"{name}.toml"
+    for name in ("branching", "notch_blast", "elastic_3d", "diffusion_3d", "exact_bar", "crack_scattering", "closed_disc")
+]
 GROWING = EXAMPLES / "dispersive_pulse.toml"  # a kernel that the layer cannot absorb: it has a test of its own
 BODY = EXAMPLES / "indentation.toml"
 ABSORBERS = {  # that are not a lattice PML, and the part of a fixed edge's error that is asserted
@@ -31,7 +34,7 @@ ABSORBERS = {  # that are not a lattice PML, and the part of a fixed edge's erro
 
 @pytest.mark.parametrize(
     "case",
-    sorted(set(EXAMPLES.glob("*.toml")) - {GROWING, BOUNDED, *BREAKING}) + [pytest.param(case, marks=pytest.mark.slow) for case in BREAKING],
+    sorted(set(EXAMPLES.glob("*.toml")) - {GROWING, BOUNDED, *LARGE}) + [pytest.param(case, marks=pytest.mark.slow) for case in LARGE],
     ids=lambda p: p.stem,
 )
 def test_examples_run_and_agree_with_the_infinite_medium(case, tmp_path, monkeypatch):

@@ -89,8 +89,8 @@ def test_waves_that_stand_still_decay(reach):
     assert reach > 6 or pulse_error(stencil, nodes) <= 1e-6
 
 
-WIDE = [(1, 9, 1, 36), (1, 10, 1, 16), (1, 6, 0, None), *[pytest.param(*case, marks=pytest.mark.slow) for case in [
-    (1, 11, 1, None), (1, 12, 1, None), (2, 7, 1, None), (2, 8, 1, None), (2, 9, 1, None), (2, 10, 1, None)]]]  # fmt: skip
+WIDE = [(1, 10, 1, 16), (1, 6, 0, None), *[pytest.param(*case, marks=pytest.mark.slow) for case in [
+    (1, 9, 1, 36), (1, 11, 1, None), (1, 12, 1, None), (2, 7, 1, None), (2, 8, 1, None), (2, 9, 1, None), (2, 10, 1, None)]]]  # fmt: skip
 
 
 @pytest.mark.parametrize("dim, reach, exponent, nodes", WIDE)

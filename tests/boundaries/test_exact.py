@@ -64,7 +64,7 @@ RANDOM = [("wave", 0.2, 1500), ("wave", 0.95, 1500), ("damped", 0.2, 1500), ("di
 
 
 ENDS = [
-    pytest.param(end, reach, bound, id=f"{name}-{reach}", marks=[pytest.mark.slow] if name == "compressed" and reach == 25 else [])
+    pytest.param(end, reach, bound, id=f"{name}-{reach}", marks=[pytest.mark.slow] if name == "compressed" and reach > 2 else [])
     for name, end, bound in (("convolved", CONVOLVED, 1e-12), ("compressed", COMPRESSED, 1e-11))
     for reach in (1, 2, 7, 25)
 ]
@@ -131,7 +131,7 @@ def test_a_run_outlives_its_kernel(end):
 
 
 @BOTH
-@pytest.mark.parametrize("saved", [1, 64, 100, 1024])
+@pytest.mark.parametrize("saved", [pytest.param(1, marks=pytest.mark.slow), 64, 100, 1024])
 def test_restored_runs_are_bitwise_the_same(end, saved, tmp_path):
     """Also across the end of the kernel, and at the end of a block."""
     u = np.random.default_rng(3).uniform(-1, 1, 40)

@@ -86,8 +86,9 @@ def test_split_form_is_the_two_level_scheme_of_the_paper(cross):
     assert np.abs(found - us[-1][inside]).max() < 1e-11 * np.abs(u).max()
 
 
-@pytest.mark.parametrize("options", [{}, {"cross": 0.2}])
-@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize(("options", "dim"), [
+    ({}, 2), ({"cross": 0.2}, 2), ({"cross": 0.2}, 3), pytest.param({}, 3, marks=pytest.mark.slow),
+])  # fmt: skip
 def test_forms_agree(options, dim):
     """Split fields by forward Euler tend to memory variables by velocity Verlet with order 1, corners included."""
     size, width = (6, 2.0) if dim == 2 else (4, 1.5)

@@ -252,8 +252,14 @@ def test_weak_waves_leave_as_those_of_the_stencil(nonlinear):
     assert np.abs(one - two).max() < 1e-7 * np.abs(runs[0].start_u).max()  # strain 1e-8 times the number of wavelengths
 
 
-@pytest.mark.parametrize("rule", ["both", "arithmetic", "harmonic"])
-@pytest.mark.parametrize("dim", [2, 3])
+RULES = [
+    pytest.param(dim, rule, marks=[pytest.mark.slow] if dim == 3 and rule != "harmonic" else [])
+    for dim in (2, 3)
+    for rule in ("both", "arithmetic", "harmonic")
+]
+
+
+@pytest.mark.parametrize(("dim", "rule"), RULES)
 def test_intact_bonds_of_a_layered_medium_are_those_of_the_stencil(dim, rule):
     """Layers that run into the absorbing ones, an inclusion: linear bonds to rounding, nonlinear ones up to the strain."""
     lattice = fh.Lattice(0.5, (-5.0,) * dim, (5.0,) * dim)

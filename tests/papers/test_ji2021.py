@@ -32,7 +32,10 @@ def chain_impulse(weights, t, half=400):
     return (modes @ (t * np.sinc(omega * t / np.pi) * modes[half]))[half : half + 2 * weights.size]
 
 
-@pytest.mark.parametrize("weights", [BAR, BEAM, gaussian_weights(3)], ids=["bar", "beam", "K = 3"])
+SLOWLY = [pytest.param(weights, marks=pytest.mark.slow, id=name) for name, weights in (("beam", BEAM), ("K = 3", gaussian_weights(3)))]
+
+
+@pytest.mark.parametrize("weights", [pytest.param(BAR, id="bar"), *SLOWLY])
 def test_impulse_response_against_a_long_chain(weights):
     """Two ways, both exact in time, to rounding."""
     g = impulse_response(weights, 0.5, 40)
@@ -174,6 +177,7 @@ def test_velocities_of_figure_4(tmp_path):
     assert outcome.pictures[0].stat().st_size > 20_000
 
 
+@pytest.mark.slow
 def test_histories_of_the_interface():
     """Origin and right end of figure 8 beside a local bar; of the homogeneous bar beside the continuum, eq 37."""
     for beta in (0.5, 0.1):
