@@ -23,8 +23,11 @@ EXAMPLES = Path(__file__).parent.parent / "examples"
 BOUNDED = EXAMPLES / "quenched_bar.toml"  # no side is open
 LARGE = [  # slow at full size; tests/test_examples.py has those that break on coarser lattices
     EXAMPLES / f"{name}.toml"
-    for name in ("branching", "notch_blast", "elastic_3d", "diffusion_3d", "exact_bar", "crack_scattering", "closed_disc")
-]
+    for name in (
+        "branching", "notch_blast", "elastic_3d", "elastic_blast", "diffusion_3d", "exact_bar", "crack_scattering",
+        "closed_disc", "backward_waves",
+    )
+]  # fmt: skip
 GROWING = EXAMPLES / "dispersive_pulse.toml"  # a kernel that the layer cannot absorb: it has a test of its own
 BODY = EXAMPLES / "indentation.toml"
 ABSORBERS = {  # that are not a lattice PML, and the part of a fixed edge's error that is asserted

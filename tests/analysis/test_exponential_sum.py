@@ -59,7 +59,7 @@ def test_update_is_the_convolution(kernel_to_40):
     np.testing.assert_allclose(found.replay(weighted), state, atol=1e-12)
 
 
-@pytest.mark.parametrize("reach", [2, 7, pytest.param(25, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("reach", [2, *[pytest.param(reach, marks=pytest.mark.slow) for reach in (7, 25)]])
 @pytest.mark.parametrize(("kind", "share"), [("wave", 0.2), ("damped", 0.2), ("diffusion", 0.45)])
 def test_default_tolerance_for_all_schemes(reach, kind, share):
     """1e-12 is had by narrow and wide stencils, waves, damped waves and diffusion."""
