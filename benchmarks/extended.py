@@ -113,7 +113,7 @@ class Problem:
 
 def computed(sim: Simulation) -> int:
     """Nodes that a step updates, the layers' slots included."""
-    return sum(int(np.prod(b.nodes)) for b in sim.engine.layout.blocks.values())
+    return int(np.prod(sim.engine.layout.box.nodes))
 
 
 def rows(name: str, problems: dict[float, Problem], aims: dict[float, float], repeats: int) -> list[dict[str, Any]]:

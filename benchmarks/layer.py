@@ -3,8 +3,7 @@
 Measures, in one process with interleaved repeats (medians of the ratios of a round):
 
 - square: a 12-node LatticePML on all sides of a 1000^2 near field, m = 3, with one and two threads, against an engine with
-  the same core and neither layers nor cuts. Target: at most 60 % more time a step. The parts of the difference: the sweep
-  of the layers' nodes and the fill of their halos.
+  the same core and neither layers nor cuts. Target: at most 60 % more time a step.
 - bar: the same for a 1D bar of 201 nodes, m = 3, in microseconds a step; and `Simulation.step` on top of the engine's
   loop. Target: layers add at most 3 microseconds a step.
 - cube: 3D 100^3, m = 3, for information.
@@ -14,14 +13,13 @@ Run: ``python benchmarks/layer.py [square] [bar] [cube] [--json FILE] [--repeats
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from common import bare_engine, interleaved, median, ratio, run_parts, steps, verdict
 
 from farhorizon import Kernel, Lattice, LatticePML, Simulation, Wave
-from farhorizon.engine import Engine, available_threads
+from farhorizon.engine import available_threads
 
 
 def simulation(dim: int, n: int, threads: int) -> Simulation:
@@ -30,23 +28,12 @@ def simulation(dim: int, n: int, threads: int) -> Simulation:
     return Simulation(Lattice(1.0, (0.0,) * dim, (n - 1.0,) * dim), Wave(Kernel(3.0)), LatticePML(nodes=12), {"u": noise}, threads=threads)
 
 
-def fill_case(engine: Engine) -> Callable[[int], None]:
-    """Only the halos of a level."""
-
-    def run(count: int) -> None:
-        for _ in range(count):
-            engine.fill(engine.current, advance=True)
-
-    return run
-
-
 def measure(dim: int, n: int, threads: int, repeats: int) -> tuple[Simulation, dict[str, list[float]]]:
-    """Times of the step with and without layers, of the fill alone, and of `Simulation.step`."""
+    """Times of the step with and without layers, and of `Simulation.step`."""
     sim = simulation(dim, n, threads)
     full = simulation(dim, n, threads)
-    filled = simulation(dim, n, threads)
     bare = bare_engine(sim.stencil, sim.engine.core.nodes[3 - dim :], threads)
-    cases = {"layers": steps(sim.engine), "bare": steps(bare), "fill": fill_case(filled.engine), "step()": full.step}
+    cases = {"layers": steps(sim.engine), "bare": steps(bare), "step()": full.step}
     return sim, interleaved(cases, repeats)
 
 
@@ -56,11 +43,10 @@ def large(dim: int, n: int, repeats: int, target: float | None) -> list[dict[str
     for threads in sorted({1, available_threads()}):
         sim, times = measure(dim, n, threads, repeats)
         added = 100 * (ratio(times, "layers", "bare") - 1)
-        nodes = sum(np.prod(b.nodes) for b in sim.engine.layout.blocks.values()) / np.prod(sim.engine.core.nodes)
-        fill = 100 * ratio(times, "fill", "bare") if threads == 1 else "-"  # a fill by itself runs on one thread
+        nodes = np.prod(sim.engine.layout.box.nodes) / np.prod(sim.engine.core.nodes)
         rows.append({
             f"{dim}D m=3, 12 nodes": f"{n}^{dim}", "threads": threads, "bare ms": 1e3 * median(times, "bare"),
-            "layers ms": 1e3 * median(times, "layers"), "added %": added, "of it fill %": fill,
+            "layers ms": 1e3 * median(times, "layers"), "added %": added,
             "more nodes %": float(100 * (nodes - 1)), "step() / loop": ratio(times, "step()", "layers"),
             "target": "-" if target is None else target, "met": "-" if target is None else verdict(added, target, larger=False),
         })  # fmt: skip

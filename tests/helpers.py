@@ -62,7 +62,7 @@ def engine_apply(engine, u):
     level = np.zeros(engine.levels.shape[1], engine.dtype)
     view = engine.core.view(level)
     view[...] = np.reshape(u, view.shape)
-    engine.fill(level)
+    engine.complete(level)
     return engine.core.view(engine.apply(level)).reshape(np.shape(u)).astype(float)
 
 

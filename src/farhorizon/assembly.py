@@ -386,12 +386,11 @@ class Assembly:
         shape = [n + sum(width for (a, _), width in more.items() if a == axis) for axis, n in enumerate(self.lattice.shape)]
         columns = [sum(layer.columns for (a, _), layer in self._layers.items() if a == axis) for axis in range(self.lattice.dim)]
         nodes = [float(n + 2 * m + c) for n, m, c in zip(shape, reach, columns, strict=True)]
-        slots = [float(n + 2 * m + c * (2 * m + 1)) for n, m, c in zip(shape, reach, columns, strict=True)]
-        tree = max(c * (2 * m + 1) / (2 if c else 1) * np.prod(slots) / s for c, m, s in zip(columns, reach, slots, strict=True))
-        memory = sum(2 * m * c * np.prod(slots[:a]) * np.prod(nodes[a + 1 :]) for a, (c, m) in enumerate(zip(columns, reach, strict=True)))
+        sides = [2 * m * c * np.prod(nodes) / n for c, m, n in zip(columns, reach, nodes, strict=True)]
+        memory = sum(sides) + (sides[0] * sides[1] / np.prod(nodes) / 2 if self.lattice.dim == 3 else 0.0)  # the edges of the first two axes
         levels = self.model.integrator.stages(1.0, 0.0, self.lattice.dim == 1).levels + self.lasting
         bits = 8 * -(-len(self.stencil.weights) // 64) * self.bondwise
-        fields = itemsize * ((levels + 3) * np.prod(nodes) + tree + 2 * memory) + 8 * 7 * np.prod(self.lattice.shape)
+        fields = itemsize * ((levels + 3) * np.prod(nodes) + 2 * memory + sides[-1]) + 8 * 7 * np.prod(self.lattice.shape)
         return float(self.stencil.components * fields + (8 * self.lattice.dim + bits) * np.prod(self.lattice.shape))
 
     def _choose_step(self, dt: float | Callable[[float], float] | None) -> float:
@@ -839,7 +838,7 @@ class Assembly:
         m = block.reach[axis]
         strip = tuple((slice(0, m) if side < 0 else slice(-m, None)) if a == axis else slice(None) for a in range(3))
         for level in self.engine.levels[: 3 - self.engine.stages.increments]:
-            block.plane.all(level)[strip] = value
+            block.all(level)[strip] = value
 
     def _cut(self, cracks: Sequence[Crack]) -> None:
         """Absent bonds: cut by cracks, beyond a thin halo, across a free side, or to nodes outside a body."""
@@ -852,7 +851,7 @@ class Assembly:
             cut, lost = crack.cut, 1 - crack.factor
             crossed = self._crossed(cut)
             nodes, bonds = cut_bonds(cut, self._origin, self.lattice.spacing, shape, self.stencil.offsets)
-            flat = block.plane.origin + nodes @ np.array(block.stride[lead:])
+            flat = block.origin + nodes @ np.array(block.stride[lead:])
             found.append((flat, flat + offsets[bonds] @ np.array(block.stride), lost * engine.weights[bonds]))
             if self.closure is not None and np.isin(flat, self.closure.nodes).any():
                 raise InputError("a crack cuts bonds of nodes that a condition along the outline reads", key="crack",
@@ -867,7 +866,7 @@ class Assembly:
         size = np.abs(weights).max(axis=tuple(range(1, weights.ndim)))
         order = np.argsort(-size, kind="stable")  # of two cracks across a bond the one that takes more counts
         nodes, neighbours, weights = nodes[order], neighbours[order], weights[order]
-        _, first = np.unique(nodes * engine.layout.places + neighbours, return_index=True)
+        _, first = np.unique(nodes * engine.layout.size + neighbours, return_index=True)
         free_rim = self.lattice.body is not None and self.rim == "free"
         bare = free_rim or any(isinstance(b, Free) for b in self.sides.values())
         engine.set_cuts(nodes[first], neighbours[first], weights[first], self._existing(free_rim) if bare else None)
@@ -915,15 +914,12 @@ class Assembly:
         if any(f != found[0] for f in found):
             raise self._oblique(cut, axis, side)
         self._check_straight(cut, found[0], axis, side)
-        layer = self.engine.layout.blocks[tuple(side if a == lead + axis else 0 for a in range(3))]
         table = np.array(sorted(found[0]), int).reshape(-1, self.lattice.dim + 1)
-        at = table[:, :-1].T
-        normal = np.arange(layer.nodes[lead + axis])[:, None]
-        index: tuple[Any, ...] = (*[0] * lead, *(normal if a == axis else at[a] for a in range(self.lattice.dim)))
-        flat = layer.node_indices()[index]
-        other = layer.slot_indices()[index] + self.engine.offsets[table[:, -1]] @ np.array(layer.stride)
-        weights = self.engine.weights[table[:, -1]]
-        return flat.ravel(), other.ravel(), np.concatenate([weights] * layer.nodes[lead + axis])
+        columns = self._layers[axis, side].columns
+        beyond = (count if side > 0 else -columns) + np.arange(columns)[:, None]
+        flat = block.origin + table[:, :-1] @ np.array(block.stride[lead:]) + beyond * block.stride[lead + axis]
+        other = flat + self.engine.offsets[table[:, -1]] @ np.array(block.stride)
+        return flat.ravel(), other.ravel(), np.concatenate([self.engine.weights[table[:, -1]]] * columns)
 
     def _check_straight(self, cut: Cut, continued: set[tuple[int, ...]], axis: int, side: int) -> None:
         """Beyond the core a crack may end, but cut nothing that its straight continuation does not cut."""
@@ -950,7 +946,7 @@ class Assembly:
         )  # fmt: skip
 
     def _existing(self, body: bool) -> np.ndarray:
-        """True where a node of the medium is, False beyond free sides and, if wanted, outside the body; over a level and the slots."""
+        """True where a node of the medium is, False beyond free sides and, if wanted, outside the body; over a level."""
         lead = 3 - self.lattice.dim
         core = np.ones(self.engine.core.nodes)
         if body and self.lattice.body is not None and self.lattice.mask is not None:
@@ -965,7 +961,8 @@ class Assembly:
         held = self.engine.outside
         if self.rim == "fixed":
             exists = self._existing(True)
-            held = np.concatenate([b.node_indices()[~exists[b.slot_indices()]] for b in self.engine.layout.blocks.values()])
+            nodes = self.engine.layout.box.node_indices()
+            held = nodes[~exists[nodes]]
         resting, leaking, leak = self._continued_surfaces()
         held = np.concatenate([held, resting])
         self._held = self.engine.all_components(held)
@@ -988,43 +985,29 @@ class Assembly:
 
     def _continued_surfaces(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Nodes beyond the near field that go on being held at the background, and nodes that lose heat, with their rates, beyond it too."""
-        near = np.zeros(self.engine.core.nodes, bool)
-        near[self._near[-3:]] = True
+        core = self.engine.core
+        beyond = np.ones(self.engine.layout.size, bool)
+        beyond[core.node_indices()[self._near]] = False
         pads = [(self._margins[a, -1], self._margins[a, 1]) for a in range(self.lattice.dim)]
-        held, leak = (np.pad(f.astype(float), pads, mode="edge").reshape(self.engine.core.nodes) for f in self._surfaces())
-        resting, leaking, rates = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
-        for f, nodes in ((held, resting), (leak, leaking)):
-            if not f.any():
-                continue
-            spread = self.engine.spread(f)
-            for block in self.engine.layout.blocks.values():
-                places = block.node_indices()
-                there = spread[places] > 0
-                if f is held and block is self.engine.core:
-                    there &= ~near
-                nodes.append(places[there])
-                if f is leak:
-                    rates.append(spread[places][there])
-        return np.concatenate(resting), np.concatenate(leaking), np.concatenate(rates)
+        held, leak = (self.engine.spread(np.pad(f.astype(float), pads, mode="edge").reshape(core.nodes)) for f in self._surfaces())
+        places = self.engine.layout.box.node_indices()
+        resting, leaking = places[(held[places] > 0) & beyond[places]], places[leak[places] > 0]
+        return resting, leaking, leak[leaking]
 
     def _damped(self, held: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Nodes of the sponges but those held, their factors on the old and the new increment, their loss rate."""
-        lead = 3 - self.lattice.dim
-        nodes, rates = [], []
-        for block in self.engine.layout.blocks.values():
-            rate = np.zeros(block.nodes)
-            for (axis, side), boundary in self.sides.items():
-                if isinstance(boundary, Sponge) and block.segment[lead + axis] == 0:
-                    values = boundary.damping(self.model.order, self.model.coefficient, self.lattice.spacing)
-                    line = np.zeros(block.nodes[lead + axis])
-                    line[: len(values)] = values[::-1]
-                    rate = rate + (line if side < 0 else line[::-1]).reshape([-1 if a == lead + axis else 1 for a in range(3)])
-            rate[np.isin(block.node_indices(), held)] = 0
-            where = np.nonzero(rate)
-            nodes.append(block.node_indices()[where])
-            rates.append(rate[where])
-        rate = np.tile(np.concatenate(rates), self.engine.components)
-        index = self.engine.all_components(np.concatenate(nodes))
+        layout, lead = self.engine.layout, 3 - self.lattice.dim
+        rate = np.zeros(layout.box.nodes)
+        for (axis, side), boundary in self.sides.items():
+            if isinstance(boundary, Sponge):
+                values = boundary.damping(self.model.order, self.model.coefficient, self.lattice.spacing)
+                line = np.zeros(layout.box.nodes[lead + axis])
+                line[: len(values)] = values[::-1]
+                rate = rate + line[::-side].reshape([-1 if a == lead + axis else 1 for a in range(3)])
+        rate[np.isin(layout.box.node_indices(), held)] = 0
+        where = np.nonzero(rate)
+        index = self.engine.all_components(layout.box.node_indices()[where])
+        rate = np.tile(rate[where], self.engine.components)
         if self.model.order == 1:
             return index, np.ones_like(rate), np.ones_like(rate), rate
         share, total = self.model.damping * self.dt, (self.model.damping + rate) * self.dt

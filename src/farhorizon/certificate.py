@@ -394,7 +394,7 @@ def _examinations(sim: Simulation) -> Iterator[tuple[str, Callable[[float], tupl
     """What must be stable for the whole to be, cheapest first; each takes the seconds it may cost."""
     if sim.exact_ends is not None and not sim.exact_ends.steps:
         raise InputError("the kernel of the exact ends is made when the run begins")
-    if sum(int(np.prod(b.nodes)) for b in sim.engine.layout.blocks.values()) <= _DENSE and State(sim.engine).size <= _DENSE:
+    if int(np.prod(sim.engine.layout.box.nodes)) <= _DENSE and State(sim.engine).size <= _DENSE:
         yield "the complete update", lambda _: (_dense_part("the complete update", plain_twin(sim)), [])
         return
     layered = [axis for axis in range(sim.lattice.dim) if any(isinstance(sim.sides[axis, s], LatticePML) for s in (-1, 1))]

@@ -236,7 +236,7 @@ class Report:
                 say("front", f"speed {speed:.4g} under activation control{' (limited by saturation)' if sim.model.limited else ''}; "
                     f"for another speed v: interface = {sim.model.interface / speed:.4g} v")  # fmt: skip
         total = int(np.prod(engine.core.nodes))
-        extra = sum(int(np.prod(b.nodes)) for b in engine.layout.blocks.values()) - int(np.prod(lattice.shape))
+        extra = int(np.prod(engine.layout.box.nodes)) - int(np.prod(lattice.shape))
         say("nodes computed", f"{total} in the core, {extra} beyond the near field")
         say("memory", f"{engine.nbytes / 2**20:.3g} MiB = {engine.nbytes / (np.prod(sim.field_shape) * engine.dtype.itemsize):.3g} near fields")
         say("absent bonds", str(engine.absent_bonds))

@@ -188,10 +188,10 @@ class Simulation(Assembly, Run):
             change[self.closure.unmoved] = 0  # the medium beyond the outline is at rest
         if engine.stages.increments:
             engine.levels[2][:] = change
-        for block in engine.layout.blocks.values():
-            block.view(engine.levels[1])[...] = block.view(engine.levels[0]) - block.view(change)
+        box = engine.layout.box
+        box.view(engine.levels[1])[...] = box.view(engine.levels[0]) - box.view(change)
         engine.memory[:] = 0  # the layers are at rest one step before the start
-        engine.fill(engine.levels[1], advance=True)
+        engine.remind(engine.levels[1])
 
     def _acceleration(self) -> np.ndarray:
         """What the medium, what lies beyond exact ends and the sources do to the present state, as a level."""
@@ -547,7 +547,7 @@ class Simulation(Assembly, Run):
             kinetic = (near(engine.current).astype(float) - near(engine.older)) / self.dt
             return {"kinetic": float(cell * 0.5 * (kinetic**2).sum()), "strain": self._strain_energy(), "work": self._mass * engine.work,
                     "broken": self._mass * engine.broken[0]}  # fmt: skip
-        engine.fill(engine.current)
+        engine.complete(engine.current)
         u, old = engine.current.astype(float), engine.older.astype(float)
         if self._ends is not None:
             self._ends.fill(u, old)
@@ -561,7 +561,7 @@ class Simulation(Assembly, Run):
             total += apply((each[number] * ago).ravel()).reshape(each.shape)[number]
         at_rest = {(3 - self.lattice.dim + a, s): 0.0 for (a, s), b in self.sides.items() if isinstance(b, Fixed) and b.value == self.background}
         if at_rest:  # the other half of the bonds to sides where u is zero
-            there = engine.spread(np.ones(engine.core.nodes), at_rest)[: each.shape[1]] * engine.exists[: each.shape[1]]
+            there = engine.spread(np.ones(engine.core.nodes), at_rest) * engine.exists
             for unit, before in zip(np.eye(engine.components), ago, strict=True):
                 strain -= (each * before * apply(np.multiply.outer(unit, there).ravel()).reshape(each.shape)).ravel()
         kinetic = ((near(u) - near(old)) / self.dt) ** 2
@@ -620,11 +620,11 @@ class Simulation(Assembly, Run):
         self._free = near == 0
         where = np.round(engine.spread(core, beyond)).astype(int)
         block = engine.core
-        flat, slots = block.node_indices(), block.slot_indices()
+        flat = block.node_indices()
         found = []
         for offset, weight in zip(engine.offsets, engine.weights, strict=True):
-            other = slots + int(offset @ np.array(block.stride))
-            flows = (where[slots] == 0) & (where[other] != 0)
+            other = flat + int(offset @ np.array(block.stride))
+            flows = (where[flat] == 0) & (where[other] != 0)
             found.append((where[other[flows]] - 1, flat[flows], other[flows], np.full(int(flows.sum()), weight)))
         books, nodes, neighbours, weights = (np.concatenate([f[i] for f in found]) for i in range(4))
         weights = weights - engine.lost(nodes, neighbours, weights)
@@ -633,6 +633,11 @@ class Simulation(Assembly, Run):
             books = np.append(books, np.full(lossy.size, number))
             nodes, neighbours = np.append(nodes, self._near_indices()[lossy]), np.append(neighbours, np.full(lossy.size, -1))
             weights = np.append(weights, self.model.source_factor * leak.ravel()[lossy])
+        layers = {}
+        for axis, side in engine.layers:
+            reach = engine.layout.reach[axis]
+            beside = np.take(flat, np.arange(reach) - (reach if side > 0 else 0), axis).ravel()
+            layers[axis, side] = self._book_names.index(AXES[axis - lead] + "-+"[side > 0]), beside[where[beside] == 0]
         kept = weights != 0
         if self._ends is None:
             ends = np.zeros((0, 0), np.int64)
@@ -641,7 +646,7 @@ class Simulation(Assembly, Run):
             ends = np.where(where[self._ends.nodes] == 0, numbers, -1)
         flows_so_far = engine.flows
         effects = stage_effects(engine.stages) * np.array([n[2] for n in engine.stages.numbers])
-        engine.set_books(books[kept], nodes[kept], neighbours[kept], weights[kept], effects, len(self._book_names), ends)
+        engine.set_books(books[kept], nodes[kept], neighbours[kept], weights[kept], effects, len(self._book_names), ends, layers)
         if self.step_count:  # opened anew, as a crack has
             engine.flows[...] = flows_so_far
         else:
@@ -707,12 +712,12 @@ class Simulation(Assembly, Run):
         """Factor of the bond from each node of the near field along an offset, given by its number; 0 where there is none within it."""
         engine = self.engine
         block = engine.core
-        nodes, slots = block.node_indices()[self._near].ravel(), block.slot_indices()[self._near].ravel()
-        inside = np.zeros(engine.layout.places, bool)
+        nodes = block.node_indices()[self._near].ravel()
+        inside = np.zeros(engine.layout.size, bool)
         inside[nodes] = True
 
         def factor(number: int) -> np.ndarray:
-            other = slots + int(engine.offsets[number] @ np.array(block.stride))
+            other = nodes + int(engine.offsets[number] @ np.array(block.stride))
             weight = engine.weights[number]
             left = engine.bond_factors(nodes, other) * (1 - engine.lost(nodes, other, weight) / weight)
             return np.where(inside[other] & (left > 1e-12), left, 0.0).reshape(self.lattice.shape)

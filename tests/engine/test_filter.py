@@ -1,7 +1,5 @@
 """The compiled damping of short waves against dense matrices."""
 
-import itertools
-
 import numpy as np
 import pytest
 
@@ -26,18 +24,11 @@ def simulation(boundary, shape, dtype="float64", threads=1):
 
 
 def natural(engine):
-    """Places of all nodes of a level in their natural order, and the distance of each from the core along each axis, 0 inside."""
-    nodes, depth = [], []
-    for segment in itertools.product((-1, 0, 1), repeat=3):
-        if segment in engine.layout.blocks:
-            block = engine.layout.blocks[segment]
-            at = np.indices(block.nodes)
-            place = [np.where(s < 0, -1 - at[a], np.where(s > 0, engine.core.nodes[a] + at[a], at[a])) for a, s in enumerate(segment)]
-            nodes.append(np.stack([*place, block.node_indices()], -1).reshape(-1, 4))
-            depth.append(np.stack([at[a] + 1 if s else 0 * at[a] for a, s in enumerate(segment)], -1).reshape(-1, 3))
-    table, far = np.concatenate(nodes), np.concatenate(depth)
-    order = np.lexsort(table[:, 2::-1].T)
-    return table[order], far[order]
+    """Coordinates and places of all nodes of a level, and the distance of each from the core along each axis, 0 inside."""
+    box, low = engine.layout.box, engine.layout.low
+    place = np.stack([i - n for i, n in zip(np.indices(box.nodes), low, strict=True)] + [box.node_indices()], -1).reshape(-1, 4)
+    far = np.maximum(np.maximum(-place[:, :3], place[:, :3] + 1 - np.array(engine.core.nodes)), 0)
+    return place, far
 
 
 @pytest.mark.parametrize("whole", [False, True])

@@ -91,12 +91,11 @@ def listed(set_cuts):
             return
         outside, kept = self.outside, exists[nodes] & exists[neighbours]
         found = [(nodes[kept], neighbours[kept], weights[kept])]
-        for block in self.layout.blocks.values():
-            flat, slots = block.node_indices(), block.slot_indices()
-            for offset, weight in zip(self.offsets, self.weights, strict=True):
-                other = slots + int(offset @ np.array(block.stride))
-                bare = exists[slots] != exists[other]
-                found.append((flat[bare], other[bare], np.repeat(np.asarray(weight)[None], int(bare.sum()), axis=0)))
+        flat = self.layout.box.node_indices()
+        for offset, weight in zip(self.offsets, self.weights, strict=True):
+            other = flat + int(offset @ np.array(self.layout.box.stride))
+            bare = exists[flat] != exists[other]
+            found.append((flat[bare], other[bare], np.repeat(np.asarray(weight)[None], int(bare.sum()), axis=0)))
         set_cuts(self, *(np.concatenate([f[i] for f in found]) for i in range(3)))
         self.outside = outside
 
@@ -145,7 +144,7 @@ def test_a_run_is_that_of_a_list_of_bonds(name, monkeypatch):
     np.testing.assert_allclose(one.fields["u"], bonds[0].fields["u"], rtol=0, atol=tolerance * scale)
     np.testing.assert_array_equal(one.engine.levels, two.engine.levels)
     np.testing.assert_array_equal(bonds[0].engine.levels, bonds[1].engine.levels)
-    nodes = np.concatenate([block.node_indices().ravel() for block in one.engine.layout.blocks.values()])
+    nodes = one.engine.layout.box.node_indices()
     for level in one.engine.levels:
         assert not level.reshape(one.engine.components, -1)[:, nodes[~one.engine.exists[nodes]]].any()
 

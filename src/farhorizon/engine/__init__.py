@@ -8,15 +8,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
 from farhorizon.engine import bonds as bond_laws
 from farhorizon.engine.bonds import END, FIRST, ODD, PHASES, PLAIN, Bonds, Zone, all_bits, no_bonds
 from farhorizon.engine.build import load_bonds, load_driver
-from farhorizon.engine.filter import filter_tables
+from farhorizon.engine.filter import damped_nodes, filter_tables
 from farhorizon.engine.fringe import split_sums
-from farhorizon.engine.layout import ALIGN, LINES, TASK_FIELDS, Block, Layout
+from farhorizon.engine.layout import ALIGN, Layout
+from farhorizon.engine.nested import LayerTables
 from farhorizon.engine.phases import NEVER, count_solid, find_runs
 from farhorizon.engine.rim import bare_bonds, shared_rows
 from farhorizon.engine.simd import TILE, TILE_ROWS, WINDOW
@@ -29,7 +31,7 @@ _NO_ENDS = np.zeros((0, 0), np.int64)
 _MODES = 8  # modes of an exact end are filled up to whole vectors
 _ALONE = np.zeros(1, np.int64)  # what threads share when there is one
 RULES = ("both", "arithmetic", "harmonic", "phases")
-_SECOND_CACHE = 600_000  # bytes of the second cache that a part of the core may take
+_SECOND_CACHE = 600_000  # bytes of the second cache that a part of the box may take
 _SET_BITS = np.array([number.bit_count() for number in range(256)], np.uint8)
 _PARALLEL_NUMBERS = 40_000  # of the field, and a quarter of the layers' memory: fewer are through before a second thread is there
 
@@ -133,31 +135,29 @@ class Engine:
         self.offsets, self.weights = np.asarray(offsets, np.int64), np.asarray(weights, float)
         self.components = 1 if self.weights.ndim == 1 else self.weights.shape[1]
         self.layers = dict(layers)
-        names = list(self.layers)
-        sides = {name: (self.layers[name].columns, i) for i, name in enumerate(names)}
-        self.layout = Layout(tuple(core), self.offsets, sides, frozenset(periodic), self.components)
-        self.core = self.layout.blocks[0, 0, 0]
-        columns = max((layer.columns for layer in self.layers.values()), default=0)
-        self._recursion = np.zeros((3, max(len(names), 1), columns + 1), self.dtype)
-        for i, name in enumerate(names):
-            for row, values in zip(self._recursion, self.layers[name].recursion(dt), strict=True):
-                row[i, : len(values)] = values
+        columns = {name: layer.columns for name, layer in self.layers.items()}
+        self.layout = Layout(tuple(core), self.offsets, columns, frozenset(periodic), self.components)
+        self.core = self.layout.near
         self.remember = any(np.any(layer.sigma) for layer in self.layers.values())
+        recursion = {name: layer.recursion(dt) for name, layer in self.layers.items()}
+        matrices = self.weights.reshape(len(self.weights), self.components, self.components)
+        self._tables = LayerTables(self.layout, self.offsets, matrices, recursion, self.dtype, self.remember)
+        self._layers = self._tables.layers
         self.levels = _zeros(self.components * self.layout.size, self.dtype, stages.levels)
-        self.slots = _zeros(self.components * self.layout.slots, self.dtype)
-        self.memory = _zeros(self.components * (self.layout.memory if self.remember else LINES), self.dtype)
+        self.slots = _zeros(self._tables.slots, self.dtype)
+        self.memory = _zeros(self._tables.memory if self.remember else ALIGN * 4, self.dtype)
         numbers = self.components * int(np.prod(core)) + (self.memory.size // 4 if self.remember else 0)
         self.threads = threads if numbers >= _PARALLEL_NUMBERS else 1
         self.phase, self.steps_done = 0, 0
-        self._work = np.zeros((self.threads, (columns + 2) * (2 * max(self.layout.reach) + 1) * LINES), self.dtype)
+        self._work = _zeros(self._tables.scratch, self.dtype, self.threads)
         self._coefficient = np.ones(1, self.dtype)
         self._rule = RULES.index(rule)
-        self._collect_sweeps(coefficient is not None)
-        self._collect_fills()
+        self._collect_sweep(coefficient is not None)
+        self._copies = self.layout.copies()
         if coefficient is not None:
             self._coefficient = self.spread(coefficient)
         self._bonds, self._work_done = no_bonds(self.dtype), np.zeros(0)
-        self.set_cuts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0))
+        self.set_cuts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, *self.weights.shape[1:])))
         self.set_damping(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros(0))
         self._set_tiles(np.zeros((0, 0), np.int64), np.zeros((0, 0), np.int64), np.zeros(0, np.int64), (1.0, np.inf), 0.0)
         self.set_ends(np.zeros((0, 0), np.int64), 1.0)
@@ -171,20 +171,14 @@ class Engine:
 
     # --- tables of the compiled loop ---------------------------------------------------------------------------
 
-    def _collect_sweeps(self, heterogeneous: bool) -> None:
-        """Tables of the sweeps: which blocks have compiled rows (the stencil looks alike along all their axes), weights, offsets."""
-        blocks = list(self.layout.blocks.values())
-        if heterogeneous:
-            functions, rows = np.zeros(len(blocks), np.int64), np.zeros((len(blocks), 1))
-        else:
-            functions, rows = compiled_rows(blocks, self.offsets, self.weights, self.dtype.name, self.stages.increments)
-        depths = np.array([self._depth(block) for block in blocks])
+    def _collect_sweep(self, heterogeneous: bool) -> None:
+        """What the sweep of the box takes: its row, compiled rows or 0, how many at a time, their weights, offsets, weights of the general sweep."""
+        function, row = (0, np.zeros(1)) if heterogeneous else compiled_rows(self.offsets, self.weights, self.dtype.name, self.stages.increments)
         scale = np.array([n[2] for n in self.stages.numbers])
-        offsets = np.array([self.offsets @ np.array(b.stride) for b in blocks], np.int64)
-        self._sweeps = (
-            self._trees(), self.layout.table(), functions, depths, (scale[:, None, None] * rows).astype(self.dtype), offsets,
+        self._box = [
+            self.layout.table(), function, self._depth(), (scale[:, None] * row).astype(self.dtype), self.offsets @ np.array(self.layout.box.stride),
             (scale[:, None] * self.weights.ravel()).astype(self.dtype),
-        )  # fmt: skip
+        ]  # fmt: skip
         self._numbers = np.array([(a + s * self._centre, a, b, s, g) for a, b, s, g in self.stages.numbers]).astype(self.dtype)
         self._rotation = np.array(self.stages.rotation, np.int64)
 
@@ -193,41 +187,14 @@ class Engine:
         """The operator's weight of a node itself, where the rows do not have it among their weights."""
         return -float(self.weights.sum()) if self.components == 1 else 0.0
 
-    def _depth(self, block: Block) -> int:
+    def _depth(self) -> int:
         """Rows to sweep at a time: few enough that each thread gets some and that, in 3D, the planes they read stay in the second cache."""
-        first, second = block.order[:2]
-        rows, planes = block.nodes[second], 2 * self.layout.reach[first] + 1
-        most = min(64, -(-block.nodes[first] * rows // (8 * self.threads)))
+        box, reach = self.layout.box, self.layout.reach
+        rows, planes = box.nodes[1], 2 * reach[0] + 1
+        most = min(64, -(-box.nodes[0] * rows // (8 * self.threads)))
         if planes > 1:
-            most = min(
-                most, _SECOND_CACHE // (self.components * block.slots.step[second] * self.dtype.itemsize * planes) - 2 * self.layout.reach[second]
-            )
+            most = min(most, _SECOND_CACHE // (self.components * box.stride[1] * self.dtype.itemsize * planes) - 2 * reach[0])
         return -(-rows // -(-rows // max(most, 8)))
-
-    def _trees(self) -> np.ndarray:
-        """Rows (axis, first block, last block + 1, first place) of the compiled loop, one a tree."""
-        blocks = list(self.layout.blocks.values())
-        rows = []
-        for tree, (start, _) in enumerate(self.layout.trees):
-            numbers = [i for i, block in enumerate(blocks) if self.layout.tree(block) == tree]
-            rows.append((blocks[numbers[0]].first, numbers[0], numbers[-1] + 1, start))
-        return np.array(rows, np.int64).reshape(-1, 4)
-
-    def _collect_fills(self) -> None:
-        """Halo tables in one piece each, with the range of every tree (level: last) and axis."""
-        layout = self.layout
-        trees = len(layout.trees)
-        parts: list[np.ndarray] = []
-        ranges = []
-        for found, empty, axis_of in ((layout.copies, np.zeros((2, 0), np.int64), 1), (layout.tasks, np.zeros((0, len(TASK_FIELDS)), np.int64), 0)):
-            pieces, bounds, end = [empty], np.zeros((trees + 1, 3, 2), np.int64), 0
-            for (tree, axis), piece in found.items():
-                pieces.append(piece)
-                bounds[tree, axis] = end, end + piece.shape[axis_of]
-                end += piece.shape[axis_of]
-            parts.append(np.ascontiguousarray(np.concatenate(pieces, axis=axis_of)))
-            ranges.append(bounds)
-        self._fills = parts[0], ranges[0], parts[1], ranges[1], np.array(layout.reach)
 
     def _collect_filter(self) -> None:
         """Tables of the filter that damps short waves in the layers; all layers share the longest one, and what it is applied to."""
@@ -239,28 +206,21 @@ class Engine:
         self._whole = any(layer.whole for layer in layers)
 
     def spread(self, core: np.ndarray, beyond: Mapping[tuple[int, int], float] | None = None) -> np.ndarray:
-        """Nodal values of the core on every place of a level and of the slots: constant along each normal from the core's edge on.
+        """Nodal values of the core on every place of a level: constant along each normal from the core's edge on.
 
         `beyond` gives the value beyond a side (axis, side) where it is not that of the edge.
         """
-        values = np.zeros(self.layout.places, self.dtype)
-        padded = np.asarray(core, float)
-        for axis, m in enumerate(self.layout.reach):
-            mode = "wrap" if axis in self.layout.periodic else "edge"
-            padded = np.pad(padded, [(m, m) if a == axis else (0, 0) for a in range(3)], mode=mode)  # type: ignore[call-overload]
-            for side in (-1, 1):
+        layout, padded = self.layout, np.asarray(core, float)
+        for axis, m in enumerate(layout.reach):
+            mode = "wrap" if axis in layout.periodic else "edge"
+            widths = layout.low[axis] + m, layout.high[axis] + m
+            padded = np.pad(padded, [widths if a == axis else (0, 0) for a in range(3)], mode=mode)  # type: ignore[call-overload]
+            for side, width in zip((-1, 1), widths, strict=True):
                 if beyond is not None and (axis, side) in beyond:
-                    strip = slice(0, m) if side < 0 else slice(padded.shape[axis] - m, None)
+                    strip = slice(0, width) if side < 0 else slice(padded.shape[axis] - width, None)
                     padded[tuple(strip if a == axis else slice(None) for a in range(3))] = beyond[axis, side]
-        for block in self.layout.blocks.values():
-            view = padded
-            for axis, side in enumerate(block.segment):
-                if side:
-                    edge = 0 if side < 0 else -1
-                    view = np.repeat(np.take(view, [edge], axis), block.slots.extent[axis], axis)
-            block.slots.all(values)[...] = view
-        for block in self.layout.blocks.values():
-            values[block.node_indices()] = values[block.slot_indices()]
+        values = np.zeros(layout.size, self.dtype)
+        layout.box.all(values)[...] = padded
         return values
 
     # --- parts that may be set after construction --------------------------------------------------------------
@@ -280,57 +240,48 @@ class Engine:
             Where nodes are, everywhere unless given. No bond leads from or to a place without a node, where all levels
             must hold zero: they do beyond the core and the layers, and the nodes `outside` must be kept so.
         """
-        self.exists = np.ones(self.layout.places, bool) if exists is None else exists
+        self.exists = np.ones(self.layout.size, bool) if exists is None else exists
         kept = self.exists[nodes] & self.exists[neighbours]
         nodes, neighbours, weights = nodes[kept], neighbours[kept], weights[kept]
         self.absent_bonds = len(nodes)
         self._open_rim()
-        tree = np.full(len(nodes), len(self.layout.trees))  # the core comes last
-        local = neighbours.astype(np.int64)
-        for number, (first, last) in enumerate(self.layout.trees):
-            inside = (first <= neighbours) & (neighbours < last)
-            tree[inside], local[inside] = number, local[inside] - first
         swept = self._clear(nodes, neighbours) if self.has_bonds else np.zeros(len(nodes), bool)
-        nodes, local, weights, tree = nodes[~swept], local[~swept], weights[~swept], tree[~swept]
-        order = np.lexsort((local, nodes, tree))
-        ranges = np.searchsorted(tree[order], np.arange(len(self.layout.trees) + 1))
-        self._cuts = ranges, nodes[order].astype(np.int64), local[order], weights[order].astype(self.dtype).ravel()
+        nodes, neighbours, weights = nodes[~swept].astype(np.int64), neighbours[~swept].astype(np.int64), weights[~swept]
+        order = np.lexsort((neighbours, nodes))
+        self._cuts = nodes[order], neighbours[order], weights[order].astype(self.dtype).ravel()
+        self._layers = self._tables.cut(*self._cuts[:2], weights[order])
 
     def _open_rim(self) -> None:
         """Tables of the nodes with bonds to places without a node (see `engine.rim`), and the nodes `outside`."""
-        exists, none = self.exists, np.zeros(0, np.int64)
-        counts, places, taken, outside = [np.zeros(1, np.int64)], [none], [self.weights[:0]], [none]
+        exists, box = self.exists, self.layout.box
+        at: tuple[np.ndarray, ...] = (np.zeros(0, np.int64),) * 3
+        bare = np.zeros((len(self.offsets), 0), bool)
         if not exists.all():
-            self.levels.reshape(len(self.levels), self.components, -1)[..., ~exists[: self.layout.size]] = 0
-            self._filter[4][~exists[self._filter[3]]] = 0  # nothing passes the layers' filter from or to there
-            for block in self.layout.blocks.values():
-                at, bare = bare_bonds(block, self.offsets, exists)
-                flat, slots = block.node_indices()[at], block.slot_indices()[at]
-                self.absent_bonds += int(bare.sum())
-                outside.append(flat[~exists[flat]])
-                kept = exists[flat]
-                if self.has_bonds and block is self.core:
-                    self._clear_bits(flat, bare)
-                    kept &= ~self._in_zone(np.stack(at, axis=1))
-                first, second, third = (at[a][kept] for a in block.order)
-                order = np.lexsort((third, second, first))
-                rows = block.nodes[block.order[0]] * block.nodes[block.order[1]]
-                counts.append(np.bincount(first * block.nodes[block.order[1]] + second, minlength=rows))
-                places.append(third[order])
-                taken.append(self._weights_of(slots[kept], bare[:, kept], block)[order])
-        self.outside = np.concatenate(outside)
-        weights = np.concatenate(taken).astype(self.dtype).reshape(-1, self.components**2)
-        self._rim = shared_rows(np.cumsum(np.concatenate(counts)), np.concatenate(places), weights)
+            self.levels.reshape(len(self.levels), self.components, -1)[..., ~exists] = 0
+            self._filter[3][~exists[damped_nodes(self._filter[4])]] = 0  # nothing passes the layers' filter from or to there
+            at, bare = bare_bonds(box, self.offsets, exists)
+        flat = np.asarray(box.origin + sum(i * s for i, s in zip(at, box.stride, strict=True)))
+        self.absent_bonds += int(bare.sum())
+        self.outside = flat[~exists[flat]]
+        kept = exists[flat]
+        if self.has_bonds:
+            self._clear_bits(flat, bare)
+            kept &= ~self._in_zone(np.stack(at, axis=1))
+        first, second, third = (i[kept] for i in at)
+        order = np.lexsort((third, second, first))
+        counts = np.bincount(first * box.nodes[1] + second, minlength=box.nodes[0] * box.nodes[1])
+        weights = self._weights_of(flat[kept], bare[:, kept])[order].astype(self.dtype).reshape(-1, self.components**2)
+        self._rim = shared_rows(np.cumsum(np.append(0, counts)), third[order], weights)
 
-    def _weights_of(self, slots: np.ndarray, chosen: np.ndarray, block: Block) -> np.ndarray:
-        """Sum of the weights of the `chosen` bonds, shape (K, S), of nodes of a block; shape (S,) or (S, d, d).
+    def _weights_of(self, nodes: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+        """Sum of the weights of the `chosen` bonds, shape (K, S), of nodes; shape (S,) or (S, d, d).
 
         With coefficients, but for those of phases, which change.
         """
-        total = np.zeros((len(slots), *self.weights.shape[1:]))
+        total = np.zeros((len(nodes), *self.weights.shape[1:]))
         for offset, weight, which in zip(self.offsets, self.weights, chosen, strict=True):
-            mine = slots[which]
-            other = mine + int(offset @ np.array(block.stride))
+            mine = nodes[which]
+            other = mine + int(offset @ np.array(self.layout.box.stride))
             factors = np.ones(len(mine)) if self._rule == PHASES else self.bond_factors(mine, other)
             total[which] += np.multiply.outer(factors, weight)
         return total
@@ -345,26 +296,25 @@ class Engine:
         spacing : float
             Of the nodes, in the unit of the field.
         zone : Zone
+            Of the core.
         nonlinear : bool
         limit : float
             Largest ``|xi + eta|^2 / |xi|^2 - 1`` of a bond (linearised: ``2 xi . eta / |xi|^2``) that does not break; may be infinite.
         """
-        block, components, high = self.core, self.components, ROWS[self.components]
+        block, components, high = self.layout.box, self.components, ROWS[self.components]
         xi = spacing * self.offsets[:, 3 - components :].astype(float)
         table = np.column_stack([xi, 1 / (xi**2).sum(1), self.stages.numbers[0][2] * np.asarray(stiffness)]).astype(self.dtype)
         places = np.column_stack([self.offsets @ np.array(block.stride), self.offsets]).astype(np.int64)
-        first = block.order[0]
-        last = block.plane.base + block.plane.extent[first] * block.plane.step[first] + LANES
-        alive = np.zeros((len(all_bits(len(places))), last), np.uint64)
+        alive = np.zeros((len(all_bits(len(places))), block.origin + block.nodes[0] * block.stride[0] + LANES), np.uint64)
         alive[:, block.node_indices()] = all_bits(len(places))[:, None, None, None]
+        zone = zone.moved(self.layout.low)
         rows = block.nodes[0], -(-block.nodes[1] // high)
         kinds = np.zeros((*rows, -(-(zone.end[2] - zone.first[2]) // LANES)), np.uint8)
         rule = RULES[self._rule] if self._coefficient.size > 1 else None
         functions = np.array(load_bonds(components, nonlinear, self.dtype.name, rule), np.int64)
         limits = np.array([limit, (limit / 2 * spacing) ** 2], self.dtype)
         self._bonds = Bonds(functions, table, places, alive, kinds, zone.table(self.layout.reach), limits, nonlinear, np.zeros((*rows, 2)))
-        depths = self._sweeps[3]
-        depths[0] = -(-depths[0] // bond_laws.CALM_ROWS) * bond_laws.CALM_ROWS
+        self._sweep_in_pieces(bond_laws.CALM_ROWS)
         self._find_kinds()
 
     def record_work(self) -> None:
@@ -383,7 +333,7 @@ class Engine:
 
     def _clear(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
         """Clear the bits of bonds of the core; says which of them have their node in the zone, where bits alone count."""
-        block, places = self.core, self._bonds.places
+        block, places = self.layout.box, self._bonds.places
         number = np.full(self._bonds.alive.shape[1], -1)
         number[block.node_indices().ravel()] = np.arange(int(np.prod(block.nodes)))
         mine = np.flatnonzero((nodes < len(number)) & (neighbours < self.layout.size))
@@ -408,7 +358,7 @@ class Engine:
 
     def _find_kinds(self) -> None:
         """Which tiles of the zone are plain: all bonds there, and none leaves the box where bonds follow the law."""
-        block, high, kinds, zone = self.core, ROWS[self.components], self._bonds.kinds, self._bonds.zone
+        block, high, kinds, zone = self.layout.box, ROWS[self.components], self._bonds.kinds, self._bonds.zone
         full = all_bits(len(self._bonds.places))[:, None, None, None]
         odd = (self._bonds.alive[:, block.node_indices()] != full).any(0)
         for axis, m in enumerate(self.layout.reach):
@@ -454,16 +404,17 @@ class Engine:
         `nodes`, of the box from `first` to `end` of the core, says which; bonds to nodes beyond the box count half, across sides that are `whole`,
         shape (3, 2), fully.
         """
-        self.fill(self.current)
-        bounds = np.array(first, np.int64), np.array(end, np.int64)
-        total = bond_laws.strain_energy(self.current, self.older, self._sweeps[1][0], *bounds, nodes, whole, self.components,
+        self.complete(self.current)
+        low = np.array(self.layout.low)
+        bounds = np.array(first, np.int64) + low, np.array(end, np.int64) + low
+        total = bond_laws.strain_energy(self.current, self.older, self._box[0], *bounds, nodes, whole, self.components,
                                         self._coefficient, self._rule, self._bonds)  # fmt: skip
         return float(total) / self.stages.numbers[0][2]
 
     def largest_strain(self) -> float:
         """Largest ``|xi + eta|^2 / |xi|^2 - 1`` (linearised: ``2 xi . eta / |xi|^2``) of the bonds that may break."""
-        self.fill(self.current)
-        return float(bond_laws.largest_strain(self.current, self._sweeps[1][0], self.components, self._bonds))
+        self.complete(self.current)
+        return float(bond_laws.largest_strain(self.current, self._box[0], self.components, self._bonds))
 
     def present_bonds(self, nodes: tuple[slice, ...]) -> np.ndarray:
         """Bits of the bonds that are there and carry something, of the nodes in a part of the core; shape (words, *part)."""
@@ -485,7 +436,7 @@ class Engine:
         Nodes whose new increment is taken whole stay where they are.
         """
         if nodes.size:
-            self._filter[4][np.isin(self._filter[3], nodes[after == 0])] = 0
+            self._filter[3][np.isin(damped_nodes(self._filter[4]), nodes[after == 0])] = 0
         self._damping = (nodes.astype(np.int64), before.astype(self.dtype), after.astype(self.dtype), leak.astype(self.dtype))
 
     def set_phases(self, dissolved: np.ndarray, interface: float, saturation: float, limited: bool = False) -> None:
@@ -505,18 +456,17 @@ class Engine:
         self._coefficient = self.spread(np.where(solid, -interface, 1.0), beyond)
         steps = np.zeros(self.layout.size, np.int64)
         self.core.view(steps)[...] = dissolved
-        depths = self._sweeps[3]
-        depths[0] = -(-depths[0] // TILE_ROWS) * TILE_ROWS
+        self._sweep_in_pieces(TILE_ROWS)
         self._set_tiles(*self._count_solid(), steps, (interface, saturation if limited else np.inf), saturation)
 
     def _count_solid(self) -> tuple[np.ndarray, np.ndarray]:
         """Solid nodes, and all nodes, of each tile and within one reach of it."""
-        return count_solid(self.core.plane.all(self._coefficient) < 0, self.layout.reach, (1, TILE_ROWS, TILE))
+        return count_solid(self.layout.box.all(self._coefficient) < 0, self.layout.reach, (1, TILE_ROWS, TILE))
 
     def _set_tiles(
         self, solids: np.ndarray, volumes: np.ndarray, dissolved: np.ndarray, interface: tuple[float, float], saturation: float
     ) -> None:  # fmt: skip
-        period = np.array([n if a in self.layout.periodic else 0 for a, n in enumerate(self.core.nodes)])
+        period = np.array([n if a in self.layout.periodic else 0 for a, n in enumerate(self.layout.box.nodes)])
         changed, runs = np.ones(len(solids), bool), np.zeros((*solids.shape, 2), np.int32)
         if len(solids):
             find_runs(0, 1, solids, volumes, changed, runs)
@@ -596,15 +546,24 @@ class Engine:
 
     def set_books(
         self, books: np.ndarray, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray, effects: np.ndarray, count: int,
-        ends: np.ndarray = _NO_ENDS,
+        ends: np.ndarray = _NO_ENDS, sides: Mapping[tuple[int, int], tuple[int, np.ndarray]] | None = None,
     ) -> None:  # fmt: skip
         """Bonds whose flow into their node is summed over time, in `count` books, and what each stage's flow adds to a step's.
 
         Places in a level, weights without coefficients; a neighbour below 0 is at zero. `ends`, shape (ends, K): the books of
-        the drivers of exact ends, -1 for none. First-order equations only.
+        the drivers of exact ends, -1 for none. `sides`: the book of a layer (axis, side), and the nodes next to it into which what it adds to these
+        flows is counted. First-order equations only.
         """
         self.flows = np.zeros((2, count))
-        self._books = books.astype(np.int64), nodes.astype(np.int64), neighbours.astype(np.int64), weights.astype(float), effects.astype(float), ends
+        near, rows = [np.zeros(0, np.int64)], []
+        for (axis, _), (number, at) in (sides or {}).items():
+            first = sum(map(len, near))
+            rows.append((axis, number, first, first + len(at)))
+            near.append(at)
+        self._books = (
+            books.astype(np.int64), nodes.astype(np.int64), neighbours.astype(np.int64), weights.astype(float), effects.astype(float), ends,
+            np.array(rows, np.int64).reshape(-1, 4), np.concatenate(near), np.zeros(self.layout.size if rows else 0, self.dtype),
+        )  # fmt: skip
 
     def tie(self, values: np.ndarray) -> None:
         """Set the prescribed nodes of the current level; `values` has what is added to the combinations, one a prescribed node."""
@@ -625,15 +584,14 @@ class Engine:
 
     def lost(self, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray | float) -> np.ndarray:
         """What is absent of the `weights` of bonds of the core (places), whatever the coefficients."""
-        ranges, cut_nodes, cut_neighbours, cut_weights = self._cuts
-        first = ranges[-1]
-        keys = cut_nodes[first:] * self.layout.places + cut_neighbours[first:]
+        cut_nodes, cut_neighbours, cut_weights = self._cuts
+        keys = cut_nodes * self.layout.size + cut_neighbours
         cut = np.zeros(len(nodes))
         if keys.size:
             order = np.argsort(keys)
-            wanted = nodes * self.layout.places + neighbours
+            wanted = nodes * self.layout.size + neighbours
             at = np.minimum(np.searchsorted(keys[order], wanted), keys.size - 1)
-            cut = np.where(keys[order][at] == wanted, cut_weights[first:][order][at].astype(float), 0.0)
+            cut = np.where(keys[order][at] == wanted, cut_weights[order][at].astype(float), 0.0)
         return np.where(self.exists[nodes] == self.exists[neighbours], cut, weights)
 
     # --- the work ----------------------------------------------------------------------------------------------
@@ -659,32 +617,33 @@ class Engine:
         """Indices in a level of all components of nodes that are given by those of the first, component by component."""
         return (nodes.ravel() + self.layout.size * np.arange(self.components)[:, None]).ravel()
 
-    def fill(self, level: np.ndarray, advance: bool = False) -> None:
-        """Fill the halo of a level; with `advance` the layers' memory moves on to its time."""
-        memory = self.memory if advance else self.memory.copy()
-        self._driver.fill(level, self.slots, memory, self._work, self.components, self._sweeps[0], *self._fills, *self._recursion, self.remember)
+    def complete(self, level: np.ndarray) -> None:
+        """Fill the halo of a level across periodic axes."""
+        self._driver.copy(level, self._copies, self.components)
+
+    def remind(self, level: np.ndarray) -> None:
+        """The layers' memory goes through one step in which the field is `level`."""
+        self._stage(level, self.memory)
 
     def apply(self, level: np.ndarray) -> np.ndarray:
         """The operator L on a level, as a level (its nodes only are meaningful); fills the halo of `level`."""
+        return self._stage(level, self.memory.copy())
+
+    def _stage(self, level: np.ndarray, memory: np.ndarray) -> np.ndarray:
         out, base, numbers = self._plain(level)
         self._driver.stage(
-            0, 1, _ALONE, level, base, out, numbers, self.stages.increments, False, self.slots, self.memory.copy(), self._work,
-            self.components, *self._first_sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
-            self._rim, *self._runs, self._lasting_bonds,
+            0, 1, _ALONE, level, base, out, numbers, self.stages.increments, False, self.slots, memory, self._work, self.components, self._first_box,
+            self._layers, self._copies, self._coefficient, self._rule, self._cuts, self._rim, *self._runs, self._lasting_bonds, self._reach,
         )  # fmt: skip
         return (base if self.stages.increments else out) / numbers[3]
 
     def apply_core(self, level: np.ndarray) -> np.ndarray:
-        """The operator L on the core of a level with whatever its halo holds."""
+        """The operator L on a level with whatever its halo holds, with plain shifts everywhere."""
         out, base, numbers = self._plain(level)
-        _, blocks, functions, depths, weights, offsets, general = self._first_sweeps
-        law = (general, *numbers[:3], self.stages.increments, self._rule, self.components, self._runs[1][1])
-        first = blocks[0], functions[0], depths[0], False, weights[0], offsets[0]
-        self._driver.sweep_core(0, 1, _ALONE, level, base, out, *first, self._coefficient, law, numbers[3], self._rim,
-                                *self._runs, self._lasting_bonds, self._fills[4])  # fmt: skip
-        ranges, *cuts = self._cuts
-        self._driver.cut(0, 1, _ALONE, level, level, base, out, numbers[3], self.components, ranges[-1], len(cuts[0]), *cuts, self.stages.increments,
-                         self._coefficient, self._coefficient, self._rule, self._runs[1][1])  # fmt: skip
+        self._driver.sweep_box(
+            0, 1, _ALONE, level, base, out, numbers, self.stages.increments, False, self.components, self._first_box, self._coefficient, self._rule,
+            self._cuts, self._rim, *self._runs, self._lasting_bonds, self._reach,
+        )  # fmt: skip
         return (base if self.stages.increments else out) / numbers[3]
 
     def _plain(self, level: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -698,9 +657,17 @@ class Engine:
         return self._bonds._replace(limit=np.array([np.inf, np.inf], self.dtype))
 
     @property
-    def _first_sweeps(self) -> tuple[np.ndarray, ...]:
-        trees, blocks, functions, depths, weights, offsets, general = self._sweeps
-        return trees, blocks, functions, depths, weights[0], offsets, general[0]
+    def _first_box(self) -> tuple[Any, ...]:
+        block, function, depth, weights, offsets, general = self._box
+        return block, function, depth, weights[0], offsets, general[0]
+
+    @property
+    def _reach(self) -> np.ndarray:
+        return np.array(self.layout.reach)
+
+    def _sweep_in_pieces(self, rows: int) -> None:
+        """From now on sweep whole multiples of some rows at a time."""
+        self._box[2] = -(-self._box[2] // rows) * rows
 
     def advance(
         self, steps: int, source_nodes: np.ndarray, source_fields: np.ndarray, source_times: np.ndarray, held_values: np.ndarray | None = None,
@@ -721,9 +688,8 @@ class Engine:
         self._check_room(steps, source_nodes, source_fields, source_times, held_values, tied_fields, tied_times)
         state = (
             self.phase, self.levels, self._rotation, self._numbers, self.stages.increments, self.slots, self.memory, self._work,
-            self.components, *self._sweeps, *self._fills, *self._recursion, self.remember, self._coefficient, self._rule, *self._cuts,
-            self._rim, *self._runs, self._bonds, self._work_done, *self._tiles, *self._dissolution, self.steps_done,
-            *self._damping,
+            self.components, *self._box, self._layers, self._copies, self._coefficient, self._rule, self._cuts, self._rim, *self._runs, self._bonds,
+            self._reach, self._work_done, *self._tiles, *self._dissolution, self.steps_done, *self._damping,
             (*self._ends, self.heads, self.past, self.history), *self._tied, *self._books, self.flows, self._fringe, (*self._filter, self._whole),
             source_nodes, source_fields, source_times,
             self.held, held_values, tied_fields, tied_times, self.watched, self.seen,
@@ -782,9 +748,9 @@ class Engine:
         self.advance(steps, np.zeros(0, np.int64), np.zeros((0, 0), self.dtype), np.zeros((steps, len(self.stages.numbers), 0), self.dtype), held)
 
     @property
-    def driven(self) -> np.ndarray:
-        """Edges (layer, p) whose memory the field drives; the rest stays zero."""
-        return self._recursion[2] != 0
+    def layer_memory(self) -> list[tuple[tuple[int, int], np.ndarray]]:
+        """Places of the memory that is ever used: (axis, side) of a layer, and an array by component, number, and line; see `LayerTables.cells`."""
+        return self._tables.cells(self._layers.f != 0) if self.remember else []
 
     @property
     def nbytes(self) -> int:

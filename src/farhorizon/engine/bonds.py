@@ -96,6 +96,11 @@ class Zone:
     end: tuple[int, int, int]
     open: tuple[bool, bool, bool] = (False, False, False)
 
+    def moved(self, by: tuple[int, ...]) -> Zone:
+        """The same box, counted from other nodes."""
+        first, end = (tuple(int(n) + d for n, d in zip(at, by, strict=True)) for at in (self.first, self.end))
+        return Zone((first[0], first[1], first[2]), (end[0], end[1], end[2]), self.open)
+
     def table(self, reach: tuple[int, ...]) -> np.ndarray:
         """One row of four times three numbers."""
         more = np.where(self.open, reach, 0)

@@ -16,7 +16,8 @@ from farhorizon.engine.cache import cache_folder, write
 from farhorizon.engine.notice import importing
 
 _HERE = Path(__file__).parent
-_COMPILED_IN = ("bonds", "ends", "filter", "phases", "simd", "simd_bonds", "simd_matrix", "fringe", "layout", "threads")  # modules that templates use
+#: Modules that templates use.
+_COMPILED_IN = ("bonds", "ends", "filter", "phases", "simd", "simd_bonds", "simd_matrix", "fringe", "layout", "nested", "threads")
 _DRIVERS: dict[bool, ModuleType] = {}
 _LOADING = threading.RLock()  # simulations may be made side by side
 
@@ -36,6 +37,12 @@ def load_rows(
     """Address of the compiled rows of a stencil shape (see `engine.simd.line_sweep`; with a pattern `engine.simd_matrix.matrix_line_sweep`)."""
     lines = not increments and max(i for _, _, i in shape) <= (8 if real == "float64" else 16)
     return int(_load("rows", SHAPE=shape, CLASSES=classes, REAL=real, INCREMENTS=increments, LINES=lines, PATTERN=pattern).rows.address)
+
+
+def load_shifts(reach: int, nested: bool, real: str) -> tuple[int, int, int]:
+    """Addresses of stretched shifts outwards and inwards, and of the sums they take (see `engine.simd.stretched_shifts` and `weighted_parts`)."""
+    made = _load("shift_rows", REACH=reach, NESTED=nested, REAL=real)
+    return int(made.outwards.address), int(made.inwards.address), int(made.parts.address)
 
 
 def load_bonds(components: int, nonlinear: bool, real: str, rule: str | None) -> tuple[int, int, int]:

@@ -35,39 +35,27 @@ def filter_tables(layout: Layout, rates: Mapping[tuple[int, int], np.ndarray], t
 
     Returns
     -------
-    taps, steps, box, nodes, strengths, runs, copies : ndarray
+    taps, steps, box, strengths, runs, copies : ndarray
     """
     if not any(np.any(rate) for rate in rates.values()):
         none = np.zeros(0, np.int64)
-        return np.zeros(1), none, np.zeros(0), none, np.zeros(0), np.zeros((0, 3), np.int64), np.zeros((2, 0), np.int64)
-    reach = len(taps) - 1
-    axes = [a for a in range(3) if layout.reach[a]]
-    low = [layout.layers[a, -1][0] if (a, -1) in layout.layers else 0 for a in range(3)]
-    high = [layout.layers[a, 1][0] if (a, 1) in layout.layers else 0 for a in range(3)]
-    pads = [reach if a in axes else 0 for a in range(3)]
-    extent = [n + low[a] + high[a] + 2 * pads[a] for a, n in enumerate(layout.core)]
+        return np.zeros(1), none, np.zeros(0), np.zeros(0), np.zeros((0, 4), np.int64), np.zeros((2, 0), np.int64)
+    nodes, axes = layout.box.nodes, [a for a in range(3) if layout.reach[a]]
+    pads = [len(taps) - 1 if a in axes else 0 for a in range(3)]
+    extent = [n + 2 * pad for n, pad in zip(nodes, pads, strict=True)]
     step = np.array([extent[1] * extent[2], extent[2], 1])
-    places, nodes, strengths = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0)]
-    for segment, block in layout.blocks.items():
-        rate, place = np.zeros((1, 1, 1)), np.zeros((1, 1, 1), np.int64)
-        for axis, (side, count) in enumerate(zip(segment, block.nodes, strict=True)):
-            along = [-1 if a == axis else 1 for a in range(3)]
-            columns = np.arange(count)
-            at = low[axis] + (columns if side == 0 else -1 - columns if side < 0 else layout.core[axis] + columns)
-            place = place + step[axis] * (pads[axis] + at).reshape(along)
-            if side:
-                rate = rate + np.asarray(rates[axis, side], float).reshape(along)
-        if np.any(rate):
-            shape = block.nodes
-            places.append(np.broadcast_to(place, shape).ravel())
-            nodes.append(block.node_indices().ravel())
-            strengths.append(np.broadcast_to(np.sqrt(-np.expm1(-len(axes) * rate * dt) / len(axes)), shape).ravel())
-    box_places = np.concatenate(places)
-    order = np.argsort(box_places)
-    box_places = box_places[order]
+    rate = np.zeros(nodes)
+    for (axis, side), values in rates.items():
+        line = np.zeros(nodes[axis])
+        line[: len(values)] = values[::-1]
+        rate = rate + line[::-side].reshape([-1 if a == axis else 1 for a in range(3)])
+    strengths = np.sqrt(-np.expm1(-len(axes) * rate * dt) / len(axes))
+    parts = [(pad + np.arange(n)) * s for pad, n, s in zip(pads, nodes, step, strict=True)]
+    places = np.add.outer(np.add.outer(parts[0], parts[1]), parts[2])
+    damped = strengths > 0
     return (
-        np.asarray(taps, float), step[axes], np.zeros(int(np.prod(extent))), np.concatenate(nodes)[order], np.concatenate(strengths)[order],
-        _runs(box_places), _wrapped(box_places, layout, step, pads, extent, low),
+        np.asarray(taps, float), step[axes], np.zeros(int(np.prod(extent))), strengths[damped],
+        _runs(places[damped], layout.box.node_indices()[damped]), _wrapped(places[damped], layout, step, pads, extent),
     )  # fmt: skip
 
 
@@ -95,16 +83,21 @@ def line_damping(rates: np.ndarray, taps: np.ndarray, dt: float, across: np.ndar
     return strengths[:, None] * passed * strengths
 
 
-def _runs(places: np.ndarray) -> np.ndarray:
-    """Pieces of neighbouring places: (first place, first entry, entries), shape (P, 3)."""
+def _runs(places: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """Pieces of neighbouring nodes: (place in the box, place in a level, first entry, entries), shape (P, 4)."""
     edges = np.flatnonzero(np.diff(places, prepend=-2) != 1)
     rows = []
     for first, last in zip(edges, np.append(edges[1:], len(places)), strict=True):
-        rows += [(places[i], i, min(_PIECE, last - i)) for i in range(first, last, _PIECE)]
-    return np.array(rows, np.int64).reshape(-1, 3)
+        rows += [(places[i], nodes[i], i, min(_PIECE, last - i)) for i in range(first, last, _PIECE)]
+    return np.array(rows, np.int64).reshape(-1, 4)
 
 
-def _wrapped(places: np.ndarray, layout: Layout, step: np.ndarray, pads: list[int], extent: list[int], low: list[int]) -> np.ndarray:
+def damped_nodes(runs: np.ndarray) -> np.ndarray:
+    """Node in a level of each entry of the strengths, from the table of runs."""
+    return np.concatenate([np.zeros(0, np.int64), *(np.arange(node, node + count) for _, node, _, count in runs)])
+
+
+def _wrapped(places: np.ndarray, layout: Layout, step: np.ndarray, pads: list[int], extent: list[int]) -> np.ndarray:
     """Margins of the box that repeat what lies on the other side of a periodic axis: places to and from, shape (2, C)."""
     found = [np.zeros((2, 0), np.int64)]
     for axis in layout.periodic:
@@ -118,13 +111,12 @@ def _wrapped(places: np.ndarray, layout: Layout, step: np.ndarray, pads: list[in
 
 
 @njit(error_model="numpy", cache=True)
-def _damp(lane, lanes, sync, level, before, share, other, twice, taps, steps, box, nodes, strengths, runs, copies):  # type: ignore[no-untyped-def]
+def _damp(lane, lanes, sync, level, before, share, other, twice, taps, steps, box, strengths, runs, copies):  # type: ignore[no-untyped-def]
     """Take ``D F D (level - share before)`` from `level`, and if `twice` from `other`, too; the rest as of `damp_short_waves`."""
     for piece in range(lane, runs.shape[0], lanes):
-        place, first, count = runs[piece]
+        place, node, first, count = runs[piece]
         for i in range(count):
-            node = nodes[first + i]
-            box[place + i] = strengths[first + i] * (level[node] - share * before[node])
+            box[place + i] = strengths[first + i] * (level[node + i] - share * before[node + i])
     barrier(sync, lanes)
     if copies.shape[1]:
         for i in range(lane, copies.shape[1], lanes):
@@ -132,7 +124,7 @@ def _damp(lane, lanes, sync, level, before, share, other, twice, taps, steps, bo
         barrier(sync, lanes)
     passed = np.empty(_PIECE, box.dtype)
     for piece in range(lane, runs.shape[0], lanes):
-        place, first, count = runs[piece]
+        place, node, first, count = runs[piece]
         for i in range(count):
             passed[i] = steps.size * taps[0] * box[place + i]
         for step in steps:
@@ -141,16 +133,15 @@ def _damp(lane, lanes, sync, level, before, share, other, twice, taps, steps, bo
                 for i in range(count):
                     passed[i] += taps[k] * (behind[i] + ahead[i])
         for i in range(count):
-            node = nodes[first + i]
             taken = strengths[first + i] * passed[i]
-            level[node] -= taken
+            level[node + i] -= taken
             if twice:
-                other[node] -= taken
+                other[node + i] -= taken
     barrier(sync, lanes)
 
 
 @njit(error_model="numpy", cache=True)
-def damp_short_waves(lane, lanes, sync, src, base, out, increments, taps, steps, box, nodes, strengths, runs, copies, whole):  # type: ignore[no-untyped-def]
+def damp_short_waves(lane, lanes, sync, src, base, out, increments, taps, steps, box, strengths, runs, copies, whole):  # type: ignore[no-untyped-def]
     """Filter the increments of a step, ``out - src`` or `base`, or both levels; one lane's share.
 
     Parameters
@@ -161,13 +152,13 @@ def damp_short_waves(lane, lanes, sync, src, base, out, increments, taps, steps,
         Levels of the step.
     increments : bool
         Whether `base` holds the increments.
-    taps, steps, box, nodes, strengths, runs, copies : ndarray
+    taps, steps, box, strengths, runs, copies : ndarray
         From `filter_tables`.
     whole : bool
         Whether the waves themselves are filtered, not their increments alone.
     """
     one = out.dtype.type(1)
-    tables = taps, steps, box, nodes, strengths, runs, copies
+    tables = taps, steps, box, strengths, runs, copies
     if whole:
         older = base if increments else src
         _damp(lane, lanes, sync, out, src, 0 * one, base, False, *tables)

@@ -1,9 +1,9 @@
 """The compiled time loop.
 
-`run` goes through many steps without returning to Python. A step is one or more *stages*; a stage goes through the trees of the
-layers, fills and sweeps each (``out = a*in + b*base + weights * neighbours``), then sweeps the core, whose halo is now complete.
-Arrays named ``levels[l]`` are flat time levels laid out by `engine.layout`, ``slots`` the continued values of one tree. Of a field of
-several components each level, the slots and the layers' memory hold as many copies of the layout, one after the other.
+`run` goes through many steps without returning to Python. A step is one or more *stages*; a stage sweeps the box of all nodes
+(``out = a*in + b*base + weights * neighbours``) and then adds what the layers contribute (see `engine.nested`).
+Arrays named ``levels[l]`` are flat time levels laid out by `engine.layout`. Of a field of several components each level holds as many copies of
+the layout, one after the other.
 
 This text is a template: `engine.build` writes it out with and without the kernels of what few runs have (`RARE`: phases, bonds
 that break, exact ends, outlines), which take as long to compile as all others.
@@ -18,22 +18,18 @@ from farhorizon.engine.compiled import njit
 from farhorizon.engine.ends import exact_ends
 from farhorizon.engine.filter import damp_short_waves
 from farhorizon.engine.fringe import close_fringe
-from farhorizon.engine.layout import LINES
+from farhorizon.engine.nested import add_layers, continue_lines
 from farhorizon.engine.phases import LIQUID, SOLID, dissolve, find_runs
-from farhorizon.engine.simd import TILE, TILE_ROWS, call_sweep, stretch_chain, sweep_phases, weigh
+from farhorizon.engine.simd import TILE, TILE_ROWS, call_sweep, sweep_phases, weigh
 from farhorizon.engine.threads import barrier, claim
 
 CHUNK = 64
 SHIFTS = 12  # column of a block's row where the distances of the components begin
-LONG, GRAIN = 256, np.int64(16)  # nodes of a row that is worth cutting, and of the pieces: whole cache lines
 
 RARE = True
 
 # Plain numbers among the arguments would be types of their own, for each of which Numba compiles a function anew.
 NONE, ONE = np.int64(0), np.int64(1)
-
-stretch_remembering = stretch_chain(LINES, True)
-stretch_memoryless = stretch_chain(LINES, False)
 
 
 @njit(error_model="numpy", cache=True)
@@ -203,11 +199,10 @@ def sweep_two_phases(src, base, out, block, number, depth, function, weights, of
 
 
 @njit(error_model="numpy", cache=True)
-def release(src, base, out, block, rows, number, depth, begin, end, law, scale, coefficient, rim):
+def release(src, base, out, block, number, depth, begin, end, law, scale, coefficient, rim):
     """Take back the bonds to places without a node, of the nodes `begin` to `end` of the rows of one part of a block.
 
-    There all is zero, so the sweep has taken the bonds' weights times the node's own value (see `engine.rim`). `rows`
-    is the number of the block's first row.
+    There all is zero, so the sweep has taken the bonds' weights times the node's own value (see `engine.rim`).
     """
     ranges, stretches, weights = rim
     increments, rule, components, ceiling = law[4], law[5], law[6], law[7]
@@ -216,7 +211,7 @@ def release(src, base, out, block, rows, number, depth, begin, end, law, scale, 
     i0, first = number % block[1], (number // block[1]) * depth
     for i1 in range(first, min(first + depth, block[2])):
         start, to = block[0] + i0 * block[4] + i1 * block[5], block[9] + i0 * block[10] + i1 * block[11]
-        row = rows + i0 * block[2] + i1
+        row = i0 * block[2] + i1
         for stretch in range(ranges[row, 0], ranges[row, 1]):
             place, stop = max(stretches[stretch, 0], begin), min(stretches[stretch, 1], end)
             entry = place + stretches[stretch, 2]
@@ -260,229 +255,85 @@ def sweep_core(lane, lanes, sync, src, base, out, block, function, depth, backwa
                 else:
                     sweep_part(src, base, out, block, number, depth, NONE, block[3], function, weights, offsets, coefficient, law)
                 if rim[1].size:
-                    release(src, base, out, block, NONE, number, depth, NONE, block[3], law, scale, coefficient, rim)
+                    release(src, base, out, block, number, depth, NONE, block[3], law, scale, coefficient, rim)
             claimed = claim(sync, owner) if lanes > 1 else 1
 
 
 @njit(error_model="numpy", cache=True)
-def share(lane, lanes, count, grain):
-    """Range of a lane among `count` pieces, in whole grains: what it fills it sweeps, too, as the threads' caches may lie far apart."""
-    first, last = lane * count // lanes // grain * grain, (lane + 1) * count // lanes // grain * grain
-    return first, count if lane == lanes - 1 else last
+def share(lane, lanes, count):
+    """Range of a lane among `count` pieces."""
+    return lane * count // lanes, (lane + 1) * count // lanes
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_tree(lane, lanes, slots, base, out, first, last, blocks, functions, depths, weights, offsets, coefficient,
-               law, scale, rim):  # fmt: skip
-    """The blocks of a tree: long rows are cut among the lanes, of short ones each takes its parts."""
-    rows = 0
-    for k in range(first):
-        rows += blocks[k, 1] * blocks[k, 2]
-    for k in range(first, last):
-        parts, nodes = (0, count_parts(blocks[k], depths[k])), (0, blocks[k, 3])
-        if nodes[1] >= LONG:
-            nodes = share(lane, lanes, nodes[1], GRAIN)
-        else:
-            parts = share(lane, lanes, parts[1], ONE)
-        for number in range(parts[0], parts[1]):
-            sweep_part(slots, base, out, blocks[k], number, depths[k], nodes[0], nodes[1], functions[k], weights[k], offsets[k], coefficient, law)
-            if rim[1].size:
-                release(slots, base, out, blocks[k], rows, number, depths[k], nodes[0], nodes[1], law, scale,
-                        coefficient, rim)  # fmt: skip
-        rows += blocks[k, 1] * blocks[k, 2]
-
-
-@njit(error_model="numpy", cache=True)
-def stretch(near, diagonal, here, far, step, memory, r, e, f, turn, n, count, like, remember):
-    """One more offset along a chain of columns, with the layer's memory or without."""
-    if remember:
-        stretch_remembering(near, diagonal, here, far, step, memory, r, e, f, turn, n, count, like)
-    else:
-        stretch_memoryless(near, diagonal, here, far, step, memory, r, e, f, turn, n, count, like)
-
-
-@njit(error_model="numpy", cache=True)
-def continue_lines(inner, inner_k, slot, slot_p, slot_k, zero, memory, cell, kmax, columns, r, e, f, count, remember):
-    """U(p, k) for all k from U(p, 0) and the core's edge: outer end inwards for k > 0, outwards for k < 0 (the mirror image).
-
-    Byte addresses of U(0, 0), of U(1, 0) and of zeros, and the distances between offsets k and between columns p.
-    """
-    like, size = r[0], r.itemsize
-    low = np.int64(r.ctypes.data), np.int64(e.ctypes.data), np.int64(f.ctypes.data)
-    high = low[0] + columns * size, low[1] + columns * size, low[2] + columns * size
-    none, one = np.int64(0), np.int64(1)
-    for k in range(kmax):
-        here, far, last = slot + k * slot_k, slot + (k + 1) * slot_k, (columns - 1) * slot_p
-        stretch(zero, zero, here + last, far + last, -slot_p, memory, high[0], high[1], high[2], -one, columns, count, like, remember)
-        memory += columns * cell
-        edge = inner + k * inner_k
-        stretch(here, far, edge, edge + inner_k, none, memory, low[0], low[1], low[2], one, one, count, like, remember)
-        memory += cell
-    for k in range(kmax):
-        here, edge = slot - k * slot_k, inner - k * inner_k
-        stretch(edge, edge - inner_k, here, here - slot_k, slot_p, memory, low[0], low[1], low[2], one, columns, count, like, remember)
-        memory += columns * cell
-
-
-@njit(error_model="numpy", cache=True)
-def move(to, at, step, source, start, source_step, count):
-    """`count` values from one array to another."""
-    for i in range(count):
-        to[at + i * step] = source[start + i * source_step]
-
-
-@njit(error_model="numpy", cache=True)
-def fill_task(level, slots, memory, work, task, m, r, e, f, remember):
-    """Continue one bundle of lines into a layer: read the edge of what lies inside, write its halo and the layer's slots.
-
-    work[0] holds zeros; lines whose values are not neighbours in memory pass through the rest of it.
-    """
-    inner, inner_k, inner_line, node, node_p, node_line = task[0], task[1], task[2], task[3], task[4], task[5]
-    slot, slot_p, slot_k, slot_line = task[6], task[7], task[8], task[9]
-    count, kmax, columns, first = task[10], task[12], task[14], task[15]
-    source = level if first else slots
-    size = work.itemsize
-    zero, cell, one = np.int64(work.ctypes.data), LINES * size, np.int64(1)
-    row, middle = (2 * m + 1) * LINES, m * LINES  # values of one column in the work space; place of k = 0
-    inside, outside = inner_line == 1, slot_line == 1  # in place
-    edge, edge_k = np.int64(source.ctypes.data) + inner * size, inner_k * size
-    if not inside:
-        edge, edge_k = zero + (row + middle) * size, cell
-        for k in range(kmax + 1):
-            move(work, row + middle - k * LINES, one, source, inner - k * inner_k, inner_line, count)
-    begin, p_step, k_step = np.int64(slots.ctypes.data) + slot * size, slot_p * size, slot_k * size
-    if outside:
-        if first:
-            for p in range(columns):
-                move(slots, slot + p * slot_p, one, level, node + p * node_p, node_line, count)
-    else:
-        begin, p_step, k_step = zero + (2 * row + middle) * size, row * size, cell
-        for p in range(columns):
-            move(work, (p + 2) * row + middle, one, source, node + p * node_p, node_line, count)
-    continue_lines(
-        edge, edge_k, begin, p_step, k_step, zero, np.int64(memory.ctypes.data) + task[11] * size, cell, kmax, columns, r, e, f, count, remember
-    )
-    if not inside:
-        for k in range(1, kmax + 1):
-            move(source, inner + k * inner_k, inner_line, work, row + middle + k * LINES, one, count)
-    if not outside:
-        for k in range(-kmax, kmax + 1):
-            if k != 0 or first:
-                for p in range(columns):
-                    move(slots, slot + p * slot_p + k * slot_k, slot_line, work, (p + 2) * row + middle + k * LINES, one, count)
-
-
-@njit(error_model="numpy", cache=True)
-def copy(array, copies, bounds, components):
+def copy(array, copies, components):
     """Periodic copies."""
+    size = array.size // components
     for c in range(components):
-        values = component(array, c, components)
-        for i in range(bounds[0], bounds[1]):
-            values[copies[0, i]] = values[copies[1, i]]
+        for i in range(copies.shape[1]):
+            array[c * size + copies[0, i]] = array[c * size + copies[1, i]]
 
 
 @njit(error_model="numpy", cache=True)
-def fill_tree(lane, lanes, sync, tree, level, slots, memory, work, components, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember):
-    """Halo and slots of one tree, axis by axis."""
-    for axis in range(3):
-        bounds = copy_ranges[tree, axis]
-        if bounds[0] < bounds[1]:
-            if lane == 0:
-                copy(slots, copies, bounds, components)
-            barrier(sync, lanes)
-        first, last = task_ranges[tree, axis, 0], task_ranges[tree, axis, 1]
-        if first < last:
-            own = share(lane, lanes, last - first, ONE)
-            for c in range(components):
-                values, places, past = component(level, c, components), component(slots, c, components), component(memory, c, components)
-                for t in range(first + own[0], first + own[1]):
-                    profile = tasks[t, 13]
-                    fill_task(values, places, past, work[lane], tasks[t], reach[axis], r[profile], e[profile], f[profile], remember)
-            barrier(sync, lanes)
-
-
-@njit(error_model="numpy", cache=True)
-def fill(level, slots, memory, work, components, trees, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember):
-    """Fill all halos of one level and advance the layers' memory to its time."""
-    sync = np.zeros(1, np.int64)
-    lane, lanes = np.int64(0), np.int64(1)
-    for axis in range(3):
-        copy(level, copies, copy_ranges[-1, axis], components)
-        for tree in range(trees.shape[0]):
-            if trees[tree, 0] == axis:
-                fill_tree(
-                    lane, lanes, sync, tree, level, slots, memory, work, components, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember
-                )
-
-
-@njit(error_model="numpy", cache=True)
-def run_start(nodes, i, first, last):
-    """The first place from i on, between `first` and `last`, where another node begins."""
-    while first < i < last and nodes[i] == nodes[i - 1]:
+def run_start(nodes, i):
+    """The first place from i on where another node begins."""
+    while 0 < i < nodes.size and nodes[i] == nodes[i - 1]:
         i += 1
     return i
 
 
 @njit(error_model="numpy", cache=True)
-def cut(lane, lanes, sync, src, values, base, out, scale, components, first, last, nodes, neighbours, weights, increments, coefficient, material,
-        rule, ceiling):  # fmt: skip
-    """Take back the absent bonds from `nodes` to `neighbours` among `values`, whose coefficients are `material`.
-
-    All those of a node belong to one lane.
-    """
-    if first == last:
+def cut(lane, lanes, sync, src, base, out, scale, components, nodes, neighbours, weights, increments, coefficient, rule, ceiling):
+    """Take back the absent bonds from `nodes` to `neighbours`; all those of a node belong to one lane."""
+    if nodes.size == 0:
         return
-    own = share(lane, lanes, last - first, ONE)
-    begin, end = run_start(nodes, first + own[0], first, last), run_start(nodes, first + own[1], first, last)
-    here, there = src.size // components, values.size // components
-    for i in range(begin, end):
+    own = share(lane, lanes, nodes.size)
+    apart = src.size // components
+    for i in range(run_start(nodes, own[0]), run_start(nodes, own[1])):
         factor, mine, other = scale, coefficient[0], coefficient[0]
         if coefficient.size > 1:
-            mine, other = coefficient[nodes[i]], material[neighbours[i]]
+            mine, other = coefficient[nodes[i]], coefficient[neighbours[i]]
             factor *= bond_factor(rule, mine, other)
         for column in range(components):
-            difference = factor * bond_gap(rule, mine, other, src[nodes[i] + column * here], values[neighbours[i] + column * there], ceiling)
+            difference = factor * bond_gap(rule, mine, other, src[nodes[i] + column * apart], src[neighbours[i] + column * apart], ceiling)
             for row in range(components):
                 lost = weights[(i * components + row) * components + column] * difference
-                out[nodes[i] + row * here] -= lost
+                out[nodes[i] + row * apart] -= lost
                 if increments:
-                    base[nodes[i] + row * here] -= lost
+                    base[nodes[i] + row * apart] -= lost
     barrier(sync, lanes)
 
 
 @njit(error_model="numpy", cache=True)
-def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slots, memory, work, components, trees, blocks, functions, depths,
-          weights, offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
-          cut_ranges, cut_nodes, cut_neighbours, cut_weights, rim, runs, interface, bonds):  # fmt: skip
+def sweep_box(lane, lanes, sync, src, base, out, numbers, increments, backward, components, box, coefficient, rule, cuts, rim, runs, interface, bonds,
+              reach):  # fmt: skip
+    """``out = a*src + b*base + scale*L(src)`` on all nodes, with plain shifts; `box`: see `Engine`."""
+    block, function, depth, weights, offsets, general = box
+    law = (general, numbers[0], numbers[1], numbers[2], increments, rule, components, interface[1])
+    sweep_core(lane, lanes, sync, src, base, out, block, function, depth, backward, weights, offsets, coefficient, law, numbers[3], rim, runs,
+               interface, bonds, reach)  # fmt: skip
+    barrier(sync, lanes)
+    cut(lane, lanes, sync, src, base, out, numbers[3], components, cuts[0], cuts[1], cuts[2], increments, coefficient, rule,
+        interface[1])  # fmt: skip
+
+
+@njit(error_model="numpy", cache=True)
+def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slots, memory, scratch, components, box, layers, copies, coefficient,
+          rule, cuts, rim, runs, interface, bonds, reach):  # fmt: skip
     """``out = a*src + b*base + scale*L(src)`` everywhere; fills the halo of `src` and advances the layers' memory to its time.
 
-    trees[tree] = (axis, first block, last block + 1, first coefficient); numbers = (a, a for differences, b, scale, source scale).
+    numbers = (a, a for differences, b, scale, source scale).
     """
-    scale = numbers[3]
-    law = (general, numbers[0], numbers[1], numbers[2], increments, rule, components, interface[1])
-    for axis in range(3):
-        bounds = copy_ranges[-1, axis]
-        if bounds[0] < bounds[1]:
-            if lane == 0:
-                copy(src, copies, bounds, components)
-            barrier(sync, lanes)
-        for tree in range(trees.shape[0]):
-            if trees[tree, 0] == axis:
-                fill_tree(
-                    lane, lanes, sync, tree, src, slots, memory, work, components, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember
-                )
-                first, last = trees[tree, 1], trees[tree, 2]
-                material = coefficient[trees[tree, 3] :] if coefficient.size > 1 else coefficient
-                sweep_tree(lane, lanes, slots, base, out, first, last, blocks, functions, depths, weights, offsets,
-                           material, law, scale, rim)  # fmt: skip
-                barrier(sync, lanes)
-                cut(lane, lanes, sync, src, slots, base, out, scale, components, cut_ranges[tree], cut_ranges[tree + 1], cut_nodes, cut_neighbours,
-                    cut_weights, increments, coefficient, material, rule, interface[1])  # fmt: skip
-    sweep_core(lane, lanes, sync, src, base, out, blocks[0], functions[0], depths[0], backward, weights[0], offsets[0],
-               coefficient, law, scale, rim, runs, interface, bonds, reach)  # fmt: skip
-    barrier(sync, lanes)
-    cut(lane, lanes, sync, src, src, base, out, scale, components, cut_ranges[trees.shape[0]], cut_nodes.size, cut_nodes, cut_neighbours, cut_weights,
-        increments, coefficient, coefficient, rule, interface[1])  # fmt: skip
+    if copies.shape[1]:
+        if lane == 0:
+            copy(src, copies, components)
+        barrier(sync, lanes)
+    continue_lines(lane, lanes, sync, src, layers, slots, memory, scratch[lane], components)
+    sweep_box(lane, lanes, sync, src, base, out, numbers, increments, backward, components, box, coefficient, rule, cuts, rim, runs, interface, bonds,
+              reach)  # fmt: skip
+    material = coefficient if rule != PHASES else coefficient[:1]  # all is liquid in and beside layers
+    for axis in range(2, -1, -1):
+        add_layers(lane, lanes, sync, axis, src, base, out, numbers[3], increments, layers, slots, memory, scratch[lane], components, material, rule)
 
 
 @njit(error_model="numpy", cache=True)
@@ -523,6 +374,25 @@ def book(src, books, nodes, neighbours, weights, effect, flows, coefficient, rul
 
 
 @njit(error_model="numpy", cache=True)
+def book_layers(lane, lanes, sync, src, sides, nodes, inflow, effect, flows, layers, slots, memory, scratch, coefficient, rule):
+    """Add what layers without memory bring to the nodes of the core next to them; sides[i] = (axis, book, first node, last node + 1).
+
+    `inflow` is a level to work in. The slots are those of `src`.
+    """
+    for axis in range(3):
+        if lane == 0:
+            inflow[:] = 0
+        barrier(sync, lanes)
+        add_layers(lane, lanes, sync, axis, src, inflow, inflow, inflow.dtype.type(1), False, layers, slots, memory, scratch, 1, coefficient, rule)
+        if lane == 0:
+            for i in range(sides.shape[0]):
+                if sides[i, 0] == axis:
+                    for k in range(sides[i, 2], sides[i, 3]):
+                        add_to(flows, sides[i, 1], effect * np.float64(inflow[nodes[k]]))
+        barrier(sync, lanes)
+
+
+@njit(error_model="numpy", cache=True)
 def book_ends(books, forces, effect, flows):
     """Add what exact ends bring to their drivers, whose books are books[end, m], none below 0."""
     for end in range(books.shape[0]):
@@ -532,13 +402,12 @@ def book_ends(books, forces, effect, flows):
 
 
 @njit(error_model="numpy", nogil=True, cache=True)
-def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, slots, memory, scratch, components, trees, blocks, functions, depths,
-        weights, offsets, general, copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember, coefficient, rule,
-        cut_ranges, cut_nodes, cut_neighbours, cut_weights, rim, runs, interface, bonds, work, solids, volumes, changed,
-        dissolved, total, saturation,
-        period, steps_before, damped, damp_before, damp_after, damp_leak, ends,
-        tied, tied_starts, tied_sources, tied_weights, books, book_nodes, book_neighbours, book_weights, book_effects, end_books, flows,
-        fringe, short_waves, source_nodes, source_fields, source_times, held, held_times, tied_fields, tied_times, watched, seen):  # fmt: skip
+def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, slots, memory, scratch, components, block, function, depth,
+        weights, offsets, general, layers, copies, coefficient, rule, cuts, rim, runs, interface, bonds, reach, work, solids, volumes, changed,
+        dissolved, total, saturation, period, steps_before, damped, damp_before, damp_after, damp_leak, ends,
+        tied, tied_starts, tied_sources, tied_weights, books, book_nodes, book_neighbours, book_weights, book_effects, end_books, layer_books,
+        layer_nodes, inflow, flows, fringe, short_waves, source_nodes, source_fields, source_times, held, held_times, tied_fields, tied_times,
+        watched, seen):  # fmt: skip
     """One lane's share of `steps` steps from the rotation `phase`.
 
     After them the level ``stages[(phase + steps) % rotations, 0, 0]`` holds the state, where stages[phase, stage] = (in, base, out)
@@ -565,10 +434,9 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                     else:
                         base[node] = src[node] - (src[node] - base[node]) * damp_before[i]
                 barrier(sync, lanes)
-            stage(lane, lanes, sync, src, base, out, numbers[part], increments, (phase + part) % 2 == 1, slots, memory, scratch, components, trees,
-                  blocks, functions, depths, weights[part], offsets, general[part], copies, copy_ranges, tasks, task_ranges, reach, r, e, f, remember,
-                  coefficient, rule, cut_ranges, cut_nodes, cut_neighbours, cut_weights, rim, runs, interface,
-                  bonds)  # fmt: skip
+            box = (block, function, depth, weights[part], offsets, general[part])
+            stage(lane, lanes, sync, src, base, out, numbers[part], increments, (phase + part) % 2 == 1, slots, memory, scratch, components, box,
+                  layers, copies, coefficient, rule, cuts, rim, runs, interface, bonds, reach)  # fmt: skip
             if RARE and bounded:
                 if lane == 0:
                     exact_ends(src, base, out, scale, increments, *ends)
@@ -591,7 +459,7 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                     if increments:
                         base[node] = out[node] - src[node]
                 barrier(sync, lanes)
-            if short_waves[5].size:
+            if short_waves[4].size:
                 for c in range(components):
                     damp_short_waves(lane, lanes, sync, component(src, c, components), component(base, c, components),
                                      component(out, c, components), increments, *short_waves)  # fmt: skip
@@ -604,6 +472,9 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                 barrier(sync, lanes)
             if RARE and work.size and source_fields.shape[0]:
                 book_work(lane, lanes, work, base, out, source_nodes, source_fields, source_times[step, part])
+            if inflow.size and book_effects[part] != 0:
+                book_layers(lane, lanes, sync, src, layer_books, layer_nodes, inflow, book_effects[part], flows, layers, slots, memory, scratch[lane],
+                            coefficient if rule != PHASES else coefficient[:1], rule)  # fmt: skip
             if books.size or tied.size:
                 if lane == 0:
                     if books.size and book_effects[part] != 0:
@@ -615,18 +486,17 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
             if RARE and fringe[0].size:
                 close_fringe(lane, lanes, sync, src, base, out, increments, *fringe)
         if RARE and runs.size:
-            dissolve(lane, lanes, levels[stages[phase, per_step - 1, 2]], coefficient, dissolved, total, steps_before + step + 1, blocks[0],
+            dissolve(lane, lanes, levels[stages[phase, per_step - 1, 2]], coefficient, dissolved, total, steps_before + step + 1, block,
                      solids, changed, saturation, period, runs, reach)  # fmt: skip
             barrier(sync, lanes)
             if total[0] != known:
                 known = total[0]
                 find_runs(lane, lanes, solids, volumes, changed, runs)
                 barrier(sync, lanes)
-                for axis in range(3):
-                    if period[axis] > 0:
-                        if lane == 0:
-                            copy(coefficient, copies, copy_ranges[-1, axis], ONE)
-                        barrier(sync, lanes)
+                if copies.shape[1]:
+                    if lane == 0:
+                        copy(coefficient, copies, ONE)
+                    barrier(sync, lanes)
         state = levels[stages[phase, per_step - 1, 2]]  # the next step does not write it before its first barrier
         for i in range(lane, watched.size, lanes):
             seen[step, i] = state[watched[i]]

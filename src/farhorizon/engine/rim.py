@@ -31,21 +31,17 @@ def bare_bonds(block: Block, offsets: np.ndarray, exists: np.ndarray) -> tuple[t
         Which bonds these are.
     """
     at = np.nonzero(_reached(block, exists) & _reached(block, ~exists))
-    slots = block.slots.origin + sum(i * s for i, s in zip(at, block.slots.step, strict=True))
-    bare = np.stack([exists[slots] != exists[slots + int(offset @ np.array(block.stride))] for offset in offsets])
+    flat = block.origin + sum(i * s for i, s in zip(at, block.stride, strict=True))
+    bare = np.stack([exists[flat] != exists[flat + int(offset @ np.array(block.stride))] for offset in offsets])
     found = bare.any(0)
     return tuple(i[found] for i in at), bare[:, found]
 
 
 def _reached(block: Block, there: np.ndarray) -> np.ndarray:
-    """Nodes of a block in whose box of one reach a place is `there`; along a normal a layer is like its first node."""
-    grid = block.slots
-    pads = [0 if side else m for m, side in zip(block.reach, block.segment, strict=True)]
-    first = grid.origin - sum(p * s for p, s in zip(pads, grid.step, strict=True))
-    shape = [n + 2 * p for n, p in zip(block.nodes, pads, strict=True)]
-    found = np.lib.stride_tricks.as_strided(there[first:], shape, [s * there.itemsize for s in grid.step])
-    for axis, p in enumerate(pads):
-        found = np.asarray(np.lib.stride_tricks.sliding_window_view(found, 2 * p + 1, axis).any(-1))
+    """Nodes of a block in whose box of one reach a place is `there`."""
+    found = block.all(there)
+    for axis, m in enumerate(block.reach):
+        found = np.asarray(np.lib.stride_tricks.sliding_window_view(found, 2 * m + 1, axis).any(-1))
     return found
 
 

@@ -548,70 +548,277 @@ def any_below(typingctx, coefficient, values, limit, n, count, step):  # type: i
     return types.boolean(types.int64, types.int64, limit, *[types.int64] * 3), codegen
 
 
-def stretch_chain(lines: int, remember: bool) -> Any:
-    """Make the intrinsic that continues a bundle of lines by one offset along a chain of columns.
+_IN_FLIGHT = 8  # sums that a loop needs at a time, so that none waits for its own last addition
 
-    ``stretch(near, diagonal, here, far, step, memory, r, e, f, turn, n, count, like)``: at each of `n` columns, `step` bytes apart,
-    ``d = here - diagonal; far = near + r*d - memory; memory = e*memory + f*d`` on the first `count` of `lines` values side by
-    side (without the memory unless `remember`), where `near` and `diagonal` are `here` and `far` of the column before.
 
-    All but `turn` (+1 or -1: direction in which the tables r, e, f are read), `n`, `count` and `like` (a number of the wanted
-    precision) are byte addresses; n > 0. Reads up to `lines` values from each address, writes `count`. A whole bundle has plain
-    stores: what a masked store wrote cannot be read back before it has reached the cache.
+def weighted_parts(parts: int, real: str) -> Any:
+    """Make the intrinsic that sums lines with weights, to several sums at a time, for nodes that go through side by side.
+
+    ``sums(to, to_step, source, ends, places, weights, weight_step, vectors, least, more)``: byte addresses of the first sum and the
+    distance between them, of the first node, and of tables. The terms come in groups: those of all sums, of all but the last, and so on; ``ends``
+    (int64) holds their first and last numbers, ``places`` (int64) how far, in bytes, what they take lies from the node, ``weights`` a row
+    of weights a term, ``weight_step`` bytes apart. Groups of fewer than `least` sums are left out; where `more` is not 0 the sums are added to.
     """
 
-    def chain(builder: ir.IRBuilder, args: tuple[Any, ...], vectors: Vectors, stores: list[Any]) -> None:
-        near, diagonal, here, far, step, memory, r, e, f, turn, n, _, like = args
-        parts = range(len(stores))
+    def emit(builder: ir.IRBuilder, args: tuple[Any, ...]) -> None:
+        to, to_step, source, ends, places, weights, weight_step, number, least, more = args
+        vectors = Vectors.of(builder, real)
+        width = vectors.lanes * vectors.size
+        zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
+        fresh = builder.icmp_signed("==", more, I64(0))
+        limits = [builder.load(vectors.pointer(builder.add(ends, I64(8 * i)), I64)) for i in range(parts + 1)]
 
-        def at(address: Any, part: int) -> Any:
-            return builder.add(address, I64(part * vectors.lanes * vectors.size))
+        def place(k: int, at: Any, part: int) -> Any:
+            return builder.add(builder.add(to, builder.mul(I64(k), to_step)), builder.add(at, I64(part * width)))
 
-        start = [vectors.load(at(address, part)) for address in (near, diagonal) for part in parts]
-        before, body, after = builder.block, builder.append_basic_block("columns"), builder.append_basic_block("done")
-        builder.branch(body)
-        builder.position_at_end(body)
-        column = builder.phi(I64)
-        carried = [builder.phi(vectors.type) for _ in start]
-        for phi, first in zip([column, *carried], [I64(0), *start], strict=True):
-            phi.add_incoming(first, before)
-        move, turned = builder.mul(column, step), builder.mul(builder.mul(column, turn), I64(vectors.size))
-        kept = builder.add(memory, builder.mul(column, I64(lines * vectors.size)))
-        r_all, e_all, f_all = (vectors.splat(builder.load(vectors.pointer(builder.add(table, turned), like.type))) for table in (r, e, f))
-        heres, news = [], []
-        for part, store in enumerate(stores):
-            value = vectors.load(at(builder.add(here, move), part))
-            d = builder.fsub(value, carried[len(parts) + part])
-            new = vectors.multiply_add(carried[part], r_all, d)
-            if remember:
-                old = vectors.load(at(kept, part))
-                new = builder.fsub(new, old)
-                store(vectors.multiply_add(builder.fmul(e_all, old, flags=_CONTRACT), f_all, d), at(kept, part))
-            store(new, at(builder.add(far, move), part))
-            heres.append(value)
-            news.append(new)
-        following = builder.add(column, I64(1))
-        for phi, value in zip([column, *carried], [following, *heres, *news], strict=True):
-            phi.add_incoming(value, builder.block)
-        builder.cbranch(builder.icmp_signed("<", following, n), body, after)
-        builder.position_at_end(after)
+        def grown(term: Any, at: Any, used: int, many: int, totals: list[Any]) -> list[Any]:
+            here = builder.add(source, builder.load(vectors.pointer(builder.add(places, builder.mul(term, I64(8))), I64)))
+            here = builder.add(here, at)
+            w = vectors.splat_all(builder.add(weights, builder.mul(term, weight_step)), used)
+            values = [vectors.load(builder.add(here, I64(part * width))) for part in range(many)]
+            return [vectors.multiply_add(total, w[i // many], values[i % many]) for i, total in enumerate(totals)]
+
+        def loop(first: Any, last: Any, step: int, start: list[Any], body: Callable[[Any, list[Any]], list[Any]]) -> tuple[Any, list[Any]]:
+            before, test, inside, after = builder.block, *(builder.append_basic_block(name) for name in ("test", "term", "done"))
+            builder.branch(test)
+            builder.position_at_end(test)
+            term, *values = [builder.phi(I64), *(builder.phi(vectors.type) for _ in start)]
+            for phi, value in zip([term, *values], [first, *start], strict=True):
+                phi.add_incoming(value, before)
+            following = builder.add(term, I64(step))
+            builder.cbranch(builder.icmp_signed("<=", following, last), inside, after)
+            builder.position_at_end(inside)
+            for phi, value in zip([term, *values], [following, *body(term, values)], strict=True):
+                phi.add_incoming(value, builder.block)
+            builder.branch(test)
+            builder.position_at_end(after)
+            return term, values
+
+        def block(at: Any, many: int) -> None:
+            totals = [builder.select(fresh, zero, vectors.load(place(k, at, part))) for k in range(parts) for part in range(many)]
+            for group in range(parts):
+                used = parts - group
+                last = builder.select(builder.icmp_signed("<=", least, I64(used)), limits[group + 1], limits[group])
+                mine, turns = totals[: used * many], max(1, -(-_IN_FLIGHT // (used * many)))
+                term = limits[group]
+                if turns > 1:
+                    def several(term: Any, sums: list[Any], used: int = used, turns: int = turns) -> list[Any]:
+                        size = used * many
+                        return [v for t in range(turns) for v in grown(builder.add(term, I64(t)), at, used, many, sums[t * size : (t + 1) * size])]
+
+                    term, sums = loop(term, last, turns, [*mine, *[zero] * ((turns - 1) * len(mine))], several)
+                    mine = [vectors.sum(sums[i :: used * many]) for i in range(used * many)]
+                _, mine = loop(term, last, 1, mine, lambda term, sums, used=used: grown(term, at, used, many, sums))  # type: ignore[misc]
+                totals[: used * many] = mine
+            for i, total in enumerate(totals):
+                vectors.store(total, place(i // many, at, i % many))
+
+        many, done = 4 if parts <= 5 else 2, I64(0)
+        while many:
+            end = builder.mul(builder.sdiv(number, I64(many)), I64(many * width))
+            with cgutils.for_range_slice(builder, done, end, I64(many * width), I64) as (at, _):
+                block(at, many)
+            done, many = end, many // 2
 
     @intrinsic
-    def stretch(typingctx, near, diagonal, here, far, step, memory, r, e, f, turn, n, count, like):  # type: ignore[no-untyped-def]
+    def sums(typingctx, to, to_step, source, ends, places, weights, weight_step, vectors, least, more):  # type: ignore[no-untyped-def]
         def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-            count, like = args[-2:]
-            full = 8 if isinstance(like.type, ir.DoubleType) else 16
-            one, many = Vectors(builder, like.type, 1), Vectors(builder, like.type, full)
-            with builder.if_else(builder.icmp_signed("==", count, I64(lines))) as (whole, part):
-                with whole:
-                    chain(builder, args, many, [many.store] * (lines // full))
-                with part, builder.if_else(builder.icmp_signed("==", count, I64(1))) as (single, several):
-                    with single:
-                        chain(builder, args, one, [one.store])
-                    with several:
-                        chain(builder, args, many, [many.store_first(builder.sub(count, I64(first))) for first in range(0, lines, full)])
+            emit(builder, args)
             return context.get_dummy_value()
 
-        return types.void(*[types.int64] * 12, like), codegen
+        return PARTS_SIGNATURE, codegen
 
-    return stretch
+    return sums
+
+
+PARTS_SIGNATURE = types.void(*[types.int64] * 10)
+
+
+@intrinsic
+def call_parts(typingctx, function, to, to_step, source, ends, places, weights, weight_step, vectors, least, more):  # type: ignore[no-untyped-def]
+    """Call compiled `weighted_parts` by their address."""
+    signature = types.void(*[types.int64] * 11)
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        kind = ir.FunctionType(ir.VoidType(), [arg.type for arg in args[1:]])
+        builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
+        return context.get_dummy_value()
+
+    return signature, codegen
+
+
+def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str) -> Any:
+    """Make the intrinsic that applies stretched shifts in one direction along lines that go through side by side; see `engine.nested`.
+
+    ``shifts(parts, part_step, part_k, found, found_step, found_k, memory, cell, r, e, f, columns, vectors)``: byte addresses of column 0 and the
+    distances between columns and between k; of the memory, one cell an application, outwards from the outer end, and the bytes of a cell (0: there is
+    none, e and f are zero); of the tables of edges. Outwards what is found is stored, from column 1 - reach on, inwards added, from column 1 on.
+    Nested: a part for each column and k, the sum found for each column; else one value for each column, what is found for each k.
+    """
+    steps = list(range(reach))
+    order = steps[::-1] if nested else steps  # the applications one after the other
+    ahead = 1 if nested else -1  # the one before k is k + ahead
+
+    def emit(builder: ir.IRBuilder, args: tuple[Any, ...]) -> None:
+        parts, part_step, part_k, found, found_step, found_k, memory, cell, r, e, f, columns, number = args
+        vectors = Vectors.of(builder, real)
+        width = vectors.lanes * vectors.size
+        zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
+
+        def shifted(address: Any, *moves: tuple[Any, Any]) -> Any:
+            for count, distance in moves:
+                address = builder.add(address, builder.mul(count if isinstance(count, ir.Value) else I64(count), distance))
+            return address
+
+        def apply(at: Any, column: Any, carried: list[Any], edge: Any, cells: Any) -> tuple[list[Any], list[Any]]:
+            """One column: what is carried on to the next (v, q and the sums of c for each k), and the sums; no edge: plain shifts."""
+            v, q, t = carried[:reach], carried[reach : 2 * reach], carried[2 * reach :]
+            v_new, q_new, t_new = list(v), list(q), list(t)
+            if edge is not None:
+                r_all, e_all, f_all = (vectors.splat(builder.load(vectors.pointer(builder.add(table, edge), vectors.scalar))) for table in (r, e, f))
+            here = builder.add(shifted(parts, (column, part_step)), at)
+            for turn, k in enumerate(order):
+                before = v_new[k + ahead] if turn else None
+                new = vectors.load(shifted(here, (k if nested else 0, part_k))) if nested or not turn else None
+                new = before if new is None else new if before is None else builder.fadd(new, before)
+                q_new[k], v_new[k] = new, q[k]
+                if edge is not None:
+                    place = shifted(cells, (turn, cell))
+                    d, kept = builder.fsub(new, v[k]), vectors.load(place)
+                    c = builder.fsub(builder.fmul(r_all, d, flags=_CONTRACT), kept, flags=_CONTRACT)
+                    vectors.store(vectors.multiply_add(builder.fmul(e_all, kept, flags=_CONTRACT), f_all, d), place)
+                    v_new[k] = builder.fadd(q[k], c)
+                    t_new[k] = builder.fadd(t[k + ahead], c) if turn else c
+            return [*v_new, *q_new, *t_new], [t_new[0]] if nested else t_new
+
+        def loop(count: Any, start: list[Any], body: Callable[[Any, list[Any]], list[Any]]) -> list[Any]:
+            before, test, inside, after = builder.block, *(builder.append_basic_block(name) for name in ("test", "column", "done"))
+            builder.branch(test)
+            builder.position_at_end(test)
+            turn, *values = [builder.phi(I64), *(builder.phi(vectors.type) for _ in start)]
+            for phi, value in zip([turn, *values], [I64(0), *start], strict=True):
+                phi.add_incoming(value, before)
+            builder.cbranch(builder.icmp_signed("<", turn, count), inside, after)
+            builder.position_at_end(inside)
+            grown = body(turn, values)
+            for phi, value in zip([turn, *values], [builder.add(turn, I64(1)), *grown], strict=True):
+                phi.add_incoming(value, builder.block)
+            builder.branch(test)
+            builder.position_at_end(after)
+            return values
+
+        def stretched(at: Any, turn: Any, carried: list[Any]) -> list[Any]:
+            column = builder.sub(columns, turn) if outwards else builder.add(turn, I64(1))
+            edge = builder.mul(column if outwards else turn, I64(vectors.size))
+            cells = builder.add(shifted(memory, (builder.mul(turn, I64(reach)), cell)), at)
+            carried, sums = apply(at, column, carried, edge, cells)
+            to = builder.add(shifted(found, (column, found_step)), at)
+            for k, value in enumerate(sums):
+                place = shifted(to, (k, found_k))
+                vectors.store(value if outwards else builder.fadd(vectors.load(place), value), place)
+            return carried
+
+        def side_by_side(at: Any, many: int) -> None:
+            """All columns of some vectors; two at a time wait less for each other's additions."""
+            places, size = [builder.add(at, I64(i * width)) for i in range(many)], 3 * reach
+
+            def each(body: Callable[[Any, list[Any]], list[Any]]) -> Callable[[list[Any]], list[Any]]:
+                return lambda c: [v for i, place in enumerate(places) for v in body(place, c[i * size : (i + 1) * size])]
+
+            carried = [zero] * (size * many)
+            if not outwards:
+                carried = loop(I64(reach + 1), carried, lambda turn, c: each(
+                    lambda place, c: apply(place, builder.sub(turn, I64(reach)), c, None, None)[0])(c))  # fmt: skip
+            count = builder.add(columns, I64(1)) if outwards else columns
+            carried = loop(count, carried, lambda turn, c: each(lambda place, c: stretched(place, turn, c))(c))
+            for i, place in enumerate(places if outwards else ()):
+                sums = carried[i * size + 2 * reach : (i + 1) * size]
+                for near in range(1, reach):
+                    to = builder.add(shifted(found, (-near, found_step)), place)
+                    for k in range(1 if nested else reach):
+                        source = k + near * ahead
+                        vectors.store(sums[source] if 0 <= source < reach else zero, shifted(to, (k, found_k)))
+
+        many, done = 2 if reach < 5 else 1, I64(0)
+        while many:
+            end = builder.mul(builder.sdiv(number, I64(many)), I64(many * width))
+            with cgutils.for_range_slice(builder, done, end, I64(many * width), I64) as (at, _):
+                side_by_side(at, many)
+            done, many = end, many // 2
+
+    @intrinsic
+    def shifts(typingctx, parts, part_step, part_k, found, found_step, found_k, memory, cell, r, e, f, columns, vectors):  # type: ignore[no-untyped-def]
+        def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+            emit(builder, args)
+            return context.get_dummy_value()
+
+        return SHIFTS_SIGNATURE, codegen
+
+    return shifts
+
+
+SHIFTS_SIGNATURE = types.void(*[types.int64] * 13)
+
+
+@intrinsic
+def call_shifts(typingctx, function, parts, part_step, part_k, found, found_step, found_k, memory, cell, r, e, f, columns, vectors):  # type: ignore[no-untyped-def]
+    """Call compiled `stretched_shifts` by their address."""
+    signature = types.void(*[types.int64] * 14)
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        kind = ir.FunctionType(ir.VoidType(), [arg.type for arg in args[1:]])
+        builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
+        return context.get_dummy_value()
+
+    return signature, codegen
+
+
+#: Lines and columns that `turn` exchanges at a time.
+TURNED = 8
+
+
+@intrinsic
+def turn(typingctx, source, step, last, to, to_step, to_last, like):  # type: ignore[no-untyped-def]
+    """Turn a square of values: value j of line i of `source` becomes value i of line j of `to`.
+
+    Byte addresses and distances of lines, `TURNED` values each of the type of `like`; lines after `last`, or `to_last`, are not there.
+    """
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        source, step, last, to, to_step, to_last, like = args
+        vectors = Vectors(builder, like.type, TURNED)
+
+        def place(start: Any, line: int, distance: Any, end: Any) -> Any:
+            number = builder.select(builder.icmp_signed("<", end, I64(line)), end, I64(line))
+            return builder.add(start, builder.mul(number, distance))
+
+        lines, half = [vectors.load(place(source, i, step, last)) for i in range(TURNED)], TURNED // 2
+        low, high = ([i + TURNED * j for i in range(first, first + half) for j in (0, 1)] for first in (0, half))
+        for _ in range(3):  # each round sorts by one more bit of the line's number
+            pairs = [(lines[i], lines[i + half]) for i in range(half)]
+            lines = [builder.shuffle_vector(*pair, ir.Constant(ir.VectorType(I32, TURNED), picked)) for pair in pairs for picked in (low, high)]
+        for i in reversed(range(TURNED)):  # a line that is not there goes where the last one goes afterwards
+            vectors.store(lines[i], place(to, i, to_step, to_last))
+        return context.get_dummy_value()
+
+    return types.void(*[types.int64] * 6, like), codegen
+
+
+@intrinsic
+def add_lines(typingctx, source, to, scale, count):  # type: ignore[no-untyped-def]
+    """``to += scale * source`` on `count` neighbouring values; byte addresses."""
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        source, to, scale, count = args
+        vectors = Vectors.of(builder, str(signature.args[2]))
+        factor = vectors.splat(scale)
+
+        def chunk(x: Any, store: Callable[[Any, Callable[[Any, Any], None]], None]) -> None:
+            at = builder.mul(x, I64(vectors.size))
+            there = builder.add(to, at)
+            store(vectors.multiply_add(vectors.load(there), factor, vectors.load(builder.add(source, at))), there)
+
+        vectors.in_chunks(count, chunk)
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.int64, scale, types.int64), codegen

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from farhorizon.engine import Engine
-from farhorizon.engine.layout import LINES, TASK_FIELDS
 
 
 class State:
@@ -29,10 +28,9 @@ class State:
 
     def __init__(self, engine: Engine) -> None:
         self.engine = engine
-        nodes = np.concatenate([b.node_indices().ravel() for b in engine.layout.blocks.values()])
+        nodes = engine.layout.box.node_indices().ravel()
         self._nodes = engine.all_components(nodes[engine.exists[nodes]])
-        cells = np.concatenate([np.zeros(0, np.int64), *(cells.ravel() for face in self._faces() for cells in face)])
-        self._memory = (cells + engine.memory.size // engine.components * np.arange(engine.components)[:, None]).ravel()
+        self._memory = np.concatenate([np.zeros(0, np.int64), *(cells.ravel() for _, cells in engine.layer_memory)])
         poles = engine.poles
         self._modes = np.nonzero(np.concatenate([poles.any(1)] * 2, axis=1))
         self.size = len(self.read())
@@ -41,19 +39,6 @@ class State:
         """Levels that a step reads before it writes them: that of the field, and for second order its past or its increment."""
         source, base, _ = self.engine.stages.rotation[phase][0]
         return [source] if base == source or self.engine.stages.numbers[0][1] == 0 else [source, base]
-
-    def _faces(self) -> list[list[np.ndarray]]:
-        """Places of the memory that is ever used: for each face between a block and a layer, arrays (cells of a line, lines) of its tasks."""
-        if not self.engine.remember:
-            return []
-        return [[self._cells(dict(zip(TASK_FIELDS, row, strict=True))) for row in tasks.tolist()] for tasks in self.engine.layout.tasks.values()]
-
-    def _cells(self, task: dict[str, int]) -> np.ndarray:
-        """Memory of one halo task; the compiled sweep goes inwards for k > 0 and outwards for k < 0, one cell an edge."""
-        columns = task["columns"]
-        edges = np.concatenate([np.tile(np.arange(columns, -1, -1), task["kmax"]), np.tile(np.arange(columns), task["kmax"])])
-        used = np.flatnonzero(self.engine.driven[task["profile"], edges])
-        return task["memory"] + LINES * used[:, None] + np.arange(task["count"])
 
     def write(self, values: np.ndarray) -> None:
         """Put the engine into a state."""
@@ -99,22 +84,20 @@ class State:
         The rows are its translations along the other axes, the last axis fastest.
         """
         axis = next(a for a in range(3) if self.engine.layout.reach[a])
-        components, blocks = self.engine.components, self.engine.layout.blocks.values()
+        layout, components = self.engine.layout, self.engine.components
+        low, inside, high = layout.low[axis], layout.core[axis], layout.high[axis]
+        columns = [(-1, low - 1 - i, low) for i in range(low)] + [(0, i, inside) for i in range(inside)] + [(1, i, high) for i in range(high)]
         place, names, start = [], [], 0
         for level, c in itertools.product(range(len(self._levels(0))), range(components)):
-            for block in blocks:
-                count, side, n = int(np.prod(block.nodes)), block.segment[axis], block.nodes[axis]
-                place.append(np.moveaxis(np.arange(start, start + count).reshape(block.nodes), axis, 0).reshape(n, -1))
-                names += [(level, c, side, p, n) for p in range(n)]  # a layer's nodes are counted outwards
-                start += count
-        for c in range(components):
-            for (_, side), face in zip(self.engine.layout.task_sides, self._faces(), strict=False):
-                found = []
-                for cells in face:
-                    found.append(np.arange(start, start + cells.size).reshape(cells.shape))
-                    start += cells.size
-                place.append(np.concatenate(found, axis=1))
-                names += [(-1, c, side, p, len(place[-1])) for p in range(len(place[-1]))]
+            count = int(np.prod(layout.box.nodes))
+            place.append(np.moveaxis(np.arange(start, start + count).reshape(layout.box.nodes), axis, 0).reshape(len(columns), -1))
+            names += [(level, c, *column) for column in columns]  # a layer's nodes are counted outwards
+            start += count
+        for (_, side), cells in self.engine.layer_memory:
+            for c, found in enumerate(cells):
+                place.append(np.arange(start, start + found.size).reshape(found.shape))
+                names += [(-1, c, side, p, len(found)) for p in range(len(found))]
+                start += found.size
         number = {name: i for i, name in enumerate(names)}
         images = [number.get((level, c, -side, p if side else n - 1 - p, n)) for level, c, side, p, n in names]
         signs = np.array([-1 if components > 1 and c == 0 else 1 for _, c, *_ in names])  # the first component is that along the normal

@@ -1,0 +1,102 @@
+"""The compiled layers, nested along two axes, against every continued field written out: one memory for each offset of the stencil."""
+
+import numpy as np
+import pytest
+
+from farhorizon.engine import Engine, Layer
+from farhorizon.integrators import Verlet
+
+SEED = 20261122
+
+
+class WrittenOut:
+    """Stretched shifts on the whole box, axis by axis: ``u(p + 1) + r (u(p) - v(p + 1)) - N`` against the direction of the shift, zero beyond."""
+
+    def __init__(self, shape, layers, dt):
+        self.memory, self.edges = {}, []
+        for axis, n in enumerate(shape):
+            r, e, f = np.zeros((3, n + 1))  # edge i lies between nodes i - 1 and i
+            for side in (-1, 1):
+                if (axis, side) in layers:
+                    for row, values in zip((r, e, f), layers[axis, side].recursion(dt), strict=True):
+                        row[slice(None, len(values)) if side < 0 else slice(-len(values), None)] = values[::side]
+            self.edges.append((r, e, f))
+
+    def shift(self, u, axis, sign, key):
+        """One node on along an axis; advances the memory of this application."""
+        r, e, f = (t if sign > 0 else t[::-1] for t in self.edges[axis])
+        u = np.moveaxis(u, axis, 0)[::sign]
+        past = self.memory.setdefault(key, np.zeros((len(u) + 1, *u.shape[1:])))
+        v, ahead, beyond = np.zeros_like(u), np.zeros_like(u[0]), np.zeros_like(u[0])
+        for p in range(len(u) - 1, -1, -1):
+            d = u[p] - ahead
+            v[p] = beyond + r[p + 1] * d - past[p]
+            past[p] = e[p + 1] * past[p] + f[p + 1] * d
+            ahead, beyond = v[p], u[p]
+        return np.moveaxis(v[::sign], 0, axis)
+
+    def apply(self, u, offsets, weights):
+        """The operator on a field of several components."""
+        known = {(0, 0, 0): u}
+
+        def continued(offset):
+            if offset not in known:
+                axis = max(a for a in range(3) if offset[a])
+                sign = int(np.sign(offset[axis]))
+                before = tuple(o - sign * (a == axis) for a, o in enumerate(offset))
+                parts = enumerate(continued(before))
+                known[offset] = np.stack([self.shift(part, axis, sign, (offset, c)) for c, part in parts])
+            return known[offset]
+
+        return sum(np.tensordot(w, continued(tuple(o)) - u, 1) for o, w in zip(offsets.tolist(), weights, strict=True))
+
+
+def random_stencil(random, dim, components, mirrored):
+    """Offsets in three axes, reach 1 to 3 along each, and matrices; as a whole even, and along each axis if wanted."""
+    reach = [0] * (3 - dim) + random.integers(1, 4, dim).tolist()
+    grid = np.array(list(np.ndindex(*[2 * m + 1 for m in reach]))) - reach
+    grid = grid[grid.any(1)]
+    table = random.uniform(0, 1, (*[m + 1 for m in reach], components, components)) if mirrored else None
+    values = {}
+    for o in map(tuple, grid.tolist()):
+        opposite = tuple(-i for i in o)
+        values[o] = table[tuple(map(abs, o))] if mirrored else values.get(opposite, random.uniform(0, 1, (components, components)))
+    weights = np.array([values[tuple(o)] for o in grid.tolist()])
+    return grid, (weights + weights.swapaxes(1, 2)) / 2
+
+
+@pytest.mark.parametrize("mirrored", [True, False])
+@pytest.mark.parametrize(("dim", "components"), [(1, 1), (2, 1), (2, 2), (3, 1), (3, 3)])
+def test_every_layer_is_that_of_continued_fields(dim, components, mirrored):
+    """Faces, edges and corners, sides of different thickness or without a layer, general stretches."""
+    random = np.random.default_rng([SEED, dim, components, mirrored])
+    print("seed", SEED)
+    offsets, weights = random_stencil(random, dim, components, mirrored)
+    reach = np.abs(offsets).max(0)
+    core = tuple(int(2 * m + 3 + random.integers(3)) if m else 1 for m in reach)  # data vanish on the last reach + 1 nodes
+    layers = {}
+    for axis in range(3 - dim, 3):
+        for side in (-1, 1):
+            columns = int(random.integers(1, 6))
+            stretch = random.uniform([[1.0], [0.0], [0.0]], [[3.0], [2.0], [0.5]], (3, columns + 1))
+            layers[axis, side] = Layer(*stretch)
+    if dim > 1:
+        del layers[3 - dim, 1]
+    dt = 0.5 / np.sqrt(np.abs(weights).sum())
+    engine = Engine(core, offsets, weights if components > 1 else weights[:, 0, 0], Verlet.stages(dt, 0.0, dim == 1), dt, layers=layers)
+    box = engine.layout.box
+    start = np.zeros((components, *box.nodes))
+    middle = tuple(low + n // 2 for low, n in zip(engine.layout.low, core, strict=True))
+    start[(slice(None), *middle)] = random.standard_normal(components)
+    engine.layout.box.view(engine.levels[0])[...] = start if components > 1 else start[0]
+    if dim > 1:
+        engine.layout.box.view(engine.levels[1])[...] = start if components > 1 else start[0]
+    reference = WrittenOut(box.nodes, layers, dt)
+    old, new = start, start
+    steps = 25
+    for _ in range(steps):
+        old, new = new, 2 * new - old + dt**2 * reference.apply(new, offsets, weights)
+    engine.advance_alone(steps)
+    found = box.view(engine.current).reshape(new.shape)
+    assert np.abs(found - new).max() < 1e-12 * np.abs(new).max()
+    assert np.abs(new).max() > 1e-3
