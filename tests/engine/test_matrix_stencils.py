@@ -88,7 +88,7 @@ def test_layers_are_swept_alike_with_and_without_compiled_rows(dim, monkeypatch)
 
     fast = run()
     assert fast.engine._box[1]
-    monkeypatch.setattr("farhorizon.engine.stencil_rows._UNROLLED_LIMIT", 0)
+    monkeypatch.setattr("farhorizon.engine.stencil_rows.UNROLLED_LIMIT", 0)
     slow = run()
     assert not slow.engine._box[1]
     for name in ("levels", "memory"):

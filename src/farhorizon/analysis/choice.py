@@ -17,8 +17,7 @@ from farhorizon.analysis.short_waves import HighPass
 from farhorizon.engine import Layer
 
 _SHIFT = 1e-3  # alpha in units of speed / spacing: bounds the drift at zero frequency; ten times as much spoils long waves
-_WEAK = 0.06  # damping rate over sigma up to which the damping is too weak to be felt on the ramps of stencils without backward waves
-_SOFT, _MORE = 4, 12  # power of the ramp of such a damping beside a steeper sigma, and how much more of it that takes near the entrance
+_SOFT, _MORE = 4, 3  # power of the ramp of such a damping beside a steeper sigma, and how much more of it that takes near the entrance
 _DRIFT = (0.006, 0.03)  # alpha at the outer end in speed / spacing where waves are at rest, of two nodes or longer ones, too
 _EARLIER = (0.92, 1.0)  # power of sigma's ramp in which their damping rises
 
@@ -85,7 +84,7 @@ def smooth_ramp(depth: np.ndarray) -> np.ndarray:
 
 def weak(damped: HighPass | None) -> bool:
     """Whether the ramps of stencils without backward waves serve."""
-    return damped is None or damped.strength <= _WEAK
+    return damped is None or damped.weak
 
 
 def layer_reflection(wave: Wave, layer: Layer) -> float:

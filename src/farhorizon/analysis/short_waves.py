@@ -17,7 +17,7 @@ themselves are damped (`whole`), so that s becomes ``s + rate`` for what passes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -33,6 +33,8 @@ _PACE, _INNER, _SECOND = 1e-3, 0.2, 0.01  # waves that stand still: their group 
 _SLOW = 1.7  # rate over sigma beyond which the shortest waves hardly move: 2 where they are at rest, much more if longer ones are, too
 _STILL = 50.0  # beyond that waves longer than two nodes are at rest
 _WHOLE = ((1.21, 2.5), (1.45, 20.0))  # of both: half passes at so many times the first backward wavenumber; rate over sigma
+_SHORT = 3, 1  # orders of a filter of three neighbours
+_WEAK = 0.06  # damping rate over sigma below which a layer does not feel the damping: there a short filter is steep enough
 _MOST = 0.95  # largest damping rate over sigma that is wanted: the steepest filters need more, and let waves grow between those looked at
 
 
@@ -57,6 +59,11 @@ class HighPass:
     strength: float
     first: float
     whole: bool = False
+
+    @property
+    def weak(self) -> bool:
+        """Whether so little is damped that the ramps of stencils without backward waves serve."""
+        return self.strength <= _WEAK
 
     @property
     def still(self) -> bool:
@@ -85,7 +92,8 @@ def high_pass(stencil: Stencil) -> HighPass | None:
     -------
     HighPass or None
         Waves that stand still count as backward ones. Of all filters of one length that need a rate of at most sigma, the one that damps waves of
-        60 % of the first such wavenumber least; where none is enough, the one that needs the least rate. Of materials with zero-energy modes a
+        60 % of the first such wavenumber least; where none is enough, the one that needs the least rate. Where that is very little it is a filter of three
+        neighbours, which costs less and does less to waves that a thin layer must absorb. Of materials with zero-energy modes a
         filter for the waves themselves.
     """
     zone, growth = stencil.layer_growth
@@ -97,17 +105,24 @@ def high_pass(stencil: Stencil) -> HighPass | None:
         return None
     first = float(np.sqrt(sum(axis**2 for axis in zone))[backward].min())
     count = max(_TAPS, _TAPS_PER_REACH * max(stencil.reach))
+
+    def rate_of(filtered: HighPass) -> float:
+        passed = sum(filtered.passed(axis).ravel()[index] for axis, index in zip(zone, backward, strict=True))
+        return float((2 * worst[backward] / np.maximum(passed, 1e-300)).max())
+
     found = []
     for rise in range(1, count + 1):
         filtered = HighPass(rise, count + 1 - rise, 1.0, first)
-        passed = sum(filtered.passed(axis).ravel()[index] for axis, index in zip(zone, backward, strict=True))
-        rate = float((2 * worst[backward] / np.maximum(passed, 1e-300)).max())
+        rate = rate_of(filtered)
         found.append((max(rate, _MOST), rate * float(filtered.passed(min(_RESOLVED * first, 1.0))), rise, rate))
     _, _, rise, rate = min(found)
     if rate > _SLOW:
         share, strength = _WHOLE[rate > _STILL]
         rise = round((count + 1) * float(np.sin(min(share * first, np.pi) / 2) ** 2))
         return HighPass(rise, count + 1 - rise, strength, first, True)
+    if _MARGIN * rate <= _WEAK:
+        short = HighPass(*_SHORT, 1.0, first)
+        return replace(short, strength=_MARGIN * rate_of(short))
     return HighPass(rise, count + 1 - rise, _MARGIN * rate, first)
 
 

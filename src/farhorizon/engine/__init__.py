@@ -141,7 +141,7 @@ class Engine:
         self.remember = any(np.any(layer.sigma) for layer in self.layers.values())
         recursion = {name: layer.recursion(dt) for name, layer in self.layers.items()}
         matrices = self.weights.reshape(len(self.weights), self.components, self.components)
-        self._tables = LayerTables(self.layout, self.offsets, matrices, recursion, self.dtype, self.remember)
+        self._tables = LayerTables(self.layout, self.offsets, matrices, recursion, self.dtype, self.remember, coefficient is None)
         self._layers = self._tables.layers
         self.levels = _zeros(self.components * self.layout.size, self.dtype, stages.levels)
         self.slots = _zeros(self._tables.slots, self.dtype)
@@ -258,7 +258,7 @@ class Engine:
         bare = np.zeros((len(self.offsets), 0), bool)
         if not exists.all():
             self.levels.reshape(len(self.levels), self.components, -1)[..., ~exists] = 0
-            self._filter[3][~exists[damped_nodes(self._filter[4])]] = 0  # nothing passes the layers' filter from or to there
+            self._filter[3][np.flatnonzero(~exists[damped_nodes(self._filter[4])])] = 0  # nothing passes the layers' filter from or to there
             at, bare = bare_bonds(box, self.offsets, exists)
         flat = np.asarray(box.origin + sum(i * s for i, s in zip(at, box.stride, strict=True)))
         self.absent_bonds += int(bare.sum())
@@ -436,7 +436,7 @@ class Engine:
         Nodes whose new increment is taken whole stay where they are.
         """
         if nodes.size:
-            self._filter[3][np.isin(damped_nodes(self._filter[4]), nodes[after == 0])] = 0
+            self._filter[3][np.flatnonzero(np.isin(damped_nodes(self._filter[4]), nodes[after == 0]))] = 0
         self._damping = (nodes.astype(np.int64), before.astype(self.dtype), after.astype(self.dtype), leak.astype(self.dtype))
 
     def set_phases(self, dissolved: np.ndarray, interface: float, saturation: float, limited: bool = False) -> None:

@@ -17,7 +17,7 @@ from farhorizon.engine.notice import importing
 
 _HERE = Path(__file__).parent
 #: Modules that templates use.
-_COMPILED_IN = ("bonds", "ends", "filter", "phases", "simd", "simd_bonds", "simd_matrix", "fringe", "layout", "nested", "threads")
+_COMPILED_IN = ("bonds", "ends", "filter", "phases", "simd", "simd_bonds", "simd_layers", "simd_matrix", "fringe", "layout", "nested", "threads")
 _DRIVERS: dict[bool, ModuleType] = {}
 _LOADING = threading.RLock()  # simulations may be made side by side
 
@@ -43,6 +43,14 @@ def load_shifts(reach: int, nested: bool, real: str) -> tuple[int, int, int]:
     """Addresses of stretched shifts outwards and inwards, and of the sums they take (see `engine.simd.stretched_shifts` and `weighted_parts`)."""
     made = _load("shift_rows", REACH=reach, NESTED=nested, REAL=real)
     return int(made.outwards.address), int(made.inwards.address), int(made.parts.address)
+
+
+def load_parts(
+    shape: tuple[tuple[int, int, int], ...], pattern: tuple[tuple[bool, ...], ...], axis: int, both: bool, apart: bool, differ: bool, real: str
+) -> int:  # fmt: skip
+    """Address of the sums across lines of a stencil that goes over into itself in mirrors (see `engine.simd_layers.mirrored_parts`)."""
+    made = _load("part_rows", SHAPE=shape, PATTERN=pattern, AXIS=axis, BOTH=both, APART=apart, DIFFER=differ, REAL=real)
+    return int(made.parts.address)
 
 
 def load_bonds(components: int, nonlinear: bool, real: str, rule: str | None) -> tuple[int, int, int]:

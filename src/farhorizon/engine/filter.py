@@ -15,7 +15,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from farhorizon.engine.compiled import njit
-from farhorizon.engine.layout import Layout
+from farhorizon.engine.layout import SLACK, Layout
+from farhorizon.engine.simd import take_passed, weigh_change
 from farhorizon.engine.threads import barrier
 
 _PIECE = 256  # nodes of a run that one lane takes at a time
@@ -36,6 +37,7 @@ def filter_tables(layout: Layout, rates: Mapping[tuple[int, int], np.ndarray], t
     Returns
     -------
     taps, steps, box, strengths, runs, copies : ndarray
+        The box and the strengths go on for `SLACK` values.
     """
     if not any(np.any(rate) for rate in rates.values()):
         none = np.zeros(0, np.int64)
@@ -54,7 +56,7 @@ def filter_tables(layout: Layout, rates: Mapping[tuple[int, int], np.ndarray], t
     places = np.add.outer(np.add.outer(parts[0], parts[1]), parts[2])
     damped = strengths > 0
     return (
-        np.asarray(taps, float), step[axes], np.zeros(int(np.prod(extent))), strengths[damped],
+        np.asarray(taps, float), step[axes], np.zeros(int(np.prod(extent)) + SLACK), np.append(strengths[damped], np.zeros(SLACK)),
         _runs(places[damped], layout.box.node_indices()[damped]), _wrapped(places[damped], layout, step, pads, extent),
     )  # fmt: skip
 
@@ -113,30 +115,25 @@ def _wrapped(places: np.ndarray, layout: Layout, step: np.ndarray, pads: list[in
 @njit(error_model="numpy", cache=True)
 def _damp(lane, lanes, sync, level, before, share, other, twice, taps, steps, box, strengths, runs, copies):  # type: ignore[no-untyped-def]
     """Take ``D F D (level - share before)`` from `level`, and if `twice` from `other`, too; the rest as of `damp_short_waves`."""
-    for piece in range(lane, runs.shape[0], lanes):
+    size, like = level.itemsize, level[0]
+    levels, befores, others = level.ctypes.data, before.ctypes.data, other.ctypes.data
+    places, weights, filtered = box.ctypes.data, strengths.ctypes.data, taps.ctypes.data
+    apart = steps * size
+    own = lane * runs.shape[0] // lanes, (lane + 1) * runs.shape[0] // lanes
+    for piece in range(own[0], own[1]):
         place, node, first, count = runs[piece]
-        for i in range(count):
-            box[place + i] = strengths[first + i] * (level[node + i] - share * before[node + i])
+        weigh_change(places + place * size, levels + node * size, befores + node * size, share, weights + first * size, count)
     barrier(sync, lanes)
     if copies.shape[1]:
         for i in range(lane, copies.shape[1], lanes):
             box[copies[0, i]] = box[copies[1, i]]
         barrier(sync, lanes)
-    passed = np.empty(_PIECE, box.dtype)
-    for piece in range(lane, runs.shape[0], lanes):
+    for piece in range(own[0], own[1]):
         place, node, first, count = runs[piece]
-        for i in range(count):
-            passed[i] = steps.size * taps[0] * box[place + i]
-        for step in steps:
-            for k in range(1, taps.size):
-                ahead, behind = box[place + k * step : place + k * step + count], box[place - k * step : place - k * step + count]
-                for i in range(count):
-                    passed[i] += taps[k] * (behind[i] + ahead[i])
-        for i in range(count):
-            taken = strengths[first + i] * passed[i]
-            level[node + i] -= taken
-            if twice:
-                other[node + i] -= taken
+        here, strength = places + place * size, weights + first * size
+        take_passed(here, apart.ctypes.data, apart.size, filtered, taps.size - 1, strength, levels + node * size, like, count)
+        if twice:
+            take_passed(here, apart.ctypes.data, apart.size, filtered, taps.size - 1, strength, others + node * size, like, count)
     barrier(sync, lanes)
 
 

@@ -26,10 +26,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from farhorizon.engine.bonds import bond_factor
-from farhorizon.engine.build import load_shifts
+from farhorizon.engine.build import load_parts, load_shifts
 from farhorizon.engine.compiled import njit
 from farhorizon.engine.layout import SLACK, Layout
+from farhorizon.engine.simd_layers import call_mirrored
 from farhorizon.engine.simd import TURNED, add_lines, call_parts, call_shifts, clear, turn
+from farhorizon.engine.stencil_rows import UNROLLED_LIMIT, mirrored
 from farhorizon.engine.threads import barrier
 
 #: Values that go through side by side.
@@ -80,9 +82,13 @@ class Layers(NamedTuple):
     copies : ndarray of int, shape (2, n)
         Of the slots, where an axis is periodic.
     r, e, f : ndarray, shape (layers, columns + 1)
-    sizes : ndarray of int, shape (9,)
+    mirrored : ndarray of int, shape (3, 2, 2)
+        Of stencils that go over into themselves in mirrors, for each axis, for terms in the level and in the bands: the function that sums all
+        parts at once, or 0, and the first of its weights.
+    mirrored_weights : ndarray
+    sizes : ndarray of int, shape (10,)
         Lines along the first two axes, of a band with their halo, and to the first one; the first sum of the bands; rows of work space
-        of the parts of a face; lanes of all tiles and of a group of lines; the place of the first node.
+        of the parts of a face; lanes of all tiles and of a group of lines; the place of the first node; rows of work space of an edge.
     cell : int
         1 where layers have memory, else 0.
     """
@@ -107,6 +113,8 @@ class Layers(NamedTuple):
     r: np.ndarray
     e: np.ndarray
     f: np.ndarray
+    mirrored: np.ndarray
+    mirrored_weights: np.ndarray
     sizes: np.ndarray
     cell: int
 
@@ -122,8 +130,8 @@ class LayerTables:
     recursion : mapping of (axis, side) to (r, e, f)
         Of each layer, each of shape (columns + 1,).
     dtype : dtype
-    remember : bool
-        Whether the layers have memory.
+    remember, alike : bool
+        Whether the layers have memory, and whether no bonds have coefficients.
 
     Attributes
     ----------
@@ -134,7 +142,7 @@ class LayerTables:
     """
 
     def __init__(self, layout: Layout, offsets: np.ndarray, weights: np.ndarray, recursion: Mapping[tuple[int, int], tuple[np.ndarray, ...]],
-                 dtype: np.dtype, remember: bool) -> None:  # fmt: skip
+                 dtype: np.dtype, remember: bool, alike: bool = True) -> None:  # fmt: skip
         self.layout, self.offsets, self.weights, self.dtype, self.remember = layout, offsets, weights, dtype, remember
         self.lanes, self.components = 64 // dtype.itemsize, layout.components
         names = list(recursion)
@@ -172,7 +180,7 @@ class LayerTables:
             np.array(self._places, np.int64), np.array(self._materials, np.int64),
             np.array(self._weights, dtype).reshape(-1, max(layout.reach)), none.reshape(0, 6),
             np.zeros(0, dtype), none, none.reshape(0, 5), np.zeros(0, dtype), self._copies(), tables[0], tables[1],
-            tables[2], self._sizes(), int(remember),
+            tables[2], *self._mirrored(alike), self._sizes(), int(remember),
         )  # fmt: skip
 
     def _mirrors(self, axis: int) -> bool:
@@ -308,9 +316,26 @@ class LayerTables:
         for e in self.edges:
             face, other = self.faces[e[EDGE_FACE]], self.faces[e[EDGE_OTHER]]
             edge = max(edge, int(face[SETS] * face[REACH] * (face[COLUMNS] + face[REACH] + 1) * (other[COLUMNS] + other[REACH] + 1)))
-        self.scratch = (3 * parts + edge) * LINES + SLACK
+        self.scratch = ((self.components + 2) * parts + self.components * edge) * LINES + SLACK
         return np.array([n0, n1, self.lines, self._first_line, self.band_sums, parts, self._tile_lanes, self._group_lanes(),
-                         self.layout.box.origin], np.int64)  # fmt: skip
+                         self.layout.box.origin, edge], np.int64)  # fmt: skip
+
+    def _mirrored(self, alike: bool) -> tuple[np.ndarray, np.ndarray]:
+        """What `Layers.mirrored` and `mirrored_weights` hold."""
+        functions, rows, size = np.zeros((3, 2, 2), np.int64), [np.zeros(0)], self.components**2
+        shape, matrices = mirrored(dict(zip(map(tuple, self.offsets.tolist()), self.weights, strict=True)))
+        in_bands = bool(self.bands[:, COLUMNS].any())
+        used = [in_bands if axis == 2 else bool((self.faces[:, AXIS] == axis).any()) for axis in range(3)]
+        for axis, apart in itertools.product(range(3), (False, True)) if alike and self.layout.reach[2] <= self.lanes else ():
+            chosen = [i for i, o in enumerate(shape) if (axis == 2 or o[axis] > 0) and (o[2] > 0 or not apart)]
+            products = np.count_nonzero(matrices[chosen])
+            if not used[axis] or not 0 < products <= UNROLLED_LIMIT or (apart and not in_bands) or (axis == 2 and not apart):
+                continue
+            pattern = tuple(tuple(row) for row in (matrices[chosen].reshape(-1, size) != 0).tolist())
+            parts = load_parts(tuple(shape[i] for i in chosen), pattern, axis, self.sets[axis] == 2, apart, self.sets[2] == 2, self.dtype.name)
+            functions[axis, int(apart)] = parts, sum(map(len, rows))
+            rows.append(matrices[chosen].ravel())
+        return functions, np.concatenate(rows).astype(self.dtype)
 
     # --- absent bonds ------------------------------------------------------------------------------------------
 
@@ -572,45 +597,61 @@ def continue_band(lane, lanes, number, src, layers, slots, memory, work, compone
 
 
 @njit(error_model="numpy", cache=True)
+def slot_steps(layers, number, size):  # type: ignore[no-untyped-def]
+    """Of a band's slots, in bytes: the distances of fields, of components, and from those outwards to those that serve neighbours ahead and behind."""
+    if number < 0:
+        return 0, 0, 0, 0
+    band = layers.bands[number]
+    step = layers.sizes[2] * band[WIDTH] * size
+    far = (band[SETS] - 1) * band[REACH] * step
+    return step, step * band[REACH] * band[SETS], 0 if band[STEP] > 0 else far, far if band[STEP] > 0 else 0
+
+
+@njit(error_model="numpy", cache=True)
 def add_bands(lane, lanes, src, base, out, scale, increments, layers, slots, work, components, coefficient, rule):  # type: ignore[no-untyped-def]
     """Add what the layers along the last axis contribute to all nodes in their bands."""
-    sizes, rows = layers.sizes, layers.sizes[0] * layers.sizes[1]
-    size = src.itemsize
+    sizes, size = layers.sizes, src.itemsize
     apart, to = src.size // components, address(work)
     tables = tables_of(layers)
     olds, news, extra = address(base), address(out), address(slots)
+    function, weights = layers.mirrored[2, 1, 0], address(layers.mirrored_weights) + layers.mirrored[2, 1, 1] * size
+    sums = coefficient.size == 1 and function != 0
     for t in range(layers.tiles.shape[0]):
         tile = layers.tiles[t]
         number, count = tile[TILE_BAND], tile[TILE_COUNT]
         if number < 0:
             continue
         band = layers.bands[number]
-        width, start, end = band[WIDTH], lane * rows // lanes, (lane + 1) * rows // lanes
-        # Narrow bands, whose lines are neighbours, go through several lines at a time.
+        step, shift, ahead, behind = slot_steps(layers, number, size)
+        width = band[WIDTH]
+        # Narrow bands, whose lines are neighbours, go through several lines at a time: the same ones with any number of lanes, as sums depend on it.
         several = LINES // width if width <= LINES and coefficient.size == 1 else 1
-        line = start
-        while line < end:
-            x, y = line // sizes[1], line % sizes[1]
-            together = min(several, end - line, sizes[1] - y)
+        each = (sizes[1] + several - 1) // several
+        for group in range(lane * sizes[0] * each // lanes, (lane + 1) * sizes[0] * each // lanes):
+            x, y = group // each, group % each * several
+            together = min(several, sizes[1] - y)
             node = sizes[8] + x * band[PLANE] + y * band[ROW] + tile[TILE_FIRST]
             slot = band[BASE] + (sizes[3] + x * band[LINE] + y) * width + tile[TILE_COLUMN]
             vectors = together * width * size // 64 if several > 1 else tile[TILE_VECTORS]
+            if sums:
+                call_mirrored(function, to, to, LINES * size, LINES * size, extra + slot * size + ahead, extra + slot * size + behind,
+                              band[LINE] * width * size, width * size, shift, step, weights, vectors)  # fmt: skip
             for c in range(components):
+                here = to + (c * LINES * size if sums else 0)
                 if coefficient.size > 1:
                     weigh_bonds(layers, sizes[4] + c, 1, src, node, slots, slot, number, work, 0, count, coefficient, rule)
-                else:
+                elif not sums:
                     ends = tables[0] + (3 * (sizes[4] + c) + 1 + number) * tables[1]
                     call_parts(band[PARTS], to, 0, extra + slot * size, ends, tables[2], tables[3], tables[4], vectors, 1, 0)
                 for i in range(together):
                     place = (node + c * apart + i * band[ROW]) * size
-                    add_lines(to + i * width * size, news + place, scale, count)
+                    add_lines(here + i * width * size, news + place, scale, count)
                     if increments:
-                        add_lines(to + i * width * size, olds + place, scale, count)
-            line += together
+                        add_lines(here + i * width * size, olds + place, scale, count)
 
 
 @njit(error_model="numpy", cache=True)
-def stretch_edge(number, c, t, src, layers, slots, memory, work, coefficient, rule):  # type: ignore[no-untyped-def]
+def stretch_edge(number, c, t, apart, src, layers, slots, memory, work, coefficient, rule):  # type: ignore[no-untyped-def]
     """What the second axis' layer adds to the parts of the first one's, for the rows of an edge and one tile; into the last rows of the work space.
 
     Row ((set * reach + k - 1) * columns + column of the first axis) * columns + column of the second, both counted from -reach.
@@ -621,8 +662,9 @@ def stretch_edge(number, c, t, src, layers, slots, memory, work, coefficient, ru
     m, n = face[REACH], other[REACH]
     size, like = src.itemsize, work[0]
     row, start = LINES * size, address(work)
-    parts, half = sizes[5], sizes[5] // 2
-    target = 3 * sizes[5]
+    components = src.size // apart
+    parts, half = components * sizes[5], sizes[5] // 2
+    target = (components + 2) * sizes[5] + c * sizes[9]
     wide, high = face[COLUMNS] + m + 1, other[COLUMNS] + n + 1
     r, e, f = address(layers.r[other[PROFILE]]), address(layers.e[other[PROFILE]]), address(layers.f[other[PROFILE]])
     tables = tables_of(layers)
@@ -671,7 +713,7 @@ def stretch_face(item, src, base, out, scale, increments, layers, slots, memory,
     band, count, vectors = tile[TILE_BAND], tile[TILE_COUNT], tile[TILE_VECTORS]
     size = src.itemsize
     wide, start = LINES * size, address(work)
-    half, found, added = sizes[5] // 2, 2 * sizes[5], 3 * sizes[5]
+    half, found, added = sizes[5] // 2, (components + 1) * sizes[5], (components + 2) * sizes[5]
     r, e, f = address(layers.r[face[PROFILE]]), address(layers.e[face[PROFILE]]), address(layers.f[face[PROFILE]])
     tables = tables_of(layers)
     field, extra, olds, news = address(src), address(slots), address(base), address(out)
@@ -683,28 +725,44 @@ def stretch_face(item, src, base, out, scale, increments, layers, slots, memory,
     corner, side = (other[ORIGIN] - sizes[8]) // abs(other[STEP]), 1 if other[STEP] > 0 else -1
     width = layers.bands[max(band, 0), WIDTH]
     line = layers.bands[max(band, 0), BASE] + face[SLOT] * width + tile[TILE_COLUMN]
-    for c in range(components):
-        if edge >= 0:
-            stretch_edge(edge, c, item[3], src, layers, slots, memory, work, coefficient, rule)
-        for row in range(item[1], item[2]):
-            first = face[ORIGIN] + row * face[ROW_STEP] + tile[TILE_FIRST]
-            for own in range(sets):
-                for p in range(0 if own < sets - 1 else -m, columns + 1):
-                    node, slot = first + p * face[STEP], line + (p * face[SLOT_STEP] + row * face[SLOT_ROW]) * width
-                    to, number = own * half + (p + m) * m, face[SUMS] + c * sets + own
-                    if coefficient.size > 1:
-                        weigh_bonds(layers, number, m, src, node, slots, slot, band, work, to, count, coefficient, rule)
-                    else:
-                        weigh(tables, face[PARTS], number, field + node * size, extra + slot * size, band, start + to * wide, wide, vectors,
-                              max(1, -p))  # fmt: skip
-                    for k in range(max(0, -p - 1), m if edge >= 0 else 0):
-                        far = ((own * m + k) * (columns + m + 1) + p + m) * high + (row - corner) * side + other[REACH]
-                        add_lines(start + (added + far) * wide, start + (to + k) * wide, work.dtype.type(1), LINES)
-                    if layers.cuts.shape[0]:
-                        take_cuts(face, c, row, item[3], own, p, node, slot, src, layers, slots, work, own * half + (p + m) * m, coefficient, rule)
+    function, band_function = layers.mirrored[face[AXIS], 0, 0], layers.mirrored[face[AXIS], 1, 0] if band >= 0 else 0
+    weights = address(layers.mirrored_weights) + layers.mirrored[face[AXIS], 0, 1] * size
+    band_weights = address(layers.mirrored_weights) + layers.mirrored[face[AXIS], 1, 1] * size
+    sums = coefficient.size == 1 and function != 0
+    step, shift, ahead, behind = slot_steps(layers, band, size)
+    on, back = (0, (sets - 1) * half * wide) if face[STEP] > 0 else ((sets - 1) * half * wide, 0)
+    across, slots_across = face[ROW_STEP] * size, face[SLOT_ROW] * width * size
+    for c in range(components if edge >= 0 else 0):
+        stretch_edge(edge, c, item[3], apart, src, layers, slots, memory, work, coefficient, rule)
+    for row in range(item[1], item[2]):
+        first = face[ORIGIN] + row * face[ROW_STEP] + tile[TILE_FIRST]
+        for p in range(-m, columns + 1):
+            node, slot, to = first + p * face[STEP], line + (p * face[SLOT_STEP] + row * face[SLOT_ROW]) * width, (p + m) * m
+            if sums:
+                plus, minus, here = start + to * wide + on, start + to * wide + back, extra + slot * size
+                call_mirrored(function, plus, minus, wide, sizes[5] * wide, field + node * size, 0, across, across, apart * size, 0, weights, vectors)
+                if band_function != 0:
+                    call_mirrored(band_function, plus, minus, wide, sizes[5] * wide, here + ahead, here + behind, slots_across, slots_across, shift,
+                                  step, band_weights, vectors)  # fmt: skip
+            for part in range(0 if sums and edge < 0 and layers.cuts.shape[0] == 0 else components * sets):
+                c, own = part // sets, part % sets
+                if p < 0 and own < sets - 1:
+                    continue
+                here, number = c * sizes[5] + own * half + to, face[SUMS] + c * sets + own
+                if coefficient.size > 1:
+                    weigh_bonds(layers, number, m, src, node, slots, slot, band, work, here, count, coefficient, rule)
+                elif not sums:
+                    weigh(tables, face[PARTS], number, field + node * size, extra + slot * size, band, start + here * wide, wide, vectors,
+                          max(1, -p))  # fmt: skip
+                for k in range(max(0, -p - 1), m if edge >= 0 else 0):
+                    far = c * sizes[9] + ((own * m + k) * (columns + m + 1) + p + m) * high + (row - corner) * side + other[REACH]
+                    add_lines(start + (added + far) * wide, start + (here + k) * wide, work.dtype.type(1), LINES)
+                if layers.cuts.shape[0]:
+                    take_cuts(face, c, row, item[3], own, p, node, slot, src, layers, slots, work, here, coefficient, rule)
+        for c in range(components):
             kept = face[MEMORY] + ((c * face[ROWS] + row) * sizes[6] + tile[TILE_PLACE]) * cells
             memo = address(memory) + layers.cell * kept * size
-            zero, there = start + m * m * wide, start + (found + m) * wide
+            zero, there = start + (c * sizes[5] + m * m) * wide, start + (found + m) * wide
             call_shifts(face[OUTWARDS], zero, m * wide, wide, there, wide, wide, memo, cell, r, e, f, columns, vectors)
             call_shifts(face[INWARDS], zero + (sets - 1) * half * wide, m * wide, wide, there, wide, wide, memo + (columns + 1) * m * cell, cell,
                         r, e, f, columns, vectors)  # fmt: skip

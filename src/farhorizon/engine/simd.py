@@ -822,3 +822,76 @@ def add_lines(typingctx, source, to, scale, count):  # type: ignore[no-untyped-d
         return context.get_dummy_value()
 
     return types.void(types.int64, types.int64, scale, types.int64), codegen
+
+
+@intrinsic
+def weigh_change(typingctx, to, level, before, share, strengths, count):  # type: ignore[no-untyped-def]
+    """``to = strengths * (level - share * before)`` on `count` neighbouring values; byte addresses."""
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        to, level, before, share, strengths, count = args
+        vectors = Vectors.of(builder, str(signature.args[3]))
+        factor = vectors.splat(builder.fneg(share))
+
+        def chunk(x: Any, store: Callable[[Any, Any], None]) -> None:
+            at = builder.mul(x, I64(vectors.size))
+            change = vectors.multiply_add(vectors.load(builder.add(level, at)), factor, vectors.load(builder.add(before, at)))
+            store(builder.fmul(vectors.load(builder.add(strengths, at)), change), builder.add(to, at))
+
+        vectors.in_chunks(count, chunk)
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.int64, types.int64, share, types.int64, types.int64), codegen
+
+
+@intrinsic
+def take_passed(typingctx, box, steps, axes, taps, reach, strengths, level, like, count):  # type: ignore[no-untyped-def]
+    """``level -= strengths * F box`` on `count` neighbouring values, F the sum of one symmetric filter along each axis.
+
+    Byte addresses; `steps` (int64) holds the distances between neighbours along the axes, in bytes, `taps` the filter's weight of a value itself and of
+    the neighbours on both sides, up to `reach`.
+    """
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        box, steps, axes, taps, reach, strengths, level, _, count = args
+        vectors = Vectors.of(builder, str(signature.args[7]))
+
+        def tap(k: Any) -> Any:
+            return vectors.splat(builder.load(vectors.pointer(builder.add(taps, builder.mul(k, I64(vectors.size))), vectors.scalar)))
+
+        def along(number: int) -> None:
+            apart = [builder.load(vectors.pointer(builder.add(steps, I64(8 * axis)), I64)) for axis in range(number)]
+
+            def chunk(x: Any, store: Callable[[Any, Any], None]) -> None:
+                at = builder.mul(x, I64(vectors.size))
+                here = builder.add(box, at)
+                start = builder.fmul(tap(I64(0)), vectors.load(here))
+                before, test, body, after = builder.block, *(builder.append_basic_block(name) for name in ("test", "tap", "done"))
+                builder.branch(test)
+                builder.position_at_end(test)
+                k = builder.phi(I64)
+                totals, far = [builder.phi(vectors.type) for _ in apart], [builder.phi(I64) for _ in apart]
+                builder.cbranch(builder.icmp_signed("<=", k, reach), body, after)
+                builder.position_at_end(body)
+                weight = tap(k)
+                grown = [vectors.multiply_add(total, weight, builder.fadd(vectors.load(builder.add(here, d)), vectors.load(builder.sub(here, d))))
+                         for total, d in zip(totals, far, strict=True)]  # fmt: skip
+                farther = [builder.add(d, step) for d, step in zip(far, apart, strict=True)]
+                for phi, value, coming in zip([k, *totals, *far], [I64(1), *[start] * number, *apart], [builder.add(k, I64(1)), *grown, *farther],
+                                              strict=True):  # fmt: skip
+                    phi.add_incoming(value, before)
+                    phi.add_incoming(coming, builder.block)
+                builder.branch(test)
+                builder.position_at_end(after)
+                there = builder.add(level, at)
+                taken = builder.fmul(vectors.load(builder.add(strengths, at)), vectors.sum(totals))
+                store(builder.fsub(vectors.load(there), taken), there)
+
+            vectors.in_chunks(count, chunk)
+
+        for number in (1, 2, 3):
+            with builder.if_then(builder.icmp_signed("==", axes, I64(number))):
+                along(number)
+        return context.get_dummy_value()
+
+    return types.void(*[types.int64] * 7, like, types.int64), codegen

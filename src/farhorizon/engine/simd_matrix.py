@@ -30,15 +30,15 @@ def parity(row: int, column: int, components: int) -> tuple[int, ...]:
     return tuple(int((row == a) != (column == a)) for a in range(components - 3, components))
 
 
-def _mirror_sums(vectors: Vectors, offset: tuple[int, ...], load: Callable[[tuple[int, ...]], Any]) -> dict[tuple[int, ...], Any]:
+def mirror_sums(vectors: Vectors, offset: tuple[int, ...], load: Callable[[tuple[int, ...]], Any]) -> dict[tuple[int, ...], Any]:
     """Sums of the values at the mirror images of an offset, by their parity along each axis."""
     if not offset:
         return {(): load(())}
     o, rest = offset[0], offset[1:]
-    plus = _mirror_sums(vectors, rest, lambda image: load((o, *image)))
+    plus = mirror_sums(vectors, rest, lambda image: load((o, *image)))
     if o == 0:
         return {(0, *p): value for p, value in plus.items()}
-    minus = _mirror_sums(vectors, rest, lambda image: load((-o, *image)))
+    minus = mirror_sums(vectors, rest, lambda image: load((-o, *image)))
     even = {(0, *p): vectors.builder.fadd(plus[p], minus[p]) for p in plus}
     return even | {(1, *p): vectors.builder.fsub(plus[p], minus[p]) for p in plus}
 
@@ -111,7 +111,7 @@ def matrix_line_sweep(offsets: Octant, pattern: Pattern, real: str) -> Any:
                 total: dict[tuple[int, int, int], Any] = {}
                 for line, terms in lines.items():
                     for column in range(components):
-                        combined = _mirror_sums(vectors, line, read_from(places[column], at))
+                        combined = mirror_sums(vectors, line, read_from(places[column], at))
                         for i, number in terms:
                             for row in range(components):
                                 if w.used(number, row, column):
@@ -159,7 +159,7 @@ def matrix_strided_sweep(offsets: Octant, pattern: Pattern, real: str) -> Any:
             total: list[Any] = [None] * components
             for place, offset in enumerate(offsets):
                 for column in range(components):
-                    combined = _mirror_sums(vectors, offset, read_from(sources[column]))
+                    combined = mirror_sums(vectors, offset, read_from(sources[column]))
                     for row in range(components):
                         if w.used(place, row, column):
                             total[row] = vectors.multiply_add(total[row], w.of(place, row, column), combined[parity(row, column, components)])
