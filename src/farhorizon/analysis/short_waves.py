@@ -92,9 +92,9 @@ def high_pass(stencil: Stencil) -> HighPass | None:
     -------
     HighPass or None
         Waves that stand still count as backward ones. Of all filters of one length that need a rate of at most sigma, the one that damps waves of
-        60 % of the first such wavenumber least; where none is enough, the one that needs the least rate. Where that is very little it is a filter of three
-        neighbours, which costs less and does less to waves that a thin layer must absorb. Of materials with zero-energy modes a
-        filter for the waves themselves.
+        60 % of the first such wavenumber least; where none is enough, the one that needs the least rate. Where very little is enough a filter of
+        three neighbours, which costs less and does less to the waves that a thin layer must absorb. Of materials with zero-energy modes
+        a filter for the waves themselves.
     """
     zone, growth = stencil.layer_growth
     worst = growth.max(-1)

@@ -112,13 +112,12 @@ def _wrapped(places: np.ndarray, layout: Layout, step: np.ndarray, pads: list[in
     return np.concatenate(found, axis=1)
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def _damp(lane, lanes, sync, level, before, share, other, twice, taps, steps, box, strengths, runs, copies):  # type: ignore[no-untyped-def]
     """Take ``D F D (level - share before)`` from `level`, and if `twice` from `other`, too; the rest as of `damp_short_waves`."""
     size, like = level.itemsize, level[0]
     levels, befores, others = level.ctypes.data, before.ctypes.data, other.ctypes.data
     places, weights, filtered = box.ctypes.data, strengths.ctypes.data, taps.ctypes.data
-    apart = steps * size
     own = lane * runs.shape[0] // lanes, (lane + 1) * runs.shape[0] // lanes
     for piece in range(own[0], own[1]):
         place, node, first, count = runs[piece]
@@ -131,13 +130,13 @@ def _damp(lane, lanes, sync, level, before, share, other, twice, taps, steps, bo
     for piece in range(own[0], own[1]):
         place, node, first, count = runs[piece]
         here, strength = places + place * size, weights + first * size
-        take_passed(here, apart.ctypes.data, apart.size, filtered, taps.size - 1, strength, levels + node * size, like, count)
+        take_passed(here, steps.ctypes.data, steps.size, filtered, taps.size - 1, strength, levels + node * size, like, count)
         if twice:
-            take_passed(here, apart.ctypes.data, apart.size, filtered, taps.size - 1, strength, others + node * size, like, count)
+            take_passed(here, steps.ctypes.data, steps.size, filtered, taps.size - 1, strength, others + node * size, like, count)
     barrier(sync, lanes)
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def damp_short_waves(lane, lanes, sync, src, base, out, increments, taps, steps, box, strengths, runs, copies, whole):  # type: ignore[no-untyped-def]
     """Filter the increments of a step, ``out - src`` or `base`, or both levels; one lane's share.
 

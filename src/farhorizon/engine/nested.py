@@ -29,8 +29,8 @@ from farhorizon.engine.bonds import bond_factor
 from farhorizon.engine.build import load_parts, load_shifts
 from farhorizon.engine.compiled import njit
 from farhorizon.engine.layout import SLACK, Layout
-from farhorizon.engine.simd_layers import call_mirrored
 from farhorizon.engine.simd import TURNED, add_lines, call_parts, call_shifts, clear, turn
+from farhorizon.engine.simd_layers import call_mirrored
 from farhorizon.engine.stencil_rows import UNROLLED_LIMIT, mirrored
 from farhorizon.engine.threads import barrier
 
@@ -514,13 +514,13 @@ class LayerTables:
 # than the work. A thread's work space has rows of `LINES` values: parts of a face, parts of an edge, what is found, what an edge adds.
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def address(array):  # type: ignore[no-untyped-def]
     """Byte address of an array."""
     return np.int64(array.ctypes.data)
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def weigh(tables, function, number, node, slot, band, to, step, vectors, least):  # type: ignore[no-untyped-def]
     """The sums `number` from k = `least` on, for a tile whose first node is at `node` in the level, and at `slot` where it lies in a band.
 
@@ -532,14 +532,14 @@ def weigh(tables, function, number, node, slot, band, to, step, vectors, least):
         call_parts(function, to, step, slot, ends + (3 * number + 1 + band) * row, places, weights, weight_step, vectors, least, 1)
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def tables_of(layers):  # type: ignore[no-untyped-def]
     """What `weigh` takes."""
     rows, size = layers.ends.shape[1] * 8, layers.weights.itemsize
     return address(layers.ends), rows, address(layers.places), address(layers.weights), layers.weights.shape[1] * size
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def weigh_bonds(layers, number, sums, src, node, slots, slot, band, work, to, count, coefficient, rule):  # type: ignore[no-untyped-def]
     """The same, of so many sums, where bonds have coefficients; places in arrays, `to` a row of the work space."""
     work[to * LINES : (to + sums) * LINES] = 0
@@ -555,7 +555,7 @@ def weigh_bonds(layers, number, sums, src, node, slots, slot, band, work, to, co
                         row[i] += w * bond_factor(rule, coefficient[node + i], coefficient[other + i]) * source[there + i]
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def continue_band(lane, lanes, number, src, layers, slots, memory, work, components):  # type: ignore[no-untyped-def]
     """Fill the slots of a band: continue the field of all its lines, side by side, and advance the memory."""
     band, sizes = layers.bands[number], layers.sizes
@@ -596,9 +596,9 @@ def continue_band(lane, lanes, number, src, layers, slots, memory, work, compone
                          min(count - i, TURNED) - 1, like)  # fmt: skip
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def slot_steps(layers, number, size):  # type: ignore[no-untyped-def]
-    """Of a band's slots, in bytes: the distances of fields, of components, and from those outwards to those that serve neighbours ahead and behind."""
+    """Of a band's slots, in bytes: the distances of fields and of components, and how far those lie that serve neighbours ahead and behind."""
     if number < 0:
         return 0, 0, 0, 0
     band = layers.bands[number]
@@ -607,7 +607,7 @@ def slot_steps(layers, number, size):  # type: ignore[no-untyped-def]
     return step, step * band[REACH] * band[SETS], 0 if band[STEP] > 0 else far, far if band[STEP] > 0 else 0
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def add_bands(lane, lanes, src, base, out, scale, increments, layers, slots, work, components, coefficient, rule):  # type: ignore[no-untyped-def]
     """Add what the layers along the last axis contribute to all nodes in their bands."""
     sizes, size = layers.sizes, src.itemsize
@@ -650,7 +650,7 @@ def add_bands(lane, lanes, src, base, out, scale, increments, layers, slots, wor
                         add_lines(here + i * width * size, olds + place, scale, count)
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def stretch_edge(number, c, t, apart, src, layers, slots, memory, work, coefficient, rule):  # type: ignore[no-untyped-def]
     """What the second axis' layer adds to the parts of the first one's, for the rows of an edge and one tile; into the last rows of the work space.
 
@@ -705,7 +705,7 @@ def stretch_edge(number, c, t, apart, src, layers, slots, memory, work, coeffici
                 past += (2 * other[COLUMNS] + 1) * most * lanes
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def stretch_face(item, src, base, out, scale, increments, layers, slots, memory, work, components, coefficient, rule):  # type: ignore[no-untyped-def]
     """Add what a face's layer contributes to some rows of one tile, on its columns and on those of the core next to it; advances its memory."""
     face, tile, sizes = layers.faces[item[0]], layers.tiles[item[3]], layers.sizes
@@ -773,7 +773,7 @@ def stretch_face(item, src, base, out, scale, increments, layers, slots, memory,
                     add_lines(there + p * wide, olds + place, scale, count)
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def take_cuts(face, c, row, t, own, p, node, slot, src, layers, slots, work, parts, coefficient, rule):  # type: ignore[no-untyped-def]
     """Take the absent bonds of a row of a face from the parts on one column."""
     start = face[CUTS] + (c * face[ROWS] + row) * layers.tiles.shape[0] + t
@@ -791,7 +791,7 @@ def take_cuts(face, c, row, t, own, p, node, slot, src, layers, slots, work, par
         work[(parts + k) * LINES + lane] -= w * value
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def take_band_cuts(base, out, scale, increments, layers, slots, coefficient, rule):  # type: ignore[no-untyped-def]
     """Take the absent bonds of the lines of bands from what these have added."""
     for i in range(layers.band_cuts.shape[0]):
@@ -805,7 +805,7 @@ def take_band_cuts(base, out, scale, increments, layers, slots, coefficient, rul
                 base[node + p] -= w * slots[slot + p]
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def continue_lines(lane, lanes, sync, src, layers, slots, memory, work, components):  # type: ignore[no-untyped-def]
     """Fill the slots from a level whose halo is complete, and advance the memory of the last axis."""
     for number in range(2):
@@ -818,7 +818,7 @@ def continue_lines(lane, lanes, sync, src, layers, slots, memory, work, componen
                 slots[layers.copies[0, i]] = slots[layers.copies[1, i]]
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def add_layers(lane, lanes, sync, axis, src, base, out, scale, increments, layers, slots, memory, work, components, coefficient, rule):  # type: ignore[no-untyped-def]
     """Add what the layers along one axis contribute to ``out``, and to ``base`` where that holds increments; `continue_lines` comes before.
 

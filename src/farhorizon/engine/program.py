@@ -33,13 +33,6 @@ NONE, ONE = np.int64(0), np.int64(1)
 
 
 @njit(error_model="numpy", cache=True)
-def component(array, number, components):
-    """The part of an array that belongs to one component."""
-    size = array.size // components
-    return array[number * size : (number + 1) * size]
-
-
-@njit(error_model="numpy", cache=True)
 def sweep_general(src, base, out, start, to, count, offsets, weights, a, b, increments, coefficient, rule):
     """One row of any stencil with run-time offsets; the sum runs over differences."""
     acc = np.empty(CHUNK, src.dtype)
@@ -101,13 +94,13 @@ def sweep_general_matrix(src, base, out, start, to, count, offsets, weights, a, 
 # What all rows of a stage share: law = (weights of the general sweep, a, a for differences, b, increments, rule, components, ceiling).
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def count_parts(block, depth):
     """Parts of a block: bundles of up to `depth` neighbouring rows."""
     return block[1] * ((block[2] + depth - 1) // depth)
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def sweep_rows(src, base, out, block, i0, i1, count, first, last, function, weights, offsets, coefficient, law):
     """Nodes `first` to `last` of `count` rows of a block; a stencil without compiled rows has function 0."""
     general, a, a_difference, b, increments, rule, components, _ = law
@@ -126,14 +119,14 @@ def sweep_rows(src, base, out, block, i0, i1, count, first, last, function, weig
                                  coefficient, rule, components)  # fmt: skip
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def sweep_part(src, base, out, block, number, depth, first, last, function, weights, offsets, coefficient, law):
     """Nodes `first` to `last` of the rows of one part of a block: bundles one after the other along the slowest axis share most of what they read."""
     i0, i1 = number % block[1], (number // block[1]) * depth
     sweep_rows(src, base, out, block, i0, i1, min(depth, block[2] - i1), first, last, function, weights, offsets, coefficient, law)
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def sweep_bonds(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, bonds, reach):
     """A part of the core with a zone of bonds that follow a law of their own: there tile by tile, around it, and where it is calm, by the stencil."""
     zone = bonds.zone
@@ -162,7 +155,7 @@ def sweep_bonds(src, base, out, block, number, depth, function, weights, offsets
                 sweep_tiles(src, base, out, block, i0, i1, end, start, stop, law[2], law[3], law[6], coefficient, law[5], bonds)
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def sweep_two_phases(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, runs, interface):
     """A part of the core in two phases: runs of liquid tiles by the compiled rows, of mixed ones bond by bond, of solid ones not at all.
 
@@ -198,7 +191,7 @@ def sweep_two_phases(src, base, out, block, number, depth, function, weights, of
                              a_difference, b, interface[0], interface[1], stop - start, count, block[5], block[11])  # fmt: skip
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def release(src, base, out, block, number, depth, begin, end, law, scale, coefficient, rim):
     """Take back the bonds to places without a node, of the nodes `begin` to `end` of the rows of one part of a block.
 
@@ -230,7 +223,7 @@ def release(src, base, out, block, number, depth, begin, end, law, scale, coeffi
                     weigh(base.ctypes.data + node, here, taken, scale, stop - place, components, apart, count)
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def sweep_core(lane, lanes, sync, src, base, out, block, function, depth, backward, weights, offsets, coefficient, law,
                scale, rim, runs, interface, bonds, reach):  # fmt: skip
     """All parts of the core; in every other stage the last first: it meets what the last stage left in the cache.
@@ -259,13 +252,13 @@ def sweep_core(lane, lanes, sync, src, base, out, block, function, depth, backwa
             claimed = claim(sync, owner) if lanes > 1 else 1
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def share(lane, lanes, count):
     """Range of a lane among `count` pieces."""
     return lane * count // lanes, (lane + 1) * count // lanes
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def copy(array, copies, components):
     """Periodic copies."""
     size = array.size // components
@@ -274,7 +267,7 @@ def copy(array, copies, components):
             array[c * size + copies[0, i]] = array[c * size + copies[1, i]]
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def run_start(nodes, i):
     """The first place from i on where another node begins."""
     while 0 < i < nodes.size and nodes[i] == nodes[i - 1]:
@@ -282,7 +275,7 @@ def run_start(nodes, i):
     return i
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def cut(lane, lanes, sync, src, base, out, scale, components, nodes, neighbours, weights, increments, coefficient, rule, ceiling):
     """Take back the absent bonds from `nodes` to `neighbours`; all those of a node belong to one lane."""
     if nodes.size == 0:
@@ -304,7 +297,7 @@ def cut(lane, lanes, sync, src, base, out, scale, components, nodes, neighbours,
     barrier(sync, lanes)
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def sweep_box(lane, lanes, sync, src, base, out, numbers, increments, backward, components, box, coefficient, rule, cuts, rim, runs, interface, bonds,
               reach):  # fmt: skip
     """``out = a*src + b*base + scale*L(src)`` on all nodes, with plain shifts; `box`: see `Engine`."""
@@ -317,7 +310,7 @@ def sweep_box(lane, lanes, sync, src, base, out, numbers, increments, backward, 
         interface[1])  # fmt: skip
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slots, memory, scratch, components, box, layers, copies, coefficient,
           rule, cuts, rim, runs, interface, bonds, reach):  # fmt: skip
     """``out = a*src + b*base + scale*L(src)`` everywhere; fills the halo of `src` and advances the layers' memory to its time.
@@ -336,7 +329,7 @@ def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slot
         add_layers(lane, lanes, sync, axis, src, base, out, numbers[3], increments, layers, slots, memory, scratch[lane], components, material, rule)
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def tie(src, base, out, increments, tied, starts, sources, weights, fields, times):
     """Prescribed nodes: a combination of other nodes, those from `starts` on, plus fields times amplitudes; in order."""
     for i in range(tied.size):
@@ -350,7 +343,7 @@ def tie(src, base, out, increments, tied, starts, sources, weights, fields, time
             base[tied[i]] = total - src[tied[i]]
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def add_to(flows, row, gain):
     """Add to flows[0, row]; flows[1] holds the rounding of the sums (Neumaier)."""
     total = flows[0, row] + gain
@@ -358,7 +351,7 @@ def add_to(flows, row, gain):
     flows[0, row] = total
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def book(src, books, nodes, neighbours, weights, effect, flows, coefficient, rule, ceiling):
     """Add what flows along bonds into `nodes` to the flows, book by book; a neighbour below 0 is at zero."""
     for i in range(books.size):
@@ -373,7 +366,7 @@ def book(src, books, nodes, neighbours, weights, effect, flows, coefficient, rul
         add_to(flows, books[i], gain)
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def book_layers(lane, lanes, sync, src, sides, nodes, inflow, effect, flows, layers, slots, memory, scratch, coefficient, rule):
     """Add what layers without memory bring to the nodes of the core next to them; sides[i] = (axis, book, first node, last node + 1).
 
@@ -392,7 +385,7 @@ def book_layers(lane, lanes, sync, src, sides, nodes, inflow, effect, flows, lay
         barrier(sync, lanes)
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, counted=False)
 def book_ends(books, forces, effect, flows):
     """Add what exact ends bring to their drivers, whose books are books[end, m], none below 0."""
     for end in range(books.shape[0]):
@@ -401,7 +394,7 @@ def book_ends(books, forces, effect, flows):
                 add_to(flows, books[end, m], effect * forces[end, m])
 
 
-@njit(error_model="numpy", nogil=True, cache=True)
+@njit(error_model="numpy", nogil=True, cache=True, counted=False)
 def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, slots, memory, scratch, components, block, function, depth,
         weights, offsets, general, layers, copies, coefficient, rule, cuts, rim, runs, interface, bonds, reach, work, solids, volumes, changed,
         dissolved, total, saturation, period, steps_before, damped, damp_before, damp_after, damp_leak, ends,
@@ -460,9 +453,10 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                         base[node] = out[node] - src[node]
                 barrier(sync, lanes)
             if short_waves[4].size:
+                size = src.size // components
                 for c in range(components):
-                    damp_short_waves(lane, lanes, sync, component(src, c, components), component(base, c, components),
-                                     component(out, c, components), increments, *short_waves)  # fmt: skip
+                    damp_short_waves(lane, lanes, sync, src[c * size : (c + 1) * size], base[c * size : (c + 1) * size],
+                                     out[c * size : (c + 1) * size], increments, *short_waves)  # fmt: skip
             if held.size:
                 for i in range(lane, held.size, lanes):
                     node = held[i]

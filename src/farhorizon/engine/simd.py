@@ -848,8 +848,8 @@ def weigh_change(typingctx, to, level, before, share, strengths, count):  # type
 def take_passed(typingctx, box, steps, axes, taps, reach, strengths, level, like, count):  # type: ignore[no-untyped-def]
     """``level -= strengths * F box`` on `count` neighbouring values, F the sum of one symmetric filter along each axis.
 
-    Byte addresses; `steps` (int64) holds the distances between neighbours along the axes, in bytes, `taps` the filter's weight of a value itself and of
-    the neighbours on both sides, up to `reach`.
+    Byte addresses; `steps` (int64) holds the distances between neighbours along the axes, in elements, `taps` the filter's weight
+    of a value itself and of the neighbours on both sides, up to `reach`.
     """
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
@@ -860,7 +860,7 @@ def take_passed(typingctx, box, steps, axes, taps, reach, strengths, level, like
             return vectors.splat(builder.load(vectors.pointer(builder.add(taps, builder.mul(k, I64(vectors.size))), vectors.scalar)))
 
         def along(number: int) -> None:
-            apart = [builder.load(vectors.pointer(builder.add(steps, I64(8 * axis)), I64)) for axis in range(number)]
+            apart = [builder.mul(builder.load(vectors.pointer(builder.add(steps, I64(8 * axis)), I64)), I64(vectors.size)) for axis in range(number)]
 
             def chunk(x: Any, store: Callable[[Any, Any], None]) -> None:
                 at = builder.mul(x, I64(vectors.size))
