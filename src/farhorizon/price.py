@@ -47,8 +47,7 @@ class Price:
 
 def price(sim: Simulation, seconds: float | None = None) -> Price:
     """Of a simulation as it is; a step takes so many seconds, if that is known."""
-    nodes = sum(int(np.prod(b.nodes)) for b in sim.engine.layout.blocks.values())
-    return Price(float(nodes), sim.seconds_per_step() if seconds is None else seconds, float(sim.engine.nbytes))
+    return Price(float(np.prod(sim.engine.layout.box.nodes)), sim.seconds_per_step() if seconds is None else seconds, float(sim.engine.nbytes))
 
 
 def extended_price(sim: Simulation, until: float, sides: Sequence[tuple[int, int]]) -> Price:
