@@ -29,7 +29,7 @@ from farhorizon.engine.bonds import bond_factor
 from farhorizon.engine.build import load_parts, load_shifts
 from farhorizon.engine.compiled import njit
 from farhorizon.engine.layout import SLACK, Layout
-from farhorizon.engine.simd import TURNED, add_lines, call_parts, call_shifts, clear, turn
+from farhorizon.engine.simd import TURNED, add_lines, call_parts, call_shifts, clear, fetch, turn
 from farhorizon.engine.simd_layers import call_mirrored
 from farhorizon.engine.stencil_rows import UNROLLED_LIMIT, mirrored
 from farhorizon.engine.threads import barrier
@@ -577,6 +577,9 @@ def continue_band(lane, lanes, number, src, layers, slots, memory, work, compone
         c, x, y = item // groups, item % groups // each, item % each * group
         count = min(group, sizes[1] - y)
         at = address(src) + (c * apart + first + x * band[PLANE] + y * band[ROW]) * size
+        for i in range(group, 2 * group):  # the next lines: they lie too far apart for the hardware to notice
+            for column in range(0, columns + m + 1, 64 // size):
+                fetch(at + (i * band[ROW] + column) * size)
         for i in range(0, count, TURNED):
             for column in range(0, columns + m + 1, TURNED):
                 turn(at + (i * band[ROW] + column) * size, band[ROW] * size, min(count - i, TURNED) - 1, start + column * row + i * size, row,
@@ -633,6 +636,9 @@ def add_bands(lane, lanes, src, base, out, scale, increments, layers, slots, wor
             node = sizes[8] + x * band[PLANE] + y * band[ROW] + tile[TILE_FIRST]
             slot = band[BASE] + (sizes[3] + x * band[LINE] + y) * width + tile[TILE_COLUMN]
             vectors = together * width * size // 64 if several > 1 else tile[TILE_VECTORS]
+            for i in range(several, 2 * several):
+                fetch(news + (node + i * band[ROW]) * size)
+                fetch(news + (node + i * band[ROW] + count - 1) * size)
             if sums:
                 call_mirrored(function, to, to, LINES * size, LINES * size, extra + slot * size + ahead, extra + slot * size + behind,
                               band[LINE] * width * size, width * size, shift, step, weights, vectors)  # fmt: skip

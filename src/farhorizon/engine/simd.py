@@ -825,6 +825,17 @@ def add_lines(typingctx, source, to, scale, count):  # type: ignore[no-untyped-d
 
 
 @intrinsic
+def fetch(typingctx, address):  # type: ignore[no-untyped-def]
+    """Fetch the cache line of an address, which need not exist."""
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        Vectors.of(builder, "float64").prefetch(args[0])
+        return context.get_dummy_value()
+
+    return types.void(types.int64), codegen
+
+
+@intrinsic
 def weigh_change(typingctx, to, level, before, share, strengths, count):  # type: ignore[no-untyped-def]
     """``to = strengths * (level - share * before)`` on `count` neighbouring values; byte addresses."""
 
