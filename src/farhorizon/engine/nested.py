@@ -91,6 +91,8 @@ class Layers(NamedTuple):
         of the parts of a face; lanes of all tiles and of a group of lines; the place of the first node; rows of work space of an edge.
     cell : int
         1 where layers have memory, else 0.
+    unit : float
+        Sum of the weights' sizes, over which all weights here are taken.
     """
 
     faces: np.ndarray
@@ -117,6 +119,7 @@ class Layers(NamedTuple):
     mirrored_weights: np.ndarray
     sizes: np.ndarray
     cell: int
+    unit: Any
 
 
 class LayerTables:
@@ -143,7 +146,8 @@ class LayerTables:
 
     def __init__(self, layout: Layout, offsets: np.ndarray, weights: np.ndarray, recursion: Mapping[tuple[int, int], tuple[np.ndarray, ...]],
                  dtype: np.dtype, remember: bool, alike: bool = True) -> None:  # fmt: skip
-        self.layout, self.offsets, self.weights, self.dtype, self.remember = layout, offsets, weights, dtype, remember
+        self.unit = float(np.abs(weights).sum()) or 1.0  # so that parts and their memory are as large as the field, in all units
+        self.layout, self.offsets, self.weights, self.dtype, self.remember = layout, offsets, weights / self.unit, dtype, remember
         self.lanes, self.components = 64 // dtype.itemsize, layout.components
         names = list(recursion)
         self._profiles = {name: i for i, name in enumerate(names)}
@@ -180,7 +184,7 @@ class LayerTables:
             np.array(self._places, np.int64), np.array(self._materials, np.int64),
             np.array(self._weights, dtype).reshape(-1, max(layout.reach)), none.reshape(0, 6),
             np.zeros(0, dtype), none, none.reshape(0, 5), np.zeros(0, dtype), self._copies(), tables[0], tables[1],
-            tables[2], *self._mirrored(alike), self._sizes(), int(remember),
+            tables[2], *self._mirrored(alike), self._sizes(), int(remember), dtype.type(self.unit),
         )  # fmt: skip
 
     def _mirrors(self, axis: int) -> bool:
@@ -347,7 +351,7 @@ class LayerTables:
         box = self.layout.box
         here = np.stack(self._coordinates(nodes), -1)
         offset = np.stack(self._coordinates(neighbours), -1) - here
-        matrices = weights.reshape(len(nodes), self.components, self.components)
+        matrices = weights.reshape(len(nodes), self.components, self.components) / self.unit
         faces, face_rows, band_rows, start = self.faces.copy(), [], [], 0
         for face in faces:
             axis, side = int(face[AXIS]), int(np.sign(face[STEP]))
@@ -830,6 +834,7 @@ def add_layers(lane, lanes, sync, axis, src, base, out, scale, increments, layer
 
     Lanes write the same nodes along different axes, so they meet after each.
     """
+    scale = scale * layers.unit
     if axis == 2:
         if layers.bands[0, COLUMNS] or layers.bands[1, COLUMNS]:
             add_bands(lane, lanes, src, base, out, scale, increments, layers, slots, work, components, coefficient, rule)
