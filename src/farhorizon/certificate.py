@@ -14,7 +14,7 @@ import numpy as np
 
 from farhorizon import strip as strips
 from farhorizon.analysis import stability
-from farhorizon.analysis.stability import Growth, dense_growth, fastest, krylov_growth, noise_growth
+from farhorizon.analysis.stability import DENSE, Growth, dense_growth, fastest, krylov_growth, noise_growth
 from farhorizon.boundaries import Closing, Extended, FirstOrder, Fixed, Free, LatticePML, Periodic, Sponge
 from farhorizon.boundaries.plane_wave import largest_update
 from farhorizon.engine import NEVER, state
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
 CERTIFIED, NOT_CERTIFIED, UNDECIDED = "certified", "not certified", "undecided"
 BUDGET = 30.0  # seconds that a certificate may take
-_DENSE = 700  # numbers in a state up to which all eigenvalues are computed: a second
 _WIDE = 1500  # the same where a growing mode is looked at again
 _CROSSINGS = 200_000  # of a run from noise whose map is known as a matrix
 PATIENCE = 2.0  # seconds that noise which rises may take before a run
@@ -394,7 +393,7 @@ def _examinations(sim: Simulation) -> Iterator[tuple[str, Callable[[float], tupl
     """What must be stable for the whole to be, cheapest first; each takes the seconds it may cost."""
     if sim.exact_ends is not None and not sim.exact_ends.steps:
         raise InputError("the kernel of the exact ends is made when the run begins")
-    if int(np.prod(sim.engine.layout.box.nodes)) <= _DENSE and State(sim.engine).size <= _DENSE:
+    if int(np.prod(sim.engine.layout.box.nodes)) <= DENSE and State(sim.engine).size <= DENSE:
         yield "the complete update", lambda _: (_dense_part("the complete update", plain_twin(sim)), [])
         return
     layered = [axis for axis in range(sim.lattice.dim) if any(isinstance(sim.sides[axis, s], LatticePML) for s in (-1, 1))]

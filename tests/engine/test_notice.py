@@ -87,4 +87,4 @@ def test_a_cold_start_says_what_it_does(tmp_path):
     first, second = (subprocess.run(command, capture_output=True, text=True, env={**os.environ, **places}) for _ in range(2))
     assert "compiling for this machine" in first.stderr and "compiled the time loop in" in first.stderr
     assert "compil" not in second.stderr + first.stdout + second.stdout
-    assert list(tmp_path.rglob("*sweep_tree*")) and not list(tmp_path.rglob("*sweep_two_phases*"))
+    assert list(tmp_path.rglob("*stretch_face*")) and not list(tmp_path.rglob("*sweep_two_phases*"))

@@ -25,6 +25,8 @@ _POWERS = 2  # powers that are tried
 _CLEAR = 1e-6  # a factor so far inside the unit circle needs a condition of a thousand million to be doubtful
 _RISES = 2.0  # over the last third of a short run: more than what rises as fast as time
 _VECTORS = 16  # of a Krylov space
+_SURE = 0.5  # largest error over rate of what a short run refuses: the error is of first order, and modes that are nearly alike make it larger
+DENSE = 700  # numbers in a state up to which all eigenvalues are computed: a second
 _EXPLODED = 1e6  # growth of white noise over a run that is no transient any more
 
 
@@ -201,9 +203,13 @@ def noise_growth(
         return noise.explosion(), 0.0
     length = len(noise.sizes) - 1
     least = 1.0 if whole and share == 1 else _RISES  # soon after the start noise may rise as fast as time: its velocities are those of short waves
+    if size <= DENSE and noise.rise() > least:  # few vectors cannot tell modes apart that are nearly alike, as those of a drift are
+        found = dense_growth(np.stack([advance(unit, 1) for unit in np.eye(size)], axis=1), dt)
+        if found.stable is not None:
+            return (None if found.stable else found), length * share
     while noise.rise() > least and time.monotonic() < end:
         found, _ = _arnoldi(lambda v: advance(v, crossing), noise.state, crossing, dt, 4, min(_VECTORS, size))
-        if found.stable is False:
+        if found.stable is False and found.error < _SURE * found.rate:
             return found, length * share
         length *= 2
         if not noise.run(length, end):
