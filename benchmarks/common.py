@@ -30,6 +30,7 @@ def arguments(doc: str | None, *choices: str) -> argparse.Namespace:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers here, too")
     parser.add_argument("--repeats", type=int, default=9, help="interleaved repeats of each timing (default 9)")
     parser.add_argument("--count", type=int, default=200, help="random set-ups, where there are any (default 200)")
+    parser.add_argument("--seed", type=int, help="of random set-ups; unless given, one of each part")
     given = parser.parse_args()
     if unknown := set(given.parts) - set(choices):
         parser.error(f"unknown part {', '.join(sorted(unknown))}; known: {', '.join(choices)}")

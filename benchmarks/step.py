@@ -140,7 +140,7 @@ def memory() -> list[dict[str, Any]]:
     for dim, n, layers in ((2, 1000, False), (3, 100, False), (2, 1000, True), (3, 100, True)):
         lattice = Lattice(1.0, (0.0,) * dim, (n - 1.0,) * dim)
         field = 8 * n**dim
-        boundary = LatticePML() if layers else Fixed(0.0)
+        boundary = LatticePML(nodes=12) if layers else Fixed(0.0)
         small = Simulation(Lattice(1.0, (0.0,) * dim, (15.0,) * dim), Wave(Kernel(3.0)), boundary)
         small.step(1)  # the compiled program and its tables are loaded before counting
         gc.collect()

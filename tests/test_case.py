@@ -27,7 +27,7 @@ until = 3.0
 
 def test_a_case_is_the_run_of_the_python_interface():
     sim = Case(GOOD).simulation().run(3.0)
-    same = fh.Simulation(fh.Lattice(0.25, (-3, -3), (3, 3)), fh.Wave(fh.Kernel(0.75)), fh.LatticePML(),
+    same = fh.Simulation(fh.Lattice(0.25, (-3, -3), (3, 3)), fh.Wave(fh.Kernel(0.75)), fh.LatticePML(until=3.0),
                          {"u": lambda x, y: np.exp(-4 * (x**2 + y**2))}, dt=sim.dt).run(3.0)  # fmt: skip
     np.testing.assert_allclose(sim.fields["u"], same.fields["u"], atol=1e-15)
 

@@ -40,7 +40,7 @@ from farhorizon.cracks import Crack, as_crack, cut_bonds
 from farhorizon.engine import NEVER, Engine, Layer, Zone
 from farhorizon.errors import InputError
 from farhorizon.expressions import as_given
-from farhorizon.far_field import CROSSINGS, LASTING, FarField, stand_ins
+from farhorizon.far_field import CROSSINGS, FORESEEN, LASTING, MOST_CROSSINGS, FarField, stand_ins
 from farhorizon.incidence import Incidence, IncidentWave, check_scatterers
 from farhorizon.integrators import Euler, Verlet
 from farhorizon.kernel import Kernel
@@ -53,6 +53,7 @@ from farhorizon.shapes import Cut, Shape
 from farhorizon.sources import Source, as_source, by_component, field, magnitude, parts, split, steady
 from farhorizon.specimens import Specimen, place
 
+_FAINT = 1e-11  # part of the data that may touch a layer of given thickness, which may be good to rounding
 _SAID = 1e-9  # part of an incident wave's signal that a note is worth
 
 
@@ -117,7 +118,7 @@ class Assembly:
         self.lasting = isinstance(model, Elastic) and (model.bondwise or balance)
         self.sides = sides(LatticePML() if boundary is None else boundary, lattice.dim)
         self.autos = {key: b for key, b in self.sides.items() if isinstance(b, Auto)}
-        self.sides |= {key: b.layer(None, model.order) for key, b in self.autos.items()}
+        self.sides |= {key: b.layer(None, model.target) for key, b in self.autos.items()}
         self._check_model(cracks, coefficient, specimens, loads)
         self._check_bonds(cracks, rim)
         kinds.one_of(dtype, "dtype", ("float64", "float32"), "unknown number type")
@@ -150,6 +151,7 @@ class Assembly:
         self.step_limit = model.integrator.step_limit(self.rate_limit)
         self.dt = self._choose_step(dt)
         self.thickness: dict[str, Thickness] = {}
+        self._missed: dict[tuple[str, int, float], list[str]] = {}  # sides whose layers may miss their targets
         walls = [key for key, b in self.sides.items() if not isinstance(b, Absorbing | Periodic)]
         waves = [s.resolved(lattice, self.stencil.reach, walls) for s in sources if isinstance(s, IncidentWave)]
         driven = [*sources, *(self._as_source(load, f"load[{i}]") for i, load in enumerate(loads))]
@@ -162,8 +164,9 @@ class Assembly:
             self._layers = self._make_layers()
             self._choose_layers(initial, driven, dtype, cracks, factor, specimens)
         sources = [s for s in sources if not isinstance(s, IncidentWave)]
-        self._beyond = Beyond(lattice, self.sides, model.order, self._depth(), self._near_field)
+        self._beyond = Beyond(lattice, self.sides, model.target, self._depth(), self._near_field)
         self._beyond.notes += self.conditions.notes
+        self._beyond.notes += [words.format(nodes, ", ".join(names), aim) for (words, nodes, aim), names in self._missed.items()]
         if factor is not None:
             self._beyond.notes += gradients(factor, "the coefficient", self._beyond.targets, self.stencil.reach)
         u = self._initial("u", initial)
@@ -575,29 +578,50 @@ class Assembly:
     def _choose_thickness(
         self, initial: Mapping[str, Any], sources: Sequence[Any], cracks: Sequence[Any], factor: np.ndarray | None, specimens: Sequence[Specimen]
     ) -> None:  # fmt: skip
-        """Give each side whose layer chooses for itself the thinnest that keeps its target."""
-        chosen = {key: b for key, b in self.sides.items() if isinstance(b, LatticePML) and b.chooses}
-        if not chosen:
+        """Give each side whose layer chooses for itself the thinnest that keeps its target, and see what one given by hand keeps of its own."""
+        layers = {key: b for key, b in self.sides.items() if isinstance(b, LatticePML) and b.profile is None and (b.chooses or b.target)}
+        if not layers:
             return
         lattice, model = self.lattice, self.model
         if model.order == 1:
+            chosen = {key: b for key, b in layers.items() if b.chooses}
             self._choose_for_diffusion(chosen, initial, sources, self._scatterers(cracks, factor), specimens)
             return
-        lengths = {key: b.until or CROSSINGS * self.crossing for key, b in chosen.items()}
+        lengths = {key: min(b.until or CROSSINGS * self.crossing, MOST_CROSSINGS * self.crossing) for key, b in layers.items()}
+        watched = max((lengths[key] for key, b in layers.items() if b.target is not None), default=0.0)  # a formula looks at no course in time
         field = FarField(
             lattice.shape, self.stencil, model.coefficient, lattice.spacing, Recursion.of(model.integrator, self.dt, model.damping), self.dt,
-            self.sides, self._data(initial, sources, max(lengths.values())), self._scatterers(cracks, factor),
+            self.sides, self._data(initial, sources, watched), FORESEEN * self.crossing, self._scatterers(cracks, factor),
         )  # fmt: skip
-        for (axis, side), boundary in chosen.items():
-            found = field.layer(axis, side, boundary, lengths[axis, side])
-            self._layers[axis, side], self.thickness[AXES[axis] + "-+"[side > 0]] = found.layer, found
+        for (axis, side), boundary in layers.items():
+            wanted, until = boundary.wanted(model.target), lengths[axis, side]
+            if boundary.chooses:
+                found = field.layer(axis, side, boundary, wanted, until)
+                if found is not None:
+                    self._take(axis, side, found, wanted)
+            else:
+                self._judge(axis, side, field.returned(axis, side, self._layers[axis, side], wanted, min(until, field.foreseen)), wanted)
+
+    def _take(self, axis: int, side: int, found: Thickness, wanted: float) -> None:
+        """Give a side the layer that was found for it."""
+        name = AXES[axis] + "-+"[side > 0]
+        self._layers[axis, side], self.thickness[name] = found.layer, found
+        if found.predicted > wanted:
+            words = "the data hold waves of a few nodes, or the run is long: layers of {} nodes ({}) may miss the target {:g}"
+            self._missed.setdefault((words, found.layer.columns, wanted), []).append(name)
+
+    def _judge(self, axis: int, side: int, error: float, wanted: float) -> None:
+        """Remember a side whose layer is given and predicted to miss its target."""
+        if error > wanted:
+            words = f"layers of {{}} nodes ({{}}) are predicted to send back {error:.1g} of the largest value, more than the target {{:g}}"
+            self._missed.setdefault((words, self._layers[axis, side].columns, wanted), []).append(AXES[axis] + "-+"[side > 0])
 
     def _choose_for_diffusion(
         self, chosen: Mapping[tuple[int, int], LatticePML], initial: Mapping[str, Any], sources: Sequence[Any], scatterers: np.ndarray,
         specimens: Sequence[Specimen],
     ) -> None:  # fmt: skip
         """As `_choose_thickness`; what counts is the way from the data, the metal or a condition to the side."""
-        lattice, diffusivity = self.lattice, self.model.coefficient * self.strongest
+        lattice, model, diffusivity = self.lattice, self.model, self.model.coefficient * self.strongest
         busy = scatterers.astype(float)
         busy.ravel()[self.conditions.nodes] = 1
         if specimens:
@@ -606,13 +630,13 @@ class Assembly:
         for (axis, side), boundary in chosen.items():
             turned = [datum.turned(axis, side).values for datum in [*data, Datum(busy, "u")]]
             distance = lattice.spacing * distance_to_side(turned)
-            until = boundary.until or LASTING * self.crossing
-            found = thinnest_for_diffusion(lattice.spacing, diffusivity * until, distance, boundary.wanted(1))
-            if found is None:
-                raise InputError("no layer keeps the target for so long a run", value=boundary.wanted(1), key="boundary.target",
+            until = min(boundary.until or LASTING * self.crossing, MOST_CROSSINGS * self.crossing)
+            wanted = boundary.wanted(model.target)
+            found = thinnest_for_diffusion(lattice.spacing, diffusivity * until, distance, wanted)
+            if found.predicted > wanted and boundary.target is not None:
+                raise InputError("no layer keeps the target for so long a run", value=wanted, key="boundary.target",
                                  remedy="a larger target, a shorter run, or data farther from the side")  # fmt: skip
-            found = replace(found, until=until)
-            self._layers[axis, side], self.thickness[AXES[axis] + "-+"[side > 0]] = found.layer, found
+            self._take(axis, side, replace(found, until=until), wanted)
 
     def _data(self, initial: Mapping[str, Any], sources: Sequence[Any], until: float) -> list[Datum]:
         """What sends waves: the start, and sources over a time; pulses in the middle and beside each side where that cannot be known."""
@@ -654,7 +678,7 @@ class Assembly:
         """Choose how far the medium is computed beyond the sides that extend it."""
         extended = {key: b for key, b in self.sides.items() if isinstance(b, Extended)}
         self.extents = {key: Extent(b.nodes, b.until or np.inf) for key, b in extended.items() if b.nodes is not None}
-        wanted = {key: b.wanted(self.model.order) for key, b in extended.items() if b.nodes is None}
+        wanted = {key: b.wanted(self.model.target) for key, b in extended.items() if b.nodes is None}
         lengths = {b.until or self.crossing for key, b in extended.items() if key in wanted}
         if lengths:
             self.extents |= self.extents_for(wanted, max(lengths))
@@ -758,7 +782,8 @@ class Assembly:
                 m = self.stencil.reach[axis]
                 last = np.arange(m + 1) if side < 0 else self.lattice.shape[axis] - 1 - np.arange(m + 1)
                 least = int(isinstance(boundary, LatticePML))
-                faint = 1e-3 * boundary.wanted(self.model.order)
+                asked = isinstance(boundary, LatticePML) and (boundary.chooses or boundary.target is not None)
+                faint = 1e-3 * boundary.wanted(self.model.target) if asked else _FAINT
                 busy = bool(least) and any(np.abs(np.take(f, last, axis)).max() > faint * np.abs(f).max() for f in (self._size(u), self._size(v)))
                 busy |= factor is not None and bool(np.ptp(np.take(factor, last, axis), axis=axis).any())
                 edge = (self.lattice.lower if side < 0 else self.lattice.upper)[axis]

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.boundaries import Absorbing, Boundary, Sponge
-from farhorizon.boundaries.lattice_pml import DEFAULT_TARGET
+from farhorizon.boundaries import Absorbing, Boundary
 from farhorizon.errors import InputError, shown
 from farhorizon.lattice import AXES, Lattice
 from farhorizon.shapes import Cut
@@ -29,8 +28,8 @@ class Beyond:
     ----------
     lattice : Lattice
     sides : dict of (axis, side) to Boundary
-    order : {1, 2}
-        Order of the equation in time.
+    wanted : float
+        What may be missed where a side does not say it, as a part of the largest value.
     depth : dict of (axis, side) to int
         Nodes beyond each absorbing side that are looked at: the layer's, or the stencil's reach if that is more.
     near : ndarray of bool, optional
@@ -45,11 +44,12 @@ class Beyond:
     """
 
     def __init__(
-        self, lattice: Lattice, sides: dict[tuple[int, int], Boundary], order: int, depth: dict[tuple[int, int], int], near: np.ndarray | None = None
+        self, lattice: Lattice, sides: dict[tuple[int, int], Boundary], wanted: float, depth: dict[tuple[int, int], int],
+        near: np.ndarray | None = None,
     ) -> None:  # fmt: skip
         self.lattice, self.depth, self.near = lattice, depth, near
         absorbing = {key: b for key, b in sides.items() if isinstance(b, Absorbing)}
-        self.targets = {key: DEFAULT_TARGET[order] if isinstance(b, Sponge) else b.wanted(order) for key, b in absorbing.items()}
+        self.targets = {key: b.wanted(wanted) for key, b in absorbing.items()}
         self.notes: list[str] = []
 
     def check_values(self, values: np.ndarray, key: str) -> None:

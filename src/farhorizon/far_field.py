@@ -11,7 +11,7 @@ from scipy import fft
 from farhorizon.analysis.chain import Recursion
 from farhorizon.analysis.layer import Medium
 from farhorizon.analysis.returned import Arrivals, Datum, Sample, arrivals
-from farhorizon.analysis.thickness import Thickness, distance_to_side, family, least, thinnest
+from farhorizon.analysis.thickness import Thickness, by_formula, distance_to_side, family, least, predicted_error, thinnest
 from farhorizon.boundaries import Fixed, Free, LatticePML, Periodic
 from farhorizon.engine import Layer
 from farhorizon.errors import InputError
@@ -19,6 +19,8 @@ from farhorizon.machine import one_blas_thread
 from farhorizon.stencil import Stencil
 
 CROSSINGS, LASTING = 20, 10  # length of a run unless it is known: of waves in crossings of the near field, of diffusion in R^2/diffusivity
+MOST_CROSSINGS = 1000  # for which layers are made: what was measured
+FORESEEN = 60  # crossings for which errors are predicted: the work grows with their number
 _ROOM = 512  # nodes beside the near field, at most, before the data repeat themselves along the side
 _ROUND = 2  # lengths of the run before images come round, if there is room: what comes later folds back into it, much fainter
 _STAND_IN = 2.0  # width, in nodes, of the pulses that stand for data which are not known
@@ -44,6 +46,8 @@ class FarField:
     sides : mapping of (axis, side) to Boundary
     data : sequence of Datum
         On the near field.
+    foreseen : float
+        Time up to which errors are predicted; in longer runs the formula decides where it serves.
     scatterers : ndarray of bool, or None
         Nodes where waves are scattered: the data are taken to come from the nearest of them, too.
     """
@@ -56,42 +60,72 @@ class FarField:
     dt: float
     sides: Mapping[tuple[int, int], object]
     data: Sequence[Datum]
+    foreseen: float = np.inf
     scatterers: np.ndarray | None = None
     _known: dict[tuple[object, ...], Thickness] = field(default_factory=dict)  # of sides that are alike
+    _sent: dict[tuple[object, ...], tuple[list[Arrivals], float]] = field(default_factory=dict)
     _samples: dict[tuple[Stencil, int], Sample] = field(default_factory=dict)
 
     @one_blas_thread()
-    def layer(self, axis: int, side: int, boundary: LatticePML, until: float) -> Thickness:
-        """The thinnest layer of one side that keeps the target to the end of a run.
+    def layer(self, axis: int, side: int, boundary: LatticePML, wanted: float, until: float) -> Thickness | None:
+        """The thinnest layer of one side that is predicted to keep an error to the end of a run.
+
+        Where the side does not ask for one, that which a formula finds in no time, or None. The layer says for how long a run it is.
 
         Raises
         ------
         InputError
             No layer keeps it.
         """
-        stencil, wanted = self._facing(axis), boundary.wanted(2)
-        size = max((float(np.abs(datum.values).max()) for datum in self.data if datum.kind == "u"), default=0.0)
-        medium = Medium(stencil, self.coefficient, self.spacing, self.recursion, self.dt)
-        turned = [self._from_scatterers(datum.turned(axis, side), axis, side) for datum in self.data]
-        alike = (boundary, until, stencil, self.sides[axis, -side], *self._beside(axis), *(datum.values.tobytes() for datum in turned))
-        if alike in self._known:
-            return self._known[alike]
-        distance = distance_to_side([datum.values for datum in turned])
-        arrived = self._arrivals(medium, axis, side, turned, until, wanted, size)
-        size = max([size, *(one.largest for one in arrived)])
+        if boundary.target is None or until > self.foreseen:
+            data = [datum.values for datum in self._turned(axis, side)]
+            found = by_formula(self._facing(axis), np.sqrt(self.coefficient) / self.spacing, until, data, wanted)
+            if boundary.target is None or (found is not None and found.predicted <= wanted):
+                return found
+            until = self.foreseen
+        alike, medium, sent, size = self._arriving(axis, side, until, wanted)
+        if (boundary, *alike) in self._known:
+            return self._known[boundary, *alike]
+        distance = distance_to_side([datum.values for datum in self._turned(axis, side)])
 
         def steep(nodes: int) -> Layer:
-            return replace(boundary, nodes=nodes).layer(2, stencil, self.coefficient, self.spacing, 0.0)
+            return replace(boundary, nodes=nodes).layer(2, medium.stencil, self.coefficient, self.spacing, 0.0)
 
-        members = family(stencil, medium.speed / self.spacing, until, distance, wanted, steep)
-        found = thinnest(members, arrived, wanted, size)
+        members = family(medium.stencil, medium.speed / self.spacing, until, distance, wanted, steep)
+        found = thinnest(members, sent, wanted, size)
         if found is None:
             raise InputError(
-                "no layer keeps the target for these data", value=wanted, limit=f">= {least(members, arrived, size):.1g}", key="boundary.target",
+                "no layer keeps the target for these data", value=wanted, limit=f">= {least(members, sent, size):.1g}", key="boundary.target",
                 remedy="a larger target, smoother data, data farther from the side, another influence, or Extended, Exact or a Sponge",
             )  # fmt: skip
-        self._known[alike] = replace(found, until=until)
-        return self._known[alike]
+        self._known[boundary, *alike] = replace(found, until=until)
+        return self._known[boundary, *alike]
+
+    @one_blas_thread()
+    def returned(self, axis: int, side: int, layer: Layer, wanted: float, until: float) -> float:
+        """Error that a given layer of one side is predicted to make up to a time, told from none where it is near the wanted one or larger.
+
+        Where the medium goes on along the side, only as long as no image comes round: it would be heard in a layer that takes little of it.
+        """
+        if not all(isinstance(b, Periodic) or _image(b) for b in self._beside(axis)):
+            until = min(until, _ROOM * self.spacing / float(np.sqrt(self.coefficient)))
+        _, _, sent, size = self._arriving(axis, side, until, wanted)
+        return predicted_error(layer, sent, size)
+
+    def _arriving(self, axis: int, side: int, until: float, wanted: float) -> tuple[tuple[object, ...], Medium, list[Arrivals], float]:
+        """What is the same at sides that are alike, the medium seen from a side, what arrives there, and the largest of the data."""
+        stencil, turned = self._facing(axis), self._turned(axis, side)
+        medium = Medium(stencil, self.coefficient, self.spacing, self.recursion, self.dt)
+        alike = (until, wanted, stencil, self.sides[axis, -side], *self._beside(axis), *(datum.values.tobytes() for datum in turned))
+        if alike not in self._sent:
+            size = max((float(np.abs(datum.values).max()) for datum in self.data if datum.kind == "u"), default=0.0)
+            arrived = self._arrivals(medium, axis, side, turned, until, wanted, size)
+            self._sent[alike] = arrived, max([size, *(one.largest for one in arrived)])
+        return alike, medium, *self._sent[alike]
+
+    def _turned(self, axis: int, side: int) -> list[Datum]:
+        """The data as a side sees them."""
+        return [self._from_scatterers(datum.turned(axis, side), axis, side) for datum in self.data]
 
     def _facing(self, axis: int) -> Stencil:
         """The stencil with an axis first; the same one for all axes where these may be exchanged."""

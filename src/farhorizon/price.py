@@ -79,7 +79,7 @@ def layered(sim: Simulation, until: float) -> Simulation:
         No layer keeps the target.
     """
     sides: Mapping[str, object] = {
-        AXES[axis] + "-+"[side > 0]: LatticePML(target=b.wanted(sim.model.order), until=until) if isinstance(b, Extended) else b
+        AXES[axis] + "-+"[side > 0]: LatticePML(target=b.wanted(sim.model.target), until=until) if isinstance(b, Extended) else b
         for (axis, side), b in sim.sides.items()
     }
     return sim.remade(boundary=sides)

@@ -173,15 +173,15 @@ class Report:
             self.reflections.append(found)
             boundary = sim.sides[AXES.index(names[0]), 1 if names[1] == "+" else -1]
             if isinstance(boundary, LatticePML) and not found.diffusive:
-                self._doubt(found, boundary)
+                self._doubt(found, boundary, boundary.wanted(sim.model.target))
 
-    def _doubt(self, found: Reflections, boundary: LatticePML) -> None:
+    def _doubt(self, found: Reflections, boundary: LatticePML, wanted: float) -> None:
         """Warn of a layer that sends back much of what it is best at: typical waves that come along the normal."""
         wavelength, table = next(iter(found.tables.items()))
         amplitude = float(np.nanmax(np.append(table[:, 0], 0.0)))
-        most = _MUCH if boundary.nodes is not None else 10 * boundary.wanted(2)
+        most = _MUCH if boundary.nodes is not None else 10 * wanted
         if amplitude > most:
-            aim = "" if boundary.nodes is not None else f", where the target is {boundary.wanted(2):g}"
+            aim = "" if boundary.nodes is not None else f", where the target is {wanted:g}"
             what = f"{found.sides} send back {amplitude:.1g} of waves of length {wavelength:.3g} along the normal{aim}"
             others = "a kernel that reaches less far, a Sponge of several wavelengths, or in one dimension Exact"
             self.warnings.append(f"{what}; take more nodes, {others}")
@@ -205,7 +205,8 @@ class Report:
             length, reach = layer.columns * lattice.spacing, stencil.reach[axis - 3 + lattice.dim]
             share = "" if waves is None else f" = {length / waves.typical:.3g} wavelengths"
             text = (
-                f"{layer.columns} nodes = {layer.columns / reach:.3g} horizons{share}, length {length:g}, target {boundary.wanted(sim.model.order):g}"
+                f"{layer.columns} nodes = {layer.columns / reach:.3g} horizons{share}, length {length:g}, "
+                f"target {boundary.wanted(sim.model.target):g}"
             )
             name = AXES[axis - 3 + lattice.dim] + "-+"[side > 0]
             if name in sim.thickness:

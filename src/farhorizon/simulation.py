@@ -132,7 +132,7 @@ class Simulation(Assembly, Run):
         self._end = 0.0  # of the run, as far as it is known
         self._settled = 0.0  # length of the run that the sides are good for, as far as they are chosen for one
         self._why: list[str] = []  # how sides that leave the choice were chosen
-        self._open_ended = [key for key, b in self.sides.items() if isinstance(b, Extended) and b.nodes is None]
+        self._open_ended = [key for key, b in self.sides.items() if isinstance(b, LatticePML | Extended) and b.nodes is None]
         self._looked = 0.0  # up to this time
         self._balance = balance
         self._books = balance and not self.lasting
@@ -329,14 +329,22 @@ class Simulation(Assembly, Run):
             return
         if self.autos:
             self._decide(until)
-        elif any(until > self.extents[key].until * (1 + 1e-9) for key in self._open_ended):
-            self._become({key: replace(self.sides[key], nodes=None, until=until) for key in self._open_ended})
+        elif any(until > end * (1 + 1e-9) for end in self._lasts()):
+            try:
+                self._become({key: replace(self.sides[key], nodes=None, until=until) for key in self._open_ended})
+            except InputError:  # what layers keep then is noted
+                if any(isinstance(self.sides[key], Extended) for key in self._open_ended):
+                    raise
         self._settled = until
+
+    def _lasts(self) -> list[float]:
+        """Lengths of runs that the sides which follow from them were chosen for."""
+        return [found.until for found in self.thickness.values()] + [found.until for found in self.extents.values()]
 
     def _decide(self, until: float) -> None:
         """Take layers or the extended domain on the sides that leave the choice, whichever takes less time."""
         far_sides: dict[tuple[int, int], Boundary] = {key: b.extended(until) for key, b in self.autos.items()}
-        near_sides: dict[tuple[int, int], Boundary] = {key: b.layer(until, self.model.order) for key, b in self.autos.items()}
+        near_sides: dict[tuple[int, int], Boundary] = {key: b.layer(until, self.model.target) for key, b in self.autos.items()}
         try:
             if any(self.sides[key] != layer for key, layer in near_sides.items()):
                 self._become(near_sides)
@@ -781,8 +789,10 @@ class Simulation(Assembly, Run):
         """The sides by name, with the layers that were chosen for the data: on another lattice, or without data, they stay what they are."""
         named = {AXES[axis] + "-+"[side > 0]: (boundary, self._layers.get((axis, side))) for (axis, side), boundary in self.sides.items()}
         chosen = {AXES[axis] + "-+"[side > 0]: found for (axis, side), found in self.extents.items() if np.isfinite(found.until)}
+        wanted = self.model.target
         return {
-            name: replace(boundary, nodes=layer.columns, profile=layer) if layer is not None and name in self.thickness else boundary
+            name: replace(boundary, target=boundary.wanted(wanted), nodes=layer.columns, profile=layer)
+            if layer is not None and name in self.thickness else boundary
             for name, (boundary, layer) in named.items()
         } | {name: replace(named[name][0], nodes=found.nodes, until=found.until) for name, found in chosen.items()}
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
+from farhorizon.analysis.infinite import InfiniteLattice
 from farhorizon.compare import compare
 
 STEP = 0.25
@@ -313,3 +314,57 @@ def test_loads_that_stay(dim, elastic, crack, until):
         near, exact = (sim.run(until=time).fields["u"] for sim in (ours, far))
         assert np.abs(near - exact).max() <= 1e-4 * np.abs(exact).max()
     assert ours.time >= until and np.abs(exact).max() > 0.1
+
+
+@pytest.mark.parametrize("reach", [1, 2, 3])
+@pytest.mark.parametrize("shape", ["square", "long", "guide"])
+def test_a_layer_of_which_nothing_is_asked_keeps_the_target_of_the_model(reach, shape):
+    """A pulse of six nodes a wave in the middle and near a side, a box of 4 to 1, and a guide that is fixed across, to 15 crossings: below 1e-5."""
+    half = {"square": (14.0, 14.0), "long": (48.0, 12.0), "guide": (14.0, 8.0)}[shape]
+    lattice = fh.Lattice(1.0, [-a for a in half], half)
+    x, y = lattice.coordinates()
+    until, model = 15 * 2 * half[0], fh.Wave(fh.Kernel(float(reach)))
+    sides = {"x": fh.LatticePML(until=until), "y": fh.Fixed()} if shape == "guide" else fh.LatticePML(until=until)
+    u = np.exp(-((x - half[0] + 11) ** 2 + y**2) / 2.2**2)
+    sim = fh.Simulation(lattice, model, sides, {"u": u}, threads=1)
+    assert max(found.layer.columns for found in sim.thickness.values()) <= 13
+    more = int(until / 2) + 40
+    wide = {"x": fh.Fixed(), "y": fh.Fixed()} if shape == "guide" else None
+    if wide is None:
+        infinite = InfiniteLattice(sim.stencil, 1.0, model.integrator, sim.dt, int(until / sim.dt), u)
+    else:
+        far = fh.Simulation(fh.Lattice(1.0, (-half[0] - more, -half[1]), (half[0] + more, half[1])), model, wide,
+                            {"u": np.pad(u, ((more, more), (0, 0)))}, dt=sim.dt, threads=1)  # fmt: skip
+    worst = 0.0
+    for step in np.linspace(1, int(until / sim.dt), 30).astype(int):
+        sim.step(int(step) - sim.step_count)
+        if wide is None:
+            exact = infinite.after(int(step))
+        else:
+            far.step(int(step) - far.step_count)
+            exact = far.fields["u"][more:-more]
+        worst = max(worst, float(np.abs(sim.fields["u"] - exact).max() / u.max()))
+    assert worst <= 1e-5
+
+
+def test_a_thickness_by_hand_says_what_it_misses_of_its_target():
+    lattice = fh.Lattice(1.0, (-20.0, -20.0), (20.0, 20.0))
+
+    def notes(**side):
+        u = {"u": lambda x, y: np.exp(-(x**2 + y**2) / 9)}
+        return [note for note in fh.Simulation(lattice, fh.Wave(fh.Kernel(3.0)), fh.LatticePML(until=200.0, **side), u).notes if "target" in note]
+
+    (said,) = notes(nodes=3, target=1e-5)
+    assert "layers of 3 nodes (x-, x+, y-, y+) are predicted to send back" in said and "more than the target 1e-05" in said
+    assert notes(nodes=10, target=1e-5) == notes(nodes=3) == notes() == []
+
+
+def test_a_run_that_is_longer_than_the_layers_were_made_for_takes_others():
+    lattice, u = fh.Lattice(1.0, (-20.0, -10.0), (20.0, 10.0)), {"u": lambda x, y: np.exp(-(x**2 + y**2) / 9)}
+    sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), {"x": fh.LatticePML(), "y": fh.Fixed()}, u)
+    before = sim.thickness["x-"]
+    sim.run(300 * 40.0)
+    assert sim.thickness["x-"].until == 300 * 40.0 > before.until and sim.thickness["x-"].layer.columns > before.layer.columns
+    assert not sim.notes
+    sim.run(310 * 40.0)
+    assert any("keep their target up to t = 12000" in note for note in sim.notes)

@@ -44,7 +44,7 @@ def test_example_2_of_hermann(reach, boundary, known):
 
 @pytest.mark.parametrize("reach", [3, 6])
 def test_lattice_pml_beside_it(reach):
-    assert (errors(disc(reach, fh.LatticePML()), (30, 40, 50)) < 1e-7).all()
+    assert (errors(disc(reach, fh.LatticePML(nodes=12)), (30, 40, 50)) < 1e-7).all()
 
 
 def test_published_condition_grows_on_a_disc():

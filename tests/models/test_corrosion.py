@@ -464,7 +464,7 @@ fields = ["u", "solid", "dissolved"]
 def test_a_case_is_the_run_of_the_python_interface():
     sim = Case(CASE).simulation().run(1.0)
     shape = fh.Disc(1.5) - fh.Box((-0.2, 0.0), (0.2, 2.0))
-    same = fh.Simulation(fh.Lattice(0.25, (-3, -3), (3, 3)), fh.Corrosion(fh.Kernel(0.5), saturation=0.8, interface=0.1), fh.LatticePML(),
+    same = fh.Simulation(fh.Lattice(0.25, (-3, -3), (3, 3)), fh.Corrosion(fh.Kernel(0.5), saturation=0.8, interface=0.1), fh.LatticePML(until=1.0),
                       specimens=[fh.Specimen(shape, 2.0)], dt=sim.dt).run(1.0)  # fmt: skip
     for name, field in same.fields.items():
         assert np.array_equal(sim.fields[name], field, equal_nan=True)

@@ -27,7 +27,7 @@ import numpy as np
 from scipy import special
 
 from farhorizon.analysis.choice import smooth_ramp, weak
-from farhorizon.analysis.returned import Arrivals
+from farhorizon.analysis.returned import Arrivals, reflected
 from farhorizon.analysis.short_waves import HighPass, high_pass
 from farhorizon.engine import Layer
 from farhorizon.stencil import Stencil
@@ -49,6 +49,10 @@ _LEAST = 3  # nodes of such layers that were looked at
 _AIM = 0.4  # of the wanted error: the prediction knows one side and one reflection
 _AIM_LASTING = 0.25  # in diffusion, where what all sides send back adds up
 _MOST = 60  # nodes
+_WIDEST = 4  # reach with which late profiles were stable in white noise; exponent 1 with constant influence grows from 5 on
+_MORE_EQUAL = 5  # at most, for short waves: more of them hardly help against such that stand nearly still
+_WAVES, _ANGLES = 64, np.deg2rad([0.0, 45.0])  # wavelengths and angles at which the short waves of data are looked at
+_CAREFUL, _STEEPEST_WAVE = 10, 1.3  # what the bound of late profiles is above measured errors; C of the shortest waves that it knows, 6 nodes long
 _STEEPEST, _EARLY, _GRADUAL = 3.2, 5.2, 2.3  # of diffusion: which decays matter, fitted to the least error over all times of a run
 _HIGHEST, _POINTS = 6.0, 241  # of the integral over y: exp(-36) remains
 _BEGIN, _TIMES = 0.03, 60  # first time in squared distance over D, before which nothing has come back, and how many are looked at
@@ -78,6 +82,12 @@ class Thickness:
         return f"{self.name} profile, predicted error {self.predicted:.1g} of the largest value up to t = {self.until:.6g}"
 
 
+def predicted_error(layer: Layer, waves: Sequence[Arrivals], size: float) -> float:
+    """Error that a layer makes of what arrives, relative to the largest of the data: of all types that a wave is turned into together."""
+    returned = max(side.returned(layer) for side in waves) / size
+    return float(returned * max(side.conversion(layer) for side in waves))
+
+
 def thin(nodes: int, strength: float, pace: float) -> Layer:
     """A thin profile; `pace` is speed / spacing."""
     depth = (np.arange(nodes + 1) + 0.5) / (nodes + 1)
@@ -85,7 +95,7 @@ def thin(nodes: int, strength: float, pace: float) -> Layer:
     return Layer(np.ones(nodes + 1), sigma * pace, (_SHIFT + _END * sigma[-1] * depth**4) * pace)
 
 
-def late(nodes: int, pace: float, until: float, distance: float, wanted: float) -> Layer:
+def late(nodes: int, pace: float, until: float, distance: float, wanted: float, equal: int | None = None) -> Layer:
     """A profile for a run of length `until`.
 
     Parameters
@@ -99,15 +109,91 @@ def late(nodes: int, pace: float, until: float, distance: float, wanted: float) 
         Of the data from the side, in nodes.
     wanted : float
         Error relative to the data.
+    equal : int, optional
+        Edges of one sigma, for waves along the normal; by the wanted error unless given.
     """
     length = pace * until
-    equal = _EQUAL[int(np.clip(-np.log10(wanted) / 2 - 1, 0, 3))]
+    equal = _equal_edges(wanted) if equal is None else equal
     least = min(max(distance, 1.0) / (length * np.log(1 / wanted)), _GRAZING / 2)
     points = np.sort(_zolotarev(least / _GRAZING, nodes + 1 - equal) * _GRAZING)[::-1]
     sigma = np.concatenate([np.full(equal, _EQUAL_AT), 2 / points])
     alpha = np.concatenate([np.zeros(equal), (1 / points**2 - 1) / length])
     order = np.argsort(sigma, kind="stable")
     return Layer(np.ones(nodes + 1), sigma[order] * pace, np.maximum(alpha, _SLOWEST / length)[order] * pace)
+
+
+def _timely(stencil: Stencil) -> bool:
+    """Whether the late profile is stable: for scalars without backward waves that do not reach far."""
+    return stencil.components == 1 and max(stencil.reach) <= _WIDEST and not stencil.backward_waves()
+
+
+def _equal_edges(wanted: float) -> int:
+    return _EQUAL[int(np.clip(-np.log10(wanted) / 2 - 1, 0, 3))]
+
+
+def by_formula(stencil: Stencil, pace: float, until: float, data: Sequence[np.ndarray], wanted: float) -> Thickness | None:
+    """The late profile that keeps an error by the bound of Zolotarev's problem, ``4 exp(-pi^2 (n + 1/2)/ln(4 C_max/C_min))``; None where it grows.
+
+    The bound counts every wave of the line at its largest, together; what was measured is 10 to 50 times less (2D waveguides of 5 to 1000
+    crossings, boxes of 10 to 1, loads that stay). It knows waves of 6 nodes and more: for shorter ones in the data there are more edges of one
+    sigma.
+
+    Parameters
+    ----------
+    stencil : Stencil
+        Its first axis is the normal.
+    pace : float
+        Speed / spacing.
+    until : float
+        Length of the run.
+    data : sequence of ndarray
+        With the normal first, towards the side.
+    wanted : float
+    """
+    if not _timely(stencil):
+        return None
+    aim, distance = _CAREFUL * wanted, distance_to_side(data)
+    least = min(max(distance, 1.0) / (pace * until * np.log(1 / aim)), 1.0)
+    nodes = int(np.ceil(np.log(4 / aim) * np.log(4 * _STEEPEST_WAVE / least) / np.pi**2 + 0.5))
+    equal, nodes = _equal_edges(wanted), max(nodes, max(_EQUAL) + 1)
+    sent = _Sent.of(stencil, pace, data)
+    layer = late(nodes, pace, until, distance, wanted, equal)
+    for _ in range(_MORE_EQUAL):
+        if sent.returned(layer) <= wanted:
+            break
+        equal, nodes = equal + 1, nodes + 1
+        layer = late(nodes, pace, until, distance, wanted, equal)
+    return Thickness("late", layer, max(wanted, sent.returned(layer)), until)
+
+
+def _spectrum(line: np.ndarray) -> np.ndarray:
+    """Largest amplitude of a line's waves in each of so many parts of 0 to pi."""
+    each = -(-len(line) // (2 * _WAVES))
+    return np.asarray(np.abs(np.fft.rfft(line, 2 * _WAVES * each))[1:].reshape(_WAVES, each).max(1))
+
+
+@dataclass(frozen=True)
+class _Sent:
+    """Waves of the wavelengths that data hold along the normal, at some angles to it: factor over a node, frequency, and amplitude."""
+
+    root: np.ndarray
+    frequency: np.ndarray
+    amplitude: np.ndarray
+
+    @classmethod
+    def of(cls, stencil: Stencil, pace: float, data: Sequence[np.ndarray]) -> _Sent:
+        """Of a stencil without backward waves."""
+        k = np.pi * (np.arange(_WAVES) + 0.5) / _WAVES
+        found = np.max([_spectrum(np.abs(values).reshape(len(values), -1).max(1)) for values in data], axis=0, initial=0.0)
+        along, across = (np.outer(np.array(part), k) for part in (np.cos(_ANGLES), np.sin(_ANGLES)))
+        symbol = stencil.symbol(along, *([across] + [np.zeros_like(across)] * (stencil.dim - 2) if stencil.dim > 1 else []))
+        return cls(np.exp(-1j * along), 1j * pace * np.sqrt(np.abs(symbol)), found / (found.sum() or 1.0))
+
+    def returned(self, layer: Layer) -> float:
+        """Amplitude that comes back, at the angle where it is largest; short waves disperse on their way, so their energies add up."""
+        with np.errstate(all="ignore"):  # spacings and speeds at the ends of what numbers hold
+            back = np.abs(reflected(self.root, self.frequency, layer))
+        return float(np.linalg.norm(self.amplitude * back, axis=1).max())
 
 
 def _zolotarev(least: float, count: int) -> np.ndarray:
@@ -173,10 +259,10 @@ def family(
 ) -> Callable[[int], Mapping[str, Layer]]:  # fmt: skip
     """The profiles of so many nodes that are tried for waves, by name.
 
-    The late profile is for scalars without backward waves: others grow in it.
+    The late profile is for scalars without backward waves that reach no more than 4 nodes: others grow in it.
     """
     backward, damped = stencil.backward_waves(), high_pass(stencil)
-    timely = not backward and stencil.components == 1
+    timely = _timely(stencil)
 
     def members(nodes: int) -> Mapping[str, Layer]:
         found = {"steep": steep(nodes)}
@@ -304,13 +390,13 @@ def returned_by_diffusion(layer: Layer, spacing: float, spreads: np.ndarray, dis
     return np.asarray(np.abs((np.exp(scaled**2 - decay * distance) * back).sum(1)) * step / np.sqrt(np.pi))
 
 
-def thinnest_for_diffusion(spacing: float, spread: float, distance: float, wanted: float) -> Thickness | None:
-    """The fewest nodes that keep an error relative to the largest value at every time of a run; None if no 60 nodes do."""
+def thinnest_for_diffusion(spacing: float, spread: float, distance: float, wanted: float) -> Thickness:
+    """The fewest nodes that keep an error relative to the largest value at every time of a run; 60 nodes, and what they keep, if none do."""
     distance = max(distance, spacing)
     spreads = np.geomspace(min(_BEGIN * distance**2, spread), spread, _TIMES)
     for nodes in range(2, _MOST + 1):
         layer = diffusive(nodes, spacing, spread, distance)
         predicted = float(returned_by_diffusion(layer, spacing, spreads, distance).max())
         if predicted <= _AIM_LASTING * wanted:
-            return Thickness("diffusive", layer, predicted)
-    return None
+            break
+    return Thickness("diffusive", layer, predicted)

@@ -19,7 +19,7 @@ class Auto:
     Parameters
     ----------
     target : float, optional
-        Wanted error, as of both; 1e-5 unless given.
+        Wanted error, as of both.
     until : float, optional
         Length of the run, as of both.
 
@@ -35,9 +35,9 @@ class Auto:
     def __post_init__(self) -> None:
         kinds.settle(self, target=self.extended(None).target, until=self.extended(None).until)
 
-    def layer(self, until: float | None, order: int) -> LatticePML:
-        """A layer for a run of a length, as far as it is known here or from the side."""
-        return LatticePML(target=self.extended(None).wanted(order), until=self._longer(until))
+    def layer(self, until: float | None, default: float) -> LatticePML:
+        """A layer for a run of a length, as far as it is known here or from the side, that keeps the target or that of the model."""
+        return LatticePML(target=self.extended(None).wanted(default), until=self._longer(until))
 
     def extended(self, until: float | None) -> Extended:
         """An extended domain for a run of a length, as far as it is known here or from the side."""

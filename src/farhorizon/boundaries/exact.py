@@ -59,7 +59,7 @@ class Exact:
         none = self.compress is None or self.compress is False  # a case file has no None
         kinds.settle(self, compress=None if none else kinds.number(self.compress, "boundary.compress", least=1e-15, most=0.1))
 
-    def wanted(self, order: int) -> float:
+    def wanted(self, default: float) -> float:
         """What may be missed beyond the end, as a part of the largest value."""
         return 1e-15 if self.compress is None else self.compress
 

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 from farhorizon import kinds
 
-DEFAULT_TARGET = 1e-5  # of waves: of the initial maximum; of diffusion: of the current one
-
 
 @dataclass(frozen=True)
 class Extended:
@@ -20,7 +18,8 @@ class Extended:
     Parameters
     ----------
     target : float, optional
-        Wanted error, of waves relative to the largest value, of diffusion to the largest value at the same time; 1e-5 unless given.
+        Wanted error, of waves relative to the largest value, of diffusion to the largest value at the same time; unless given that of the
+        model, 1e-5, of elasticity 1e-4.
     nodes : int, optional
         Fixes the nodes beyond the side.
     until : float, optional
@@ -44,6 +43,6 @@ class Extended:
             until=None if self.until is None else kinds.number(self.until, "boundary.until", above=0),
         )
 
-    def wanted(self, order: int) -> float:
-        """The target, or the default."""
-        return DEFAULT_TARGET if self.target is None else self.target
+    def wanted(self, default: float) -> float:
+        """The target, or that of the model."""
+        return default if self.target is None else self.target

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 class FirstOrder:
     """Flat side at which waves along the normal pass; for classical waves only: stencils that reach one node."""
 
-    def wanted(self, order: int) -> float:
+    def wanted(self, default: float) -> float:
         """What may be missed beyond the side, as a part of the largest value: much less than the condition's own error."""
         return 1e-6
 

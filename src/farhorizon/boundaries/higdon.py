@@ -57,7 +57,7 @@ class Higdon:
         if not all(0 <= abs(a) < 90 for a in self.angles):
             raise InputError("waves arrive at less than 90 degrees", value=list(self.angles), limit="below 90", key="boundary.angles")
 
-    def wanted(self, order: int) -> float:
+    def wanted(self, default: float) -> float:
         """What may be missed beyond the outline, as a part of the largest value: much less than the condition's own error."""
         return 1e-6
 

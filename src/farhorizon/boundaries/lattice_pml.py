@@ -38,7 +38,7 @@ _LEAST = 1.95  # sum of sigma over the edges: a long wave comes back with 2 perc
 BY_TARGET = "target=...: the layer follows from the error that is wanted, the data and the length of the run"
 _MOST_NODES = 1000  # of a layer: what predicts its echo is dense algebra of that size
 
-DEFAULT_TARGET = {1: 1e-5, 2: 1e-8}  # diffusion: of the current maximum; waves: of the initial maximum
+_DIFFUSIVE, _THIN, _STRONG = 12, 12, 16  # nodes where nothing is known: for diffusion, for waves, beside strong backward waves
 
 
 @dataclass(frozen=True)
@@ -49,10 +49,11 @@ class LatticePML:
     ----------
     target : float, optional
         Wanted error, of waves relative to the largest value, of diffusion to the largest value at the same time. The layer is
-        the thinnest that is predicted to keep it for the data, the shape of the near field and the length of the run. Without
-        it a rule gives waves 12 nodes or more, which keep 1e-8 in short runs, and diffusion 12, for 1e-5.
+        the thinnest that is predicted to keep it for the data, the shape of the near field and the length of the run; a target that
+        none keeps is refused. Without it the model's is designed for, 1e-5, of elasticity 1e-4, by a formula in the length of the run
+        and the distance of the data for scalar waves without backward waves and for diffusion, by a number of nodes for others.
     nodes : int, optional
-        Fixes the thickness in nodes.
+        Fixes the thickness in nodes; with a target, a note tells where they do not keep it.
     profile : mapping or Layer, optional
         Stretch by hand: "kappa" (>= 1), "sigma" (1/time), "alpha" (1/time), each a number or an array of
         ``nodes + 1`` values from the near field outwards; names left out keep 1, 0 and 0. Needs nodes. Or a whole `Layer`.
@@ -96,15 +97,15 @@ class LatticePML:
 
     @property
     def chooses(self) -> bool:
-        """Whether the thickness is to follow from the target and the data."""
-        return self.target is not None and self.nodes is None and self.profile is None
+        """Whether the thickness is to follow from the data and the length of the run."""
+        return self.nodes is None and self.profile is None
 
-    def wanted(self, order: int) -> float:
-        """The target, or the default of the equation's order in time."""
-        return DEFAULT_TARGET[order] if self.target is None else self.target
+    def wanted(self, default: float) -> float:
+        """The target, or that of the model."""
+        return default if self.target is None else self.target
 
     def layer(self, order: int, stencil: Stencil, coefficient: float, spacing: float, half_width: float) -> Layer:
-        """The layer of one side.
+        """The layer of one side for nodes given by hand, or as many as serve where nothing is known of data and run.
 
         Parameters
         ----------
@@ -118,7 +119,6 @@ class LatticePML:
         half_width : float
             Half the largest extent of the near field: the scale of the diffusive far field.
         """
-        target = self.wanted(order)
         if isinstance(self.profile, Layer):
             return self.profile
         if self.profile is not None and self.nodes is not None:
@@ -136,21 +136,16 @@ class LatticePML:
                 raise InputError("diffusion takes kappa only", key="boundary.profile.sigma", remedy="leave sigma out")
             return Layer(values["kappa"], values["sigma"], values["alpha"])
         if order == 1:
-            return _diffusion_layer(self.nodes or _diffusion_nodes(target), spacing, half_width)
+            return _diffusion_layer(self.nodes or _DIFFUSIVE, spacing, half_width)
         damped = high_pass(stencil)
-        nodes = self.nodes or _wave_nodes(target, stencil.reach[0], damped)
+        nodes = self.nodes or _wave_nodes(stencil.reach[0], damped)
         return _wave_profile(nodes, stencil, damped).layer(nodes, float(np.sqrt(coefficient)), spacing, damped)
 
 
-def _wave_nodes(target: float, reach: int, damped: HighPass | None) -> int:
-    """Thickness for waves: 12 nodes keep 1e-8 in 2D, four more for each factor 30 (a little less than measured for a reach of 1 to 3 nodes).
-
-    Where strong backward waves are damped 16 nodes keep 1e-6, 30 nodes 1e-8.
-    """
-    if not weak(damped):
-        return max(int(np.ceil(16 + 7 * max(0.0, np.log10(1e-6 / target)))), 4 * reach if reach > 3 else 0)
-    nodes = int(np.ceil(12 + 4 * max(0.0, np.log(1e-8 / target) / np.log(30))))
-    return max(8 if target > 1e-6 else 12, nodes, 3 * reach if reach > 3 else 0)
+def _wave_nodes(reach: int, damped: HighPass | None) -> int:
+    """Thickness for waves of which nothing is known: 12 nodes keep 1e-8 in short runs in 2D; where strong backward waves are damped 16 keep 1e-6."""
+    least, wide = (_THIN, 3) if weak(damped) else (_STRONG, 4)
+    return max(least, wide * reach if reach > 3 else 0)
 
 
 def _wave_profile(nodes: int, stencil: Stencil, damped: HighPass | None) -> Profile:
@@ -222,11 +217,6 @@ def _shortened(profile: Profile, nodes: int, stencil: Stencil, most: float) -> P
     while largest_gain(stencil, *profile.edges(nodes, 1.0, 1.0)) > most and profile.power < _STEEPEST:
         profile = replace(profile, power=profile.power + 1, smooth=False)
     return profile
-
-
-def _diffusion_nodes(target: float) -> int:
-    """Thickness for diffusion: 12 nodes keep 5e-6, 20 keep 1e-7 (bounds that the tests assert)."""
-    return max(8, int(np.ceil(12 + 8 * np.log(5e-6 / target) / np.log(50))))
 
 
 def _diffusion_layer(nodes: int, spacing: float, half_width: float) -> Layer:

@@ -186,7 +186,7 @@ class PlaneWave:
         given |= {"angles": partial(kinds.integer, least=1, most=_MOST), "rcond": partial(kinds.number, least=0, below=1), "balanced": kinds.flag}
         kinds.settle(self, **{name: take(getattr(self, name), f"boundary.{name}") for name, take in given.items()})
 
-    def wanted(self, order: int) -> float:
+    def wanted(self, default: float) -> float:
         """What may be missed beyond the outline, as a part of the largest value: much less than the condition's own error."""
         return 1e-6
 

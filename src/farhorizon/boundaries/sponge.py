@@ -34,6 +34,10 @@ class Sponge:
             strength=None if self.strength is None else kinds.number(self.strength, "boundary.strength", least=0),
         )
 
+    def wanted(self, default: float) -> float:
+        """What may be missed beyond the side, as a part of the largest value."""
+        return default
+
     def damping(self, order: int, coefficient: float, spacing: float) -> np.ndarray:
         """Damping on the sponge's nodes from the near field outwards, shape (nodes,)."""
         width = self.nodes * spacing

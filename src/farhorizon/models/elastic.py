@@ -80,6 +80,8 @@ class Elastic(LatticeModel):
     three are no springs: they cannot be cut or weakened one by one.
     """
 
+    target = 1e-4  # a tenth of it costs as many nodes again: strong backward waves decide
+
     def __init__(
         self,
         kernel: Kernel | Stencil | None = None,

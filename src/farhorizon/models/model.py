@@ -34,6 +34,8 @@ class LatticeModel:
         Whether bonds may be cut and weakened one by one.
     strongest : float
         Largest factor that the model itself puts on bonds.
+    target : float
+        Error that sides keep unless they are given one: of waves relative to the largest value, of diffusion to the largest at the same time.
     """
 
     coefficient: float
@@ -44,6 +46,7 @@ class LatticeModel:
     combinations: str = ""
     bonds: bool = True
     strongest: float = 1.0
+    target: float = 1e-5
 
     def __init__(self, operator: Kernel | Stencil) -> None:
         self.operator = kinds.instance(operator, "model", (Kernel, Stencil), "a Kernel or a Stencil", remedy="Kernel(horizon=3*spacing)")

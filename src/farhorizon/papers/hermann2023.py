@@ -114,7 +114,7 @@ def example_1(folder: Path, full: bool = False) -> Outcome:
         "published, 1 spacing": published(0.5), "published, 2 spacings": published(1.0), "published, 3 spacings": published(1.5),
         "repaired, 3 spacings": PlaneWave(), "repaired, 1 spacing": PlaneWave(radius=0.5),
         "Higdon (0, 45)": Higdon((0, 45), 0.03), "Higdon (0, 30, 60)": Higdon((0, 30, 60), 0.03), "first order, A13": FirstOrder(),
-        "lattice PML": LatticePML(),
+        "lattice PML": LatticePML(nodes=30),
     }  # fmt: skip
     nodes = int((2 * RADIUS / 0.5 + 1) ** 2)
     counts = [Row("nodes of the square", nodes, 11025), Row("elements", (2 * RADIUS / 0.5) ** 2, 10816)]
@@ -178,7 +178,7 @@ class Continuum:
 #: Conditions of figure 10: what the paper calls proposed (for three sizes of cloud) and conventional, and ours.
 LONG: dict[str, Boundary] = {
     "published, 1 spacing": published(0.5), "published, 2 spacings": published(1.0), "published, 3 spacings": published(1.5),
-    "first order, A13": FirstOrder(), "lattice PML": LatticePML(),
+    "first order, A13": FirstOrder(), "lattice PML": LatticePML(nodes=30),
 }  # fmt: skip
 FRONT = 200.0  # by then the wave front has left the near field for long
 
@@ -261,7 +261,7 @@ def disc_conditions(reach: int) -> dict[str, Boundary]:
         readings["published A, thinned by 3"] = published(horizon, thin=3)
     return readings | {
         "repaired": PlaneWave(), "Higdon (0, 0)": Higdon((0, 0), 0.02), "Higdon (0, 45)": Higdon((0, 45), 0.02),
-        "lattice PML": LatticePML(),
+        "lattice PML": LatticePML(nodes=12 if reach < 4 else 3 * reach),
     }  # fmt: skip
 
 
@@ -336,7 +336,7 @@ def example_3(folder: Path, full: bool = False) -> Outcome:
     kept = (*TIMES, 70.0)
     conditions: dict[str, Boundary] = {
         "published A, thinned by 2": published(0.75, thin=2, cone=_OPEN), "published A, lattice normals": published(0.75, normals="lattice"),
-        "repaired": PlaneWave(), "Higdon (0, 45)": Higdon((0, 45), 0.02), "lattice PML": LatticePML(),
+        "repaired": PlaneWave(), "Higdon (0, 45)": Higdon((0, 45), 0.02), "lattice PML": LatticePML(nodes=12),
     }  # fmt: skip
     whole, panels = Outcome([]), []
     for radius, names in ((RADIUS, ("fig13", "ex3-differences", "ex3-errors")), (42.0, ("ex3-42-fields", "ex3-42-differences", "ex3-42-errors"))):
@@ -389,7 +389,7 @@ def appendix_b(folder: Path, full: bool = False) -> Outcome:
         "published, centre and 25 nodes": published(0.25, **line), "published, centre and 1 node": published(0.01, **line),
         "published, centre and 3 nodes": published(0.03, **line), "published, wavenumbers to 10": published(0.25, wavenumber=10.0, wavenumbers=10),
         "repaired, centre and 1 node": PlaneWave(wavenumber=10.0), "Higdon (0, 0)": Higdon((0, 0)),
-        "sponge of 400 nodes": Sponge(400), "lattice PML": LatticePML(),
+        "sponge of 400 nodes": Sponge(400), "lattice PML": LatticePML(nodes=100),
     }  # fmt: skip
     counts = [Row("nodes between the absorbing ones", lattice.nodes, 2001), Row("absorbing nodes at each end", 25, 25)]
     outcome, runs, exact = _outcome(setup, small, conditions, course, times)
