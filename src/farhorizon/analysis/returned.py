@@ -307,7 +307,8 @@ def arrivals(
         return root, np.where(slope == 0, 0, total / np.where(slope == 0, 1, slope))
 
     few = slice(None, None, _SPARSE)
-    heard = np.flatnonzero(np.abs(medium.recursion.eigenvalue(z)) < 1.2 * medium.rate * medium.stencil.symbol_maximum)
+    pitch = np.abs(medium.recursion.eigenvalue(z))
+    heard = np.flatnonzero(pitch <= max(1.2 * medium.rate * medium.stencil.symbol_maximum, pitch.min()))  # one at least, of runs of a few short steps
     sparse = np.abs(arrived(heard, few)[1])
     loudness = sparse.max(1) * len(modes)
     largest = max(size * 2 * steps * np.exp(-_DECAY), _COHERENT * _SPARSE * float(sparse.sum()))
