@@ -77,7 +77,13 @@ def test_random_elastic_pulses_keep_their_target(case):
     lattice, model, u, until = elastic_setup(random)
     target, share = 10.0 ** -random.integers(3, 7), random.choice([0.5, 0.8, 0.95])
     dt = share * fh.Simulation(lattice, model, fh.Fixed(), threads=1).step_limit
-    sim = fh.Simulation(lattice, model, fh.LatticePML(target=target, until=until), {"u": u}, dt=dt, threads=1)
+    setup = {"lattice": lattice, "model": model, "initial": {"u": u}, "dt": dt, "threads": 1}
+    try:
+        sim = fh.Simulation(**setup, boundary=fh.LatticePML(target=target, until=until))
+    except fh.InputError as refused:  # then the least that can be had is named, and kept
+        target = 1.01 * float(str(refused.limit).removeprefix(">= "))
+        assert target < 1e-3
+        sim = fh.Simulation(**setup, boundary=fh.LatticePML(target=target, until=until))
     assert set(sim.thickness) == {"x-", "x+", "y-", "y+"}
     assert worst_error(sim, u, until, 24) <= target
 

@@ -320,7 +320,7 @@ def test_loads_that_stay(dim, elastic, crack, until):
 @pytest.mark.parametrize("shape", ["square", "long", "guide"])
 def test_a_layer_of_which_nothing_is_asked_keeps_the_target_of_the_model(reach, shape):
     """A pulse of six nodes a wave in the middle and near a side, a box of 4 to 1, and a guide that is fixed across, to 15 crossings: below 1e-5."""
-    half = {"square": (14.0, 14.0), "long": (48.0, 12.0), "guide": (14.0, 8.0)}[shape]
+    half = {"square": (14.0, 14.0), "long": (32.0, 8.0), "guide": (14.0, 8.0)}[shape]
     lattice = fh.Lattice(1.0, [-a for a in half], half)
     x, y = lattice.coordinates()
     until, model = 15 * 2 * half[0], fh.Wave(fh.Kernel(float(reach)))

@@ -47,6 +47,7 @@ _COARSEST = ((0.35, 12), (1.0, 4))  # and the coarse one
 _LONG = 3.0  # the fine filter's rate over the coarse one's: where it is larger, backward waves are so long that 12 nodes grow
 _LEAST = 3  # nodes of such layers that were looked at
 _AIM = 0.4  # of the wanted error: the prediction knows one side and one reflection
+_HARDLY, _CROWDED, _AIM_CROWDED = 0.1, 0.38, 0.2  # over the long waves' speed; share of such waves that crowds; part of the aim then
 _AIM_LASTING = 0.25  # in diffusion, where what all sides send back adds up
 _MOST = 60  # nodes
 _WIDEST = 4  # reach with which late profiles were stable in white noise; exponent 1 with constant influence grows from 5 on
@@ -124,7 +125,7 @@ def late(nodes: int, pace: float, until: float, distance: float, wanted: float, 
 
 def _timely(stencil: Stencil) -> bool:
     """Whether the late profile is stable: for scalars without backward waves that do not reach far."""
-    return stencil.components == 1 and max(stencil.reach) <= _WIDEST and not stencil.backward_waves()
+    return stencil.components == 1 and max(stencil.reach) <= _WIDEST and not crowded(stencil) and not stencil.backward_waves()
 
 
 def _equal_edges(wanted: float) -> int:
@@ -266,6 +267,8 @@ def family(
 
     def members(nodes: int) -> Mapping[str, Layer]:
         found = {"steep": steep(nodes)}
+        if crowded(stencil):
+            return found
         if not weak(damped):
             return found if damped is None or damped.whole else found | briefly_damped(nodes, stencil, pace)
         for strength in _STRENGTHS[: 3 if backward else None]:
@@ -298,7 +301,7 @@ def thinnest(
     Thickness or None
         None if no layer of up to 60 nodes keeps it.
     """
-    aim = _AIM * wanted
+    aim = _AIM * wanted * (_AIM_CROWDED if crowded(waves[0].medium.stencil) else 1.0)
 
     def best(nodes: int) -> Thickness | None:
         name, layer = _quietest(members(nodes), waves)
@@ -326,11 +329,25 @@ def _quietest(members: Mapping[str, Layer], waves: Sequence[Arrivals]) -> tuple[
     return min(members.items(), key=lambda member: max(side.largest * side.share(member[1]) for side in waves))
 
 
+def crowded(stencil: Stencil) -> bool:
+    """Whether many of a scalar's waves along the normal hardly move and are not damped: thin profiles send back more than is predicted, and grow.
+
+    Of exponent 1, linear influence and reach 4 nodes 40 % go more slowly than a tenth of the long waves; thin profiles of 10 to 14 nodes made up to
+    25 times the predicted error.
+    """
+    if stencil.components > 1 or not weak(high_pass(stencil)):
+        return False
+    k = np.linspace(1e-3, np.pi, 500)
+    frequency = np.sqrt(np.maximum(stencil.symbol(k, *[np.zeros_like(k)] * (stencil.dim - 1)), 0.0))
+    return float((np.abs(np.gradient(frequency, k)) < _HARDLY).mean()) > _CROWDED
+
+
 def least(members: Callable[[int], Mapping[str, Layer]], waves: Sequence[Arrivals], size: float) -> float:
     """The smallest target, rounded up to one digit, that a layer of 60 nodes keeps; parameters as of `thinnest`."""
     _, layer = _quietest(members(_MOST), waves)
     returned = max(side.returned(layer) for side in waves) / size
     found = returned * max(1.0, max(side.conversion(layer) for side in waves) / 2) / _AIM  # as `thinnest` judges
+    found /= _AIM_CROWDED if crowded(waves[0].medium.stencil) else 1.0
     digit = 10.0 ** np.floor(np.log10(max(found, 1e-300)))
     return float(np.ceil(found / digit) * digit)
 
