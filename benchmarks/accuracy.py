@@ -29,7 +29,7 @@ from common import run_parts, verdict
 from scipy import fft
 
 from farhorizon import Diffusion, Kernel, Lattice, LatticePML, Simulation, Stencil, Wave
-from farhorizon.integrators import Euler, RungeKutta4, Verlet
+from farhorizon.medium.integrators import Euler, RungeKutta4, Verlet
 
 Propagator = Callable[[np.ndarray, int, np.ndarray], np.ndarray]
 DX = 0.25

@@ -16,9 +16,9 @@ import numpy as np
 from common import run_parts
 
 import farhorizon as fh
-from farhorizon.certificate import Certificate, certify
+from farhorizon.checks.certificate import Certificate, certify
+from farhorizon.checks.side_modes import crossing_steps
 from farhorizon.engine.state import State
-from farhorizon.strip import crossing_steps
 
 SEED = 2026
 CASES = 72

@@ -13,9 +13,9 @@ from typing import Any
 
 from common import run_parts, verdict
 
-from farhorizon.case import Case
-from farhorizon.engine.build import cache_folder
-from farhorizon.report import Report
+from farhorizon.case.case import Case
+from farhorizon.checks.report import Report
+from farhorizon.engine.rows.build import cache_folder
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 NAMES = (

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from farhorizon import Kernel, Stencil
-from farhorizon.engine import Engine
-from farhorizon.integrators import Verlet
+from farhorizon.engine.engine import Engine
+from farhorizon.medium.integrators import Verlet
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # for the triad, the only loop that OpenMP shares out
 

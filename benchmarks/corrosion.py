@@ -25,7 +25,7 @@ import numpy as np
 from common import interleaved, median, ratio, run_parts, steps, verdict
 
 from farhorizon import Corrosion, Diffusion, Kernel, Lattice, Periodic, Simulation, Specimen
-from farhorizon.engine import available_threads
+from farhorizon.engine.engine import available_threads
 from farhorizon.papers.shojaei2020_corrosion import SPHERE, asymmetry
 
 

@@ -29,10 +29,10 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from farhorizon import Elastic, Kernel, Lattice, LatticePML, Simulation
-from farhorizon.analysis import InfiniteLattice
-from farhorizon.engine import Engine, Zone
+from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.engine.bonds import ODD
-from farhorizon.engine.simd import I64, Vectors
+from farhorizon.engine.engine import Engine, Zone
+from farhorizon.engine.rows.vectors import I64, Vectors
 
 CHAINS = 16  # independent sums: more than a multiply-add takes cycles, times how many begin in one
 PEAK_STEP = 100_000  # rounds of all chains in a timed step

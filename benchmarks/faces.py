@@ -17,7 +17,7 @@ from common import interleaved, median, ratio, run_parts, steps, verdict
 
 import farhorizon as fh
 from farhorizon.boundaries import Fixed, Free
-from farhorizon.engine import available_threads
+from farhorizon.engine.engine import available_threads
 from farhorizon.models import LatticeModel
 
 NODES, TARGET = 80, 1.3

@@ -19,7 +19,7 @@ import numpy as np
 from common import bare_engine, interleaved, median, ratio, run_parts, steps, verdict
 
 from farhorizon import Kernel, Lattice, LatticePML, Simulation, Wave
-from farhorizon.engine import available_threads
+from farhorizon.engine.engine import available_threads
 
 
 def simulation(dim: int, n: int, threads: int) -> Simulation:

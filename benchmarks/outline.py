@@ -23,7 +23,7 @@ from common import interleaved, median, ratio, run_parts, steps, verdict
 
 import farhorizon as fh
 from farhorizon.boundaries import Boundary
-from farhorizon.engine import available_threads
+from farhorizon.engine.engine import available_threads
 from farhorizon.models import LatticeModel
 
 

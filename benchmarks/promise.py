@@ -21,7 +21,7 @@ from common import run_parts, verdict
 from scipy import fft
 
 import farhorizon as fh
-from farhorizon.analysis.infinite import InfiniteLattice
+from farhorizon.analysis.references.infinite import InfiniteLattice
 
 SEEDS = {"first": 41, "second": 42, "default": 43}
 TARGETS = (1e-3, 1e-4, 1e-5, 1e-6)

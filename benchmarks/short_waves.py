@@ -16,12 +16,12 @@ import numpy as np
 from common import run_parts
 
 import farhorizon as fh
-from farhorizon.analysis.chain import Recursion
-from farhorizon.analysis.gain import largest_gain
-from farhorizon.analysis.infinite import InfiniteLattice
-from farhorizon.analysis.layer import Medium, layer_amplitudes
-from farhorizon.analysis.short_waves import high_pass
-from farhorizon.strip import Strip
+from farhorizon.analysis.exact.chain import Recursion
+from farhorizon.analysis.layers.gain import largest_gain
+from farhorizon.analysis.layers.layer import LatticeMedium, layer_amplitudes
+from farhorizon.analysis.layers.short_waves import high_pass
+from farhorizon.analysis.references.infinite import InfiniteLattice
+from farhorizon.checks.side_modes import Strip
 
 ALONG = [0.005, 0.02, 0.1, 0.3, 0.6, 1.0, 1.4, 1.8, 2.0, 2.4, np.pi]  # tangential wavenumbers times spacing
 CROSSINGS = 4
@@ -115,7 +115,7 @@ def returned(given: argparse.Namespace) -> list[dict[str, Any]]:
             model, nodes = fh.Wave(fh.Kernel(float(reach), exponent)), 4 * reach
             sim = fh.Simulation(fh.Lattice(1.0, (0.0,) * dim, (2.0 * reach,) * dim), model, fh.LatticePML(nodes=nodes), threads=1)
             layer, first = next(iter(sim.engine.layers.values())), high_pass(sim.stencil).first
-            medium = Medium(sim.stencil, 1.0, 1.0, Recursion.of(model.integrator, sim.dt, 0.0), sim.dt)
+            medium = LatticeMedium(sim.stencil, 1.0, 1.0, Recursion.of(model.integrator, sim.dt, 0.0), sim.dt)
             waves = [medium.plane_wave(2 * np.pi / (share * first), 0.0) for share in (0.06, 0.18, 0.36)]
             amplitudes = [float(np.abs(layer_amplitudes(wave, layer)[wave.modes.travels]).max()) for wave in waves]
             rows.append({"stencil": f"{dim}D m={reach} p={exponent}", "nodes": nodes} | dict(zip(("6 %", "18 %", "36 %"), amplitudes, strict=True)))

@@ -28,7 +28,7 @@ import scipy.sparse as sp
 from common import bare_engine, interleaved, kernel_stencil, median, ratio, run_parts, steps, verdict
 
 from farhorizon import Fixed, Kernel, Lattice, LatticePML, Simulation, Stencil, Wave
-from farhorizon.engine import available_threads
+from farhorizon.engine.engine import available_threads
 
 
 @numba.njit(parallel=True)

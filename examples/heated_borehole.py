@@ -16,7 +16,7 @@ Run: ``python examples/heated_borehole.py``; about 20 seconds.
 import numpy as np
 
 import farhorizon as fh
-from farhorizon.analysis.classical import line_source
+from farhorizon.analysis.references.classical import line_source
 
 CONDUCTIVITY, DENSITY, SPECIFIC_HEAT = 2.0, 2000.0, 1000.0
 DIFFUSIVITY = CONDUCTIVITY / DENSITY / SPECIFIC_HEAT

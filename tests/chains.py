@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from farhorizon.analysis.bar import Bar, bonds_of
-from farhorizon.analysis.chain import Recursion, fronts, symbol
-from farhorizon.integrators import Euler, Verlet
+from farhorizon.analysis.exact.chain import Recursion, fronts, symbol
+from farhorizon.medium.integrators import Euler, Verlet
+from farhorizon.papers.bar import Bar, bonds_of
 
 
 def gaussian_weights(reach, spacing=None):

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 
 from farhorizon import Kernel, Lattice, Stencil
-from farhorizon.engine import Engine
-from farhorizon.integrators import Euler
+from farhorizon.engine.engine import Engine
+from farhorizon.medium.integrators import Euler
 
 #: Factor of a bond from the coefficients of its ends.
 RULES = {

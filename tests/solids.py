@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 
 from farhorizon import Kernel, Lattice
-from farhorizon.correspondence import lame_constants
+from farhorizon.body.body import lame_constants
 
 KERNELS = {"gaussian": Kernel(2.7, 0, "gaussian", 0.9, volume="full"), "constant": Kernel(2.1, 0, volume="full"), "ramp": Kernel(2.0, 1)}
 MATERIAL = {"young": 1.0, "poisson": 0.25}

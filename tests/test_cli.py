@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from farhorizon.cli import main
-from farhorizon.results import ResultsWriter, open_results, read_checkpoint
-from farhorizon.storage import locked
+from farhorizon.files.results import ResultsWriter, open_results, read_checkpoint
+from farhorizon.files.storage import locked
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.case import Case
+from farhorizon.case.case import Case
 from farhorizon.cli import main
 
 ROOT = Path(__file__).parents[1]

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.case import Case
-from farhorizon.compare import compare
+from farhorizon.case.case import Case
+from farhorizon.studies.compare import compare
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 

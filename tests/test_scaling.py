@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from farhorizon.case import Case
+from farhorizon.case.case import Case
 from scaling import in_units
 
 EXAMPLES = sorted((Path(__file__).parent.parent / "examples").glob("*.toml"))
@@ -16,7 +16,7 @@ SOON = {"backward_waves": 0.2, "blob": 0.2, "inclusion": 0.1, "crack_scattering"
 @pytest.fixture(autouse=True)
 def fresh(tmp_path, monkeypatch):
     """No certificate of an earlier run is recalled for one of the two."""
-    monkeypatch.setattr("farhorizon.certificate.cache_folder", lambda: tmp_path)
+    monkeypatch.setattr("farhorizon.checks.certificate.cache_folder", lambda: tmp_path)
 
 
 def verdict(run, until):
@@ -38,7 +38,7 @@ def in_both(path, share):
     *(pytest.param(p, 1.0, id=f"{p.stem}, whole", marks=pytest.mark.slow) for p in EXAMPLES),
 ])  # fmt: skip
 def test_examples_in_si(path, share, monkeypatch):
-    monkeypatch.setattr("farhorizon.certificate._recall", lambda path: None)  # more may be known of one from other runs
+    monkeypatch.setattr("farhorizon.checks.certificate._recall", lambda path: None)  # more may be known of one from other runs
     (plain, until), (scaled, later) = in_both(path, share)
     known, refused = verdict(plain, until)
     assert verdict(scaled, later) == (known, refused)

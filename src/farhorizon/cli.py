@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command line, by default that of the process; returns the exit code."""
     try:
         options = _parser().parse_args(arguments)
-        import farhorizon.case  # noqa: F401
+        import farhorizon.case.case  # noqa: F401
 
         _check_json(getattr(options, "json", None))
         code = int(options.command(options) or GOOD)
@@ -172,7 +172,7 @@ def _again(options: argparse.Namespace) -> str:
 def _refuse_finished(result: Path, options: argparse.Namespace) -> None:
     """Refuse to overwrite the results of a run that came to its end."""
     from farhorizon.errors import FileFormatError, InputError
-    from farhorizon.results import open_results
+    from farhorizon.files.results import open_results
 
     if options.force or options.resume or not result.is_file():
         return
@@ -212,11 +212,11 @@ def _files(options: argparse.Namespace, case: Any) -> tuple[Path, Path]:
 def _run(options: argparse.Namespace) -> int:
     import numpy as np
 
-    from farhorizon.case import Case
+    from farhorizon.case.case import Case
     from farhorizon.errors import InputError
-    from farhorizon.plot import plot_results
-    from farhorizon.results import open_results
-    from farhorizon.storage import locked, remove_leftovers
+    from farhorizon.files.results import open_results
+    from farhorizon.files.storage import locked, remove_leftovers
+    from farhorizon.pictures.plot import plot_results
 
     case = Case.read(options.case)
     until = case.parts.run.until if options.until is None else options.until
@@ -257,8 +257,8 @@ def _compute(options: argparse.Namespace, case: Any, sim: Any, until: float, las
     """Begin or take up the files of a run and advance it to its end, or until a signal came; returns the writer of the results and the exit code."""
     import farhorizon as fh
     from farhorizon.errors import FarhorizonError
-    from farhorizon.results import ResultsWriter, check_replaceable
-    from farhorizon.run import Run
+    from farhorizon.files.results import ResultsWriter, check_replaceable
+    from farhorizon.simulation.run import Run
 
     result, checkpoint = _files(options, case)
     probes = sim.probes
@@ -345,8 +345,8 @@ def _said_plainly() -> Iterator[None]:
 
 
 def _check(options: argparse.Namespace) -> int:
-    from farhorizon.case import Case
-    from farhorizon.probes import Probes
+    from farhorizon.case.case import Case
+    from farhorizon.simulation.probes import Probes
 
     if options.out:
         _check_folder(options.out)
@@ -363,7 +363,7 @@ def _check(options: argparse.Namespace) -> int:
             print(f"picture: {picture}")
     facts = report.as_json()
     if options.tune:
-        from farhorizon.tuning import BUDGET, tuned
+        from farhorizon.studies.tuning import BUDGET, tuned
 
         with case.naming():
             found = tuned(case.simulation(), budget=options.budget or BUDGET)
@@ -384,8 +384,8 @@ def _polylines(case: Any) -> list[Any]:
 
 
 def _compare_case(case: Any, folder: Path, times: Sequence[float] | None, moment: float | None, json_file: str | None) -> None:
-    from farhorizon.compare import compare
-    from farhorizon.plot import error_history, field_panels, magnitude
+    from farhorizon.pictures.plot import error_history, field_panels, magnitude
+    from farhorizon.studies.compare import compare
 
     with case.naming(), _said_plainly():
         result = compare(case.setup, case.parts.run.until, times, moment, kind=case.kind)
@@ -405,7 +405,7 @@ def _compare_case(case: Any, folder: Path, times: Sequence[float] | None, moment
 
 
 def _compare(options: argparse.Namespace) -> int:
-    from farhorizon.case import Case
+    from farhorizon.case.case import Case
 
     _check_folder(options.out)
     case = Case.read(options.case)
@@ -414,10 +414,10 @@ def _compare(options: argparse.Namespace) -> int:
 
 
 def _plot(options: argparse.Namespace) -> int:
-    from farhorizon.case import Case
+    from farhorizon.case.case import Case
     from farhorizon.errors import InputError
-    from farhorizon.plot import plot_results
-    from farhorizon.results import open_results
+    from farhorizon.files.results import open_results
+    from farhorizon.pictures.plot import plot_results
 
     path = Path(options.result)
     folder = Path(options.out) if options.out else path.with_suffix("")
@@ -432,7 +432,7 @@ def _plot(options: argparse.Namespace) -> int:
 
 
 def _reproduce(options: argparse.Namespace) -> int:
-    from farhorizon.papers import find, reproductions, table
+    from farhorizon.papers.registry import find, reproductions, table
 
     if options.name is None:
         known = reproductions()
@@ -457,9 +457,9 @@ def _demo(options: argparse.Namespace) -> int:
     _check_folder(options.out)
     from importlib.resources import files
 
-    from farhorizon.case import Case
+    from farhorizon.case.case import Case
 
-    case = Case(files("farhorizon").joinpath("demo.toml").read_text(encoding="utf-8"), "two_notches.toml")
+    case = Case(files("farhorizon.case").joinpath("demo.toml").read_text(encoding="utf-8"), "two_notches.toml")
     print("An infinite membrane with two notches, seen through a disc of radius 26 (example 3 of Hermann et al. 2023).")
     print("Running it with the lattice PML, with a fixed and a free edge, and on a domain from which nothing returns ...")
     _compare_case(case, Path(options.out), None, 30.0, options.json)
@@ -467,7 +467,7 @@ def _demo(options: argparse.Namespace) -> int:
 
 
 def _schema(options: argparse.Namespace) -> int:
-    from farhorizon.case import schema
+    from farhorizon.case.case import schema
 
     print(json.dumps(schema(), indent=1))
     return GOOD
@@ -482,8 +482,8 @@ def _info(options: argparse.Namespace) -> int:
     import scipy
 
     import farhorizon
-    from farhorizon.engine import available_threads
-    from farhorizon.engine.cache import cache_folder
+    from farhorizon.engine.engine import available_threads
+    from farhorizon.files.cache import cache_folder
 
     for name, value in (
         ("farhorizon", farhorizon.__version__), ("python", platform.python_version()), ("numpy", numpy.__version__), ("scipy", scipy.__version__),

@@ -1,29 +1,42 @@
 """Every name of the public interface, see `farhorizon.__all__`."""
 
-from farhorizon.boundaries import Auto, Exact, Extended, FirstOrder, Fixed, Free, Higdon, LatticePML, NonlocalPML, Periodic, PlaneWave, Sponge
-from farhorizon.certificate import Certificate
-from farhorizon.conditions import Convection, Flux, Insulated, Temperature
-from farhorizon.constraints import Prescribed
-from farhorizon.correspondence import Body
-from farhorizon.cracks import Crack
+from farhorizon.body.body import Body
+from farhorizon.boundaries import (
+    Auto,
+    Exact,
+    Extended,
+    FirstOrder,
+    Fixed,
+    Free,
+    Higdon,
+    LatticePML,
+    NonlocalPML,
+    Periodic,
+    PlaneWave,
+    Sponge,
+)
+from farhorizon.checks.certificate import Certificate
 from farhorizon.errors import FarhorizonError, FileFormatError, InputError, UnstableError, ValidityWarning
-from farhorizon.expressions import Expression
-from farhorizon.incidence import IncidentWave
-from farhorizon.integrators import RungeKuttaChebyshev
-from farhorizon.kernel import Kernel
-from farhorizon.lattice import Lattice
-from farhorizon.loads import BodyForce, Traction
+from farhorizon.files.results import open_results
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.geometry.masks import ImageMask, Text
+from farhorizon.geometry.shapes import Ball, Box, Disc, DiscCut, PointCut, Polygon, PolygonCut, Polyline, Rectangle
+from farhorizon.inputs.conditions import Convection, Flux, Insulated, Temperature
+from farhorizon.inputs.cracks import Crack
+from farhorizon.inputs.expressions import Expression
+from farhorizon.inputs.incidence import IncidentWave
+from farhorizon.inputs.loads import BodyForce, Traction
+from farhorizon.inputs.prescribed import Prescribed
+from farhorizon.inputs.sources import Source
+from farhorizon.inputs.specimens import Specimen
+from farhorizon.medium.integrators import RungeKuttaChebyshev
+from farhorizon.medium.kernel import Kernel
+from farhorizon.medium.stencil import Stencil
 from farhorizon.models import Beam, Corrosion, Diffusion, Elastic, Heat, Wave, speed_of_current
-from farhorizon.outlines import ImageMask, Text
-from farhorizon.probes import Probes
-from farhorizon.results import open_results
-from farhorizon.shapes import Ball, Box, Disc, DiscCut, PointCut, Polygon, PolygonCut, Polyline, Rectangle
-from farhorizon.simulation import Simulation
-from farhorizon.sources import Source
-from farhorizon.specimens import Specimen
-from farhorizon.stencil import Stencil
-from farhorizon.steps import WholeSteps
-from farhorizon.tuning import tuned
+from farhorizon.simulation.probes import Probes
+from farhorizon.simulation.simulation import Simulation
+from farhorizon.simulation.steps import WholeSteps
+from farhorizon.studies.tuning import tuned
 
 __all__ = [
     "Auto", "Ball", "Beam", "Body", "BodyForce", "Box", "Certificate", "Convection", "Corrosion", "Crack", "Diffusion", "Disc", "DiscCut", "Elastic",

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.analysis import InfiniteLattice
 from farhorizon.analysis.extent import Waves, extent, largest
-from farhorizon.analysis.returned import Datum
-from farhorizon.integrators import Euler, Verlet
+from farhorizon.analysis.layers.returned import Datum
+from farhorizon.analysis.references.infinite import InfiniteLattice
+from farhorizon.medium.integrators import Euler, Verlet
 
 
 def medium(stencil, integrator, dt, steps, damping=0.0):

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon import simulation
 from farhorizon.boundaries import Extended, LatticePML
-from farhorizon.case import Case
-from farhorizon.compare import compare
-from farhorizon.price import Price
+from farhorizon.case.case import Case
+from farhorizon.checks.price import Price
+from farhorizon.simulation import simulation
+from farhorizon.studies.compare import compare
 
 LATTICE = fh.Lattice(0.25, (-3.0, -2.0), (3.0, 2.0))
 SETUP = {"lattice": LATTICE, "model": fh.Wave(fh.Kernel(0.5)), "initial": {"u": "exp(-4*(x**2+y**2))"}}

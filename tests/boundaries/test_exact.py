@@ -7,10 +7,10 @@ import pytest
 
 import farhorizon as fh
 from chains import BAR, BEAM, gaussian_weights, long_chain
-from farhorizon.analysis.chain import Recursion
+from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.boundaries import exact
-from farhorizon.case import Case
-from farhorizon.engine import available_threads
+from farhorizon.case.case import Case
+from farhorizon.engine.engine import available_threads
 from farhorizon.papers.ji2021 import PULSE_END, Example, ricker, ricker_rate
 
 COMPRESSED, CONVOLVED = fh.Exact(), fh.Exact(compress=None)
@@ -254,7 +254,7 @@ def test_a_checkpoint_of_other_sides_is_refused(tmp_path):
 def test_bounded_over_a_million_steps(tolerance, monkeypatch):
     """A sum for 8192 steps, run for a million by declaring it good for so many: the bar leaves an offset, noise does not grow.
 
-    As in tests/analysis/test_exponential_sum.py: noise on 51 nodes, which feeds waves that hardly move.
+    As in tests/analysis/exact/test_exponential_sum.py: noise on 51 nodes, which feeds waves that hardly move.
     """
     made = exact._compressed
     monkeypatch.setattr(exact, "_compressed", lambda a, r, steps, c: dataclasses.replace(made(a, r, 8192, c), steps=steps))

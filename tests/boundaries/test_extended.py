@@ -5,8 +5,8 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.boundaries import Extended
-from farhorizon.case import Case
-from farhorizon.compare import compare
+from farhorizon.case.case import Case
+from farhorizon.studies.compare import compare
 
 SIDES = ("x-", "x+", "y-", "y+", "z-", "z+")
 

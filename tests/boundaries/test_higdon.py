@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.compare import compare
+from farhorizon.studies.compare import compare
 
 
 def bar(boundary, spacing=0.25, damping=0.0, share=1.0):

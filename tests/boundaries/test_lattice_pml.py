@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.analysis.infinite import InfiniteLattice
-from farhorizon.compare import compare
+from farhorizon.analysis.references.infinite import InfiniteLattice
+from farhorizon.studies.compare import compare
 
 STEP = 0.25
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from farhorizon import Fixed, InputError, Kernel, NonlocalPML
-from farhorizon.correspondence import Body
+from farhorizon.body.body import Body
 from farhorizon.papers import wildman2012 as paper
 from helpers import fitted_rate
 from solids import KERNELS, MATERIAL, Dense, box, noise

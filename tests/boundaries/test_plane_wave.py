@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.analysis import InfiniteLattice, modes
+from farhorizon.analysis import modes
+from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.boundaries.plane_wave import Medium, update_matrix
 
 SPACING, DT, DAMPING, RADIUS = 0.25, 0.05, 0.0125, 26.0  # examples 2 and 3 of Hermann et al. (2023), with a larger step

@@ -3,9 +3,31 @@
 import numpy as np
 import pytest
 
-from farhorizon import Diffusion, Fixed, Free, InputError, LatticePML, Periodic, Simulation, Source, Sponge, Stencil, Wave
-from farhorizon.integrators import Euler, RungeKutta4, Verlet
-from helpers import RULES, TOLERANCE, check_apply, dense_operator, engine_apply, kernel_stencil, lattice_of, periodic_engine, roll_apply
+from farhorizon import (
+    Diffusion,
+    Fixed,
+    Free,
+    InputError,
+    LatticePML,
+    Periodic,
+    Simulation,
+    Source,
+    Sponge,
+    Stencil,
+    Wave,
+)
+from farhorizon.medium.integrators import Euler, RungeKutta4, Verlet
+from helpers import (
+    RULES,
+    TOLERANCE,
+    check_apply,
+    dense_operator,
+    engine_apply,
+    kernel_stencil,
+    lattice_of,
+    periodic_engine,
+    roll_apply,
+)
 
 EULER = Euler.stages(0.1)
 RANDOM = np.random.default_rng(7)
@@ -270,7 +292,7 @@ THREADED = {
 @pytest.mark.parametrize(("shape", "model", "boundary", "rest"), THREADED.values(), ids=THREADED)
 def test_threads_share_every_part_of_a_step(shape, model, boundary, rest, threads, monkeypatch):
     """As many threads as cores or more: bitwise the serial run, boundary memory included, since the order of summation does not change."""
-    monkeypatch.setattr("farhorizon.run.available_threads", lambda: threads)
+    monkeypatch.setattr("farhorizon.simulation.run.available_threads", lambda: threads)
     lattice = lattice_of(shape)
     u = np.pad(np.random.default_rng(17).normal(size=[n - 16 for n in shape]), 8)
     runs = [Simulation(lattice, model, boundary, {"u": u}, threads=n, **rest) for n in (1, threads)]

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.analysis.short_waves import HighPass
-from farhorizon.engine import Layer
+from farhorizon.analysis.layers.short_waves import HighPass
+from farhorizon.checks.side_modes import Strip
+from farhorizon.engine.engine import Layer
 from farhorizon.engine.filter import line_damping
 from farhorizon.engine.state import State
-from farhorizon.strip import Strip
 
 TAPS = HighPass(3, 2, 1.0, 1.0).taps()
 RATE = np.array([0.1, 0.4, 0.9, 1.5])

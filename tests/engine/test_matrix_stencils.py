@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from farhorizon import Elastic, Fixed, Free, Kernel, LatticePML, Periodic, Simulation, Sponge, Stencil, Wave
-from farhorizon.engine import Layer
+from farhorizon.engine.engine import Layer
 from farhorizon.engine.state import State
 from helpers import check_apply, kernel_stencil, lattice_of
 
@@ -88,7 +88,7 @@ def test_layers_are_swept_alike_with_and_without_compiled_rows(dim, monkeypatch)
 
     fast = run()
     assert fast.engine._box[1]
-    monkeypatch.setattr("farhorizon.engine.stencil_rows.UNROLLED_LIMIT", 0)
+    monkeypatch.setattr("farhorizon.engine.rows.choose.UNROLLED_LIMIT", 0)
     slow = run()
     assert not slow.engine._box[1]
     for name in ("levels", "memory"):
@@ -97,11 +97,11 @@ def test_layers_are_swept_alike_with_and_without_compiled_rows(dim, monkeypatch)
 
 def test_two_threads_compute_what_one_does(monkeypatch):
     """Bit by bit, layers, periodic copies and damped nodes included."""
-    monkeypatch.setattr("farhorizon.engine._PARALLEL_NUMBERS", 0)
+    monkeypatch.setattr("farhorizon.engine.engine._PARALLEL_NUMBERS", 0)
     lattice = lattice_of((15, 40))
     runs = []
     for threads in (1, 2):
-        monkeypatch.setattr("farhorizon.run.available_threads", lambda n=threads: n)
+        monkeypatch.setattr("farhorizon.simulation.run.available_threads", lambda n=threads: n)
         sim = Simulation(
             lattice, Elastic(Kernel(2.0), 1.0), {"x-": LatticePML(nodes=4), "x+": Sponge(5), "y": Periodic()},
             {"u": np.random.default_rng(2).standard_normal((2, *lattice.shape))}, threads=threads,

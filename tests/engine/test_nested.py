@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from farhorizon.engine import Engine, Layer
-from farhorizon.integrators import Verlet
+from farhorizon.engine.engine import Engine, Layer
+from farhorizon.medium.integrators import Verlet
 
 SEED = 20261122
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
+from farhorizon.checks.side_modes import Strip
 from farhorizon.engine.state import State
-from farhorizon.strip import Strip
 
 
 def kernel(reach=3, exponent=2):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.cracks import fracture_energy
-from farhorizon.results import ResultsWriter, open_results
+from farhorizon.files.results import ResultsWriter, open_results
+from farhorizon.inputs.cracks import fracture_energy
 from helpers import fitted_rate, lattice_of
 
 LAWS = {"linear": False, "nonlinear": True}

@@ -6,8 +6,8 @@ from scipy.optimize import brentq
 from scipy.special import erfc
 
 import farhorizon as fh
-from farhorizon.case import Case
-from farhorizon.compare import compare
+from farhorizon.case.case import Case
+from farhorizon.studies.compare import compare
 from helpers import kernel_stencil, lattice_of
 
 SATURATION, INTERFACE, METAL = 0.8, 0.1, 2.0

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.analysis import InfiniteLattice
-from farhorizon.compare import compare
+from farhorizon.analysis.references.infinite import InfiniteLattice
+from farhorizon.checks.side_modes import Strip
 from farhorizon.engine.state import State
 from farhorizon.models.elastic import central, correspondence, dilatation
-from farhorizon.strip import Strip
+from farhorizon.studies.compare import compare
 from helpers import fitted_rate, lattice_of, roll_apply
 
 # Poisson's ratio of central forces: 1/4, 1/3 in plane stress (Silling 2000).

@@ -4,8 +4,21 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from farhorizon import Free, Heat, InputError, Insulated, Kernel, Lattice, Periodic, RungeKuttaChebyshev, Simulation, Source, Stencil, Temperature
-from farhorizon.analysis.classical import End, Slab, box
+from farhorizon import (
+    Free,
+    Heat,
+    InputError,
+    Insulated,
+    Kernel,
+    Lattice,
+    Periodic,
+    RungeKuttaChebyshev,
+    Simulation,
+    Source,
+    Stencil,
+    Temperature,
+)
+from farhorizon.analysis.references.classical import End, Slab, box
 from farhorizon.models.heat import self_weight
 from helpers import dense_operator, fitted_rate
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from farhorizon.papers import bobaru2010 as paper
-from farhorizon.papers import find, reproductions
 from farhorizon.papers.bobaru2010 import DIVISIONS, KERNELS, RATIOS, SLOPES, Example, difference
+from farhorizon.papers.registry import find, reproductions
 
 #: Mid temperatures at 8 s by an independent program that is exact in time (matrix exponential of the same grids); rows 3L/100 .. 3L/800,
 #: columns m = 2, 4, 8, 16. The paper has them in an image only.

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from farhorizon.boundaries import Fixed, LatticePML, PlaneWave
-from farhorizon.lattice import Lattice
-from farhorizon.papers import find
+from farhorizon.geometry.lattice import Lattice
 from farhorizon.papers import hermann2023 as paper
 from farhorizon.papers.measure import growth, infinite, run
+from farhorizon.papers.registry import find
 
 
 def rows(outcome):
@@ -92,7 +92,7 @@ def test_late_energies():
 
 def test_appendix_b():
     """Errors of an independent program at t = 5, 10, 15 for the published cloud of 26 nodes."""
-    from farhorizon.kernel import Kernel
+    from farhorizon.medium.kernel import Kernel
     from farhorizon.models import Wave
 
     model = Wave(Kernel(0.25, 0, volume="full", calibrate=False), float(np.sqrt(10)), 5e-4)

@@ -5,7 +5,6 @@ import pytest
 from scipy import special
 
 from chains import BAR, BEAM, gaussian_weights
-from farhorizon.papers import find
 from farhorizon.papers import ji2021 as paper
 from farhorizon.papers.ji2021 import (
     Example,
@@ -19,6 +18,7 @@ from farhorizon.papers.ji2021 import (
     semi_discrete_kernel,
     solution,
 )
+from farhorizon.papers.registry import find
 
 
 def chain_impulse(weights, t, half=400):

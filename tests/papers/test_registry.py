@@ -8,7 +8,7 @@ import pytest
 
 from farhorizon import InputError
 from farhorizon.cli import main
-from farhorizon.papers import Outcome, Row, find, reproductions, table
+from farhorizon.papers.registry import Outcome, Row, find, reproductions, table
 
 
 def test_rows():

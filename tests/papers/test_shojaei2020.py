@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from farhorizon.boundaries import Fixed, LatticePML
-from farhorizon.kernel import Kernel
-from farhorizon.papers import find
+from farhorizon.medium.kernel import Kernel
+from farhorizon.medium.stencil import Stencil
 from farhorizon.papers import shojaei2020 as paper
 from farhorizon.papers.measure import infinite, run, stability
-from farhorizon.stencil import Stencil
+from farhorizon.papers.registry import find
 
 COARSE = 0.005  # five times the paper's step: errors of the conditions change in the third digit
 

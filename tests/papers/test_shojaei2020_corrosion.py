@@ -6,8 +6,18 @@ import numpy as np
 import pytest
 
 from farhorizon import Kernel
-from farhorizon.papers import find
-from farhorizon.papers.shojaei2020_corrosion import CLOSURES, INTERFACE, LETTERS, LIQUID, SPHERE, asymmetry, follow, last_dissolution, outward_share
+from farhorizon.papers.registry import find
+from farhorizon.papers.shojaei2020_corrosion import (
+    CLOSURES,
+    INTERFACE,
+    LETTERS,
+    LIQUID,
+    SPHERE,
+    asymmetry,
+    follow,
+    last_dissolution,
+    outward_share,
+)
 
 
 def test_constants_are_those_of_exponent_two():

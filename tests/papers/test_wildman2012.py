@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from farhorizon import NonlocalPML
-from farhorizon.papers import find
 from farhorizon.papers import wildman2012 as paper
+from farhorizon.papers.registry import find
 
 
 def rows(outcome):

@@ -29,7 +29,7 @@ output = { every = 0.5, probes = [[1.0]] }
 
 def told(path):
     """All that a results file says."""
-    from farhorizon.results import open_results
+    from farhorizon.files.results import open_results
 
     found = open_results(path)
     columns = [

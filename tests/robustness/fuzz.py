@@ -49,7 +49,7 @@ def library(text, folder):
     import numpy as np
 
     import farhorizon as fh
-    from farhorizon.case import Case
+    from farhorizon.case.case import Case
 
     try:
         case = Case(text)
@@ -84,7 +84,7 @@ def library(text, folder):
 
 def command(text, folder, arguments):
     """Run the command line on a case that cannot take long."""
-    from farhorizon.case import Case
+    from farhorizon.case.case import Case
     from farhorizon.cli import main
     from farhorizon.errors import InputError
 

@@ -75,7 +75,8 @@ def run(arguments, period, pictures, calls=None, **environment):
     if child == 0:
         code = 99
         try:
-            from farhorizon import cli, plot
+            from farhorizon import cli
+            from farhorizon.pictures import plot
 
             cli._CHECKPOINT_SECONDS = period
             if not pictures:  # they take most of the time
@@ -94,7 +95,7 @@ class Killer:
     """Undisturbed runs of each case, and the numbers of their calls."""
 
     def __init__(self):
-        import farhorizon.case  # noqa: F401 (once, for all forks)
+        import farhorizon.case.case  # noqa: F401 (once, for all forks)
 
         self.folder = Path(tempfile.mkdtemp(prefix="farhorizon-kill-"))
         self.calls = {}

@@ -160,7 +160,7 @@ def table(found: Iterable[dict], bad: Iterable[str], folder: Path, report=print)
 
 def same_results(one: Path, other: Path):
     """Assert that two results files tell the same, bit by bit."""
-    from farhorizon.results import open_results
+    from farhorizon.files.results import open_results
 
     a, b = open_results(one), open_results(other)
     assert a.finished and b.finished

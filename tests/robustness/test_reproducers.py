@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.case import Case
+from farhorizon.case.case import Case
 
 LINE = {"spacing": "0.25", "lower": "[-3.0]", "upper": "[3.0]"}
 PULSE = "max(0, 1-4*x**2)**2"

@@ -1,5 +1,1 @@
-"""What the symbol tells: the infinite lattice, speeds."""
-
-from farhorizon.analysis.infinite import InfiniteLattice, largest_speed, undisturbed
-
-__all__ = ["InfiniteLattice", "largest_speed", "undisturbed"]
+"""What the symbol tells: the near field's modes, their stability, how far away an end must be."""

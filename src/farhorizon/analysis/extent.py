@@ -16,10 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
-from farhorizon.analysis.infinite import largest_speed, undisturbed
-from farhorizon.analysis.returned import Datum
-from farhorizon.integrators import Integrator, Verlet
-from farhorizon.stencil import Stencil
+from farhorizon.analysis.layers.returned import Datum
+from farhorizon.analysis.references.infinite import largest_speed, undisturbed
+from farhorizon.medium.integrators import Integrator, Verlet
+from farhorizon.medium.stencil import Stencil
 
 _AIM = 0.3  # of the wanted error: in a corner several edges send something back
 _TIMES = 16  # moments of a run at which is looked how far data have come

@@ -9,16 +9,16 @@ from farhorizon.boundaries.auto import Auto
 from farhorizon.boundaries.exact import Exact, ExactEnds
 from farhorizon.boundaries.extended import Extended
 from farhorizon.boundaries.first_order import FirstOrder
-from farhorizon.boundaries.fringe import Closing, Closure, Outline
 from farhorizon.boundaries.higdon import Higdon
 from farhorizon.boundaries.lattice_pml import LatticePML
 from farhorizon.boundaries.nonlocal_pml import NonlocalPML
+from farhorizon.boundaries.outline import Closing, Closure, Outline
 from farhorizon.boundaries.plain import Fixed, Free, Periodic
 from farhorizon.boundaries.plane_wave import PlaneWave
 from farhorizon.boundaries.sponge import Sponge
 from farhorizon.errors import InputError
+from farhorizon.geometry.lattice import AXES
 from farhorizon.kinds import said
-from farhorizon.lattice import AXES
 
 __all__ = [
     "Absorbing", "Auto", "Boundary", "Closing", "Closure", "Exact", "ExactEnds", "Extended", "FirstOrder", "Fixed", "Free", "Higdon", "LatticePML",

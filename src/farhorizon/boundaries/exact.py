@@ -1,7 +1,8 @@
 """The exact boundary in one dimension: the half-infinite chain beyond an end, fully discrete in time.
 
-The chain takes the same steps as the near field, so that nothing is left over: see `farhorizon.analysis.chain`. What it does to the K nodes next
-to it (K the reach of the stencil) depends on their whole past; a sum of exponentials makes the cost of a step the same at all times.
+The chain takes the same steps as the near field, so that nothing is left over: see `farhorizon.analysis.exact.chain`. What it does to
+the K nodes next to it (K the reach of the stencil) depends on their whole past; a sum of exponentials makes the cost
+of a step the same at all times.
 """
 
 from __future__ import annotations
@@ -17,13 +18,13 @@ from typing import Any
 import numpy as np
 
 from farhorizon import kinds
-from farhorizon.analysis import chain, exponential_sum
-from farhorizon.analysis.chain import Recursion
-from farhorizon.analysis.convolution import BlockConvolution
-from farhorizon.analysis.exponential_sum import ExponentialSum
-from farhorizon.engine import Engine
-from farhorizon.engine.cache import cache_folder, keep, kept
+from farhorizon.analysis.exact import chain, exponential_sum
+from farhorizon.analysis.exact.chain import Recursion
+from farhorizon.analysis.exact.convolution import BlockConvolution
+from farhorizon.analysis.exact.exponential_sum import ExponentialSum
+from farhorizon.engine.engine import Engine
 from farhorizon.errors import InputError
+from farhorizon.files.cache import cache_folder, keep, kept
 from farhorizon.machine import available_memory
 
 BLOCK = 64  # steps of a convolution between two returns to Python
@@ -97,7 +98,7 @@ def _compressed(weights: tuple[float, ...], recursion: Recursion, steps: int, to
     found = kept(path)
     if found is not None:
         return ExponentialSum(found["poles"], found["inputs"], found["outputs"], steps, float(found["error"]))
-    made = exponential_sum.compress(_make_kernel(weights, recursion, steps), tolerance, chain.band(a, recursion))
+    made = exponential_sum.compress(_make_kernel(weights, recursion, steps), tolerance, chain.largest_angle(a, recursion))
     keep(path, poles=made.poles, inputs=made.inputs, outputs=made.outputs, error=made.error)
     return made
 

@@ -16,7 +16,7 @@ from scipy import sparse
 from farhorizon.errors import InputError
 
 if TYPE_CHECKING:
-    from farhorizon.boundaries.fringe import Fringe
+    from farhorizon.boundaries.outline import Fringe
     from farhorizon.boundaries.plane_wave import Medium
 
 

@@ -17,7 +17,7 @@ from farhorizon import kinds
 from farhorizon.errors import InputError
 
 if TYPE_CHECKING:
-    from farhorizon.boundaries.fringe import Fringe
+    from farhorizon.boundaries.outline import Fringe
     from farhorizon.boundaries.plane_wave import Medium
 
 

@@ -19,12 +19,12 @@ import numpy as np
 from scipy import special
 
 from farhorizon import kinds
-from farhorizon.analysis.choice import Profile, weak
-from farhorizon.analysis.gain import largest_gain
-from farhorizon.analysis.short_waves import HighPass, high_pass
-from farhorizon.engine import Layer
+from farhorizon.analysis.layers.choice import Profile, weak
+from farhorizon.analysis.layers.gain import largest_gain
+from farhorizon.analysis.layers.short_waves import HighPass, high_pass
+from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
-from farhorizon.stencil import Stencil
+from farhorizon.medium.stencil import Stencil
 
 _CREST = 1.26  # largest sigma beside backward waves, over twice the largest frequency of the stencil: measured, reach 6 is stable at it
 _GAIN = 6.2  # logarithm of what a mode may gain in a layer that damps strong backward waves: measured, reach 10 and 12 grow at 7

@@ -20,7 +20,7 @@ from farhorizon.analysis import modes
 from farhorizon.errors import InputError
 
 if TYPE_CHECKING:
-    from farhorizon.boundaries.fringe import Fringe
+    from farhorizon.boundaries.outline import Fringe
     from farhorizon.models import LatticeModel
 
 _CHOICES = {

@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from farhorizon.engine.compiled import njit
-from farhorizon.engine.simd_bonds import LANES, PLACES, ROWS, call_bonds, call_steepness
+from farhorizon.engine.rows.bond_sweeps import LANES, PLACES, ROWS, call_bonds, call_steepness
+from farhorizon.engine.rows.compiled import njit
 
 PLAIN, ODD = 0, 1
 #: Entries of the table of the zone, each for the three axes: where bonds follow the law (first node, extent), and its nodes (first, end).
@@ -51,7 +51,7 @@ class Bonds(NamedTuple):
     zone : ndarray of int, shape (12,)
         See `Zone.table`.
     limit : ndarray, shape (2,)
-        Of the strain e, and of what `simd_bonds.steepness` returns: below it no bond breaks.
+        Of the strain e, and of what `bond_sweeps.steepness` returns: below it no bond breaks.
     nonlinear : bool
     book : ndarray, shape (planes, rows of tiles, 2)
         Energy, in units of c, and number of the bonds that have broken.

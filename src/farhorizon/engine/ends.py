@@ -1,10 +1,10 @@
 """The exact ends of a bar in the compiled loop: what the half-infinite chains beyond do to the nodes next to them, the drivers.
 
 An end is a sum of exponentials (states of which each step costs the same) or a convolution in blocks (the past of earlier blocks is known, the
-block's own samples act here). See `farhorizon.analysis.chain` for the kernels.
+block's own samples act here). See `farhorizon.analysis.exact.chain` for the kernels.
 """
 
-from farhorizon.engine.compiled import njit
+from farhorizon.engine.rows.compiled import njit
 
 _ANY_ORDER = {"reassoc", "contract", "nsz"}  # sums may be taken in vectors
 

@@ -14,9 +14,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from farhorizon.engine.compiled import njit
 from farhorizon.engine.layout import SLACK, Layout
-from farhorizon.engine.simd import take_passed, weigh_change
+from farhorizon.engine.rows.compiled import njit
+from farhorizon.engine.rows.vectors import take_passed, weigh_change
 from farhorizon.engine.threads import barrier
 
 _PIECE = 256  # nodes of a run that one lane takes at a time

@@ -11,8 +11,8 @@ import itertools
 
 import numpy as np
 
-from farhorizon.engine.compiled import njit
-from farhorizon.engine.simd import BUNDLE, WINDOW, clear, move_up, window_sums
+from farhorizon.engine.rows.compiled import njit
+from farhorizon.engine.rows.vectors import BUNDLE, WINDOW, clear, move_up, window_sums
 from farhorizon.engine.threads import barrier
 
 

@@ -26,12 +26,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from farhorizon.engine.bonds import bond_factor
-from farhorizon.engine.build import load_parts, load_shifts
-from farhorizon.engine.compiled import njit
 from farhorizon.engine.layout import SLACK, Layout
-from farhorizon.engine.simd import TURNED, add_lines, call_parts, call_shifts, clear, fetch, turn
-from farhorizon.engine.simd_layers import call_mirrored
-from farhorizon.engine.stencil_rows import UNROLLED_LIMIT, mirrored
+from farhorizon.engine.rows.build import load_parts, load_shifts
+from farhorizon.engine.rows.choose import UNROLLED_LIMIT, mirrored
+from farhorizon.engine.rows.compiled import njit
+from farhorizon.engine.rows.layer_sums import call_mirrored
+from farhorizon.engine.rows.vectors import TURNED, add_lines, call_parts, call_shifts, clear, fetch, turn
 from farhorizon.engine.threads import barrier
 
 #: Values that go through side by side.
@@ -67,7 +67,7 @@ class Layers(NamedTuple):
         Items of the second axis, then of the first.
     ends : ndarray of int, shape (3 S, reach + 1)
         Sums: three rows each, for terms in the level, in the low and in the high band, of the ends of their groups of terms, see
-        `simd.weighted_parts`.
+        `vectors.weighted_parts`.
     places, materials : ndarray of int
         Of each term, the distance from a node to what it is taken of, in bytes, and to the coefficient there, in elements.
     weights : ndarray, shape (terms, reach)

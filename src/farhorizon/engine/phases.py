@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from farhorizon.engine.compiled import njit
-from farhorizon.engine.simd import TILE, TILE_ROWS, any_below
+from farhorizon.engine.rows.compiled import njit
+from farhorizon.engine.rows.vectors import TILE, TILE_ROWS, any_below
 from farhorizon.engine.threads import add
 
 LIQUID, MIXED, SOLID = 0, 1, 2

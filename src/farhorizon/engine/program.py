@@ -5,7 +5,7 @@
 Arrays named ``levels[l]`` are flat time levels laid out by `engine.layout`. Of a field of several components each level holds as many copies of
 the layout, one after the other.
 
-This text is a template: `engine.build` writes it out with and without the kernels of what few runs have (`RARE`: phases, bonds
+This text is a template: `engine.rows.build` writes it out with and without the kernels of what few runs have (`RARE`: phases, bonds
 that break, exact ends, outlines), which take as long to compile as all others.
 
 Several threads go through the same loop, each with its share (`lane` of `lanes`) of every part, and meet at barriers.
@@ -13,14 +13,24 @@ Several threads go through the same loop, each with its share (`lane` of `lanes`
 
 import numpy as np
 
-from farhorizon.engine.bonds import CALM_ROWS, END, FIRST, PHASES, bond_factor, bond_gap, book_work, next_piece, sweep_tiles
-from farhorizon.engine.compiled import njit
+from farhorizon.engine.bonds import (
+    CALM_ROWS,
+    END,
+    FIRST,
+    PHASES,
+    bond_factor,
+    bond_gap,
+    book_work,
+    next_piece,
+    sweep_tiles,
+)
 from farhorizon.engine.ends import exact_ends
 from farhorizon.engine.filter import damp_short_waves
 from farhorizon.engine.fringe import close_fringe
 from farhorizon.engine.nested import add_layers, continue_lines
 from farhorizon.engine.phases import LIQUID, SOLID, dissolve, find_runs
-from farhorizon.engine.simd import TILE, TILE_ROWS, call_sweep, sweep_phases, weigh
+from farhorizon.engine.rows.compiled import njit
+from farhorizon.engine.rows.vectors import TILE, TILE_ROWS, add_weighted, call_sweep, sweep_phases
 from farhorizon.engine.threads import barrier, claim
 
 CHUNK = 64
@@ -195,7 +205,7 @@ def sweep_two_phases(src, base, out, block, number, depth, function, weights, of
 def release(src, base, out, block, number, depth, begin, end, law, scale, coefficient, rim):
     """Take back the bonds to places without a node, of the nodes `begin` to `end` of the rows of one part of a block.
 
-    There all is zero, so the sweep has taken the bonds' weights times the node's own value (see `engine.rim`).
+    There all is zero, so the sweep has taken the bonds' weights times the node's own value (see `engine.surface`).
     """
     ranges, stretches, weights = rim
     increments, rule, components, ceiling = law[4], law[5], law[6], law[7]
@@ -218,9 +228,9 @@ def release(src, base, out, block, number, depth, begin, end, law, scale, coeffi
             for a in range(components):
                 here, node = src.ctypes.data + (start + place) * size, (to + place + a * away) * size
                 taken = weights.ctypes.data + (a * components * count + entry) * size
-                weigh(out.ctypes.data + node, here, taken, scale, stop - place, components, apart, count)
+                add_weighted(out.ctypes.data + node, here, taken, scale, stop - place, components, apart, count)
                 if increments:
-                    weigh(base.ctypes.data + node, here, taken, scale, stop - place, components, apart, count)
+                    add_weighted(base.ctypes.data + node, here, taken, scale, stop - place, components, apart, count)
 
 
 @njit(error_model="numpy", cache=True, counted=False)

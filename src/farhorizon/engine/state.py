@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from farhorizon.engine import Engine
+from farhorizon.engine.engine import Engine
 
 
 class State:

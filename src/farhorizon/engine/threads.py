@@ -18,7 +18,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from farhorizon.engine.compiled import njit
+from farhorizon.engine.rows.compiled import njit
 
 _LINE = 16  # elements from one shared word to the next: each has cache lines of its own
 _ARRIVED, _ROUND, _CLAIMED = range(0, 3 * _LINE, _LINE)  # the last one for lane 0, those of the others follow

@@ -6,9 +6,9 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.errors import InputError
-from farhorizon.integrators import Verlet
+from farhorizon.medium.integrators import Verlet
+from farhorizon.medium.stencil import Stencil
 from farhorizon.models.model import LatticeModel
-from farhorizon.stencil import Stencil
 
 
 class Beam(LatticeModel):

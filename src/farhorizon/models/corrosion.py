@@ -6,10 +6,10 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.errors import InputError
-from farhorizon.integrators import Integrator
-from farhorizon.kernel import Kernel
+from farhorizon.medium.integrators import Integrator
+from farhorizon.medium.kernel import Kernel
+from farhorizon.medium.stencil import Stencil
 from farhorizon.models.model import LatticeModel, first_order
-from farhorizon.stencil import Stencil
 
 FARADAY = 96485.33212  # C/mol
 

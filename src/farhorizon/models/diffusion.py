@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from farhorizon import kinds
-from farhorizon.integrators import Integrator
-from farhorizon.kernel import Kernel
+from farhorizon.medium.integrators import Integrator
+from farhorizon.medium.kernel import Kernel
+from farhorizon.medium.stencil import Stencil
 from farhorizon.models.model import LatticeModel, first_order
-from farhorizon.stencil import Stencil
 
 
 class Diffusion(LatticeModel):

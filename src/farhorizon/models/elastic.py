@@ -12,12 +12,12 @@ import itertools
 import numpy as np
 
 from farhorizon import kinds
-from farhorizon.cracks import fracture_energy as energy_of_fracture
 from farhorizon.errors import InputError
-from farhorizon.integrators import Verlet
-from farhorizon.kernel import Kernel
+from farhorizon.inputs.cracks import fracture_energy as energy_of_fracture
+from farhorizon.medium.integrators import Verlet
+from farhorizon.medium.kernel import Kernel
+from farhorizon.medium.stencil import Stencil
 from farhorizon.models.model import LatticeModel
-from farhorizon.stencil import Stencil
 
 MATERIALS = ("bond-based", "state-based", "correspondence", "finite-element")
 _CAUCHY = {"strain": 0.25, "stress": 1 / 3, None: 0.25}  # Poisson's ratio of central forces
@@ -161,7 +161,7 @@ class Elastic(LatticeModel):
     def critical_stretch_on(self, spacing: float, dim: int) -> float:
         """The stretch at which bonds break: the one given, or from the fracture energy and the bonds of the lattice; infinite without.
 
-        The bonds' energy across a plane, averaged over its directions (`farhorizon.cracks.fracture_energy`), is the fracture energy. That of a
+        The bonds' energy across a plane, averaged over its directions (`farhorizon.inputs.cracks.fracture_energy`), is the fracture energy. That of a
         crack along an axis of the lattice differs by what the lattice is not a continuum.
         """
         if self.critical_stretch is not None:

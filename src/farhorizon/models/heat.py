@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from farhorizon import kinds
-from farhorizon.integrators import Integrator
-from farhorizon.kernel import Kernel
+from farhorizon.medium.integrators import Integrator
+from farhorizon.medium.kernel import Kernel
+from farhorizon.medium.stencil import Stencil
 from farhorizon.models.model import LatticeModel, first_order
-from farhorizon.stencil import Stencil
 
 SELF_TERMS = ("centre", "neighbour", "none")
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.errors import InputError
-from farhorizon.integrators import Euler, Integrator, RungeKutta4, RungeKuttaChebyshev, Verlet
-from farhorizon.kernel import Kernel
-from farhorizon.stencil import Stencil
+from farhorizon.medium.integrators import Euler, Integrator, RungeKutta4, RungeKuttaChebyshev, Verlet
+from farhorizon.medium.kernel import Kernel
+from farhorizon.medium.stencil import Stencil
 
 
 class LatticeModel:

@@ -8,7 +8,7 @@ chosen so that its statements come out:
 - what figures 11 and 12 plot is ``1/N sqrt(sum of squared relative differences)``: the 1/N stays outside the root of eq. 45. At the ends
   of example 1 the relative difference is 1 whatever the grid, hence the rate 1.01; the differences in the bulk are of first order in both
   examples, and 1.5 is that plus 1/2 from the norm.
-- The classical solutions are those of `farhorizon.analysis.classical`; eqs 33, 38, 39 and 43 are misprinted.
+- The classical solutions are those of `farhorizon.analysis.references.classical`; eqs 33, 38, 39 and 43 are misprinted.
 
 Figure 10 is read by the paper as m-convergence. There is none for a temperature prescribed on one node: the operator's energy in 1D is that of
 half a derivative, a point has no capacity for it, and as m grows the end is lost, like log m. Given on a layer as wide as the horizon the
@@ -23,16 +23,16 @@ from pathlib import Path
 
 import numpy as np
 
-from farhorizon.analysis.classical import End, Slab
+from farhorizon.analysis.references.classical import End, Slab
 from farhorizon.boundaries import Free
-from farhorizon.conditions import Constraint, Flux, Insulated, Temperature
-from farhorizon.integrators import Integrator, RungeKuttaChebyshev
-from farhorizon.kernel import Kernel
-from farhorizon.lattice import Lattice
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.inputs.conditions import Constraint, Flux, Insulated, Temperature
+from farhorizon.medium.integrators import Integrator, RungeKuttaChebyshev
+from farhorizon.medium.kernel import Kernel
 from farhorizon.models import Heat
-from farhorizon.papers import Outcome, Row, reproduction
-from farhorizon.simulation import Simulation
-from farhorizon.studies import Study, convergence
+from farhorizon.papers.registry import Outcome, Row, reproduction
+from farhorizon.simulation.simulation import Simulation
+from farhorizon.studies.convergence import Study, convergence
 
 PAPER = "Bobaru, Duangpanya (2010), The peridynamic formulation for transient heat conduction"
 DIFFUSIVITY = 1.14
@@ -146,7 +146,7 @@ def limits(kernel: str, ratios: tuple[int, ...] = (2, 4, 8, 16, 32, 64, 128), ki
 
 def _profiles(folder: Path, name: str, number: int) -> Outcome:
     """Profiles at 0.1, 4 and 8 s, horizon 3L/800, m = 4."""
-    from farhorizon.plot import curve_panels
+    from farhorizon.pictures.plot import curve_panels
 
     example = Example(number)
     rows, panels = [], []
@@ -188,7 +188,7 @@ def figure9(folder: Path) -> Outcome:
 @reproduction("bobaru2010-fig10", PAPER, "m-convergence of the temperature in the middle at 8 s, and that it has no limit")
 def figure10(folder: Path) -> Outcome:
     """Mid temperatures, where their curves cross, and what becomes of them as m grows: one node held, and a layer held."""
-    from farhorizon.plot import curve_panels
+    from farhorizon.pictures.plot import curve_panels
 
     rows, panels = [], []
     printed = {1: 51.75, 2: 53.06}
@@ -220,7 +220,7 @@ def figure10(folder: Path) -> Outcome:
 
 
 def _rates(folder: Path, name: str, number: int) -> Outcome:
-    from farhorizon.plot import curve_panels
+    from farhorizon.pictures.plot import curve_panels
 
     rows, panels = [], []
     for kernel in KERNELS:
@@ -247,7 +247,7 @@ def figure12(folder: Path) -> Outcome:
 
 def _fluxes(folder: Path, name: str, number: int, ratio: int) -> Outcome:
     """Flux over conductivity, right to left as in the paper, horizon 3L/800."""
-    from farhorizon.plot import curve_panels
+    from farhorizon.pictures.plot import curve_panels
 
     example = Example(number)
     rows, panels = [], []

@@ -20,14 +20,23 @@ from scipy import special
 from farhorizon.analysis.modes import discrete_symbol, series_symbol
 from farhorizon.boundaries import Boundary, Exact, FirstOrder, Fixed, Higdon, LatticePML, PlaneWave, Sponge
 from farhorizon.errors import UnstableError
-from farhorizon.kernel import Kernel
-from farhorizon.lattice import Lattice
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.geometry.shapes import Disc
+from farhorizon.medium.kernel import Kernel
+from farhorizon.medium.stencil import Stencil
 from farhorizon.models import Wave
-from farhorizon.papers import Outcome, Row, reproduction
-from farhorizon.papers.measure import Measured, Reference, differences_picture, errors_picture, infinite, run, stability, stability_note
-from farhorizon.shapes import Disc
-from farhorizon.simulation import Simulation
-from farhorizon.stencil import Stencil
+from farhorizon.papers.measure import (
+    Measured,
+    Reference,
+    differences_picture,
+    errors_picture,
+    infinite,
+    run,
+    stability,
+    stability_note,
+)
+from farhorizon.papers.registry import Outcome, Row, reproduction
+from farhorizon.simulation.simulation import Simulation
 
 PAPER = (
     "Hermann, Shojaei, Seleson, Cyron, Silling (2023), Dirichlet-type absorbing boundary conditions for peridynamic scalar waves in "
@@ -98,7 +107,7 @@ def _outcome(
 
 def _fields(path: Path, setup: Mapping[str, Any], times: Sequence[float], first: tuple[str, list[np.ndarray]], runs: Mapping[str, Measured]) -> None:
     """Fields side by side, the reference first, one row a time."""
-    from farhorizon.plot import field_table
+    from farhorizon.pictures.plot import field_table
 
     columns = [first, *((label, found.fields[: len(times)]) for label, found in runs.items())]
     cracks = [np.array(notch) for notch in NOTCHES] if "cracks" in setup else []
@@ -218,7 +227,7 @@ def exact_energies(setup: Mapping[str, Any], times: np.ndarray) -> np.ndarray:
 @reproduction("hermann2023-fig10", PAPER, "finite elements on a square: history at (20, 10), and the energy to t = 2500", "a minute", full="minutes")
 def figure_10(folder: Path, full: bool = False) -> Outcome:
     """Left: three models. Right: 1e5 steps of 0.025, with `full` the published 5e6 steps of 5e-4."""
-    from farhorizon.plot import curve_panels, error_history
+    from farhorizon.pictures.plot import curve_panels, error_history
 
     paths = [folder / f"hermann2023-fig10-{side}.png" for side in ("left", "right")]
     setup = square(RADIUS, 5e-4 if full else 0.01)
@@ -329,7 +338,7 @@ def large_domain(setup: Mapping[str, Any], until: float) -> Reference:
 @reproduction("hermann2023-ex3", PAPER, "disc with two notches: fields, history at (20, 10) for radius 26 and 42 (figures 13, 14)", full="minutes")
 def example_3(folder: Path, full: bool = False) -> Outcome:
     """Radius 26 and 42 to t = 70; the step is 500 times the paper's, with `full` 50 times."""
-    from farhorizon.plot import curve_panels
+    from farhorizon.pictures.plot import curve_panels
 
     dt = 5e-3 if full else 0.05
     course = tuple(np.arange(0.5, 70.1, 0.5).tolist())
@@ -374,7 +383,7 @@ def example_3(folder: Path, full: bool = False) -> Outcome:
 @reproduction("hermann2023-appB", PAPER, "highly dispersive pulse on a line, horizon of 25 spacings, to t = 15 (figure B1)", full="minutes")
 def appendix_b(folder: Path, full: bool = False) -> Outcome:
     """2001 nodes, 150 000 steps; exact ends, whose kernel takes minutes at this step, at ten times the step unless `full`."""
-    from farhorizon.plot import curve_panels
+    from farhorizon.pictures.plot import curve_panels
 
     spacing, dt = 0.01, 1e-4
     times = (1.5, 3.0, 5.0, 10.0, 15.0)
@@ -412,7 +421,7 @@ def appendix_b(folder: Path, full: bool = False) -> Outcome:
 @reproduction("hermann2023-fig6", PAPER, "dispersion: numerical, Taylor and local")
 def figure_6(folder: Path) -> Outcome:
     """Frequencies at a horizon of 2 without damping, on the lattice with 2 and 8 spacings in it, by series of order 4 and 26, and local."""
-    from farhorizon.plot import curve_panels
+    from farhorizon.pictures.plot import curve_panels
 
     horizon = 2.0
     kernel = Kernel(horizon, 2)

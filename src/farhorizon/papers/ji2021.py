@@ -1,7 +1,7 @@
 """Ji, Pang, Zhang, Yang and Perdikaris (2021): exact artificial boundary conditions of 1D semi-discretized peridynamics.
 
 The paper's construction is continuous in time: the responses g_m of the infinite chain to an impulse, from them the kernels f of the half-infinite
-chain by an integral equation, and their convolution with the drivers by the trapezoidal rule. `farhorizon.analysis.chain` has the kernels of the
+chain by an integral equation, and their convolution with the drivers by the trapezoidal rule. `analysis.exact.chain` has the kernels of the
 fully discrete scheme instead; both are run here. Two printed statements do not give the printed numbers and are corrected: the interface's
 soft part is |x| < 4 strictly, and the seismic pulse acts until t = 10, not 5.
 """
@@ -18,11 +18,11 @@ from scipy import fft, special
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
-from farhorizon.analysis.bar import Bar, bonds_of
-from farhorizon.analysis.chain import Recursion, force_form, fronts, ghost_kernel, symbol
-from farhorizon.engine.chain import bar_acceleration, recursive_impulse
-from farhorizon.integrators import Verlet
-from farhorizon.papers import Outcome, Row, reproduction
+from farhorizon.analysis.exact.chain import Recursion, force_form, fronts, ghost_kernel, symbol
+from farhorizon.engine.chain_loops import bar_acceleration, recursive_impulse
+from farhorizon.medium.integrators import Verlet
+from farhorizon.papers.bar import Bar, bonds_of
+from farhorizon.papers.registry import Outcome, Row, reproduction
 
 PAPER = "Ji, Pang, Zhang, Yang, Perdikaris (2021), Exact artificial boundary conditions of 1D semi-discretized peridynamics"
 SPACING, WIDTH, HORIZON = 0.1, 0.25, 0.75
@@ -335,7 +335,7 @@ def _table(
     velocity: bool = False,
 ) -> Outcome:  # fmt: skip
     """A table of errors and the figure of its convergence: ours with the printed values."""
-    from farhorizon.plot import log_panels
+    from farhorizon.pictures.plot import log_panels
 
     errors, printed = _errors(example, times, velocity), _printed(lines)
     path = folder / f"ji2021-fig{figure}.png"
@@ -371,7 +371,7 @@ def table1(folder: Path) -> Outcome:
 
     The printed errors are differences from the same method at half the smallest step, as the numbers show; both are listed.
     """
-    from farhorizon.plot import log_panels
+    from farhorizon.pictures.plot import log_panels
 
     printed = {3: (9.26e-06, 1.63e-05, 4.79e-05, 7.88e-04, 2.32), 18: (9.31e-07, 1.71e-06, 5.92e-06, 1.11e-05, 2.69),
                300: (3.80e-08, 8.71e-08, 5.15e-07, 1.24e-06, 3.80), 3000: (8.51e-09, 2.16e-08, 1.52e-07, 3.93e-07, 4.17)}  # fmt: skip
@@ -467,7 +467,7 @@ def table6(folder: Path) -> Outcome:
 @reproduction("ji2021-fig2", PAPER, "kernel f_0^1 of the Euler-Bernoulli beam at large times, numerical and analytical")
 def figure2(folder: Path) -> Outcome:
     """f_0^1 on [2990 pi, 3000 pi] by the paper's way, beside ``2 J_1(2t) sin(2t)/t``."""
-    from farhorizon.plot import curve_panels
+    from farhorizon.pictures.plot import curve_panels
 
     division = _BEAM_DIVISIONS[0]
     dt = 3 * np.pi / division
@@ -493,7 +493,7 @@ _TIMES = (5.0, 10.0, 15.0, 40.0)  # of figures 3 and 4
 
 def _snapshots(folder: Path, figure: int, velocity: bool) -> Outcome:
     """The bar at four times with both boundaries, beside the continuum, eq 37."""
-    from farhorizon.plot import curve_panels
+    from farhorizon.pictures.plot import curve_panels
 
     example, dt, field = Example(), STEPS[-1], int(velocity)
     steps, x = round(_TIMES[-1] / dt) + 1, example.coordinates()
@@ -542,7 +542,7 @@ _BETAS, _LONG = (1.0, 0.5, 0.1), 100.0
 @reproduction("ji2021-fig8", PAPER, "interface: displacement of the origin and of the right end over time, beta = 1, 0.5, 0.1")
 def figure8(folder: Path) -> Outcome:
     """To t = 100; the largest hump and hollow beside those of a local bar, in which the soft part reflects (sqrt(beta) - 1)/(sqrt(beta) + 1)."""
-    from farhorizon.plot import curve_panels
+    from farhorizon.pictures.plot import curve_panels
 
     rows = []
     curves: dict[int, list[tuple[str, np.ndarray, np.ndarray]]] = {ORIGIN: [], RIGHT: []}
@@ -568,7 +568,7 @@ def figure8(folder: Path) -> Outcome:
 @reproduction("ji2021-fig9", PAPER, "interface: error of the displacement of the origin and of the right end over time, beta = 1, 0.5, 0.1")
 def figure9(folder: Path) -> Outcome:
     """Differences from the chain that is exact in time, at the paper's largest step: its error and that of its boundary, to t = 100."""
-    from farhorizon.plot import log_panels
+    from farhorizon.pictures.plot import log_panels
 
     rows, panels = [], []
     for beta in _BETAS:
@@ -589,7 +589,7 @@ def figure9(folder: Path) -> Outcome:
 @reproduction("ji2021-fig13", PAPER, "seismic source: displacement of the origin, the right and the left end over time")
 def figure13(folder: Path) -> Outcome:
     """To t = 60, beside the chain that is exact in time; humps beside those of a local bar, whose free end doubles the pulse and sends it back."""
-    from farhorizon.plot import curve_panels
+    from farhorizon.pictures.plot import curve_panels
 
     example = Example(seismic=True)
     times, found = histories(example, 60.0)

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.analysis import InfiniteLattice
+from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.boundaries import Boundary
-from farhorizon.certificate import UNDECIDED
+from farhorizon.checks.certificate import UNDECIDED
 from farhorizon.errors import UnstableError
-from farhorizon.simulation import Simulation
+from farhorizon.simulation.simulation import Simulation
 
 _SECONDS = 8.0  # that a certificate may take
 _CLOSELY = 200  # first steps, after each of which the norm is taken: fast growth is over soon
@@ -139,7 +139,7 @@ def stability_note(setup: Mapping[str, Any], boundary: Boundary, until: float) -
 
 def errors_picture(path: Path, times: Sequence[float], runs: Mapping[str, Measured]) -> None:
     """Errors over time of all runs."""
-    from farhorizon.plot import error_history
+    from farhorizon.pictures.plot import error_history
 
     ylabel = r"largest $|u - u_\infty|$ in the near field"
     error_history({label: (np.array(times), found.errors) for label, found in runs.items()}, path, ylabel, "", xlabel="$t$")
@@ -149,7 +149,7 @@ def differences_picture(
     path: Path, axes: Sequence[np.ndarray], t: float, exact: np.ndarray, runs: Mapping[str, Measured], cracks: Sequence[np.ndarray] = ()
 ) -> None:
     """How far the fields of those runs that reach the last time are from the infinite medium."""
-    from farhorizon.plot import field_panels
+    from farhorizon.pictures.plot import field_panels
 
     panels = [(f"{label}, $t = {t:g}$", found.fields[-1] - exact) for label, found in runs.items() if np.isfinite(found.errors[-1])]
     field_panels(panels, axes, path, shared_scale=False, cracks=cracks, label=r"$u - u_\infty$")

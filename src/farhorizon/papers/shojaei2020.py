@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from farhorizon.boundaries import Boundary, Fixed, Free, LatticePML, PlaneWave
-from farhorizon.kernel import Kernel
-from farhorizon.lattice import Lattice
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.medium.kernel import Kernel
+from farhorizon.medium.stencil import Stencil
 from farhorizon.models import Diffusion
-from farhorizon.papers import Outcome, Row, reproduction
 from farhorizon.papers.measure import Measured, Reference, infinite, run, stability_note
-from farhorizon.stencil import Stencil
+from farhorizon.papers.registry import Outcome, Row, reproduction
 
 PAPER = "Shojaei, Hermann, Seleson, Cyron (2020), Dirichlet absorbing boundary conditions for classical and peridynamic diffusion-type models"
 SPACING, STEP, END, LONG = 0.125, 0.001, 250.0, 4000.0
@@ -60,7 +60,7 @@ def _example(
     name: str, folder: Path, setup: Mapping[str, Any], conditions: Mapping[str, Boundary], full: bool, shown: tuple[str, ...]
 ) -> Outcome:  # fmt: skip
     """Rows and pictures: energies and fields to t = 250, with `full` the energy left at t = 4000, too."""
-    from farhorizon.plot import curve_panels, error_history
+    from farhorizon.pictures.plot import curve_panels, error_history
 
     times = list(np.linspace(10, END, 25))
     later = [1000.0, 2000.0, LONG] if full else []
@@ -118,7 +118,7 @@ def example_1_peridynamic(folder: Path, full: bool = False) -> Outcome:
 @reproduction("shojaei2020-ex1-layers", PAPER, "the same with layers thinner than the horizon: figures 12, 13")
 def example_1_layers(folder: Path) -> Outcome:
     """Layers of 4, 3, 2 and 1 spacings, the bonds beyond them absent, for four largest wavenumbers."""
-    from farhorizon.plot import curve_panels
+    from farhorizon.pictures.plot import curve_panels
 
     rows, errors, panels = [], {}, []
     for wavenumber in (0.25, 0.5, 1.0, 2.0):

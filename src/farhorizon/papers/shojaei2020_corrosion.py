@@ -21,16 +21,16 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.analysis.infinite import InfiniteLattice
+from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.boundaries import Fixed, Free, LatticePML, PlaneWave
-from farhorizon.kernel import Kernel
-from farhorizon.lattice import Lattice
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.geometry.masks import Text
+from farhorizon.geometry.shapes import Ball, Disc, Shape
+from farhorizon.inputs.specimens import Specimen
+from farhorizon.medium.kernel import Kernel
 from farhorizon.models import Corrosion
-from farhorizon.outlines import Text
-from farhorizon.papers import Outcome, Row, reproduction
-from farhorizon.shapes import Ball, Disc, Shape
-from farhorizon.simulation import Simulation
-from farhorizon.specimens import Specimen
+from farhorizon.papers.registry import Outcome, Row, reproduction
+from farhorizon.simulation.simulation import Simulation
 
 PAPER = "Shojaei, Hermann, Seleson, Cyron (2020), Dirichlet-type absorbing boundary conditions for peridynamic scalar diffusion"
 LIQUID, INTERFACE, SATURATION = 7957.70, 795.77, 0.8  # micro-diffusivities and u_sat of both examples
@@ -110,14 +110,14 @@ class Example:
         threads = 1 if self.region.dim == 2 else None
         return {name: Simulation(**self._parts(threads), **closure(self.spacing, self.region), balance=True) for name, closure in CLOSURES[:most]}
 
-    def medium(self) -> Medium:
+    def medium(self) -> OpenMedium:
         """The infinite medium."""
         half = self.spacing * np.round(self.far / self.spacing)
         lattice = Lattice(self.spacing, [-half] * self.region.dim, [half] * self.region.dim)
-        return Medium(Simulation(lattice, boundary=Fixed(0.0), **self._parts()), Lattice(self.spacing, window=self.region))
+        return OpenMedium(Simulation(lattice, boundary=Fixed(0.0), **self._parts()), Lattice(self.spacing, window=self.region))
 
 
-class Medium:
+class OpenMedium:
     """The infinite medium on the nodes of a near field.
 
     Parameters
@@ -275,7 +275,7 @@ def outward_share(u: np.ndarray, axes: Sequence[np.ndarray], example: Example) -
 
 
 def _pictures(folder: Path, name: str, course: Course, runs: dict[str, Simulation], shown: tuple[float, ...]) -> list[Path]:
-    from farhorizon.plot import error_history, field_panels, front, gradient_panels
+    from farhorizon.pictures.plot import error_history, field_panels, front, gradient_panels
 
     first = next(iter(runs))
     axes = runs[first].lattice.axes

@@ -6,7 +6,8 @@ What the paper leaves open is chosen so that its statements come out:
   the foot of its ramp is relative to the top.
 - The energies of figure 2 are those of the whole square, the layer included, over the initial one. The values that the paper names are no
   floors: the energy falls like a power of time and passes both at about t = 6.
-- Eq. 3-3 is misprinted (`analysis.radial`). In eq. 2-3 the extension is divided by the length of the bond, not by that of the relative displacement.
+- Eq. 3-3 is misprinted (`analysis.references.radial`). In eq. 2-3 the extension is divided by the length of the bond, not by that of the
+  relative displacement.
 - Section 3B: the critical stretch is ``sqrt(4 pi G0 / (9 E spacing))``, which is exactly the printed one: the formula of bond-based plane stress for
   a horizon of one spacing; so the kernel is taken to be the Gaussian one with delta = one spacing. As the model is another one, it is a number.
 - "N" in the plane needs a thickness, and the drag a time: 0.156 spacings, and D/dt = 1e7 per second, make 250 N give the crack of the paper.
@@ -26,18 +27,18 @@ from typing import Any
 import numpy as np
 from scipy.optimize import curve_fit
 
-from farhorizon.analysis.correspondence import InfiniteBody
-from farhorizon.analysis.radial import gaussian_symbol, nonlocal_radial_wave, radial_wave
+from farhorizon.analysis.references.radial import gaussian_symbol, nonlocal_radial_wave, radial_wave
+from farhorizon.body.body import Body
+from farhorizon.body.infinite_body import InfiniteBody
 from farhorizon.boundaries import Fixed, Free, LatticePML, NonlocalPML, Sponge
-from farhorizon.correspondence import Body
 from farhorizon.errors import UnstableError
-from farhorizon.kernel import Kernel
-from farhorizon.lattice import Lattice
-from farhorizon.loads import Traction
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.inputs.loads import Traction
+from farhorizon.medium.kernel import Kernel
 from farhorizon.models import Elastic
-from farhorizon.papers import Outcome, Row, reproduction
-from farhorizon.run import Run
-from farhorizon.simulation import Simulation
+from farhorizon.papers.registry import Outcome, Row, reproduction
+from farhorizon.simulation.run import Run
+from farhorizon.simulation.simulation import Simulation
 
 PAPER = "Wildman, Gazonas (2012), A perfectly matched layer for peridynamics in two dimensions"
 SPACING = 0.01
@@ -147,7 +148,7 @@ def passes(times: np.ndarray, values: np.ndarray, level: float) -> float:
 @reproduction("wildman2012-fig2", PAPER, "strain energy of a pulse in a square with the layer, both kernels, and what other sides send back")
 def figure_2(folder: Path) -> Outcome:
     """Energies to t = 10; errors of all absorbers against the infinite lattice; the paper's own integrator."""
-    from farhorizon.plot import error_history
+    from farhorizon.pictures.plot import error_history
 
     times = np.round(np.arange(0.05, 10.001, 0.05), 10)
     named = (0.5, 1.0, 2.0, 5.0, 7.0, 10.0)
@@ -198,7 +199,7 @@ def roomy_plate(kernel: Kernel) -> Body:
               takes="a minute")  # fmt: skip
 def lattice_layer(folder: Path) -> Outcome:
     """Errors until t = 2.2 on the inner part against the infinite lattice, and energies of the near field to t = 100."""
-    from farhorizon.plot import error_history
+    from farhorizon.pictures.plot import error_history
 
     rows, left = [], {}
     for name, kernel in KERNELS.items():
@@ -224,7 +225,7 @@ def lattice_layer(folder: Path) -> Outcome:
 @reproduction("wildman2012-fig3", PAPER, "displacements along y = 0.5 over time, through the layer")
 def figure_3(folder: Path) -> Outcome:
     """Waterfall to t = 1, the Gaussian kernel, and the stretch."""
-    from farhorizon.plot import waterfall
+    from farhorizon.pictures.plot import waterfall
 
     body = plate(KERNELS["Gaussian"], published())
     x = SPACING * np.arange(101)
@@ -246,7 +247,7 @@ def figure_3(folder: Path) -> Outcome:
 @reproduction("wildman2012-fig4", PAPER, "displacement at the edge of the layer, and in a fixed square")
 def figure_4(folder: Path) -> Outcome:
     """|u_x| at (0.3, 0.5) to t = 5: the same until the fixed edge has sent the wave back."""
-    from farhorizon.plot import error_history
+    from farhorizon.pictures.plot import error_history
 
     times = STEP * 2 * np.arange(1, 501)
     found = {}
@@ -284,7 +285,7 @@ def radial_plate(boundary: Any, width: float = 0.1, dt: float = STEP) -> Body:
 @reproduction("wildman2012-fig5", PAPER, "a cylindrical wave against the exact solution, local and nonlocal")
 def figure_5(folder: Path) -> Outcome:
     """u_x at (0.5, 0) to t = 2: dispersion of the nonlocal medium, and what is left."""
-    from farhorizon.plot import curve_panels
+    from farhorizon.pictures.plot import curve_panels
 
     width, r = 0.1, 0.5
     found = {}
@@ -369,7 +370,7 @@ LONG: dict[str, tuple[str, Any]] = {
 @reproduction("wildman2012-growth", PAPER, "what grows in the layer long after the paper's figures end", "a minute")
 def long_times(folder: Path) -> Outcome:
     """Rates from white noise to t = 200; the paper's figures end at t = 1 and some 6."""
-    from farhorizon.plot import error_history
+    from farhorizon.pictures.plot import error_history
 
     rows, curves = [], {}
     for name, (kernel, boundary) in LONG.items():
@@ -437,7 +438,7 @@ def indent(load: float, dt: float, until: float = 10e-6, **options: Any) -> tupl
 @reproduction("wildman2012-fig7", PAPER, "cracks from an indented half-space, 250 N (and figure 8)", full="minutes")
 def figure_7(folder: Path, full: bool = False) -> Outcome:
     """Damage after 10 microseconds; the step is 20 times the paper's unless `full`."""
-    from farhorizon.plot import field_panels
+    from farhorizon.pictures.plot import field_panels
 
     body, before, found = indent(250.0, 1e-9 if full else 20e-9)
     damage = body.damage()
@@ -479,7 +480,7 @@ def fitted(load: np.ndarray) -> np.ndarray:
 @reproduction("wildman2012-fig9", PAPER, "separation of the crack tips over the load", full="minutes")
 def figure_9(folder: Path, full: bool = False) -> Outcome:
     """140 to 500 N; the step is 20 times the paper's unless `full`."""
-    from farhorizon.plot import curve_panels
+    from farhorizon.pictures.plot import curve_panels
 
     loads = np.array(LOADS)
     separations, rows = [], []

@@ -1,0 +1,267 @@
+"""Kernels of the exact boundary in one dimension: how a half-infinite chain answers to its drivers, fully discrete in time.
+
+The chain's nodes are 0, -1, -2, ... and the near field's 1, 2, ...; the *drivers* 1 .. K (K the reach of the stencil) act on the chain, and
+its first K nodes, the *ghosts* 0, -1, .. -(K - 1), act back. A chain at rest answers with
+
+    ghost(-q) at step j = sum over lags a = 1 .. j and drivers m of  F[a, q, m - 1] u_m at step j - a,
+
+explicit because F[0] = 0. The sample at step 0 carries the weight `Recursion.first`. The force of all ghosts on driver i is the same sum
+with M = D^T F, D[q, m - 1] = a_(m + q), which is symmetric. Ji, Pang, Zhang, Yang and Perdikaris (2021), eqs 5 to 15, have the kernels of the chain
+that is continuous in time and then discretise the convolution; here the chain takes the same time steps as the near field, and nothing is left over.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft, special
+
+from farhorizon.errors import InputError
+from farhorizon.medium.integrators import Integrator, Verlet
+from farhorizon.medium.stencil import Stencil
+
+_ROUNDING = 42.0  # what is smaller than exp(-42) = 6e-19 of the impulse is taken for nothing
+_CHAIN_FLOPS = 3e10  # up to here (a few seconds) the chain is run, since it is the more accurate of the two
+_POINT_COST = 3000  # what a point of the transform costs, in steps of one node; measured at K = 2, 7, 25: 1600, 2900, 3100
+_OVERSAMPLING = 16
+
+
+@dataclass(frozen=True)
+class Recursion:
+    """A scheme in increments: ``d <- keep d + scale A u, u <- u + d``.
+
+    Attributes
+    ----------
+    keep : float
+        Share of the last increment that a step keeps: (1 - d dt)/(1 + d dt) for Verlet with damping 2 d u_t, 0 for forward Euler.
+    scale : float
+        Factor of the operator: dt^2/(1 + d dt), or dt.
+    first : float
+        Weight of the sample at step 0: the first Verlet step is ``u(1) = u(0) + (1 - d dt) dt v(0) + dt^2/2 A u(0)``, that is
+        (1 + d dt)/2 of a later one for what starts at rest; 1 for forward Euler.
+    """
+
+    keep: float
+    scale: float
+    first: float
+
+    @classmethod
+    def of(cls, integrator: Integrator, dt: float, damping: float = 0.0) -> Recursion:
+        """The recursion of an integrator.
+
+        Raises
+        ------
+        InputError
+            A scheme of several stages, the inner ones of which would need ghosts of their own.
+        """
+        numbers = integrator.stages(dt, damping, True).numbers
+        if len(numbers) > 1:
+            raise InputError("the exact boundary serves schemes of one stage only", value=integrator.name, limit="velocity Verlet, forward Euler",
+                             remedy="integrator = euler")  # fmt: skip
+        _, keep, scale, _ = numbers[0]
+        return cls(keep, scale, dt**2 / 2 / scale if isinstance(integrator, Verlet) else 1.0)
+
+    def eigenvalue(self, z: np.ndarray) -> np.ndarray:
+        """Eigenvalue sigma of A for which a mode gains the factor z a step: ``(z - 1)(1 - keep/z)/scale``."""
+        return (z - 1) * (1 - self.keep / z) / self.scale
+
+    def growth(self, eigenvalue: np.ndarray) -> np.ndarray:
+        """Largest modulus of the factor a step for eigenvalues of A."""
+        half = (1 + self.keep + self.scale * eigenvalue.astype(complex)) / 2
+        root = np.sqrt(half**2 - self.keep)
+        return np.maximum(np.abs(half + root), np.abs(half - root))
+
+
+def half_weights(stencil: Stencil, rate: float = 1.0) -> np.ndarray:
+    """Weights a_1 .. a_K of a one-dimensional stencil times `rate` (``coefficient / spacing^2``), zeros where it has gaps.
+
+    Raises
+    ------
+    InputError
+        A stencil of more dimensions.
+    """
+    if stencil.dim != 1:
+        raise InputError("the exact boundary is for one dimension", value=f"{stencil.dim} dimensions", remedy="LatticePML")
+    weights = np.zeros(stencil.reach[0])
+    ahead = stencil.offsets[:, 0] > 0
+    weights[stencil.offsets[ahead, 0] - 1] = rate * stencil.weights[ahead]
+    return weights
+
+
+def symbol(weights: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """``4 sum_k a_k sin^2(k angle / 2)``, the eigenvalue of -A; complex angles too."""
+    k = np.arange(1, weights.size + 1)
+    return 4 * (weights * np.sin(np.multiply.outer(angle, k) / 2) ** 2).sum(-1)
+
+
+def driver_matrix(weights: np.ndarray) -> np.ndarray:
+    """D[q, m - 1] = a_(m + q), the bonds between the ghosts -q and the drivers m; shape (K, K)."""
+    reach = weights.size
+    padded = np.concatenate([weights, np.zeros(reach)])
+    return padded[np.add.outer(np.arange(reach), np.arange(reach))]
+
+
+def force_form(kernel: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """M = D^T F: the acceleration of driver i from the past of driver m; shape (steps + 1, K, K) like F."""
+    return np.matmul(driver_matrix(weights).T, kernel)
+
+
+def ground(weights: np.ndarray) -> np.ndarray:
+    """Sum of the bonds of each driver that reach beyond the end; shape (K,). The force of the ghosts is M u - ground u."""
+    return driver_matrix(weights).sum(0)
+
+
+def fronts(weights: np.ndarray, recursion: Recursion, steps: int) -> np.ndarray:
+    """Nodes that an impulse can have reached after 0 .. `steps` steps, with more than 1e-18 of its size; shape (steps + 1,).
+
+    A mode of complex angle kappa + i theta decays by theta a node and grows by at most the factor g(theta) a step, so that
+    ``(steps log g + 42) / theta`` is a bound for every theta; the smallest of them is taken.
+    """
+    theta = np.geomspace(1e-4, 4.0, 80) / max(1, weights.size // 4)
+    angle = np.linspace(0, np.pi, 513)[:, None] + 1j * theta
+    rate = np.log(np.maximum(recursion.growth(-symbol(weights, angle)).max(0), 1.0))
+    count = np.arange(steps + 1)
+    bound = weights.size * count.astype(float)  # a step carries no farther than the stencil reaches
+    for grown, thickness in zip(rate, theta, strict=True):
+        np.minimum(bound, (count * grown + _ROUNDING) / thickness, out=bound)
+    return np.ceil(bound).astype(np.int64) + weights.size
+
+
+def run_kernel(weights: np.ndarray, recursion: Recursion, steps: int) -> np.ndarray:
+    """Ghost kernel F by running the scheme on a chain so long that nothing returns from its end.
+
+    Parameters
+    ----------
+    weights : ndarray, shape (K,)
+        a_1 .. a_K, 1/time^2 for waves, 1/time for diffusion.
+    recursion : Recursion
+    steps : int
+
+    Returns
+    -------
+    ndarray, shape (steps + 1, K, K)
+    """
+    from farhorizon.engine.chain_loops import chain_responses  # late: Numba is slow to import
+
+    front = fronts(weights, recursion, steps)
+    return chain_responses(weights, recursion.keep, recursion.scale, np.minimum(front, front[::-1]))
+
+
+def surface_response(weights: np.ndarray, eigenvalue: np.ndarray) -> np.ndarray:
+    """Ghosts per driver for the eigenvalue sigma: the transform of F at sigma, by cyclic reduction.
+
+    K nodes make a block; each turn removes every other block (Lopez Sancho, Lopez Sancho and Rubio, J. Phys. F 15 (1985) 851).
+
+    Parameters
+    ----------
+    weights : ndarray, shape (K,)
+    eigenvalue : ndarray of complex, shape (n,)
+        Not on the cut, the negative eigenvalues of A.
+
+    Returns
+    -------
+    ndarray of complex, shape (n, K, K)
+
+    Raises
+    ------
+    InputError
+        A point so close to the cut that the reduction does not end.
+    """
+    reach = weights.size
+    full = np.concatenate([weights[::-1], [-2 * weights.sum()], weights, np.zeros(reach)])
+    distance = np.subtract.outer(np.arange(reach), np.arange(reach))
+    inner, toward = full[reach + distance], np.triu(full[np.minimum(2 * reach + distance, full.size - 1)])
+    out = np.empty((eigenvalue.size, reach, reach), complex)
+    block = max(1, 200_000 // reach**2)
+    for start in range(0, eigenvalue.size, block):
+        part = slice(start, min(start + block, eigenvalue.size))
+        out[part] = _reduce(eigenvalue[part], inner, toward)
+    return out
+
+
+def _reduce(eigenvalue: np.ndarray, inner: np.ndarray, toward: np.ndarray) -> np.ndarray:
+    """Cyclic reduction of blocks (sigma - inner) with couplings `toward` the drivers and its transpose away from them."""
+    reach = len(inner)
+    middle = eigenvalue[:, None, None] * np.eye(reach) - inner
+    surface = middle.copy()
+    away = np.broadcast_to(toward.T.astype(complex), middle.shape).copy()
+    active = np.arange(eigenvalue.size)
+    for _ in range(60):
+        e, a = middle[active], away[active]
+        solved = np.linalg.solve(e, np.concatenate([np.swapaxes(a, 1, 2), a], 2))
+        outward, onward = a @ solved[:, :, :reach], a @ solved[:, :, reach:]
+        surface[active] -= outward
+        middle[active] = e - outward - outward[:, ::-1, ::-1]  # mirror symmetry: the other correction is the same one seen from behind
+        away[active] = onward
+        size = np.abs(onward).max((1, 2)) / np.abs(eigenvalue[active])
+        active = active[size > 1e-10]  # the next correction is its square
+        if not active.size:
+            return np.linalg.solve(surface, np.broadcast_to(toward[:, ::-1].astype(complex), middle.shape))
+    raise InputError("the surface response does not converge on the spectrum of the chain", value=eigenvalue[active[0]])
+
+
+def largest_angle(weights: np.ndarray, recursion: Recursion) -> float:
+    """Largest angle of the scheme's oscillating factors z in the complex plane; pi for forward Euler and where all modes are overdamped."""
+    if recursion.keep <= 0:  # forward Euler, or damping so strong that d dt >= 1
+        return np.pi
+    largest = float(symbol(weights, np.linspace(0, np.pi, 4097)).max())
+    half = (1 + recursion.keep - recursion.scale * largest) / (2 * np.sqrt(recursion.keep))
+    return float(np.arccos(max(half, -1.0))) if half < 1 else np.pi
+
+
+def transform_kernel(weights: np.ndarray, recursion: Recursion, steps: int, oversampling: int = _OVERSAMPLING) -> np.ndarray:
+    """Ghost kernel F by inversion of its z-transform on a circle; the cost grows like steps log steps.
+
+    Only the part of the circle beside the spectrum needs a fine sampling. The rest is a smooth function, cut out by a window that is
+    smooth to rounding, and a coarse sampling gives its transform, which has died out after a few steps.
+
+    Parameters
+    ----------
+    weights, recursion, steps
+        As in `run_kernel`.
+    oversampling : int
+        Points on the circle per step. More of them allow a circle closer to 1, which amplifies rounding less.
+
+    Returns
+    -------
+    ndarray, shape (steps + 1, K, K)
+    """
+    count = fft.next_fast_len(oversampling * (steps + 1), real=True)
+    radius = 10.0 ** (15 / count)  # what wraps around is damped to 1e-15
+    width = largest_angle(weights, recursion)
+    coarse = fft.next_fast_len(int(1500 / width), real=True)
+    split = 4 * width < np.pi and 2 * coarse < count
+
+    def inside(points: int) -> tuple[np.ndarray, np.ndarray]:
+        """Angles on half a circle of `points` points, and the window: 1 within 1.5 bands, 0 beyond 3.5."""
+        angle = 2 * np.pi * np.arange(points // 2 + 1) / points
+        return angle, special.erfc(6 * (angle / width - 2.5)) / 2 if split else np.ones(angle.size)
+
+    out = np.zeros((steps + 1, weights.size, weights.size))
+    for points, rest in ((count, False), (coarse, True)) if split else ((count, False),):
+        angle, window = inside(points)
+        window = 1 - window if rest else window
+        used = np.flatnonzero(window > 1e-17)
+        part = window[used, None, None] * surface_response(weights, recursion.eigenvalue(radius * np.exp(1j * angle[used])))
+        kept = min(steps + 1, points // 2)  # the other half are negative times, where the two parts cancel
+        scale = radius ** np.arange(float(kept))
+        for i in range(weights.size):
+            for j in range(weights.size):
+                spectrum = np.zeros(points // 2 + 1, complex)
+                spectrum[used] = part[:, i, j]
+                out[:kept, i, j] += fft.irfft(spectrum, points)[:kept] * scale
+    out[0] = 0
+    return out
+
+
+def ghost_kernel(weights: np.ndarray, recursion: Recursion, steps: int) -> np.ndarray:
+    """Ghost kernel F by the chain, or by the transform where the chain takes more than a few seconds and twice as long.
+
+    The chain is preferred because it keeps rigid motions to rounding. Parameters and result as in `run_kernel`.
+    """
+    front = fronts(weights, recursion, steps)
+    node_steps = float(np.minimum(front, front[::-1]).sum())
+    points = _OVERSAMPLING / 2 * steps * min(1.0, 4 * largest_angle(weights, recursion) / np.pi)
+    cheap = 4 * weights.size**2 * node_steps < _CHAIN_FLOPS or node_steps < 2 * _POINT_COST * points
+    return run_kernel(weights, recursion, steps) if cheap else transform_kernel(weights, recursion, steps)

@@ -1,0 +1,1 @@
+"""What absorbing layers send back, and how thick they must be."""

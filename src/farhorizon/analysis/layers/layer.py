@@ -1,0 +1,322 @@
+"""What a lattice PML sends back, from its own equations at one frequency and tangential wavenumber, the damping of short waves included.
+
+Along the normal the layer's columns hold x(1) .. x(L), and U(p, k) is column p continued by k nodes. At a factor z a step the recursion over the
+edge p between columns p and p + 1, with the stretch ``g = kappa + sigma/(s + alpha)`` and ``s = 2/dt (z - 1)/(z + 1)``,
+
+    (1 - g) U(p+1,k+1) + (1 + g) U(p+1,k) = (1 + g) U(p,k+1) + (1 - g) U(p,k),
+
+is solved inwards for k >= 0 (nothing beyond the last column) and outwards for k <= 0 (the near field's nodes at the entrance). So the operator A of
+the columns is a matrix. With what a step takes of the increments, F = D F D of `farhorizon.engine.filter`, the scheme
+``(z - 1) x = (1 - F)(keep (1 - 1/z) x + scale A x)`` and the modes of the medium in front make one small linear system.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from farhorizon.analysis.exact.chain import Recursion
+from farhorizon.analysis.layers.reflection import (
+    TYPES,
+    Modes,
+    by_type,
+    chain_modes,
+    chain_weights,
+    eigenvalue_of_type,
+    factor_of_wave,
+    polarisations,
+)
+from farhorizon.engine.engine import Layer
+from farhorizon.engine.filter import line_damping
+from farhorizon.medium.stencil import Stencil
+
+
+@dataclass(frozen=True)
+class ArrivingWave:
+    """A wave that meets a side: what the medium does at one factor a step and one tangential wavenumber.
+
+    Attributes
+    ----------
+    weights : ndarray of complex, shape (2 K + 1,), of vectors (2 K + 1, d, d)
+        The stencil along the normal, as from `chain_weights`, times coefficient / spacing^2.
+    along : ndarray, shape (dim - 1,)
+        Tangential wavenumbers times spacing.
+    modes : Modes
+    factor : complex
+        Factor a step.
+    recursion : Recursion
+    dt : float
+    """
+
+    weights: np.ndarray
+    along: np.ndarray
+    modes: Modes
+    factor: complex
+    recursion: Recursion
+    dt: float
+
+    @property
+    def s(self) -> complex:
+        """Discrete frequency of the trapezoidal rule, ``2/dt (z - 1)/(z + 1)``."""
+        return 2 / self.dt * (self.factor - 1) / (self.factor + 1)
+
+    @property
+    def eigenvalue(self) -> complex:
+        """Of the operator, in 1/time^2 (waves) or 1/time (diffusion)."""
+        return complex(self.recursion.eigenvalue(np.array(self.factor)))
+
+
+@dataclass(frozen=True)
+class LatticeMedium:
+    """An endless medium and its scheme.
+
+    Attributes
+    ----------
+    stencil : Stencil
+        Its first axis is the normal of the side that waves come to.
+    coefficient : float
+        Squared speed or diffusivity.
+    spacing : float
+    recursion : Recursion
+    dt : float
+    """
+
+    stencil: Stencil
+    coefficient: float
+    spacing: float
+    recursion: Recursion
+    dt: float
+
+    @property
+    def rate(self) -> float:
+        """``coefficient / spacing^2``."""
+        return self.coefficient / self.spacing**2
+
+    @property
+    def speed(self) -> float:
+        """Of waves."""
+        return float(np.sqrt(self.coefficient))
+
+    def carrier(self, kind: int) -> LatticeMedium:
+        """A scalar medium in which long waves have the speed of one type and all are about as dispersive; a scalar medium itself.
+
+        Parameters
+        ----------
+        kind : int
+            Number of the type among `TYPES`.
+
+        Returns
+        -------
+        LatticeMedium
+        """
+        stencil = self.stencil
+        if stencil.components == 1:
+            return self
+        squared = 0.5 * np.einsum("kii,k->i", stencil.weights, stencil.offsets[:, 0] ** 2)  # speeds along the normal, P first
+        weights = np.trace(stencil.weights, axis1=1, axis2=2) * squared[kind] / squared.sum()
+        return replace(self, stencil=Stencil(stencil.offsets[weights != 0], weights[weights != 0]))
+
+    def wave(self, along: Sequence[float] | np.ndarray, factor: complex, near: complex, polarisation: np.ndarray | None = None) -> ArrivingWave:
+        """The wave of a factor a step and tangential wavenumbers times spacing.
+
+        Parameters
+        ----------
+        along : sequence of float
+        factor : complex
+        near, polarisation
+            Which of the modes comes to the side, see `chain_modes`.
+
+        Raises
+        ------
+        InputError
+            No such wave comes to the side.
+        """
+        along = np.asarray(along, float)
+        weights = self.rate * chain_weights(self.stencil, along.tolist())
+        modes = chain_modes(weights, factor, self.recursion, near, polarisation)
+        return ArrivingWave(weights, along, modes, factor, self.recursion, self.dt)
+
+    def plane_wave(self, wavelength: float, angle: float, azimuth: float = 0.0, number: int = 0) -> ArrivingWave:
+        """A plane wave; second order in time.
+
+        Parameters
+        ----------
+        wavelength : float
+            In spacings.
+        angle : float
+            Of the wave vector against the normal, in degrees.
+        azimuth : float
+            In 3D, of its tangential part against the first axis along the side, in degrees.
+        number : int
+            Of its type among `TYPES`.
+
+        Raises
+        ------
+        InputError
+            No such wave comes to the side: it is shorter than the lattice carries; or an integrator with several stages.
+        """
+        wavenumber, tilt, turn = 2 * np.pi / wavelength, np.radians(angle), np.radians(azimuth)
+        along = wavenumber * np.sin(tilt) * np.array([np.cos(turn), np.sin(turn)])[: self.stencil.dim - 1]
+        normal = wavenumber * np.cos(tilt)
+        shape = polarisations(self.stencil.components, float(tilt), float(turn))
+        factor = factor_of_wave(-self.rate * eigenvalue_of_type(self.stencil.symbol(normal, *along), shape, number), self.recursion)
+        return self.wave(along, factor, np.exp(1j * normal), shape[number])
+
+    def diffusion_wave(self, wavelength: float, angle: float) -> ArrivingWave:
+        """What diffuses from a source of one frequency, ``exp(i w t - (a + i b) x + i q y)``: a phase that runs to the side while it dies out.
+
+        In the continuum ``(a + i b)^2 = q^2 + i w / D``; ``b = sqrt(w cos(angle) / 2 D)``, ``q = b tan(angle)``. The layer's stretch does not depend
+        on the frequency, so time is taken to be continuous.
+
+        Parameters
+        ----------
+        wavelength : float
+            ``2 pi sqrt(2 D / w)`` in spacings, of a wave along the normal.
+        angle : float
+            Of the phase's direction against the normal, in degrees.
+
+        Raises
+        ------
+        InputError
+            The lattice carries no such wave.
+        """
+        tilt = np.radians(angle)
+        frequency = 2 * self.rate * (2 * np.pi / wavelength) ** 2
+        normal = 2 * np.pi / wavelength * np.sqrt(np.cos(tilt))
+        along = np.array([normal * np.tan(tilt), 0.0])[: self.stencil.dim - 1]
+        return self.wave(along, 1 + 1j * frequency * self.recursion.scale, np.exp(-normal * (1 / np.cos(tilt) + 1j)))
+
+
+def layer_amplitudes(wave: ArrivingWave, layer: Layer) -> np.ndarray:
+    """Amplitudes of all leaving modes for an incoming wave of amplitude 1, both at the last node before the layer.
+
+    Parameters
+    ----------
+    wave : ArrivingWave
+    layer : Layer
+
+    Returns
+    -------
+    ndarray of complex, shape (leaving modes,)
+    """
+    return amplitudes_of([wave], layer)[0]
+
+
+def amplitudes_of(waves: Sequence[ArrivingWave], layer: Layer) -> list[np.ndarray]:
+    """`layer_amplitudes` of several waves of one medium, which takes much less time than one after the other.
+
+    Parameters
+    ----------
+    waves : sequence of ArrivingWave
+        At least one.
+    layer : Layer
+
+    Returns
+    -------
+    list of ndarray of complex
+    """
+    stretch = layer.kappa + layer.sigma / (np.array([wave.s for wave in waves])[:, None] + layer.alpha)
+    blocks = np.stack([wave.weights.reshape(len(wave.weights), *wave.weights.shape[1:] or (1, 1)) for wave in waves])
+    n, reach, d, count = len(waves), blocks.shape[1] // 2, blocks.shape[2], layer.columns
+    inwards, (outwards, here, before) = _inwards(stretch), _outwards(stretch)
+    system = np.einsum("nij,pq->nipjq", blocks[:, reach], np.eye(count))
+    ahead, back, first = np.eye(count + 1)[:, 1:], np.eye(count), np.eye(count + 1)[:, :1]
+    entrance = np.zeros((n, reach, count), complex)  # U(0, k), k = 1 .. K, by the columns
+    entrance_near = np.zeros((n, reach), complex)  # and by the last node of the near field
+    near = np.zeros((n, reach + 1, count), complex)  # columns continued by -k nodes, by the near field's nodes 0, -1, .. -K
+    drive = np.zeros((n, reach + 1, d * count, d), complex)
+    for k in range(1, reach + 1):
+        ahead, first, back = inwards @ ahead, inwards @ first, outwards @ back
+        entrance[:, k - 1], entrance_near[:, k - 1] = ahead[:, 0], first[:, 0, 0]
+        system += np.einsum("nij,npq->nipjq", blocks[:, reach + k], ahead[:, 1:]) + np.einsum("nij,npq->nipjq", blocks[:, reach - k], back)
+        near = near @ outwards.swapaxes(1, 2)
+        near[:, k - 1] += here
+        near[:, k] += before
+        drive += np.einsum("nij,nkp->nkipj", blocks[:, reach - k], near).reshape(drive.shape)
+    system = np.array([wave.eigenvalue for wave in waves])[:, None, None] * np.eye(d * count) - system.reshape(n, d * count, d * count)
+    return [
+        _leaving(wave, layer, blocks[i], system[i], drive[i], entrance[i], entrance_near[i]) for i, wave in enumerate(waves)
+    ]  # fmt: skip
+
+
+def _leaving(
+    wave: ArrivingWave, layer: Layer, blocks: np.ndarray, system: np.ndarray, drive: np.ndarray, entrance: np.ndarray, entrance_near: np.ndarray
+) -> np.ndarray:  # fmt: skip
+    """Amplitudes of the modes with which the columns, and the medium in front of them, are in balance."""
+    reach, d = len(blocks) // 2, blocks.shape[1]
+    if layer.damping.size:
+        damping = np.kron(np.eye(d), line_damping(layer.damping, layer.taps, wave.dt, wave.along))
+        lost = (wave.factor - 1) * damping  # of the increment
+        if layer.whole:  # of both levels
+            lost = wave.factor * damping - wave.recursion.keep / wave.factor * (damping - damping @ damping)
+        system = system - damping @ system + lost / wave.recursion.scale
+        drive = drive - damping @ drive
+    modes = wave.modes
+    roots, vectors = np.append(modes.leaving, modes.incoming), np.vstack([modes.vectors, modes.vector])
+    size = np.maximum(np.abs(roots) ** reach, 1.0)  # what dies out over a node is told by what lies ahead
+    powers = roots ** -np.arange(reach + 1)[:, None] / size
+    columns = np.linalg.solve(system, np.einsum("kaj,kn,nj->an", drive, powers, vectors)).reshape(d, layer.columns, -1)
+    continued = np.einsum("kp,ipn->kin", entrance, columns) + entrance_near[:, None, None] * (vectors.T * powers[0])
+    continued -= vectors.T * (roots ** np.arange(1, reach + 1)[:, None] / size)[:, None, :]
+    missing = np.concatenate([np.einsum("kij,kjn->in", blocks[reach + 1 + i :], continued[: reach - i]) for i in range(reach)])
+    missing = missing / np.linalg.norm(missing[:, :-1], axis=0).max()
+    found = np.linalg.lstsq(missing[:, :-1], -missing[:, -1], rcond=None)[0]
+    return np.asarray(found * size[-1] / size[:-1])
+
+
+def _bands(size: int, bands: Mapping[int, np.ndarray]) -> np.ndarray:
+    """Matrices (n, size, size) with the given diagonals, arrays (n, size - |offset|) by their offset."""
+    found = np.zeros((len(next(iter(bands.values()))), size, size), complex)
+    for offset, values in bands.items():
+        row = np.arange(size - abs(offset)) + max(-offset, 0)
+        found[:, row, row + offset] = values
+    return found
+
+
+def _inwards(stretch: np.ndarray) -> np.ndarray:
+    """U(., k + 1) from U(., k) for k >= 0, by columns 0 .. L; for stretches (n, L + 1)."""
+    plus, minus, size = 1 + stretch, 1 - stretch, stretch.shape[1]
+    left = _bands(size, {0: plus, 1: -minus[:, :-1]})
+    return np.asarray(np.linalg.solve(left, _bands(size, {0: -minus, 1: plus[:, :-1]})))
+
+
+def _outwards(stretch: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """U(., k - 1) from U(., k) for k <= 0, by columns 1 .. L; and what the near field's nodes k and k - 1 add to it."""
+    plus, minus, size = 1 + stretch[:, :-1], 1 - stretch[:, :-1], stretch.shape[1] - 1
+    left, first = _bands(size, {0: plus, -1: -minus[:, 1:]}), np.eye(size)[0][:, None]
+    right = [_bands(size, {0: -minus, -1: plus[:, 1:]}), plus[:, :1, None] * first, minus[:, :1, None] * first]
+    found = np.linalg.solve(left, np.concatenate(right, axis=2))
+    return found[..., :-2], found[..., -2], found[..., -1]
+
+
+@dataclass(frozen=True)
+class LayerSide:
+    """A flat side that a lattice PML closes.
+
+    Attributes
+    ----------
+    medium : LatticeMedium
+    layer : Layer
+    diffusive : bool
+        Whether the medium carries diffusion waves, which come from a source of one frequency and die out on their way.
+    """
+
+    medium: LatticeMedium
+    layer: Layer
+    diffusive: bool = False
+
+    @property
+    def types(self) -> tuple[str, ...]:
+        """Types of waves, see `farhorizon.analysis.layers.reflection.TYPES`."""
+        return TYPES[self.medium.stencil.components]
+
+    def reflections(self, wavelength: float, angle: float, azimuth: float = 0.0, incoming: str | None = None) -> dict[str, complex]:
+        """Amplitudes by type of the waves that come back of a plane wave of amplitude 1; see `farhorizon.checks.side_modes.Strip.reflections`."""
+        length = wavelength / self.medium.spacing
+        if self.diffusive:
+            wave = self.medium.diffusion_wave(length, angle)
+        else:
+            wave = self.medium.plane_wave(length, angle, azimuth, self.types.index(incoming or self.types[0]))
+        return by_type(wave.modes, layer_amplitudes(wave, self.layer), wave.along, float(np.radians(azimuth)))

@@ -1,0 +1,245 @@
+"""Reflection of plane waves by a flat side, from the exact problem on the half-infinite lattice, without a time run.
+
+Along a side a wave has a tangential wavenumber, and the medium in front of it is a chain, of vectors one of d x d blocks. At a factor z a step the
+chain carries 2 K d modes ``v zeta^j`` (K the reach of the stencil along the normal): the incoming wave, and K d that leave the side or die out away
+from it. Near field, layer and memory of the side obey ``z x = G x`` with the map G of one step; their solution must end in those modes. Waves of
+vectors are P and S by their polarisation; a side turns one into the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg
+from scipy.optimize import linear_sum_assignment
+
+from farhorizon.analysis.exact.chain import Recursion
+from farhorizon.errors import InputError
+from farhorizon.medium.stencil import Stencil
+
+TYPES = {1: ("",), 2: ("P", "S"), 3: ("P", "SV", "SH")}  # of waves, by components of the field
+_UNIT = 1e-8  # a mode whose modulus differs less from 1 propagates
+_ALIKE = 1e-6  # modes whose factors differ less are polarisations of one
+_FAR = 1e5  # a mode that falls by more over a node is not felt two nodes away; infinite where the outermost weights are singular
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Modes of a chain at one factor a step; d components of the field, 1 of a scalar.
+
+    Attributes
+    ----------
+    incoming : complex
+        Factor over one node of the wave that comes to the side (towards larger j).
+    vector : ndarray of complex, shape (d,)
+        Its polarisation, of length 1.
+    leaving : ndarray of complex, shape (n,)
+        Factors of the modes that leave the side or die out away from it.
+    vectors : ndarray of complex, shape (n, d)
+        Their polarisations.
+    travels : ndarray of bool, shape (n,)
+        Which of them propagate; where none does, the one that reaches farthest.
+    """
+
+    incoming: complex
+    vector: np.ndarray
+    leaving: np.ndarray
+    vectors: np.ndarray
+    travels: np.ndarray
+
+
+def chain_weights(stencil: Stencil, angles: Sequence[float]) -> np.ndarray:
+    """The stencil along its first axis for waves of given tangential wavenumbers times spacing.
+
+    Parameters
+    ----------
+    stencil : Stencil
+    angles : sequence of float
+        One for each axis but the first.
+
+    Returns
+    -------
+    ndarray of complex, shape (2 K + 1,), of matrices (2 K + 1, d, d)
+        Weights of the offsets -K .. K, the sum over all bonds taken off the middle one.
+    """
+    reach = stencil.reach[0]
+    found = np.zeros((2 * reach + 1, *stencil.weights.shape[1:]), complex)
+    phase = np.exp(1j * stencil.offsets[:, 1:] @ np.asarray(angles, float))
+    np.add.at(found, stencil.offsets[:, 0] + reach, (stencil.weights.T * phase).T)
+    found[reach] -= stencil.weights.sum(0)
+    return found
+
+
+def polarisations(components: int, angle: float, azimuth: float = 0.0) -> np.ndarray:
+    """Polarisations of long waves in an isotropic medium, in the order of `TYPES`, as rows of shape (components, components).
+
+    Parameters
+    ----------
+    components : int
+    angle : float
+        Of the wave vector against the normal, the first axis, in radians.
+    azimuth : float
+        In 3D, of its tangential part against the second axis, in radians. SV lies in the plane of incidence, SH along the side.
+    """
+    if components == 1:
+        return np.ones((1, 1))
+    along = [1.0] if components == 2 else [np.cos(azimuth), np.sin(azimuth)]
+    plane = np.array([[np.cos(angle), *(np.sin(angle) * t for t in along)], [-np.sin(angle), *(np.cos(angle) * t for t in along)]])
+    return plane if components == 2 else np.vstack([plane, [0.0, -along[1], along[0]]])
+
+
+def eigenvalue_of_type(symbol: np.ndarray, polarisation: np.ndarray, number: int) -> float:
+    """Eigenvalue of a stencil's symbol that belongs to one type of wave.
+
+    Parameters
+    ----------
+    symbol : ndarray, shape (d, d) or ()
+    polarisation : ndarray, shape (d, d)
+        As from `polarisations`.
+    number : int
+        Row of it.
+    """
+    values, vectors = np.linalg.eigh(np.reshape(symbol, polarisation.shape))
+    _, branch = linear_sum_assignment(-(np.abs(polarisation @ vectors) ** 2))
+    return float(values[branch[number]])
+
+
+def factor_of_wave(eigenvalue: float, recursion: Recursion) -> complex:
+    """Factor a step, phase falling in time, of a wave that an operator multiplies by a real `eigenvalue`; for first order the decaying one."""
+    half = (1 + recursion.keep + recursion.scale * eigenvalue) / 2
+    if recursion.keep == 0:
+        return complex(2 * half)
+    return complex(half - np.sqrt(complex(half**2 - recursion.keep)))
+
+
+def chain_modes(weights: np.ndarray, factor: complex, recursion: Recursion, near: complex, polarisation: np.ndarray | None = None) -> Modes:
+    """Modes of a chain that gains a factor a step.
+
+    Parameters
+    ----------
+    weights : ndarray of complex, shape (2 K + 1,) or (2 K + 1, d, d)
+        As from `chain_weights`, times coefficient / spacing^2.
+    factor : complex
+    recursion : Recursion
+    near : complex
+        Factor over one node of the wave that is meant; if that one leaves the side (a backward wave), its mirror image comes.
+    polarisation : ndarray, shape (d,), optional
+        Of a field of vectors: that of the wave, about.
+
+    Raises
+    ------
+    InputError
+        No wave comes to the side.
+    """
+    blocks = weights.reshape(len(weights), *weights.shape[1:] or (1, 1))
+    roots, vectors = _modes(blocks, complex(recursion.eigenvalue(np.array(factor))))
+    powers = np.arange(len(blocks)) - len(blocks) // 2
+    slope = np.einsum("ni,kij,nj,nk->n", vectors.conj(), blocks, vectors, powers * roots[:, None] ** powers)  # zeta dL/dzeta of a wave
+    step = 1e-6
+    rise = (recursion.eigenvalue(np.array(factor * (1 + step))) - recursion.eigenvalue(np.array(factor * (1 - step)))) / (2 * step)
+    apart = np.abs(roots) - 1
+    # what grows in time came from where it was small: a wave that comes to the side then falls off towards it
+    ahead = np.where(np.abs(apart) > _UNIT, apart, (rise / np.where(slope == 0, 1e-300, slope)).real) < 0
+    there = (len(blocks) // 2) * blocks.shape[1]  # so many waves go each way, fewer where the outermost weights are singular
+    if not ahead.any() or not 0 < (~ahead).sum() <= there:  # or overdamped, where nothing travels
+        raise InputError("no wave of this frequency and wavenumber comes to the side", value=near)
+    incoming = roots[ahead][np.argmin(np.minimum(np.abs(roots[ahead] - near), np.abs(roots[ahead] - 1 / near)))]
+    leaving = roots[~ahead]
+    travels = np.abs(np.abs(leaving) - 1) <= _UNIT + 2 * abs(abs(incoming) - 1)
+    if not travels.any():  # a field that dies out towards the side, and comes back as one that dies out away from it
+        travels[np.argmin(np.abs(leaving))] = True
+    basis = linalg.qr(vectors[ahead & (np.abs(roots - incoming) < _ALIKE)].T, mode="economic")[0]
+    vector = basis @ basis.conj().T @ (np.ones(1) if polarisation is None else polarisation)
+    return Modes(complex(incoming), vector / np.linalg.norm(vector), leaving, vectors[~ahead], travels)
+
+
+def _modes(blocks: np.ndarray, eigenvalue: complex) -> tuple[np.ndarray, np.ndarray]:
+    """Factors and polarisations, shapes (n,) and (n, d), of ``sum_k B_k zeta^k v = eigenvalue v`` by the companion pencil of the polynomial."""
+    size, d = len(blocks) - 1, blocks.shape[1]
+    polynomial = blocks.astype(complex)
+    polynomial[size // 2] -= eigenvalue * np.eye(d)
+    polynomial /= np.abs(polynomial).max()
+    left, right = np.eye(size * d, k=d, dtype=complex), np.eye(size * d, dtype=complex)
+    left[-d:] = -np.concatenate(polynomial[:-1], axis=1)
+    right[-d:, -d:] = polynomial[-1]
+    (alpha, beta), found = linalg.eig(left, right, homogeneous_eigvals=True)  # beta = 0 where the outermost weights are singular
+    finite = (np.abs(alpha) < _FAR * np.abs(beta)) & (np.abs(alpha) > np.abs(beta) / _FAR)
+    roots, found = alpha[finite] / beta[finite], found[:, finite]
+    vectors = np.where(np.abs(roots) < 1, found[:d], found[-d:]).T  # v, or v zeta^(2 K - 1)
+    return roots, vectors / np.linalg.norm(vectors, axis=1)[:, None]
+
+
+def reflection(matrix: np.ndarray, columns: np.ndarray, levels: Sequence[complex], factor: complex, modes: Modes, reach: int) -> np.ndarray:
+    """Amplitudes of all leaving modes for an incoming wave of amplitude 1, both at the side's end of the near field.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (n, n)
+        Map of one step of a near field whose high end is the side, and of all memory of the side. Its low end may be anything.
+    columns : ndarray of int, shape (levels, d, columns)
+        Entries of the state that are the near field's nodes along the normal, at least 2 K + 2 columns.
+    levels : sequence of complex
+        What each time level holds of a wave: 1 for the field itself.
+    factor : complex
+        Factor of a step.
+    modes : Modes
+    reach : int
+        K.
+
+    Returns
+    -------
+    ndarray of complex, shape (leaving modes,)
+    """
+    count, width, size = len(modes.leaving), columns.shape[-1], len(matrix)
+    place = np.arange(width) - (width - 1)
+    wave = np.multiply.outer(modes.vector, modes.incoming**place)
+    away = modes.vectors.T[:, None, :] * modes.leaving ** place[:, None]  # (d, columns, modes)
+    system, right = np.zeros((size + count, size + count), complex), np.zeros(size + count, complex)
+    system[:size, :size] = factor * np.eye(size) - matrix
+    for level, share in zip(columns, levels, strict=True):  # where the low end would be felt the modes take its place
+        rows = level[:, :reach].ravel()
+        system[rows] = 0
+        system[rows, rows] = 1
+        system[rows, size:] = -share * away[:, :reach].reshape(len(rows), count)
+        right[rows] = share * wave[:, :reach].ravel()
+    known = away[:, reach : 2 * reach].reshape(-1, count)  # at the next nodes, of which there are as many as modes, or more
+    turned = linalg.qr(known / np.abs(known).max(0), mode="economic")[0].conj().T
+    system[size:, columns[0, :, reach : 2 * reach].ravel()], system[size:, size:] = turned, -turned @ known
+    right[size:] = turned @ wave[:, reach : 2 * reach].ravel()
+    return np.asarray(np.linalg.solve(system, right)[size:])
+
+
+def by_type(modes: Modes, amplitudes: np.ndarray, along: np.ndarray, azimuth: float = 0.0) -> dict[str, complex]:
+    """Amplitudes of the waves that leave, by their type; of several of one type the root of the sum of squares.
+
+    Parameters
+    ----------
+    modes : Modes
+    amplitudes : ndarray of complex
+        As from `reflection`.
+    along : ndarray
+        Tangential wavenumbers times spacing.
+    azimuth : float
+        Their direction, in radians.
+
+    Returns
+    -------
+    dict
+        Without the types that do not travel.
+    """
+    found: dict[str, complex] = {}
+    components, left = len(modes.vector), modes.travels.copy()
+    while left.any():
+        alike = left & (np.abs(modes.leaving - modes.leaving[np.argmax(left)]) < _ALIKE)
+        left &= ~alike
+        field = amplitudes[alike] @ modes.vectors[alike]
+        angle = np.arctan2(np.linalg.norm(along), np.angle(modes.leaving[alike][0]))
+        basis = linalg.qr(modes.vectors[alike].T, mode="economic")[0]
+        shadows = polarisations(components, float(angle), azimuth) @ basis.conj() @ basis.T
+        lengths = np.linalg.norm(shadows, axis=1)
+        for number in np.argsort(-lengths)[: basis.shape[1]]:
+            name, share = TYPES[components][number], complex(np.vdot(shadows[number], field) / lengths[number])
+            found[name] = complex(np.sqrt(found[name] ** 2 + share**2)) if name in found else share
+    return found

@@ -1,0 +1,412 @@
+"""What a layer sends back of the waves that a run really has: its error, predicted before the run.
+
+A layer sees the near field's data as they arrive at its side. Along the side they are a sum of Fourier modes, in time a
+Laplace integral on the line Re s = a, a few times the inverse of the length of the run: there travelling, grazing,
+evanescent and static waves are alike, and none needs a rule of its own. For each s and tangential wavenumber the medium
+in front of the side is a chain. Of its modes the slowest, of factor zeta over a node, carries the data u0 to the side,
+
+    U = N(z) sum_x u0(x) zeta^(distance of x) / (zeta dA/dzeta),    A(zeta) = (z - 1)(1 - keep/z)/scale,    z = exp(s dt),
+
+where N(z) is what the start of the scheme makes of displacements, of velocities or of a source in time. What comes back
+is U times the layer's reflection R(s, zeta), which is known in closed form, and fast Fourier transforms lead back to
+the error at the last node before the layer, at all times. This is exact for one flat side and one mode. A box has other
+sides, and wide stencils have more modes, so the prediction is good to a small factor: enough to choose a thickness by,
+since the error falls by a factor of three to ten with each node.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import fft
+
+from farhorizon.analysis.layers.choice import layer_reflection
+from farhorizon.analysis.layers.layer import ArrivingWave, LatticeMedium, amplitudes_of
+from farhorizon.analysis.layers.reflection import polarisations
+from farhorizon.engine.engine import Layer
+from farhorizon.errors import InputError
+from farhorizon.medium.stencil import Stencil
+
+_DECAY = 6.0  # what happens after twice the length of the run folds back into it, exp(-12) times as large
+_NEWTON, _LONGEST = 12, 0.3  # iterations from the root of long waves, and the largest change of log zeta in one of them
+_SETTLED = 1e-8  # relative residual of a root
+_FELT = 0.02  # share of the wanted error that waves which are left out may make together
+_EXACT = 24  # waves whose reflection is computed exactly, into all modes of a wide stencil
+_FINER = 2  # moments and places at which the largest value is looked for, over the fewest that hold the waves
+_COMPARED = 2000  # waves by which layers are compared
+_COHERENT = 0.05  # the largest value over the sum of all amplitudes, at least
+_SPARSE = 8  # every so many tangential modes tell which frequencies are felt
+_CELLS = 2.5  # parts of a factor e of frequency, or of decay over a node: waves of one such cell return alike
+
+
+@dataclass(frozen=True)
+class Datum:
+    """A field of the data at one side.
+
+    Attributes
+    ----------
+    values : ndarray
+        On the near field, the first axis along the normal and towards the side.
+    kind : {"u", "v", "source"}
+        Values or velocities at the start, or a source, ``u_tt = .. + values time``.
+    time : ndarray, shape (steps,)
+        Of a source, its factor at each step; empty otherwise.
+    component : int
+        Of a field of vectors, the one whose values these are.
+    """
+
+    values: np.ndarray
+    kind: str
+    time: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    component: int = 0
+
+    def turned(self, axis: int, side: int) -> Datum:
+        """The same with an axis first, and towards its lower (-1) or upper (1) end."""
+        values = np.moveaxis(self.values, axis, 0)
+        return replace(self, values=values if side > 0 else values[::-1])
+
+
+class Sample:
+    """Waves of one type that stand for all that are like them in frequency and in how they go on along the normal.
+
+    Parameters
+    ----------
+    medium : LatticeMedium
+    kind : int
+        Number of the type among `farhorizon.analysis.layers.reflection.TYPES`.
+    """
+
+    def __init__(self, medium: LatticeMedium, kind: int = 0) -> None:
+        self.medium, self.kind = medium, kind
+        self._waves: list[ArrivingWave | None] = []
+        self._cells: dict[tuple[int, int], int] = {}
+        self._known: dict[bytes, np.ndarray] = {}
+
+    def needed(self, layer: Layer) -> bool:
+        """Whether a layer's reflection has no closed form."""
+        return bool(layer.damping.size) or self.medium.stencil.components > 1
+
+    def add(self, amplitude: np.ndarray, root: np.ndarray, factor: np.ndarray, along: np.ndarray) -> np.ndarray:
+        """Take in waves, arrays as of `Arrivals`; returns the number of the wave that each is like, the loudest that came first."""
+        finite = np.where(amplitude == 0, 0.5, root)
+        sizes = np.abs(np.log(factor)), np.abs(np.log(finite))
+        cells = np.stack([np.floor(_CELLS * np.log(np.maximum(size, 1e-12))).astype(int) for size in sizes], axis=1)
+        found, number = np.unique(cells, axis=0, return_inverse=True)
+        number = number.ravel()
+        order = np.lexsort((-np.abs(amplitude), number))
+        first = order[np.searchsorted(number[order], np.arange(len(found)))]
+        places = np.zeros(len(found), int)
+        for i, cell in enumerate(map(tuple, found.tolist())):
+            if cell not in self._cells:
+                self._cells[cell] = len(self._waves)
+                one = first[i]
+                self._waves.append(self._wave(complex(root[one]), complex(factor[one]), along[:, one]))
+            places[i] = self._cells[cell]
+        return places[number]
+
+    def _wave(self, root: complex, factor: complex, along: np.ndarray) -> ArrivingWave | None:
+        """A wave with all modes of the medium; None where none comes to the side."""
+        azimuth = float(np.arctan2(along[-1], along[0])) if len(along) > 1 else 0.0
+        angle = float(np.arctan2(np.linalg.norm(along), np.abs(np.log(root))))
+        try:
+            return self.medium.wave(along, factor, root, polarisations(self.medium.stencil.components, angle, azimuth)[self.kind])
+        except InputError:
+            return None
+
+    def excess(self, layer: Layer) -> np.ndarray:
+        """By how much the reflected amplitude of each wave of the sample, of all types together, is above the closed form."""
+        key = layer.sigma.tobytes() + layer.alpha.tobytes() + layer.damping.tobytes()
+        known = self._known.get(key, np.zeros(0))
+        waves = [wave for wave in self._waves[len(known) :] if wave is not None]
+        found = iter(amplitudes_of(waves, layer) if waves else [])
+        more = [0.0 if wave is None else _beyond(wave, layer, next(found)) for wave in self._waves[len(known) :]]
+        self._known[key] = np.append(known, more)
+        return self._known[key]
+
+
+def _beyond(wave: ArrivingWave, layer: Layer, amplitudes: np.ndarray) -> float:
+    """By how much a wave's exact reflection is above the closed form; never more than all."""
+    closed = np.abs(reflected(np.array([wave.modes.incoming]), np.array([wave.s]), layer))[0]
+    return max(0.0, min(1.0, float(np.linalg.norm(amplitudes[wave.modes.travels]))) - float(closed))
+
+
+@dataclass(frozen=True)
+class Arrivals:
+    """Waves as they arrive at the last node before a layer; n of them, by frequency and tangential wavenumber.
+
+    Attributes
+    ----------
+    medium : LatticeMedium
+    amplitude : ndarray of complex, shape (n,)
+    root : ndarray of complex, shape (n,)
+        Factor of each over one node towards the side.
+    factor : ndarray of complex, shape (n,)
+        Factor of each over one step.
+    along : ndarray, shape (dim - 1, n)
+        Tangential wavenumbers of each, times spacing.
+    place : ndarray of int, shape (n,)
+        Of each in the array of all frequencies and tangential wavenumbers.
+    shape : tuple of int
+        Of that array, frequencies first: no more than the waves need.
+    growth : ndarray, shape (times,)
+        exp(a t) at so many moments of the run, times what the transforms divide by.
+    seen : list of ndarray of int
+        Of the places along each tangential axis, those beside the near field.
+    sample : Sample
+        Waves whose exact reflections are known, and
+    number : ndarray of int, shape (n,)
+        which of them each wave is like.
+    """
+
+    medium: LatticeMedium
+    amplitude: np.ndarray
+    root: np.ndarray
+    factor: np.ndarray
+    along: np.ndarray
+    place: np.ndarray
+    shape: tuple[int, ...]
+    growth: np.ndarray
+    seen: list[np.ndarray]
+    sample: Sample
+    number: np.ndarray
+
+    @property
+    def frequency(self) -> np.ndarray:
+        """The discrete s of each, ``2/dt (z - 1)/(z + 1)``."""
+        return 2 / self.medium.dt * (self.factor - 1) / (self.factor + 1)
+
+    def returned(self, layer: Layer) -> float:
+        """Largest value, over the run and along the side, of what a layer sends back.
+
+        What the closed form does not know, such as the damping of short waves, is known of a sample: it counts by its share of
+        the waves' energy. As a sum of waves each step from one sample to the next would be noise, which the Laplace integral lets grow.
+        """
+        closed = self._largest(self.amplitude * reflected(self.root, self.frequency, layer))
+        if not self.sample.needed(layer):
+            return closed
+        beyond = float(np.linalg.norm(self.amplitude * self._excess(layer)))
+        return closed + self.largest * beyond / max(float(np.linalg.norm(self.amplitude)), 1e-300)
+
+    def share(self, layer: Layer) -> float:
+        """Root of the share of the waves' energy that comes back, from a part of them: quick, to compare layers by."""
+        some = slice(None, None, 1 + len(self.amplitude) // _COMPARED)
+        back = self.amplitude[some] * (np.abs(reflected(self.root[some], self.frequency[some], layer)) + self._excess(layer)[some])
+        return float(np.linalg.norm(back) / max(float(np.linalg.norm(self.amplitude[some])), 1e-300))
+
+    def _excess(self, layer: Layer) -> np.ndarray:
+        """By how much the reflected amplitude of each wave is above the closed form, by the waves that stand for them."""
+        return self.sample.excess(layer)[self.number] if self.sample.needed(layer) else np.zeros(len(self.amplitude))
+
+    @cached_property
+    def largest(self) -> float:
+        """Largest value, over the run and along the side, of the waves themselves."""
+        return self._largest(self.amplitude)
+
+    def _largest(self, amplitude: np.ndarray) -> float:
+        """Largest value of a sum of waves, by inverse transforms in time and along the side."""
+        spectrum = np.zeros(int(np.prod(self.shape)), complex)
+        spectrum[self.place] = amplitude
+        along = tuple(range(1, len(self.shape)))
+        spectrum = fft.ifftn(spectrum.reshape(self.shape), axes=along) if along else spectrum
+        times = len(self.growth)
+        history = fft.irfft(spectrum[np.ix_(np.arange(self.shape[0]), *self.seen)], 2 * times, axis=0)[:times]
+        return float((np.abs(history).max(along) * self.growth).max())
+
+    def conversion(self, layer: Layer) -> float:
+        """How much more a layer sends back than in one mode: by its exact reflection, into all modes, of the waves that return most of all.
+
+        1 where the exact reflection was looked at from the start.
+        """
+        if self.sample.needed(layer):
+            return 1.0
+        single = np.abs(self.amplitude * reflected(self.root, self.frequency, layer))
+        loudest = np.argsort(single)[-_EXACT:]
+        found = 0.0
+        for i in loudest:
+            wave = self.medium.wave(self.along[:, i], complex(self.factor[i]), complex(self.root[i]))
+            found += abs(self.amplitude[i]) * layer_reflection(wave, layer)
+        return max(1.0, found / max(float(single[loudest].sum()), 1e-300))
+
+
+def reflected(root: np.ndarray, frequency: np.ndarray, layer: Layer) -> np.ndarray:
+    """Reflection of a layer for modes of given factors over a node: the way to its outer end and back.
+
+    Parameters
+    ----------
+    root, frequency : ndarray of complex, shape (n,)
+        As in `Arrivals`.
+    layer : Layer
+        Its damping of short waves is not looked at.
+
+    Returns
+    -------
+    ndarray of complex, shape (n,)
+    """
+    tangent = (1 - root) / (1 + root)
+    found = np.ones_like(root)
+    for edge, (kappa, sigma, alpha) in enumerate(zip(layer.kappa, layer.sigma, layer.alpha, strict=True)):
+        stretched = (kappa + sigma / (frequency + alpha)) * tangent
+        passed = (1 - stretched) / (1 + stretched)
+        found *= passed if edge == layer.columns else passed * passed  # the last edge is the end: passed once
+    return found
+
+
+def arrivals(
+    medium: LatticeMedium, steps: int, data: Sequence[Datum], lengths: Sequence[int], near: Sequence[range], wanted: float,
+    size: float = 0.0, sample: Sample | None = None,
+) -> Arrivals:  # fmt: skip
+    """The waves that data send to a side.
+
+    Parameters
+    ----------
+    medium : LatticeMedium
+        Of second order in time; its first axis is the normal of the side.
+    steps : int
+        Of the run.
+    data : sequence of Datum
+    lengths : sequence of int
+        Nodes after which the near field repeats itself, one for each tangential axis: so many that nothing comes round
+        within the run, or the period of a waveguide.
+    near : sequence of range
+        Of the data's nodes along each tangential axis, those of the near field; the others are images.
+    wanted : float
+        The error that is to be told from none, relative to the largest value.
+    size : float
+        The largest value, as far as it is known: that of the initial displacements.
+    sample : Sample, optional
+        Of the type of waves that all data are taken to travel as.
+    """
+    front, sample = medium, sample or Sample(medium)
+    medium = medium.carrier(sample.kind)
+    decay = _DECAY / (steps * medium.dt)
+    z = np.exp(decay * medium.dt + 1j * np.pi * np.arange(steps + 1) / steps)
+    numbers = [2 * np.pi * np.fft.fftfreq(length) for length in lengths]
+    shape = (len(z), *(len(k) for k in numbers))
+    spectra = [
+        fft.fftn(datum.values, s=shape[1:], axes=tuple(range(1, datum.values.ndim))).reshape(len(datum.values), -1)
+        / np.prod(shape[1:], dtype=float)
+        if len(shape) > 1 else datum.values[:, None]
+        for datum in data
+    ]  # fmt: skip
+    content = np.max([np.abs(spectrum).sum(0) / np.abs(spectrum).sum() for spectrum in spectra], axis=0)
+    modes = _largest(content, 0.1 * _FELT * wanted)
+    along = np.array([k.ravel()[modes] for k in np.meshgrid(*numbers, indexing="ij")]) if numbers else np.zeros((0, 1))
+    starts = [_start(datum, z, medium, decay) for datum in data]
+
+    alike, number = _alike(medium.stencil, along)
+
+    def arrived(which: np.ndarray, some: slice) -> tuple[np.ndarray, np.ndarray]:
+        used, again = np.unique(number[some], return_inverse=True)
+        root, slope = (found[:, again] for found in _slowest(medium, medium.recursion.eigenvalue(z[which]), alike[:, used]))
+        total = np.zeros(root.shape, complex)
+        for spectrum, start in zip(spectra, starts, strict=True):
+            total += _carried(spectrum[:, modes][:, some], root) * start[which][:, None]
+        return root, np.where(slope == 0, 0, total / np.where(slope == 0, 1, slope))
+
+    few = slice(None, None, _SPARSE)
+    pitch = np.abs(medium.recursion.eigenvalue(z))
+    heard = np.flatnonzero(pitch <= max(1.2 * medium.rate * medium.stencil.symbol_maximum, pitch.min()))  # one at least, of runs of a few short steps
+    sparse = np.abs(arrived(heard, few)[1])
+    loudness = sparse.max(1) * len(modes)
+    largest = max(size * 2 * steps * np.exp(-_DECAY), _COHERENT * _SPARSE * float(sparse.sum()))
+    threshold = _FELT * wanted * largest  # of the sum of all amplitudes that are left out
+    heard = heard[_largest(loudness, 0.5 * threshold)]
+    root, amplitude = arrived(heard, slice(None))
+    felt = _largest(np.abs(amplitude).ravel(), 0.5 * threshold)
+    times = _FINER * (int(heard[-1]) + 1)  # a coarser sampling of time and place than the run's holds all that is heard
+    signed = [np.round(line / (2 * np.pi) * length).astype(int) for line, length in zip(along, lengths, strict=True)]
+    counts = [fft.next_fast_len(_FINER * (2 * int(np.abs(line).max()) + 1)) for line in signed]
+    seen = [
+        np.unique(np.round(np.linspace(nodes[0], nodes[-1], count) / length * count).astype(int) % count)
+        for nodes, length, count in zip(near, lengths, counts, strict=True)
+    ]
+    grid = np.ravel_multi_index([line % count for line, count in zip(signed, counts, strict=True)], counts) if counts else np.zeros(1, int)
+    place = (heard[:, None] * int(np.prod(counts)) + grid).ravel()[felt]
+    factor = np.broadcast_to(z[heard][:, None], root.shape).ravel()[felt]
+    along = np.broadcast_to(along[:, None, :], (len(along), *root.shape)).reshape(len(along), root.size)[:, felt]
+    growth = np.exp(decay * medium.dt * steps / times * np.arange(times)) * (times / steps) * np.prod(counts)
+    amplitude, root = amplitude.ravel()[felt], root.ravel()[felt]
+    number = sample.add(amplitude, root, factor, along)
+    return Arrivals(front, amplitude, root, factor, along, place, (times + 1, *counts), growth, seen, sample, number)
+
+
+def _start(datum: Datum, z: np.ndarray, medium: LatticeMedium, decay: float) -> np.ndarray:
+    """What the scheme makes of a unit datum, in the transform ``sum_n u_n z^-n``, over its factor `scale`."""
+    recursion, dt = medium.recursion, medium.dt
+    if datum.kind == "u":
+        return (z - recursion.keep + (recursion.first - 1) * (z - 1) * (1 - recursion.keep / z)) / recursion.scale
+    if datum.kind == "v":
+        return np.full(z.shape, 2 * recursion.keep * recursion.first * dt / recursion.scale, complex)
+    steps = len(z) - 1
+    samples = datum.time * np.exp(-decay * dt * np.arange(len(datum.time)))
+    samples[0] *= recursion.first
+    return fft.rfft(samples, 2 * steps)
+
+
+def _slowest(medium: LatticeMedium, eigenvalue: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Factor over a node and ``zeta dA/dzeta`` of the mode that reaches farthest; shape (frequencies, tangential modes).
+
+    The slope is zero where the lattice carries no such wave.
+    """
+    stencil, rate = medium.stencil, medium.rate
+    lines = np.zeros((stencil.reach[0] + 1, along.shape[1]))
+    for offset, weight in zip(stencil.offsets, stencil.weights, strict=True):
+        if offset[0] >= 0:
+            lines[offset[0]] += weight * np.cos(offset[1:] @ along)
+    lines[0] -= stencil.weights.sum()
+    target = eigenvalue[:, None] / rate
+    squared = (4 * np.sin(along / 2) ** 2).sum(0)
+    exponent = -np.sqrt(target + squared)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        for _ in range(_NEWTON):
+            value, slope = _chain(lines, np.exp(exponent))
+            change = (value - target) / slope
+            length = np.abs(change)
+            exponent = exponent - change * np.minimum(1, _LONGEST / np.maximum(length, 1e-300))
+            if not (length > 1e-10).any():
+                break
+        root = np.exp(exponent)
+        value, slope = _chain(lines, root)
+        carried = (np.abs(value - target) < _SETTLED * np.abs(target)) & (np.abs(root) < 1)
+    return np.where(carried, root, 0.5), np.where(carried, rate * slope, 0.0)
+
+
+def _alike(stencil: Stencil, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Tangential wavenumbers whose modes differ, and for each given one the number of the one it is like."""
+    tangential = range(1, stencil.dim)
+    if not len(along) or not all(stencil.even_along(axis) for axis in tangential):
+        return along, np.arange(along.shape[1])
+    folded = np.abs(along)
+    if stencil.dim == 3 and stencil.same_along(1, 2):
+        folded = np.sort(folded, axis=0)
+    found, number = np.unique(np.round(folded, 12), axis=1, return_inverse=True)
+    return found, number.ravel()
+
+
+def _carried(rows: np.ndarray, root: np.ndarray) -> np.ndarray:
+    """``sum_x rows[x] root^(last - x)``, by Horner's rule over the rows that hold something."""
+    held = np.flatnonzero(np.abs(rows).max(1))
+    found = np.zeros(root.shape, complex)
+    if held.size:
+        for row in rows[held[0] : held[-1] + 1]:
+            found = found * root + row
+        found = found * root ** (len(rows) - 1 - held[-1])
+    return found
+
+
+def _chain(lines: np.ndarray, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalue of the chain for modes of a factor over a node, and its derivative by the factor's logarithm."""
+    value, slope, power = lines[0] + 0j * root, np.zeros_like(root), np.ones_like(root)
+    for distance, line in enumerate(lines[1:], 1):
+        power = power * root
+        value, slope = value + line * (power + 1 / power), slope + line * distance * (power - 1 / power)
+    return value, slope
+
+
+def _largest(sizes: np.ndarray, rest: float) -> np.ndarray:
+    """Indices, ascending, of the values that remain when the smallest ones are left out while their sum is below `rest`; one at least."""
+    order = np.argsort(sizes)
+    return np.sort(order[min(int(np.searchsorted(np.cumsum(sizes[order]), rest)), len(order) - 1) :])

@@ -1,0 +1,419 @@
+"""The thinnest lattice PML that keeps a wanted error, for the waves that a run has.
+
+Waves have the thinnest of four families of profiles, by the error that `farhorizon.analysis.layers.returned` predicts of each.
+All are stretches ``1 + sigma/(s + alpha)`` whose sigma rises outwards, and differ in what they do to waves that hardly
+move towards the side:
+
+- *steep*: little alpha. The least leak of travelling waves: best below 1e-6 and in short runs.
+- *thin*: sigma as depth^(3/4), alpha rising as depth^4 to the outer end. The fewest nodes for 1e-3 to 1e-6.
+- *short*: for stencils with strong backward waves, whose damping decides what comes back. sigma and damping rise together,
+  and the filter of the damping reads few neighbours.
+- *late*: made for the length T of a run. On the line Re s = 1/T a travelling, grazing, evanescent or static wave is one
+  number C in (0, 1], and an edge with ``sigma = 2c/(h a)``, ``alpha = (1/a^2 - 1)/T`` reflects ``|C - a|/(C + a)``. The
+  points a are those of Zolotarev's problem on the interval of the C that reach the side within T: for waveguides, long
+  boxes, long runs.
+
+In diffusion everything depends on the decay lambda = sqrt(s/D) alone, an edge ``kappa = 1/tau`` reflects
+``(lambda h/2 - tau)/(lambda h/2 + tau)``, and the points tau are Zolotarev's between the slowest decay that the run sees
+and the steepest that arrives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import special
+
+from farhorizon.analysis.layers.choice import smooth_ramp, weak
+from farhorizon.analysis.layers.returned import Arrivals, reflected
+from farhorizon.analysis.layers.short_waves import HighPass, high_pass
+from farhorizon.engine.engine import Layer
+from farhorizon.medium.stencil import Stencil
+
+_STRENGTHS = (1.4, 2.0, 4.0, 5.6)  # of thin profiles: the stronger, the more waves travel along the side
+_RISE, _END = 0.75, 0.15  # power of a thin sigma's ramp; alpha at the outer end over sigma there
+_SHIFT = 1e-3  # least alpha in speed / spacing
+_EQUAL, _EQUAL_AT = (2, 3, 4, 5), 2.2  # edges for waves along the normal, whose tangent is real, and their sigma in speed / spacing
+_GRAZING = 0.6  # largest of the other points
+_SLOWEST = 0.3  # least alpha times the length of the run: with less, what stands still stays in the layer
+_GENTLE = HighPass(3, 1, 1.0, 0.0)  # filter of three neighbours for weak backward waves, beside thin profiles
+_GENTLE_RATE, _GENTLE_RAMP = 3.0, 4  # its rate over what first order in sigma asks for, at the outer end, and the power of its ramp
+_FINE, _COARSE = HighPass(4, 1, 1.0, 0.0), HighPass(2, 1, 1.0, 0.0)  # filters of four and of two neighbours for strong ones
+_STEADY = 1.25  # rate of their damping over what first order asks for
+_FINEST = ((0.25, 12), (0.3, 8))  # rate over sigma that the fine filter may take in layers of so many nodes: measured, more grows from noise
+_COARSEST = ((0.35, 12), (1.0, 4))  # and the coarse one
+_LONG = 3.0  # the fine filter's rate over the coarse one's: where it is larger, backward waves are so long that 12 nodes grow
+_LEAST = 3  # nodes of such layers that were looked at
+_AIM = 0.4  # of the wanted error: the prediction knows one side and one reflection
+_HARDLY, _CROWDED, _AIM_CROWDED = 0.1, 0.38, 0.2  # over the long waves' speed; share of such waves that crowds; part of the aim then
+_AIM_LASTING = 0.25  # in diffusion, where what all sides send back adds up
+_MOST = 60  # nodes
+_WIDEST = 4  # reach with which late profiles were stable in white noise; exponent 1 with constant influence grows from 5 on
+_MORE_EQUAL = 5  # at most, for short waves: more of them hardly help against such that stand nearly still
+_WAVES, _ANGLES = 64, np.deg2rad([0.0, 45.0])  # wavelengths and angles at which the short waves of data are looked at
+_CAREFUL, _STEEPEST_WAVE = 10, 1.3  # what the bound of late profiles is above measured errors; C of the shortest waves that it knows, 6 nodes long
+_STEEPEST, _EARLY, _GRADUAL = 3.2, 5.2, 2.3  # of diffusion: which decays matter, fitted to the least error over all times of a run
+_HIGHEST, _POINTS = 6.0, 241  # of the integral over y: exp(-36) remains
+_BEGIN, _TIMES = 0.03, 60  # first time in squared distance over D, before which nothing has come back, and how many are looked at
+
+
+@dataclass(frozen=True)
+class Thickness:
+    """A layer and the error that it is predicted to make.
+
+    Attributes
+    ----------
+    name : str
+        Of its profile.
+    layer : Layer
+    predicted : float
+        Largest error at the side, relative to the largest of the data.
+    until : float
+        Length of the run that it is predicted for.
+    """
+
+    name: str
+    layer: Layer
+    predicted: float
+    until: float = np.inf
+
+    def __str__(self) -> str:
+        return f"{self.name} profile, predicted error {self.predicted:.1g} of the largest value up to t = {self.until:.6g}"
+
+
+def predicted_error(layer: Layer, waves: Sequence[Arrivals], size: float) -> float:
+    """Error that a layer makes of what arrives, relative to the largest of the data: of all types that a wave is turned into together."""
+    returned = max(side.returned(layer) for side in waves) / size
+    return float(returned * max(side.conversion(layer) for side in waves))
+
+
+def thin(nodes: int, strength: float, pace: float) -> Layer:
+    """A thin profile; `pace` is speed / spacing."""
+    depth = (np.arange(nodes + 1) + 0.5) / (nodes + 1)
+    sigma = 2 * strength * depth**_RISE
+    return Layer(np.ones(nodes + 1), sigma * pace, (_SHIFT + _END * sigma[-1] * depth**4) * pace)
+
+
+def late(nodes: int, pace: float, until: float, distance: float, wanted: float, equal: int | None = None) -> Layer:
+    """A profile for a run of length `until`.
+
+    Parameters
+    ----------
+    nodes : int
+        At least 6.
+    pace : float
+        Speed / spacing.
+    until : float
+    distance : float
+        Of the data from the side, in nodes.
+    wanted : float
+        Error relative to the data.
+    equal : int, optional
+        Edges of one sigma, for waves along the normal; by the wanted error unless given.
+    """
+    length = pace * until
+    equal = _equal_edges(wanted) if equal is None else equal
+    least = min(max(distance, 1.0) / (length * np.log(1 / wanted)), _GRAZING / 2)
+    points = np.sort(_zolotarev(least / _GRAZING, nodes + 1 - equal) * _GRAZING)[::-1]
+    sigma = np.concatenate([np.full(equal, _EQUAL_AT), 2 / points])
+    alpha = np.concatenate([np.zeros(equal), (1 / points**2 - 1) / length])
+    order = np.argsort(sigma, kind="stable")
+    return Layer(np.ones(nodes + 1), sigma[order] * pace, np.maximum(alpha, _SLOWEST / length)[order] * pace)
+
+
+def _timely(stencil: Stencil) -> bool:
+    """Whether the late profile is stable: for scalars without backward waves that do not reach far."""
+    return stencil.components == 1 and max(stencil.reach) <= _WIDEST and not crowded(stencil) and not stencil.backward_waves()
+
+
+def _equal_edges(wanted: float) -> int:
+    return _EQUAL[int(np.clip(-np.log10(wanted) / 2 - 1, 0, 3))]
+
+
+def by_formula(stencil: Stencil, pace: float, until: float, data: Sequence[np.ndarray], wanted: float) -> Thickness | None:
+    """The late profile that keeps an error by the bound of Zolotarev's problem, ``4 exp(-pi^2 (n + 1/2)/ln(4 C_max/C_min))``; None where it grows.
+
+    The bound counts every wave of the line at its largest, together; what was measured is 10 to 50 times less (2D waveguides of 5 to 1000
+    crossings, boxes of 10 to 1, loads that stay). It knows waves of 6 nodes and more: for shorter ones in the data there are more edges of one
+    sigma.
+
+    Parameters
+    ----------
+    stencil : Stencil
+        Its first axis is the normal.
+    pace : float
+        Speed / spacing.
+    until : float
+        Length of the run.
+    data : sequence of ndarray
+        With the normal first, towards the side.
+    wanted : float
+    """
+    if not _timely(stencil):
+        return None
+    aim, distance = _CAREFUL * wanted, distance_to_side(data)
+    least = min(max(distance, 1.0) / (pace * until * np.log(1 / aim)), 1.0)
+    nodes = int(np.ceil(np.log(4 / aim) * np.log(4 * _STEEPEST_WAVE / least) / np.pi**2 + 0.5))
+    equal, nodes = _equal_edges(wanted), max(nodes, max(_EQUAL) + 1)
+    sent = _Sent.of(stencil, pace, data)
+    layer = late(nodes, pace, until, distance, wanted, equal)
+    for _ in range(_MORE_EQUAL):
+        if sent.returned(layer) <= wanted:
+            break
+        equal, nodes = equal + 1, nodes + 1
+        layer = late(nodes, pace, until, distance, wanted, equal)
+    return Thickness("late", layer, max(wanted, sent.returned(layer)), until)
+
+
+def _spectrum(line: np.ndarray) -> np.ndarray:
+    """Largest amplitude of a line's waves in each of so many parts of 0 to pi."""
+    each = -(-len(line) // (2 * _WAVES))
+    return np.asarray(np.abs(np.fft.rfft(line, 2 * _WAVES * each))[1:].reshape(_WAVES, each).max(1))
+
+
+@dataclass(frozen=True)
+class _Sent:
+    """Waves of the wavelengths that data hold along the normal, at some angles to it: factor over a node, frequency, and amplitude."""
+
+    root: np.ndarray
+    frequency: np.ndarray
+    amplitude: np.ndarray
+
+    @classmethod
+    def of(cls, stencil: Stencil, pace: float, data: Sequence[np.ndarray]) -> _Sent:
+        """Of a stencil without backward waves."""
+        k = np.pi * (np.arange(_WAVES) + 0.5) / _WAVES
+        found = np.max([_spectrum(np.abs(values).reshape(len(values), -1).max(1)) for values in data], axis=0, initial=0.0)
+        along, across = (np.outer(np.array(part), k) for part in (np.cos(_ANGLES), np.sin(_ANGLES)))
+        symbol = stencil.symbol(along, *([across] + [np.zeros_like(across)] * (stencil.dim - 2) if stencil.dim > 1 else []))
+        return cls(np.exp(-1j * along), 1j * pace * np.sqrt(np.abs(symbol)), found / (found.sum() or 1.0))
+
+    def returned(self, layer: Layer) -> float:
+        """Amplitude that comes back, at the angle where it is largest; short waves disperse on their way, so their energies add up."""
+        with np.errstate(all="ignore"):  # spacings and speeds at the ends of what numbers hold
+            back = np.abs(reflected(self.root, self.frequency, layer))
+        return float(np.linalg.norm(self.amplitude * back, axis=1).max())
+
+
+def _zolotarev(least: float, count: int) -> np.ndarray:
+    """Points a in [least, 1], descending, for which the product of (x - a)/(x + a) is smallest on that interval."""
+    parameter = 1 - least**2
+    return np.asarray(special.ellipj((np.arange(count) + 0.5) / count * special.ellipk(parameter), parameter)[2])
+
+
+def gently_damped(layer: Layer, stencil: Stencil) -> Layer:
+    """The layer with a short damping of the weak backward waves that some stencils have in space."""
+    needed = _needed(stencil, _GENTLE)
+    if not needed:
+        return layer
+    depth = np.arange(1, layer.columns + 1) / (layer.columns + 1)
+    rate = _GENTLE_RATE * needed * layer.sigma[-1]
+    return replace(layer, damping=rate * smooth_ramp(depth) ** _GENTLE_RAMP, taps=_GENTLE.taps())
+
+
+def _needed(stencil: Stencil, filtered: HighPass) -> float:
+    """Rate over sigma with which a filter stops all backward waves, to first order in sigma; 0 without such waves."""
+    zone, growth = stencil.layer_growth
+    worst = growth.max(-1)
+    backward = worst > 1e-6
+    if not backward.any():
+        return 0.0
+    passed = sum(np.broadcast_to(filtered.passed(axis), worst.shape)[backward] for axis in zone)
+    return float((2 * worst[backward] / np.maximum(passed, 1e-300)).max())
+
+
+def briefly_damped(nodes: int, stencil: Stencil, pace: float) -> dict[str, Layer]:
+    """Layers that damp strong backward waves with short filters, by name: those that do not grow.
+
+    The damping must rise as sigma does, or short waves grow where sigma is ahead of it. A sharper filter harms long
+    waves less and asks for more of its rate; beyond the bounds above the layer grows from noise at 0.5 or at 0.95 of the
+    step limit.
+
+    Parameters
+    ----------
+    nodes : int
+    stencil : Stencil
+    pace : float
+        Speed / spacing.
+    """
+    depth, columns = (np.arange(nodes + 1) + 0.5) / (nodes + 1), np.arange(1, nodes + 1) / (nodes + 1)
+    fine, coarse = _needed(stencil, _FINE), _needed(stencil, _COARSE)
+    strength = 1.4 if nodes < 5 else 1.0
+    found = {}
+
+    def add(name: str, filtered: HighPass, needed: float, sigma: np.ndarray, ramp: np.ndarray) -> None:
+        alpha = (_SHIFT + _END * sigma[-1] * depth**4) * pace
+        found[name] = Layer(np.ones(nodes + 1), sigma * pace, alpha, _STEADY * needed * ramp * pace, filtered.taps())
+
+    if _LEAST <= nodes <= max((most for rate, most in _FINEST if fine <= rate), default=0):
+        add("short", _FINE, fine, 2 * strength * depth**1.5, 2 * strength * smooth_ramp(columns) ** 3)
+    bounds = _COARSEST if fine <= _LONG * coarse else _COARSEST[1:]
+    if _LEAST <= nodes <= max((most for rate, most in bounds if coarse <= rate), default=0):
+        add("short, coarse", _COARSE, coarse, 2 * depth**2, 2 * columns**2)
+    return found
+
+
+def family(
+    stencil: Stencil, pace: float, until: float, distance: float, wanted: float, steep: Callable[[int], Layer]
+) -> Callable[[int], Mapping[str, Layer]]:  # fmt: skip
+    """The profiles of so many nodes that are tried for waves, by name.
+
+    The late profile is for scalars without backward waves that reach no more than 4 nodes: others grow in it.
+    """
+    backward, damped = stencil.backward_waves(), high_pass(stencil)
+    timely = _timely(stencil)
+
+    def members(nodes: int) -> Mapping[str, Layer]:
+        found = {"steep": steep(nodes)}
+        if crowded(stencil):
+            return found
+        if not weak(damped):
+            return found if damped is None or damped.whole else found | briefly_damped(nodes, stencil, pace)
+        for strength in _STRENGTHS[: 3 if backward else None]:
+            found[f"thin ({strength:g})"] = gently_damped(thin(nodes, strength, pace), stencil)
+        if nodes > max(_EQUAL) and timely:
+            found["late"] = late(nodes, pace, until, distance, wanted)
+        return found
+
+    return members
+
+
+def thinnest(
+    members: Callable[[int], Mapping[str, Layer]], waves: Sequence[Arrivals], wanted: float, size: float
+) -> Thickness | None:  # fmt: skip
+    """The fewest nodes with which some member of a family keeps an error at a side.
+
+    Parameters
+    ----------
+    members : callable
+        Layers of so many nodes, by name.
+    waves : sequence of Arrivals
+        What arrives there, each by itself.
+    wanted : float
+        Relative to `size`.
+    size : float
+        The largest of the data.
+
+    Returns
+    -------
+    Thickness or None
+        None if no layer of up to 60 nodes keeps it.
+    """
+    aim = _AIM * wanted * (_AIM_CROWDED if crowded(waves[0].medium.stencil) else 1.0)
+
+    def best(nodes: int) -> Thickness | None:
+        name, layer = _quietest(members(nodes), waves)
+        predicted = max(side.returned(layer) for side in waves) / size
+        if predicted > aim:
+            return None
+        predicted *= max(side.conversion(layer) for side in waves)
+        return Thickness(name, layer, predicted) if predicted <= 2 * aim else None
+
+    low, high, found = 0, 2, best(2)
+    while found is None:
+        if high >= _MOST:
+            return None
+        low, high = high, min(_MOST, high + max(2, high // 2))
+        found = best(high)
+    while high - low > 1:
+        middle = (low + high) // 2
+        tried = best(middle)
+        low, high, found = (low, middle, tried) if tried is not None else (middle, high, found)
+    return found
+
+
+def _quietest(members: Mapping[str, Layer], waves: Sequence[Arrivals]) -> tuple[str, Layer]:
+    """The layer, with its name, that returns the least share of the waves."""
+    return min(members.items(), key=lambda member: max(side.largest * side.share(member[1]) for side in waves))
+
+
+def crowded(stencil: Stencil) -> bool:
+    """Whether many of a scalar's waves along the normal hardly move and are not damped: thin profiles send back more than is predicted, and grow.
+
+    Of exponent 1, linear influence and reach 4 nodes 40 % go more slowly than a tenth of the long waves; thin profiles of 10 to 14 nodes made up to
+    25 times the predicted error.
+    """
+    if stencil.components > 1 or not weak(high_pass(stencil)):
+        return False
+    k = np.linspace(1e-3, np.pi, 500)
+    frequency = np.sqrt(np.maximum(stencil.symbol(k, *[np.zeros_like(k)] * (stencil.dim - 1)), 0.0))
+    return float((np.abs(np.gradient(frequency, k)) < _HARDLY).mean()) > _CROWDED
+
+
+def least(members: Callable[[int], Mapping[str, Layer]], waves: Sequence[Arrivals], size: float) -> float:
+    """The smallest target, rounded up to one digit, that a layer of 60 nodes keeps; parameters as of `thinnest`."""
+    _, layer = _quietest(members(_MOST), waves)
+    returned = max(side.returned(layer) for side in waves) / size
+    found = returned * max(1.0, max(side.conversion(layer) for side in waves) / 2) / _AIM  # as `thinnest` judges
+    found /= _AIM_CROWDED if crowded(waves[0].medium.stencil) else 1.0
+    digit = 10.0 ** np.floor(np.log10(max(found, 1e-300)))
+    return float(np.ceil(found / digit) * digit)
+
+
+def distance_to_side(values: Iterable[np.ndarray]) -> float:
+    """Nodes between the side and all but a thousandth of the data; arrays with the normal first, towards the side."""
+    amounts: Sequence[np.ndarray] = [np.abs(field).reshape(len(field), -1).sum(1) for field in values]
+    held = [np.cumsum(amount) / amount.sum() for amount in amounts if amount.any()]
+    return float(min((len(share) - 1 - int(np.searchsorted(share, 0.999)) for share in held), default=0))
+
+
+def diffusive(nodes: int, spacing: float, spread: float, distance: float) -> Layer:
+    """A layer for diffusion.
+
+    Parameters
+    ----------
+    nodes : int
+    spacing : float
+    spread : float
+        Diffusivity times the length of the run.
+    distance : float
+        The shortest way from the data to the side.
+    """
+    later = np.log(max(spread / distance**2, 1.0))
+    steepest = min(_STEEPEST * nodes / (distance * (later + _EARLY)), 2 / spacing)
+    slowest = min(_GRADUAL / np.sqrt(spread), steepest / 2)
+    tau = spacing / 2 * steepest * _zolotarev(slowest / steepest, nodes + 1)
+    return Layer(np.maximum(1 / tau, 1.0), np.zeros(nodes + 1), np.zeros(nodes + 1))
+
+
+def returned_by_diffusion(layer: Layer, spacing: float, spreads: np.ndarray, distance: float) -> np.ndarray:
+    """What comes back to the side of a point source on a line, relative to the largest value at the same time.
+
+    The inverse Laplace transform along ``lambda = (1.2 + i y)/sqrt(D t)``; of waves along the side less remains.
+
+    Parameters
+    ----------
+    layer : Layer
+    spacing : float
+    spreads : ndarray, shape (n,)
+        D t of the times.
+    distance : float
+        Of the source from the side.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+    """
+    y, step = np.linspace(-_HIGHEST, _HIGHEST, _POINTS, retstep=True)
+    scaled = 1.2 + 1j * y
+    decay = scaled / np.sqrt(spreads)[:, None]
+    tangent = np.tanh(spacing * decay / 2)
+    back = np.ones_like(decay)
+    for edge, kappa in enumerate(layer.kappa):
+        passed = (1 - kappa * tangent) / (1 + kappa * tangent)
+        back *= passed if edge == layer.columns else passed**2
+    return np.asarray(np.abs((np.exp(scaled**2 - decay * distance) * back).sum(1)) * step / np.sqrt(np.pi))
+
+
+def thinnest_for_diffusion(spacing: float, spread: float, distance: float, wanted: float) -> Thickness:
+    """The fewest nodes that keep an error relative to the largest value at every time of a run; 60 nodes, and what they keep, if none do."""
+    distance = max(distance, spacing)
+    spreads = np.geomspace(min(_BEGIN * distance**2, spread), spread, _TIMES)
+    for nodes in range(2, _MOST + 1):
+        layer = diffusive(nodes, spacing, spread, distance)
+        predicted = float(returned_by_diffusion(layer, spacing, spreads, distance).max())
+        if predicted <= _AIM_LASTING * wanted:
+            break
+    return Thickness("diffusive", layer, predicted)

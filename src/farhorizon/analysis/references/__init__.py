@@ -1,0 +1,1 @@
+"""Solutions in the infinite medium, to compare with."""

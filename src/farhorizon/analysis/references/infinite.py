@@ -1,0 +1,107 @@
+"""The exact solution of the fully discrete scheme on the infinite lattice."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import fft
+
+from farhorizon.errors import InputError
+from farhorizon.machine import available_memory
+from farhorizon.medium.integrators import Integrator, Verlet
+from farhorizon.medium.stencil import Stencil
+
+
+def largest_speed(stencil: Stencil) -> float:
+    """Largest group speed of waves on the lattice in units of the long-wave speed, ``max |grad omega|``."""
+    _, values, slopes = stencil.zone_branches
+    omega = np.sqrt(np.maximum(values, 1e-300))
+    squared = sum((slope / (2 * omega)) ** 2 for slope in slopes)
+    return float(np.sqrt(np.max(np.where(omega > 1e-6, squared, 1.0))))
+
+
+def undisturbed(stencil: Stencil, rate: float, order: int, until: float) -> int:
+    """Nodes by which a domain must be larger on each open side so that nothing returns to the near field.
+
+    Parameters
+    ----------
+    stencil : Stencil
+    rate : float
+        The largest ``coefficient / spacing^2``.
+    order : {1, 2}
+        Order of the equation in time.
+    until : float
+    """
+    distance = 0.5 * until * np.sqrt(rate) * largest_speed(stencil) if order == 2 else 6 * np.sqrt(rate * until)
+    return int(np.ceil(distance)) + 10 * max(stencil.reach) + int(5 * np.cbrt(distance))
+
+
+class InfiniteLattice:
+    """States of the scheme on the infinite lattice, from data that vanish outside a box.
+
+    The update is diagonal in Fourier space; the periodic box is made so large that nothing that wraps around is
+    back in time (waves) or above rounding (diffusion).
+
+    Parameters
+    ----------
+    stencil : Stencil
+    rate : float
+        Factor on the stencil, ``coefficient / spacing^2``.
+    integrator : Verlet, Euler or RungeKutta4
+    dt : float
+    last : int
+        Largest number of steps that will be asked for.
+    u, v : ndarray
+        Initial values (less the background) and velocities; of vectors the components come first.
+    damping : float
+
+    Raises
+    ------
+    InputError
+        A time so late that the box does not fit into memory.
+    """
+
+    def __init__(
+        self, stencil: Stencil, rate: float, integrator: Integrator, dt: float, last: int, u: np.ndarray, v: np.ndarray | None = None,
+        damping: float = 0.0,
+    ) -> None:  # fmt: skip
+        self.integrator, self.dt, self.last, self.damping, self.shape = integrator, dt, last, damping, u.shape[-stencil.dim :]
+        if isinstance(integrator, Verlet):
+            travel = largest_speed(stencil) * np.sqrt(rate) * last * dt
+            travel += 20 * max(stencil.reach) + 10 * np.cbrt(travel)  # the front has an Airy tail ahead of it
+        else:
+            travel = 13 * np.sqrt(rate * last * dt) + 12 * max(stencil.reach)
+        self.box = [fft.next_fast_len(int(n + travel) + 1, real=True) for n in self.shape]
+        if 16 * 8 * stencil.components**2 * float(np.prod(self.box)) > available_memory():
+            raise InputError("the infinite lattice at so late a time does not fit into memory", value=f"{self.box} nodes", key="run.until",
+                             remedy="an earlier time or a coarser lattice")  # fmt: skip
+        angles = [2 * np.pi * np.fft.fftfreq(n) for n in self.box[:-1]] + [2 * np.pi * np.fft.rfftfreq(self.box[-1])]
+        symbol = stencil.symbol(*np.ix_(*angles)) * rate
+        self.symbol: np.ndarray = symbol
+        self.modes: np.ndarray | None = None
+        if stencil.components > 1:
+            self.symbol, self.modes = self._diagonal(symbol)
+        self.start = self._transform(u)
+        self.speed = self._transform(v) if v is not None and np.any(v) else np.zeros(1)
+
+    @staticmethod
+    def _diagonal(symbol: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Eigenvalues (components first, never below zero) and modes of Hermitian matrices."""
+        values, modes = np.linalg.eigh(symbol)
+        return np.moveaxis(np.maximum(values, 0.0), -1, 0), modes
+
+    def _transform(self, field: np.ndarray) -> np.ndarray:
+        """Fourier coefficients, of vectors those of the modes."""
+        found = fft.rfftn(field, self.box, axes=range(-len(self.box), 0))
+        return found if self.modes is None else np.einsum("...ij,i...->j...", self.modes.conj(), found)
+
+    def after(self, steps: int) -> np.ndarray:
+        """The state after a number of steps, shape of the data."""
+        if steps > self.last:
+            raise InputError("later than the box was made for", value=steps, limit=self.last)
+        if isinstance(self.integrator, Verlet):
+            end = self.integrator.propagate(self.symbol, self.dt, steps, self.start, self.speed, self.damping)
+        else:
+            end = self.integrator.growth(self.symbol, self.dt) ** steps * self.start
+        if self.modes is not None:
+            end = np.einsum("...ij,j...->i...", self.modes, end)
+        return fft.irfftn(end, self.box, axes=range(-len(self.box), 0))[(..., *(slice(n) for n in self.shape))]

@@ -1,0 +1,212 @@
+"""Plane pulses that solve the equations of an undamped lattice exactly: a signal in time, carried along a direction by the lattice's own waves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from farhorizon.errors import InputError
+from farhorizon.medium.stencil import Stencil
+
+_SAMPLES = 1024  # wavenumbers at which a branch is looked at before its equation is solved
+_NEWTON = 8
+_LONG = 1e-5  # below this wavenumber times spacing a wave's polarisation is that of this one
+_LOST = 1e-12  # frequencies below this share of the largest amplitude are left out
+_SLOW = 0.1  # group speed, relative to that of long waves, below which a lattice does not carry a wave
+_CARRIED = 1e-2  # part of the signal, relative to its largest value, that may lie above what the lattice carries: it is left out
+_LATE = 1e-10  # and those above this share must have passed before the pulse is over
+_GRID, _POINTS = 6.0, 14  # of the interpolation in space: nodes for each radian of the shortest wave, and nodes that a value is taken from
+
+
+class PlanePulse:
+    """``u(x, t) = sum_j Re a_j p_j exp(i (w_j t - k_j s))``, s = n . (x - x0), with the dispersion of the lattice and of velocity Verlet.
+
+    At x0 it is the signal to rounding; of vectors the signal times the polarisation, less what this shares with waves of the other type, for on a
+    lattice P and S waves are so only nearly. It repeats itself after `period`, by when it has passed the distance that it was made for.
+
+    Parameters
+    ----------
+    stencil : Stencil
+        Scaled by ``coefficient / spacing^2``.
+    coefficient, spacing, dt : float
+    direction : ndarray, shape (dim,)
+        Unit vector n.
+    polarisation : ndarray, shape (dim,), or None
+        Unit vector of the displacement, for fields of vectors: along the direction for P waves, else at right angles to it.
+    signal : callable
+        Of t, zero outside 0 to `duration`.
+    duration, distance : float
+
+    Attributes
+    ----------
+    frequencies, wavenumbers : ndarray, shape (M,)
+    polarisations : ndarray, shape (M, components)
+    period : float
+    speed : float
+        Group speed of the longest wave.
+    distance : float
+    lost : float
+        Part of the signal, relative to its largest value, in frequencies that the lattice does not carry: it is left out.
+
+    Raises
+    ------
+    InputError
+        A signal that is not finite, or with frequencies which the lattice does not carry.
+    """
+
+    def __init__(
+        self,
+        stencil: Stencil,
+        coefficient: float,
+        spacing: float,
+        dt: float,
+        direction: np.ndarray,
+        polarisation: np.ndarray | None,
+        signal: Callable[[float], float],
+        duration: float,
+        distance: float,
+    ) -> None:
+        self._rate = np.sqrt(coefficient) / spacing
+        self.spacing, self.dt, self.distance = spacing, dt, distance
+        steps = int(np.ceil(duration / dt - 1e-9)) + 1  # a whole number of steps is one in all units
+        samples = np.array([float(signal(t)) for t in dt * np.arange(steps)])
+        if not np.isfinite(samples).all():
+            raise InputError("the signal must be finite", value=samples[~np.isfinite(samples)][0], key="incident.signal")
+        if not samples.any():
+            raise InputError("the signal is zero", value=duration, key="incident.signal", remedy="a signal within 0 <= t <= duration")
+        self._branches = [_Branch(stencil, direction, polarisation, number) for number in range(_count(polarisation, direction))]
+        self._set_waves(samples, 4 * steps)
+        speeds = self._group_speeds()
+        self.speed = float(speeds[0])
+        late = np.abs(self._amplitudes) > _LATE * np.abs(self._amplitudes).max()
+        passed = duration + distance / max(float(speeds[late].min()), 1e-300)
+        self._set_waves(samples, int(np.ceil(passed / dt - 1e-9)) + 2)
+
+    def _set_waves(self, samples: np.ndarray, count: int) -> None:
+        """The waves whose sum is the signal and then zero, over `count` steps."""
+        spectrum = np.fft.rfft(samples, count) * 2 / count
+        spectrum[0] /= 2
+        if count % 2 == 0:
+            spectrum[-1] /= 2
+        frequencies = 2 * np.pi * np.arange(spectrum.size) / (count * self.dt)
+        wanted = 2 / (self.dt * self._rate) * np.sin(frequencies * self.dt / 2)
+        most = min(branch.most for branch in self._branches)
+        above = wanted >= most
+        self.lost = float(np.abs(spectrum[above]).sum() / np.abs(samples).max())
+        if self.lost > _CARRIED:
+            limit = 2 / self.dt * np.arcsin(min(most * self.dt * self._rate / 2, 1.0))
+            raise InputError("the signal has frequencies which the lattice does not carry", key="incident.signal",
+                             value=f"a share of {self.lost:.2g} above {limit:.4g} rad per time", limit=f"{_CARRIED:g}",
+                             remedy="a smoother or longer signal that is zero at both ends, or a finer lattice")  # fmt: skip
+        used = ~above & (np.abs(spectrum) > _LOST * np.abs(spectrum).max())
+        self.period = count * self.dt
+        self.frequencies = np.tile(frequencies[used], len(self._branches))
+        self._amplitudes = np.tile(spectrum[used], len(self._branches))
+        angles, slopes, polarisations = zip(*(branch.solve(wanted[used]) for branch in self._branches), strict=True)
+        self.wavenumbers = np.concatenate(angles) / self.spacing
+        self._slopes, self.polarisations = np.concatenate(slopes), np.concatenate(polarisations)
+
+    def _group_speeds(self) -> np.ndarray:
+        """dw/dk of each wave, and at k = 0 that of the fastest."""
+        rise = 2 / self.dt * np.sin(self.frequencies * self.dt)
+        moves = rise > 0
+        speeds = self._rate**2 * self._slopes * self.spacing / np.where(moves, rise, 1.0)
+        return np.where(moves, speeds, speeds[moves].max())
+
+    def at(self, places: np.ndarray) -> Callable[[float], np.ndarray]:
+        """The pulse at places s along its way, shape (n,): a function of t that gives displacement and acceleration, shape (2, components, n).
+
+        The acceleration is that of velocity Verlet, ``(u(t + dt) - 2 u(t) + u(t - dt)) / dt^2``. Where places are many the waves are summed on a
+        line of points, and interpolated.
+        """
+        from scipy import sparse
+
+        _, first_of, which = np.unique(np.round(places / (1e-9 * self.spacing)).astype(np.int64), return_index=True, return_inverse=True)
+        line = places[first_of]
+        step = 1 / (_GRID * max(self.wavenumbers.max(), 1e-9 / self.spacing))
+        count = int(np.ceil((line[-1] - line[0]) / step)) + 1
+        if count + 2 * _POINTS < line.size:
+            first = line[0] - _POINTS // 2 * step
+            line = first + step * np.arange(count + _POINTS + 1)
+            index, weights = _lagrange((places - first) / step)
+        else:
+            index, weights = which.reshape(-1, 1), np.ones((places.size, 1))
+        start = np.arange(0, index.size + 1, index.shape[1])
+        taken = sparse.csr_array((weights.ravel(), index.ravel(), start), shape=(places.size, line.size)).T
+        waves = (self._amplitudes[:, None] * self.polarisations)[:, :, None] * np.exp(-1j * np.outer(self.wavenumbers, line))[:, None, :]
+        inertia = -((2 / self.dt * np.sin(self.frequencies * self.dt / 2)) ** 2)
+        both = np.stack([waves, inertia[:, None, None] * waves], axis=1).reshape(len(waves), -1)
+        real, imaginary = np.ascontiguousarray(both.real), np.ascontiguousarray(both.imag)
+        shape = (2, self.polarisations.shape[1], line.size)
+
+        def values(t: float) -> np.ndarray:
+            phase = self.frequencies * t
+            found = (np.cos(phase) @ real - np.sin(phase) @ imaginary).reshape(-1, line.size)
+            return np.asarray(found @ taken).reshape(*shape[:2], places.size)
+
+        return values
+
+
+def _count(polarisation: np.ndarray | None, direction: np.ndarray) -> int:
+    """Branches that a pulse is made of: as many as there are S waves, else one."""
+    return 1 if polarisation is None or abs(polarisation @ direction) > 0.5 else direction.size - 1
+
+
+class _Branch:
+    """One branch of the symbol along a direction, from k = 0 to where its waves become slow.
+
+    Of vectors the P wave, whose displacement is most along the direction, or one of the others, by `number` in the order of their frequencies.
+
+    Attributes
+    ----------
+    most : float
+        Root of the largest value.
+    """
+
+    def __init__(self, stencil: Stencil, direction: np.ndarray, polarisation: np.ndarray | None, number: int) -> None:
+        self._stencil, self._direction, self._polarisation, self._number = stencil, direction, polarisation, number
+        angles = np.linspace(0.0, np.pi / np.abs(direction).max(), _SAMPLES + 1)
+        roots = np.sqrt(np.maximum(self.at(angles)[0], 0))
+        steps = np.diff(roots)
+        rise = int(np.argmax(np.append(steps <= _SLOW * steps[0], True))) + 1
+        self._angles, self._roots, self.most = angles[:rise], roots[:rise], float(roots[rise - 1])
+
+    def at(self, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Value, slope, and what the branch has of the polarisation, at wavenumbers times spacing."""
+        along = [np.maximum(angle, _LONG) * n for n in self._direction]
+        slope = np.sum([n * self._stencil.symbol_gradient(a, *along) for a, n in enumerate(self._direction)], axis=0)
+        symbol = self._stencil.symbol(*along)
+        moves = angle >= _LONG
+        if self._polarisation is None:
+            return np.where(moves, symbol, 0), slope, np.ones((angle.size, 1))
+        values, modes = np.linalg.eigh(symbol)
+        fast = np.abs(np.einsum("mij,i->mj", modes.conj(), self._direction)).argmax(1)
+        if abs(self._polarisation @ self._direction) < 0.5:
+            slow = np.array([[i for i in range(self._direction.size) if i != one] for one in range(self._direction.size)])
+            fast = slow[fast, self._number]
+        mode = np.take_along_axis(modes, fast[:, None, None], 2)[..., 0]
+        value = np.take_along_axis(values, fast[:, None], 1)[:, 0]
+        slope = np.einsum("mi,mij,mj->m", mode.conj(), slope, mode).real
+        return np.where(moves, value, 0), slope, mode * (mode.conj() @ self._polarisation)[:, None]
+
+    def solve(self, roots: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Wavenumbers times spacing at which the branch has the squares of `roots`, slopes and polarisations there."""
+        angle = np.interp(roots, self._roots, self._angles)
+        for _ in range(_NEWTON):
+            value, slope, _ = self.at(angle)
+            angle = np.where(roots > 0, angle - (value - roots**2) / slope, 0.0)
+        return angle, *self.at(angle)[1:]
+
+
+def _lagrange(place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes 0, 1, 2, .. about each place, and their weights in polynomial interpolation; both of shape (n, _POINTS)."""
+    first = np.floor(place).astype(int) - (_POINTS // 2 - 1)
+    index = first[:, None] + np.arange(_POINTS)
+    difference = place[:, None] - index
+    nodes = np.arange(_POINTS)
+    weights = np.ones_like(difference)
+    for j in nodes:
+        others = nodes[nodes != j]
+        weights[:, j] = np.prod(difference[:, others] / (j - others), axis=1)
+    return index, weights

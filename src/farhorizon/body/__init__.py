@@ -1,0 +1,1 @@
+"""Correspondence elasticity with damage, `fh.Body`."""

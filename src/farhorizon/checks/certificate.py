@@ -1,0 +1,541 @@
+"""Whether a set-up is stable: proofs where they hold, else the spectral radius of the complete update, sides first, then corners."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from farhorizon.analysis import stability
+from farhorizon.analysis.stability import DENSE, Growth, dense_growth, fastest, krylov_growth, noise_growth
+from farhorizon.boundaries import Closing, Extended, FirstOrder, Fixed, Free, LatticePML, Periodic, Sponge
+from farhorizon.boundaries.plane_wave import largest_update
+from farhorizon.checks import side_modes as strips
+from farhorizon.checks.side_modes import (
+    NARROW,
+    Strip,
+    crossing_steps,
+    like_sides,
+    one_corner,
+    plain_twin,
+    small_lattice,
+)
+from farhorizon.engine import state
+from farhorizon.engine.engine import NEVER
+from farhorizon.engine.state import State
+from farhorizon.errors import InputError
+from farhorizon.files.cache import cache_folder, keep, kept
+from farhorizon.geometry.lattice import AXES
+from farhorizon.machine import one_blas_thread
+from farhorizon.models import Corrosion, Elastic
+
+if TYPE_CHECKING:
+    from farhorizon.simulation.simulation import Simulation
+
+CERTIFIED, NOT_CERTIFIED, UNDECIDED = "certified", "not certified", "undecided"
+BUDGET = 30.0  # seconds that a certificate may take
+_WIDE = 1500  # the same where a growing mode is looked at again
+_CROSSINGS = 200_000  # of a run from noise whose map is known as a matrix
+PATIENCE = 2.0  # seconds that noise which rises may take before a run
+_MATTERS = 10.0  # factor of growth in a run from which on it is refused
+_ALIKE = 4  # times the nodes of the small copy up to which noise runs in the set-up itself
+_ESCAPES = 0.5  # growth per crossing up to which the sides along a strip may take a mode before it has grown
+_MARGIN = 1 - 1e-9  # at the step limit itself the shortest wave grows linearly
+
+
+@dataclass(frozen=True)
+class Part:
+    """One update whose spectral radius was computed.
+
+    Attributes
+    ----------
+    name : str
+        What it is.
+    growth : Growth
+    field : ndarray of complex
+        The growing mode on the near field and its unstretched margins; empty if it is not known.
+    drifts : bool
+        Not a mode but the whole state grows, as fast as time; `growth` has the rate at the end of a long run.
+    """
+
+    name: str
+    growth: Growth
+    field: np.ndarray
+    drifts: bool = False
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Whether the complete update (near field and all memory of the boundaries) is stable, and how that is known.
+
+    Attributes
+    ----------
+    verdict : {"certified", "not certified", "undecided"}
+        Certified: no mode grows by more than 1e-10 per crossing.
+    reason : str
+    rate : float
+        Growth of the fastest mode per unit time, negative: it decays; nan for a proof and where nothing was found out.
+    error : float
+        By how much the rate may be wrong.
+    crossing : float
+        Crossing time of the set-up, see `Run.crossing`: the time unit in which growth is judged; nan for a proof.
+    parts : tuple of Part
+        What was computed; their rates are growths per crossing.
+    skipped : tuple of str
+        What would have to be computed, too, and why it was not.
+    seconds : float
+        What it cost.
+    quiet : float
+        Time over which white noise did not grow in a first run; 0 where there was none, as for proofs and eigenvalues of the whole.
+    """
+
+    verdict: str
+    reason: str
+    rate: float = np.nan
+    error: float = 0.0
+    crossing: float = np.nan
+    parts: tuple[Part, ...] = ()
+    skipped: tuple[str, ...] = ()
+    seconds: float = 0.0
+    quiet: float = 0.0
+
+    @property
+    def rate_per_crossing(self) -> float:
+        """The rate without a unit."""
+        return self.rate * self.crossing
+
+    @property
+    def worst(self) -> Part | None:
+        """The part with the growing mode; None where nothing grows."""
+        growing = [p for p in self.parts if p.growth.stable is False]
+        return max(growing, key=lambda p: p.growth.rate) if growing else None
+
+    def __str__(self) -> str:
+        return f"{self.verdict}: {self.reason}" + "".join(f"; not examined: {s}" for s in self.skipped)
+
+    def grows_within(self, until: float) -> bool:
+        """Whether what is known to grow grows tenfold in a run of a length: less cannot matter, since what grows begins with rounding or leaks."""
+        return self.verdict == NOT_CERTIFIED and not self.rate * until < np.log(_MATTERS)
+
+    def remark(self, until: float) -> str:
+        """What is to be known before a run of a length; empty where nothing is to be done."""
+        if self.verdict == NOT_CERTIFIED:
+            so = f"{np.exp(min(self.rate * until, 700)):.2g}-fold in this run" if np.isfinite(self.rate) else "in this run"
+            return f"not stable, {so}: {self.reason}"
+        if self.verdict == UNDECIDED and self.quiet < until:
+            seen = f"white noise did not grow for t = {self.quiet:.3g}, the run takes longer" if self.quiet else "nothing is known yet"
+            return f"stability is undecided, {seen}: farhorizon check --budget 60 (certificate(60.0) in Python) examines it"
+        return ""
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain numbers and words; None for what is not known."""
+
+        def known(value: float) -> float | None:
+            return float(value) if np.isfinite(value) else None
+
+        rows = [
+            {"what": p.name, "rate": known(p.growth.rate), "error": known(p.growth.error), "angle": p.growth.angle, "hidden": p.growth.hidden}
+            for p in self.parts
+        ]
+        return {"verdict": self.verdict, "reason": self.reason, "rate": known(self.rate), "error": known(self.error),
+                "crossing": known(self.crossing), "rate_per_crossing": known(self.rate_per_crossing), "parts": rows,
+                "skipped": list(self.skipped), "seconds": self.seconds, "quiet": self.quiet}  # fmt: skip
+
+
+@one_blas_thread()
+def certify(sim: Simulation, budget: float = BUDGET, until: float = np.inf) -> Certificate:
+    """Examine the one-step map of a simulation.
+
+    Where no proof holds, a state of up to 700 numbers is examined as it is. Otherwise white noise runs for ten crossing times of a small copy of the
+    near field, and what grows there is refused. Then each pair of absorbing sides is examined by itself, the medium
+    between them without end along the other axes: its map is a chain for each tangential wavenumber, all of whose eigenvalues are computed. Corners,
+    edges and faces that run into a layer are examined on a small copy of the near field by Krylov spaces of powers of the map; where layers are
+    all around and those of both sides of an axis are the same, that copy has one of them, and the other side is held fixed: all corners are alike.
+    What grows between two sides so slowly that the others may take it before (long surface waves do) is examined on the near field as it is.
+
+    Parameters
+    ----------
+    sim : Simulation
+    budget : float
+        Seconds; what would take longer is skipped, and said so.
+    until : float
+        Length of the run for which this is asked: where it is shorter than the run from noise, that takes as long as the run, whatever `budget`
+        says, and modes are not examined.
+
+    Returns
+    -------
+    Certificate
+    """
+    if isinstance(sim.model, Elastic) and sim.model.bondwise:
+        found = certify(sim.remade(model=sim.model.linearised, balance=False), budget, until)
+        return replace(found, reason=f"{found.reason}; that of the linear form, in which no bond breaks")
+    if any(isinstance(b, Extended) for b in sim.sides.values()):
+        sides = {AXES[a] + "-+"[s > 0]: Fixed(sim.background) if isinstance(b, Extended) else b for (a, s), b in sim.sides.items()}
+        found = certify(sim.remade(boundary=sides), budget, until)
+        return replace(found, reason=f"{found.reason}; nodes of the medium beyond the sides change nothing")
+    begin = time.monotonic()
+    proof = _proof(sim)
+    if proof:
+        return Certificate(CERTIFIED, proof, seconds=time.monotonic() - begin)
+    if isinstance(sim.model, Corrosion) and (sim.engine.dissolved == NEVER).any():
+        found = certify(sim.remade(specimens=()), budget, until)
+        return replace(found, reason=f"{found.reason}; that of the linear form, all liquid")
+    path = _cache_file(sim)
+    known = _recall(path)
+    if known is not None:
+        return known
+    parts: list[Part] = []
+    slow: list[Part] = []
+    skipped: list[str] = []
+    grown, quiet = _noise_part(sim, budget / 3 if np.isinf(until) else PATIENCE, until)
+    if grown is not None and np.isfinite(until):
+        return judge([grown], [], sim.crossing, time.monotonic() - begin)
+    if until <= quiet:
+        return judge([], ["modes, for the run is no longer"], sim.crossing, time.monotonic() - begin, quiet)
+    try:
+        for name, examine in _examinations(sim):
+            left = budget - (time.monotonic() - begin)
+            if left <= 0:
+                skipped.append(f"{name} (no time left of {budget:.3g} s)")
+                continue
+            try:
+                part, left_out = examine(left)
+            except TimeoutError:
+                skipped.append(f"{name} (needs more than {budget:.3g} s)")
+                continue
+            skipped += left_out
+            if part.growth.rate == 0 and np.isinf(part.growth.error):
+                skipped.append(f"{name} (not settled within {budget:.3g} s)")
+                continue
+            if part.growth.stable is False and _escapes(sim, part):
+                slow.append(part)
+                continue
+            parts.append(part)
+            if part.growth.stable is False:
+                break
+        else:
+            if slow:
+                parts, skipped = _with_whole(sim, slow, parts, skipped, budget - (time.monotonic() - begin))
+    except InputError as error:
+        skipped.append(f"a smaller copy, which is refused ({error.message})")
+    found = judge(parts, skipped, sim.crossing, time.monotonic() - begin, quiet)
+    examined = found.verdict == CERTIFIED and bool(slow)  # the whole, of which a copy tells less
+    if grown is not None and found.verdict != NOT_CERTIFIED and not examined:
+        found = judge([*parts, grown], skipped, sim.crossing, time.monotonic() - begin)
+    found = _short_lived(sim, found)
+    if not skipped:
+        _keep(path, found)
+    return found
+
+
+def told(rate: float, crossing: float) -> str:
+    """A growth per crossing in words, which takes so long."""
+    return f"{rate:.2g} per crossing ({rate / crossing:.2g} per unit time)"
+
+
+def judge(parts: list[Part], skipped: list[str], crossing: float, seconds: float, quiet: float = 0.0) -> Certificate:
+    """What follows from the parts that were computed and those that were not.
+
+    Parameters
+    ----------
+    parts : list of Part
+    skipped : list of str
+    crossing : float
+        Time of a crossing.
+    seconds : float
+        What the parts cost.
+    quiet : float
+        Time over which white noise did not grow.
+    """
+    if not parts:
+        reason = f"white noise does not grow for t = {quiet:.3g}" if quiet else "nothing could be examined"
+        return Certificate(UNDECIDED, reason, crossing=crossing, skipped=tuple(skipped), seconds=seconds, quiet=quiet)
+    growths = [p.growth for p in parts]
+    growth = fastest(growths) if any(g.stable is not True for g in growths) else max(growths, key=lambda g: g.rate)
+    part = next(p for p in parts if p.growth is growth)
+    found: tuple[float, float, float, tuple[Part, ...], tuple[str, ...], float, float] = (
+        growth.rate / crossing, growth.error / crossing, crossing, tuple(parts), tuple(skipped), seconds, quiet,
+    )  # fmt: skip
+    if growth.stable is False:
+        how = f"a mode grows by {told(growth.rate, crossing)}, tenfold in {np.log(10) * crossing / growth.rate:.3g} ({part.name})"
+        return Certificate(NOT_CERTIFIED, part.name if part.drifts else how, *found)
+    unclear = [p.name for p in parts if p.growth.stable is None]
+    if unclear:
+        return Certificate(UNDECIDED, f"the fastest mode could not be told from a growing one ({', '.join(unclear)})", *found)
+    looked = ", ".join(p.name for p in parts)
+    noisy = [p for p in parts if p.growth.hidden]
+    if noisy and not skipped:
+        rest = ", ".join(p.name for p in parts if p not in noisy)
+        known = ", ".join(f"{p.name}, where growth below {p.growth.hidden:.1g} per crossing would not show" for p in noisy)
+        return Certificate(CERTIFIED, f"no mode grows ({rest}); white noise decays ({known})" if rest else f"white noise decays ({known})", *found)
+    if skipped:
+        return Certificate(UNDECIDED, f"nothing grows as far as was examined ({looked})", *found)
+    return Certificate(CERTIFIED, f"the slowest mode decays by {told(-growth.rate, crossing)} ({looked})" if growth.rate < 0 else
+                       f"no mode grows by more than {growth.rate + growth.error:.1g} per crossing ({looked})", *found)  # fmt: skip
+
+
+def _short_lived(sim: Simulation, found: Certificate) -> Certificate:
+    """Exact ends follow the infinite chain, whose energy does not grow, for as many steps as their sums are made for: a slower growth is none."""
+    ends = sim.exact_ends
+    if ends is None or sim.engine.layers or found.verdict == CERTIFIED or not found.rate * ends.steps * sim.dt < 1:
+        return found
+    gain = f"until then their fastest mode gains a factor {np.exp(found.rate * ends.steps * sim.dt):.3g}"
+    return replace(found, verdict=CERTIFIED, reason=f"the ends follow the infinite chain for {ends.steps} steps and are made anew then; {gain}")
+
+
+# --- what is known from before ---------------------------------------------------------------------------------
+
+
+_PROGRAM = b"".join(Path(str(file)).read_bytes() for file in (__file__, stability.__file__, state.__file__, strips.__file__))
+
+
+def _cache_file(sim: Simulation) -> Path:
+    """File of the certificate of this very map, made by this very program."""
+    mark = hashlib.sha256(sim.engine.digest().encode())
+    mark.update(repr((sim.lattice.shape, sim.crossing, [type(b).__name__ for b in sim.sides.values()])).encode())
+    mark.update(_PROGRAM)
+    return cache_folder() / f"certificate_{mark.hexdigest()[:24]}.npz"
+
+
+def _recall(path: Path) -> Certificate | None:
+    arrays = kept(path)
+    if arrays is None:
+        return None
+    words = json.loads(str(arrays["words"]))
+    parts = [
+        Part(p["name"], Growth(p["rate"], p["error"], complex(*p["factor"]), np.zeros(0), p["hidden"]), arrays[f"field{i}"], p["drifts"])
+        for i, p in enumerate(words["parts"])
+    ]
+    return Certificate(words["verdict"], words["reason"], words["rate"], words["error"], words["crossing"], tuple(parts), (), words["seconds"],
+                       words["quiet"])  # fmt: skip
+
+
+def _keep(path: Path, found: Certificate) -> None:
+    rows = []
+    for p in found.parts:
+        factor = [p.growth.factor.real, p.growth.factor.imag]
+        rows.append({"name": p.name, "rate": p.growth.rate, "error": p.growth.error, "factor": factor, "hidden": p.growth.hidden, "drifts": p.drifts})
+    words = {"verdict": found.verdict, "reason": found.reason, "rate": found.rate, "error": found.error, "crossing": found.crossing,
+             "quiet": found.quiet, "seconds": found.seconds, "parts": rows}  # fmt: skip
+    keep(path, words=json.dumps(words), **{f"field{i}": p.field for i, p in enumerate(found.parts)})
+
+
+# --- proofs ----------------------------------------------------------------------------------------------------
+
+
+def _proof(sim: Simulation) -> str:
+    """Why nothing can grow, where one sentence tells; else empty."""
+    model, sides = sim.model, sim.sides.values()
+    ends = sim.exact_ends
+    if ends is not None and ends.convolved and not any(isinstance(b, LatticePML) for b in sides):
+        return "the past beyond the ends is kept whole: the run is a part of one on the infinite chain, whose energy does not grow"
+    positive = sim.stencil.positive
+    if sim.closure is not None:
+        return _outline_proof(sim, positive)
+    if not all(isinstance(b, Fixed | Free | Periodic | Sponge) for b in sides):
+        return ""
+    damped = max((b.damping(1, model.coefficient, sim.lattice.spacing).max() for b in sides if isinstance(b, Sponge)), default=0.0)
+    if sim.conditions.nodes.size:
+        rows = np.add.reduceat(np.abs(np.append(sim.conditions.weights, 0.0)), sim.conditions.starts[:-1]) * (np.diff(sim.conditions.starts) > 0)
+        bonds = sim.strongest * float(sim.engine.weights.sum())
+        share = sim.dt * (bonds + float(sim.leak().max(initial=0)) + damped)
+        if model.integrator.name == "forward Euler" and positive and share <= 1 and rows.max(initial=0) <= 1 + 1e-12:
+            return "each new value is a mean of old ones with weights that are not negative, or plus or minus such a mean: the maximum cannot grow"
+        return ""
+    whole = not (any(isinstance(b, Free) for b in sides) or sim.engine.absent_bonds or sim.varied)
+    limit = sim.step_limit if model.order == 2 else model.integrator.step_limit(sim.rate_limit + damped)
+    if (positive or whole) and sim.dt <= limit * (_MARGIN if model.order == 2 else 1 + 1e-12):
+        return "bonds act alike in both directions and the step is below the limit: the energy of the scheme cannot grow"
+    return ""
+
+
+def _outline_proof(sim: Simulation, positive: bool) -> str:
+    """Why a condition along an outline cannot make anything grow."""
+    closure, model = sim.closure, sim.model
+    if closure is None or sim.conditions.nodes.size or sim.conditions.leaks or not all(
+        isinstance(b, Closing | Fixed | Free | Periodic) for b in sim.sides.values()
+    ):  # fmt: skip
+        return ""
+    if model.order == 1:
+        share = sim.dt * sim.strongest * float(sim.engine.weights.sum())
+        if positive and share <= 1 and largest_update(closure.update) <= 1 + stability.TOLERANCE * sim.dt / sim.crossing:
+            return "each new value is a mean of old ones, or less, fitted ones included: the maximum cannot grow"
+        return ""
+    if not all(isinstance(b, FirstOrder | Fixed | Free | Periodic) for b in sim.sides.values()):
+        return ""
+    held = 2 * float(np.sqrt(model.coefficient)) * model.damping * sim.lattice.dim / sim.lattice.spacing  # stiffness that the sides add
+    if (positive or not sim.engine.absent_bonds) and sim.dt <= _MARGIN * 2 / np.sqrt(sim.rate_limit + held):
+        return "bonds act alike in both directions, the sides add damping and stiffness that are not negative, and the step is below the limit"
+    return ""
+
+
+def _escapes(sim: Simulation, part: Part) -> bool:
+    """Whether a mode between two sides grows so slowly that an absorbing side along them may take it before it has grown."""
+    axis = AXES.index(part.name[len("sides ")]) if part.name.startswith("sides ") else None
+    along = [] if axis is None else [a for a in range(sim.lattice.dim) if a != axis]
+    if not any(isinstance(sim.sides[a, s], LatticePML | Sponge) for a in along for s in (-1, 1)):
+        return False
+    return part.growth.rate < _ESCAPES
+
+
+def _with_whole(sim: Simulation, slow: list[Part], parts: list[Part], skipped: list[str], left: float) -> tuple[list[Part], list[str]]:
+    """Parts and what is left out, with the complete update in place of what grows slowly between two sides."""
+    worst = max(slow, key=lambda p: p.growth.rate)
+    name = f"the complete update, for without end along its sides a mode would grow by {told(worst.growth.rate, sim.crossing)} ({worst.name})"
+    if left > 0:
+        whole = _krylov_part(name, plain_twin(sim), sim.crossing, left)
+        if not (whole.growth.rate == 0 and np.isinf(whole.growth.error)):
+            return [*parts, whole], skipped
+    return parts, [*skipped, f"{name} (no time left)"]
+
+
+# --- what is examined ------------------------------------------------------------------------------------------
+
+
+def _examinations(sim: Simulation) -> Iterator[tuple[str, Callable[[float], tuple[Part, list[str]]]]]:
+    """What must be stable for the whole to be, cheapest first; each takes the seconds it may cost."""
+    if sim.exact_ends is not None and not sim.exact_ends.steps:
+        raise InputError("the kernel of the exact ends is made when the run begins")
+    if int(np.prod(sim.engine.layout.box.nodes)) <= DENSE and State(sim.engine).size <= DENSE:
+        yield "the complete update", lambda _: (_dense_part("the complete update", plain_twin(sim)), [])
+        return
+    layered = [axis for axis in range(sim.lattice.dim) if any(isinstance(sim.sides[axis, s], LatticePML) for s in (-1, 1))]
+    for axis in layered:
+        if not any(_same_sides(sim, axis, other) for other in layered[: layered.index(axis)]):
+            yield f"sides {AXES[axis]}", lambda left, axis=axis: _side_part(sim, axis, left)  # type: ignore[misc]
+    others = [b for (axis, _), b in sim.sides.items() if axis not in layered[:1]]
+    if layered and all(isinstance(b, Periodic) for b in others) and not sim.conditions.nodes.size:
+        return
+    if sim.conditions.nodes.size or sim.conditions.leaks or sim.closure is not None:  # how an outline runs decides whether its condition grows
+        yield "the complete update", lambda left: (_krylov_part("the complete update", plain_twin(sim), sim.crossing, left), [])
+        return
+    small = small_lattice(sim)
+    kind = f"{'corners' if len(layered) > 1 else 'faces'} on a copy of {' x '.join(map(str, small.shape))} nodes"
+    yield kind, lambda left: (_krylov_part(kind, plain_twin(sim, small, one_corner(sim)), sim.crossing, left), [])
+
+
+def _noise_part(sim: Simulation, budget: float, until: float) -> tuple[Part | None, float]:
+    """What grows in a short run from white noise, None if nothing does; and the time for which noise ran.
+
+    It runs in the set-up itself where this is small, or where cracks, conditions or an outline make a copy another problem, else on a small copy.
+    """
+    ends = sim.exact_ends
+    if ends is not None and (ends.convolved or not ends.steps):
+        return None, 0.0  # a past that is kept whole is no finite state
+    small = small_lattice(sim)
+    special = sim.conditions.nodes.size or sim.conditions.leaks or sim.closure is not None
+    whole = special or np.prod(sim.lattice.shape) <= _ALIKE * np.prod(small.shape)
+    twin = plain_twin(sim) if whole else plain_twin(sim, small)
+    state, crossing = State(twin.engine), crossing_steps(twin)
+    asked = until / (crossing * twin.dt)
+    growth, crossings = noise_growth(state.after, state.size, twin.dt / sim.crossing, crossing, budget, asked)
+    quiet = float(until if asked <= crossings * (1 + 1e-9) else crossings * crossing * twin.dt)
+    if growth is None:
+        return None, quiet
+    where = "the complete update" if whole else f"a copy of {' x '.join(map(str, small.shape))} nodes"
+    return Part(f"white noise, {where}", growth, state.portrait(growth.mode) if growth.mode.size else np.zeros(0)), quiet
+
+
+def _dense_part(name: str, sim: Simulation) -> Part:
+    complete = State(sim.engine)
+    matrix = np.stack([complete.after(unit) for unit in np.eye(complete.size)], axis=1)
+    pace = sim.dt / sim.crossing
+    growth = dense_growth(matrix, pace)
+    name, known = f"{name}, all {complete.size} modes", growth
+    if growth.stable is not False:
+        growth, verb = _with_noise(growth, matrix, crossing_steps(sim), pace)
+        name = f"{verb} ({name})" if verb else name
+    return Part(name, growth, complete.portrait(growth.mode), growth is not known and growth.stable is False)
+
+
+def _with_noise(growth: Growth, matrix: np.ndarray, crossing: int, dt: float) -> tuple[Growth, str]:
+    """What a run from noise adds to eigenvalues that do not grow, and what it does instead of decaying.
+
+    The run takes 24 crossing times or, as modes that are nearly alike add up first, twice as many until it decays over its last third. What still
+    grows as fast as time itself belongs to a double factor 1: no eigenvalue grows, or rounding hides it, but the state does.
+    """
+    third, length, sizes = np.linalg.matrix_power(matrix, 8 * crossing), 24, [0.0, 0.0]
+    noise = np.random.default_rng(0).standard_normal(len(matrix))
+    while length <= _CROSSINGS:
+        before = third @ (third @ noise)
+        sizes = [float(np.linalg.norm(before)), float(np.linalg.norm(third @ before))]
+        if sizes[1] <= sizes[0]:
+            return growth, ""
+        third, length = third @ third, 2 * length
+    if sizes[1] > 1.4 * sizes[0]:  # 3/2 for a growth like time
+        return replace(
+            growth, rate=np.log(sizes[1] / sizes[0]) / (length / 6 * crossing * dt), error=0.0
+        ), "white noise grows as fast as time, it drifts"
+    return replace(growth, error=np.inf), f"white noise does not decay within {_CROSSINGS} crossing times"
+
+
+def _krylov_part(name: str, sim: Simulation, crossing: float, budget: float) -> Part:
+    """The fastest mode of a set-up; `crossing` is the time unit of its growth."""
+    complete = State(sim.engine)
+    growth = krylov_growth(complete.after, complete.size, sim.dt / crossing, crossing_steps(sim), budget)
+    if growth.hidden and any((layer.sigma[layer.alpha == 0] > 0).any() for layer in sim.engine.layers.values()):
+        growth = replace(growth, error=np.inf)  # every static field is at rest in such a layer: a double factor 1, slower than any run shows
+        name = f"layers with alpha = 0, which let fields of zero frequency drift: {name}"
+    return Part(name, growth, complete.portrait(growth.mode) if growth.mode.size else np.zeros(0))
+
+
+def _side_part(sim: Simulation, axis: int, budget: float) -> tuple[Part, list[str]]:
+    """The worst mode between two sides over all tangential wavenumbers; and what there was no time for."""
+    end = time.monotonic() + budget
+    real = sim.lattice.shape[axis]
+    strip = Strip(sim, axis, min(real, max(NARROW, 2 * sim.stencil.reach[axis] + 1)), budget=budget)
+    name = f"sides {AXES[axis]}, near field of {strip.width} nodes"
+    if sim.lattice.dim == 1 and strip.size > _WIDE:
+        return _krylov_part(name, strip.sim, sim.crossing, budget), []
+    found: dict[tuple[float, ...], Growth] = {}
+    sample = list(strip.sample())
+    longest = 0.0
+    for angles in sample:
+        begin = time.monotonic()
+        found[angles] = strip.growth(*angles)
+        longest = max(longest, time.monotonic() - begin)
+        if time.monotonic() + longest > end:  # the next one would not be done in time
+            break
+    missed = [f"sides {AXES[axis]} at {len(sample) - len(found)} of {len(sample)} tangential wavenumbers"] if len(found) < len(sample) else []
+    for angles in sorted(found, key=lambda a: -found[a].rate)[:2]:
+        if found[angles].stable and time.monotonic() < end:
+            _climb(strip, angles, found, end)
+    worst = fastest(list(found.values()))
+    if worst.stable is False and strip.width < real and strip.size < _WIDE:  # a wider near field can be stable where a narrow one is not
+        strip = Strip(sim, axis, min(real, strip.width + (_WIDE - strip.size) // 2))
+        found |= {angles: strip.growth(*angles) for angles, growth in found.items() if growth.stable is False}
+        worst = fastest(list(found.values()))
+        name = f"sides {AXES[axis]}, near field of {strip.width} nodes"
+    angles = next(a for a, g in found.items() if g is worst)
+    if angles:
+        name += f", tangential wavenumber times spacing {', '.join(f'{a:.3g}' for a in angles)}" if worst.stable is not True else (
+            f", {len(found)} tangential wavenumber{'s' * (len(found) > 1)}")  # fmt: skip
+    return Part(name, worst, strip.profile(worst.mode) if worst.stable is False else np.zeros(0)), missed
+
+
+def _climb(strip: Strip, angles: tuple[float, ...], found: dict[tuple[float, ...], Growth], end: float) -> None:
+    """Climb from a tangential wavenumber to a maximum of the growth rate beside it, axis by axis."""
+    for number in range(len(angles)):
+        step = np.pi / strip.coarse / 2
+        while step > np.pi / strip.coarse / 10 and time.monotonic() < end:
+            here = angles
+            for shift in (-step, step):
+                moved = (*here[:number], float(np.clip(here[number] + shift, strip.longest, np.pi)), *here[number + 1 :])
+                if moved not in found:
+                    found[moved] = strip.growth(*moved)
+                if found[moved].rate > found[angles].rate:
+                    angles = moved
+            if angles == here:
+                step /= 2
+
+
+def _same_sides(sim: Simulation, axis: int, other: int) -> bool:
+    """Whether the sides of two axes pose the same problem: alike boundaries, extent and stencil."""
+    alike = all(like_sides(sim, (axis, side), (other, side)) for side in (-1, 1))
+    return alike and sim.stencil.same_along(axis, other) and sim.lattice.shape[axis] == sim.lattice.shape[other]

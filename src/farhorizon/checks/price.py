@@ -1,0 +1,85 @@
+"""What a run costs with layers and on the extended domain, measured on this machine before it begins."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from farhorizon.analysis.references.infinite import undisturbed
+from farhorizon.boundaries import Extended, Fixed, LatticePML
+from farhorizon.errors import InputError
+from farhorizon.geometry.lattice import AXES, Lattice
+
+if TYPE_CHECKING:
+    from farhorizon.simulation.simulation import Simulation
+
+_PROBED = 400_000  # nodes of a plain run that is timed, at most
+_LEAST_ERROR = 1e-12  # of an extended domain: what is asked of ends that are exact
+
+
+@dataclass(frozen=True)
+class Price:
+    """Of one way to compute the medium beyond the near field.
+
+    Attributes
+    ----------
+    nodes : float
+        That are computed, or of the thickest layer.
+    seconds : float
+        Of a step.
+    memory : float
+        Bytes.
+    """
+
+    nodes: float
+    seconds: float
+    memory: float
+
+    def over(self, other: Price) -> str:
+        """Time and memory, compared with another."""
+        time, memory = self.seconds / max(other.seconds, 1e-300), self.memory / max(other.memory, 1.0)
+        words = f"{time:.2g} times" if time >= 1 else f"only {time:.2g} of"
+        return f"{words} the time, {memory:.2g} times the memory"
+
+
+def price(sim: Simulation, seconds: float | None = None) -> Price:
+    """Of a simulation as it is; a step takes so many seconds, if that is known."""
+    return Price(float(np.prod(sim.engine.layout.box.nodes)), sim.seconds_per_step() if seconds is None else seconds, float(sim.engine.nbytes))
+
+
+def extended_price(sim: Simulation, until: float, sides: Sequence[tuple[int, int]]) -> Price:
+    """Of the extended domain in place of some sides that absorb. It is not made: a small one tells.
+
+    Where the domain would not fit into memory the front of the waves alone tells its size.
+    """
+    wanted = {key: max(sim.targets[key], _LEAST_ERROR) for key in sides}
+    try:
+        more = {key: found.nodes for key, found in sim.extents_for(wanted, until).items()}
+    except InputError:
+        more = dict.fromkeys(wanted, undisturbed(sim.stencil, sim.rate_limit / sim.stencil.symbol_maximum, sim.model.order, until))
+    nodes = float(np.prod([float(n + more.get((a, -1), 0) + more.get((a, 1), 0)) for a, n in enumerate(sim.lattice.shape)]))
+    lattice = sim.lattice
+    shrunk = max(1.0, (np.prod(lattice.shape) / _PROBED) ** (1 / lattice.dim))
+    count = [max(int(n / shrunk), 2 * m + 1) for n, m in zip(lattice.shape, sim.stencil.reach, strict=True)]
+    box = Lattice(lattice.spacing, lattice.lower, lattice.lower + lattice.spacing * (np.array(count) - 1))
+    plain = sim.remade(lattice=box, boundary=Fixed(sim.background))
+    share = nodes / float(np.prod(count))
+    return Price(nodes, plain.seconds_per_step() * share, plain.engine.nbytes * share)
+
+
+def layered(sim: Simulation, until: float) -> Simulation:
+    """The same set-up with layers of the same targets in place of the sides that extend the domain.
+
+    Raises
+    ------
+    InputError
+        No layer keeps the target.
+    """
+    sides: Mapping[str, object] = {
+        AXES[axis] + "-+"[side > 0]: LatticePML(target=b.wanted(sim.model.target), until=until) if isinstance(b, Extended) else b
+        for (axis, side), b in sim.sides.items()
+    }
+    return sim.remade(boundary=sides)

@@ -1,0 +1,447 @@
+"""What `Simulation.check` finds out before a run."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from farhorizon.analysis.exact.chain import Recursion
+from farhorizon.analysis.layers.layer import LatticeMedium, LayerSide
+from farhorizon.analysis.layers.spectrum import Band, band, gain_of_time
+from farhorizon.boundaries import Closing, Exact, Extended, Fixed, LatticePML, Sponge
+from farhorizon.checks.certificate import BUDGET, NOT_CERTIFIED, Certificate, told
+from farhorizon.checks.price import Price, extended_price, layered, price
+from farhorizon.checks.side_modes import Strip
+from farhorizon.engine.engine import Layer
+from farhorizon.errors import InputError
+from farhorizon.geometry.lattice import AXES
+from farhorizon.machine import one_blas_thread
+from farhorizon.medium.stencil import BackwardWaves
+from farhorizon.models import Corrosion, Elastic
+
+if TYPE_CHECKING:
+    from farhorizon.simulation.run import Run
+    from farhorizon.simulation.simulation import Simulation
+
+ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)
+_FINE = tuple(np.linspace(0, 85, 35).tolist())  # angles of the picture
+_MAKING = 0.5  # seconds of the time that the making of the set-up takes
+LEAST = 2 - _MAKING  # seconds that the rest may take whatever the run takes
+_SHARE, _MINIMUM = 0.4, 0.1  # of the time: until when wavelengths are predicted, and what the certificate has at least
+_EXACT = 1e-14  # less than this comes back: rounding
+_MUCH = 1e-3  # amplitude that a layer of given thickness may send back without a warning
+_LONG = 30 * 86400.0  # seconds of a run that is warned of
+
+
+@dataclass(frozen=True)
+class Reflections:
+    """Predicted reflection of plane waves by a side.
+
+    Attributes
+    ----------
+    sides : str
+        Names of the sides that are alike.
+    side : LayerSide or Strip
+        What computes it: the equations of a layer, or the map of any side.
+    tables : dict of float to ndarray, shape (pairs, angles)
+        Amplitudes for each wavelength, the typical one first.
+    """
+
+    sides: str
+    side: LayerSide | Strip
+    tables: dict[float, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def angles(self) -> tuple[float, ...]:
+        """Angles of the table; on a line there is one."""
+        return ANGLES if self.side.medium.stencil.dim > 1 else ANGLES[:1]
+
+    @property
+    def pairs(self) -> tuple[tuple[str, str], ...]:
+        """Types of the wave that comes and of one that leaves; of a scalar field one pair without names."""
+        return tuple((one, other) for one in self.side.types for other in self.side.types)
+
+    @property
+    def diffusive(self) -> bool:
+        """Whether these are diffusion waves."""
+        return isinstance(self.side, LayerSide) and self.side.diffusive
+
+    @property
+    def drawn(self) -> tuple[float, ...]:
+        """Wavelengths of the picture: of vectors, which have a curve for each pair, the typical one alone."""
+        return tuple(self.tables) if len(self.pairs) == 1 else tuple(self.tables)[:1]
+
+    @one_blas_thread()
+    def amplitudes(self, wavelength: float, angles: tuple[float, ...]) -> np.ndarray:
+        """Amplitude of the reflected wave, shape (pairs, angles); nan where there is no such wave."""
+        types = self.side.types
+        found = np.full((len(types), len(types), len(angles)), np.nan)
+        for incoming, (i, angle) in itertools.product(range(len(types)), enumerate(angles)):
+            try:
+                back = self.side.reflections(wavelength, angle, incoming=types[incoming])
+            except InputError:
+                continue
+            for name, amplitude in back.items():
+                found[incoming, types.index(name), i] = abs(amplitude)
+        return found.reshape(-1, len(angles))
+
+    def rows(self) -> Iterator[tuple[tuple[str, str], float, np.ndarray]]:
+        """Pair, wavelength and amplitudes over the angles; without pairs that never occur, such as SH to P in a plane of symmetry."""
+        for number, pair in enumerate(self.pairs):
+            if len(self.pairs) == 1 or any(np.nanmax(np.append(table[number], 0.0)) > _EXACT for table in self.tables.values()):
+                for wavelength in sorted(self.tables, reverse=True):
+                    yield pair, wavelength, self.tables[wavelength][number]
+
+
+def options_shown(boundary: Any) -> str:
+    """A boundary with the options that differ from their defaults."""
+    given = {f.name: getattr(boundary, f.name) for f in fields(boundary) if getattr(boundary, f.name) != f.default}
+    return f"{type(boundary).__name__}({', '.join(f'{k}={v!r}' for k, v in given.items())})"
+
+
+@dataclass
+class Report:
+    """Facts about a set-up; `str` gives them as a page.
+
+    Attributes
+    ----------
+    rows : list of (str, str)
+        Name and value.
+    warnings : list of str
+    notes : list of str
+        Not wrong, but to be known.
+    certificate : Certificate
+        Whether the complete update is stable.
+    reflections : list of Reflections
+        Of each kind of absorbing side.
+    numbers : dict of str to float
+        Those of the rows that a program may want: "dt", "step_limit", "seconds", "steps", "memory"; of the extended domain over this run
+        "extended_nodes", "extended_cost", "extended_memory", or of layers over this run on an extended domain "layer_nodes", "layer_cost",
+        "layer_memory".
+    until : float
+        End of the run; infinite if it is not known.
+    """
+
+    rows: list[tuple[str, str]] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    certificate: Certificate | None = None
+    reflections: list[Reflections] = field(default_factory=list)
+    numbers: dict[str, float] = field(default_factory=dict)
+    until: float = np.inf
+
+    @classmethod
+    def of(cls, sim: Simulation, until: float | None = None, budget: float | None = None) -> Report:
+        """Examine a simulation; see `Simulation.check`."""
+        begin = time.monotonic()
+        report = cls(until=np.inf if until is None else until)
+        waves = content(sim, until)
+        report._describe(sim, waves)
+        if until is not None:
+            report._estimate(sim, until)
+        whole = min(BUDGET, max(LEAST, report.numbers.get("seconds", BUDGET) - _MAKING))
+        if wavelengths := _wavelengths(sim, waves, until):
+            report._predict(sim, wavelengths, begin + _SHARE * whole if budget is None else np.inf)
+        backward = report._backward(sim)
+        left = max(whole - (time.monotonic() - begin), _MINIMUM * whole)
+        report._certify(sim, backward, left if budget is None else budget)
+        if any(isinstance(b, Fixed) for b in sim.sides.values()) and sim.engine.layers:
+            report.warnings.append("a Fixed side reflects")
+        report.notes = [*report.notes, *sim.notes]
+        return report
+
+    @property
+    def refused(self) -> bool:
+        """Whether `farhorizon run` refuses the set-up because it grows."""
+        return self.certificate is not None and self.certificate.grows_within(self.until)
+
+    def _predict(self, sim: Simulation, wavelengths: tuple[float, ...], end: float) -> None:
+        """Reflection by each kind of absorbing side, the typical wave first; what there is no time for is noted."""
+        for names, side in _sides(sim):
+            found = Reflections(names, side)
+            for wavelength in wavelengths:
+                if found.tables and time.monotonic() > end:
+                    self.notes.append(f"no time to predict the reflection of waves of length {wavelength:.3g} by {names}")
+                else:
+                    found.tables[wavelength] = found.amplitudes(wavelength, found.angles)
+            self.reflections.append(found)
+            boundary = sim.sides[AXES.index(names[0]), 1 if names[1] == "+" else -1]
+            if isinstance(boundary, LatticePML) and not found.diffusive:
+                self._doubt(found, boundary, boundary.wanted(sim.model.target))
+
+    def _doubt(self, found: Reflections, boundary: LatticePML, wanted: float) -> None:
+        """Warn of a layer that sends back much of what it is best at: typical waves that come along the normal."""
+        wavelength, table = next(iter(found.tables.items()))
+        amplitude = float(np.nanmax(np.append(table[:, 0], 0.0)))
+        most = _MUCH if boundary.nodes is not None else 10 * wanted
+        if amplitude > most:
+            aim = "" if boundary.nodes is not None else f", where the target is {wanted:g}"
+            what = f"{found.sides} send back {amplitude:.1g} of waves of length {wavelength:.3g} along the normal{aim}"
+            others = "a kernel that reaches less far, a Sponge of several wavelengths, or in one dimension Exact"
+            self.warnings.append(f"{what}; take more nodes, {others}")
+
+    def _say(self, name: str, value: str) -> None:
+        self.rows.append((name, value))
+
+    def _describe(self, sim: Simulation, waves: Band | None) -> None:
+        """Sizes, step, layers and memory."""
+        lattice, stencil, engine, say = sim.lattice, sim.stencil, sim.engine, self._say
+        say("near field", f"{' x '.join(map(str, lattice.shape))} nodes, {lattice.nodes} shown, spacing {lattice.spacing:g}")
+        say("stencil", f"{len(stencil.weights)} neighbours, reach {' x '.join(map(str, stencil.reach))} nodes")
+        say("time step", f"{sim.dt:.6g}, {sim.dt / sim.step_limit:.3g} of the stable limit {sim.step_limit:.6g} ({sim.model.integrator.name})")
+        if waves is not None:
+            say("wavelengths", f"{waves.shortest:.3g} to {waves.longest:.3g}, half of the energy below {waves.typical:.3g} = "
+                f"{waves.typical / lattice.spacing:.3g} nodes")  # fmt: skip
+        layers: dict[str, list[str]] = {}
+        for (axis, side), layer in engine.layers.items():
+            boundary = sim.sides[axis - 3 + lattice.dim, side]
+            assert isinstance(boundary, LatticePML)
+            length, reach = layer.columns * lattice.spacing, stencil.reach[axis - 3 + lattice.dim]
+            share = "" if waves is None else f" = {length / waves.typical:.3g} wavelengths"
+            text = (
+                f"{layer.columns} nodes = {layer.columns / reach:.3g} horizons{share}, length {length:g}, "
+                f"target {boundary.wanted(sim.model.target):g}"
+            )
+            name = AXES[axis - 3 + lattice.dim] + "-+"[side > 0]
+            if name in sim.thickness:
+                text += f"; {sim.thickness[name]}"
+            layers.setdefault(text, []).append(name)
+        for text, names in layers.items():
+            say(f"layer {', '.join(names)}", text)
+        extents: dict[str, list[str]] = {}
+        for (axis, side), extent in sim.extents.items():
+            extents.setdefault(str(extent), []).append(AXES[axis] + "-+"[side > 0])
+        for text, names in extents.items():
+            say(f"extended {', '.join(names)}", text)
+        for (axis, side), boundary in sim.sides.items():
+            if not isinstance(boundary, LatticePML | Exact | Extended) and not (isinstance(boundary, Closing) and lattice.window is not None):
+                say(f"side {AXES[axis]}{'-+'[side > 0]}", options_shown(boundary))
+        if sim.closure is not None:
+            if lattice.window is not None:
+                say("outline", options_shown(sim.sides[0, -1]))
+            say("fitted", sim.closure.describe())
+        for name, serves in sim.ends.items():
+            say(f"exact end {name}", serves)
+        if isinstance(sim.model, Corrosion):
+            metal = int(np.nansum(sim.fields["solid"]))
+            say("metal", f"{metal} solid nodes shown, saturation {sim.model.saturation:g}, interface {sim.model.interface:g} of the liquid")
+            if metal:
+                whole = float(np.nanmax(sim.fields["u"]))
+                speed = sim.model.speed(lattice.spacing, lattice.dim, whole, sim.background)
+                say("front", f"speed {speed:.4g} under activation control{' (limited by saturation)' if sim.model.limited else ''}; "
+                    f"for another speed v: interface = {sim.model.interface / speed:.4g} v")  # fmt: skip
+        total = int(np.prod(engine.core.nodes))
+        extra = int(np.prod(engine.layout.box.nodes)) - int(np.prod(lattice.shape))
+        say("nodes computed", f"{total} in the core, {extra} beyond the near field")
+        say("memory", f"{engine.nbytes / 2**20:.3g} MiB = {engine.nbytes / (np.prod(sim.field_shape) * engine.dtype.itemsize):.3g} near fields")
+        say("absent bonds", str(engine.absent_bonds))
+        if isinstance(sim.model, Elastic) and sim.model.bondwise:
+            stretch = sim.model.critical_stretch_on(lattice.spacing, lattice.dim)
+            breaking = (
+                f"break at a stretch of {stretch:.4g}, except within one reach of sides that are not free" if np.isfinite(stretch) else "none breaks"
+            )
+            say("bonds", f"{'nonlinear' if sim.model.nonlinear else 'linear'}, {breaking}; what is predicted is the linear form, whole")
+        self.numbers |= {"dt": sim.dt, "step_limit": sim.step_limit, "memory": float(engine.nbytes)}
+
+    def _estimate(self, sim: Simulation, until: float) -> None:
+        """Time of the run, and of one on a domain so large that nothing returns."""
+        steps = int(np.ceil(until / sim.dt))
+        mine = price(sim, self.estimate(sim, steps, until) / steps)
+        if any(isinstance(b, Extended) for b in sim.sides.values()):
+            self._compare_with_layer(sim, mine, until)
+            return
+        if not sim.targets:
+            return
+        far = extended_price(sim, until, list(sim.targets))
+        self._say("extended domain", f"{far.nodes:.3g} nodes until nothing returns, {far.nodes / np.prod(sim.lattice.shape):.3g} near fields: "
+                  f"{far.over(mine)} of this run")  # fmt: skip
+        self.numbers |= {"extended_nodes": far.nodes, "extended_cost": far.seconds / mine.seconds, "extended_memory": far.memory / mine.memory}
+        if far.seconds < mine.seconds:
+            self.notes.append('the extended domain would be faster than this run: type = "extended"')
+
+    def _compare_with_layer(self, sim: Simulation, mine: Price, until: float) -> None:
+        """Time and memory of layers in place of the extended domain."""
+        try:
+            twin = layered(sim, until)
+        except InputError as error:
+            self._say("layers instead", str(error))
+            return
+        other = price(twin)
+        thickest = max(layer.columns for layer in twin.engine.layers.values())
+        self._say("layers instead", f"of {thickest} nodes: {other.over(mine)} of this run")
+        self.numbers |= {"layer_nodes": float(thickest), "layer_cost": other.seconds / mine.seconds, "layer_memory": other.memory / mine.memory}
+        if other.seconds < mine.seconds:
+            self.notes.append('layers would be faster than this run: type = "lattice-pml"')
+
+    def estimate(self, run: Run, steps: int, until: float) -> float:
+        """Say how long a run takes, in seconds, and warn where nobody can mean that."""
+        duration = run.seconds_per_step() * steps
+        self._say("time", f"about {seconds(duration)} for {steps} steps to t = {until:g}")
+        self.numbers |= {"steps": float(steps), "seconds": duration}
+        if duration > _LONG:
+            self.warnings.append(f"the run would take about {seconds(duration)}: compare until = {until:g} with dt = {run.dt:.3g}, and look at the "
+                                 "units of speed, spacing and time")  # fmt: skip
+        return duration
+
+    def _backward(self, sim: Simulation) -> BackwardWaves:
+        backward = sim.stencil.backward_waves()
+        self._say("backward waves", f"{100 * backward.fraction:.3g} % of the Brillouin zone from |k| spacing = {backward.first_wavenumber:.3g}"
+                  if backward else "none")  # fmt: skip
+        return backward
+
+    def _certify(self, sim: Simulation, backward: BackwardWaves, budget: float) -> None:
+        self.certificate = certificate = sim.certificate(budget)
+        self._say("stability", str(certificate))
+        if certificate.verdict == NOT_CERTIFIED:
+            self.warnings.append(f"the run is not stable: {certificate.reason}. {_remedy(sim, backward)}")
+        elif remark := certificate.remark(self.until):
+            self.warnings.append(remark)
+
+    def as_json(self) -> dict[str, Any]:
+        """Facts, numbers, warnings, notes, the certificate and the reflections as plain data."""
+        rows = [
+            {"sides": found.sides, **({"incoming": pair[0], "sent": pair[1]} if pair[0] else {}), "wavelength": wavelength, "angle": angle,
+             "amplitude": float(value) if np.isfinite(value) else None}
+            for found in self.reflections
+            for pair, wavelength, amplitudes in found.rows()
+            for angle, value in zip(found.angles, amplitudes, strict=True)
+        ]  # fmt: skip
+        certificate = {} if self.certificate is None else self.certificate.as_json()
+        return {"facts": dict(self.rows), "numbers": self.numbers, "warnings": self.warnings, "notes": self.notes, "certificate": certificate,
+                "reflection": rows}  # fmt: skip
+
+    def draw(self, folder: Path, name: str, spacing: float) -> list[Path]:
+        """Pictures into a folder: NAME-growing-mode.png where a mode grows, NAME-reflection.png where sides absorb waves."""
+        from farhorizon.pictures.plot import mode_picture, reflection_picture
+
+        made = []
+        worst = None if self.certificate is None else self.certificate.worst
+        if self.certificate is not None and worst is not None and worst.field.size:
+            made.append(folder / f"{name}-growing-mode.png")
+            mode_picture(worst.field, spacing, f"grows by {told(worst.growth.rate, self.certificate.crossing)}", made[-1])
+        curves = [
+            (", ".join([*_named_pair(pair), f"wavelength {wavelength:.3g}"]) + f", {found.sides}" * (len(self.reflections) > 1), amplitudes)
+            for found in self.reflections
+            if len(found.angles) > 1
+            for wavelength in found.drawn
+            for pair, amplitudes in zip(found.pairs, found.amplitudes(wavelength, _FINE), strict=True)
+            if np.nanmax(np.append(amplitudes, 0.0)) > _EXACT
+        ]
+        if curves:
+            made.append(folder / f"{name}-reflection.png")
+            kind = "diffusion waves" if self.reflections[0].diffusive else "plane waves"
+            title = f"{kind} sent back by {'an absorbing side' if len(self.reflections) > 1 else self.reflections[0].sides}"
+            reflection_picture(np.array(_FINE), curves, title, made[-1])
+        return made
+
+    def _reflection_lines(self) -> list[str]:
+        lines = []
+        for found in self.reflections:
+            kind = "diffusion waves, of which most dies out on the way," if found.diffusive else "plane waves"
+            lines.append(f"predicted reflection by {found.sides} in dB, of {kind} by their angle to the normal")
+            lines.append(f"{'wavelength':>18}" + "".join(f"{f'{a:g} deg':>9}" for a in found.angles))
+            for pair, wavelength, amplitudes in found.rows():
+                label = "  ".join([*_named_pair(pair), f"{wavelength:.3g}"])
+                lines.append(f"{label:>18}" + "".join(f"{_decibels(v):>9}" for v in amplitudes))
+        return lines
+
+    def __str__(self) -> str:
+        width = max(len(name) for name, _ in self.rows)
+        lines = [f"{name:<{width}}  {value}" for name, value in self.rows]
+        return "\n".join(lines + self._reflection_lines() + [f"warning: {w}" for w in self.warnings] + [f"note: {n}" for n in self.notes])
+
+
+def content(sim: Simulation, until: float | None = None) -> Band | None:
+    """Wavelengths in initial data and in what sources add, as far as these split into space and time; None if there is nothing.
+
+    With the end of the run the frequencies of the sources count, too.
+    """
+    waves = sim.model.order == 2
+    rate = np.sqrt(sim.model.coefficient) / sim.lattice.spacing
+    found: list[tuple[np.ndarray, int, Callable[[np.ndarray], np.ndarray] | None]] = [
+        (sim.start_u, sim.model.order - 1, None),
+        (sim.start_v, 0, None),
+    ]
+    for space, factor in sim.sources:
+        if space is not None:
+            found.append((space, 0, gain_of_time(factor, until, rate) if waves and until is not None else None))
+    found += [(one.field(one.midway), sim.model.order - 1, None) for one in sim.incident]
+    scalars = [(part, order, gain) for field, order, gain in found for part in field.reshape(-1, *sim.lattice.shape)]
+    fields, orders, gains = zip(*scalars, strict=True)
+    return band(fields, sim.lattice.spacing, orders, gains)
+
+
+def _wavelengths(sim: Simulation, waves: Band | None, until: float | None) -> tuple[float, ...]:
+    """Wavelengths for which reflection is predicted, the typical one first; of diffusion waves, whose period is ``length^2 / (4 pi diffusivity)``.
+
+    What diffuses is as slow as the run is long. So these have the period of the run, ten times that in which the near field empties if it is not
+    known, the latter, and a tenth of it.
+    """
+    if sim.model.order == 2:
+        return () if waves is None else tuple(dict.fromkeys((waves.typical, waves.shortest, waves.longest)))
+    half = float((sim.lattice.upper - sim.lattice.lower).max()) / 2
+    emptied = half**2 / sim.model.coefficient
+    periods = (10 * emptied if until is None else until, emptied, emptied / 10)
+    return tuple(dict.fromkeys(float(2 * np.sqrt(np.pi * sim.model.coefficient * period)) for period in periods))
+
+
+def _sides(sim: Simulation) -> list[tuple[str, LayerSide | Strip]]:
+    """Absorbing sides of each kind, and one of them by itself."""
+    found: list[tuple[list[str], Any, LayerSide | Strip]] = []
+    for (axis, side), boundary in sim.sides.items():
+        if isinstance(boundary, LatticePML) or (isinstance(boundary, Sponge) and sim.model.order == 2):
+            layer = sim.engine.layers.get((3 - sim.lattice.dim + axis, side))
+            kind = (boundary if layer is None else (layer.kappa.tolist(), layer.sigma.tolist(), layer.alpha.tolist()), sim.stencil.reach[axis])
+            for names, other, _ in found:
+                if other == kind:
+                    names.append(AXES[axis] + "-+"[side > 0])
+                    break
+            else:
+                alone = _layer_side(sim, axis, layer) if layer else Strip(sim, axis, 2 * sim.stencil.reach[axis] + 2, (Fixed(), boundary))
+                found.append(([AXES[axis] + "-+"[side > 0]], kind, alone))
+    return [(", ".join(names), alone) for names, _, alone in found]
+
+
+def _layer_side(sim: Simulation, axis: int, layer: Layer) -> LayerSide:
+    waves = sim.model.order == 2
+    recursion = Recursion.of(sim.model.integrator, sim.dt, sim.model.damping) if waves else Recursion(0.0, sim.dt, 1.0)
+    return LayerSide(LatticeMedium(sim.stencil.along(axis), sim.model.coefficient, sim.lattice.spacing, recursion, sim.dt), layer, not waves)
+
+
+def _remedy(sim: Simulation, backward: BackwardWaves) -> str:
+    """What to do about growth in a layer."""
+    if sim.closure is not None:
+        few = " A window whose radius is no whole number of spacings has no single nodes at its poles, which grow." if sim.lattice.window else ""
+        return f"Use Higdon(angles=(0, 45)), settings that 'check --tune' finds, or a LatticePML.{few}"
+    other = "Exact ends, or " if sim.lattice.dim == 1 else ""
+    if not backward:
+        return f"Use {other}a thicker layer or one with a gentler profile, a smaller step, or a Sponge."
+    kernel = "exponent 2 with a reach of at most 3 nodes" if sim.lattice.dim < 3 else "exponent 2 with the linear influence function"
+    return (f"The stencil has backward waves, which grow in the layer, by up to {backward.growth:.2g} sigma per unit time, from rounding or noise. "
+            f"Use {other}a Sponge of several wavelengths, or {kernel}; or keep the data smooth and the run short.")  # fmt: skip
+
+
+def _named_pair(pair: tuple[str, str]) -> list[str]:
+    """What comes and what leaves; nothing for scalar fields."""
+    return [f"{pair[0]} to {pair[1]}"] if pair[0] else []
+
+
+def _decibels(amplitude: float) -> str:
+    """An amplitude in decibels; "none" where there is no such wave."""
+    if not np.isfinite(amplitude):
+        return "none"
+    return f"{20 * np.log10(amplitude):.0f}" if amplitude > _EXACT else f"< {20 * np.log10(_EXACT):.0f}"
+
+
+def seconds(duration: float) -> str:
+    """A duration in words."""
+    for unit, length in (("years", 31557600.0), ("days", 86400.0), ("h", 3600.0), ("min", 60.0)):
+        if duration >= 2 * length:
+            return f"{duration / length:.2g} {unit}"
+    return f"{duration:.2g} s"

@@ -1,0 +1,312 @@
+"""Copies of a set-up on which its stability and its reflection are examined: bare, small, and one pair of sides by itself."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from farhorizon.analysis.exact.chain import Recursion
+from farhorizon.analysis.layers.layer import LatticeMedium
+from farhorizon.analysis.layers.reflection import TYPES, by_type, reflection
+from farhorizon.analysis.stability import Growth, dense_growth, fastest
+from farhorizon.boundaries import Boundary, Fixed, Free, LatticePML, Periodic
+from farhorizon.engine.engine import Layer
+from farhorizon.engine.filter import line_damping
+from farhorizon.engine.state import State
+from farhorizon.geometry.lattice import AXES, Lattice
+from farhorizon.geometry.shapes import Ball, Disc
+from farhorizon.machine import one_blas_thread
+
+if TYPE_CHECKING:
+    from farhorizon.simulation.simulation import Simulation
+
+_TIMED = 8  # responses from which the time of all is told
+_SPREADS = 8  # part of R^2/D in which diffusion has spread over a good part of the box
+NARROW = 8  # nodes of the near field between two layers that are looked at, where the stencil reaches less far
+
+
+def pinned(sim: Simulation) -> dict[tuple[int, int], Boundary]:
+    """The sides, with the layers of this very set-up whatever they are chosen from."""
+    lead = 3 - sim.lattice.dim
+    found = dict(sim.sides)
+    for (axis, side), layer in sim.engine.layers.items():
+        found[axis - lead, side] = LatticePML(nodes=layer.columns, profile=layer)
+    for key, boundary in found.items():
+        if isinstance(boundary, Fixed):
+            found[key] = Fixed(0.0)
+    return found
+
+
+def _undamped(boundary: Boundary) -> Boundary:
+    """The same side without damping of short waves."""
+    if isinstance(boundary, LatticePML) and isinstance(boundary.profile, Layer):
+        return replace(boundary, profile=replace(boundary.profile, damping=np.zeros(0)))
+    return boundary
+
+
+def like_sides(sim: Simulation, one: tuple[int, int], other: tuple[int, int]) -> bool:
+    """Whether two sides, each (axis, side), have like boundaries: layers of the same stretch and damping, or equal conditions."""
+    lead = 3 - sim.lattice.dim
+    first, second = (sim.engine.layers.get((lead + axis, side)) for axis, side in (one, other))
+    if first is None or second is None:
+        return first is second and sim.sides[one] == sim.sides[other]
+    return all(np.array_equal(getattr(first, f.name), getattr(second, f.name)) for f in fields(first))
+
+
+def one_corner(sim: Simulation) -> dict[tuple[int, int], Boundary]:
+    """The sides; where layers or periodic sides are all around, those that mirror the layer on the other side held fixed.
+
+    All corners are then like the one that is left, and all edges and faces. Between reflecting faces a layer and its mirror image can feed one mode.
+    """
+    found = pinned(sim)
+    if all(isinstance(b, LatticePML | Periodic) for b in found.values()):
+        for axis in range(sim.lattice.dim):
+            layered = isinstance(found[axis, -1], LatticePML) and sim.stencil.even_along(axis)
+            if layered and like_sides(sim, (axis, -1), (axis, 1)):
+                found[axis, -1] = Fixed(0.0)
+    return found
+
+
+def plain_twin(sim: Simulation, lattice: Lattice | None = None, sides: Mapping[tuple[int, int], Boundary] | None = None) -> Simulation:
+    """The same set-up in double precision with nothing in it, or a smaller copy of it without cracks, conditions and changes of the material."""
+    level = Fixed(sim.background)  # conditions that run into layers hold the surroundings' value, so the background stays
+    named = {AXES[a] + "-+"[s > 0]: level if isinstance(b, Fixed) else b for (a, s), b in (sides or pinned(sim)).items()}
+    changes: dict[str, Any] = {
+        "boundary": named,
+        "sources": (),
+        "loads": (),
+        "specimens": (),
+        "dtype": "float64",
+        "balance": False,
+    }
+    if lattice is not None:
+        changes["lattice"] = lattice
+    twin = sim.remade(**changes)
+    if sim.exact_ends is not None and twin.exact_ends is not None:
+        twin.exact_ends.cover(sim.exact_ends.steps)
+    return twin
+
+
+def small_lattice(sim: Simulation) -> Lattice:
+    """A box of as few nodes as corners and faces need; with conditions along an outline a box or a round window twice as wide as they read."""
+    lattice, spacing = sim.lattice, sim.lattice.spacing
+    depth = 0.0 if sim.closure is None else sim.closure.fringe.depth
+    if lattice.window is not None and sim.closure is not None:
+        if isinstance(lattice.window, Disc | Ball):
+            window = type(lattice.window)(min(lattice.window.radius, 2 * depth + 2 * spacing), lattice.window.centre)
+            return Lattice(spacing, window=window)
+        return lattice
+    count = np.maximum(np.maximum(5, 2 * np.array(sim.stencil.reach) + 1), int(np.ceil(2 * depth / spacing)) + 1)
+    return Lattice(spacing, lattice.lower, lattice.lower + spacing * (np.minimum(lattice.shape, count) - 1))
+
+
+def crossing_steps(sim: Simulation) -> int:
+    """Steps in which a wave crosses the core and its layers, or in which what diffuses spreads over a good part of them."""
+    nodes = max(n + sum(layer.columns for (a, _), layer in sim.engine.layers.items() if a == axis) for axis, n in enumerate(sim.engine.core.nodes))
+    duration = sim.model.crossing(nodes * sim.lattice.spacing)
+    return max(1, int(np.ceil(duration / (1 if sim.model.order == 2 else _SPREADS) / sim.dt)))
+
+
+class Strip:
+    """The sides of one axis with the medium between them, without end along the other axes: a matrix for each tangential wavenumber.
+
+    Parameters
+    ----------
+    sim : Simulation
+    axis : int
+    width : int
+        Nodes of the near field between the sides.
+    sides : tuple of Boundary, optional
+        Other ones for the low and the high end.
+    budget : float
+        Seconds that the responses of the engine, from which all matrices are made, may take.
+
+    Raises
+    ------
+    TimeoutError
+        They would take longer.
+
+    Attributes
+    ----------
+    size : int
+        Numbers in the state of one row along the normal.
+    near : ndarray of int, shape (levels * components, nodes)
+        Those of the near field.
+    coarse : int
+        Tangential wavenumbers along each axis in `sample`.
+    longest : float
+        The smallest of them: 0 where the other sides let a wave be uniform along these.
+    pace : float
+        Time step in crossings of the near field.
+    """
+
+    def __init__(self, sim: Simulation, axis: int, width: int, sides: tuple[Boundary, Boundary] | None = None, budget: float = np.inf) -> None:
+        dim, spacing = sim.lattice.dim, sim.lattice.spacing
+        order = [axis, *(a for a in range(dim) if a != axis)]
+        stages = max(1, len(sim.engine.stages.numbers) * (sim.model.order == 1))
+        shape = [width] + [2 * stages * sim.stencil.reach[a] + 1 for a in order[1:]]
+        lattice = Lattice(spacing, (0.0,) * dim, spacing * (np.array(shape) - 1))
+        ends = sides or (pinned(sim)[axis, -1], pinned(sim)[axis, 1])
+        boundary: dict[str, Boundary] = {"x-": ends[0], "x+": ends[1]} | {AXES[a]: Periodic() for a in range(1, dim)}
+        self._filters = {}
+        if dim > 1:  # the filters of the layers reach farther than the rows that the responses below need
+            known = {side: b.profile for side, b in zip((-1, 1), ends, strict=True) if isinstance(b, LatticePML)}
+            self._filters = {side: layer for side, layer in known.items() if isinstance(layer, Layer)}
+            ends = tuple(_undamped(b) for b in ends)  # type: ignore[assignment]
+            boundary |= {"x-": ends[0], "x+": ends[1]}
+        self.sim = sim.remade(
+            lattice=lattice, model=sim.model.with_stencil(sim.stencil.along(axis)), boundary=boundary, dtype="float64", threads=1, background=0.0,
+        )  # fmt: skip
+        self.width, self.dt, self.pace = width, sim.dt, sim.dt / sim.crossing
+        self.state = State(self.sim.engine)
+        rows = self.state.rows()
+        self.place, self._images, self._signs, self.near, self._layers = rows.place, rows.images, rows.signs, rows.near, rows.layers
+        self.size = len(self.place)
+        # with the components along the sides a quarter of a period apart the map of a stencil that mirrors is real: a few times as fast
+        self._turns = np.where(self._signs > 0, 1j, 1.0) if self.sim.stencil.components > 1 else np.ones(self.size)
+        self.coarse = 11 if dim == 2 else 6
+        endless = all(isinstance(b, Periodic | Free) for (a, _), b in sim.sides.items() if a != axis)
+        self.longest = 0.0 if endless else 0.01
+        responses = np.empty((self.size, *self.place.shape))  # by the unit that is answered to: what is written then lies side by side
+        begin = time.monotonic()
+        for number in range(self.size):
+            if number == 1:  # the first makes the program ready
+                begin = time.monotonic()
+            elif number > _TIMED and (time.monotonic() - begin) * self.size / number > budget:
+                raise TimeoutError
+            unit = np.zeros(self.state.size)
+            unit[self.place[number, 0]] = 1
+            responses[number] = self.state.after(unit)[self.place]
+        linked = responses.any(axis=-1)  # a step reaches few rows
+        self._links, self._responses = np.nonzero(linked), responses[linked].reshape(-1, *shape[1:])
+        images = self._images
+        if images is not None:
+            some = self._summed(*np.linspace(0.7, 1.9, dim - 1))
+            if np.abs(np.outer(self._signs, self._signs) * some[np.ix_(images, images)] - some).max() > 1e-14 * np.abs(some).max():
+                self._images = None
+
+    def matrix(self, *angles: float) -> np.ndarray:
+        """The map of one step for waves of given tangential wavenumbers times spacing."""
+        return self._filtered(self._summed(*angles), np.array(angles))
+
+    def _summed(self, *angles: float) -> np.ndarray:
+        """The responses of all rows, added up with the phases of a wave along the sides."""
+        total: np.ndarray = self._responses
+        for angle in angles[::-1]:
+            row = np.arange(total.shape[-1])
+            phase = angle * np.where(row > len(row) // 2, row - len(row), row)
+            total = total @ np.cos(phase) - 1j * (total @ np.sin(phase))
+        matrix = np.zeros((self.size, self.size), complex)
+        matrix[self._links[::-1]] = total
+        return matrix
+
+    def _filtered(self, matrix: np.ndarray, angles: np.ndarray) -> np.ndarray:
+        """The map of a step followed by the filters of the layers, for levels u(n), u(n - 1)."""
+        matrix = matrix.copy()
+        for side, layer in self._filters.items():
+            if layer.damping.size:
+                damping = line_damping(layer.damping, layer.taps, self.dt, angles)
+                for new, old in zip(*self._layers[side], strict=True):  # component by component
+                    if layer.whole:
+                        matrix[new], matrix[old] = matrix[new] - damping @ matrix[new], matrix[old] - damping @ matrix[old]
+                    else:
+                        matrix[new] -= damping @ (matrix[new] - matrix[old])
+        return matrix
+
+    def growth(self, *angles: float) -> Growth:
+        """The fastest mode at given tangential wavenumbers; between like sides modes are even or odd."""
+        turns = self._turns
+        matrix = self.matrix(*angles) * turns / turns[:, None]
+        if self._images is None:
+            growth = dense_growth(matrix, self.pace)
+            return replace(growth, mode=turns * growth.mode)
+        number, signs = np.arange(self.size), self._signs
+        first = np.flatnonzero(number < self._images)
+        found = []
+        for sign in (1, -1):
+            alone = np.flatnonzero((number == self._images) & (signs == sign))
+            halves = np.concatenate([first, alone])
+            images = self._images[halves]
+            part = matrix[np.ix_(halves, halves)]
+            part[:, : len(first)] += sign * signs[first] * matrix[np.ix_(halves, images[: len(first)])]
+            growth = dense_growth(part, self.pace)
+            mode = np.zeros(self.size, complex)
+            mode[images], mode[halves] = sign * signs[halves] * growth.mode, growth.mode
+            found.append(replace(growth, mode=turns * mode))
+        return fastest(found)
+
+    def sample(self) -> Iterator[tuple[float, ...]]:
+        """Tangential wavenumbers times spacing: a grid up to pi, and very long waves; of those that are mirror images one."""
+        line = [self.longest, *np.linspace(0, np.pi, self.coarse + 1)[1:].tolist()]
+        if self.sim.lattice.dim < 3:
+            yield from ((a,) for a in (*line, 0.005, 0.05)) if self.sim.lattice.dim == 2 else ((),)
+            return
+        even = self.sim.stencil.even_along(1)
+        alike = even and self.sim.stencil.same_along(1, 2)
+        for a, b in itertools.product(line, repeat=2):
+            if a <= b or not alike:
+                yield a, b
+            if not even:
+                yield a, -b
+
+    @property
+    def medium(self) -> LatticeMedium:
+        """The medium in front of the sides; the integrator has one stage."""
+        model = self.sim.model
+        recursion = Recursion.of(model.integrator, self.dt, model.damping)
+        return LatticeMedium(self.sim.stencil, model.coefficient, self.sim.lattice.spacing, recursion, self.dt)
+
+    @property
+    def types(self) -> tuple[str, ...]:
+        """Types of waves: one without a name of a scalar field, P and S, in 3D SV and SH, of vectors."""
+        return TYPES[self.sim.stencil.components]
+
+    def reflection(self, wavelength: float, angle: float, azimuth: float = 0.0) -> complex:
+        """Amplitude of the wave that the high side sends back for a plane wave of amplitude 1, of a scalar field; see `reflections`."""
+        return self.reflections(wavelength, angle, azimuth)[""]
+
+    @one_blas_thread()
+    def reflections(self, wavelength: float, angle: float, azimuth: float = 0.0, incoming: str | None = None) -> dict[str, complex]:
+        """Amplitudes by type of the waves that the high side sends back for a plane wave of amplitude 1; second order in time.
+
+        Parameters
+        ----------
+        wavelength : float
+            Of the incoming wave.
+        angle : float
+            Of its wave vector against the normal, in degrees.
+        azimuth : float
+            In 3D, of its tangential part against the first axis along the side, in degrees.
+        incoming : str, optional
+            Its type, one of `types`; the first of them unless given.
+
+        Returns
+        -------
+        dict of str to complex
+            Of displacements; without the types that do not travel under this angle.
+
+        Raises
+        ------
+        InputError
+            No such wave comes to the side: it is shorter than the lattice carries; or an integrator with several stages.
+        """
+        sim = self.sim
+        wave = self.medium.plane_wave(wavelength / sim.lattice.spacing, angle, azimuth, self.types.index(incoming or self.types[0]))
+        near = self.near.reshape(-1, len(self.types), self.near.shape[-1])
+        levels = (1.0, 1 - 1 / wave.factor if sim.engine.stages.increments else 1 / wave.factor)[: len(near)]
+        amplitudes = reflection(self.matrix(*wave.along), near, levels, wave.factor, wave.modes, sim.stencil.reach[0])
+        return by_type(wave.modes, amplitudes, wave.along, float(np.radians(azimuth)))
+
+    def profile(self, mode: np.ndarray) -> np.ndarray:
+        """A mode on the nodes along the normal, of vectors the component that is largest."""
+        if not mode.size:
+            return mode
+        whole = np.zeros(self.state.size, complex)
+        whole[self.place[:, 0]] = mode
+        lead = 3 - self.sim.lattice.dim
+        return np.moveaxis(self.state.portrait(whole), lead, 0).reshape(self.sim.engine.core.nodes[lead], -1)[:, 0]

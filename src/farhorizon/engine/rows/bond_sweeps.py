@@ -1,0 +1,350 @@
+"""Explicit SIMD for bonds that follow a law of their own stretch, one by one, and that break.
+
+The force of a bond ``xi`` whose ends have moved apart by ``eta`` is ``c e h(e) (xi + eta)`` with ``e = |xi + eta|^2 / |xi|^2 - 1``, computed
+from ``eta`` without cancellation, and ``h(e) = 1 / (1 + e + sqrt(1 + e))``: the prototype microelastic law ``c (|y| - |xi|) y / |y|``. Linearised
+it is ``c e/2 xi`` with ``e = 2 xi . eta / |xi|^2``. A bond breaks where e exceeds a limit. What decides on that is rounded alike at both ends
+of a bond, for all factors turn their sign there, and the order of the sums is fixed: so each end finds it out by itself. Where the material varies
+c has a factor that follows from the coefficients of both ends, whichever comes first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.extending import intrinsic
+
+from farhorizon.engine.rows.vectors import I64, Vectors
+
+#: Nodes of a row that are swept together, one vector.
+LANES = 8
+#: Rows that are swept together, by components of the field: as many sums as stay in registers.
+ROWS = {2: 4, 3: 2}
+#: Columns of a bond in the table of integers: its distance in elements, its offset along the three axes.
+PLACES = 4
+
+_INTEGERS = ir.VectorType(ir.IntType(64), LANES)
+
+_NODES = 10  # place of the nodes of a row among the arguments
+#: Components of the field, whether the law is nonlinear, the number type, and the rule of coefficients or None.
+Law = tuple[int, bool, str, str | None]
+
+
+class _Tile:
+    """Up to `ROWS` rows of up to `LANES` nodes, the loop over their bonds and the update in time. Rows that are not there repeat the last one.
+
+    It begins `first` nodes further on than the addresses in `args`.
+    """
+
+    def __init__(self, builder: ir.IRBuilder, args: tuple[Any, ...], law: Law, first: Any) -> None:
+        components, nonlinear, real, self.rule = law
+        self.builder, self.components, self.nonlinear = builder, components, nonlinear
+        (self.src, self.base, self.out, coefficient, self.alive, self.table, self.places, self.count, self.zone, self.words, n, rows, self.step,
+         self.apart, *self.node, self.a, self.b, limit) = args  # fmt: skip
+        self.vectors = Vectors(builder, ir.DoubleType() if real == "float64" else ir.FloatType(), LANES)
+        self.src, self.base, self.out = (self.vectors.shifted(start, (1, first)) for start in (self.src, self.base, self.out))
+        last = builder.sub(rows, I64(1))
+        self.rows = [builder.select(builder.icmp_signed("<", last, I64(row)), last, I64(row)) for row in range(ROWS[components])]
+        self.limit = self.vectors.splat(limit)
+        self.wanted = self.below(first, n)
+        self.own = [[self.vectors.load(self.place(self.src, row, c)) for c in range(components)] for row in self.rows]
+        self.coefficient = self.vectors.shifted(coefficient, (1, first))
+        self.coefficients = [self.vectors.load(self.place(self.coefficient, row, 0)) for row in self.rows if self.rule is not None]
+
+    def constant(self, value: float) -> Any:
+        return ir.Constant(self.vectors.type, [value] * LANES)
+
+    def below(self, first: Any, limit: Any) -> Any:
+        """In which lanes ``first + lane`` lies in 0..limit - 1."""
+        values = self.builder.add(ir.Constant(_INTEGERS, list(range(LANES))), self.vectors.splat(first))
+        return self.builder.icmp_unsigned("<", values, self.vectors.splat(limit))
+
+    def place(self, start: Any, row: Any, component: int) -> Any:
+        return self.vectors.shifted(start, (1, self.builder.mul(row, self.step)), (component, self.apart))
+
+    def integer(self, address: Any, number: int) -> Any:
+        return self.builder.load(self.vectors.pointer(self.builder.add(address, I64(8 * number)), ir.IntType(64)))
+
+    def offset(self, bond: Any, column: int) -> Any:
+        """One entry of a bond in the table of integers."""
+        return self.integer(self.builder.add(self.places, self.builder.mul(bond, I64(8 * PLACES))), column)
+
+    def call(self, name: str, *values: Any) -> Any:
+        kind = self.vectors.type
+        name = f"llvm.{name}.v{LANES}f{self.vectors.size * 8}"
+        return self.builder.call(cgutils.get_or_insert_function(self.builder.module, ir.FunctionType(kind, [kind] * len(values)), name), values)
+
+    def any(self, mask: Any) -> Any:
+        """Whether a lane of a mask is set."""
+        bits = self.builder.bitcast(mask, ir.IntType(LANES))
+        return self.builder.icmp_unsigned("!=", bits, ir.Constant(bits.type, 0))
+
+    def differences(self, bond: Any, row: int) -> list[Any]:
+        """``eta`` of one bond."""
+        distance = self.offset(bond, 0)
+        there = [self.vectors.load(self.vectors.shifted(self.place(self.src, self.rows[row], c), (1, distance))) for c in range(self.components)]
+        return [self.builder.fsub(t, h) for t, h in zip(there, self.own[row], strict=True)]
+
+    def stretch(self, xi: list[Any], inverse: Any, eta: list[Any], curved: Any = None) -> tuple[Any, list[Any]]:
+        """``e`` and the direction of the force; `curved`: lanes in which the law is not linearised, all unless given."""
+        builder = self.builder
+        direction, sums = xi, [builder.fadd(x, x) for x in xi]
+        if self.nonlinear:
+            y = [builder.fadd(x, d) for x, d in zip(xi, eta, strict=True)]
+            both = [builder.fadd(v, x) for v, x in zip(y, xi, strict=True)]
+            direction = y if curved is None else [builder.select(curved, v, x) for v, x in zip(y, xi, strict=True)]
+            sums = both if curved is None else [builder.select(curved, s, t) for s, t in zip(both, sums, strict=True)]
+        total = builder.fmul(eta[0], sums[0])
+        for d, s in zip(eta[1:], sums[1:], strict=True):
+            total = self.call("fma", d, s, total)
+        return builder.fmul(total, inverse), direction
+
+    def stiffness(self, uniform: Any, bond: Any, row: int) -> Any:
+        """c of one bond from that without coefficients, as `engine.bonds.bond_factor` has it."""
+        if self.rule is None:
+            return uniform
+        builder, here = self.builder, self.coefficients[row]
+        there = self.vectors.load(self.vectors.shifted(self.place(self.coefficient, self.rows[row], 0), (1, self.offset(bond, 0))))
+        if self.rule == "both":
+            return builder.fmul(uniform, builder.select(builder.fcmp_ordered("<", here, there), here, there))
+        total = builder.fadd(here, there)
+        if self.rule == "arithmetic":
+            return builder.fmul(uniform, builder.fmul(total, self.constant(0.5)))
+        product = builder.fmul(builder.fmul(here, there), self.constant(2.0))
+        mean = builder.select(builder.fcmp_ordered(">", total, self.constant(0.0)), builder.fdiv(product, total), self.constant(0.0))
+        return builder.fmul(uniform, mean)
+
+    def pull(self, e: Any, stiffness: Any, curved: Any = None) -> Any:
+        """The factor of the direction in the force."""
+        builder, half = self.builder, self.constant(0.5)
+        if not self.nonlinear:
+            return builder.fmul(builder.fmul(stiffness, e), half)
+        q = builder.fadd(e, self.constant(1.0))
+        h = builder.fdiv(self.constant(1.0), builder.fadd(q, self.call("sqrt", q)))
+        return builder.fmul(builder.fmul(stiffness, e), h if curved is None else builder.select(curved, h, half))
+
+    def over_bonds(self, carried: Any, force: Callable[..., tuple[Any, list[Any], Any]]) -> tuple[list[Any], Any]:
+        """Sums of the forces over all bonds, row by row and component by component, and what is carried from bond to bond.
+
+        ``force(bond, row, xi, inverse, stiffness, carried)`` gives the factor of the direction, the direction, and what is carried on.
+        """
+        builder, vectors, components = self.builder, self.vectors, self.components
+        rows = range(len(self.rows))
+        before, body, after = builder.block, builder.append_basic_block("bonds"), builder.append_basic_block("summed")
+        builder.branch(body)
+        builder.position_at_end(body)
+        bond, kept = builder.phi(I64), builder.phi(carried.type)
+        sums = [builder.phi(vectors.type) for _ in rows for _ in range(components)]
+        phis = [bond, kept, *sums]
+        for phi, first in zip(phis, [I64(0), carried, *[self.constant(0.0)] * len(sums)], strict=True):
+            phi.add_incoming(first, before)
+        *xi, inverse, stiffness = vectors.splat_all(vectors.shifted(self.table, (components + 2, bond)), components + 2)
+        grown = []
+        for row in rows:
+            factor, direction, kept = force(bond, row, xi, inverse, stiffness, kept)
+            grown += [vectors.multiply_add(sums[row * components + c], factor, direction[c]) for c in range(components)]
+        following = builder.add(bond, I64(1))
+        for phi, value in zip(phis, [following, kept, *grown], strict=True):
+            phi.add_incoming(value, builder.block)
+        builder.cbranch(builder.icmp_signed("<", following, self.count), body, after)
+        builder.position_at_end(after)
+        return grown, kept
+
+    def update(self, sums: list[Any], n: Any) -> None:
+        """``out = a*src + b*base + sums``."""
+        vectors = self.vectors
+        a_all, b_all = vectors.splat(self.a), vectors.splat(self.b)
+        store = vectors.store_first(n)
+        for row, own in zip(self.rows, self.own, strict=True):
+            for c in range(self.components):
+                total = vectors.multiply_add(sums.pop(0), b_all, vectors.load(self.place(self.base, row, c)))
+                store(vectors.multiply_add(total, a_all, own[c]), self.place(self.out, row, c))
+
+
+def _intact(builder: ir.IRBuilder, args: tuple[Any, ...], law: Law) -> Any:
+    """Tiles one after the other that have all their bonds, within the zone: how many, up to the first of which a bond is about to break."""
+    n = args[_NODES]
+    swept = cgutils.alloca_once_value(builder, I64(0))
+    tiles = builder.sdiv(builder.add(n, I64(LANES - 1)), I64(LANES))
+    with cgutils.for_range(builder, tiles) as loop:
+        first = builder.mul(loop.index, I64(LANES))
+        left = builder.sub(n, first)
+        breaks = _sweep_intact(_Tile(builder, args, law, first), builder.select(builder.icmp_signed("<", left, I64(LANES)), left, I64(LANES)))
+        with builder.if_then(breaks):
+            loop.do_break()
+        builder.store(builder.add(loop.index, I64(1)), swept)
+    return builder.load(swept)
+
+
+def _sweep_intact(tile: _Tile, n: Any) -> Any:
+    """One of them; nothing is written if a bond is about to break."""
+    builder = tile.builder
+
+    def force(bond: Any, row: int, xi: list[Any], inverse: Any, stiffness: Any, top: Any) -> tuple[Any, list[Any], Any]:
+        e, direction = tile.stretch(xi, inverse, tile.differences(bond, row))
+        return tile.pull(e, tile.stiffness(stiffness, bond, row)), direction, builder.select(builder.fcmp_ordered(">", e, top), e, top)
+
+    sums, top = tile.over_bonds(tile.constant(-1.0), force)
+    breaks = tile.any(builder.and_(builder.fcmp_ordered(">", top, tile.limit), tile.wanted))
+    with builder.if_then(builder.not_(breaks)):
+        tile.update(sums, n)
+    return breaks
+
+
+def _damaged(builder: ir.IRBuilder, args: tuple[Any, ...], law: Law) -> Any:
+    """A tile that lacks bonds, or with bonds that leave the zone: 1 if some have broken now."""
+    tile = _Tile(builder, args, law, I64(0))
+    vectors = tile.vectors
+    none = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
+    i0, i1, i2 = tile.node
+
+    def within(position: Any, axis: int) -> Any:
+        return builder.icmp_unsigned("<", builder.sub(position, tile.integer(tile.zone, axis)), tile.integer(tile.zone, 3 + axis))
+
+    def force(bond: Any, row: int, xi: list[Any], inverse: Any, stiffness: Any, changed: Any) -> tuple[Any, list[Any], Any]:
+        o0, o1, o2 = (tile.offset(bond, 1 + axis) for axis in range(3))
+        outer = builder.and_(within(builder.add(i0, o0), 0), within(builder.add(builder.add(i1, tile.rows[row]), o1), 1))
+        lanes = tile.below(builder.sub(builder.add(i2, o2), tile.integer(tile.zone, 2)), tile.integer(tile.zone, 5))
+        curved = builder.select(outer, lanes, none)
+        word = builder.mul(builder.lshr(bond, I64(6)), tile.words)
+        place = builder.add(tile.alive, builder.mul(builder.add(builder.mul(tile.rows[row], tile.step), word), I64(8)))
+        pointer = vectors.pointer(place, _INTEGERS)
+        bits = builder.load(pointer, align=8)
+        one = vectors.splat(builder.shl(I64(1), builder.and_(bond, I64(63))))
+        alive = builder.icmp_unsigned("!=", builder.and_(bits, one), ir.Constant(_INTEGERS, [0] * LANES))
+        e, direction = tile.stretch(xi, inverse, tile.differences(bond, row), curved)
+        over = builder.and_(builder.and_(builder.fcmp_ordered(">", e, tile.limit), curved), builder.and_(alive, tile.wanted))
+        pull = tile.pull(e, tile.stiffness(stiffness, bond, row), curved)
+        factor = builder.select(builder.and_(alive, builder.not_(over)), pull, tile.constant(0.0))
+        breaks = tile.any(over)
+        with builder.if_then(breaks):
+            builder.store(builder.select(over, builder.and_(bits, builder.not_(one)), bits), pointer, align=8)
+        return factor, direction, builder.or_(changed, builder.zext(breaks, I64))
+
+    sums, changed = tile.over_bonds(I64(0), force)
+    tile.update(sums, args[_NODES])
+    return changed
+
+
+def bond_sweep(components: int, nonlinear: bool, real: str, rule: str | None, damaged: bool) -> Any:
+    """Make the intrinsic that writes ``out = a*src + b*base + sum over the bonds`` on tiles.
+
+    On a damaged one it returns whether a bond breaks, on intact ones, of which there may be many in a row, how many of them it has swept: up to the
+    first of which a bond is about to break, where nothing is written.
+
+    Parameters
+    ----------
+    components : int
+        Of the field, 2 or 3.
+    nonlinear : bool
+    real : {"float64", "float32"}
+    rule : {"both", "arithmetic", "harmonic"} or None
+        How the coefficients of a bond's ends combine; None where there are none.
+    damaged : bool
+        Look at the bits of the bonds and at the ends of the zone, and clear the bits of what breaks.
+
+    Returns
+    -------
+    numba intrinsic
+        Takes the byte addresses of the first node in src, base and out, among the coefficients and among the bits, the addresses of the tables of
+        reals and of integers, the number of bonds, the address of the zone (first node, then the extent along each axis, int64), the distance
+        between words of bits, the nodes of a row, the rows, the distances of rows and of components, the place of the first node along the three
+        axes, a, b and the limit. A bond within the zone follows the law and may break, others are linearised. The table of reals has, bond by bond,
+        xi, 1 / |xi|^2 and c, without coefficients.
+    """
+
+    @intrinsic
+    def sweep(typingctx, src, base, out, coefficient, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit):  # type: ignore[no-untyped-def]
+        def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+            return (_damaged if damaged else _intact)(builder, args, (components, nonlinear, real, rule))
+
+        return bond_signature(real), codegen
+
+    return sweep
+
+
+def steepness(components: int, real: str) -> Any:
+    """Make the intrinsic that returns the sum of the squares of the largest differences between neighbours, of each component along each axis.
+
+    With a field linear between them its root bounds the stretch of every bond between the nodes that are looked at: that of ``xi`` is
+    ``n . (D n)`` over the spacing for a matrix D whose entries are no larger than those differences.
+
+    Parameters
+    ----------
+    components : int
+    real : {"float64", "float32"}
+
+    Returns
+    -------
+    numba intrinsic
+        Takes the byte address of the first node, the numbers of planes, rows and nodes of a row, the distances of planes, rows and components, in
+        elements. Looks at whole vectors, and at one neighbour beyond.
+    """
+
+    @intrinsic
+    def measure(typingctx, src, planes, rows, n, step0, step1, apart):  # type: ignore[no-untyped-def]
+        def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+            src, planes, rows, n, step0, step1, apart = args
+            vectors = Vectors(builder, ir.DoubleType() if real == "float64" else ir.FloatType(), LANES)
+            magnitude = cgutils.get_or_insert_function(builder.module, ir.FunctionType(vectors.type, [vectors.type]),
+                                                       f"llvm.fabs.v{LANES}f{vectors.size * 8}")  # fmt: skip
+            steps = [step0, step1, I64(1)][3 - components :]
+            zero = ir.Constant(vectors.type, [0.0] * LANES)
+            tops = [cgutils.alloca_once_value(builder, zero) for _ in range(components * len(steps))]
+            with cgutils.for_range(builder, planes) as plane, cgutils.for_range(builder, rows) as row:
+                line = vectors.shifted(src, (1, builder.mul(plane.index, step0)), (1, builder.mul(row.index, step1)))
+                with cgutils.for_range_slice(builder, I64(0), n, I64(LANES), I64) as (x, _):
+                    for number, top in enumerate(tops):
+                        here = vectors.shifted(line, (1, x), (number // len(steps), apart))
+                        ahead = vectors.load(vectors.shifted(here, (1, steps[number % len(steps)])))
+                        found = builder.call(magnitude, [builder.fsub(ahead, vectors.load(here))])
+                        before = builder.load(top)
+                        builder.store(builder.select(builder.fcmp_ordered(">", found, before), found, before), top)
+            total = ir.Constant(ir.DoubleType(), 0.0)
+            for top in tops:
+                values = [builder.extract_element(builder.load(top), ir.IntType(32)(lane)) for lane in range(LANES)]
+                while len(values) > 1:
+                    values = [builder.select(builder.fcmp_ordered(">", a, b), a, b) for a, b in zip(values[::2], values[1::2], strict=True)]
+                largest = values[0] if real == "float64" else builder.fpext(values[0], ir.DoubleType())
+                total = builder.fadd(total, builder.fmul(largest, largest))
+            return total
+
+        return steepness_signature(), codegen
+
+    return measure
+
+
+def steepness_signature() -> Any:
+    """Numba signature of `steepness`."""
+    return types.float64(*[types.int64] * 7)
+
+
+@intrinsic
+def call_steepness(typingctx, function, src, planes, rows, n, step0, step1, apart):  # type: ignore[no-untyped-def]
+    """Call a compiled `steepness` by its address."""
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        kind = ir.FunctionType(ir.DoubleType(), [arg.type for arg in args[1:]])
+        return builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
+
+    return types.float64(*[types.int64] * 8), codegen
+
+
+def bond_signature(real: str) -> Any:
+    """Numba signature of the sweep of tiles."""
+    return types.int64(*[types.int64] * 17, *[getattr(types, real)] * 3)
+
+
+@intrinsic
+def call_bonds(typingctx, function, src, base, out, coefficient, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2,  # type: ignore[no-untyped-def]
+               a, b, limit):  # fmt: skip
+    """Call a compiled sweep of tiles by its address: the driver need not be compiled again for every law."""
+    signature = types.int64(*[types.int64] * 18, a, a, a)
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        kind = ir.FunctionType(I64, [arg.type for arg in args[1:]])
+        return builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
+
+    return signature, codegen

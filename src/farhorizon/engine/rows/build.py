@@ -1,0 +1,98 @@
+"""Writes compiled programs to disk, the time loop and the rows of each stencil, and imports them, so that Numba's cache finds them again."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import platform
+import re
+import sys
+import threading
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from farhorizon.engine.rows.notice import importing
+from farhorizon.files.cache import cache_folder, write
+
+_ENGINE = Path(__file__).parents[1]
+#: Modules that templates use.
+_COMPILED_IN = (
+    "bonds", "ends", "filter", "fringe", "layout", "nested", "phases", "threads",
+    "rows/vectors", "rows/bond_sweeps", "rows/layer_sums", "rows/matrices",
+)  # fmt: skip
+_DRIVERS: dict[bool, ModuleType] = {}
+_LOADING = threading.RLock()  # simulations may be made side by side
+
+
+def load_driver(rare: bool) -> ModuleType:
+    """The compiled time loop, with the kernels of what few runs have or without; one that has them serves all."""
+    if True in _DRIVERS:
+        return _DRIVERS[True]
+    if rare not in _DRIVERS:
+        _DRIVERS[rare] = _load("program", RARE=rare)
+    return _DRIVERS[rare]
+
+
+def load_rows(
+    shape: tuple[tuple[int, int, int], ...], classes: tuple[int, ...], real: str, increments: bool, pattern: tuple[tuple[bool, ...], ...] = ()
+) -> int:  # fmt: skip
+    """Address of the compiled rows of a stencil shape (see `vectors.line_sweep`; with a pattern `matrices.matrix_line_sweep`)."""
+    lines = not increments and max(i for _, _, i in shape) <= (8 if real == "float64" else 16)
+    return int(_load("rows/stencil_rows", SHAPE=shape, CLASSES=classes, REAL=real, INCREMENTS=increments, LINES=lines, PATTERN=pattern).rows.address)
+
+
+def load_shifts(reach: int, nested: bool, real: str) -> tuple[int, int, int]:
+    """Addresses of stretched shifts outwards and inwards, and of the sums they take (see `vectors.stretched_shifts` and `weighted_parts`)."""
+    made = _load("rows/shift_rows", REACH=reach, NESTED=nested, REAL=real)
+    return int(made.outwards.address), int(made.inwards.address), int(made.parts.address)
+
+
+def load_parts(
+    shape: tuple[tuple[int, int, int], ...], pattern: tuple[tuple[bool, ...], ...], axis: int, both: bool, apart: bool, differ: bool, real: str
+) -> int:  # fmt: skip
+    """Address of the sums across lines of a stencil that goes over into itself in mirrors (see `layer_sums.mirrored_parts`)."""
+    made = _load("rows/part_rows", SHAPE=shape, PATTERN=pattern, AXIS=axis, BOTH=both, APART=apart, DIFFER=differ, REAL=real)
+    return int(made.parts.address)
+
+
+def load_bonds(components: int, nonlinear: bool, real: str, rule: str | None) -> tuple[int, int, int]:
+    """Addresses of the sweeps of plain tiles and of an odd one for a law of bonds, and of the bound of their stretch (see `bond_sweeps`)."""
+    made = _load("rows/bond_rows", COMPONENTS=components, NONLINEAR=nonlinear, REAL=real, RULE=rule)
+    return int(made.intact.address), int(made.damaged.address), int(made.steep.address)
+
+
+def _load(place: str, **settings: Any) -> ModuleType:
+    """Module of compiled functions: a template of the engine's folder with its upper-case names set to `settings`.
+
+    The file's name holds a hash of the templates, the generator and the settings: Numba's own cache does not see
+    a change of the generator.
+    """
+    template = (_ENGINE / f"{place}.py").read_text()
+    for key, value in settings.items():
+        template, count = re.subn(rf"(?m)^{key} = .*$", f"{key} = {value!r}", template)
+        assert count == 1, f"the template has no setting {key}"
+    import numba
+
+    parts = [(_ENGINE / f"{part}.py").read_text() for part in _COMPILED_IN]
+    mark = "\n".join([template, *parts, numba.__version__, platform.machine()])
+    name = f"{place.rpartition('/')[2]}_" + hashlib.sha256(mark.encode()).hexdigest()[:20]
+    with _LOADING:
+        return sys.modules[name] if name in sys.modules else _load_file(name, template)
+
+
+def _load_file(name: str, template: str) -> ModuleType:
+    path = cache_folder() / f"{name}.py"
+    if not path.is_file() or path.read_bytes() != template.encode():  # missing or damaged
+        write(path, template.encode())
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        with importing(name):
+            spec.loader.exec_module(module)
+    except BaseException:  # an interrupt, too: half a module is none
+        del sys.modules[name]
+        raise
+    return module

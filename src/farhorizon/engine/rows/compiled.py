@@ -1,0 +1,75 @@
+"""Numba's decorators with a cache that knows its damaged files: Numba itself keeps machine code without a check sum,
+and runs whatever it finds.
+"""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba.core import sigutils
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.ccallback import CFunc
+
+from farhorizon.files.cache import sealed, unsealed
+
+
+class _SealedFiles(IndexDataCacheFile):
+    """Index and machine code of one function; what is damaged is not there, and so is compiled again."""
+
+    def _dump(self, obj: Any) -> bytes:
+        return sealed(super()._dump(obj))  # pickle looks at nothing behind its end
+
+    def _load_index(self) -> Any:
+        return super()._load_index() if _whole(self._index_path, pickle.dumps(self._version, protocol=-1)) else {}
+
+    def _load_data(self, name: str) -> Any:
+        return super()._load_data(name) if _whole(self._data_path(name)) else None
+
+
+def _whole(path: str, head: bytes = b"") -> bool:
+    """Whether a file has this beginning, and behind it data with their check sum."""
+    try:
+        data = Path(path).read_bytes()
+    except OSError:
+        return False
+    return data.startswith(head) and unsealed(data[len(head) :]) is not None
+
+
+class _SealedCache(FunctionCache):
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        self._cache_file = _SealedFiles(
+            self._cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp()
+        )
+
+
+def njit(*, cache: bool = False, counted: bool = True, **options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """`numba.njit`, with sealed files where it keeps what it compiles.
+
+    Without `counted` Numba does not count the references to arrays, which in short loops takes longer than the work. Such a function makes no
+    arrays; those it is given outlive it, as their owner waits for it.
+    """
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        made = numba.njit(**options | {"_nrt": counted})(function)
+        if cache:
+            made._cache = _SealedCache(function)
+        return made
+
+    return decorate
+
+
+def cfunc(signature: Any) -> Callable[[Callable[..., Any]], Any]:
+    """`numba.cfunc` for a signature, with sealed files for what it compiles."""
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        made: Any = CFunc(function, sigutils.normalize_signature(signature), locals={}, options={})
+        made._cache = _SealedCache(function)
+        made.compile()
+        return made
+
+    return decorate

@@ -1,0 +1,86 @@
+"""Says on stderr what is compiled, when something really is, and how long it took: without a word a first run seems to hang."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from numba.core import event
+
+#: What compiled functions are for, by the beginning of their module's name; those of other modules are not ours.
+_PURPOSES = {
+    "program_": "the time loop",
+    "stencil_rows_": "the sweep of a stencil",
+    "bond_rows_": "the sweep of breaking bonds",
+    "farhorizon.": "other kernels",
+}
+_SHORT = 0.2  # seconds that are not worth a line
+
+
+class _Notice(event.Listener):
+    """A line before the first compilation of a process, and one after each; nothing where Numba's cache has all.
+
+    Numba tells of functions that it compiles, the innermost last, and of the passes that each takes. Passes alone stand for
+    functions that are compiled while their module is imported (`importing`).
+    """
+
+    def __init__(self) -> None:
+        self._mine = threading.local()  # simulations may be made side by side
+        self._begun = False
+
+    def on_start(self, found: Any) -> None:
+        """A function, or a pass of one, begins."""
+        if found.kind == "numba:compile":
+            self.enter(found.data["dispatcher"].py_func.__module__)
+        if found.kind == "numba:run_pass" and getattr(self._mine, "names", None):
+            self._mine.busy = True
+            if not self._begun and _purpose(self._mine.names[0]):
+                self._begun = True
+                _say("compiling for this machine, once: later runs find it on disk")
+
+    def on_end(self, found: Any) -> None:
+        """A function, or a pass of one, ends."""
+        if found.kind == "numba:compile":
+            self.leave()
+
+    def enter(self, name: str) -> None:
+        """Whatever this thread compiles from here on belongs to a module, unless it belongs to one already."""
+        mine = self._mine
+        if not getattr(mine, "names", None):
+            mine.names, mine.begin, mine.busy = [], time.perf_counter(), False
+        mine.names.append(name)
+
+    def leave(self) -> None:
+        """The counterpart of `enter`."""
+        mine = self._mine
+        name = mine.names.pop()
+        seconds = time.perf_counter() - mine.begin
+        if not mine.names and mine.busy and _purpose(name) and seconds > _SHORT:
+            _say(f"compiled {_purpose(name)} in {seconds:.1f} s")
+
+
+def _purpose(module: str) -> str:
+    return next((purpose for start, purpose in _PURPOSES.items() if module.startswith(start)), "")
+
+
+def _say(text: str) -> None:
+    print(f"farhorizon: {text}", file=sys.stderr, flush=True)
+
+
+_NOTICE = _Notice()
+for _kind in ("numba:compile", "numba:run_pass"):
+    event.register(_kind, _NOTICE)
+
+
+@contextmanager
+def importing(name: str) -> Iterator[None]:
+    """A module of compiled functions is imported."""
+    _NOTICE.enter(name)
+    try:
+        yield
+    finally:
+        _NOTICE.leave()

@@ -1,0 +1,20 @@
+"""Sums across lines of one stencil shape. This text is a template: `engine.rows.build` writes it out once per shape, axis and number type."""
+
+from farhorizon.engine.rows.compiled import cfunc
+from farhorizon.engine.rows.layer_sums import MIRRORED_SIGNATURE, mirrored_parts
+
+SHAPE = ((0, 0, 1),)
+PATTERN = ((True,),)
+AXIS = 2
+BOTH = False
+APART = True
+DIFFER = False
+REAL = "float64"
+
+_parts = mirrored_parts(SHAPE, PATTERN, AXIS, BOTH, APART, DIFFER, REAL)
+
+
+@cfunc(MIRRORED_SIGNATURE)
+def parts(plus, minus, part_k, part_c, ahead, behind, s0, s1, shift, step, weights, vectors):
+    """Parts of the nodes of a tile."""
+    _parts(plus, minus, part_k, part_c, ahead, behind, s0, s1, shift, step, weights, vectors)

@@ -1,0 +1,30 @@
+"""Stretched shifts of one reach. This text is a template: `engine.rows.build` writes it out once per reach, form and number type."""
+
+from farhorizon.engine.rows.compiled import cfunc
+from farhorizon.engine.rows.vectors import PARTS_SIGNATURE, SHIFTS_SIGNATURE, stretched_shifts, weighted_parts
+
+REACH = 1
+NESTED = True
+REAL = "float64"
+
+_outwards = stretched_shifts(REACH, NESTED, True, REAL)
+_inwards = stretched_shifts(REACH, NESTED, False, REAL)
+_parts = weighted_parts(REACH if NESTED else 1, REAL)
+
+
+@cfunc(SHIFTS_SIGNATURE)
+def outwards(parts, part_step, part_k, found, found_step, found_k, memory, cell, r, e, f, columns, vectors):
+    """From the outer end inwards."""
+    _outwards(parts, part_step, part_k, found, found_step, found_k, memory, cell, r, e, f, columns, vectors)
+
+
+@cfunc(SHIFTS_SIGNATURE)
+def inwards(parts, part_step, part_k, found, found_step, found_k, memory, cell, r, e, f, columns, vectors):
+    """From the core outwards."""
+    _inwards(parts, part_step, part_k, found, found_step, found_k, memory, cell, r, e, f, columns, vectors)
+
+
+@cfunc(PARTS_SIGNATURE)
+def parts(to, to_step, source, ends, places, weights, weight_step, vectors, least, more):
+    """The sums across the lines that are shifted; not nested, one alone."""
+    _parts(to, to_step, source, ends, places, weights, weight_step, vectors, least, more)

@@ -1,0 +1,24 @@
+"""Sweeps of grid rows for one stencil shape. This text is a template: `engine.rows.build` writes it out once per shape and number type."""
+
+from farhorizon.engine.rows.compiled import cfunc
+from farhorizon.engine.rows.matrices import matrix_line_sweep, matrix_strided_sweep
+from farhorizon.engine.rows.vectors import line_sweep, strided_sweep, sweep_signature
+
+SHAPE = ((0, 0, 1),)
+CLASSES = (0,)
+REAL = "float64"
+INCREMENTS = False
+LINES = True
+PATTERN = ()
+
+strided = matrix_strided_sweep(SHAPE, PATTERN, REAL) if PATTERN else strided_sweep(SHAPE, CLASSES, REAL, INCREMENTS)
+line = (matrix_line_sweep(SHAPE, PATTERN, REAL) if PATTERN else line_sweep(SHAPE, CLASSES, REAL)) if LINES else strided
+
+
+@cfunc(sweep_signature(REAL))
+def rows(src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, shifts):
+    """Neighbouring rows of one block."""
+    if LINES and s2 == 1:
+        line(src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, shifts)
+    else:
+        strided(src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, shifts)

@@ -1,0 +1,908 @@
+"""Explicit SIMD: Numba intrinsics that emit vector instructions, and one that calls a function by its address.
+
+Numba's vectoriser loses most of the speed on loops of this kind, so the vector instructions are emitted here. Products
+carry the ``contract`` flag only: a fixed order of summation keeps results deterministic and the registers few.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.extending import intrinsic
+
+#: (outer offset 0, outer offset 1, inner offset >= 0); every inner offset stands for both signs.
+Shape = tuple[tuple[int, int, int], ...]
+
+_CONTRACT = ("contract",)
+I64 = ir.IntType(64)
+I32 = ir.IntType(32)
+_FIRST_CACHE = 41_000  # bytes of the first cache that a tile may take
+AHEAD = 2  # rows between use and prefetch: one lasts less than a fetch from memory
+
+
+class Vectors:
+    """Loads, stores and constants of one vector type, on byte addresses."""
+
+    def __init__(self, builder: ir.IRBuilder, scalar: ir.Type, lanes: int) -> None:
+        self.builder, self.scalar, self.lanes = builder, scalar, lanes
+        self.size = 8 if isinstance(scalar, ir.DoubleType) else 4
+        self.type = ir.VectorType(scalar, lanes)
+
+    @classmethod
+    def of(cls, builder: ir.IRBuilder, real: str) -> Vectors:
+        """Vectors of 64 bytes."""
+        return cls(builder, ir.DoubleType(), 8) if real == "float64" else cls(builder, ir.FloatType(), 16)
+
+    def splat(self, value: Any) -> Any:
+        """The same value in every lane."""
+        kind = ir.VectorType(value.type, self.lanes)
+        first = self.builder.insert_element(ir.Constant(kind, ir.Undefined), value, I32(0))
+        return self.builder.shuffle_vector(first, ir.Constant(kind, ir.Undefined), ir.Constant(ir.VectorType(I32, self.lanes), [0] * self.lanes))
+
+    def splat_all(self, address: Any, count: int) -> list[Any]:
+        """Each of `count` values in every lane of a vector of its own."""
+        return [self.splat(self.builder.load(self.pointer(self.builder.add(address, I64(i * self.size)), self.scalar))) for i in range(count)]
+
+    def shifted(self, address: Any, *moves: tuple[int, Any]) -> Any:
+        """An address moved by count * distance elements for each (count, distance)."""
+        for count, distance in moves:
+            address = self.builder.add(address, self.builder.mul(I64(count * self.size), distance))
+        return address
+
+    def concatenate(self, low: Any, high: Any, first: int) -> Any:
+        """The lanes from `first` on of two vectors one after the other."""
+        return self.builder.shuffle_vector(low, high, ir.Constant(ir.VectorType(I32, self.lanes), list(range(first, first + self.lanes))))
+
+    def prefetch(self, address: Any) -> None:
+        """Fetch the cache line of an address, which need not exist."""
+        kind = ir.IntType(8).as_pointer()
+        fetch = cgutils.get_or_insert_function(self.builder.module, ir.FunctionType(ir.VoidType(), [kind, I32, I32, I32]), "llvm.prefetch.p0i8")
+        self.builder.call(fetch, [self.pointer(address, ir.IntType(8)), I32(0), I32(3), I32(1)])
+
+    def sum(self, terms: Sequence[Any]) -> Any:
+        """The terms added up from the left."""
+        return functools.reduce(self.builder.fadd, terms)
+
+    def pointer(self, address: Any, kind: ir.Type | None = None) -> Any:
+        """A typed pointer from an address."""
+        return self.builder.inttoptr(address, (kind or self.type).as_pointer())
+
+    def load(self, address: Any) -> Any:
+        """A vector from an address aligned to one element."""
+        value = self.builder.load(self.pointer(address))
+        value.align = self.size
+        return value
+
+    def store(self, value: Any, address: Any) -> None:
+        """A vector to an address aligned to one element."""
+        self.builder.store(value, self.pointer(address)).align = self.size
+
+    def store_first(self, count: Any) -> Callable[[Any, Any], None]:
+        """A store of the first `count` lanes only."""
+        numbers = ir.VectorType(I64, self.lanes)
+        mask = self.builder.icmp_signed("<", ir.Constant(numbers, list(range(self.lanes))), self.splat(count))
+        parts = [self.type, self.type.as_pointer(), I32, ir.VectorType(ir.IntType(1), self.lanes)]
+        suffix = f"v{self.lanes}f{self.size * 8}"
+        masked = cgutils.get_or_insert_function(self.builder.module, ir.FunctionType(ir.VoidType(), parts), f"llvm.masked.store.{suffix}.p0{suffix}")
+        return lambda value, address: self.builder.call(masked, [value, self.pointer(address), I32(self.size), mask])
+
+    def in_chunks(self, count: Any, chunk: Callable[[Any, Callable[[Any, Any], None]], None]) -> None:
+        """Call ``chunk(x, store)`` for every whole vector of `count` values and for the rest."""
+        rest = self.builder.srem(count, I64(self.lanes))
+        whole = self.builder.sub(count, rest)
+        with cgutils.for_range_slice(self.builder, I64(0), whole, I64(self.lanes), I64) as (x, _):
+            chunk(x, self.store)
+        with self.builder.if_then(self.builder.icmp_signed(">", rest, I64(0))):
+            chunk(whole, self.store_first(rest))
+
+    def multiply_add(self, total: Any, factor: Any, term: Any) -> Any:
+        """``total + factor * term``; the product alone without a total."""
+        product = self.builder.fmul(factor, term, flags=_CONTRACT)
+        return product if total is None else self.builder.fadd(total, product, flags=_CONTRACT)
+
+
+def line_sweep(shape: Shape, classes: tuple[int, ...], real: str) -> Any:
+    """Make the intrinsic ``sweep(src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, shifts)`` for rows of neighbours in memory.
+
+    Writes ``out = a*src + b*base + sum_k w_k (src_{+k} + src_{-k})`` on `count` rows of `n` nodes. Sums over the outer axes come first:
+    ``T_i = sum_o w_(o,i) src_o``, lines of equal weights added before they are multiplied. What is left is ``T_0`` and the
+    ``T_i`` moved by +i and -i along the row: two neighbouring vectors, one shuffle each. So every line is read
+    once, aligned, and a vector costs few more instructions than it has different weights.
+
+    Long rows are swept in tiles whose lines stay in the first cache from one row to the next. What the row after next
+    needs is fetched ahead: a tile is too short for the hardware to notice.
+
+    Parameters
+    ----------
+    shape : tuple of (int, int, int)
+        Stencil offsets without the centre, inner offset >= 0 (an inner offset i > 0 stands for +i and -i), at most one vector.
+    classes : tuple of int
+        Number of each offset's weight: offsets with one weight share a register.
+    real : {"float64", "float32"}
+
+    Returns
+    -------
+    numba intrinsic
+        Takes byte addresses (int64) of the first node in each array and of the weights (one a class), the numbers a and b, the
+        nodes of a row, the rows, the distances between neighbours along the three axes of ``src`` (s2 is 1) and between rows of
+        ``src`` and of ``base`` and ``out``, in elements. Reads up to one vector before and beyond a row, writes none.
+    """
+    terms_of: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    for number, (o0, o1, i) in zip(classes, shape, strict=True):
+        terms_of.setdefault((o0, o1), []).append((i, number))
+    alike: dict[tuple[tuple[int, int], ...], list[tuple[int, int]]] = {}
+    for line, terms in terms_of.items():
+        alike.setdefault(tuple(sorted(terms)), []).append(line)
+    inner = sorted({i for _, _, i in shape})
+    moved = [i for i in inner if i]
+    last = {o0: max(o1 for other, o1 in terms_of if other == o0) for o0, _ in terms_of}  # the line of each plane that the next row reads first
+
+    def emit(builder: ir.IRBuilder, args: tuple[Any, ...]) -> None:
+        weights, s0, s1, step, t = args[3], args[8], args[9], args[11], args[12]
+        vectors = Vectors.of(builder, real)
+        w = vectors.splat_all(weights, max(classes) + 1)
+
+        def prepare(here: Any, old: Any, new: Any) -> VectorRow:
+            lines = {line: vectors.shifted(here, (line[0], s0), (line[1], s1)) for line in terms_of}
+            ahead = [vectors.shifted(here, (o0, s0), (o1, s1), (AHEAD, step)) for o0, o1 in last.items()] + [vectors.shifted(old, (AHEAD, t))]
+
+            def sums(at: Any) -> dict[int, Any]:
+                """T_i of one vector."""
+                total: dict[int, Any] = dict.fromkeys([0, *inner])
+                for terms, equal in alike.items():
+                    together = vectors.sum([vectors.load(builder.add(lines[line], at)) for line in equal])
+                    for i, number in terms:
+                        total[i] = vectors.multiply_add(total[i], w[number], together)
+                return total
+
+            return VectorRow(sums, [Output(0, [(i, i, i) for i in moved], here, old, new)], ahead)
+
+        sweep_lines(vectors, args, tile_nodes(len(terms_of), vectors.size), prepare)
+
+    return sweep_intrinsic(emit, real)
+
+
+@dataclass(frozen=True)
+class Output:
+    """One field of a row: addresses of its first node, and which sums of a vector it gets.
+
+    Attributes
+    ----------
+    centre : hashable
+        Name of the sum that stays where it is.
+    moved : list of (i, ahead, behind)
+        The sum `ahead` comes from i nodes further on along the row, the sum `behind` from i nodes back.
+    here, old, new : address
+        In ``src``, ``base`` and ``out``.
+    """
+
+    centre: Hashable
+    moved: Sequence[tuple[int, Hashable, Hashable]]
+    here: Any
+    old: Any
+    new: Any
+
+
+@dataclass(frozen=True)
+class VectorRow:
+    """A row of nodes: the sums of the vector at a distance from its first node, by name, None for an empty one; its fields; what to fetch ahead."""
+
+    sums: Callable[[Any], Mapping[Any, Any]]
+    outputs: Sequence[Output]
+    ahead: Sequence[Any]
+
+
+def sweep_lines(vectors: Vectors, args: tuple[Any, ...], length_of_tile: int, prepare: Callable[[Any, Any, Any], VectorRow]) -> None:
+    """The loops of a sweep of rows whose nodes are neighbours in memory, tile by tile.
+
+    Parameters
+    ----------
+    vectors : Vectors
+    args : tuple
+        Arguments of the sweep (see `line_sweep`).
+    length_of_tile : int
+    prepare : callable
+        The `VectorRow` that begins at given addresses in ``src``, ``base`` and ``out``.
+    """
+    builder = vectors.builder
+    src, base, out, _, a, b, n, count, _, _, _, step, t, _ = args
+    size, width = vectors.size, I64(vectors.lanes)
+    a_all, b_all = vectors.splat(a), vectors.splat(b)
+    tile = I64(length_of_tile)
+
+    def row(x0: Any, length: Any, number: Any) -> None:
+        here = vectors.shifted(src, (1, x0), (1, builder.mul(number, step)))
+        old, new = (vectors.shifted(start, (1, x0), (1, builder.mul(number, t))) for start in (base, out))
+        made = prepare(here, old, new)
+        names = list(dict.fromkeys(name for o in made.outputs for _, *both in o.moved for name in both))
+
+        def from_before(output: Output, before: Mapping[Any, Any], now: Mapping[Any, Any]) -> Any:
+            """What the vector `now` gets from itself and the one before."""
+            parts = [now[output.centre]] if now[output.centre] is not None else []
+            return vectors.sum(parts + [vectors.concatenate(before[name], now[name], vectors.lanes - i) for i, _, name in output.moved])
+
+        def finish(x: Any, totals: Sequence[Any], now: Mapping[Any, Any], store: Callable[[Any, Any], None]) -> tuple[Mapping[Any, Any], list[Any]]:
+            """Write one vector; the sums and the totals so far of the next."""
+            at = builder.mul(x, I64(size))
+            for address in made.ahead:
+                vectors.prefetch(builder.add(address, at))
+            following = made.sums(builder.add(at, I64(vectors.lanes * size)))
+            for output, begun in zip(made.outputs, totals, strict=True):
+                total = vectors.sum([begun] + [vectors.concatenate(now[name], following[name], i) for i, name, _ in output.moved])
+                total = vectors.multiply_add(total, b_all, vectors.load(builder.add(output.old, at)))
+                store(vectors.multiply_add(total, a_all, vectors.load(builder.add(output.here, at))), builder.add(output.new, at))
+            return following, [from_before(output, now, following) for output in made.outputs]
+
+        first = made.sums(I64(0))
+        before_first = made.sums(I64(-vectors.lanes * size))
+        start = [I64(0), *(from_before(output, before_first, first) for output in made.outputs), *(first[name] for name in names)]
+        rest = builder.srem(length, width)
+        whole = builder.sub(length, rest)
+        before, test, body, after = builder.block, *(builder.append_basic_block(name) for name in ("test", "vector", "rest"))
+        builder.branch(test)
+        builder.position_at_end(test)
+        carried = [builder.phi(value.type) for value in start]
+        x, totals, sums_now = carried[0], carried[1 : 1 + len(made.outputs)], carried[1 + len(made.outputs) :]
+        now = dict(zip(names, sums_now, strict=True))
+        builder.cbranch(builder.icmp_signed("<", x, whole), body, after)
+        builder.position_at_end(body)
+        following, begun = finish(x, totals, now, vectors.store)
+        end = [builder.add(x, width), *begun, *(following[name] for name in names)]
+        for phi, entering, coming in zip(carried, start, end, strict=True):
+            phi.add_incoming(entering, before)
+            phi.add_incoming(coming, builder.block)
+        builder.branch(test)
+        builder.position_at_end(after)
+        with builder.if_then(builder.icmp_signed(">", rest, I64(0))):
+            finish(x, totals, now, vectors.store_first(rest))
+
+    with cgutils.for_range_slice(builder, I64(0), n, tile, I64) as (x0, _):
+        left = builder.sub(n, x0)
+        length = builder.select(builder.icmp_signed("<", left, tile), left, tile)
+        with cgutils.for_range_slice(builder, I64(0), count, I64(1), I64) as (number, _):
+            row(x0, length, number)
+
+
+def strided_sweep(shape: Shape, classes: tuple[int, ...], real: str, increments: bool) -> Any:
+    """Make the intrinsic of `line_sweep` for rows whose neighbours may lie any distance s2 apart; every neighbour is read by itself.
+
+    With ``increments`` the sum runs over differences, which do not cancel, and advances ``base`` in place:
+    ``base = b*base + sum_k w_k (src_{+k} + src_{-k} - 2 src)`` and ``out = src + base``.
+    """
+    members: dict[int, list[tuple[int, int, int]]] = {}
+    for number, (o0, o1, i) in zip(classes, shape, strict=True):
+        members.setdefault(number, []).extend((o0, o1, side * i) for side in ((1, -1) if i else (1,)))
+
+    def emit(builder: ir.IRBuilder, args: tuple[Any, ...]) -> None:
+        src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, _ = args
+        vectors = Vectors.of(builder, real)
+        w = vectors.splat_all(weights, max(classes) + 1)
+        a_all, b_all = vectors.splat(a), vectors.splat(b)
+
+        def row(number: Any) -> None:
+            here = vectors.shifted(src, (1, builder.mul(number, step)))
+            old, new = (vectors.shifted(start, (1, builder.mul(number, t))) for start in (base, out))
+            places = {o: vectors.shifted(here, *zip(o, (s0, s1, s2), strict=True)) for equal in members.values() for o in equal}
+
+            def chunk(x: Any, store: Callable[[Any, Any], None]) -> None:
+                at = builder.mul(x, I64(vectors.size))
+                own = vectors.load(builder.add(here, at))
+                total = None
+                for number, equal in members.items():
+                    values = [vectors.load(builder.add(places[o], at)) for o in equal]
+                    total = vectors.multiply_add(total, w[number], vectors.sum([builder.fsub(v, own) for v in values] if increments else values))
+                total = vectors.multiply_add(total, b_all, vectors.load(builder.add(old, at)))
+                if increments:
+                    store(total, builder.add(old, at))
+                store(builder.fadd(own, total) if increments else vectors.multiply_add(total, a_all, own), builder.add(new, at))
+
+            vectors.in_chunks(n, chunk)
+
+        with cgutils.for_range_slice(builder, I64(0), count, I64(1), I64) as (number, _):
+            row(number)
+
+    return sweep_intrinsic(emit, real)
+
+
+def tile_nodes(lines: int, size: int) -> int:
+    """Nodes of a row to sweep at a time, so that all lines read and written stay in the first cache; lines too many for that go whole."""
+    fitting = _FIRST_CACHE // ((lines + 3) * size) // 64 * 64
+    return fitting if fitting * size >= 2048 else 1 << 30
+
+
+def sweep_intrinsic(emit: Callable[[ir.IRBuilder, tuple[Any, ...]], None], real: str) -> Any:
+    @intrinsic
+    def sweep(typingctx, src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, shifts):  # type: ignore[no-untyped-def]
+        def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+            emit(builder, args)
+            return context.get_dummy_value()
+
+        return sweep_signature(real), codegen
+
+    return sweep
+
+
+def sweep_signature(real: str) -> Any:
+    """Numba signature of a sweep."""
+    return types.void(*[types.int64] * 4, *[getattr(types, real)] * 2, *[types.int64] * 8)
+
+
+@intrinsic
+def call_sweep(typingctx, function, src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, shifts):  # type: ignore[no-untyped-def]
+    """Call a compiled sweep by its address: the driver need not be compiled again for every stencil."""
+    signature = types.void(*[types.int64] * 5, a, a, *[types.int64] * 8)
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        kind = ir.FunctionType(ir.VoidType(), [arg.type for arg in args[1:]])
+        builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
+        return context.get_dummy_value()
+
+    return signature, codegen
+
+
+@intrinsic
+def add_weighted(typingctx, out, src, weights, scale, n, terms, apart, step):  # type: ignore[no-untyped-def]
+    """``out += scale * sum_b weights_b * src_b`` on `n` neighbouring values, b below `terms` (at least 1).
+
+    `out`, `src` and `weights` are byte addresses of the first values; those of the terms lie `apart` and `step`
+    elements apart. Reads up to one vector beyond the last value, writes none.
+    """
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        out, src, weights, scale, n, terms, apart, step = args
+        vectors = Vectors.of(builder, str(signature.args[3]))
+        scales = vectors.splat(scale)
+
+        def chunk(x: Any, store: Callable[[Any, Any], None]) -> None:
+            before, body, after = builder.block, builder.append_basic_block("terms"), builder.append_basic_block("done")
+            builder.branch(body)
+            builder.position_at_end(body)
+            term, total = builder.phi(I64), builder.phi(vectors.type)
+            value = vectors.load(vectors.shifted(src, (1, x), (1, builder.mul(term, apart))))
+            weight = vectors.load(vectors.shifted(weights, (1, x), (1, builder.mul(term, step))))
+            grown, following = vectors.multiply_add(total, weight, value), builder.add(term, I64(1))
+            nothing = ir.Constant(vectors.type, [0.0] * vectors.lanes)
+            for phi, first, later in ((term, I64(0), following), (total, nothing, grown)):
+                phi.add_incoming(first, before)
+                phi.add_incoming(later, body)
+            builder.cbranch(builder.icmp_signed("<", following, terms), body, after)
+            builder.position_at_end(after)
+            at = vectors.shifted(out, (1, x))
+            store(vectors.multiply_add(vectors.load(at), scales, grown), at)
+
+        vectors.in_chunks(n, chunk)
+        return context.get_dummy_value()
+
+    return types.void(*[types.int64] * 3, scale, *[types.int64] * 4), codegen
+
+
+#: Nodes of a row, and rows, that `sweep_phases` takes at a time: a vector a row, so that all sums of a tile stay in registers.
+TILE, TILE_ROWS = 8, 4
+
+
+@intrinsic
+def sweep_phases(typingctx, src, coefficient, base, out, offsets, weights, bonds, a, b, interface, ceiling, n, count, step, t):  # type: ignore[no-untyped-def]
+    """``out = a*src + b*base + sum over the bonds`` on up to `TILE_ROWS` rows of `n` nodes, where bonds differ by the phases of their ends.
+
+    All but a, b, the factor `interface` of bonds between the phases and the counts are byte addresses: of the first node in each array, of the
+    distances (int64) to the neighbours and of their weights. Rows lie `step` elements apart in src and coefficient, t in base and out; a
+    coefficient above 0 marks the liquid. A liquid node gains ``w (u' - u)`` from each liquid neighbour, and a node gains ``interface w (c' - c)``
+    from each neighbour of the other phase, c the lesser of u and `ceiling`, so that nothing at all flows between solid nodes. Rows that are
+    not there repeat the last one: their sums cost less than a loop of another length. Reads up to 8 nodes beyond the end of a row, writes none.
+    """
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        src, coefficient, base, out, offsets, weights, bonds, a, b, interface, ceiling, n, count, step, t = args
+        vectors = Vectors(builder, a.type, TILE)
+        size = vectors.size
+        zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
+        a_all, b_all, between, most = (vectors.splat(value) for value in (a, b, interface, ceiling))
+        last = builder.sub(count, I64(1))
+        numbers = [builder.select(builder.icmp_signed("<", last, I64(row)), last, I64(row)) for row in range(TILE_ROWS)]
+        apart = builder.sub(coefficient, src)
+
+        def liquid(address: Any) -> Any:
+            return builder.fcmp_ordered(">", vectors.load(address), zero)
+
+        def held(value: Any) -> Any:
+            return builder.select(builder.fcmp_ordered(">", value, most), most, value)  # what is no number stays so
+
+        def chunk(x: Any, store: Callable[[Any, Any], None]) -> None:
+            heres = [vectors.shifted(src, (1, x), (1, builder.mul(number, step))) for number in numbers]
+            own = [vectors.load(here) for here in heres]
+            wet = [liquid(builder.add(here, apart)) for here in heres]
+            bound = [held(value) for value in own]
+            before, body, after = builder.block, builder.append_basic_block("bonds"), builder.append_basic_block("done")
+            builder.branch(body)
+            builder.position_at_end(body)
+            bond = builder.phi(I64)
+            sums = [builder.phi(vectors.type) for _ in range(2 * len(heres))]
+            for phi, first in zip([bond, *sums], [I64(0), *[zero] * len(sums)], strict=True):
+                phi.add_incoming(first, before)
+            distance = builder.load(vectors.pointer(builder.add(offsets, builder.mul(bond, I64(8))), I64))
+            distance = builder.mul(distance, I64(size))
+            weight = vectors.splat(builder.load(vectors.pointer(builder.add(weights, builder.mul(bond, I64(size))), vectors.scalar)))
+            grown = []
+            for row, here in enumerate(heres):
+                there = builder.add(here, distance)
+                value, other = vectors.load(there), liquid(builder.add(there, apart))
+                across = vectors.multiply_add(sums[2 * row], weight, builder.fsub(held(value), bound[row]))
+                grown.append(builder.select(builder.xor(wet[row], other), across, sums[2 * row]))
+                opened = vectors.multiply_add(sums[2 * row + 1], weight, builder.fsub(value, own[row]))
+                grown.append(builder.select(builder.and_(wet[row], other), opened, sums[2 * row + 1]))
+            following = builder.add(bond, I64(1))
+            for phi, value in zip([bond, *sums], [following, *grown], strict=True):
+                phi.add_incoming(value, builder.block)
+            builder.cbranch(builder.icmp_signed("<", following, bonds), body, after)
+            builder.position_at_end(after)
+            places = [vectors.shifted(I64(0), (1, x), (1, builder.mul(number, t))) for number in numbers]
+            olds = [vectors.load(builder.add(base, place)) for place in places]  # before any store: rows may be repeated, and base be out
+            for row, place in enumerate(places):
+                total = vectors.multiply_add(grown[2 * row + 1], between, grown[2 * row])
+                total = vectors.multiply_add(total, b_all, olds[row])
+                store(vectors.multiply_add(total, a_all, own[row]), builder.add(out, place))
+
+        rest = builder.srem(n, I64(vectors.lanes))
+        whole = builder.sub(n, rest)
+        with cgutils.for_range_slice(builder, I64(0), whole, I64(vectors.lanes), I64) as (x, _):
+            chunk(x, vectors.store)
+        with builder.if_then(builder.icmp_signed(">", rest, I64(0))):
+            chunk(whole, vectors.store_first(rest))
+        return context.get_dummy_value()
+
+    return types.void(*[types.int64] * 7, a, a, a, a, *[types.int64] * 4), codegen
+
+
+#: Neighbouring values that a window has, and sums that are taken side by side.
+WINDOW, BUNDLE = 8, 4
+
+
+@intrinsic
+def window_sums(typingctx, sums, count, places, values, first, second, third, fourth):  # type: ignore[no-untyped-def]
+    """Four sums over as many windows of `values` with weights, side by side: one alone would wait for its own additions.
+
+    Takes the number of windows and byte addresses: of the results, of ``places[k, sum]``, the distance in bytes (uint32) of a window from
+    `values`, and of the weights (float64) of each sum, `WINDOW` a window.
+    """
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        sums, count, places, values, *weights = args
+        vectors = Vectors(builder, ir.DoubleType(), WINDOW)
+        totals = [cgutils.alloca_once(builder, vectors.type) for _ in weights]
+        for total in totals:
+            builder.store(ir.Constant(vectors.type, [0.0] * WINDOW), total)
+        with cgutils.for_range(builder, count) as loop:
+            here = builder.add(places, builder.mul(loop.index, I64(4 * BUNDLE)))
+            for number, (total, weight) in enumerate(zip(totals, weights, strict=True)):
+                place = builder.load(vectors.pointer(builder.add(here, I64(4 * number)), I32))
+                value = vectors.load(builder.add(values, builder.zext(place, I64)))
+                factor = vectors.load(vectors.shifted(weight, (WINDOW, loop.index)))
+                builder.store(vectors.multiply_add(builder.load(total), factor, value), total)
+
+        def added(low: Any, high: Any, *places: Sequence[int]) -> Any:
+            """Sum of two choices from the lanes of two vectors one after the other."""
+            return builder.fadd(*(builder.shuffle_vector(low, high, ir.Constant(ir.VectorType(I32, len(p)), list(p))) for p in places))
+
+        pairs = [
+            added(builder.load(totals[i]), builder.load(totals[i + 1]), (0, 8, 2, 10, 4, 12, 6, 14), (1, 9, 3, 11, 5, 13, 7, 15)) for i in (0, 2)
+        ]
+        halves = added(*pairs, (0, 1, 8, 9, 4, 5, 12, 13), (2, 3, 10, 11, 6, 7, 14, 15))
+        Vectors(builder, ir.DoubleType(), BUNDLE).store(added(halves, halves, (0, 1, 2, 3), (4, 5, 6, 7)), sums)
+        return context.get_dummy_value()
+
+    return types.void(*[types.int64] * 8), codegen
+
+
+@intrinsic
+def move_up(typingctx, address, count):  # type: ignore[no-untyped-def]
+    """Move `count` neighbouring numbers of 8 bytes from a byte address on by one place."""
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        address, count = args
+        low, high = (builder.inttoptr(builder.add(address, I64(shift)), I64.as_pointer()) for shift in (0, 8))
+        cgutils.raw_memmove(builder, high, low, count, 8)
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.int64), codegen
+
+
+@intrinsic
+def clear(typingctx, address, count, like):  # type: ignore[no-untyped-def]
+    """Set `count` neighbouring values of the type of `like` to zero, from a byte address on; made for a few dozen."""
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        address, count, _ = args
+        vectors = Vectors.of(builder, str(signature.args[2]))
+        zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
+        with cgutils.for_range_slice(builder, I64(0), count, I64(vectors.lanes), I64) as (x, _):
+            vectors.store_first(builder.sub(count, x))(zero, vectors.shifted(address, (1, x)))
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.int64, like), codegen
+
+
+@intrinsic
+def any_below(typingctx, coefficient, values, limit, n, count, step):  # type: ignore[no-untyped-def]
+    """Whether a node with a coefficient of at most 0 may have a value below `limit`, on `count` rows of `n` nodes that lie `step` elements apart.
+
+    Takes byte addresses of the first node, and looks at whole vectors: up to 7 nodes beyond the end of a row count, too.
+    """
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        coefficient, values, limit, n, count, step = args
+        vectors = Vectors(builder, limit.type, 8)
+        limits, zero = vectors.splat(limit), ir.Constant(vectors.type, [0.0] * vectors.lanes)
+        found = cgutils.alloca_once_value(builder, ir.Constant(ir.VectorType(ir.IntType(1), vectors.lanes), [0] * vectors.lanes))
+        with cgutils.for_range(builder, count) as rows, cgutils.for_range_slice(builder, I64(0), n, I64(vectors.lanes), I64) as (x, _):
+            hard, value = (vectors.load(vectors.shifted(start, (1, x), (1, builder.mul(rows.index, step)))) for start in (coefficient, values))
+            low = builder.and_(builder.fcmp_ordered("<=", hard, zero), builder.fcmp_ordered("<", value, limits))
+            builder.store(builder.or_(builder.load(found), low), found)
+        mask = builder.bitcast(builder.load(found), ir.IntType(vectors.lanes))
+        return builder.icmp_unsigned("!=", mask, ir.Constant(mask.type, 0))
+
+    return types.boolean(types.int64, types.int64, limit, *[types.int64] * 3), codegen
+
+
+_IN_FLIGHT = 8  # sums that a loop needs at a time, so that none waits for its own last addition
+
+
+def weighted_parts(parts: int, real: str) -> Any:
+    """Make the intrinsic that sums lines with weights, to several sums at a time, for nodes that go through side by side.
+
+    ``sums(to, to_step, source, ends, places, weights, weight_step, vectors, least, more)``: byte addresses of the first sum and the
+    distance between them, of the first node, and of tables. The terms come in groups: those of all sums, of all but the last, and so on; ``ends``
+    (int64) holds their first and last numbers, ``places`` (int64) how far, in bytes, what they take lies from the node, ``weights`` a row
+    of weights a term, ``weight_step`` bytes apart. Groups of fewer than `least` sums are left out; where `more` is not 0 the sums are added to.
+    """
+
+    def emit(builder: ir.IRBuilder, args: tuple[Any, ...]) -> None:
+        to, to_step, source, ends, places, weights, weight_step, number, least, more = args
+        vectors = Vectors.of(builder, real)
+        width = vectors.lanes * vectors.size
+        zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
+        fresh = builder.icmp_signed("==", more, I64(0))
+        limits = [builder.load(vectors.pointer(builder.add(ends, I64(8 * i)), I64)) for i in range(parts + 1)]
+
+        def place(k: int, at: Any, part: int) -> Any:
+            return builder.add(builder.add(to, builder.mul(I64(k), to_step)), builder.add(at, I64(part * width)))
+
+        def grown(term: Any, at: Any, used: int, many: int, totals: list[Any]) -> list[Any]:
+            here = builder.add(source, builder.load(vectors.pointer(builder.add(places, builder.mul(term, I64(8))), I64)))
+            here = builder.add(here, at)
+            w = vectors.splat_all(builder.add(weights, builder.mul(term, weight_step)), used)
+            values = [vectors.load(builder.add(here, I64(part * width))) for part in range(many)]
+            return [vectors.multiply_add(total, w[i // many], values[i % many]) for i, total in enumerate(totals)]
+
+        def loop(first: Any, last: Any, step: int, start: list[Any], body: Callable[[Any, list[Any]], list[Any]]) -> tuple[Any, list[Any]]:
+            before, test, inside, after = builder.block, *(builder.append_basic_block(name) for name in ("test", "term", "done"))
+            builder.branch(test)
+            builder.position_at_end(test)
+            term, *values = [builder.phi(I64), *(builder.phi(vectors.type) for _ in start)]
+            for phi, value in zip([term, *values], [first, *start], strict=True):
+                phi.add_incoming(value, before)
+            following = builder.add(term, I64(step))
+            builder.cbranch(builder.icmp_signed("<=", following, last), inside, after)
+            builder.position_at_end(inside)
+            for phi, value in zip([term, *values], [following, *body(term, values)], strict=True):
+                phi.add_incoming(value, builder.block)
+            builder.branch(test)
+            builder.position_at_end(after)
+            return term, values
+
+        def block(at: Any, many: int) -> None:
+            totals = [builder.select(fresh, zero, vectors.load(place(k, at, part))) for k in range(parts) for part in range(many)]
+            for group in range(parts):
+                used = parts - group
+                last = builder.select(builder.icmp_signed("<=", least, I64(used)), limits[group + 1], limits[group])
+                mine, turns = totals[: used * many], max(1, -(-_IN_FLIGHT // (used * many)))
+                term = limits[group]
+                if turns > 1:
+                    def several(term: Any, sums: list[Any], used: int = used, turns: int = turns) -> list[Any]:
+                        size = used * many
+                        return [v for t in range(turns) for v in grown(builder.add(term, I64(t)), at, used, many, sums[t * size : (t + 1) * size])]
+
+                    term, sums = loop(term, last, turns, [*mine, *[zero] * ((turns - 1) * len(mine))], several)
+                    mine = [vectors.sum(sums[i :: used * many]) for i in range(used * many)]
+                _, mine = loop(term, last, 1, mine, lambda term, sums, used=used: grown(term, at, used, many, sums))  # type: ignore[misc]
+                totals[: used * many] = mine
+            for i, total in enumerate(totals):
+                vectors.store(total, place(i // many, at, i % many))
+
+        many, done = 4 if parts <= 5 else 2, I64(0)
+        while many:
+            end = builder.mul(builder.sdiv(number, I64(many)), I64(many * width))
+            with cgutils.for_range_slice(builder, done, end, I64(many * width), I64) as (at, _):
+                block(at, many)
+            done, many = end, many // 2
+
+    @intrinsic
+    def sums(typingctx, to, to_step, source, ends, places, weights, weight_step, vectors, least, more):  # type: ignore[no-untyped-def]
+        def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+            emit(builder, args)
+            return context.get_dummy_value()
+
+        return PARTS_SIGNATURE, codegen
+
+    return sums
+
+
+PARTS_SIGNATURE = types.void(*[types.int64] * 10)
+
+
+@intrinsic
+def call_parts(typingctx, function, to, to_step, source, ends, places, weights, weight_step, vectors, least, more):  # type: ignore[no-untyped-def]
+    """Call compiled `weighted_parts` by their address."""
+    signature = types.void(*[types.int64] * 11)
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        kind = ir.FunctionType(ir.VoidType(), [arg.type for arg in args[1:]])
+        builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
+        return context.get_dummy_value()
+
+    return signature, codegen
+
+
+def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str) -> Any:
+    """Make the intrinsic that applies stretched shifts in one direction along lines that go through side by side; see `engine.nested`.
+
+    ``shifts(parts, part_step, part_k, found, found_step, found_k, memory, cell, r, e, f, columns, vectors)``: byte addresses of column 0 and the
+    distances between columns and between k; of the memory, one cell an application, outwards from the outer end, and the bytes of a cell (0: there is
+    none, e and f are zero); of the tables of edges. Outwards what is found is stored, from column 1 - reach on, inwards added, from column 1 on.
+    Nested: a part for each column and k, the sum found for each column; else one value for each column, what is found for each k.
+    """
+    steps = list(range(reach))
+    order = steps[::-1] if nested else steps  # the applications one after the other
+    ahead = 1 if nested else -1  # the one before k is k + ahead
+
+    def emit(builder: ir.IRBuilder, args: tuple[Any, ...]) -> None:
+        parts, part_step, part_k, found, found_step, found_k, memory, cell, r, e, f, columns, number = args
+        vectors = Vectors.of(builder, real)
+        width = vectors.lanes * vectors.size
+        zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
+
+        def shifted(address: Any, *moves: tuple[Any, Any]) -> Any:
+            for count, distance in moves:
+                address = builder.add(address, builder.mul(count if isinstance(count, ir.Value) else I64(count), distance))
+            return address
+
+        def apply(at: Any, column: Any, carried: list[Any], edge: Any, cells: Any) -> tuple[list[Any], list[Any]]:
+            """One column: what is carried on to the next (v, q and the sums of c for each k), and the sums; no edge: plain shifts."""
+            v, q, t = carried[:reach], carried[reach : 2 * reach], carried[2 * reach :]
+            v_new, q_new, t_new = list(v), list(q), list(t)
+            if edge is not None:
+                r_all, e_all, f_all = (vectors.splat(builder.load(vectors.pointer(builder.add(table, edge), vectors.scalar))) for table in (r, e, f))
+            here = builder.add(shifted(parts, (column, part_step)), at)
+            for turn, k in enumerate(order):
+                before = v_new[k + ahead] if turn else None
+                new = vectors.load(shifted(here, (k if nested else 0, part_k))) if nested or not turn else None
+                new = before if new is None else new if before is None else builder.fadd(new, before)
+                q_new[k], v_new[k] = new, q[k]
+                if edge is not None:
+                    place = shifted(cells, (turn, cell))
+                    d, kept = builder.fsub(new, v[k]), vectors.load(place)
+                    c = builder.fsub(builder.fmul(r_all, d, flags=_CONTRACT), kept, flags=_CONTRACT)
+                    vectors.store(vectors.multiply_add(builder.fmul(e_all, kept, flags=_CONTRACT), f_all, d), place)
+                    v_new[k] = builder.fadd(q[k], c)
+                    t_new[k] = builder.fadd(t[k + ahead], c) if turn else c
+            return [*v_new, *q_new, *t_new], [t_new[0]] if nested else t_new
+
+        def loop(count: Any, start: list[Any], body: Callable[[Any, list[Any]], list[Any]]) -> list[Any]:
+            before, test, inside, after = builder.block, *(builder.append_basic_block(name) for name in ("test", "column", "done"))
+            builder.branch(test)
+            builder.position_at_end(test)
+            turn, *values = [builder.phi(I64), *(builder.phi(vectors.type) for _ in start)]
+            for phi, value in zip([turn, *values], [I64(0), *start], strict=True):
+                phi.add_incoming(value, before)
+            builder.cbranch(builder.icmp_signed("<", turn, count), inside, after)
+            builder.position_at_end(inside)
+            grown = body(turn, values)
+            for phi, value in zip([turn, *values], [builder.add(turn, I64(1)), *grown], strict=True):
+                phi.add_incoming(value, builder.block)
+            builder.branch(test)
+            builder.position_at_end(after)
+            return values
+
+        def stretched(at: Any, turn: Any, carried: list[Any]) -> list[Any]:
+            column = builder.sub(columns, turn) if outwards else builder.add(turn, I64(1))
+            edge = builder.mul(column if outwards else turn, I64(vectors.size))
+            cells = builder.add(shifted(memory, (builder.mul(turn, I64(reach)), cell)), at)
+            carried, sums = apply(at, column, carried, edge, cells)
+            to = builder.add(shifted(found, (column, found_step)), at)
+            for k, value in enumerate(sums):
+                place = shifted(to, (k, found_k))
+                vectors.store(value if outwards else builder.fadd(vectors.load(place), value), place)
+            return carried
+
+        def side_by_side(at: Any, many: int) -> None:
+            """All columns of some vectors; two at a time wait less for each other's additions."""
+            places, size = [builder.add(at, I64(i * width)) for i in range(many)], 3 * reach
+
+            def each(body: Callable[[Any, list[Any]], list[Any]]) -> Callable[[list[Any]], list[Any]]:
+                return lambda c: [v for i, place in enumerate(places) for v in body(place, c[i * size : (i + 1) * size])]
+
+            carried = [zero] * (size * many)
+            if not outwards:
+                carried = loop(I64(reach + 1), carried, lambda turn, c: each(
+                    lambda place, c: apply(place, builder.sub(turn, I64(reach)), c, None, None)[0])(c))  # fmt: skip
+            count = builder.add(columns, I64(1)) if outwards else columns
+            carried = loop(count, carried, lambda turn, c: each(lambda place, c: stretched(place, turn, c))(c))
+            for i, place in enumerate(places if outwards else ()):
+                sums = carried[i * size + 2 * reach : (i + 1) * size]
+                for near in range(1, reach):
+                    to = builder.add(shifted(found, (-near, found_step)), place)
+                    for k in range(1 if nested else reach):
+                        source = k + near * ahead
+                        vectors.store(sums[source] if 0 <= source < reach else zero, shifted(to, (k, found_k)))
+
+        many, done = 2 if reach < 5 else 1, I64(0)
+        while many:
+            end = builder.mul(builder.sdiv(number, I64(many)), I64(many * width))
+            with cgutils.for_range_slice(builder, done, end, I64(many * width), I64) as (at, _):
+                side_by_side(at, many)
+            done, many = end, many // 2
+
+    @intrinsic
+    def shifts(typingctx, parts, part_step, part_k, found, found_step, found_k, memory, cell, r, e, f, columns, vectors):  # type: ignore[no-untyped-def]
+        def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+            emit(builder, args)
+            return context.get_dummy_value()
+
+        return SHIFTS_SIGNATURE, codegen
+
+    return shifts
+
+
+SHIFTS_SIGNATURE = types.void(*[types.int64] * 13)
+
+
+@intrinsic
+def call_shifts(typingctx, function, parts, part_step, part_k, found, found_step, found_k, memory, cell, r, e, f, columns, vectors):  # type: ignore[no-untyped-def]
+    """Call compiled `stretched_shifts` by their address."""
+    signature = types.void(*[types.int64] * 14)
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        kind = ir.FunctionType(ir.VoidType(), [arg.type for arg in args[1:]])
+        builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
+        return context.get_dummy_value()
+
+    return signature, codegen
+
+
+#: Lines and columns that `turn` exchanges at a time.
+TURNED = 8
+
+
+@intrinsic
+def turn(typingctx, source, step, last, to, to_step, to_last, like):  # type: ignore[no-untyped-def]
+    """Turn a square of values: value j of line i of `source` becomes value i of line j of `to`.
+
+    Byte addresses and distances of lines, `TURNED` values each of the type of `like`; lines after `last`, or `to_last`, are not there.
+    """
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        source, step, last, to, to_step, to_last, like = args
+        vectors = Vectors(builder, like.type, TURNED)
+
+        def place(start: Any, line: int, distance: Any, end: Any) -> Any:
+            number = builder.select(builder.icmp_signed("<", end, I64(line)), end, I64(line))
+            return builder.add(start, builder.mul(number, distance))
+
+        lines, half = [vectors.load(place(source, i, step, last)) for i in range(TURNED)], TURNED // 2
+        low, high = ([i + TURNED * j for i in range(first, first + half) for j in (0, 1)] for first in (0, half))
+        for _ in range(3):  # each round sorts by one more bit of the line's number
+            pairs = [(lines[i], lines[i + half]) for i in range(half)]
+            lines = [builder.shuffle_vector(*pair, ir.Constant(ir.VectorType(I32, TURNED), picked)) for pair in pairs for picked in (low, high)]
+        for i in reversed(range(TURNED)):  # a line that is not there goes where the last one goes afterwards
+            vectors.store(lines[i], place(to, i, to_step, to_last))
+        return context.get_dummy_value()
+
+    return types.void(*[types.int64] * 6, like), codegen
+
+
+@intrinsic
+def add_lines(typingctx, source, to, scale, count):  # type: ignore[no-untyped-def]
+    """``to += scale * source`` on `count` neighbouring values; byte addresses."""
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        source, to, scale, count = args
+        vectors = Vectors.of(builder, str(signature.args[2]))
+        factor = vectors.splat(scale)
+
+        def chunk(x: Any, store: Callable[[Any, Callable[[Any, Any], None]], None]) -> None:
+            at = builder.mul(x, I64(vectors.size))
+            there = builder.add(to, at)
+            store(vectors.multiply_add(vectors.load(there), factor, vectors.load(builder.add(source, at))), there)
+
+        vectors.in_chunks(count, chunk)
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.int64, scale, types.int64), codegen
+
+
+@intrinsic
+def fetch(typingctx, address):  # type: ignore[no-untyped-def]
+    """Fetch the cache line of an address, which need not exist."""
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        Vectors.of(builder, "float64").prefetch(args[0])
+        return context.get_dummy_value()
+
+    return types.void(types.int64), codegen
+
+
+@intrinsic
+def weigh_change(typingctx, to, level, before, share, strengths, count):  # type: ignore[no-untyped-def]
+    """``to = strengths * (level - share * before)`` on `count` neighbouring values; byte addresses."""
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        to, level, before, share, strengths, count = args
+        vectors = Vectors.of(builder, str(signature.args[3]))
+        factor = vectors.splat(builder.fneg(share))
+
+        def chunk(x: Any, store: Callable[[Any, Any], None]) -> None:
+            at = builder.mul(x, I64(vectors.size))
+            change = vectors.multiply_add(vectors.load(builder.add(level, at)), factor, vectors.load(builder.add(before, at)))
+            store(builder.fmul(vectors.load(builder.add(strengths, at)), change), builder.add(to, at))
+
+        vectors.in_chunks(count, chunk)
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.int64, types.int64, share, types.int64, types.int64), codegen
+
+
+@intrinsic
+def take_passed(typingctx, box, steps, axes, taps, reach, strengths, level, like, count):  # type: ignore[no-untyped-def]
+    """``level -= strengths * F box`` on `count` neighbouring values, F the sum of one symmetric filter along each axis.
+
+    Byte addresses; `steps` (int64) holds the distances between neighbours along the axes, in elements, `taps` the filter's weight
+    of a value itself and of the neighbours on both sides, up to `reach`.
+    """
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        box, steps, axes, taps, reach, strengths, level, _, count = args
+        vectors = Vectors.of(builder, str(signature.args[7]))
+
+        def tap(k: Any) -> Any:
+            return vectors.splat(builder.load(vectors.pointer(builder.add(taps, builder.mul(k, I64(vectors.size))), vectors.scalar)))
+
+        def along(number: int) -> None:
+            apart = [builder.mul(builder.load(vectors.pointer(builder.add(steps, I64(8 * axis)), I64)), I64(vectors.size)) for axis in range(number)]
+
+            def chunk(x: Any, store: Callable[[Any, Any], None]) -> None:
+                at = builder.mul(x, I64(vectors.size))
+                here = builder.add(box, at)
+                start = builder.fmul(tap(I64(0)), vectors.load(here))
+                before, test, body, after = builder.block, *(builder.append_basic_block(name) for name in ("test", "tap", "done"))
+                builder.branch(test)
+                builder.position_at_end(test)
+                k = builder.phi(I64)
+                totals, far = [builder.phi(vectors.type) for _ in apart], [builder.phi(I64) for _ in apart]
+                builder.cbranch(builder.icmp_signed("<=", k, reach), body, after)
+                builder.position_at_end(body)
+                weight = tap(k)
+                grown = [vectors.multiply_add(total, weight, builder.fadd(vectors.load(builder.add(here, d)), vectors.load(builder.sub(here, d))))
+                         for total, d in zip(totals, far, strict=True)]  # fmt: skip
+                farther = [builder.add(d, step) for d, step in zip(far, apart, strict=True)]
+                for phi, value, coming in zip([k, *totals, *far], [I64(1), *[start] * number, *apart], [builder.add(k, I64(1)), *grown, *farther],
+                                              strict=True):  # fmt: skip
+                    phi.add_incoming(value, before)
+                    phi.add_incoming(coming, builder.block)
+                builder.branch(test)
+                builder.position_at_end(after)
+                there = builder.add(level, at)
+                taken = builder.fmul(vectors.load(builder.add(strengths, at)), vectors.sum(totals))
+                store(builder.fsub(vectors.load(there), taken), there)
+
+            vectors.in_chunks(count, chunk)
+
+        for number in (1, 2, 3):
+            with builder.if_then(builder.icmp_signed("==", axes, I64(number))):
+                along(number)
+        return context.get_dummy_value()
+
+    return types.void(*[types.int64] * 7, like, types.int64), codegen

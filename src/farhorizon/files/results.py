@@ -1,0 +1,908 @@
+"""The results file and the checkpoint.
+
+A results file is a VTKHDF ``ImageData`` file [1]_ with a temporal ``Steps`` group, so that ParaView opens it as it is: ``/VTKHDF`` holds
+the fields as point data, one chunked record an output, in VTK's order (x fastest), on a lattice padded to three dimensions.
+``/farhorizon`` holds what VTK does not know: case text, program, lattice, step numbers, the history of energy and balance, and, with times of their
+own, the records of the probes. Its attribute ``outputs``, and ``rows`` of the history and of the records, say how many are valid, ``finished``
+whether the run came to its end.  Every dataset has a check sum a chunk (Fletcher 32), and so has, in HDF5's format 1.10, all that HDF5 notes
+about it.
+
+A checkpoint is its own HDF5 file: an index (JSON, with the SHA-256 of every array), the arrays, and a flag that is written last.
+
+Both are written by `farhorizon.files.storage`: a process that is killed, or a disk that is full, leaves the file as it was before.
+
+References
+----------
+.. [1] VTKHDF file format, https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format/vtkhdf_specifications.html
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import h5py
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.errors import FarhorizonError, FileFormatError, InputError
+from farhorizon.files.storage import Draft, changed, created, read
+
+if TYPE_CHECKING:
+    import xarray
+
+FORMAT = "farhorizon results"
+CHECKPOINT_FORMAT = "farhorizon checkpoint"
+VERSION = 1  # of a checkpoint
+RESULTS_VERSION = 2
+# Names that the Dataset of `Results.to_xarray` and the pictures of `farhorizon.pictures.plot` use for something else.
+RESERVED = frozenset(
+    {"time", "step", "x", "y", "z", "energy", "history_time", "probe", "probe_time", "probe_x", "probe_y", "probe_z", "probe_values", "probes"}
+    | {"balance", "account", "component"}
+)
+_CHUNK_BYTES = 2**26
+_CHUNK_ROWS = 512
+_DEPTH = 4  # of groups in each other, in any file of ours
+
+
+def _hdf5(path: Path | Draft, mode: str) -> Any:
+    """Open an HDF5 file; what is written into it has the format of HDF5 1.10, which has check sums.
+
+    File locks are off, so that someone who looks at a file with another program cannot stop the run that writes it.
+    """
+    return h5py.File(path, mode, locking=False, libver=("v110", "v110"))
+
+
+@contextmanager
+def _opened(path: Path, mode: str, what: str) -> Iterator[Any]:
+    """Open an HDF5 file, "r" or "r+"; whatever HDF5 cannot read becomes a FileFormatError."""
+    if not path.is_file():
+        raise InputError(f"{path}: no such file", remedy=f"give the path of a {what}")
+    try:
+        if not h5py.is_hdf5(path):
+            raise FileFormatError(f"{path} is not an HDF5 file, or its beginning is damaged", remedy=f"give the path of a {what}")
+        with (read if mode == "r" else changed)(path) as draft, _hdf5(path if draft is None else draft, mode) as file:
+            yield file
+    except FarhorizonError:
+        raise
+    except PermissionError as error:
+        raise InputError(f"{path}: permission denied", remedy="change the permissions or use another path") from error
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError, MemoryError) as error:
+        # Python's own system errors (disk full, ...) carry an errno and say nothing about the file's format.
+        if isinstance(error, OSError) and error.errno is not None and mode != "r":
+            raise
+        raise FileFormatError(f"{path} is truncated or damaged ({error})", remedy=f"use another {what}, or compute it again") from error
+
+
+def _refuse_other_files(group: Any, path: Path, depth: int = 0) -> None:
+    """FileFormatError if something that a file seems to hold stands elsewhere: ours have no links, and another file's content may be secret."""
+    for name in group:
+        item = group[name] if isinstance(group.get(name, getlink=True), h5py.HardLink) and depth < _DEPTH else None
+        if item is None or (isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)):
+            raise FileFormatError(f"{path}: {group.name.rstrip('/')}/{name} refers to another place or file, as nothing that we write does",
+                                  remedy="use a file of a known origin")  # fmt: skip
+        if isinstance(item, h5py.Group):
+            _refuse_other_files(item, path, depth + 1)
+
+
+def _read_indices(group: Any) -> None:
+    """Read where the chunks of all datasets lie; OSError if the check sum of an index fails."""
+    for item in group.values():
+        if isinstance(item, h5py.Group):
+            _read_indices(item)
+        elif item.chunks is not None:
+            item.id.get_num_chunks()
+
+
+def _read(file: Any, path: Path, name: str, rows: Any = ()) -> np.ndarray:
+    """Rows of a dataset; FileFormatError names the one that fails its check sum."""
+    try:
+        return np.asarray(file[name][rows])
+    except OSError as error:
+        remedy = "compute it again, or resume the run from a checkpoint before it"
+        raise FileFormatError(f"{path} is damaged: {name} fails its check sum", remedy=remedy) from error
+
+
+def _directory_of(path: Path) -> Path:
+    """Directory that a new file shall stand in; InputError if there is none."""
+    if path.is_dir():
+        raise InputError(f"{path} is a directory", remedy="give the path of a file")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: there is no directory {path.parent}", remedy="create it first")
+    return path.parent
+
+
+def _check_format(file: Any, path: Path) -> Any:
+    """Return the group ``/farhorizon`` of a results file; FileFormatError if the file is another program's or a later version's."""
+    _refuse_other_files(file, path)
+    if "farhorizon" not in file or _word(file["farhorizon"].attrs, "format") != FORMAT or "VTKHDF" not in file:
+        raise FileFormatError(f"{path} is an HDF5 file, but not a farhorizon results file", remedy="give a file written by farhorizon run")
+    group = file["farhorizon"]
+    version = int(group.attrs["version"])
+    if version != RESULTS_VERSION:
+        older = version < RESULTS_VERSION
+        raise FileFormatError(f"{path} has {'an older' if older else 'a newer'} format", value=version, limit=RESULTS_VERSION,
+                              remedy="run the case again" if older else "update farhorizon")  # fmt: skip
+    return group
+
+
+class Caution(NamedTuple):
+    """From a time on the result of a run is doubtful: in two or three words, and in a sentence."""
+
+    time: float
+    brief: str
+    text: str
+
+
+class Counts(NamedTuple):
+    """Valid outputs, history rows and records of the probes."""
+
+    outputs: int
+    rows: int
+    records: int
+
+
+def _counts(file: Any, path: Path) -> Counts:
+    """Return the numbers of valid outputs, history rows and records: of what is counted as much as all datasets hold.
+
+    The last output, and its history rows and records, may be missing from some of them, for other programs that write such files are killed too.
+    """
+    group, vtk = file["farhorizon"], file["VTKHDF"]
+
+    def held(counted: int, least: int, datasets: Sequence[Any]) -> int:
+        shortest = min(datasets, key=len)
+        if not least <= min(counted, len(shortest)):
+            raise FileFormatError(f"{path} is damaged: {shortest.name} is too short", value=len(shortest), limit=least, remedy="compute it again")
+        return min(counted, len(shortest))
+
+    outputs = int(group.attrs["outputs"])
+    per_output = (vtk["Steps/Values"], group["steps"], group["history_rows"], group["record_rows"], *vtk["PointData"].values())
+    outputs = held(outputs, max(outputs - 1, 0), per_output)
+    rows, records = (
+        held(int(group[name].attrs["rows"]), int(group[noted][outputs - 1]) if outputs else 0, list(group[name].values()))
+        for name, noted in (("history", "history_rows"), ("records", "record_rows"))
+    )
+    return Counts(outputs, rows, records)
+
+
+def _set_outputs(file: Any, outputs: int) -> None:
+    """Make the first `outputs` outputs the valid ones.
+
+    A single output is listed twice among VTK's steps: vtkHDFReader takes a file of one step for a file without time, and fails.
+    """
+    steps, listed = file["VTKHDF/Steps"], 2 if outputs == 1 else outputs
+    for dataset in (steps["Values"], *steps["PointDataOffsets"].values()):
+        dataset.resize(listed, axis=0)
+        if outputs == 1:
+            dataset[1] = dataset[0]
+    steps.attrs.modify("NSteps", listed)
+    file["farhorizon"].attrs.modify("outputs", outputs)
+
+
+def _vtk_shape(shape: tuple[int, ...], components: int) -> tuple[int, ...]:
+    """Shape of one stored output: z, y, x, without the slow axes that have a single node, for vtkHDFReader expects them left out; vectors last."""
+    while len(shape) > 1 and shape[-1] == 1:
+        shape = shape[:-1]
+    return shape[::-1] + ((3,) if components > 1 else ())
+
+
+def _chunk(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
+    """Chunk of one output, halved along its slowest axes until it holds no more than 64 MiB."""
+    chunk = [1, *shape]
+    while int(np.prod(chunk)) * itemsize > _CHUNK_BYTES:
+        axis = next(a for a in range(1, len(chunk)) if chunk[a] > 1)
+        chunk[axis] = (chunk[axis] + 1) // 2
+    return tuple(chunk)
+
+
+def _words(group: Any, name: str) -> tuple[str, ...]:
+    """Texts in a dataset; none if it is not there."""
+    return tuple(text.decode() for text in np.ravel(group[name][()])) if name in group else ()
+
+
+def _put_words(group: Any, name: str, words: Sequence[str]) -> None:
+    """Keep texts; they have a fixed length, since those of variable length have no check sum."""
+    encoded = [word.encode() for word in words]
+    dtype = h5py.string_dtype("utf-8", max(1, *map(len, encoded)))
+    _put_fixed(group, name, np.array(encoded, dtype))
+
+
+def _word(attributes: Any, name: str) -> str:
+    """A text among attributes; empty if it is not there."""
+    text = attributes.get(name, b"")
+    return text.decode(errors="replace") if isinstance(text, bytes) else str(text)
+
+
+def _put_word(attributes: Any, name: str, word: str) -> None:
+    """Keep a text of fixed length among attributes: damage where HDF5 keeps those of variable length makes it hang or crash."""
+    encoded = word.encode()
+    attributes.create(name, encoded, dtype=h5py.string_dtype("utf-8", max(1, len(encoded))))
+
+
+def _put_fixed(group: Any, name: str, values: np.ndarray) -> None:
+    """Keep an array that does not grow."""
+    checked = {"chunks": values.shape, "fletcher32": True} if values.size else {}
+    group.create_dataset(name, data=values, dtype=values.dtype, **checked)
+
+
+def _components(group: Any) -> dict[str, int]:
+    """Components of each field of a results file; 1 in files that do not say."""
+    names = _words(group, "fields")
+    return dict(zip(names, (int(n) for n in np.broadcast_to(group.attrs.get("components", 1), len(names))), strict=True))
+
+
+def _probe_components(group: Any) -> int:
+    """Components of the values at the probes; those of the first field in files that do not say."""
+    return int(group.attrs.get("probe_components", next(iter(_components(group).values()))))
+
+
+def _growing(group: Any, name: str, dtype: str) -> None:
+    """Make an empty column that grows by rows."""
+    group.create_dataset(name, (0,), dtype, maxshape=(None,), chunks=(_CHUNK_ROWS,), fletcher32=True)
+
+
+def _put(dataset: Any, start: int, values: Any) -> None:
+    """Write `values` from row `start` on; rows that stood there or beyond are replaced."""
+    stop = start + len(values)
+    dataset.resize(stop, axis=0)
+    dataset[start:stop] = values
+
+
+def check_replaceable(path: Path) -> None:
+    """Refuse to put new results where something else is than results of ours, or nothing.
+
+    Raises
+    ------
+    InputError
+        Another file, or one that may not be written; no such folder.
+    """
+    _directory_of(path)
+    if not path.exists():
+        return
+    if not os.access(path, os.W_OK):
+        raise InputError(f"{path}: permission denied", remedy="change the permissions or use another path")
+    try:
+        with _opened(path, "r", "results file") as file:
+            _check_format(file, path)
+    except FileFormatError as error:
+        remedy = "move or delete it, or choose another path"
+        raise InputError(f"{path} exists, is not a whole results file of ours, and is not overwritten", remedy=remedy) from error
+
+
+class ResultsWriter:
+    """Appends outputs to a results file; the file is closed between the calls.
+
+    Use `create` or `resume`.  Every call opens the file, appends and closes it; a killed process leaves a file with or without what was appended.
+
+    Parameters
+    ----------
+    path : str or Path
+        An existing results file.
+
+    Attributes
+    ----------
+    path : Path
+    outputs, rows, records : int
+        Valid outputs, history rows and records of the probes so far; a checkpoint has them, and `resume` takes them.
+    fields : tuple of str
+    shape : tuple of int
+        Lattice shape (nx[, ny[, nz]]).
+    components : dict of str to int
+        Of each field.
+
+    Raises
+    ------
+    FileFormatError
+        The file is truncated, damaged or not ours.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        with _opened(self.path, "r", "results file") as file:
+            group = _check_format(file, self.path)
+            self.shape: tuple[int, ...] = tuple(int(n) for n in group.attrs["shape"])
+            self.fields: tuple[str, ...] = _words(group, "fields")
+            self.outputs, self.rows, self.records = _counts(file, self.path)
+            self.components = _components(group)
+            width = _probe_components(group)
+            self._probes = (group["probes"].shape[0], *((width,) if width > 1 else ()))
+            self.accounts = _words(group, "accounts")
+            self._last_step = int(group["steps"][self.outputs - 1]) if self.outputs else None
+
+    @classmethod
+    def create(
+        cls,
+        path: str | Path,
+        *,
+        dim: int,
+        shape: Sequence[int],
+        spacing: float,
+        lower: Sequence[float] | np.ndarray,
+        fields: tuple[str, ...],
+        dtype: Any,
+        probes: np.ndarray | None = None,
+        accounts: Sequence[str] = (),
+        case: str = "",
+        program: str = "",
+        components: int | Mapping[str, int] = 1,
+    ) -> ResultsWriter:
+        """Create an empty results file; an older results file of that name is replaced, any other file is refused.
+
+        Parameters
+        ----------
+        path : str or Path
+        dim : int
+            1, 2 or 3.
+        shape : sequence of int, length dim
+            Nodes along x[, y[, z]].
+        spacing : float
+            Distance of neighbouring nodes, the same along every axis.
+        lower : sequence of float, length dim
+            Coordinates of the first node.
+        fields : tuple of str
+            Names of the fields; `append` wants them all.
+        dtype : dtype
+            float32 or float64, of the stored fields.
+        probes : ndarray, shape (n, dim), optional
+            Positions of the probes.
+        accounts : sequence of str
+            Names of the entries of a balance, which each `append` is to give.
+        case : str
+            Text of the case file.
+        program : str
+            Name and version of the program.
+        components : int or mapping of str to int
+            1, or dim for vector fields. VTK's vectors have three, the missing ones are stored as zeros. Probes show
+            the field u if it is named, written or not, else the first one.
+
+        Returns
+        -------
+        ResultsWriter
+
+        Raises
+        ------
+        InputError
+            An argument is wrong, `path` holds another file, or one that may not be written.
+        """
+        path = Path(path)
+        check_replaceable(path)
+        dtype = np.dtype(dtype)
+        if dtype not in (np.dtype("float32"), np.dtype("float64")):
+            raise InputError("results are stored in single or double precision", value=dtype, remedy="use float32 or float64")
+        shape, origin = tuple(int(n) for n in shape), tuple(float(v) for v in lower)
+        if dim not in (1, 2, 3) or len(shape) != dim or len(origin) != dim or min(shape) < 1:
+            raise InputError("dim is 1, 2 or 3, and shape and lower have dim entries", value=f"dim {dim}, shape {shape}, lower {origin}")
+        if not np.isfinite(spacing) or spacing <= 0:
+            raise InputError("the spacing is a positive number", value=spacing)
+        for name in fields:
+            if not name or name in RESERVED or "/" in name or name.startswith("."):
+                remedy = f"use a name without '/', not beginning with '.', and none of {', '.join(sorted(RESERVED))}"
+                raise InputError("this name cannot be used for a field in a results file", value=repr(name), remedy=remedy)
+        if not fields or len(set(fields)) != len(fields):
+            raise InputError("fields are one or more different names", value=fields)
+        places = np.zeros((0, dim)) if probes is None else np.asarray(probes, dtype=float)
+        if places.ndim != 2 or places.shape[1] != dim:
+            raise InputError("probes have the shape (n, dim)", value=places.shape, limit=f"(n, {dim})")
+        width = dict.fromkeys(fields, components) if isinstance(components, int) else dict(components)
+        probed_width = width.get("u", width[fields[0]])
+        if not set(width.values()) <= {1, dim}:
+            raise InputError("fields are scalars or have a component an axis", value=components, limit=f"1 or {dim}")
+        padded = (*shape, 1, 1)[:3]
+        with created(path) as draft, _hdf5(draft, "w") as file:
+            vtk = file.create_group("VTKHDF")
+            vtk.attrs["Version"] = np.array([2, 0])
+            vtk.attrs.create("Type", b"ImageData", dtype=h5py.string_dtype("ascii", len("ImageData")))
+            vtk.attrs["WholeExtent"] = np.array([0, padded[0] - 1, 0, padded[1] - 1, 0, padded[2] - 1])
+            vtk.attrs["Origin"] = np.array((*origin, 0.0, 0.0)[:3])
+            vtk.attrs["Spacing"] = np.full(3, float(spacing))
+            vtk.attrs["Direction"] = np.eye(3).ravel()
+            steps, data = vtk.create_group("Steps"), vtk.create_group("PointData")
+            steps.attrs["NSteps"] = 0
+            _growing(steps, "Values", "f8")
+            offsets = steps.create_group("PointDataOffsets")
+            for name in fields:
+                stored = _vtk_shape(shape, width[name])
+                chunk = _chunk(stored, dtype.itemsize)
+                data.create_dataset(name, (0, *stored), dtype, maxshape=(None, *stored), chunks=chunk, fletcher32=True)
+                _growing(offsets, name, "i8")
+                kind = "Scalars" if width[name] == 1 else "Vectors"
+                if kind not in data.attrs:
+                    _put_word(data.attrs, kind, name)
+            group = file.create_group("farhorizon")
+            for name, word in (("format", FORMAT), ("program", program), ("cautions", "[]")):
+                _put_word(group.attrs, name, word)
+            group.attrs["version"], group.attrs["finished"] = RESULTS_VERSION, False
+            group.attrs["dim"], group.attrs["shape"], group.attrs["spacing"], group.attrs["lower"] = dim, shape, float(spacing), origin
+            group.attrs["components"], group.attrs["probe_components"] = [width[name] for name in fields], probed_width
+            group.attrs["outputs"] = 0
+            _put_words(group, "case", [case])
+            _put_words(group, "fields", fields)
+            _put_fixed(group, "probes", places)
+            _growing(group, "steps", "i8")
+            _growing(group, "history_rows", "i8")
+            _growing(group, "record_rows", "i8")
+            history = group.create_group("history")
+            history.attrs["rows"] = 0
+            _growing(history, "times", "f8")
+            _growing(history, "energy", "f8")
+            records = group.create_group("records")
+            records.attrs["rows"] = 0
+            _growing(records, "times", "f8")
+            if len(places):
+                probed = () if probed_width == 1 else (probed_width,)
+                records.create_dataset("values", (0, len(places), *probed), "f8", maxshape=(None, len(places), *probed),
+                                       chunks=(_CHUNK_ROWS, min(len(places), 64), *probed), fletcher32=True)  # fmt: skip
+            if accounts:
+                _put_words(group, "accounts", accounts)
+                history.create_dataset("balance", (0, len(accounts)), "f8", maxshape=(None, len(accounts)), chunks=(_CHUNK_ROWS, len(accounts)),
+                                       fletcher32=True)  # fmt: skip
+        return cls(path)
+
+    @classmethod
+    def resume(cls, path: str | Path, outputs: int, rows: int | None = None, records: int | None = None) -> ResultsWriter:
+        """Take up a results file after its first `outputs` outputs; later ones, their history and their records, are cut off.
+
+        Parameters
+        ----------
+        path : str or Path
+        outputs : int
+            Outputs to keep, as the checkpoint recorded them.
+        rows, records : int, optional
+            History rows and records of the probes to keep; as many as there were when the last kept output was appended, unless given.
+
+        Returns
+        -------
+        ResultsWriter
+
+        Raises
+        ------
+        InputError
+            A count is negative.
+        FileFormatError
+            The file is truncated, damaged, not ours, or holds fewer outputs or rows than asked for.
+        """
+        path = Path(path)
+        if min(outputs, rows or 0, records or 0) < 0:
+            raise InputError("the numbers of outputs, history rows and records to keep are not negative", value=(outputs, rows, records), limit=0)
+        with _opened(path, "r", "results file") as file:  # HDF5 crashes where it meets damage of an index that it changes
+            _read_indices(_check_format(file, path).parent)
+        with _opened(path, "r+", "results file") as file:
+            group = _check_format(file, path)
+            held = _counts(file, path)
+            if outputs <= held.outputs:
+                rows = (int(group["history_rows"][outputs - 1]) if outputs else 0) if rows is None else rows
+                records = (int(group["record_rows"][outputs - 1]) if outputs else 0) if records is None else records
+            for what, there, wanted in zip(("outputs", "history rows", "records"), held, (outputs, rows, records), strict=True):
+                if wanted is not None and wanted > there:
+                    raise FileFormatError(f"{path} holds fewer {what} than the checkpoint counts", value=there, limit=wanted,
+                                          remedy="use the results file that belongs to the checkpoint, or start the run anew")  # fmt: skip
+            _set_outputs(file, outputs)
+            group["history"].attrs.modify("rows", rows)
+            group["records"].attrs.modify("rows", records)
+            group.attrs["finished"] = False
+            for dataset in (group["steps"], group["history_rows"], group["record_rows"], *file["VTKHDF/PointData"].values()):
+                dataset.resize(outputs, axis=0)
+            for dataset in group["history"].values():
+                dataset.resize(rows, axis=0)
+            for dataset in group["records"].values():
+                dataset.resize(records, axis=0)
+        return cls(path)
+
+    def append(
+        self,
+        step: int,
+        time: float,
+        fields: Mapping[str, np.ndarray],
+        energy: float | None = None,
+        balance: Mapping[str, float] | None = None,
+        cautions: Sequence[Caution] = (),
+    ) -> None:
+        """Append one output.
+
+        With an energy or a balance, a history row is appended too.
+
+        Parameters
+        ----------
+        step : int
+            Step number, larger than that of the output before.
+        time : float
+        fields : mapping of str to ndarray, each of the lattice shape, of vectors with the components first
+            Every field that the file was created with; nan (outside a window) stays nan.
+        energy : float, optional
+        balance : mapping of str to float, optional
+            Every entry that the file was created with; others are left out.
+        cautions : sequence of Caution
+            All so far.
+
+        Raises
+        ------
+        InputError
+            A field is missing, unknown or of the wrong shape, or the step number does not grow.
+        FileFormatError
+            The file has been damaged since the last call.
+        """
+        if set(fields) != set(self.fields):
+            raise InputError(f"{self.path}: an output has every field of the file, no other", value=sorted(fields), limit=sorted(self.fields))
+        for name, values in fields.items():
+            wanted = self.shape if self.components[name] == 1 else (self.components[name], *self.shape)
+            if np.shape(values) != wanted:
+                raise InputError(f"{self.path}: field {name!r} has not the lattice shape", value=np.shape(values), limit=wanted)
+        if self._last_step is not None and step <= self._last_step:
+            remedy = "append each step once; ResultsWriter.resume goes back"
+            raise InputError(f"{self.path}: step numbers grow from output to output", value=step, limit=f"> {self._last_step}", remedy=remedy)
+        history = None
+        if energy is not None or balance is not None:
+            entries = [np.nan if balance is None else balance[name] for name in self.accounts]
+            history = {"times": [time], "energy": [np.nan if energy is None else energy], "balance": [entries]}
+        n = self.outputs
+        rows = self.rows + (0 if history is None else 1)
+        with _opened(self.path, "r+", "results file") as file:
+            if history is not None:
+                for name, dataset in file["farhorizon/history"].items():
+                    _put(dataset, self.rows, history[name])
+                file["farhorizon/history"].attrs.modify("rows", rows)
+            vtk, group = file["VTKHDF"], file["farhorizon"]
+            for name in self.fields:
+                dataset = vtk["PointData"][name]
+                values = np.asarray(fields[name]).T.astype(dataset.dtype, order="C", copy=False)
+                if self.components[name] > 1:
+                    values = np.pad(values, [(0, 0)] * len(self.shape) + [(0, 3 - self.components[name])])
+                _put(dataset, n, values.reshape(1, *dataset.shape[1:]))
+                _put(vtk["Steps/PointDataOffsets"][name], n, [n])
+            _put(vtk["Steps/Values"], n, [time])
+            _put(group["steps"], n, [step])
+            _put(group["history_rows"], n, [rows])
+            _put(group["record_rows"], n, [self.records])
+            _put_word(group.attrs, "cautions", json.dumps(list(cautions)))
+            _set_outputs(file, n + 1)
+        self.outputs, self.rows, self._last_step = n + 1, rows, int(step)
+
+    def finish(self) -> None:
+        """Note that the run came to its end; `resume` takes that back."""
+        with _opened(self.path, "r+", "results file") as file:
+            file["farhorizon"].attrs["finished"] = True
+
+    def append_probes(self, times: np.ndarray, values: np.ndarray) -> None:
+        """Append records of the probes, whose times are their own.
+
+        Parameters
+        ----------
+        times : ndarray, shape (n,)
+        values : ndarray, shape (n, n probes[, components])
+
+        Raises
+        ------
+        InputError
+            The shapes do not match.
+        FileFormatError
+            The file has been damaged since the last call.
+        """
+        times, values = np.asarray(times, dtype=float), np.asarray(values, dtype=float)
+        if times.ndim != 1 or values.shape != (times.size, *self._probes):
+            raise InputError(f"{self.path}: times and values of the probes do not match", value=f"{times.shape}, {values.shape}",
+                             limit=f"(n,), (n, {str(self._probes)[1:-1]})")  # fmt: skip
+        if times.size == 0:
+            return
+        with _opened(self.path, "r+", "results file") as file:
+            records = file["farhorizon/records"]
+            _put(records["times"], self.records, times)
+            _put(records["values"], self.records, values)
+            records.attrs.modify("rows", self.records + times.size)
+        self.records += times.size
+
+
+class Results:
+    """A results file; the file is opened at each access only, so it may still grow.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Attributes
+    ----------
+    path : Path
+    dim : int
+    shape : tuple of int
+        Nodes along x[, y[, z]].
+    spacing : float
+    lower : tuple of float
+        Coordinates of the first node.
+    field_names : tuple of str
+    components : dict of str to int
+        Of each field: 1, or dim of vectors.
+    probes : ndarray, shape (n, dim)
+        Positions of the probes.
+    case, program : str
+        Text of the case file; name and version of the program that wrote the file.
+    finished : bool
+        Whether the run had come to its end when the file was opened.
+
+    Raises
+    ------
+    InputError
+        There is no such file.
+    FileFormatError
+        The file is truncated, damaged or not a farhorizon results file.  Any access may raise this, and names the dataset that fails its check sum.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        with _opened(self.path, "r", "results file") as file:
+            group = _check_format(file, self.path)
+            _counts(file, self.path)
+            self.dim = int(group.attrs["dim"])
+            self.shape: tuple[int, ...] = tuple(int(n) for n in group.attrs["shape"])
+            self.spacing = float(group.attrs["spacing"])
+            self.lower: tuple[float, ...] = tuple(float(v) for v in group.attrs["lower"])
+            self.field_names: tuple[str, ...] = _words(group, "fields")
+            self.probes: np.ndarray = _read(group, self.path, "probes")
+            self.case: str = _words(group, "case")[0]
+            self.program = _word(group.attrs, "program")
+            self.finished = bool(group.attrs.get("finished", False))
+            self._accounts = _words(group, "accounts")
+            self.components = _components(group)
+            for name in self.field_names:
+                stored = file["VTKHDF/PointData"][name].shape[1:]
+                if stored != _vtk_shape(self.shape, self.components[name]):
+                    raise FileFormatError(f"{self.path} is damaged: field {name!r} has not the lattice shape", value=stored, limit=self.shape)
+
+    def __repr__(self) -> str:
+        return f"Results({str(self.path)!r}: {len(self.times)} outputs of {', '.join(self.field_names)} on {self.shape})"
+
+    def _output_rows(self, name: str) -> np.ndarray:
+        with _opened(self.path, "r", "results file") as file:
+            return _read(file, self.path, name, slice(_counts(file, self.path).outputs))
+
+    def _history_rows(self, name: str) -> np.ndarray:
+        with _opened(self.path, "r", "results file") as file:
+            return _read(file, self.path, f"farhorizon/history/{name}", slice(_counts(file, self.path).rows))
+
+    def _records(self, name: str) -> np.ndarray:
+        with _opened(self.path, "r", "results file") as file:
+            return _read(file, self.path, f"farhorizon/records/{name}", slice(_counts(file, self.path).records))
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times of the outputs, shape (outputs,)."""
+        return self._output_rows("VTKHDF/Steps/Values")
+
+    @property
+    def cautions(self) -> list[Caution]:
+        """From when on the result is doubtful, and why; empty where nothing is known against it."""
+        with _opened(self.path, "r", "results file") as file:
+            return [Caution(*entry) for entry in json.loads(_word(file["farhorizon"].attrs, "cautions"))]
+
+    @property
+    def steps(self) -> np.ndarray:
+        """Step numbers of the outputs, shape (outputs,)."""
+        return self._output_rows("farhorizon/steps")
+
+    @property
+    def axes(self) -> list[np.ndarray]:
+        """Coordinates of the nodes along each axis."""
+        return [first + self.spacing * np.arange(n) for first, n in zip(self.lower, self.shape, strict=True)]
+
+    @property
+    def history_times(self) -> np.ndarray:
+        """Times of the history, shape (rows,)."""
+        return self._history_rows("times")
+
+    @property
+    def probe_times(self) -> np.ndarray:
+        """Times at which the probes were recorded, shape (records,): those of every step unless the case says otherwise."""
+        return self._records("times")
+
+    @property
+    def probe_values(self) -> np.ndarray:
+        """Values at the probes at `probe_times`, shape (records, n probes[, components])."""
+        return self._records("values") if len(self.probes) else np.empty((0, 0))
+
+    @property
+    def energy(self) -> np.ndarray:
+        """Energy, shape (rows,); nan where none was recorded."""
+        return self._history_rows("energy")
+
+    @property
+    def balance(self) -> dict[str, np.ndarray]:
+        """Entries of the balance (`Simulation.balance`), each of shape (rows,); empty if none was recorded."""
+        rows = self._history_rows("balance") if self._accounts else np.empty((0, 0))
+        return {name: rows[:, i] for i, name in enumerate(self._accounts)}
+
+    def field(self, name: str, index: int = -1) -> np.ndarray:
+        """Read one field at one output.
+
+        Parameters
+        ----------
+        name : str
+        index : int
+            Number of the output; negative numbers count from the end.
+
+        Returns
+        -------
+        ndarray, shape (nx[, ny[, nz]]), of vectors (components, nx, ...)
+
+        Raises
+        ------
+        InputError
+            There is no such field or output.
+        FileFormatError
+            The file is damaged.
+        """
+        if name not in self.field_names:
+            raise InputError(f"{self.path} has no field {name!r}", remedy=f"one of {', '.join(self.field_names)}")
+        with _opened(self.path, "r", "results file") as file:
+            outputs = _counts(file, self.path).outputs
+            if not -outputs <= index < outputs:
+                raise InputError(f"{self.path} has no output {index}", value=index, limit=f"{outputs} outputs")
+            stored = _read(file, self.path, f"VTKHDF/PointData/{name}", index % outputs)
+        return self._lattice_first(name, stored[np.newaxis])[0]
+
+    def _lattice_first(self, name: str, stored: np.ndarray) -> np.ndarray:
+        """Outputs in our order of axes, of vectors without what only VTK has: (outputs[, components], nx[, ny[, nz]])."""
+        components = self.components[name]
+        width = () if components == 1 else (3,)
+        values = stored.reshape(len(stored), *self.shape[::-1], *width)
+        found = values.transpose(0, *range(values.ndim - 1, 0, -1))
+        return np.ascontiguousarray(found if components == 1 else found[:, :components])
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Read everything into an xarray Dataset (in memory).
+
+        Returns
+        -------
+        xarray.Dataset
+            Fields with the dimensions time, [component, ]x[, y[, z]]; ``energy`` (history_time), ``probe_values`` (probe_time, probe), ``balance``
+            (history_time, account) if one was recorded; case, program and lattice as attributes.
+
+        Raises
+        ------
+        InputError
+            xarray is not installed.
+        FileFormatError
+            The file is damaged.
+        """
+        try:
+            import xarray
+        except ImportError as error:
+            raise InputError("xarray is not installed", remedy="pip install 'farhorizon[xarray]'") from error
+        names = ("x", "y", "z")[: self.dim]
+        component = {name: () if count == 1 else ("component",) for name, count in self.components.items()}
+        probed = ("component",) if self.probe_values.ndim > 2 else ()
+        # One look at the counts: a running simulation may append between two accesses.
+        times, rows, probe_times = self.times, self.history_times.size, self.probe_times
+        data: dict[str, Any] = {}
+        for name in self.field_names:
+            with _opened(self.path, "r", "results file") as file:
+                stored = _read(file, self.path, f"VTKHDF/PointData/{name}", slice(times.size))
+            data[name] = (("time", *component[name], *names), self._lattice_first(name, stored))
+        data["energy"] = ("history_time", self.energy[:rows])
+        data["probe_values"] = (("probe_time", "probe", *probed), self.probe_values[: probe_times.size])
+        balance = self.balance
+        if balance:
+            data["balance"] = (("history_time", "account"), np.stack([values[:rows] for values in balance.values()], axis=1))
+        coords: dict[str, Any] = {"time": times, "step": ("time", self.steps[: times.size]), "history_time": self.history_times[:rows],
+                                  "probe_time": probe_times}  # fmt: skip
+        for axis, name in enumerate(names):
+            coords[name] = self.axes[axis]
+            coords[f"probe_{name}"] = ("probe", self.probes[:, axis])
+        if balance:
+            coords["account"] = list(balance)
+        if probed or any(component.values()):
+            coords["component"] = list(names)
+        attributes = {"program": self.program, "case": self.case, "dim": self.dim, "spacing": self.spacing, "lower": list(self.lower),
+                      "cautions": [caution.text for caution in self.cautions]}  # fmt: skip
+        return xarray.Dataset(data, coords, attributes)
+
+
+def open_results(path: str | Path) -> Results:
+    """Open a results file.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    Results
+
+    Raises
+    ------
+    InputError
+        There is no such file.
+    FileFormatError
+        The file is truncated, damaged or not a farhorizon results file.
+    """
+    return Results(kinds.path(path, "path"))
+
+
+def _digest(data: bytes | np.ndarray) -> str:
+    return hashlib.sha256(data if isinstance(data, bytes) else data.reshape(-1).view(np.uint8).data).hexdigest()
+
+
+def write_checkpoint(path: str | Path, arrays: Mapping[str, np.ndarray], meta: Mapping[str, Any]) -> None:
+    """Write a checkpoint: under a temporary name in the same directory, forced to disk, then renamed.
+
+    Until the new checkpoint is whole, an older one at `path` stays as it is.
+
+    Parameters
+    ----------
+    path : str or Path
+    arrays : mapping of str to ndarray
+        Arrays of numbers, of any shape; they come back bit by bit.
+    meta : mapping
+        What JSON can hold.
+
+    Raises
+    ------
+    InputError
+        There is no such directory, an array does not hold numbers, or `meta` is not JSON.
+    """
+    path = kinds.path(path, "path")
+    _directory_of(path)
+    stored = {name: np.asarray(array, order="C") for name, array in arrays.items()}
+    for name, array in stored.items():
+        if array.dtype.kind not in "biufc":
+            raise InputError(f"{path}: array {name!r} does not hold numbers", value=array.dtype, remedy="put it into meta")
+    entries = [{"name": name, "dtype": array.dtype.str, "shape": array.shape, "sha256": _digest(array)} for name, array in stored.items()]
+    try:
+        index = json.dumps({"meta": dict(meta), "arrays": entries}).encode()
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{path}: meta is not JSON ({error})", remedy="use numbers, strings, lists, dicts, bool and None") from error
+    with created(path) as draft, _hdf5(draft, "w") as file:
+        file.attrs["version"], file.attrs["complete"] = VERSION, False
+        for name, word in (("format", CHECKPOINT_FORMAT), ("sha256", _digest(index))):
+            _put_word(file.attrs, name, word)
+        file.create_dataset("index", data=np.frombuffer(index, dtype=np.uint8))
+        for number, array in enumerate(stored.values()):
+            file.create_dataset(f"arrays/{number}", data=array)
+        file.attrs.modify("complete", True)
+
+
+def read_checkpoint(path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Read a checkpoint and check every byte of what it holds.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    arrays : dict of str to ndarray
+    meta : dict
+
+    Raises
+    ------
+    InputError
+        There is no such file.
+    FileFormatError
+        The file is truncated, damaged, incomplete, of a newer version or not a farhorizon checkpoint.
+    """
+    path = kinds.path(path, "path")
+    remedy = "use an earlier checkpoint, or start the run anew"
+    with _opened(path, "r", "checkpoint") as file:
+        _refuse_other_files(file, path)
+        if _word(file.attrs, "format") != CHECKPOINT_FORMAT:
+            raise FileFormatError(f"{path} is an HDF5 file, but not a farhorizon checkpoint", remedy="give a file written by Simulation.save")
+        version = int(file.attrs["version"])
+        if version > VERSION:
+            raise FileFormatError(f"{path} has a newer format", value=version, limit=VERSION, remedy="update farhorizon")
+        if not file.attrs["complete"]:
+            raise FileFormatError(f"{path} is incomplete: its writing was interrupted", remedy=remedy)
+        text = file["index"][:].tobytes()
+        if _digest(text) != _word(file.attrs, "sha256"):
+            raise FileFormatError(f"{path} is damaged: its index fails its check sum", remedy=remedy)
+        index = json.loads(text)
+        arrays = {}
+        for number, entry in enumerate(index["arrays"]):
+            dataset, name = file[f"arrays/{number}"], entry["name"]
+            whole = dataset.dtype.str == entry["dtype"] and dataset.shape == tuple(entry["shape"])
+            array = np.asarray(dataset[()]) if whole else np.empty(0)
+            if not whole or _digest(array) != entry["sha256"]:
+                raise FileFormatError(f"{path} is damaged: array {name!r} fails its check sum", remedy=remedy)
+            arrays[name] = array
+    return arrays, index["meta"]

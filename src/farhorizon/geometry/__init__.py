@@ -1,0 +1,1 @@
+"""Where: regions, cuts, the nodes of the lattice."""

@@ -1,0 +1,160 @@
+"""The uniform lattice: spacing, bounds, nodes; a window on the medium, or a body that ends."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from farhorizon import kinds
+from farhorizon.errors import InputError, shown
+from farhorizon.geometry.shapes import Shape
+from farhorizon.machine import available_memory
+
+AXES = ("x", "y", "z")
+_LARGE = 2.0**28  # bytes that need no look at the memory, which takes longer than to fill a few nodes
+_COUNTED = 2.0**53  # nodes: beyond it their numbers are not exact in double precision
+_SHAPES = (
+    "Disc, Ball, Box, Polygon, in 2D ImageMask of a mask, "
+    "or a subclass of farhorizon.geometry.shapes.Shape with dim, bounds() and contains(points)"
+)
+
+
+class Lattice:
+    """Nodes ``lower, lower + spacing, ..., upper`` (both included) along each of one to three axes.
+
+    Parameters
+    ----------
+    spacing : float
+        Distance of neighbouring nodes, the same along every axis.
+    lower, upper : sequence of float or float, optional
+        Bounds of the near field. ``upper - lower`` is a whole number of spacings to 1e-9.
+    window : Shape, optional
+        A window on the medium instead of bounds: the lattice (through the origin) covers the bounding box,
+        nothing ends at the window's edge, and only nodes inside are shown.
+    body : Shape, optional
+        A body that ends: nodes outside do not exist. Needs bounds.
+
+    Raises
+    ------
+    InputError
+        Spacing not positive, bounds that are no whole number of spacings apart, an empty window or body.
+    """
+
+    def __init__(
+        self,
+        spacing: float,
+        lower: ArrayLike | None = None,
+        upper: ArrayLike | None = None,
+        *,
+        window: Shape | None = None,
+        body: Shape | None = None,
+    ) -> None:
+        self.spacing = spacing = kinds.number(spacing, "lattice.spacing", above=0)
+        for key, shape in (("lattice.window", window), ("lattice.body", body)):
+            if shape is not None:
+                kinds.instance(shape, key, Shape, "a shape", remedy=_SHAPES)
+        self.window, self.body = window, body
+        if window is not None:
+            if lower is not None or upper is not None or body is not None:
+                raise InputError("a window replaces lower, upper and body", key="lattice.window", remedy="give the window alone")
+            low, high = window.bounds()
+            first = np.ceil(np.asarray(low) / spacing - 1e-9)
+            last = np.floor(np.asarray(high) / spacing + 1e-9)
+        elif lower is None or upper is None:
+            raise InputError("a lattice needs lower and upper, or a window", key="lattice", remedy="give lower=(...), upper=(...)")
+        else:
+            lower, upper = (np.atleast_1d(kinds.array(bound, f"lattice.{name}")) for name, bound in (("lower", lower), ("upper", upper)))
+            first, last = self._whole_spacings(lower, upper)
+        region = window if window is not None else body
+        if region is not None or np.prod(last - first + 1) > _COUNTED:
+            _check_size(last - first + 1, 3 * len(first) + 2)
+        self.shape: tuple[int, ...] = tuple(int(n) for n in last - first + 1)
+        self.dim = len(self.shape)
+        if min(self.shape) < 1:
+            raise InputError("the lattice holds no node", value=self.shape, key="lattice", remedy="a smaller spacing or a larger window")
+        self.lower = np.asarray(first * self.spacing if lower is None else lower)
+        self.upper = self.lower + (np.array(self.shape) - 1) * self.spacing
+        self.mask: np.ndarray | None = None
+        if region is not None:
+            if region.dim != self.dim:
+                raise InputError("shape and lattice differ in dimension", value=region.dim, limit=self.dim, key="lattice")
+            inside = kinds.function(region.contains, "lattice", "points")(np.stack(self.coordinates(), axis=-1))
+            if not isinstance(inside, np.ndarray) or inside.dtype != bool or inside.shape != self.shape:
+                raise InputError("contains(points) of a shape tells true or false for each point", value=kinds.said(inside), key="lattice",
+                                 limit=f"an array of bool of shape {self.shape} for points of shape {(*self.shape, self.dim)}")  # fmt: skip
+            self.mask = inside
+            if not self.mask.any():
+                raise InputError("no node lies in the window or body", key="lattice", remedy="a smaller spacing or a larger shape")
+
+    def _whole_spacings(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if lower.shape != upper.shape or lower.ndim != 1 or not 1 <= len(lower) <= 3:
+            raise InputError("lower and upper need the same length, 1 to 3", value=(lower.tolist(), upper.tolist()), key="lattice")
+        if not (upper >= lower).all():
+            raise InputError("upper lies below lower", value=(lower.tolist(), upper.tolist()), limit="upper >= lower", key="lattice.upper")
+        steps = (upper - lower) / self.spacing
+        whole = np.round(steps)
+        if np.any(np.abs(steps - whole) > 1e-9 * np.maximum(1.0, whole)):
+            nearest = shown(lower + whole * self.spacing)
+            raise InputError(
+                "upper - lower is not a whole number of spacings",
+                value=(upper - lower).tolist(),
+                limit=f"multiples of {shown(self.spacing)}",
+                key="lattice.upper",
+                remedy=f"nearest upper = {nearest}",
+            )
+        return np.zeros(len(lower)), whole
+
+    @property
+    def axes(self) -> list[np.ndarray]:
+        """Coordinates of the nodes along each axis, one array (n,) an axis."""
+        return [self.lower[a] + self.spacing * np.arange(n) for a, n in enumerate(self.shape)]
+
+    def coordinates(self) -> list[np.ndarray]:
+        """Coordinates of all nodes, one array of the lattice's shape an axis; InputError if they do not fit into memory."""
+        _check_size(np.array(self.shape), self.dim)
+        return list(np.meshgrid(*self.axes, indexing="ij"))
+
+    def index(self, point: ArrayLike) -> tuple[int, ...]:
+        """Index of the node nearest to a point; InputError beyond the near field or outside the window."""
+        at = kinds.array(point, "point")
+        if at.shape != (self.dim,):
+            raise InputError("a point needs one coordinate an axis", value=at, limit=f"{self.dim} coordinates", key="point")
+        with np.errstate(over="ignore"):  # so far away is outside, too
+            place = np.round((at - self.lower) / self.spacing)
+        inside = bool(((place >= 0) & (place < self.shape)).all())
+        node = tuple(int(i) for i in place) if inside else ()
+        if not inside or (self.mask is not None and not self.mask[node]):
+            raise InputError(
+                "the point lies outside the near field",
+                value=at.tolist(),
+                limit=f"{shown(self.lower)} to {shown(self.upper)}",
+                remedy="move it inside or enlarge the lattice",
+            )
+        return node
+
+    def extended(self, nodes: dict[tuple[int, int], int]) -> Lattice:
+        """The lattice with more nodes beyond its sides (axis, side); a body continues along the normal, a window is dropped."""
+        pads = [(nodes.get((a, -1), 0), nodes.get((a, 1), 0)) for a in range(self.dim)]
+        low, high = (np.array([p[i] for p in pads]) * self.spacing for i in range(2))
+        grown = Lattice(self.spacing, self.lower - low, self.upper + high)
+        if self.body is not None and self.mask is not None:
+            grown.body, grown.mask = self.body, np.pad(self.mask, pads, mode="edge")
+        return grown
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes that are shown."""
+        return int(np.prod(self.shape)) if self.mask is None else int(self.mask.sum())
+
+    def __repr__(self) -> str:
+        return f"Lattice(spacing={self.spacing}, lower={self.lower.tolist()}, upper={self.upper.tolist()}, nodes={self.nodes})"
+
+
+def _check_size(count: np.ndarray, fields: int) -> None:
+    """InputError unless so many fields on so many nodes along each axis fit into memory."""
+    need = 8.0 * fields * float(np.prod(np.maximum(count, 1.0)))
+    if need > _LARGE and need > available_memory():
+        size = " x ".join(shown(n) for n in count)
+        raise InputError("the lattice does not fit into memory", value=f"about {need / 2**30:.3g} GiB for {size} nodes",
+                         limit=f"{available_memory() / 2**30:.3g} GiB available", key="lattice.spacing",
+                         remedy="a larger spacing or a smaller extent")  # fmt: skip

@@ -1,0 +1,1 @@
+"""What a user puts into a medium: expressions, sources, loads, cracks, conditions, prescribed values."""

@@ -1,0 +1,523 @@
+"""Conditions on nodes of a body: prescribed temperature, prescribed flux, convection, insulation.
+
+A condition on a side ("x-", "y+", ..) concerns the outermost nodes of the body along that axis. It is imposed in one of these ways:
+
+- on one layer of nodes, or on as many as the stencil reaches (a volume layer): they take the value;
+- by a layer of nodes *beyond the wall*, which belong to the lattice but not to the body proper: as many nodes as the stencil reaches take
+  values that follow from those inside (mirror images, or the paper's eq. 22); the wall lies half a spacing inside the last of them;
+- as a source in the outermost cells, which need no nodes of their own.
+
+Which nodes follow from which is a table of numbers (`Conditions`); the engine applies it after every stage of a step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.errors import InputError
+from farhorizon.geometry.lattice import AXES, Lattice
+from farhorizon.geometry.shapes import Shape
+from farhorizon.inputs.prescribed import Prescribed
+from farhorizon.inputs.sources import as_source, parts, steady
+
+Where = str | Shape | np.ndarray
+
+
+@dataclass(frozen=True)
+class Temperature:
+    """Prescribed temperature (or value of any field).
+
+    Parameters
+    ----------
+    where : str, Shape or ndarray of bool
+        A side ("x-", ..); or the nodes in a shape or mask, all of which take the value.
+    value : float, ndarray, callable, Expression or Source
+        As of a source: a number, an array (of the lattice's shape or, on a side, of its face), a callable of the coordinates and t, an
+        expression, or a `Source` of a function of space and one of time. On a side the coordinate along the normal is that of the wall.
+    kind : {"node", "volume", "mirror"}
+        On a side: the outermost node layer takes the value (Bobaru and Duangpanya 2010, section 3.1; it has no limit as the nodes in the
+        horizon become many: a point has no capacity); as many layers as the stencil reaches take it; or those layers are mirror images
+        ``2 value - T`` of the nodes inside, which is of second order. The wall is the middle of the outermost cells, the inner edge of the
+        volume layer, and likewise of the mirror layer.
+    within : Shape, optional
+        Only nodes in it.
+    """
+
+    where: Where
+    value: Any
+    kind: str = "volume"
+    within: Shape | None = None
+
+    def __post_init__(self) -> None:
+        kind = kinds.one_of(self.kind, "constraint.kind", ("node", "volume", "mirror"), "unknown kind of condition")
+        _check_place(self.where, self.within, anywhere=kind != "mirror")
+
+
+@dataclass(frozen=True)
+class Flux:
+    """Prescribed heat flux through a side, positive when heat enters.
+
+    Parameters
+    ----------
+    where : str
+        A side.
+    value : float, ndarray, callable, Expression or Source
+        Power per area; as in `Temperature`.
+    kind : {"source", "layer", "mirror"}
+        A source in the outermost cells; as many layers of nodes beyond the wall as the stencil reaches with
+        ``T_j = T + value * distance / conductivity``, where T is that of the body's outermost node and the distance that to it
+        (eq. 22); or ``T_j = T_mirror + value * distance / conductivity`` with the mirror image, which is of second order.
+    within : Shape, optional
+    """
+
+    where: str
+    value: Any
+    kind: str = "source"
+    within: Shape | None = None
+
+    def __post_init__(self) -> None:
+        _check_place(self.where, self.within)
+        kinds.one_of(self.kind, "constraint.kind", ("source", "layer", "mirror"), "unknown kind of condition")
+
+
+@dataclass(frozen=True)
+class Insulated:
+    """No flux through a side: `Flux` of value 0. A body's rim and a `Free` side are insulated anyway.
+
+    Parameters
+    ----------
+    where : str
+    kind : {"mirror", "layer"}
+    within : Shape, optional
+    """
+
+    where: str
+    kind: str = "mirror"
+    within: Shape | None = None
+
+    def __post_init__(self) -> None:
+        _check_place(self.where, self.within)
+        kinds.one_of(self.kind, "constraint.kind", ("mirror", "layer"), "unknown kind of condition")
+
+
+@dataclass(frozen=True)
+class Convection:
+    """Heat transfer to a fluid, flux ``transfer (ambient - T)`` into the outermost cells of a side.
+
+    Parameters
+    ----------
+    where : str
+    transfer : float
+        Coefficient of heat transfer, power per area and temperature.
+    ambient : float, ndarray, callable, Expression or Source
+        Temperature of the fluid; as in `Temperature`.
+    within : Shape, optional
+    """
+
+    where: str
+    transfer: float
+    ambient: Any = 0.0
+    within: Shape | None = None
+
+    def __post_init__(self) -> None:
+        _check_place(self.where, self.within)
+        kinds.settle(self, transfer=kinds.number(self.transfer, "constraint.transfer", least=0))
+
+
+Constraint = Temperature | Flux | Insulated | Convection
+#: What varies in time: (values over some nodes, function of t), or (None, function of t that gives such values).
+Drive = tuple[np.ndarray | None, Callable[..., Any]]
+
+
+def _driven(drives: Sequence[Drive], shape: tuple[int, ...]) -> np.ndarray:
+    """Where what varies in time, and the sum of what does not, is not zero."""
+    constant, active = np.zeros(shape), np.zeros(shape, bool)
+    for space, time in drives:
+        if space is None:
+            active[...] = True
+        elif time is steady:
+            constant += space
+        else:
+            active |= space != 0
+    return active | (constant != 0)
+
+
+def _check_place(where: Where, within: Any, anywhere: bool = False) -> None:
+    """A side; or, of a condition that may be `anywhere`, a shape or a mask, too."""
+    if within is not None:
+        kinds.instance(within, "constraint.within", Shape, "a shape")
+    if isinstance(where, str):
+        kinds.one_of(where, "constraint.where", [axis + sign for axis in AXES for sign in "-+"], "a condition is on a side, a shape or a mask")
+    elif not anywhere:
+        raise InputError("this condition needs a side", value=where, limit="x-, x+, y-, y+, z-, z+", key="constraint.where",
+                         remedy="a side, a Temperature, or a Source in the shape")  # fmt: skip
+    elif not isinstance(where, Shape):
+        kinds.mask(where, "constraint.where", "a condition is on a side, a shape or a mask")
+
+
+@dataclass
+class Conditions:
+    """All conditions of a body as tables.
+
+    Attributes
+    ----------
+    nodes : ndarray of int, shape (H,)
+        Flat indices (of the lattice) of the prescribed nodes, in the order in which they are set.
+    owner : ndarray of int, shape (H,)
+        Number of the condition of each.
+    starts : ndarray of int, shape (H + 1,)
+    references : ndarray of int, shape (R,)
+        Node i follows from the nodes references[starts[i]:starts[i + 1]].
+    weights : ndarray, shape (R,)
+    drives : list of Drive
+        What is added to the prescribed nodes, over all H.
+    sources : list of (int, Drive)
+        Powers per volume, of the lattice's shape, and the condition that they come from.
+    leaks : list of (int, ndarray)
+        Power lost per volume and temperature, of the lattice's shape, and its condition.
+    notes : list of str
+        What is allowed, but to be known.
+    """
+
+    nodes: np.ndarray
+    owner: np.ndarray
+    starts: np.ndarray
+    references: np.ndarray
+    weights: np.ndarray
+    drives: list[Drive] = field(default_factory=list)
+    sources: list[tuple[int, Drive]] = field(default_factory=list)
+    leaks: list[tuple[int, np.ndarray]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def resting(self) -> np.ndarray:
+        """Which of the prescribed nodes hold the background at all times."""
+        return (np.diff(self.starts) == 0) & ~_driven(self.drives, self.nodes.shape)
+
+    def fed(self, shape: tuple[int, ...]) -> np.ndarray:
+        """Nodes, of the lattice's shape, that heat is put into at some time."""
+        return _driven([drive for _, drive in self.sources], shape)
+
+    @property
+    def images(self) -> np.ndarray:
+        """Flat indices of the nodes that follow from others: they lie beyond the wall, and their values are no temperatures of the body."""
+        return self.nodes[np.diff(self.starts) > 0]
+
+
+def resolve(
+    constraints: Sequence[Constraint | Prescribed],
+    lattice: Lattice,
+    reach: Sequence[int],
+    conductivity: np.ndarray | float = 1.0,
+    background: float = 0.0,
+) -> Conditions:
+    """The tables of all conditions.
+
+    Parameters
+    ----------
+    constraints : sequence of Temperature, Flux, Insulated or Convection
+    lattice : Lattice
+    reach : sequence of int
+        Of the stencil, along each axis.
+    conductivity : float or ndarray of the lattice's shape
+    background : float
+        What the field's values are counted from.
+
+    Raises
+    ------
+    InputError
+        Not a condition, a side or a shape of another dimension, no node, two conditions on one node that contradict each other, a body too
+        thin for a layer, a flux into a part one node wide, values of a wrong shape or not finite.
+    """
+    found: list[_Held] = []
+    fed: list[tuple[int, _Face]] = []  # sides that take heat as a source
+    none = np.zeros(0, int)
+    out = Conditions(none, none, np.zeros(1, int), none, np.zeros(0))
+    for number, constraint in enumerate(constraints):
+        if isinstance(constraint, Prescribed):
+            continue  # farhorizon.inputs.prescribed
+        if not isinstance(constraint, Constraint):
+            names = "Temperature, Flux, Insulated, Convection, Prescribed"
+            raise InputError("not a constraint", value=kinds.said(constraint), limit=names, key="constraints")
+        key = f"constraint[{number}]"
+        given = "ambient" if isinstance(constraint, Convection) else "value"
+        if hasattr(constraint, given):
+            constraint = replace(constraint, **{given: as_source(getattr(constraint, given), lattice.dim, f"{key}.value")})
+        if isinstance(constraint.where, str):
+            face = _Face(constraint.where, lattice, constraint.within, key)
+            if isinstance(constraint, Convection) or (isinstance(constraint, Flux) and constraint.kind == "source"):
+                _add_source(out, number, constraint, face, lattice, background, key)
+                fed.append((number, face))
+            else:
+                found.append(_on_face(number, constraint, face, lattice, reach, conductivity, background, key))
+        else:
+            found.append(_in_region(number, constraint, lattice, background, key))
+    _join(out, found, lattice)
+    _refuse_fed(out, found, fed, lattice)
+    for number, face in fed:
+        one = constraints[number]
+        if isinstance(one, Convection) and one.within is not None:
+            covered = np.concatenate([out.nodes, *(other.nodes(0) for _, other in fed if (other.axis, other.side) == (face.axis, face.side))])
+            whole = _Face(one.where, lattice, None, f"constraint[{number}]").nodes(0)
+            rest = int((~np.isin(whole, covered)).sum())
+            if rest:
+                out.notes.append(f"constraint[{number}]: outside `within` {rest} of the {len(whole)} nodes of side {one.where} are insulated: "
+                                 "no heat passes there")  # fmt: skip
+    return out
+
+
+@dataclass
+class _Held:
+    """Prescribed nodes of one condition: each is weight * its reference (weight 0: none) + drive."""
+
+    number: int
+    nodes: np.ndarray
+    references: np.ndarray
+    weight: float
+    drives: list[Drive]
+    plain: Any  # the number that all nodes take, or None
+    axis: int | None = None  # normal of the side
+
+
+class _Face:
+    """The outermost nodes of a body on one side: for each line along the axis its first node, how far the body goes on, and where the wall is."""
+
+    def __init__(self, name: str, lattice: Lattice, within: Shape | None, key: str) -> None:
+        self.axis, self.side, self.key = AXES.index(name[0]), 1 if name[1] == "+" else -1, key
+        if self.axis >= lattice.dim:
+            raise InputError("the lattice has no such side", value=name, limit=", ".join(AXES[: lattice.dim]), key=f"{key}.where")
+        self.lattice = lattice
+        exists = np.ones(lattice.shape, bool) if lattice.mask is None or lattice.body is None else lattice.mask
+        inward = np.moveaxis(exists, self.axis, 0)[:: -self.side]
+        self.count = len(inward)
+        first = np.argmax(inward, axis=0)
+        ends = (np.arange(self.count).reshape(-1, *[1] * (lattice.dim - 1)) >= first) & ~inward
+        self.thickness = np.where(ends.any(0), np.argmax(ends, axis=0), self.count) - first
+        used = inward.any(axis=0)
+        if within is not None:
+            if within.dim != lattice.dim:
+                raise InputError("shape and lattice differ in dimension", value=within.dim, limit=lattice.dim, key=f"{key}.within")
+            allowed = np.moveaxis(within.contains(np.stack(lattice.coordinates(), -1)), self.axis, 0)[:: -self.side]
+            used &= np.take_along_axis(allowed, first[None], 0)[0]
+        if not used.any():
+            raise InputError("no node lies on that side within the shape", key=f"{key}.within", remedy="enlarge the shape")
+        self.lines = np.nonzero(used) if used.ndim else ()  # a bar has one line along its axis
+        self.first = np.atleast_1d(first[self.lines])
+        self.thickness = np.atleast_1d(self.thickness[self.lines])
+
+    def nodes(self, depth: int) -> np.ndarray:
+        """Flat indices of the nodes `depth` from the outermost, one a line."""
+        along = self.first + depth
+        along = along if self.side < 0 else self.count - 1 - along
+        index = list(self.lines)
+        index.insert(self.axis, along)
+        return np.ravel_multi_index(index, self.lattice.shape)
+
+    def need(self, least: int, what: str) -> None:
+        """InputError unless the body is `least` nodes thick along all lines."""
+        if self.thickness.min() < least:
+            raise InputError(what, value=f"{int(self.thickness.min())} node(s) along {AXES[self.axis]}", limit=f">= {least}", key=self.key,
+                             remedy="refine the lattice, enlarge the body, or restrict the condition by `within`")  # fmt: skip
+
+    def coordinates(self, depth: float) -> list[np.ndarray]:
+        """Coordinates of the wall, `depth` spacings from the outermost nodes, one array an axis."""
+        nodes = np.unravel_index(self.nodes(0), self.lattice.shape)
+        at = [self.lattice.lower[a] + self.lattice.spacing * i for a, i in enumerate(nodes)]
+        at[self.axis] = at[self.axis] - self.side * depth * self.lattice.spacing
+        return at
+
+    def values(self, value: Any, depth: float) -> Drive:
+        """A value as a drive over the lines."""
+        space, time = parts(value)
+        at = self.coordinates(depth)
+        if space is None:
+            return None, lambda t: _finite(time(*at, t), len(at[0]), self.key)
+        if callable(space):
+            space = space(*at)
+        space = kinds.array(space, self.key, finite=False)
+        if space.ndim:
+            face = self.lattice.shape[: self.axis] + self.lattice.shape[self.axis + 1 :]
+            if space.shape == self.lattice.shape and self.lattice.dim > 1:
+                space = space.ravel()[self.nodes(0)]
+            elif space.shape == face:
+                space = space[self.lines]
+            elif space.shape != at[0].shape:
+                raise InputError("an array has the shape of the side or of the lattice", value=space.shape, limit=face, key=self.key)
+        return _finite(space, len(at[0]), self.key), time
+
+
+def _finite(value: Any, count: int, key: str) -> np.ndarray:
+    values = np.broadcast_to(kinds.array(value, key, finite=False), (count,))
+    if not np.isfinite(values).all():
+        raise InputError("values must be finite", value=f"{int((~np.isfinite(values)).sum())} nan or inf", key=key)
+    return values
+
+
+def _scaled(drive: Drive, factor: np.ndarray | float, put: Callable[[np.ndarray], np.ndarray] = lambda v: v) -> Drive:
+    """The drive times a factor, its values rearranged by `put`."""
+    space, time = drive
+    if space is None:
+        return None, lambda t: put(factor * time(t))
+    return put(factor * space), time
+
+
+def _add_source(out: Conditions, number: int, constraint: Flux | Convection, face: _Face, lattice: Lattice, background: float, key: str) -> None:
+    face.need(2, "heat through a side needs a part at least two nodes wide")
+    nodes = face.nodes(0)
+
+    def spread(values: np.ndarray) -> np.ndarray:
+        field = np.zeros(lattice.shape)
+        field.ravel()[nodes] = values / lattice.spacing
+        return field
+
+    if isinstance(constraint, Flux):
+        out.sources.append((number, _scaled(face.values(constraint.value, -0.5), 1.0, spread)))
+        return
+    out.sources.append((number, _scaled(face.values(constraint.ambient, -0.5), constraint.transfer, spread)))
+    if background:
+        out.sources.append((number, (spread(np.full(len(nodes), -constraint.transfer * background)), parts(0.0)[1])))
+    out.leaks.append((number, spread(np.full(len(nodes), constraint.transfer))))
+
+
+def _on_face(
+    number: int, constraint: Temperature | Flux | Insulated, face: _Face, lattice: Lattice, reach: Sequence[int], conductivity: np.ndarray | float,
+    background: float, key: str,
+) -> _Held:  # fmt: skip
+    """The layer of prescribed nodes on a side: `depth` counts from the outermost node, the wall is behind the layer."""
+    kind = constraint.kind
+    layers = 1 if kind == "node" else reach[face.axis]
+    mirror = kind == "mirror"
+    if not isinstance(constraint, Temperature):
+        face.need(layers + 2, "a flux needs a part at least two nodes wide beside its layer")
+    face.need(layers + (layers if mirror else 1), "the body is too thin for the layer of a condition")
+    nodes = np.concatenate([face.nodes(depth) for depth in range(layers)])
+    inner = [face.nodes(2 * layers - 1 - depth if mirror else layers) for depth in range(layers)]
+    repeat = lambda v: np.tile(v, layers)  # noqa: E731
+    drives: list[Drive]
+    if isinstance(constraint, Temperature):
+        drive = face.values(constraint.value, 0.0 if kind == "node" else layers - 0.5)
+        weight = -1.0 if mirror else 0.0
+        drives = [_scaled(drive, 1.0 - weight, repeat)]
+        if background:
+            drives.append((np.full(len(nodes), -(1 - weight) * background), parts(0.0)[1]))
+        plain = constraint.value if not mirror and np.isscalar(constraint.value) else None
+        return _Held(number, nodes, np.concatenate(inner), weight, drives, plain, face.axis)
+    distance = np.array([2 * (layers - depth) - 1 if mirror else layers - depth for depth in range(layers)]) * lattice.spacing
+    references = np.concatenate(inner)
+    drives = []  # an insulated layer follows from the inside alone
+    if isinstance(constraint, Flux):
+        material = np.broadcast_to(conductivity, lattice.shape).ravel()[references]
+        if (material <= 0).any():
+            raise InputError("a flux needs a conductivity above 0 on its side", value=float(material.min()), limit="> 0", key=key)
+        drives = [_scaled(face.values(constraint.value, layers - 0.5), 1.0, lambda v: repeat(v) * np.repeat(distance, len(v)) / material)]
+    return _Held(number, nodes, references, 1.0, drives, None, face.axis)
+
+
+def _in_region(number: int, constraint: Constraint, lattice: Lattice, background: float, key: str) -> _Held:
+    assert isinstance(constraint, Temperature)
+    where = constraint.where
+    grid = np.stack(lattice.coordinates(), -1)
+    for shape in (where, constraint.within):
+        if isinstance(shape, Shape) and shape.dim != lattice.dim:
+            raise InputError("shape and lattice differ in dimension", value=shape.dim, limit=lattice.dim, key=f"{key}.where")
+    mask = where.contains(grid) if isinstance(where, Shape) else np.asarray(where)
+    if mask.shape != lattice.shape or mask.dtype != bool:
+        raise InputError("a mask holds true or false for each node", value=(mask.shape, str(mask.dtype)), limit=lattice.shape, key=f"{key}.where")
+    if constraint.within is not None:
+        mask = mask & constraint.within.contains(grid)
+    if lattice.mask is not None:
+        mask = mask & lattice.mask
+    nodes = np.flatnonzero(mask)
+    if not nodes.size:
+        raise InputError("no node lies in the shape", key=f"{key}.where", remedy="enlarge it or refine the lattice")
+    space, time = parts(constraint.value)
+    at = [g.ravel()[nodes] for g in lattice.coordinates()]
+    drive: Drive
+    drives: list[Drive]
+    if space is None:
+        drive = None, lambda t: _finite(time(*at, t), len(nodes), key)
+    else:
+        space = kinds.array(space(*at) if callable(space) else space, key, finite=False)
+        if space.ndim and space.shape != lattice.shape and space.shape != nodes.shape:
+            raise InputError("an array must have the lattice's shape", value=space.shape, limit=lattice.shape, key=key)
+        drive = _finite(space.ravel()[nodes] if space.shape == lattice.shape else space, len(nodes), key), time
+    drives = [drive]
+    if background:
+        drives.append((np.full(len(nodes), -background), parts(0.0)[1]))
+    return _Held(number, nodes, nodes, 0.0, drives, constraint.value if np.isscalar(constraint.value) else None)
+
+
+def _contradiction(one: int, other: int, node: int, lattice: Lattice) -> InputError:
+    at = np.array(np.unravel_index(node, lattice.shape))
+    return InputError(
+        "two conditions on one node contradict each other",
+        value=f"constraint[{min(one, other)}] and constraint[{max(one, other)}] near {(lattice.lower + at * lattice.spacing).tolist()}",
+        key="constraints", remedy="restrict one of them by `within`",
+    )  # fmt: skip
+
+
+def _refuse_fed(out: Conditions, found: Sequence[_Held], fed: Sequence[tuple[int, _Face]], lattice: Lattice) -> None:
+    """Heat into nodes whose value is prescribed would be lost. At an edge of the body, where two sides meet, it goes into the wall."""
+    axes = {held.number: held.axis for held in found}
+    for number, face in fed:
+        same = np.isin(out.owner, [n for n, axis in axes.items() if axis in (None, face.axis)])
+        lost = np.flatnonzero(same & np.isin(out.nodes, face.nodes(0)))
+        if lost.size:
+            raise _contradiction(number, int(out.owner[lost[0]]), int(out.nodes[lost[0]]), lattice)
+
+
+def _join(out: Conditions, found: Sequence[_Held], lattice: Lattice) -> None:
+    """One table of all: plain values first, then what follows from others, axis by axis.
+
+    A node with two conditions must have the same number from both. Only in the edges and corners where layers of different axes meet, one
+    wins: a plain value, else the layer of the later axis, which reads that of the earlier one (the mirror image of a mirror image).
+    """
+    shape = lattice.shape
+    owner = np.full(int(np.prod(shape)), -1)
+    by_number = {h.number: h for h in found}
+    order = sorted(found, key=lambda h: (h.weight != 0, -1 if h.axis is None else h.axis))
+    for held in order:
+        taken = owner[held.nodes]
+        for other in np.unique(taken[taken >= 0]):
+            rival = by_number[int(other)]
+            corner = None not in (held.axis, rival.axis) and held.axis != rival.axis and bool(held.weight)
+            if not corner and (held.plain is None or held.plain != rival.plain):
+                raise _contradiction(held.number, int(other), int(held.nodes[taken == other][0]), lattice)
+            if corner and rival.weight:
+                owner[held.nodes[taken == other]] = held.number
+        owner[held.nodes[taken < 0]] = held.number
+    kept = [(held, owner[held.nodes] == held.number) for held in order]
+    place = np.full(owner.shape, -1)  # when a node is set
+    start = 0
+    for held, keep in kept:
+        place[held.nodes[keep]] = start + np.arange(keep.sum())
+        start += int(keep.sum())
+        if held.weight and (place[held.references[keep]] < 0).any():
+            loose = held.references[keep][place[held.references[keep]] < 0]
+            if (owner[loose] >= 0).any():
+                raise InputError("a condition follows from nodes that a later one prescribes", value=f"constraint[{held.number}]", key="constraints",
+                                 remedy="restrict one of them by `within`")  # fmt: skip
+    sizes = [int(keep.sum()) for _, keep in kept]
+    total, start = sum(sizes), 0
+    if not total:
+        return
+    out.nodes = np.concatenate([h.nodes[k] for h, k in kept])
+    out.owner = np.repeat([h.number for h, _ in kept], sizes)
+    follows = np.repeat([h.weight != 0 for h, _ in kept], sizes)
+    out.starts = np.concatenate([[0], np.cumsum(follows)])
+    out.references = np.concatenate([h.references[k] for h, k in kept])[follows]
+    out.weights = np.repeat([h.weight for h, _ in kept], sizes)[follows]
+    for (held, keep), size in zip(kept, sizes, strict=True):
+
+        def put(values: np.ndarray, keep: np.ndarray = keep, first: int = start, size: int = size) -> np.ndarray:
+            field = np.zeros(total)
+            field[first : first + size] = values[keep]
+            return field
+
+        out.drives += [_scaled(drive, 1.0, put) for drive in held.drives]
+        start += size

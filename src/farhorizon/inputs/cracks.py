@@ -1,0 +1,130 @@
+"""Bonds cut in advance, and what it takes to break them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.errors import InputError
+from farhorizon.geometry.shapes import Cut, PointCut, PolygonCut, Polyline
+
+
+@dataclass(frozen=True)
+class Crack:
+    """A cut that conducts a little, or that opens later.
+
+    Parameters
+    ----------
+    cut : Cut, sequence of points (2D, 3D) or position (1D)
+    factor : float
+        What is left of the bonds that it crosses: 0 insulates, 1 does nothing.
+    opens : float
+        Time from which on it is there; the first step that begins at or after it knows it.
+
+    Raises
+    ------
+    InputError
+        A factor outside 0..1, a time that is not finite.
+    """
+
+    cut: Any
+    factor: float = 0.0
+    opens: float = 0.0
+
+    def __post_init__(self) -> None:
+        kinds.settle(
+            self,
+            factor=kinds.number(self.factor, "crack.factor", least=0, most=1),
+            opens=kinds.number(self.opens, "crack.opens"),
+        )
+        if not isinstance(self.cut, Cut):
+            kinds.array(self.cut, "crack")
+
+
+def as_crack(crack: Any, dim: int) -> Crack:
+    """A crack as a `Crack` whose cut is a `Cut`; errors as of `as_cut`."""
+    if isinstance(crack, Crack):
+        return Crack(as_cut(crack.cut, dim), crack.factor, crack.opens)
+    return Crack(as_cut(crack, dim))
+
+
+def as_cut(crack: Any, dim: int) -> Cut:
+    """A crack as a `Cut`: itself, a position (1D), points of a polyline (2D), or the corners of a polygon (3D).
+
+    Raises
+    ------
+    InputError
+        A crack of another dimension than the lattice, or points where a surface is needed (3D).
+    """
+    if isinstance(crack, Cut):
+        cut = crack
+    elif dim == 1:
+        cut = PointCut(kinds.array(np.ravel(kinds.array(crack, "crack")), "crack", shape=(1,))[0])
+    elif dim == 2:
+        cut = Polyline(crack)
+    elif (points := kinds.array(crack, "crack")).ndim == 2 and len(points) >= 3:
+        cut = PolygonCut(points)
+    else:
+        raise InputError("a crack in 3D is a surface", value=crack, key="crack",
+                         remedy="use Rectangle(...), DiscCut(...) or the corners of a polygon")  # fmt: skip
+    if cut.dim != dim:
+        raise InputError("crack and lattice differ in dimension", value=cut.dim, limit=dim, key="crack")
+    return cut
+
+
+def cut_bonds(cut: Cut, lower: np.ndarray, spacing: float, shape: tuple[int, ...], offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Bonds of a lattice that a crack cuts.
+
+    Parameters
+    ----------
+    cut : Cut
+    lower : ndarray, shape (dim,)
+        First node.
+    spacing : float
+    shape : tuple of int
+        Nodes along each axis.
+    offsets : ndarray, shape (K, dim)
+
+    Returns
+    -------
+    nodes : ndarray of int, shape (n, dim)
+    bond : ndarray of int, shape (n,)
+        Number of the offset; both directions of a bond are listed.
+    """
+    reach = np.abs(offsets).max(0)
+    low, high = (np.asarray(b, float) for b in cut.bounds())
+    first = np.maximum(np.floor((low - lower) / spacing).astype(int) - reach - 1, 0)
+    last = np.minimum(np.ceil((high - lower) / spacing).astype(int) + reach + 1, np.array(shape) - 1)
+    if (last < first).any():
+        return np.zeros((0, len(shape)), int), np.zeros(0, int)
+    grid = np.stack(np.meshgrid(*[np.arange(a, b + 1) for a, b in zip(first, last, strict=True)], indexing="ij"), -1).reshape(-1, len(shape))
+    start = lower + spacing * grid
+    nodes, bonds = [], []
+    for number, offset in enumerate(offsets):
+        hit = cut.cuts(start, start + spacing * offset)
+        nodes.append(grid[hit])
+        bonds.append(np.full(int(hit.sum()), number))
+    return np.concatenate(nodes), np.concatenate(bonds)
+
+
+def fracture_energy(bonds: np.ndarray, stiffness: np.ndarray, stretch: float) -> float:
+    """Energy per area (2D: per length and thickness) that is spent when all bonds across a plane break at a critical stretch.
+
+    A bond of stiffness C (force density over elongation) holds ``C V (s |xi|)^2 / 2``, V the volume of a node, and ``|xi . n| / V`` of each pair
+    of opposite bonds cross a unit of area with normal n. The mean over all normals is ``s^2/4 sum_k C_k |xi_k|^3 <|cos|>`` with 2/pi in the
+    plane and 1/2 in space. In the continuum with a constant micromodulus c this is ``pi c s^2 horizon^5 / 10`` (Silling and Askari 2005,
+    Computers and Structures 83) and ``c s^2 horizon^4 / 4`` in the plane, that is
+    ``s = sqrt(5 G / (6 E horizon))`` in space, ``sqrt(4 pi G / (9 E horizon))`` in plane stress, ``sqrt(5 pi G / (12 E horizon))`` in plane strain.
+
+    Parameters
+    ----------
+    bonds : ndarray, shape (K, dim)
+        Both directions of each bond.
+    stiffness : ndarray, shape (K,)
+    stretch : float
+    """
+    lengths = np.linalg.norm(bonds, axis=1)
+    return float(stretch**2 / 4 * (stiffness * lengths**3).sum() * (2 / np.pi if bonds.shape[1] == 2 else 0.5))

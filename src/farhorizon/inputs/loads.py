@@ -1,0 +1,129 @@
+"""Forces on a body from outside: per volume, and per area on its free sides."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.boundaries import Free
+from farhorizon.errors import InputError
+from farhorizon.geometry.lattice import AXES, Lattice
+from farhorizon.inputs.expressions import as_signal
+
+
+@dataclass(frozen=True)
+class BodyForce:
+    """A force per volume on the near field.
+
+    Parameters
+    ----------
+    value : sequence of (ndarray, callable, str, Expression or float)
+        One component an axis: an array of the lattice's shape, a function or an expression of the coordinates, or a number.
+    time : callable, str, Expression or float, optional
+        Factor of t; 1 unless given.
+
+    Raises
+    ------
+    InputError
+        No list of components, a factor that is no function of t.
+    """
+
+    value: Sequence[Any]
+    time: Any = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.value, np.ndarray):
+            kinds.sequence(self.value, "load.value", "one component an axis")
+        kinds.settle(self, time=None if self.time is None else as_signal(self.time, "load.time"))
+
+
+@dataclass(frozen=True)
+class Traction:
+    """A force per area on a free side: on its outermost nodes a force per volume, value / spacing.
+
+    Parameters
+    ----------
+    side : str
+        "x-", "y+", ...
+    value : sequence of float
+        One component an axis.
+    between : sequence of (float, float), optional
+        Where it acts, along each of the other axes in their order; the whole side unless given. Nodes on either end count.
+    time : callable, str, Expression or float, optional
+        Factor of t; 1 unless given.
+
+    Raises
+    ------
+    InputError
+        An unknown side, components or ends that are no finite numbers, a factor that is no function of t.
+    """
+
+    side: str
+    value: Sequence[float]
+    between: Sequence[tuple[float, float]] | None = None
+    time: Any = None
+
+    def __post_init__(self) -> None:
+        kinds.one_of(self.side, "load.side", [axis + sign for axis in AXES for sign in "-+"], "unknown side")
+        kinds.array(self.value, "load.value", shape=(None,))
+        if self.between is not None:
+            kinds.array(self.between, "load.between", shape=(None, 2))
+        kinds.settle(self, time=None if self.time is None else as_signal(self.time, "load.time"))
+
+    def bounded(self, lattice: Lattice) -> Traction:
+        """The same with the ends of the whole side named, if that is where it acts: on a larger lattice it stays where it is."""
+        ends = [(float(a), float(b)) for name, a, b in zip(AXES, lattice.lower, lattice.upper, strict=False) if name != self.side[:1]]
+        return self if self.between is not None else replace(self, between=ends)
+
+
+def force_density(load: Traction, lattice: Lattice, sides: Mapping[tuple[int, int], Any], key: str = "load") -> np.ndarray:
+    """The force per volume that a traction is on the nodes of a lattice, less its factor of time.
+
+    Parameters
+    ----------
+    load : Traction
+    lattice : Lattice
+    sides : mapping of (axis, side) to Boundary
+    key : str
+        Named in messages.
+
+    Returns
+    -------
+    ndarray, shape (dim, *lattice.shape)
+
+    Raises
+    ------
+    InputError
+        An unknown side or one that is not free, components that are missing or not finite, a part beyond the near field, or none on its nodes.
+    """
+    names = {AXES[a] + sign: (a, s) for a in range(lattice.dim) for sign, s in (("-", -1), ("+", 1))}
+    if load.side not in names:
+        raise InputError("unknown side", value=load.side, limit=", ".join(names), key=f"{key}.side")
+    axis, side = names[load.side]
+    if not isinstance(sides[axis, side], Free):
+        raise InputError("a traction acts on a free side", value=type(sides[axis, side]).__name__, key=f"{key}.side {load.side}", remedy="Free()")
+    if len(load.value) != lattice.dim:
+        raise InputError("a traction needs one component an axis", value=list(load.value), limit=f"a list of {lattice.dim}", key=f"{key}.value")
+    at = lattice.coordinates()
+    place = lattice.lower[axis] if side < 0 else lattice.upper[axis]
+    loaded = np.abs(at[axis] - place) < 0.5 * lattice.spacing
+    others = [a for a in range(lattice.dim) if a != axis]
+    slack = 1e-9 * lattice.spacing
+    if load.between is not None and np.shape(load.between) != (len(others), 2):
+        raise InputError("a part of a side is given by two ends along each other axis", value=load.between, limit=f"{len(others)} pairs",
+                         key=f"{key}.between")  # fmt: skip
+    for a, (low, high) in zip(others, load.between or (), strict=load.between is not None):
+        first, last = lattice.lower[a], lattice.upper[a]
+        if not first - slack <= low <= high <= last + slack:
+            raise InputError("the traction reaches beyond the near field", value=(low, high), limit=(float(first), float(last)),
+                             key=f"{key}.between ({AXES[a]})", remedy="a wider lattice or a narrower load")  # fmt: skip
+        loaded &= (at[a] >= low - slack) & (at[a] <= high + slack)
+    if lattice.mask is not None:
+        loaded &= lattice.mask
+    if not loaded.any():
+        raise InputError("the traction meets no node", value=load.between, key=f"{key}.between", remedy="a wider load")
+    return np.multiply.outer(np.asarray(load.value, float) / lattice.spacing, loaded)

@@ -1,0 +1,255 @@
+"""What lies beyond the sides that absorb: data, sources and cracks there belong to the medium, but a truncated run misses them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from farhorizon.boundaries import Absorbing, Boundary
+from farhorizon.errors import InputError, shown
+from farhorizon.geometry.lattice import AXES, Lattice
+from farhorizon.geometry.shapes import Cut
+
+_FAR_NODES = 1_000_000  # nodes of the box in which data are sought that vanish in the near field, at most
+_REACHES = 4  # over which a material is looked at in front of a side
+_FLAT = 1e-4  # part by which it may change there without a note
+_FARTHER = (2, 4, 8, 16, 32)  # times the extent of the near field, in which the largest value of data that lie outside is sought
+_ROUNDING = float(np.finfo(float).eps)  # less than this of the largest value is zero
+
+Function = Callable[..., Any]
+
+
+class Beyond:
+    """The medium beyond the sides that absorb. Fixed, free and periodic sides end it: there is nothing to miss there.
+
+    Parameters
+    ----------
+    lattice : Lattice
+    sides : dict of (axis, side) to Boundary
+    wanted : float
+        What may be missed where a side does not say it, as a part of the largest value.
+    depth : dict of (axis, side) to int
+        Nodes beyond each absorbing side that are looked at: the layer's, or the stencil's reach if that is more.
+    near : ndarray of bool, optional
+        Nodes of a window that a condition closes along its outline: what lies around them is missed, too.
+
+    Attributes
+    ----------
+    targets : dict of (axis, side) to float
+        What may be missed beyond each side, as a part of the largest value.
+    notes : list of str
+        What was found below the targets, or cannot be known.
+    """
+
+    def __init__(
+        self, lattice: Lattice, sides: dict[tuple[int, int], Boundary], wanted: float, depth: dict[tuple[int, int], int],
+        near: np.ndarray | None = None,
+    ) -> None:  # fmt: skip
+        self.lattice, self.depth, self.near = lattice, depth, near
+        absorbing = {key: b for key, b in sides.items() if isinstance(b, Absorbing)}
+        self.targets = {key: b.wanted(wanted) for key, b in absorbing.items()}
+        self.notes: list[str] = []
+
+    def check_values(self, values: np.ndarray, key: str) -> None:
+        """Note values at an absorbing edge: what an array would be beyond it cannot be known. Refuse values around a closed window."""
+        peak = float(np.abs(values).max(initial=0))
+        found = {}
+        if self.near is not None:
+            missed = float(np.abs(np.where(self.near, 0.0, values)).max(initial=0))
+            if missed > max(self.targets.values()) * peak:
+                raise InputError("not zero beyond the outline of the window, where the run would miss it", value=f"{missed:.3g}",
+                                 limit=f"{max(self.targets.values()) * peak:.3g}", key=key, remedy="a larger window, or zeros there")  # fmt: skip
+            return
+        for (axis, side), target in self.targets.items():
+            edge = float(np.abs(np.take(values, 0 if side < 0 else -1, axis)).max(initial=0))
+            if edge > target * peak:
+                found[_name(axis, side)] = edge / peak
+        if found:
+            self.notes.append(
+                f"{key} is an array with {max(found.values()):.2g} of its largest value at an absorbing edge ({', '.join(found)}): it is taken to be "
+                "zero beyond, which cannot be checked"
+            )
+
+    def check_function(self, function: Function, peak: float, key: str, level: float = 0.0, missed: str = "value") -> None:
+        """Look at a function of the coordinates just beyond the absorbing sides.
+
+        Parameters
+        ----------
+        function : callable
+            Of the coordinates.
+        peak : float
+            Largest \\|function - level\\| in the near field.
+        key : str
+            Named in messages.
+        level : float
+            What the function should be beyond.
+        missed : str
+            Of what `peak` is the largest value.
+
+        Raises
+        ------
+        InputError
+            More than a side's target of the largest value lies beyond it, or all of it.
+        """
+        found = {}
+        for name, target, coordinates, exists in self._around():
+            with np.errstate(all="ignore"):
+                beyond = np.abs(np.where(exists, np.asarray(function(*coordinates), float) - level, 0.0))
+            worst = float(beyond.max(initial=0))
+            share = worst / max(peak, worst, 1e-300) if np.isfinite(worst) else np.inf
+            if not share <= target:
+                if worst > peak and missed != "value":
+                    self._refuse_outside(function, key, level, missed)
+                where = shown([float(c[np.unravel_index(int(np.argmax(beyond)), beyond.shape)]) for c in coordinates])
+                edge = "outline" if name == "outline" else f"side {name}"
+                raise InputError(
+                    f"not zero beyond the absorbing {edge}; the run would miss it: an error of about {share:.2g} of the largest "
+                    f"{missed}", value=f"{worst:.3g} at {where}", limit=f"{target * max(peak, worst):.3g} ({target:g} of the largest)", key=key,
+                    remedy="enlarge the near field, narrow or move what is given"
+                    + (", set background to its value far away" if missed == "initial value" else ""),
+                )  # fmt: skip
+            if share > _ROUNDING:
+                found[name] = share
+        if found:
+            self.notes.append(
+                f"{key}: {max(found.values()):.2g} of the largest {missed} lies beyond {', '.join(found)} and is missed; below the target"
+            )
+        if peak == 0 and self.targets:
+            self._seek(function, key, level)
+
+    def _seek(self, function: Function, key: str, level: float) -> None:
+        """Refuse what vanishes on every node of the near field, but not farther out."""
+        most, where = self._largest(function, level)
+        if most > 0:
+            raise InputError("zero on every node of the near field, and not beyond", value=f"{most:.3g} near {where}",
+                             limit=_extent(self.lattice), key=key, remedy="move it inside or enlarge the near field")  # fmt: skip
+        self.notes.append(f"{key} is zero on every node of the near field")
+
+    def _refuse_outside(self, function: Function, key: str, level: float, missed: str) -> None:
+        """InputError for what is larger beyond a side than anywhere inside: most of it lies outside."""
+        most, where = self._largest(function, level)
+        for times in _FARTHER:
+            farther, place = self._largest(function, level, times)
+            if not farther > most:
+                break
+            most, where = farther, place
+        raise InputError(f"lies outside the near field: the largest {missed} is found beyond the absorbing sides", value=f"{most:.3g} near {where}",
+                         limit=_extent(self.lattice), key=key, remedy="move it inside or enlarge the near field")  # fmt: skip
+
+    def _largest(self, function: Function, level: float, times: int = 1) -> tuple[float, str]:
+        """The largest magnitude less the level and its place, on a sample of the near field and of `times` as much beyond each absorbing side."""
+        lattice = self.lattice
+        more = {key: times * lattice.shape[key[0]] for key in self.targets}
+        lower, count = lattice.lower.copy(), np.array(lattice.shape)
+        for (axis, side), nodes in more.items():
+            lower[axis] -= lattice.spacing * nodes * (side < 0)
+            count[axis] += nodes
+        stride = max(1, int(np.ceil((np.prod(count.astype(float)) / _FAR_NODES) ** (1 / lattice.dim))))
+        axes = [first + lattice.spacing * np.arange(0, n, stride) for first, n in zip(lower, count, strict=True)]
+        coordinates = np.meshgrid(*axes, indexing="ij")
+        with np.errstate(all="ignore"):
+            found = np.nan_to_num(np.abs(np.asarray(function(*coordinates), float) - level) + np.zeros(coordinates[0].shape), nan=0.0)
+        top = np.unravel_index(int(np.argmax(found)), found.shape)
+        return float(found[top]), shown([float(c[top]) for c in coordinates])
+
+    def check_moving(self, source: Function, times: np.ndarray, peak: float, key: str = "source") -> float:
+        """Look at a source s(x, ..., t) at some times.
+
+        Parameters
+        ----------
+        source : callable
+            Of the coordinates and t.
+        times : ndarray
+        peak : float
+            Its largest magnitude in the near field at earlier times.
+        key : str
+
+        Returns
+        -------
+        float
+            Its largest magnitude in the near field, these times included.
+
+        Raises
+        ------
+        InputError
+            As `check_function`.
+        """
+        if not self.targets:
+            return peak
+
+        def largest(*coordinates: np.ndarray) -> np.ndarray:
+            zero = np.zeros(coordinates[0].shape)
+            with np.errstate(all="ignore"):
+                return np.max([np.abs(np.asarray(source(*coordinates, t), float)) + zero for t in times], axis=0)
+
+        peak = max(peak, float(np.nanmax(largest(*self.lattice.coordinates()), initial=0)))
+        self.check_function(largest, peak, key, missed="source value")
+        return peak
+
+    def check_cracks(self, cuts: Iterable[Cut], reach: Sequence[int]) -> None:
+        """Refuse cracks so far beyond the near field that they cut no bond of its nodes; raises InputError."""
+        slack = self.lattice.spacing * np.array(reach)
+        for cut in cuts:
+            low, high = cut.bounds()
+            if np.any(low > self.lattice.upper + slack) or np.any(high < self.lattice.lower - slack):
+                raise InputError("the crack lies beyond the near field and cuts none of its bonds", value=[b.tolist() for b in (low, high)],
+                                 limit=_extent(self.lattice), key="crack", remedy="move it inside or enlarge the near field")  # fmt: skip
+
+    def _around(self) -> Iterator[tuple[str, float, list[np.ndarray], np.ndarray]]:
+        """Name, target, coordinates and existing nodes of each part of the medium that is looked at."""
+        for (axis, side), target in self.targets.items():
+            yield _name(axis, side), target, *self.strip(axis, side)
+        if self.near is not None:
+            yield "outline", max(self.targets.values()), self.lattice.coordinates(), ~self.near
+
+    def strip(self, axis: int, side: int) -> tuple[list[np.ndarray], np.ndarray]:
+        """Coordinates of the nodes beyond a side, corners included, and which of them exist (a body goes on along the normal)."""
+        lattice, dx = self.lattice, self.lattice.spacing
+        pads = [(self.depth.get((a, -1), 0), self.depth.get((a, 1), 0)) for a in range(lattice.dim)]
+        axes = [lattice.lower[a] + dx * np.arange(-low, n + high) for a, (n, (low, high)) in enumerate(zip(lattice.shape, pads, strict=True))]
+        steps = dx * np.arange(1, self.depth[axis, side] + 1)
+        axes[axis] = lattice.upper[axis] + steps if side > 0 else lattice.lower[axis] - steps
+        coordinates = list(np.meshgrid(*axes, indexing="ij"))
+        if lattice.body is None or lattice.mask is None:
+            return coordinates, np.ones(coordinates[0].shape, bool)
+        pads[axis] = (0, 0)
+        edge = np.pad(np.take(lattice.mask, [0 if side < 0 else -1], axis), pads, mode="edge")
+        return coordinates, np.broadcast_to(edge, coordinates[0].shape)
+
+
+def gradients(values: np.ndarray, what: str, sides: Iterable[tuple[int, int]], reach: Sequence[int]) -> list[str]:
+    """Notes on a material that varies gradually along the normal in front of absorbing sides, beyond which it goes on as at the edge.
+
+    Gradually: it changes between more neighbours than one reach holds, of the last `_REACHES` reaches. An interface is not a gradient.
+
+    Parameters
+    ----------
+    values : ndarray, of the lattice's shape
+    what : str
+        Its name.
+    sides : iterable of (axis, side)
+    reach : sequence of int
+        Of the stencil, along each axis.
+    """
+    notes = []
+    for axis, side in sides:
+        lines = np.moveaxis(values, axis, 0)[::-side][: _REACHES * reach[axis] + 1]
+        gradual = (np.diff(lines, axis=0) != 0).sum(0) > reach[axis]
+        size = np.abs(lines).max(0)
+        change = np.divide(np.ptp(lines, axis=0), size, out=np.zeros(size.shape), where=gradual & (size > 0)).max()
+        if change > _FLAT:
+            notes.append(
+                f"{what} changes by {100 * change:.2g} % along the normal over the last {len(lines) - 1} nodes in front of {_name(axis, side)}, and "
+                "goes on beyond as it is at the edge: what a medium that goes on changing sends back is missed; a wider near field misses less"
+            )
+    return notes
+
+
+def _name(axis: int, side: int) -> str:
+    return AXES[axis] + "-+"[side > 0]
+
+
+def _extent(lattice: Lattice) -> str:
+    return f"{shown(lattice.lower)} to {shown(lattice.upper)}"

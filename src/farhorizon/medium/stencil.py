@@ -1,0 +1,309 @@
+"""Stencils: offsets and weights of a linear lattice operator, and what their symbol tells."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.errors import InputError
+from farhorizon.medium.kernel import Kernel
+
+_FARTHEST = 1000  # nodes that an offset may span
+_MOST_NEIGHBOURS = 100_000  # of a kernel's stencil: far beyond use, and soon built
+
+
+@dataclass(frozen=True)
+class BackwardWaves:
+    """Waves whose group and phase velocity have opposite signs along an axis.
+
+    Attributes
+    ----------
+    growth : float
+        Largest first-order growth rate per unit of layer strength sigma, 0 without backward waves.
+    fraction : float
+        Part of the Brillouin zone where waves are backward along any axis.
+    first_wavenumber : float
+        Smallest |k| times spacing among them (inf without).
+    """
+
+    growth: float
+    fraction: float
+    first_wavenumber: float
+
+    def __bool__(self) -> bool:
+        return self.growth > 0
+
+
+class Stencil:
+    """A translation-invariant operator ``(L u)_i = sum_k w_k (u_(i+k) - u_i)`` for unit spacing and coefficient.
+
+    Parameters
+    ----------
+    offsets : array_like of int, shape (K, dim)
+        Neighbours, without the centre.
+    weights : array_like, shape (K,), or (K, dim, dim) for a field of dim components
+        A model scales them by ``coefficient / spacing^2``.
+
+    Raises
+    ------
+    InputError
+        Repeated or zero offsets, weights that are not finite, a stencil that is not symmetric, ``w_(-k) = w_k`` (of matrices the transpose).
+    """
+
+    def __init__(self, offsets: np.ndarray, weights: np.ndarray) -> None:
+        given = np.atleast_2d(kinds.array(offsets, "stencil.offsets"))
+        weights, offsets = kinds.array(weights, "stencil.weights"), np.round(np.clip(given, -_FARTHEST, _FARTHEST)).astype(int)
+        if given.ndim != 2 or (given != offsets).any():
+            raise InputError("offsets are whole numbers of nodes", value=given, limit=f"at most {_FARTHEST} in magnitude, shape (K, dim)",
+                             key="stencil.offsets")  # fmt: skip
+        count, dim = offsets.shape
+        if weights.shape not in ((count,), (count, dim, dim)) or not 1 <= dim <= 3 or (weights.ndim == 3 and dim == 1):
+            raise InputError("a stencil needs one weight an offset in 1 to 3 dimensions, or one dim x dim matrix in 2 or 3",
+                             value=(offsets.shape, weights.shape))  # fmt: skip
+        if len(np.unique(offsets, axis=0)) != count or not offsets.any(1).all():
+            raise InputError("stencil offsets must be distinct and not zero", value=offsets.tolist())
+        order = np.lexsort(offsets.T[::-1])
+        self.offsets, self.weights = offsets[order], weights[order]
+        self.dim = dim
+        unlike = self._unlike(-self.offsets, np.swapaxes(self.weights, 1, 2) if weights.ndim == 3 else self.weights)
+        if unlike is not None:
+            raise InputError("a stencil must have equal weights at k and -k, of matrices the transpose", value=unlike, remedy="symmetrise the table")
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Stencil) and np.array_equal(self.offsets, other.offsets) and np.array_equal(self.weights, other.weights)
+
+    def __hash__(self) -> int:
+        return hash((self.offsets.tobytes(), self.weights.tobytes()))
+
+    @property
+    def components(self) -> int:
+        """Components of the field: 1 with numbers, dim with matrices."""
+        return 1 if self.weights.ndim == 1 else self.dim
+
+    def _unlike(self, offsets: np.ndarray, weights: np.ndarray) -> list[int] | None:
+        """The first offset at which another table differs from this one; None if they are alike."""
+        table = dict(zip(map(tuple, self.offsets.tolist()), self.weights, strict=True))
+        limit = 1e-12 * np.abs(self.weights).max()
+        for o, w in zip(offsets.tolist(), weights, strict=True):
+            if tuple(o) not in table or np.abs(table[tuple(o)] - w).max() > limit:
+                return list(o)
+        return None
+
+    def even_along(self, axis: int) -> bool:
+        """Whether the stencil goes over into itself in a mirror across an axis, in which the component along it changes its sign."""
+        sign = np.where(np.arange(self.dim) == axis, -1, 1)
+        return self._unlike(self.offsets * sign, self.weights if self.components == 1 else self.weights * np.outer(sign, sign)) is None
+
+    def same_along(self, axis: int, other: int) -> bool:
+        """Whether two axes may be exchanged, and with them the components."""
+        order = np.arange(self.dim)
+        order[[axis, other]] = other, axis
+        return self._unlike(self.offsets[:, order], self._reordered(order)) is None
+
+    def _reordered(self, order: Sequence[int] | np.ndarray) -> np.ndarray:
+        """Weights with the components in another order."""
+        return self.weights if self.components == 1 else self.weights[:, order][:, :, order]
+
+    @cached_property
+    def positive(self) -> bool:
+        """Whether no bond gains energy in any motion of its ends, so that a part of the bonds is stable, too."""
+        if self.components == 1:
+            return bool((self.weights >= 0).all())
+        if np.abs(self.weights - np.swapaxes(self.weights, 1, 2)).max() > 1e-12 * np.abs(self.weights).max():
+            return False
+        return bool(np.linalg.eigvalsh(self.weights).min() >= -1e-12 * np.abs(self.weights).max())
+
+    @classmethod
+    def from_kernel(cls, kernel: Kernel, spacing: float, dim: int) -> Stencil:
+        """Stencil of a kernel by one-point quadrature with the kernel's volume rule.
+
+        Raises
+        ------
+        InputError
+            A horizon below the spacing (no neighbours), or so many spacings wide that the stencil has above 100 000 neighbours.
+        """
+        grid, weights = cls.family(kernel, spacing, dim)
+        if kernel.calibrate:
+            weights = weights / (0.5 * (weights * grid[:, 0] ** 2).sum())
+        return cls(grid, weights)
+
+    @staticmethod
+    def family(kernel: Kernel, spacing: float, dim: int) -> tuple[np.ndarray, np.ndarray]:
+        """Offsets (K, dim) and weights (K,) of a kernel by one-point quadrature with its volume rule, for unit spacing, not calibrated.
+
+        Raises
+        ------
+        InputError
+            As `from_kernel`.
+        """
+        if kernel.horizon < spacing * (1 - 1e-9):
+            raise InputError(
+                "the horizon is smaller than the spacing, no node has neighbours",
+                value=kernel.horizon,
+                limit=f">= {spacing}",
+                key="kernel.horizon",
+                remedy=f"horizon = {3 * spacing:g} (three spacings) or a finer lattice",
+            )
+        delta = kernel.horizon / spacing
+        reach = int(np.floor(delta + (0.5 if kernel.volume == "ramp" else 0.0) + 1e-9))
+        if (2 * reach + 1) ** dim > _MOST_NEIGHBOURS:
+            most = int((_MOST_NEIGHBOURS ** (1 / dim) - 1) / 2)
+            raise InputError("the horizon spans too many nodes", value=f"{reach} nodes", limit=f"{most} nodes in {dim}D", key="kernel.horizon",
+                             remedy=f"horizon = {3 * spacing:g} (three spacings) or a coarser lattice")  # fmt: skip
+        grid = np.array([o for o in itertools.product(range(-reach, reach + 1), repeat=dim) if any(o)])
+        r = np.sqrt((grid**2).sum(1))
+        share = np.clip(delta + 0.5 - r, 0.0, 1.0) if kernel.volume == "ramp" else (r <= delta + 1e-9).astype(float)
+        c = kernel.scaling_constant(dim) * spacing ** (dim + 2 - kernel.exponent)
+        weights = c * kernel.influence_at(r * spacing) * share * r ** -float(kernel.exponent)
+        used = weights > 1e-14 * weights.max()
+        if not used.any():  # such as a linear influence, which ends at the horizon
+            raise InputError("every neighbour within the horizon has the weight zero", value=kernel.influence, key="kernel.influence",
+                             remedy=f"horizon = {3 * spacing:g} (three spacings)")  # fmt: skip
+        return grid[used], weights[used]
+
+    @classmethod
+    def finite_difference(cls, dim: int) -> Stencil:
+        """The classical 3-, 5- or 7-point Laplacian."""
+        eye = np.eye(dim, dtype=int)
+        return cls(np.concatenate([eye, -eye]), np.ones(2 * dim))
+
+    @classmethod
+    def finite_element(cls, dim: int) -> Stencil:
+        """Lumped linear, bilinear or trilinear finite elements on a uniform mesh: 3, 9 or 27 points."""
+        stiffness, mass = np.array([1.0, -2.0, 1.0]), np.array([1.0, 4.0, 1.0]) / 6
+        table = np.zeros((3,) * dim)
+        for axis in range(dim):
+            factors = [stiffness if a == axis else mass for a in range(dim)]
+            table += np.einsum(",".join("ijk"[:dim]) + "->" + "ijk"[:dim], *factors)
+        grid = np.array([o for o in itertools.product((-1, 0, 1), repeat=dim) if any(o)])
+        weights = np.array([table[tuple(o + 1)] for o in grid])
+        used = np.abs(weights) > 1e-14
+        return cls(grid[used], weights[used])
+
+    def along(self, axis: int) -> Stencil:
+        """The same stencil with another axis (and component) first, the rest in their order."""
+        order = [axis, *(a for a in range(self.dim) if a != axis)]
+        return Stencil(self.offsets[:, order], self._reordered(order))
+
+    @cached_property
+    def reach(self) -> tuple[int, ...]:
+        """Largest offset along each axis."""
+        return tuple(int(n) for n in np.abs(self.offsets).max(0))
+
+    def symbol(self, *angles: np.ndarray | float) -> np.ndarray:
+        """``sum_k w_k (1 - exp(i k . angle))`` at wavenumbers times spacing, one array an axis (broadcast).
+
+        Returns
+        -------
+        ndarray
+            Real, of the shape of the angles; of matrices Hermitian, two more axes at the end, complex if any weight is not symmetric.
+        """
+        return self._sum_up(lambda o, phase: (2 * np.sin(phase / 2) ** 2, np.sin(phase)), *angles)
+
+    def symbol_gradient(self, axis: int, *angles: np.ndarray | float) -> np.ndarray:
+        """Derivative of the symbol along one axis."""
+        return self._sum_up(lambda o, phase: (o[axis] * np.sin(phase), o[axis] * np.cos(phase)), *angles)
+
+    def _sum_up(self, terms: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]], *angles: np.ndarray | float) -> np.ndarray:
+        """``sum_k w_k (even_k - i odd_k)`` with ``terms(k, k . angle) = (even_k, odd_k)``, even and odd in k; one of k and -k is computed."""
+        shape = np.broadcast_shapes(*(np.shape(a) for a in angles))
+        width = self.weights.shape[1:]
+        turned = np.swapaxes(self.weights, 1, 2) if width else self.weights
+        skew = bool(np.any(self.weights != turned))
+        total = np.zeros((*width, *shape), complex if skew else float)
+        for o, w, other in zip(self.offsets, self.weights, turned, strict=True):
+            if tuple(o) < (0,) * self.dim:
+                continue
+            even, odd = terms(o, sum((int(i) * np.asarray(a, float) for i, a in zip(o, angles, strict=True)), np.zeros(())))
+            for entry in np.ndindex(width):
+                if w[entry] or other[entry]:
+                    total[entry] += (w[entry] + other[entry]) * even
+                    if skew:
+                        total[entry] -= 1j * (w[entry] - other[entry]) * odd
+        return np.moveaxis(total, (0, 1), (-2, -1)) if width else total
+
+    def branches(self, *angles: np.ndarray | float) -> np.ndarray:
+        """Eigenvalues of the symbol, ascending, on one more axis at the end: one of a scalar field."""
+        symbol = self.symbol(*angles)
+        return symbol[..., None] if self.components == 1 else np.linalg.eigvalsh(symbol)
+
+    def branches_with_gradient(self, *angles: np.ndarray | float) -> tuple[np.ndarray, list[np.ndarray]]:
+        """`branches` and their derivatives along each axis."""
+        if self.components == 1:
+            return self.branches(*angles), [self.symbol_gradient(a, *angles)[..., None] for a in range(self.dim)]
+        values, modes = np.linalg.eigh(self.symbol(*angles))
+        slopes = [np.einsum("...ij,...ik,...kj->...j", modes.conj(), self.symbol_gradient(a, *angles), modes).real for a in range(self.dim)]
+        return values, slopes
+
+    def _zone(self) -> list[np.ndarray]:
+        """A sample of the Brillouin zone as open grids: half of it, for eigenvalues are even, or an eighth if the stencil is even along each axis."""
+        count = {1: 4097, 2: 129, 3: 33}[self.dim]
+        half, full = np.linspace(0, np.pi, count), np.linspace(-np.pi, np.pi, 2 * count - 1)
+        return list(np.ix_(half, *[half if self.even_along(a) else full for a in range(1, self.dim)]))
+
+    @property
+    def symbol_maximum(self) -> float:
+        """Largest value of the symbol, or of its eigenvalues, over the Brillouin zone."""
+        return _symbol_maximum(self)
+
+    @property
+    def zone_branches(self) -> tuple[list[np.ndarray], np.ndarray, list[np.ndarray]]:
+        """A sample of the Brillouin zone (open grids), the branches on it and their derivatives along each axis."""
+        return _zone_branches(self)
+
+    @property
+    def layer_growth(self) -> tuple[list[np.ndarray], np.ndarray]:
+        """Wavenumbers (open grids) and how fast waves grow in a layer, to first order in its strength sigma, per unit of it.
+
+        Along an axis with wavenumber k (times spacing) a wave of frequency w grows by ``-sin(k) d(w^2)/dk / (2 w^2)``; the largest over the axes
+        counts, and 0 for waves that decay. One more axis at the end has the branches of a field of vectors.
+        """
+        zone, value, slopes = self.zone_branches
+        growth = np.zeros_like(value)
+        inner = value > 1e-9 * value.max()
+        for axis in range(self.dim):
+            slope = np.sin(zone[axis])[..., None] * slopes[axis]
+            growth = np.maximum(growth, np.where(inner, -slope / np.where(inner, 2 * value, 1.0), 0.0))
+        growth[growth < 1e-9] = 0.0
+        return zone, growth
+
+    def backward_waves(self) -> BackwardWaves:
+        """Backward waves along any axis, from the sign of group against phase velocity on the Brillouin zone."""
+        zone, growth = self.layer_growth
+        radius = np.sqrt(sum(a**2 for a in zone))
+        found = (growth > 0).any(-1)
+        return BackwardWaves(float(growth.max()), float(found.mean()), float(radius[found].min()) if found.any() else np.inf)
+
+    def __repr__(self) -> str:
+        return f"Stencil(dim={self.dim}, neighbours={len(self.weights)}, reach={self.reach})"
+
+
+@lru_cache(maxsize=32)  # each copy of a set-up asks again
+def _symbol_maximum(stencil: Stencil) -> float:
+    from scipy.optimize import minimize
+
+    zone = stencil._zone()
+    values = stencil.branches(*zone)[..., -1]
+    best = float(values.max())
+
+    def largest(angles: np.ndarray) -> float:  # all offsets at once: a search asks for hundreds of single points
+        symbol = np.tensordot(1 - np.exp(1j * stencil.offsets @ angles), stencil.weights, 1)
+        return float(symbol.real if stencil.components == 1 else np.linalg.eigvalsh(symbol)[-1])
+
+    for flat in np.argsort(values, axis=None)[-3:]:
+        index = np.unravel_index(flat, values.shape)
+        start = [float(axis.ravel()[i]) for axis, i in zip(zone, index, strict=True)]
+        found = minimize(lambda a: -largest(a), start, method="BFGS", options={"gtol": 1e-12})
+        best = max(best, -float(found.fun))
+    return best
+
+
+@lru_cache(maxsize=8)
+def _zone_branches(stencil: Stencil) -> tuple[list[np.ndarray], np.ndarray, list[np.ndarray]]:
+    zone = stencil._zone()
+    return zone, *stencil.branches_with_gradient(*zone)

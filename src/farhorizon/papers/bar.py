@@ -1,0 +1,169 @@
+"""A bar, the smallest near field there is, on plain arrays: it verifies the exact boundary and computes the published examples.
+
+`Bar` advances a row of nodes whose ends are free or continue into a half-infinite chain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from farhorizon.analysis.exact.chain import Recursion, ground
+from farhorizon.analysis.exact.convolution import BlockConvolution
+from farhorizon.analysis.exact.exponential_sum import ExponentialSum
+from farhorizon.engine.chain_loops import bar_acceleration, bar_steps
+from farhorizon.errors import InputError
+
+_CHUNK = 1024  # steps between two returns to Python without a convolution
+
+
+def bonds_of(weights: np.ndarray, nodes: int, coefficient: np.ndarray | None = None) -> np.ndarray:
+    """Bonds of a row of nodes: entry (k - 1, i) joins i and i + k, zero where i + k is beyond the end; shape (K, nodes).
+
+    Parameters
+    ----------
+    weights : ndarray, shape (K,)
+    nodes : int
+    coefficient : ndarray, shape (nodes,), optional
+        Multiplies a bond with the smaller of its ends' values.
+    """
+    bonds = np.zeros((weights.size, nodes))
+    for k in range(1, min(weights.size, nodes - 1) + 1):
+        bonds[k - 1, :-k] = weights[k - 1] * (1.0 if coefficient is None else np.minimum(coefficient[:-k], coefficient[k:]))
+    return bonds
+
+
+class Bar:
+    """A row of nodes with ends that are free or exact.
+
+    Parameters
+    ----------
+    weights : ndarray, shape (K,)
+        Stencil of the medium beyond the ends, a_1 .. a_K.
+    recursion : Recursion
+    u : ndarray, shape (N,)
+        Initial values; beyond exact ends they are zero.
+    increment : ndarray, shape (N,), optional
+        Initial velocity times dt.
+    bonds : ndarray, shape (K, N), optional
+        `bonds_of` a homogeneous bar unless given.
+    ends : pair, left and right
+        None: free. A force kernel (`chain.force_form`) of shape (steps + 1, K, K): convolution in blocks. An `ExponentialSum`.
+    held : mapping of int to callable, optional
+        Nodes with prescribed values and their values as a function of the step; see also `release`.
+    first : float, optional
+        Weight of the sample at step 0, `recursion.first` unless given.
+    block : int or None
+        Steps in a block of the convolutions.
+
+    Raises
+    ------
+    InputError
+        Fewer nodes than the stencil reaches.
+    """
+
+    def __init__(
+        self, weights: np.ndarray, recursion: Recursion, u: np.ndarray, increment: np.ndarray | None = None, *, bonds: np.ndarray | None = None,
+        ends: Sequence[np.ndarray | ExponentialSum | None] = (None, None), held: dict[int, Callable[[int], float]] | None = None,
+        first: float | None = None, block: int | None = 64,
+    ) -> None:  # fmt: skip
+        reach = weights.size
+        if u.size < reach:
+            raise InputError("the bar is shorter than its stencil", value=f"{u.size} nodes", limit=f">= {reach}")
+        self.recursion, self.u, self.step = recursion, np.array(u, float), 0
+        self.bonds = bonds_of(weights, u.size) if bonds is None else bonds
+        self.held = dict(held or {})
+        self.sums = [e if isinstance(e, ExponentialSum) else None for e in ends]
+        self.histories = [BlockConvolution(e, block) if isinstance(e, np.ndarray) else None for e in ends]
+        self.grounds = np.array([np.zeros(reach) if e is None else ground(weights) for e in ends])
+        self._first = recursion.first if first is None else first
+        lengths = {h.block for h in self.histories if h is not None}
+        self._block = min(lengths, default=_CHUNK)
+        heads = [h.head if h is not None else np.zeros((self._block if lengths else 1, reach, reach)) for h in self.histories]
+        self._heads = np.array(heads)
+        self._set_modes()
+        self._past, self._samples = np.zeros((2, self._block, reach)), np.zeros((2, self._block, reach))
+        self.d = np.zeros(u.size)
+        if recursion.keep:
+            self._set_velocity(np.zeros(u.size) if increment is None else increment)
+
+    def _set_modes(self) -> None:
+        """Poles, vectors and states of both ends as arrays of one shape, filled up with zeros."""
+        reach = self.grounds.shape[1]
+        most = max((s.modes for s in self.sums if s is not None), default=0)
+        self._poles, self._states = np.zeros((2, most), complex), np.zeros((2, most), complex)
+        self._inputs, self._outputs = np.zeros((2, most, reach), complex), np.zeros((2, most, reach), complex)
+        for side, found in enumerate(self.sums):
+            if found is not None:
+                used = slice(found.modes)
+                self._poles[side, used], self._inputs[side, used], self._outputs[side, used] = found.poles, found.inputs, found.outputs
+
+    def acceleration(self) -> np.ndarray:
+        """A u without the past beyond the ends, shape (N,)."""
+        out = np.empty(self.u.size)
+        bar_acceleration(self.u, self.bonds, out)
+        reach = self.grounds.shape[1]
+        out[:reach] -= self.grounds[0] * self.u[:reach]
+        out[: -reach - 1 : -1] -= self.grounds[1] * self.u[: -reach - 1 : -1]
+        return out
+
+    def _set_velocity(self, increment: np.ndarray) -> None:
+        """Increment of step 0 such that the first step is ``u + (1 - d dt) dt v + dt^2/2 A u``."""
+        r = self.recursion
+        self.d = 2 * r.first * increment + (r.first - 1) * r.scale / r.keep * self.acceleration()
+
+    def exchange(self, sums: Sequence[ExponentialSum | None], histories: Sequence[np.ndarray]) -> None:
+        """Go on with sums of more steps, given what the drivers did until now.
+
+        Parameters
+        ----------
+        sums : pair of ExponentialSum or None
+        histories : pair of ndarray, shape (step, K)
+            Values at steps 0 .. step - 1, counted from the end inwards; the first times its weight.
+        """
+        self.sums = list(sums)
+        self._set_modes()
+        for side, found in enumerate(self.sums):
+            if found is not None:
+                self._states[side, : found.modes] = found.replay(histories[side])
+
+    def release(self, node: int, increment: float) -> None:
+        """Let a held node that is no driver go, with a velocity given times dt."""
+        del self.held[node]
+        r = self.recursion
+        self.d[node] = 2 * r.first * increment + (r.first - 1) * r.scale / r.keep * self.acceleration()[node]
+
+    def run(self, steps: int) -> np.ndarray:
+        """Advance; returns u, shape (N,).
+
+        Raises
+        ------
+        InputError
+            More steps than a kernel or a sum was made for.
+        """
+        limit = min([s.steps for s in self.sums if s is not None] + [h.steps for h in self.histories if h is not None], default=None)
+        if limit is not None and self.step + steps > limit:
+            raise InputError("the run outlives its kernel", value=self.step + steps, limit=f"{limit} steps", remedy="a kernel of more steps")
+        while steps:
+            offset = self.step % self._block
+            count = min(steps, self._block - offset)
+            self._advance(offset, count)
+            self.step += count
+            steps -= count
+        return self.u
+
+    def _advance(self, offset: int, count: int) -> None:
+        """`count` steps within the current block, from its step `offset` on."""
+        for side, history in enumerate(self.histories):
+            if history is not None and offset == 0:
+                if self.step:
+                    history.samples[:] = self._samples[side]
+                    history.next_block()
+                self._past[side] = history.past
+        nodes = np.array(sorted(self.held), np.int64)
+        values = np.array([[self.held[node](self.step + n) for node in nodes] for n in range(1, count + 1)]).reshape(count, len(nodes))
+        bar_steps(
+            self.u, self.d, self.bonds, self.recursion.keep, self.recursion.scale, nodes, values, self.grounds, self._heads, self._past,
+            self._samples, self._first if self.step == 0 else 1.0, self._poles, self._inputs, self._outputs, self._states, offset, count,
+        )  # fmt: skip

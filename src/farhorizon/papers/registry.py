@@ -1,0 +1,170 @@
+"""Published tables and figures, computed anew: one module a paper, each result beside the printed one.
+
+A reproduction is a function of a folder (where it may draw a picture) that returns an `Outcome`; `reproduction` enters it under a name.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from farhorizon.errors import InputError
+
+_MODULES = ("bobaru2010", "hermann2023", "ji2021", "shojaei2020", "shojaei2020_corrosion", "wildman2012")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One number of a table or figure.
+
+    Attributes
+    ----------
+    what : str
+        What it is, e.g. ``"t = 5, dt = 0.001"``.
+    ours : float
+    printed : float, optional
+        As the paper has it; None where it gives no number.
+    corrected : float, optional
+        What a misprint should read.
+    note : str
+        Why, in one line.
+    """
+
+    what: str
+    ours: float
+    printed: float | None = None
+    corrected: float | None = None
+    note: str = ""
+
+    @property
+    def expected(self) -> float | None:
+        """The printed number, a misprint corrected."""
+        return self.printed if self.corrected is None else self.corrected
+
+    @property
+    def deviation(self) -> float | None:
+        """Relative deviation of ours from what is expected."""
+        return self.ours / self.expected - 1 if self.expected else None
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a reproduction found.
+
+    Attributes
+    ----------
+    rows : list of Row
+    infinite_error : dict of str to float
+        For each boundary, the largest difference from the infinite medium at the same time step, relative to the initial maximum.
+    pictures : list of Path
+    """
+
+    rows: list[Row]
+    infinite_error: dict[str, float] = field(default_factory=dict)
+    pictures: list[Path] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """An entry of the list of reproductions.
+
+    Attributes
+    ----------
+    name, paper, title : str
+    function : callable
+        Takes the folder of the pictures, and `full` if it is scaled.
+    takes : {"seconds", "a minute"}
+        About how long it runs on one core, once what it needs is compiled.
+    full : {"", "a minute", "minutes", "an hour"}
+        The same of the published size, where the default is a smaller version or has larger steps; empty if there is one size.
+    """
+
+    name: str
+    paper: str
+    title: str
+    function: Callable[..., Outcome]
+    takes: str = "seconds"
+    full: str = ""
+
+    @property
+    def scaled(self) -> bool:
+        """Whether it runs in a smaller version, or with larger steps, unless the full one is asked for."""
+        return bool(self.full)
+
+    @property
+    def duration(self) -> str:
+        """The words of the list for how long it runs."""
+        return f"{self.takes}; --full: {self.full}" if self.scaled else self.takes
+
+    def run(self, folder: Path, full: bool = False) -> Outcome:
+        """Compute it; `full` as published, as far as the machine allows within minutes."""
+        return self.function(folder, full) if self.scaled else self.function(folder)
+
+    def as_json(self, outcome: Outcome) -> dict[str, Any]:
+        """The outcome as plain data."""
+        rows = [{**asdict(row), "ours": _finite(row.ours)} for row in outcome.rows]
+        errors = {name: _finite(value) for name, value in outcome.infinite_error.items()}
+        pictures = [path.name for path in outcome.pictures]
+        return {"name": self.name, "paper": self.paper, "rows": rows, "infinite_error": errors, "pictures": pictures}
+
+
+def _finite(value: float) -> float | None:
+    """The number, None for what overflowed: JSON knows no infinity."""
+    return value if math.isfinite(value) else None
+
+
+_ENTRIES: dict[str, Reproduction] = {}
+
+
+def reproduction(
+    name: str, paper: str, title: str, takes: str = "seconds", full: str = ""
+) -> Callable[[Callable[..., Outcome]], Callable[..., Outcome]]:
+    """Decorator that enters a function of the pictures' folder into the list; one with a `full` size takes `full`, too. See `Reproduction`."""
+
+    def enter(function: Callable[..., Outcome]) -> Callable[..., Outcome]:
+        _ENTRIES[name] = Reproduction(name, paper, title, function, takes, full)
+        return function
+
+    return enter
+
+
+def reproductions() -> dict[str, Reproduction]:
+    """All entries by name, in the order of the papers and of their tables."""
+    for module in _MODULES:
+        importlib.import_module(f"farhorizon.papers.{module}")
+    return dict(_ENTRIES)
+
+
+def find(name: str) -> Reproduction:
+    """The entry of a name.
+
+    Raises
+    ------
+    InputError
+        An unknown name; the nearest known one is suggested.
+    """
+    known = reproductions()
+    if name not in known:
+        near = difflib.get_close_matches(name, known, 1, 0.4)
+        raise InputError("unknown reproduction", value=name, limit=", ".join(known), key="reproduce",
+                         remedy=f"did you mean {near[0]!r}?" if near else "farhorizon reproduce lists them")  # fmt: skip
+    return known[name]
+
+
+def table(outcome: Outcome) -> str:
+    """The rows as text: ours, printed, deviation, note."""
+    width = max(len(row.what) for row in outcome.rows)
+    lines = [f"{'':{width}}  {'ours':>10}  {'printed':>10}  {'deviation':>9}  note"]
+    for row in outcome.rows:
+        printed = "" if row.printed is None else f"{row.printed:.5g}"
+        deviation = "" if row.deviation is None else f"{100 * row.deviation:+.1f} %"
+        note = row.note if row.corrected is None else f"misprint, read {row.corrected:.3g}: {row.note}"
+        lines.append(f"{row.what:{width}}  {row.ours:>10.5g}  {printed:>10}  {deviation:>9}  {note}".rstrip())
+    for name, value in outcome.infinite_error.items():
+        lines.append(f"error against the infinite medium at the same time step, {name}: {value:.1e}")
+    return "\n".join(lines)

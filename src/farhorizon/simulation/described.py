@@ -1,0 +1,94 @@
+"""Set-ups as plain data, so that a checkpoint can rebuild the simulation it belongs to: JSON and arrays, no pickle."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+import numpy as np
+
+from farhorizon import boundaries
+from farhorizon.engine.engine import Layer
+from farhorizon.errors import InputError
+from farhorizon.geometry import masks, shapes
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.inputs.conditions import Convection, Flux, Insulated, Temperature
+from farhorizon.inputs.cracks import Crack
+from farhorizon.inputs.expressions import Expression
+from farhorizon.inputs.incidence import IncidentWave
+from farhorizon.inputs.loads import BodyForce, Traction
+from farhorizon.inputs.prescribed import Prescribed
+from farhorizon.inputs.sources import Source
+from farhorizon.inputs.specimens import Specimen
+from farhorizon.medium.integrators import RungeKuttaChebyshev
+from farhorizon.medium.kernel import Kernel
+from farhorizon.medium.stencil import Stencil
+from farhorizon.models import Beam, Corrosion, Diffusion, Elastic, Heat, Wave
+from farhorizon.models.model import INTEGRATORS
+
+_TYPES = {
+    t.__name__: t
+    for t in (
+        *(
+            getattr(boundaries, n)
+            for n in ("LatticePML", "Exact", "Extended", "FirstOrder", "Fixed", "Free", "Higdon", "NonlocalPML", "Periodic", "PlaneWave", "Sponge")
+        ),
+        *(getattr(shapes, n) for n in ("Disc", "Ball", "Box", "Polygon", "Union", "Intersection", "Difference")),
+        *(getattr(masks, n) for n in ("ImageMask", "Text")),
+        *(getattr(shapes, n) for n in ("PointCut", "Polyline", "Rectangle", "DiscCut", "PolygonCut")),
+        *(Beam, Convection, Crack, Diffusion, Expression, Flux, Heat, Insulated, Kernel, Lattice, Layer, Prescribed, RungeKuttaChebyshev),
+        *(Source, Stencil),
+        *(BodyForce, Corrosion, Elastic, IncidentWave, Specimen, Traction, Temperature, Wave),
+    )
+}
+
+
+def describe(value: Any, arrays: dict[str, np.ndarray]) -> Any:
+    """A value as JSON; arrays go into `arrays` under new names.
+
+    Every described class keeps its constructor's arguments as attributes of the same name. A callable has no
+    description and becomes a mark that `rebuild` refuses.
+    """
+    if isinstance(value, np.ndarray) and value.size > 8:
+        name = f"setup{len(arrays)}"
+        arrays[name] = value
+        return {"array": name}
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    for name, integrator in INTEGRATORS.items():
+        if value is integrator:
+            return name
+    if type(value).__name__ in _TYPES:
+        names = list(inspect.signature(type(value)).parameters)
+        if isinstance(value, Lattice) and value.window is not None:
+            names = ["spacing", "window"]
+        return {"type": type(value).__name__, "arguments": {n: describe(getattr(value, n), arrays) for n in names}}
+    if isinstance(value, dict):
+        return {"dict": {k: describe(v, arrays) for k, v in value.items()}}
+    if isinstance(value, list | tuple):
+        return [describe(v, arrays) for v in value]
+    if value is None or isinstance(value, str | bool | int | float):
+        return value
+    return {"callable": getattr(value, "__qualname__", type(value).__name__)}
+
+
+def rebuild(value: Any, arrays: dict[str, np.ndarray], key: str = "") -> Any:
+    """What `describe` described.
+
+    Raises
+    ------
+    InputError
+        A callable, which only the program that made it can give again.
+    """
+    if isinstance(value, list):
+        return [rebuild(v, arrays, key) for v in value]
+    if not isinstance(value, dict):
+        return value
+    if "array" in value:
+        return arrays[value["array"]]
+    if "dict" in value:
+        return {k: rebuild(v, arrays, f"{key}.{k}") for k, v in value["dict"].items()}
+    if "callable" in value:
+        raise InputError("a checkpoint cannot hold a Python function", value=value["callable"], key=key,
+                         remedy=f"Simulation.restore(path, {key.split('.')[0]}=...)")  # fmt: skip
+    return _TYPES[value["type"]](**{k: rebuild(v, arrays, key) for k, v in value["arguments"].items()})

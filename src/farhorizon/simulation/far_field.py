@@ -1,0 +1,226 @@
+"""The layers of a set-up whose thickness nobody gave: chosen for its data, its shape and the length of its run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy import fft
+
+from farhorizon.analysis.exact.chain import Recursion
+from farhorizon.analysis.layers.layer import LatticeMedium
+from farhorizon.analysis.layers.returned import Arrivals, Datum, Sample, arrivals
+from farhorizon.analysis.layers.thickness import (
+    Thickness,
+    by_formula,
+    distance_to_side,
+    family,
+    least,
+    predicted_error,
+    thinnest,
+)
+from farhorizon.boundaries import Fixed, Free, LatticePML, Periodic
+from farhorizon.engine.engine import Layer
+from farhorizon.errors import InputError
+from farhorizon.machine import one_blas_thread
+from farhorizon.medium.stencil import Stencil
+
+CROSSINGS, LASTING = 20, 10  # length of a run unless it is known: of waves in crossings of the near field, of diffusion in R^2/diffusivity
+MOST_CROSSINGS = 1000  # for which layers are made: what was measured
+FORESEEN = 60  # crossings for which errors are predicted: the work grows with their number
+_ROOM = 512  # nodes beside the near field, at most, before the data repeat themselves along the side
+_ROUND = 2  # lengths of the run before images come round, if there is room: what comes later folds back into it, much fainter
+_STAND_IN = 2.0  # width, in nodes, of the pulses that stand for data which are not known
+
+
+@dataclass(frozen=True)
+class FarField:
+    """A wave field with open sides, of a scalar or of vectors.
+
+    Vectors travel as P and as S waves, of which neither the data nor a side tells how much there is of each. So each
+    component is taken to travel once as the one and once as the other, and the larger error counts.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        Nodes of the near field.
+    stencil : Stencil
+    coefficient : float
+        Squared speed.
+    spacing : float
+    recursion : Recursion
+    dt : float
+    sides : mapping of (axis, side) to Boundary
+    data : sequence of Datum
+        On the near field.
+    foreseen : float
+        Time up to which errors are predicted; in longer runs the formula decides where it serves.
+    scatterers : ndarray of bool, or None
+        Nodes where waves are scattered: the data are taken to come from the nearest of them, too.
+    """
+
+    shape: tuple[int, ...]
+    stencil: Stencil
+    coefficient: float
+    spacing: float
+    recursion: Recursion
+    dt: float
+    sides: Mapping[tuple[int, int], object]
+    data: Sequence[Datum]
+    foreseen: float = np.inf
+    scatterers: np.ndarray | None = None
+    _known: dict[tuple[object, ...], Thickness] = field(default_factory=dict)  # of sides that are alike
+    _sent: dict[tuple[object, ...], tuple[list[Arrivals], float]] = field(default_factory=dict)
+    _samples: dict[tuple[Stencil, int], Sample] = field(default_factory=dict)
+
+    @one_blas_thread()
+    def layer(self, axis: int, side: int, boundary: LatticePML, wanted: float, until: float) -> Thickness | None:
+        """The thinnest layer of one side that is predicted to keep an error to the end of a run.
+
+        Where the side does not ask for one, that which a formula finds in no time, or None. The layer says for how long a run it is.
+
+        Raises
+        ------
+        InputError
+            No layer keeps it.
+        """
+        if boundary.target is None or until > self.foreseen:
+            data = [datum.values for datum in self._turned(axis, side)]
+            found = by_formula(self._facing(axis), np.sqrt(self.coefficient) / self.spacing, until, data, wanted)
+            if boundary.target is None or (found is not None and found.predicted <= wanted):
+                return found
+            until = self.foreseen
+        alike, medium, sent, size = self._arriving(axis, side, until, wanted)
+        if (boundary, *alike) in self._known:
+            return self._known[boundary, *alike]
+        distance = distance_to_side([datum.values for datum in self._turned(axis, side)])
+
+        def steep(nodes: int) -> Layer:
+            return replace(boundary, nodes=nodes).layer(2, medium.stencil, self.coefficient, self.spacing, 0.0)
+
+        members = family(medium.stencil, medium.speed / self.spacing, until, distance, wanted, steep)
+        found = thinnest(members, sent, wanted, size)
+        if found is None:
+            raise InputError(
+                "no layer keeps the target for these data", value=wanted, limit=f">= {least(members, sent, size):.1g}", key="boundary.target",
+                remedy="a larger target, smoother data, data farther from the side, another influence, or Extended, Exact or a Sponge",
+            )  # fmt: skip
+        self._known[boundary, *alike] = replace(found, until=until)
+        return self._known[boundary, *alike]
+
+    @one_blas_thread()
+    def returned(self, axis: int, side: int, layer: Layer, wanted: float, until: float) -> float:
+        """Error that a given layer of one side is predicted to make up to a time, told from none where it is near the wanted one or larger.
+
+        Where the medium goes on along the side, only as long as no image comes round: it would be heard in a layer that takes little of it.
+        """
+        if not all(isinstance(b, Periodic) or _image(b) for b in self._beside(axis)):
+            until = min(until, _ROOM * self.spacing / float(np.sqrt(self.coefficient)))
+        _, _, sent, size = self._arriving(axis, side, until, wanted)
+        return predicted_error(layer, sent, size)
+
+    def _arriving(self, axis: int, side: int, until: float, wanted: float) -> tuple[tuple[object, ...], LatticeMedium, list[Arrivals], float]:
+        """What is the same at sides that are alike, the medium seen from a side, what arrives there, and the largest of the data."""
+        stencil, turned = self._facing(axis), self._turned(axis, side)
+        medium = LatticeMedium(stencil, self.coefficient, self.spacing, self.recursion, self.dt)
+        alike = (until, wanted, stencil, self.sides[axis, -side], *self._beside(axis), *(datum.values.tobytes() for datum in turned))
+        if alike not in self._sent:
+            size = max((float(np.abs(datum.values).max()) for datum in self.data if datum.kind == "u"), default=0.0)
+            arrived = self._arrivals(medium, axis, side, turned, until, wanted, size)
+            self._sent[alike] = arrived, max([size, *(one.largest for one in arrived)])
+        return alike, medium, *self._sent[alike]
+
+    def _turned(self, axis: int, side: int) -> list[Datum]:
+        """The data as a side sees them."""
+        return [self._from_scatterers(datum.turned(axis, side), axis, side) for datum in self.data]
+
+    def _facing(self, axis: int) -> Stencil:
+        """The stencil with an axis first; the same one for all axes where these may be exchanged."""
+        alike = all(self.stencil.same_along(0, other) for other in range(1, self.stencil.dim))
+        return self.stencil.along(0 if alike else axis)
+
+    def _beside(self, axis: int) -> list[object]:
+        """The sides along the other axes."""
+        return [self.sides[other, side] for other in range(len(self.shape)) if other != axis for side in (-1, 1)]
+
+    def _from_scatterers(self, datum: Datum, axis: int, side: int) -> Datum:
+        """The datum, moved along the normal to where waves are scattered last before the side, if that is nearer to it."""
+        if self.scatterers is None or not self.scatterers.any():
+            return datum
+        nodes = Datum(self.scatterers, datum.kind).turned(axis, side).values.reshape(len(datum.values), -1)
+        nearer = int(distance_to_side([datum.values])) - (len(nodes) - 1 - int(np.flatnonzero(nodes.any(1))[-1]))
+        nearer = min(nearer, int(distance_to_side([datum.values])) // 2)
+        if nearer <= 0:
+            return datum
+        moved = np.zeros_like(datum.values)
+        moved[nearer:] = datum.values[:-nearer]
+        return replace(datum, values=np.where(np.abs(moved) > np.abs(datum.values), moved, datum.values))
+
+    def _arrivals(
+        self, medium: LatticeMedium, axis: int, side: int, data: Sequence[Datum], until: float, wanted: float, size: float
+    ) -> list[Arrivals]:  # fmt: skip
+        """What arrives at a side, with the images of the data behind the walls of the near field."""
+        room, steps = int(np.ceil(_ROUND * medium.speed * until / self.spacing)), max(2, int(np.ceil(until / self.dt)))
+        others = [b for b in range(len(self.shape)) if b != axis]
+        image = _image(self.sides[axis, -side])
+        found = []
+        for component in sorted({datum.component for datum in data}):
+            own = [datum for datum in data if datum.component == component]
+            for kept in range(max(1, len(others))):
+                flat = [_flattened(datum.values, [place for place in range(1, len(self.shape)) if place != kept + 1]) for datum in own]
+                if image:
+                    flat = [np.concatenate([image * values[::-1], values]) for values in flat]
+                lengths, near = [1] * len(others), [range(1)] * len(others)
+                if others:
+                    flat, near[kept], lengths[kept] = self._unfold(flat, kept + 1, others[kept], room)
+                sent = [replace(datum, values=values) for datum, values in zip(own, flat, strict=True)]
+                for kind in range(min(self.stencil.components, 2)):
+                    sample = self._samples.setdefault((medium.stencil, kind), Sample(medium, kind))
+                    found.append(arrivals(medium, steps, sent, lengths, near, wanted, size, sample))
+        return found
+
+    def _unfold(self, fields: list[np.ndarray], place: int, axis: int, room: int) -> tuple[list[np.ndarray], range, int]:
+        """Fields with their images along a tangential axis, which nodes are the near field's, and the length after which all is repeated."""
+        lower, upper = self.sides[axis, -1], self.sides[axis, 1]
+        below, above, nodes = _image(lower), _image(upper), fields[0].shape[place]
+        near = range(nodes)
+        if isinstance(lower, Periodic):
+            return fields, near, nodes
+        if above:
+            fields = [np.concatenate([field, above * np.flip(field, place)], place) for field in fields]
+        elif below:
+            fields = [np.concatenate([below * np.flip(field, place), field], place) for field in fields]
+            near = range(nodes, 2 * nodes)
+        if above and below and above != below:
+            fields = [np.concatenate([field, -field], place) for field in fields]
+        count = fields[0].shape[place]
+        if above and below:
+            return fields, near, count
+        return fields, near, fft.next_fast_len(count + min(room, max(_ROOM, nodes)))
+
+
+def stand_ins(shape: tuple[int, ...], reach: int, components: int = 1) -> list[Datum]:
+    """Data in place of such that are not known: short pulses in the middle and one reach and a few nodes from both ends of each axis."""
+    places = [np.array(shape) / 2]
+    for axis, nodes in enumerate(shape):
+        near = min(reach + 4 * _STAND_IN, nodes / 2)
+        places += [np.where(np.arange(len(shape)) == axis, end, places[0]) for end in (near, nodes - 1 - near)]
+    grid = np.ix_(*[np.arange(n) for n in shape])
+    pulses = [np.exp(-sum((x - a) ** 2 for x, a in zip(grid, place, strict=True)) / _STAND_IN**2) for place in places]
+    return [Datum(np.max(pulses, axis=0), "u", component=component) for component in range(components)]
+
+
+def _flattened(values: np.ndarray, axes: Sequence[int]) -> np.ndarray:
+    """Values without their course along some axes, where the largest remains: in space waves along one tangential axis at a time stand for all.
+
+    A cylindrical wave falls off more slowly than a spherical one, so this is careful, and far less work.
+    """
+    for axis in axes:
+        values = np.take_along_axis(values, np.abs(values).argmax(axis, keepdims=True), axis)
+    return values
+
+
+def _image(boundary: object) -> int:
+    """Sign of the image that stands for a wall; 0 where the medium goes on."""
+    return 1 if isinstance(boundary, Free) else -1 if isinstance(boundary, Fixed) else 0

@@ -1,0 +1,358 @@
+"""What the program needs of a run, whatever computes it: a time loop, fields and energies, a state that is saved, a check before it."""
+
+from __future__ import annotations
+
+import json
+import sys
+import warnings
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.checks.certificate import UNDECIDED, Certificate
+from farhorizon.engine.engine import available_threads
+from farhorizon.errors import FileFormatError, InputError, UnstableError, ValidityWarning
+from farhorizon.files.results import Caution, read_checkpoint
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.medium.stencil import Stencil
+from farhorizon.simulation.described import rebuild
+from farhorizon.simulation.overstretch import Rim
+from farhorizon.simulation.probes import Probes
+from farhorizon.simulation.steps import last_step, steps_between
+
+if TYPE_CHECKING:
+    from farhorizon.checks.report import Report
+
+_GUARD_STEPS = 200  # steps between two looks of the instability guard, at most; fewer on lattices above
+_GUARD_NODES = 1_000_000  # this many nodes, so that an interrupt is heard within seconds
+MOST_STEPS = 2**53  # their numbers are exact in double precision
+_LEAST = 2.0  # seconds that the examination of a run's modes may take, at least
+_LONG = 100_000_000  # bonds times steps of a run that may take so long that its time is estimated
+EXPLODED = 1e6  # growth of the largest value over all that initial data and what drives the run explain
+
+
+def wanted_threads(threads: int | None) -> int:
+    """A number of threads that is to be had, all unless given; InputError for others."""
+    if threads is None:
+        return available_threads()
+    try:
+        return kinds.integer(threads, "threads", least=1, most=available_threads())
+    except InputError as error:
+        raise InputError("so many threads are not to be had", value=error.value, limit=error.limit, key="threads",
+                         remedy="leave it out, or set NUMBA_NUM_THREADS before the program starts") from None  # fmt: skip
+
+
+class Run(ABC):
+    """A run of a near field in time: `Simulation` and `Body`.
+
+    Attributes
+    ----------
+    lattice : Lattice
+        The near field.
+    dt, time : float
+    step_count : int
+    observers : list of callable
+        Called with the run every so often, see `run`.
+    stop_requested : bool
+        Set it (from a signal handler, an observer) to end `run` with KeyboardInterrupt between two steps.
+    probes : Probes or None
+        What `record` has made.
+    cautions : list of Caution
+        From when on the result is doubtful, and why; each has been a `ValidityWarning` when it was found.
+    """
+
+    lattice: Lattice
+    stencil: Stencil
+    dt: float
+    probes: Probes | None = None
+
+    def _at_start(self, observe: Sequence[Callable[[Any], None]], nodes: int) -> None:
+        """Before the first step of a run that computes so many nodes."""
+        self.observers = [kinds.function(one, "observe", "run") for one in kinds.sequence(observe, "observe", "functions of the run")]
+        self.stop_requested = False
+        self.cautions: list[Caution] = []
+        self._next_look = 0  # step of the next look at the rim
+        self.time, self.step_count = 0.0, 0
+        self._examined: Certificate | None = None
+        self._asked = 0.0  # length of the run for which that was
+        self._remarks: list[str] = []
+        self._guard_steps = max(1, min(_GUARD_STEPS, _GUARD_STEPS * _GUARD_NODES // max(nodes, 1)))
+
+    # --- in time -----------------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def step(self, count: int = 1) -> None:
+        """Advance by `count` steps; raises UnstableError when a field becomes non-finite or explodes."""
+
+    def _tick(self, steps: int) -> None:
+        self.step_count += steps
+        self.time = self.step_count * self.dt
+
+    def prepare(self, until: float) -> int:
+        """What `run` does first; returns the number of the last step, the first one at or after a time."""
+        return last_step(until, self.dt)
+
+    def run(self, until: float, every: float | None = None, progress: bool | None = None, allow_unstable: bool = False) -> Self:
+        """Run to a time; observers are called every `every` time units and at the end.
+
+        Parameters
+        ----------
+        until : float
+            The run stops at the first step at or after it; `time` says when that was.
+        every : float, optional
+            A whole number of steps: build the run with ``dt=WholeSteps(every=...)`` where it matters.
+        progress : bool, optional
+            Show a bar; on terminals only unless given.
+        allow_unstable : bool
+            Run although something grows tenfold or more until then, see `examine`.
+
+        Raises
+        ------
+        InputError
+            An end that is not finite, a time between outputs that is not a whole number of steps, a run that is not stable.
+        """
+        from tqdm import tqdm
+
+        until = kinds.number(until, "run.until")
+        if until > MOST_STEPS * self.dt:
+            raise InputError("the run has more steps than can be counted", value=until, limit=MOST_STEPS * self.dt, key="run.until",
+                             remedy=f"other units: a step is {self.dt:.3g}")  # fmt: skip
+        count = None if every is None else steps_between(every, self.dt)
+        last = self.prepare(until)
+        self.examine(until, allow_unstable)
+        show = sys.stderr.isatty() if progress is None else progress
+        with tqdm(total=max(last - self.step_count, 0), disable=not show, unit="step", leave=False) as bar:
+            while self.step_count < last:
+                stop = last if count is None else min(last, (self.step_count // count + 1) * count)
+                while self.step_count < stop:
+                    before = self.step_count
+                    self.step(min(self._guard_steps, stop - self.step_count))
+                    bar.update(self.step_count - before)
+                    if self.stop_requested and self.step_count < stop:
+                        raise KeyboardInterrupt
+                for observer in self.observers:
+                    observer(self)
+                if self.stop_requested and self.step_count < last:
+                    raise KeyboardInterrupt
+        return self
+
+    def record(self, points: Any, every: float | None = None) -> Probes:
+        """Record u at some nodes from now on, in place of what was recorded so far.
+
+        Parameters
+        ----------
+        points : array_like, shape (n, dim), or (n,) in 1D
+            Each stands for the node nearest to it.
+        every : float, optional
+            Time between two rows, a whole number of steps; one step unless given.
+
+        Raises
+        ------
+        InputError
+            A point outside the near field, a time that is not a whole number of steps.
+        """
+        probes = Probes(self.lattice, points, 1 if every is None else steps_between(every, self.dt, "probes.every"))
+        self._watch(probes.nodes)
+        field = self.fields["u"]
+        now = field.reshape(*field.shape[: field.ndim - self.lattice.dim], -1)[..., probes.nodes].T
+        probes.add(self.step_count, self.dt, now[None])
+        self.probes = probes
+        return probes
+
+    def _caution(self, brief: str, text: str) -> None:
+        """Say once that the result is doubtful from now on."""
+        if all(brief != caution.brief for caution in self.cautions):
+            self.cautions.append(Caution(self.time, brief, text))
+            warnings.warn(f"from t = {self.time:.6g} on {text}", ValidityWarning, stacklevel=4)
+
+    def _look_at(self, rim: Rim | None, level: np.ndarray) -> None:
+        """See whether bonds at the rim, which cannot break, are stretched so far that they would."""
+        if rim is None or self.step_count < self._next_look:
+            return
+        self._next_look = (self.step_count // rim.every + 1) * rim.every
+        found = rim.overstretched(level)
+        if found is not None:
+            place = (self.lattice.lower + self.lattice.spacing * found).round(9).tolist()
+            self._caution("crack at the rim", f"bonds near {place} are stretched beyond the critical stretch where they cannot break, within one "
+                          "reach of a side that is not free: a crack stops there, and what follows is not valid; enlarge the near field")  # fmt: skip
+
+    @abstractmethod
+    def _watch(self, nodes: np.ndarray) -> None:
+        """From now on give the probes their rows: u on nodes of the lattice (flat indices) after every step."""
+
+    def _refuse_explosion(self, values: np.ndarray, first: np.ndarray, scale: float, cause: Callable[[], str]) -> None:
+        """The instability guard.
+
+        Parameters
+        ----------
+        values : ndarray, shape (..., n..)
+            The field u; its last axes are those of the lattice.
+        first : ndarray, shape (dim,)
+            Coordinates of its first node.
+        scale : float
+            What the data of the run explain.
+        cause : callable
+            Says what is likely to be wrong.
+
+        Raises
+        ------
+        UnstableError
+            With step, time, value and place of the worst.
+        """
+        top, low = float(values.max()), float(values.min())
+        if np.isfinite(top) and np.isfinite(low) and max(top, -low) <= EXPLODED * scale:
+            return
+        worst = np.unravel_index(int(np.argmax(np.where(np.isfinite(values), np.abs(values), np.inf))), values.shape)
+        place = first + self.lattice.spacing * np.array(worst[-self.lattice.dim :])
+        raise UnstableError(
+            f"unstable at step {self.step_count}, t = {self.time:.6g}: u = {values[worst]:.3g} near {np.round(place, 6).tolist()}; "
+            f"likely cause: {cause()}"
+        )
+
+    # --- what comes out ----------------------------------------------------------------------------------------
+
+    @property
+    @abstractmethod
+    def fields(self) -> dict[str, np.ndarray]:
+        """Copies of the near field by name, "u" among them; vectors have the components first."""
+
+    @property
+    @abstractmethod
+    def notes(self) -> list[str]:
+        """What is allowed, but to be known."""
+
+    @abstractmethod
+    def energy(self) -> float:
+        """Energy of the near field."""
+
+    @abstractmethod
+    def balance(self) -> dict[str, float]:
+        """Gains since the start and where they came from, of runs that record it; raises InputError for others."""
+
+    # --- before it ---------------------------------------------------------------------------------------------
+
+    @property
+    @abstractmethod
+    def crossing(self) -> float:
+        """The run's own unit of time: in it the fastest wave crosses the near field, or what diffuses empties it, ``R^2/D``."""
+
+    @abstractmethod
+    def seconds_per_step(self) -> float:
+        """Time of a step on this machine now; the state stays as it is."""
+
+    @abstractmethod
+    def certificate(self, budget: float, until: float = np.inf) -> Certificate:
+        """Whether the complete update is stable, in at most `budget` seconds; as far as a run to `until` needs it."""
+
+    def examine(self, until: float, allow_unstable: bool = False) -> Certificate:
+        """What `run` knows of its stability before it begins; the same for a Python program and for the command line.
+
+        White noise runs for as long as the run, ten crossing times at most. Where the run is longer modes are examined, too, for half the time of
+        the run or two seconds. What was examined before is not examined again. What is to be known is added to the `notes`.
+
+        Parameters
+        ----------
+        until : float
+        allow_unstable : bool
+            Note what grows, in place of refusing it.
+
+        Returns
+        -------
+        Certificate
+
+        Raises
+        ------
+        InputError
+            What grows does so tenfold or more until then.
+        """
+        known = self._examined
+        if known is None or (known.verdict == UNDECIDED and known.quiet < until and self._asked < until):
+            asked = until if known is None else max(until, 2 * self._asked)  # a run in many pieces is examined a few times only
+            steps = until / self.dt - self.step_count
+            work = steps * self.lattice.nodes * len(self.stencil.weights)
+            seconds = self.seconds_per_step() * steps if work > _LONG else 0.0
+            self._examined, self._asked = self.certificate(max(_LEAST, 0.5 * seconds), asked), asked
+        certificate = self._examined
+        assert certificate is not None
+        if certificate.grows_within(until) and not allow_unstable:
+            raise InputError("the run is not stable", value=certificate.reason, limit=f"no tenfold growth until t = {until:.6g}",
+                             remedy="see the warnings of check; or allow_unstable=True (--allow-unstable) runs it all the same")  # fmt: skip
+        self._remarks = [remark] if (remark := certificate.remark(until)) else []
+        return certificate
+
+    @abstractmethod
+    def check(self, until: float | None = None, budget: float | None = None) -> Report:
+        """Facts, warnings and notes before a run to `until`."""
+
+    # --- state -------------------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def _fingerprint(self) -> dict[str, Any]:
+        """What a checkpoint must have in common with this set-up; JSON."""
+
+    @abstractmethod
+    def save(self, path: str | Path, **extra: Any) -> None:
+        """Write the complete state under a temporary name and rename it; `extra` comes back from `load`."""
+
+    @abstractmethod
+    def load(self, path: str | Path) -> dict[str, Any]:
+        """Take the state of a checkpoint written by the same set-up; what follows is bitwise the uninterrupted run.
+
+        Raises
+        ------
+        FileFormatError
+            A damaged file, or the checkpoint of another set-up.
+        """
+
+    @classmethod
+    def restore(cls, path: str | Path, **changes: Any) -> Self:
+        """The run that wrote a checkpoint, in the state in which it was saved.
+
+        Parameters
+        ----------
+        path : str or Path
+        **changes
+            Arguments of the constructor to take instead of the stored ones: needed for Python functions (sources, loads),
+            which a file cannot hold, and for observers.
+
+        Raises
+        ------
+        InputError
+            The set-up held a Python function that is not given again.
+        FileFormatError
+            A damaged or foreign file, or changes that make another set-up.
+        """
+        arrays, meta = read_checkpoint(path)
+        if "setup" not in meta or meta.get("fingerprint", {}).get("run", "Simulation") != cls.__name__:
+            raise FileFormatError(f"the file holds no {cls.__name__}", value=str(path), remedy=f"a checkpoint written by {cls.__name__}.save")
+        stored = {name: value for name, value in meta["setup"]["dict"].items() if name not in changes}
+        setup = {name: rebuild(value, arrays, name) for name, value in stored.items()}
+        run = cls(**{**setup, **cls._start_of(arrays, meta), **changes})
+        run.load(path)
+        return run
+
+    @classmethod
+    def _start_of(cls, arrays: dict[str, np.ndarray], meta: dict[str, Any]) -> dict[str, Any]:
+        """Arguments of the constructor that a checkpoint holds as arrays of the state."""
+        return {}
+
+    def _read(self, path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Arrays and facts of a checkpoint of this set-up.
+
+        Raises
+        ------
+        FileFormatError
+            A damaged file, or the checkpoint of another set-up.
+        """
+        arrays, meta = read_checkpoint(path)
+        mine = json.loads(json.dumps(self._fingerprint()))
+        theirs = meta.get("fingerprint", {})
+        different = sorted(k for k in {*mine, *theirs} if mine.get(k) != theirs.get(k))
+        if different:
+            raise FileFormatError("the checkpoint belongs to another set-up", value=str(path), limit=f"same {', '.join(different)}",
+                                  remedy="resume with the case that wrote it")  # fmt: skip
+        return arrays, meta

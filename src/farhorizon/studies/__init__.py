@@ -1,0 +1,1 @@
+"""Several runs side by side: against the infinite medium, over options, over horizons."""

@@ -1,0 +1,213 @@
+"""The best certified condition along an outline: reflection by a flat side orders the candidates, the certificate of the complete update decides."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.analysis.exact.chain import Recursion
+from farhorizon.analysis.layers.layer import ArrivingWave, LatticeMedium
+from farhorizon.boundaries import Higdon, Periodic, PlaneWave
+from farhorizon.checks.certificate import CERTIFIED, Certificate
+from farhorizon.checks.report import content, options_shown
+from farhorizon.errors import InputError
+from farhorizon.geometry.lattice import AXES, Lattice
+
+if TYPE_CHECKING:
+    from farhorizon.simulation.simulation import Simulation
+
+BUDGET = 60.0  # seconds
+_SHARE = 0.2  # of the budget that one certificate may take
+_RADII = (1.0, 2.0, 3.0, 4.0)  # of clouds, in spacings; the reach besides
+_ANGLES = (45.0, 60.0, 75.0)  # largest ones of modes
+_REGULARIZATIONS = (4e-5, 1e-2, 1e-1)  # below 1e-4 nothing depends on it
+_PASSING = (0.0, 15.0, 30.0, 45.0, 60.0)  # angles of Higdon's factors
+_SHIFTS = (1.0, 2.0)  # his shift over the default one
+_BAND = (8.0, 80.0)  # wavelengths in spacings where the data have none
+_WAVES = 5  # of the band, and of the angles
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """A condition that is certified, and what it sends back.
+
+    Attributes
+    ----------
+    boundary : PlaneWave or Higdon
+    amplitude : float
+        Largest reflected amplitude of a plane wave of the band and of the angles, at a flat side.
+    angle : float
+        Largest angle of incidence, degrees.
+    certificate : Certificate
+        Of the complete update on the outline itself.
+    refused : int
+        Candidates that send back less and are not certified.
+    """
+
+    boundary: PlaneWave | Higdon
+    amplitude: float
+    angle: float
+    certificate: Certificate
+    refused: int
+
+    @property
+    def toml(self) -> str:
+        """The condition as a case file has it."""
+        given = {f.name: getattr(self.boundary, f.name) for f in fields(self.boundary) if getattr(self.boundary, f.name) != f.default}
+        words = {name: list(value) if isinstance(value, tuple) else value for name, value in given.items()}
+        kind = "plane-wave" if isinstance(self.boundary, PlaneWave) else "higdon"
+        return f'{{ type = "{kind}"' + "".join(f", {name} = {json.dumps(value)}" for name, value in words.items()) + " }"
+
+    def __str__(self) -> str:
+        decibels = 20 * np.log10(max(self.amplitude, 1e-16))
+        return (f"{options_shown(self.boundary)}: at most {decibels:.0f} dB up to {self.angle:g} degrees at a flat side; {self.certificate}; "
+                f"{self.refused} that send back less are not certified")  # fmt: skip
+
+
+def tuned(sim: Simulation, angle: float = 60.0, band: tuple[float, float] | None = None, budget: float = BUDGET) -> Tuning:
+    """Search the options of the condition that closes a simulation for the least reflection among those that are certified.
+
+    Of a `PlaneWave` the cloud's radius, the angles of its modes and the regularisation are varied, of a `Higdon` the angles and the shift; what
+    else is given stays. ``sim.remade(boundary=tuned(sim).boundary)`` takes the result.
+
+    Parameters
+    ----------
+    sim : Simulation
+        Waves, closed by one condition.
+    angle : float
+        Largest angle of incidence in degrees that counts.
+    band : tuple of float, optional
+        Shortest and longest wavelength; those of initial data and sources unless given.
+    budget : float
+        Seconds for all certificates.
+
+    Raises
+    ------
+    InputError
+        Another boundary, diffusion, numbers out of range, or no candidate that is certified in this time.
+    """
+    if not hasattr(sim, "remade"):
+        raise InputError("must be a Simulation", value=kinds.said(sim), key="sim")
+    angle, budget = kinds.number(angle, "angle", least=0, below=90), kinds.number(budget, "budget", above=0)
+    given = next(iter(sim.sides.values()))
+    if sim.model.order != 2 or not isinstance(given, PlaneWave | Higdon) or any(b != given for b in sim.sides.values()):
+        raise InputError("waves that one PlaneWave or Higdon closes are tuned", value=", ".join(type(b).__name__ for b in sim.sides.values()),
+                         key="boundary")  # fmt: skip
+    if band is not None and not 0 < kinds.array(band, "band", shape=(2,))[0] <= band[1]:
+        raise InputError("a band has its shortest wavelength first", value=band, limit="0 < shortest <= longest", key="band")
+    if band is None:
+        waves = content(sim)
+        band = (waves.shortest, waves.longest) if waves is not None else (_BAND[0] * sim.lattice.spacing, _BAND[1] * sim.lattice.spacing)
+    ranked = []
+    for candidate in _candidates(sim, given):
+        try:
+            ranked.append((flat_reflection(sim, candidate, angle, band), candidate))
+        except InputError:  # a cloud without neighbours, no such wave
+            continue
+    ranked.sort(key=lambda found: found[0])
+    begin = time.monotonic()
+    for refused, (amplitude, candidate) in enumerate(ranked):
+        left = budget - (time.monotonic() - begin)
+        if left <= 0:
+            break
+        try:
+            certificate = sim.remade(boundary=candidate, initial={}).certificate(min(left, _SHARE * budget))
+        except InputError:  # served a flat side, but not this outline
+            continue
+        if certificate.verdict == CERTIFIED:
+            return Tuning(candidate, amplitude, angle, certificate, refused)
+    raise InputError("no setting is certified", value=f"{type(given).__name__}, {len(ranked)} settings", limit=f"{budget:g} s", key="boundary",
+                     remedy="Higdon instead of PlaneWave, more damping, or LatticePML")  # fmt: skip
+
+
+def _candidates(sim: Simulation, given: PlaneWave | Higdon) -> Iterator[PlaneWave | Higdon]:
+    if isinstance(given, PlaneWave):
+        radii = {r * sim.lattice.spacing for r in (*_RADII, float(max(sim.stencil.reach)))}
+        for radius, angle, regularization in itertools.product(sorted(radii), _ANGLES, _REGULARIZATIONS):
+            yield replace(given, radius=radius, angle=angle, regularization=regularization)
+        return
+    assert sim.closure is not None
+    speed = float(np.sqrt(sim.model.coefficient))
+    least = given.shift or max(sim.model.damping, 0.5 * speed / sim.closure.fringe.extent)
+    for count in (2, 3):
+        for angles, share in itertools.product(itertools.combinations_with_replacement(_PASSING, count), _SHIFTS):
+            yield replace(given, angles=angles, shift=share * least)
+
+
+def flat_reflection(sim: Simulation, boundary: PlaneWave | Higdon, angle: float, band: tuple[float, float]) -> float:
+    """Largest amplitude that a flat side along the lattice sends back of plane waves of amplitude 1 up to an angle.
+
+    Parameters
+    ----------
+    sim : Simulation
+        The medium and its step.
+    boundary : PlaneWave or Higdon
+    angle : float
+        In degrees.
+    band : tuple of float
+        Shortest and longest wavelength.
+
+    Raises
+    ------
+    InputError
+        No wave of the band comes to the side; the condition cannot serve it.
+    """
+    rows = _flat_rows(sim, boundary)
+    spacing = sim.lattice.spacing
+    medium = LatticeMedium(sim.stencil, sim.model.coefficient, spacing, Recursion.of(sim.model.integrator, sim.dt, sim.model.damping), sim.dt)
+    largest = []
+    for wavelength in np.geomspace(*band, _WAVES) / spacing:
+        for theta in np.linspace(0, angle, _WAVES if sim.lattice.dim > 1 else 1):
+            try:
+                largest.append(_sent_back(rows, medium.plane_wave(float(wavelength), float(theta))))
+            except InputError:
+                continue
+    if not largest:
+        raise InputError("no wave of the band comes to the side", value=band, key="band")
+    return max(largest)
+
+
+_Rows = list[tuple[int, np.ndarray, np.ndarray, np.ndarray]]  # of each halo column: its place, and level, steps (N, dim) and weight of what it reads
+
+
+def _flat_rows(sim: Simulation, boundary: PlaneWave | Higdon) -> _Rows:
+    """The condition at the halo nodes beside one another along the normal of a flat side; places are counted from the last near node."""
+    lattice, dim = sim.lattice, sim.lattice.dim
+    assert sim.closure is not None
+    depth = int(np.ceil(boundary.depth(sim.closure.medium, lattice.spacing, sim.closure.fringe.extent) / lattice.spacing - 1e-9))
+    wide = np.array([2 * (depth + max(sim.stencil.reach)) + 2] + [2 * max(depth, *sim.stencil.reach) + 1] * (dim - 1))
+    box = Lattice(lattice.spacing, [0.0] * dim, (lattice.spacing * (wide - 1)).tolist())
+    flat = sim.remade(lattice=box, boundary={"x": boundary} | {AXES[a]: Periodic() for a in range(1, dim)})
+    closure = flat.closure
+    assert closure is not None
+    last, update, index = closure.outline.bounds()[1], closure.update, closure.fringe.index
+    rows: _Rows = []
+    for number, place in enumerate(closure.rows):
+        if index[place, 0] <= last[0] or index[place, 1:].any():
+            continue
+        entries = slice(update.indptr[number], update.indptr[number + 1])
+        level, read = np.divmod(update.indices[entries], len(index))
+        steps = index[read] - index[place]
+        steps[:, 1:] -= wide[1:] * np.rint(steps[:, 1:] / wide[1:]).astype(int)
+        rows.append((int(index[place, 0] - last[0]), level, steps, update.data[entries]))
+    return rows
+
+
+def _sent_back(rows: _Rows, wave: ArrivingWave) -> float:
+    """Amplitude of the waves that go back. One condition a halo column, one mode a column."""
+    modes = np.append(wave.modes.leaving, wave.modes.incoming)
+    conditions = np.empty((len(rows), len(modes)), complex)
+    for row, (place, level, steps, weights) in enumerate(rows):
+        shares = weights * wave.factor ** -level.astype(float)
+        if steps.shape[1] > 1:
+            shares = shares * np.exp(1j * wave.along[0] * steps[:, 1])
+        conditions[row] = modes**place - shares @ modes ** (place + steps[:, :1])
+    back = np.linalg.lstsq(conditions[:, :-1], -conditions[:, -1], rcond=None)[0]
+    return float(np.sqrt((np.abs(back[wave.modes.travels]) ** 2).sum()))

@@ -1,0 +1,100 @@
+"""What a side's layer sends back, predicted: against the infinite lattice, the exact reflection and runs."""
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.analysis.exact.chain import Recursion
+from farhorizon.analysis.layers.choice import layer_reflection
+from farhorizon.analysis.layers.layer import LatticeMedium
+from farhorizon.analysis.layers.returned import Datum, arrivals, reflected
+from farhorizon.analysis.references.infinite import InfiniteLattice
+from farhorizon.engine.engine import Layer
+
+UNTIL = 60.0
+
+
+def medium(model, dim, share=0.5):
+    stencil = model.stencil(1.0, dim)
+    dt = share * 2 / np.sqrt(stencil.symbol_maximum)
+    return LatticeMedium(stencil, 1.0, 1.0, Recursion.of(model.integrator, dt, model.damping), dt)
+
+
+def pulse(shape, centre, width=3.0):
+    grid = np.ix_(*[np.arange(n) for n in shape])
+    return np.exp(-sum((x - a) ** 2 for x, a in zip(grid, centre, strict=True)) / width**2)
+
+
+def rising(nodes, strength=4.0):
+    depth = (np.arange(nodes + 1) + 0.5) / (nodes + 1)
+    return Layer(np.ones(nodes + 1), strength * depth, 0.001 + 0.3 * depth**4)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.02])
+@pytest.mark.parametrize(("shape", "centre"), [((41,), (17.0,)), ((31, 33), (12.0, 20.0)), ((13, 15, 15), (5.0, 7.0, 7.0))])
+def test_waves_arrive_as_on_the_infinite_lattice(shape, centre, damping):
+    dim = len(shape)
+    model = fh.Wave(fh.Kernel(2.0), 1.0, damping=damping)
+    front, u = medium(model, dim), pulse(shape, centre, 3.0 if dim < 3 else 2.2)
+    until = UNTIL if dim < 3 else 12.0
+    steps = int(until / front.dt)
+    lengths = [n + int(until) for n in shape[1:]]
+    arrived = arrivals(front, steps, [Datum(u, "u")], lengths, [range(n) for n in shape[1:]], 1e-5, 1.0)
+    infinite = InfiniteLattice(front.stencil, 1.0, model.integrator, front.dt, steps, u, damping=damping)
+    largest = max(np.abs(infinite.after(step)[-1]).max() for step in range(steps))
+    assert arrived.largest == pytest.approx(largest, rel=0.03)  # the moments that are looked at are not the run's
+
+
+def test_velocities_and_sources_arrive_as_in_a_long_domain():
+    model = fh.Wave(fh.Kernel(2.0), 1.0)
+    front = medium(model, 1)
+    values, steps = pulse((41,), (17.0,)), int(UNTIL / front.dt)
+    drive = np.sin(0.4 * front.dt * np.arange(steps)) ** 2
+    far = fh.Lattice(1.0, (-150.0,), (190.0,))
+    for datum, given in (
+        (Datum(values, "v"), {"initial": {"v": np.pad(values, 150)}}),
+        (Datum(values, "source", drive), {"sources": [fh.Source(np.pad(values, 150), lambda t: np.sin(0.4 * t) ** 2)]}),
+    ):
+        sim = fh.Simulation(far, model, fh.Fixed(), dt=front.dt, threads=1, **given)
+        largest = 0.0
+        for _ in range(steps - 1):
+            sim.step()
+            largest = max(largest, abs(sim.fields["u"][190]))
+        assert arrivals(front, steps, [datum], [], [], 1e-5).largest == pytest.approx(largest, rel=0.03)
+
+
+@pytest.mark.parametrize("angle", [0.0, 40.0, 75.0])
+def test_reflection_is_the_exact_one_of_a_single_mode(angle):
+    front = medium(fh.Wave(fh.Stencil.finite_difference(2), 1.0), 2)
+    wave, layer = front.plane_wave(9.0, angle), rising(6)
+    found = reflected(np.array([wave.modes.incoming]), np.array([wave.s]), layer)
+    # with one node of reach a wave returns as one mode, through the last edge once: the exact reflection has it twice less the end
+    assert abs(found[0]) == pytest.approx(layer_reflection(wave, layer), rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_prediction_is_the_error_of_a_run(seed):
+    """Random pulses, kernels, steps and lengths: the largest error of a run over the prediction is a small factor."""
+    random = np.random.default_rng(seed)
+    exponent, influence, reach = [(2, "constant", 1), (2, "constant", 3), (1, "linear", 2), (2, "gaussian", 4)][seed % 4]
+    model = fh.Wave(fh.Kernel(float(reach), exponent, influence), 1.0)
+    shape = (31, int(random.choice([31, 61])))
+    centre = np.array([random.uniform(14, 16), random.uniform(15, shape[1] - 16)])
+    u, front = pulse(shape, centre, random.uniform(2.0, 2.8)), medium(model, 2, random.choice([0.3, 0.8]))
+    until = float(random.uniform(60, 150))
+    steps, layer = int(until / front.dt), rising(int(random.integers(3, 7)))
+    predicted = 0.0
+    for axis in range(2):
+        for side in (-1, 1):
+            facing = LatticeMedium(front.stencil.along(axis), 1.0, 1.0, front.recursion, front.dt)
+            nodes = shape[1 - axis]
+            arrived = arrivals(facing, steps, [Datum(u, "u").turned(axis, side)], [nodes + int(until)], [range(nodes)], 1e-6, 1.0)
+            predicted = max(predicted, arrived.returned(layer) * arrived.conversion(layer))
+    boundary = fh.LatticePML(nodes=layer.columns, profile=layer)
+    sim = fh.Simulation(fh.Lattice(1.0, (0.0, 0.0), np.array(shape) - 1.0), model, boundary, {"u": u}, dt=front.dt, threads=1)
+    infinite = InfiniteLattice(front.stencil, 1.0, model.integrator, front.dt, steps, u)
+    error = 0.0
+    for step in np.linspace(1, steps, 60).astype(int):
+        sim.step(int(step) - sim.step_count)
+        error = max(error, float(np.abs(sim.fields["u"] - infinite.after(int(step))).max()))
+    assert 0.25 < error / predicted < 3

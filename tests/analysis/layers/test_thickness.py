@@ -1,0 +1,120 @@
+"""Profiles of layers and how many nodes they take."""
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.analysis.layers.short_waves import high_pass
+from farhorizon.analysis.layers.thickness import (
+    briefly_damped,
+    diffusive,
+    distance_to_side,
+    gently_damped,
+    late,
+    returned_by_diffusion,
+    thin,
+    thinnest_for_diffusion,
+)
+from farhorizon.analysis.references.infinite import InfiniteLattice
+from farhorizon.checks.side_modes import plain_twin
+from farhorizon.engine.state import State
+
+
+@pytest.mark.parametrize(("ratio", "known"), [(1, (4, 6, 9, 11)), (100, (8, 12, 18, 21)), (1e4, (14, 19, 27, 31))])
+def test_nodes_for_diffusion_are_those_of_an_independent_program(ratio, known):
+    """Nodes for 1e-3, 1e-5, 1e-7, 1e-8 at D T / distance^2, which a program of its own found by the exact error of a point source."""
+    for wanted, nodes in zip((1e-3, 1e-5, 1e-7, 1e-8), known, strict=True):
+        spreads = 400.0 * np.geomspace(0.03, ratio, 200)
+        worst = [returned_by_diffusion(diffusive(n, 1.0, ratio * 400.0, 20.0), 1.0, spreads, 20.0).max() for n in (nodes - 2, nodes)]
+        assert worst[1] < 1.5 * wanted < 1.5 * worst[0]
+        assert thinnest_for_diffusion(1.0, ratio * 400.0, 20.0, wanted).predicted < wanted
+
+
+@pytest.mark.parametrize("reach", [1, 3])
+def test_what_diffusion_sends_back_on_a_line(reach):
+    """The prediction for a point source against a bar with one absorbing end, far from its other one."""
+    model, distance = fh.Diffusion(fh.Kernel(float(reach), 1), 1.0), 15
+    u = np.zeros(161)
+    u[160 - distance] = 1.0
+    layer = diffusive(8, 1.0, 10.0 * distance**2, distance)
+    boundary = {"x-": fh.Fixed(0.0), "x+": fh.LatticePML(nodes=8, profile={"kappa": layer.kappa})}
+    sim = fh.Simulation(fh.Lattice(1.0, (0.0,), (160.0,)), model, boundary, {"u": u}, threads=1)
+    infinite = InfiniteLattice(sim.stencil, 1.0, model.integrator, sim.dt, int(400 / sim.dt), u)
+    ratios = []
+    for time in (40.0, 100.0, 200.0, 400.0):  # the other end answers with exp(-145^2/1600) = 2e-6 of what is there
+        sim.step(int(time / sim.dt) - sim.step_count)
+        exact = infinite.after(sim.step_count)
+        predicted = returned_by_diffusion(layer, 1.0, np.array([sim.time]), distance)[0]
+        ratios.append(abs(sim.fields["u"][-1] - exact[-1]) / exact.max() / predicted)
+    # the prediction is of the continuum: a lattice's layer sends back less of the first, steep waves
+    assert max(ratios) < 1.05 and min(ratios) > 0.25 and min(ratios[1:]) > 0.5
+
+
+def test_scales_do_not_change_a_layer():
+    thin_here, thin_there = thin(6, 4.0, 2.0), thin(6, 4.0, 2e-6)
+    np.testing.assert_allclose(thin_here.sigma, 1e6 * thin_there.sigma, rtol=1e-14)
+    np.testing.assert_allclose(late(9, 2.0, 50.0, 12.0, 1e-5).alpha, 1e6 * late(9, 2e-6, 50e6, 12.0, 1e-5).alpha, rtol=1e-13)
+    np.testing.assert_allclose(diffusive(9, 1.0, 400.0, 12.0).kappa, diffusive(9, 1e-6, 400e-12, 12e-6).kappa, rtol=1e-13)
+
+
+def test_late_layers_absorb_every_wave_of_a_run_as_their_bound_says():
+    """On Re s = 1/T an edge reflects |C - a|/(C + a) of a wave with C = 1/(T Re lambda): the product over the edges stays below 1e-4."""
+    until, distance, wanted = 3000.0, 15.0, 1e-4
+    layer = late(12, 1.0, until, distance, wanted)
+    s = 1 / until + 1j * np.geomspace(1e-6, 0.6, 4000)
+    for along in (0.0, 0.05, 0.3):
+        decay = np.sqrt(s**2 + along**2)
+        stretched = (1 + layer.sigma[:, None] / (s + layer.alpha[:, None])) * np.tanh(decay / 2)
+        passed = np.abs((1 - stretched) / (1 + stretched)) ** 2
+        passed[-1] **= 0.5
+        felt = np.prod(passed, axis=0) * np.exp(-distance * decay.real)
+        assert felt.max() < 10 * wanted  # the bound holds without the 1 of the stretch, which costs less than a factor of ten
+
+
+def test_weak_backward_waves_are_damped_gently():
+    stencil = fh.Wave(fh.Kernel(3.0)).stencil(1.0, 3)
+    damped = gently_damped(thin(6, 4.0, 1.0), stencil)
+    assert len(damped.taps) == 4 and 0 < damped.damping.max() < 0.1 * damped.sigma[-1]
+    assert high_pass(fh.Wave(fh.Kernel(3.0)).stencil(1.0, 2)) is None
+    assert not gently_damped(thin(6, 4.0, 1.0), fh.Wave(fh.Kernel(3.0)).stencil(1.0, 2)).damping.size
+
+
+def test_distance_of_data():
+    values = np.zeros((30, 5))
+    values[10, 2], values[12, 1] = 1.0, 1e-5
+    assert distance_to_side([values, np.zeros((30, 5))]) == 19
+    assert distance_to_side([np.zeros((30, 5))]) == 0
+
+
+BACKWARD = {
+    "elements": (fh.Elastic(None, young=1.0, poisson=0.3, material="finite-element"), 2),
+    "bonds": (fh.Elastic(fh.Kernel(2.0, 1), young=1.0), 2),
+    "wide bonds": (fh.Elastic(fh.Kernel(3.0, 1), young=1.0), 2),
+    "linear": (fh.Elastic(fh.Kernel(3.0, 1, "linear"), young=1.0), 2),
+    "states": (fh.Elastic(fh.Kernel(2.0, 1), young=1.0, poisson=0.3, material="state-based"), 2),
+    "exponent 0": (fh.Elastic(fh.Kernel(2.0, 0), young=1.0), 2),
+    "scalar elements": (fh.Wave(fh.Stencil.finite_element(2)), 2),
+    "scalar": (fh.Wave(fh.Kernel(3.0, 1)), 2),
+    "line": (fh.Wave(fh.Kernel(3.0, 0)), 1),
+    "bonds in space": (fh.Elastic(fh.Kernel(2.0, 1), young=1.0), 3),
+}
+
+
+@pytest.mark.parametrize("name", ["elements", *(pytest.param(n, marks=pytest.mark.slow) for n in BACKWARD if n != "elements")])
+@pytest.mark.parametrize("share", [0.5, 0.95])
+def test_short_damping_lets_no_noise_grow(name, share):
+    """White noise in the whole state, near both ends of the range of steps: over the last third of a long run it decays."""
+    model, dim = BACKWARD[name]
+    stencil = model.stencil(1.0, dim)
+    end = 2.0 * max(stencil.reach) + 2.0
+    lattice, steps = fh.Lattice(1.0, (0.0,) * dim, (end,) * dim), 9000 if dim < 3 else 2400
+    dt = share * fh.Simulation(lattice, model, fh.Fixed(), threads=1).step_limit
+    found = {nodes: briefly_damped(nodes, stencil, np.sqrt(model.coefficient)) for nodes in ((4, 12) if dim < 3 else (4,))}
+    assert found[4]
+    for layers in found.values():
+        for layer in layers.values():
+            sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=layer.columns, profile=layer), dt=dt, threads=1)
+            state = State(plain_twin(sim).engine)
+            before = state.after(np.random.default_rng(3).standard_normal(state.size), 2 * steps // 3)
+            after = state.after(before, steps // 3)
+            assert np.abs(after).max() < 0.9 * np.abs(before).max()

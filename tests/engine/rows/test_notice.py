@@ -1,0 +1,90 @@
+"""What is compiled is said on stderr, once, and nothing else is."""
+
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import farhorizon as fh
+from farhorizon.engine.rows import build, notice
+from helpers import lattice_of
+
+MODULE = """
+from numba import cfunc, njit, types
+
+@njit(cache=True)
+def inner(x):
+    return 2 * x
+
+@njit(cache=True)
+def outer(x):
+    return inner(x) + 1
+"""
+WHILE_IMPORTED = MODULE + "\n@cfunc(types.float64(types.float64), cache=True)\ndef found(x):\n    return outer(x)\n"
+BLOB = Path(__file__).parents[3] / "examples" / "blob.toml"
+
+
+def load(path, name, text):
+    """A module of compiled functions, as `engine.rows.build` loads them."""
+    path.write_text(text)
+    spec = importlib.util.spec_from_file_location(name, path)
+    module = importlib.util.module_from_spec(spec)
+    with notice.importing(name):
+        spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def fresh(monkeypatch):
+    """As at the start of a process; nothing is too short for a line."""
+    monkeypatch.setattr(notice._NOTICE, "_begun", False)
+    monkeypatch.setattr(notice, "_SHORT", 0.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "purpose", "text"),
+    [("program_0", "the time loop", MODULE), ("stencil_rows_0", "the sweep of a stencil", WHILE_IMPORTED)],
+)
+def test_what_is_compiled_is_said_once(name, purpose, text, tmp_path, capfd, fresh):
+    """One line before and one after, of the outermost function; none from the cache, and none on stdout."""
+    for expected in (2, 0):
+        module = load(tmp_path / f"{name}.py", name, text)
+        module.outer(1.5)
+        said = capfd.readouterr()
+        lines = said.err.splitlines()
+        assert said.out == "" and len(lines) >= expected and bool(lines) == bool(expected)
+        if lines:
+            assert "compiling" in lines[0] and "once" in lines[0]
+            assert all(re.fullmatch(rf"farhorizon: compiled {purpose} in \d+\.\d s", line) for line in lines[1:])
+
+
+def test_functions_of_others_are_compiled_in_silence(tmp_path, capfd, fresh):
+    """A user's own compiled functions are none of our business."""
+    load(tmp_path / "mine.py", "mine", MODULE).outer(1.5)
+    assert capfd.readouterr().err == ""
+
+
+def test_kernels_of_what_few_runs_have_are_left_out(monkeypatch):
+    """A wave takes the loop without them, metal that dissolves the one with them, which serves all from then on."""
+    monkeypatch.setattr(build, "_DRIVERS", {})
+    lattice = lattice_of((12, 12))
+    for model, expected in ((fh.Wave, {False}), (lambda k: fh.Corrosion(k, saturation=0.5), {False, True}), (fh.Wave, {False, True})):
+        sim = fh.Simulation(lattice, model(fh.Kernel(2.0)), fh.Free())
+        sim.step(1)
+        assert set(build._DRIVERS) == expected
+    assert sim.engine._driver is build._DRIVERS[True]
+
+
+@pytest.mark.slow
+def test_a_cold_start_says_what_it_does(tmp_path):
+    """The first check with empty caches says on stderr what is compiled; stdout is that of the second, which says nothing."""
+    places = {"FARHORIZON_CACHE": str(tmp_path / "cache"), "NUMBA_CACHE_DIR": str(tmp_path / "numba")}
+    command = [sys.executable, "-m", "farhorizon", "check", str(BLOB)]
+    first, second = (subprocess.run(command, capture_output=True, text=True, env={**os.environ, **places}) for _ in range(2))
+    assert "compiling for this machine" in first.stderr and "compiled the time loop in" in first.stderr
+    assert "compil" not in second.stderr + first.stdout + second.stdout
+    assert list(tmp_path.rglob("*stretch_face*")) and not list(tmp_path.rglob("*sweep_two_phases*"))

@@ -1,0 +1,123 @@
+"""The cache folder: what lies damaged in it is made again, and what others may write is not run."""
+
+import importlib.util
+import os
+import sys
+
+import numpy as np
+import pytest
+
+from farhorizon.engine.rows import build
+from farhorizon.files import cache
+
+MODULE = """
+from numba import types
+from farhorizon.engine.rows.compiled import cfunc, njit
+
+@njit(cache=True)
+def double(x):
+    return 2 * x
+
+@cfunc(types.float64(types.float64))
+def triple(x):
+    return 3 * x
+"""
+
+
+def loaded(path):
+    """The module of a file, executed anew, used, and how often it found compiled code."""
+    spec = importlib.util.spec_from_file_location("compiled_here", path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["compiled_here"] = module
+    spec.loader.exec_module(module)
+    del sys.modules["compiled_here"]
+    assert module.double(3.5) == 7.0 and module.triple.ctypes(2.0) == 6.0
+    return sum(module.double.stats.cache_hits.values()) + module.triple.cache_hits
+
+
+def test_damaged_machine_code_is_compiled_again(tmp_path):
+    """One bit anywhere, a file cut short, an empty one, none: compiled again, once."""
+    path = tmp_path / "compiled_here.py"
+    path.write_text(MODULE)
+    assert (loaded(path), loaded(path)) == (0, 2)
+    rng = np.random.default_rng(8)
+    for file in sorted((tmp_path / "__pycache__").glob("compiled_here.*.nb?")):
+        whole = file.read_bytes()
+        flipped = [bytearray(whole) for _ in range(4)]
+        for data in flipped:
+            data[rng.integers(len(data))] ^= 1 << rng.integers(8)
+        for data in (*flipped, whole[: len(whole) // 2], b"", None):
+            file.unlink() if data is None else file.write_bytes(data)
+            assert (loaded(path), loaded(path)) == (1, 2)
+
+
+def test_all_compiled_functions_have_that_cache():
+    """No module of the package takes Numba's own decorators."""
+    for file in cache.Path(build.__file__).parents[2].rglob("*.py"):
+        lines = [line for line in file.read_text().splitlines() if line.startswith("from numba import")]
+        assert not any(word in line for line in lines for word in ("njit", "cfunc", "jit")), file.name
+
+
+@pytest.mark.parametrize("damage", [b"", b"\xff\xfe garbage", b"VALUE = 2\n"])
+def test_damaged_generated_programs_are_written_again(tmp_path, monkeypatch, damage):
+    monkeypatch.setattr(build, "cache_folder", lambda: tmp_path)
+    for _ in range(2):
+        assert build._load_file("rows_of_this_test", "VALUE = 1\n").VALUE == 1
+        del sys.modules["rows_of_this_test"]
+        (tmp_path / "rows_of_this_test.py").write_bytes(damage)
+
+
+def test_half_a_module_is_none(tmp_path, monkeypatch):
+    """A program whose import was cut short is imported again."""
+    monkeypatch.setattr(build, "cache_folder", lambda: tmp_path)
+    text = "from farhorizon.engine.rows import build\nif build.CUT_SHORT:\n    raise KeyboardInterrupt\nVALUE = 1\n"
+    monkeypatch.setattr(build, "CUT_SHORT", True, raising=False)
+    with pytest.raises(KeyboardInterrupt):
+        build._load_file("rows_cut_short", text)
+    monkeypatch.setattr(build, "CUT_SHORT", False)
+    assert build._load_file("rows_cut_short", text).VALUE == 1
+    del sys.modules["rows_cut_short"]
+
+
+def test_damaged_arrays_are_none(tmp_path):
+    path = tmp_path / "a.npz"
+    assert cache.kept(path) is None
+    cache.keep(path, poles=np.arange(5.0), error=0.5)
+    assert cache.kept(path)["poles"].tolist() == [0, 1, 2, 3, 4] and cache.kept(path)["error"] == 0.5
+    data = path.read_bytes()
+    for place in range(0, len(data), 7):
+        damaged = bytearray(data)
+        damaged[place] ^= 4
+        path.write_bytes(damaged)
+        assert cache.kept(path) is None
+    cache.keep(tmp_path / "none" / "a.npz", poles=np.zeros(2))  # it is a cache only
+
+
+def test_old_temporary_files_go(tmp_path):
+    for name, age in ((".a.npz.1-2.tmp", 2e5), (".b.npz.1-2.tmp", 0.0), ("tmpabc.tmp", 2e5)):
+        (tmp_path / name).touch()
+        os.utime(tmp_path / name, (cache.time.time() - age,) * 2)
+    cache.keep(tmp_path / "a.npz", x=np.zeros(1))
+    assert sorted(p.name for p in tmp_path.iterdir()) == [".b.npz.1-2.tmp", "a.npz"]
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="owners of POSIX")
+def test_a_shared_folder_that_others_may_write_is_not_taken(tmp_path, monkeypatch):
+    """Whoever can write there can have us run what they like."""
+    monkeypatch.delenv("FARHORIZON_CACHE", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", "/dev/null/none")
+    monkeypatch.setattr(cache.tempfile, "tempdir", str(tmp_path))
+    shared = tmp_path / f"farhorizon-{os.getuid()}"
+    assert cache.cache_folder() == shared and shared.stat().st_mode & 0o777 == 0o700
+    shared.chmod(0o770)
+    assert cache.cache_folder() != shared
+    shared.rmdir()
+    (tmp_path / "elsewhere").mkdir(mode=0o700)
+    shared.symlink_to(tmp_path / "elsewhere")
+    assert cache.cache_folder() not in (shared, tmp_path / "elsewhere")
+    shared.unlink()
+    shared.mkdir(mode=0o700)
+    assert cache.cache_folder() == shared
+    if os.getuid() == 0:
+        os.chown(shared, 65534, 65534)
+        assert cache.cache_folder() != shared

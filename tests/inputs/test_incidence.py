@@ -1,0 +1,184 @@
+"""Plane waves that come from far away: exact on the lattice, so that a box without a scatterer leaks nothing."""
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+
+# A burst of frequency 0.39 and width 12: 1e-11 at its ends, and 1e-12 of it above the lattice's frequencies (from 0.8 on for S waves below).
+_SIGNAL = fh.Expression("sin(2*pi*t/16)*exp(-((t-60)/12)**2)", 0)
+_DURATION = 120.0
+_EXACT = 1e-11  # the size of the burst where it is cut off
+
+
+def _bonds(reach, **constants):
+    return fh.Elastic(fh.Kernel(horizon=reach, influence="linear", exponent=1), **{"young": 2.0, "density": 0.5, **constants})
+
+
+_CASES = {
+    "line": (fh.Wave(fh.Kernel(horizon=3.0)), (1.0,), "P", 20),
+    "plane, along an axis": (fh.Wave(fh.Kernel(horizon=3.0)), (0.0, -2.0), "P", 20),
+    "plane, oblique": (fh.Wave(fh.Kernel(horizon=3.0)), (1.0, 0.3), "P", 20),
+    "P": (_bonds(2.5), (1.0, 0.3), "P", 20),
+    "S": (_bonds(2.5, density=0.2), (-0.4, 1.0), "S", 20),
+    "S of finite elements": (fh.Elastic(young=1.0, poisson=0.3, density=0.1, material="finite-element"), (-0.4, 1.0), "S", 20),
+    "S in space": (_bonds(1.5), (1.0, 0.3, 0.2), (-0.3, 1.0, 0.0), 9),
+}
+
+
+def _mask(sim):
+    """Nodes of the box of the first incident wave."""
+    lattice, box = sim.lattice, sim.incident[0].wave.within
+    inside = [(x >= low - 1e-9) & (x <= high + 1e-9) for x, low, high in zip(lattice.coordinates(), *box.bounds(), strict=True)]
+    return np.logical_and.reduce(inside)
+
+
+@pytest.mark.parametrize("name", _CASES)
+def test_without_a_scatterer_nothing_leaves_the_box(name):
+    model, direction, polarisation, half = _CASES[name]
+    lattice = fh.Lattice(spacing=1.0, lower=(-half,) * len(direction), upper=(half,) * len(direction))
+    wave = fh.IncidentWave(direction, _SIGNAL, _DURATION, polarisation)
+    sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=6), sources=[wave])
+    inside, seen = _mask(sim), 0.0
+    for t in (30.0, 60.0, 90.0, 130.0):
+        sim.run(until=t)
+        incident, u = sim.incident[0].field(sim.time), sim.fields["u"]
+        seen = max(seen, np.abs(incident[..., inside]).max())
+        assert np.abs(u - incident)[..., inside].max() < _EXACT
+        assert np.abs(u[..., ~inside]).max() < _EXACT
+    assert seen > 0.5  # something passed
+
+
+def test_the_signal_is_where_the_wave_meets_the_box():
+    lattice = fh.Lattice(spacing=0.5, lower=(-10, -10), upper=(10, 10))
+    wave = fh.IncidentWave((3.0, 4.0), lambda t: np.sin(2 * np.pi * t / 8) * np.exp(-(((t - 30) / 6) ** 2)), 60.0, "S", fh.Box((-6, -6), (6, 6)))
+    sim = fh.Simulation(lattice, _bonds(1.0, density=0.8), sources=[wave])
+    corner = lattice.index((-6, -6))
+    for _ in range(12):
+        sim.step(15)
+        u, v = sim.incident[0].field(sim.time)[(slice(None), *corner)]
+        expected = wave.at(sim.time)
+        np.testing.assert_allclose((-0.8 * u + 0.6 * v, 0.6 * u + 0.8 * v), (expected, 0.0), atol=1e-2)  # (k dx)^2/12: of a lattice's S waves nearly
+        np.testing.assert_allclose(sim.fields["u"][(slice(None), *corner)], (u, v), atol=1e-9)
+
+
+def _scattered(upper, model, direction, polarisation):
+    """The scattered field everywhere, of a crack in a box with one corner at (-13, -13) and the other at `upper`."""
+    lattice = fh.Lattice(spacing=1.0, lower=(-20, -20), upper=(26, 26))
+    wave = fh.IncidentWave(direction, _SIGNAL, _DURATION, polarisation, fh.Box((-13, -13), upper))
+    sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=24), sources=[wave], cracks=[[(-3.5, -4.0), (3.5, 2.0)]])
+    sim.run(until=90.0)
+    return sim.fields["u"] - np.where(_mask(sim), sim.incident[0].field(sim.time), 0.0)
+
+
+@pytest.mark.parametrize(("name", "polarisation"), [("plane, oblique", "P"), ("P", "P"), ("P", "S")])
+def test_what_a_crack_scatters_does_not_know_the_box(name, polarisation):
+    model, direction, _, _ = _CASES[name]
+    small, large = (_scattered(upper, model, direction, polarisation) for upper in ((13, 14), (22, 20)))
+    assert np.abs(large).max() > 0.1
+    assert np.abs(small - large).max() < _EXACT
+
+
+def test_a_cut_line_reflects_all():
+    """A free end: the reflected wave is the incident one mirrored, and beyond the cut nothing moves."""
+    lattice = fh.Lattice(spacing=1.0, lower=-60, upper=60)
+    wave = fh.IncidentWave((1.0,), _SIGNAL, _DURATION, within=fh.Box(-40, 40))
+    sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(horizon=1.4)), fh.Exact(), sources=[wave], cracks=[0.5])  # bonds to the next node only
+    sim.run(until=150.0)
+    u, incident = sim.fields["u"], sim.incident[0].field(sim.time)
+    x = lattice.axes[0]
+    assert np.abs(u[(x > 0.5) & (x <= 40)]).max() < _EXACT
+    front = (x < 0.5) & (x >= -40)
+    mirrored = np.interp(1 - x[front], x, incident)  # the mirror is at the cut
+    assert np.abs(mirrored).max() > 0.5
+    assert np.abs(u[front] - incident[front] - mirrored).max() < _EXACT
+
+
+def test_two_waves_add_up():
+    lattice = fh.Lattice(spacing=1.0, lower=(-12, -12), upper=(12, 12))
+    waves = [fh.IncidentWave(d, _SIGNAL, _DURATION, p) for d, p in (((1.0, 0.0), "P"), ((0.0, 1.0), "S"))]
+    both, one, two = (fh.Simulation(lattice, _bonds(2.5), sources=some).run(until=60.0).fields["u"] for some in (waves, waves[:1], waves[1:]))
+    assert np.abs(both - one - two).max() < 1e-13
+
+
+def test_restored_runs_are_bitwise_the_same(tmp_path):
+    lattice = fh.Lattice(spacing=1.0, lower=(-12, -12), upper=(12, 12))
+    wave = fh.IncidentWave((1.0, 0.5), _SIGNAL, _DURATION, "S")
+    sim = fh.Simulation(lattice, _bonds(2.5), fh.LatticePML(nodes=8), sources=[wave], cracks=[[(-2.5, 0.5), (2.5, 0.5)]])
+    sim.run(until=50.0)
+    sim.save(tmp_path / "run.ckpt")
+    again = fh.Simulation.restore(tmp_path / "run.ckpt")
+    for run in (sim, again):
+        run.run(until=70.0)
+    np.testing.assert_array_equal(again.fields["u"], sim.fields["u"])
+
+
+def _refused(match, model=None, lattice=None, **changes):
+    wave = {"direction": (1.0, 0.0), "signal": _SIGNAL, "duration": _DURATION} | changes.pop("wave", {})
+    with pytest.raises(fh.InputError, match=match):
+        fh.Simulation(lattice or fh.Lattice(1.0, (-12, -12), (12, 12)), model or _bonds(2.5), sources=[fh.IncidentWave(**wave)], **changes)
+
+
+def test_bad_input():
+    _refused("direction", wave={"direction": (0.0, 0.0)})
+    _refused("dimension", wave={"direction": (1.0, 0.0, 0.0)})
+    _refused("duration", wave={"duration": 0.0})
+    _refused("polarisation", wave={"polarisation": "Q"})
+    _refused("along its direction", wave={"polarisation": (1.0, 1.0)})
+    _refused("one reach of the near field", wave={"within": fh.Box((-11, -8), (8, 8))})
+    _refused("too small", wave={"within": fh.Box((-3, -3), (3, 3))})
+    _refused("frequencies which the lattice does not carry", wave={"signal": lambda t: 1.0})
+    _refused("is zero", wave={"signal": lambda t: 0.0})
+    _refused("must be finite", wave={"signal": lambda t: np.inf})
+    _refused("a crack reaches", cracks=[[(-7.0, 0.5), (0.0, 0.5)]])
+    _refused("not uniform", model=fh.Wave(fh.Kernel(2.5)), coefficient=np.where(np.arange(25)[:, None] < 5, 1.0, 0.5) * np.ones((25, 25)))
+    _refused("undamped medium", model=fh.Wave(fh.Kernel(2.5), damping=0.1))
+    _refused("undamped medium", model=fh.Diffusion(fh.Kernel(2.5)))
+    space = fh.Lattice(1.0, (-6,) * 3, (6,) * 3)
+    _refused("needs the direction of its displacement", lattice=space, model=_bonds(1.5), wave={"direction": (1, 0, 0), "polarisation": "S"})
+
+
+def test_case_file():
+    from farhorizon.case.case import Case
+
+    text = """
+    lattice = { spacing = 1.0, lower = [-12.0, -12.0], upper = [12.0, 12.0] }
+    model = { type = "elastic", young = 1.0, kernel = { horizon = 2.0, exponent = 1, influence = "linear" } }
+    run = { until = 1.0 }
+    [[incident]]
+    direction = [1.0, 0.0]
+    polarisation = [0.0, 1.0]
+    signal = "SIGNAL"
+    duration = 120.0
+    within = { lower = [-6.0, -5.0], upper = [6.0, 5.0] }
+    """
+    wave = Case(text.replace("SIGNAL", _SIGNAL.text)).simulation().incident[0].wave
+    assert wave.within.bounds()[1].tolist() == [6.0, 5.0]
+    with pytest.raises(fh.InputError, match=r"incident\.signal: there is no x"):
+        Case(text.replace("SIGNAL", "exp(-x)"))
+    with pytest.raises(fh.InputError, match="did you mean 'direction'"):
+        Case(text.replace("direction", "directon"))
+
+
+def test_notes():
+    lattice = fh.Lattice(1.0, (-12, -12), (12, 12))
+    cut = fh.IncidentWave((1.0, 0.0), lambda t: np.sin(t / 3) ** 2, 3 * np.pi)  # its second derivative jumps
+    report = str(fh.Simulation(lattice, _bonds(2.5), {"x": fh.LatticePML(), "y": fh.Free()}, sources=[cut]).check())
+    assert "shorter than the lattice carries" in report
+    assert "only what is scattered meets y-, y+" in report
+
+
+@pytest.mark.parametrize("side", [fh.Free(), fh.Fixed()])
+def test_a_wave_onto_a_surface_is_refused_with_the_reason(side):
+    """Inside its box it would not know the surface; a box that ends before it serves, and so does one beside absorbing sides."""
+    lattice = fh.Lattice(0.5, (-8.0, -8.0), (8.0, 0.0))
+    wave = {"direction": (1.0, 1.0), "signal": lambda t: np.sin(t / 4) ** 4, "duration": 4 * np.pi}
+    sides = {"all": fh.LatticePML(nodes=8), "y+": side}
+    for top in (0.0, -0.5, 3.0):
+        with pytest.raises(fh.InputError, match="does not know the surface") as error:
+            fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), sides, sources=[fh.IncidentWave(**wave, within=fh.Box((-6.0, -6.0), (6.0, top)))])
+        assert error.value.value == "y+" and "source" in error.value.remedy
+    sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), sides, sources=[fh.IncidentWave(**wave, within=fh.Box((-6.0, -6.0), (6.0, -1.0)))])
+    assert any("only what is scattered meets y+" in note for note in sim.notes)
+    with pytest.raises(fh.InputError, match="one reach of the near field must be left"):
+        fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), fh.LatticePML(nodes=8), sources=[fh.IncidentWave(**wave, within=fh.Box((-6, -6), (6, 0)))])

@@ -1,0 +1,165 @@
+"""Sources: how they split into space and time, what they do to a run, and what is refused."""
+
+import numpy as np
+import pytest
+
+from farhorizon import (
+    Diffusion,
+    Disc,
+    Elastic,
+    Expression,
+    Free,
+    InputError,
+    Kernel,
+    Lattice,
+    LatticePML,
+    Simulation,
+    Source,
+    Wave,
+)
+from farhorizon.inputs.sources import checked, split
+from helpers import kernel_stencil, lattice_of
+
+LATTICE = lattice_of((9, 11), 0.5)
+X, Y = LATTICE.coordinates()
+SHAPE = np.exp(-((X - 2) ** 2) - (Y - 2) ** 2)
+
+
+def value_of(source, t):
+    """The source at time t as an array."""
+    space, time = split(source, LATTICE)
+    return np.broadcast_to(time(t) if space is None else space * time(t), LATTICE.shape)
+
+
+WAYS = {
+    "array and time": (Source(SHAPE, lambda t: np.sin(3 * t)), True),
+    "callable and time": (Source(lambda x, y: np.exp(-((x - 2) ** 2) - (y - 2) ** 2), lambda t: np.sin(3 * t)), True),
+    "callable of x, y, t": (Source(lambda x, y, t: np.exp(-((x - 2) ** 2) - (y - 2) ** 2) * np.sin(3 * t)), False),
+    "bare callable": (lambda x, y, t: np.exp(-((x - 2) ** 2) - (y - 2) ** 2) * np.sin(3 * t), False),
+    "expression": (Expression("exp(-(x-2)**2-(y-2)**2)*sin(3*t)", 2), True),
+    "expression that does not split": (Expression("exp(-(x-2)**2-(y-2)**2 + 0*t)*sin(3*t)", 2), False),
+    "expression and time": (Source(Expression("exp(-(x-2)**2-(y-2)**2)", 2), lambda t: np.sin(3 * t)), True),
+    "expression of t and time": (Source(Expression("exp(-(x-2)**2-(y-2)**2)*t", 2), lambda t: np.sin(3 * t) / t if t else 3.0), True),
+}
+
+
+@pytest.mark.parametrize(("source", "separable"), WAYS.values(), ids=WAYS)
+def test_ways_to_write_a_source(source, separable):
+    """All give exp(-r^2) sin(3 t) about (2, 2); products of space and time are recognised."""
+    assert (split(source, LATTICE)[0] is not None) == separable
+    for t in (0.1, 0.7, 2.0):
+        np.testing.assert_allclose(value_of(source, t), SHAPE * np.sin(3 * t), atol=1e-15)
+
+
+def test_constant_sources():
+    """Numbers and arrays act at all times."""
+    np.testing.assert_array_equal(value_of(2.5, 7.0), 2.5)
+    np.testing.assert_array_equal(value_of(SHAPE, 7.0), SHAPE)
+
+
+@pytest.mark.parametrize("make", [Wave, Diffusion, lambda s: Diffusion(s, integrator="rk4")], ids=["Verlet", "Euler", "RK4"])
+def test_every_way_runs_alike(make):
+    """A table of amplitudes in the compiled loop and a call every step are one source."""
+    results = []
+    for source, _ in list(WAYS.values())[:6]:
+        sim = Simulation(LATTICE, make(kernel_stencil(2, 2)), Free(), sources=[source])
+        sim.step(30)
+        results.append(sim.fields["u"])
+    assert np.abs(results[0]).max() > 0.01
+    for other in results[1:]:
+        np.testing.assert_allclose(other, results[0], rtol=0, atol=1e-14)
+
+
+def test_sources_superpose():
+    """The field is linear in its sources, mixed kinds included."""
+    kinds = [WAYS["array and time"][0], WAYS["bare callable"][0], Source(np.roll(SHAPE, 2, 0), lambda t: np.cos(t))]
+    fields = []
+    for sources in (*[[s] for s in kinds], kinds):
+        sim = Simulation(LATTICE, Wave(kernel_stencil(2, 2)), Free(), sources=sources)
+        sim.step(40)
+        fields.append(sim.fields["u"])
+    np.testing.assert_allclose(fields[3], fields[0] + fields[1] + fields[2], rtol=0, atol=1e-13)
+
+
+def test_a_uniform_source_fills_an_insulated_body():
+    """The content grows by the integral of the source: sum u = N (1 - cos(w t)) / w for sin(w t), to the order of RK4."""
+    sim = Simulation(LATTICE, Diffusion(kernel_stencil(2, 2), 0.4, "rk4"), Free(), sources=[Source(1.0, lambda t: np.sin(2 * t))], dt=0.01)
+    sim.run(1.0)
+    np.testing.assert_allclose(sim.fields["u"], (1 - np.cos(2.0)) / 2, rtol=1e-9)
+
+
+def test_a_constant_force_accelerates_a_free_body():
+    """u = a t^2 / 2, exact for velocity Verlet."""
+    sim = Simulation(LATTICE, Wave(kernel_stencil(2, 2)), Free(), sources=[3.0])
+    sim.step(50)
+    np.testing.assert_allclose(sim.fields["u"], 1.5 * sim.time**2, rtol=1e-12)
+
+
+def test_source_in_an_unbounded_medium_in_1d():
+    """A point force switched on at t = 0 spreads at the wave speed: the displacement behind the front is c t' / 2 per unit impulse.
+
+    For u_tt = u_xx + f delta(x): u = f/2 (t - |x|) behind the front (d'Alembert), here at nodes the front passed long ago.
+    """
+    lattice = Lattice(0.1, lower=-4, upper=4)
+    point = np.where(np.abs(lattice.coordinates()[0]) < 1e-9, 1 / 0.1, 0.0)
+    smooth = lambda t: np.sin(np.pi * t / 2) ** 2 if t < 2 else 0.0  # noqa: E731, impulse 1, ends at t = 2
+    sim = Simulation(lattice, Wave(kernel_stencil(1, 1)), LatticePML(), sources=[Source(point, smooth)])
+    sim.run(8.0)
+    np.testing.assert_allclose(sim.fields["u"], 0.5, rtol=2e-3)  # dispersion of order (pi dx / c T)^2 / 24 and the drift shift alpha
+
+
+# What is refused
+
+
+def test_wrong_shapes_and_values():
+    """Arrays of another shape, nan and inf."""
+    with pytest.raises(InputError, match="lattice's shape"):
+        split(np.zeros((3, 3)), LATTICE)
+    with pytest.raises(InputError, match="lattice's shape"):
+        value_of(lambda x, y, t: np.zeros(4), 0.0)
+    for bad in (np.nan, np.inf):
+        with pytest.raises(InputError, match="finite"):
+            split(np.where(X > 1, bad, 0.0), LATTICE)
+
+
+@pytest.mark.parametrize("source", [Source(1.0, lambda t: np.nan if t > 1 else 1.0), lambda x, y, t: x * (np.nan if t > 1 else 1.0)])
+def test_a_source_that_becomes_nan_stops_the_run(source):
+    """Named at the time it happens, before it enters the field."""
+    sim = Simulation(LATTICE, Wave(kernel_stencil(2, 2)), Free(), sources=[source])
+    with pytest.raises(InputError, match=r"source.*finite"):
+        sim.run(3.0)
+    assert np.isfinite(sim.fields["u"]).all()
+
+
+def test_values_outside_a_body_do_not_count():
+    """nan where no node is, zero there."""
+    lattice = Lattice(0.5, lower=(-3, -3), upper=(3, 3), body=Disc(2))
+    values = checked(np.where(lattice.mask, 1.0, np.nan), lattice)
+    np.testing.assert_array_equal(values, lattice.mask)
+
+
+def test_values_outside_a_window_are_zero_where_not_finite():
+    """What a simulation shows (nan outside its window) can start another one."""
+    lattice = Lattice(0.5, window=Disc(4))
+    values = checked(np.where(lattice.mask, 1.0, np.nan), lattice)
+    np.testing.assert_array_equal(values, lattice.mask)
+
+
+def test_a_component_left_at_zero_is_no_source():
+    """Neither a note nor a part of the run; all of them at zero get the note."""
+    lattice = Lattice(1.0, (-6, -6), (6, 6))
+    model = Elastic(Kernel(1.5), young=1.0)
+    push = Expression("exp(-x**2-y**2)", 2)
+    for nothing in (0.0, 0, Expression("0", 2)):
+        sim = Simulation(lattice, model, sources=[[nothing, push]])
+        assert len(sim.sources) == 1 and not any("zero on every node" in note for note in sim.notes)
+        assert any("zero on every node" in note for note in Simulation(lattice, model, sources=[[nothing, nothing]]).notes)
+
+
+def test_data_whose_squares_overflow_are_refused():
+    lattice = Lattice(1.0, (-8.0,), (8.0,))
+    with pytest.raises(InputError, match=r"initial.u: .*overflow; value: 1e[+]?300; limit: 1e[+]?150"):
+        Simulation(lattice, Wave(Kernel(2.0)), Free(), {"u": 1e300})
+    sim = Simulation(lattice, Wave(Kernel(2.0)), Free(), {"u": lambda x: 1e150 * np.exp(-(x**2))})
+    sim.step(20)
+    assert np.isfinite(sim.energy())

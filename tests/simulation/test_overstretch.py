@@ -1,0 +1,142 @@
+"""Cracks that run into the rim, where bonds cannot break."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.cli import main
+from farhorizon.files.results import open_results
+
+LATTICE = fh.Lattice(1.0, (-12, -10), (12, 10))
+CRACK = [[-5.0, 0.0], [5.0, 0.05]]
+
+
+def pull(x, y):
+    """Apart, on both sides of the crack, over its whole length and beyond."""
+    return np.sign(y) * np.exp(-((np.abs(y) - 3) ** 2)) * np.exp(-((x / 7) ** 8))
+
+
+def plate(sides=None, strength=1.0, **options):
+    """Bonds that are nonlinear and break; a crack that is pulled open along its whole length."""
+    options = {"nonlinear": True, "critical_stretch": 0.02, **options}
+    load = fh.BodyForce([0.0, pull], lambda t: 0.012 * strength * min(t / 8, 1.0))
+    boundary = {"all": fh.LatticePML(nodes=8)} if sides is None else sides
+    return fh.Simulation(LATTICE, fh.Elastic(fh.Kernel(2.0, 1), 1.0, **options), boundary, cracks=[CRACK], loads=[load])
+
+
+def body(sides=None, strength=1.0):
+    load = fh.BodyForce([0.0, pull], lambda t: 0.012 * strength * min(t / 8, 1.0))
+    boundary = fh.NonlocalPML(8, cross=0.1) if sides is None else sides
+    return fh.Body(LATTICE, fh.Kernel(2.7, 0, "gaussian", 0.9, volume="full"), young=1.0, poisson=0.25, critical_stretch=0.02, drag=0.9,
+                   boundary=boundary, cracks=[CRACK], loads=[load])  # fmt: skip
+
+
+def space():
+    """A pulse in the middle of a cube, which breaks bonds there and runs to the sides."""
+    pulse = "0.6*x*exp(-(x**2+y**2+z**2)/2.2)"
+    model = fh.Elastic(fh.Kernel(2.0, 1), 1.0, nonlinear=True, critical_stretch=0.02)
+    lattice = fh.Lattice(1.0, (-7, -7, -6), (7, 7, 6))
+    return fh.Simulation(lattice, model, fh.LatticePML(nodes=4), {"v": [pulse, "0", "0"]})
+
+
+def overstretched(run, reach, nonlinear=True):
+    """Whether any bond within one reach of the sides is stretched beyond 0.02; bond by bond, without those cut by the crack."""
+    u, shape = run.fields["u"], run.lattice.shape
+    points = np.stack(np.broadcast_arrays(*run.lattice.coordinates()), -1)
+    rim = np.zeros(shape, bool)
+    for index, n in zip(np.indices(shape), shape, strict=True):
+        rim |= np.minimum(index, n - 1 - index) < reach
+    for offset in run.stencil.offsets:
+        here = tuple(slice(max(0, -o), n - max(0, o)) for o, n in zip(offset, shape, strict=True))
+        there = tuple(slice(max(0, o), n - max(0, -o)) for o, n in zip(offset, shape, strict=True))
+        eta, long = np.moveaxis(u[(slice(None), *there)] - u[(slice(None), *here)], 0, -1), np.linalg.norm(offset)
+        length = np.linalg.norm(offset + eta, axis=-1) if nonlinear else long + eta @ offset / long
+        whole = np.ones(length.shape, bool)
+        if run.lattice.dim == 2:
+            crossed = fh.Polyline(CRACK).cuts(points[here].reshape(-1, 2), points[there].reshape(-1, 2))
+            whole = ~crossed.reshape(whole.shape)
+        if ((length / long - 1 > 0.02) & (rim[here] | rim[there]) & whole).any():
+            return True
+    return False
+
+
+@pytest.mark.parametrize("make, nonlinear", [(plate, True), (lambda: plate(nonlinear=False), False), (body, True), (space, True)])
+def test_the_first_bond_at_the_rim_that_would_break_is_told(make, nonlinear, tmp_path):
+    """At the time that all bonds, looked at one by one after every step, give; once; it goes with checkpoints."""
+    run = make()
+    reach = max(run.stencil.reach)
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        while not overstretched(run, reach, nonlinear):
+            assert not run.cautions and run.time < 80
+            run.step()
+        first = run.time
+        run.step(40)
+    (caution,) = run.cautions
+    assert [str(w.message) for w in seen if w.category is fh.ValidityWarning] == [f"from t = {caution.time:.6g} on {caution.text}"]
+    assert run.broken_bonds > 10 and first <= caution.time <= first + reach * 1.1  # a wave of speed 1 through the rim
+    place = np.array(eval(caution.text.split("near ")[1].split(" are")[0]))
+    assert (np.abs(place) >= run.lattice.upper - reach).any()
+    run.save(tmp_path / "a.ckpt")
+    again = make()
+    again.load(tmp_path / "a.ckpt")
+    assert again.cautions == run.cautions
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        again.step(30)
+
+
+@pytest.mark.parametrize("make", [plate, body])
+def test_nothing_is_said_of_cracks_that_stay_inside_or_may_leave(make):
+    """A weak pull; free sides, at which bonds break as everywhere."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        weak, free = make(strength=0.05), make(sides=fh.Free())
+        weak.run(40.0, progress=False)
+        free.run(40.0, progress=False)
+    assert not weak.cautions and not free.cautions and free.broken_bonds > 10
+
+
+CASE = """
+[lattice]
+spacing = 1.0
+lower = [-12.0, -10.0]
+upper = [12.0, 10.0]
+[model]
+type = "elastic"
+young = 1.0
+nonlinear = true
+critical_stretch = 0.02
+[model.kernel]
+horizon = 2.0
+exponent = 1
+[boundary]
+all = { type = "lattice-pml", nodes = 8 }
+[[crack]]
+points = [[-5.0, 0.0], [5.0, 0.05]]
+[[load]]
+type = "body-force"
+value = [0.0, "sign(y)*exp(-(abs(y)-3)**2)*exp(-(x/7)**8)"]
+time = "0.012*min(t/8, 1)"
+[run]
+until = 40.0
+[output]
+every = 4.0
+"""
+
+
+def test_results_pictures_and_the_command_line_tell(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.toml").write_text(CASE)
+    assert main(["run", "a.toml"]) == 0
+    said = capsys.readouterr().err
+    assert said.count("stretched beyond the critical stretch") == 1 and "warning: not valid from t =" in said
+    results = open_results("a.h5")
+    (caution,) = results.cautions
+    assert caution.brief == "crack at the rim" and results.to_xarray().attrs["cautions"] == [caution.text]
+    titles = []
+    monkeypatch.setattr("farhorizon.pictures.plot.field_panels", lambda fields, *_args, **_names: titles.append([title for title, _ in fields]))
+    assert main(["plot", "a.h5", "--times", "0", "40"]) == 0
+    assert titles[0] == ["t = 0", "t = 40, crack at the rim"]
