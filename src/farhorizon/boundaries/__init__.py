@@ -26,7 +26,7 @@ __all__ = [
 ]  # fmt: skip
 
 #: Sides beyond which nodes of the medium itself are computed.
-Margin = Sponge | Extended | Closing
+Margin = Sponge | Extended | PlaneWave | Higdon | FirstOrder
 #: Sides beyond which the medium goes on.
 Absorbing = LatticePML | Exact | Margin
 Boundary = Absorbing | Fixed | Free | Periodic | Auto
@@ -81,6 +81,6 @@ def _check_closing(found: Mapping[tuple[int, int], Boundary]) -> None:
     if closing and others:
         raise InputError(f"{type(closing[0]).__name__} and {', '.join(sorted(others))} do not stand beside each other", key="boundary",
                          limit="Fixed, Free, Periodic", remedy="the same absorber on all open sides")  # fmt: skip
-    layers = {b.layer for b in closing if isinstance(b, PlaneWave)} | {None for b in closing if not isinstance(b, PlaneWave)}
+    layers = {b.layer for b in closing}
     if len(layers) > 1:
         raise InputError("sides of one box need one layer", value=sorted(map(str, layers)), key="boundary.layer")

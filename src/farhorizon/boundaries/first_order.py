@@ -8,20 +8,16 @@ elements of an outermost node lie inside only, which doubles the bonds inwards, 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
 
+from farhorizon.boundaries.outline import Closing, Fringe, Medium
 from farhorizon.errors import InputError
-
-if TYPE_CHECKING:
-    from farhorizon.boundaries.outline import Fringe
-    from farhorizon.boundaries.plane_wave import Medium
 
 
 @dataclass(frozen=True)
-class FirstOrder:
+class FirstOrder(Closing):
     """Flat side at which waves along the normal pass; for classical waves only: stencils that reach one node."""
 
     def wanted(self, default: float) -> float:

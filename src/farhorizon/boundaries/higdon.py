@@ -8,21 +8,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import reduce
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
 
 from farhorizon import kinds
+from farhorizon.boundaries.outline import Closing, Fringe, Medium
 from farhorizon.errors import InputError
-
-if TYPE_CHECKING:
-    from farhorizon.boundaries.outline import Fringe
-    from farhorizon.boundaries.plane_wave import Medium
 
 
 @dataclass(frozen=True)
-class Higdon:
+class Higdon(Closing):
     """Side or outline at which waves pass that arrive at given angles; for waves only.
 
     Along a curved outline each node takes the grid axis nearest to its normal. Two angles are stable in all that was measured; three reflect less

@@ -6,23 +6,95 @@ step from nodes of the fringe at this step and before. Copies of those are the c
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy import ndimage, sparse
 
-from farhorizon.boundaries.first_order import FirstOrder
-from farhorizon.boundaries.higdon import Higdon
-from farhorizon.boundaries.plane_wave import Medium, PlaneWave
+from farhorizon.analysis import modes
 from farhorizon.engine.engine import Engine
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Ball, Box, Disc, Shape
 
-#: Conditions that close an outline.
-Closing = PlaneWave | Higdon | FirstOrder
-
+SERIES = 40  # terms of the continuum's series: it converges everywhere, and does not cancel for modes that decay
 _SMOOTHING = 3.0  # nodes over which the outline of a general shape is smoothed before its normals are taken
+
+
+@dataclass(frozen=True)
+class Medium:
+    """What lies beyond the nodes: a homogeneous medium and the steps that it takes.
+
+    Attributes
+    ----------
+    order : {1, 2}
+        Diffusion by forward Euler, or waves by velocity Verlet.
+    coefficient : float
+        Diffusivity or squared speed of long waves.
+    dt : float
+    damping : float
+        d in ``2 d u_t``.
+    offsets, weights : ndarray, shapes (J, dim) and (J,)
+        Bonds as vectors and their weights in units of the operator, where the dispersion is that of a stencil.
+    horizon : float
+    series : tuple of float
+        Terms of the kernel's dispersion in (k horizon)^2, see `Kernel.series`.
+    """
+
+    order: int
+    coefficient: float
+    dt: float
+    damping: float = 0.0
+    offsets: np.ndarray = field(default_factory=lambda: np.zeros((0, 1)))
+    weights: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    horizon: float = 0.0
+    series: tuple[float, ...] = ()
+
+    @cached_property
+    def _long(self) -> float:
+        """Coefficient of long waves on the lattice, if there is one: that of a kernel that is not calibrated differs from the model's."""
+        return float(self.weights @ self.offsets[:, 0] ** 2) / 2 if len(self.weights) else self.coefficient
+
+    def symbol(self, k: np.ndarray, dispersion: str) -> np.ndarray:
+        """S at wavevectors (M, dim) by one of the dispersion relations of `PlaneWave`.
+
+        Raises
+        ------
+        InputError
+            A dispersion relation that the medium does not have.
+        """
+        if dispersion == "discrete":
+            if not len(self.weights):
+                raise InputError(
+                    "the medium has no stencil", value=dispersion, limit="local", key="boundary.dispersion", remedy="Medium(offsets=...)"
+                )
+            return modes.discrete_symbol(k, self.offsets, self.weights)
+        terms = {"local": 0, "taylor": 1, "continuum": SERIES}[dispersion]
+        if terms and not self.series:
+            raise InputError("only a kernel with constant or linear influence has a series", value=dispersion, limit="discrete, local",
+                             key="boundary.dispersion")  # fmt: skip
+        return modes.series_symbol(k, self._long, self.horizon, np.array(self.series[:terms]))
+
+
+class Closing(ABC):
+    """A condition that closes an outline: it gives the halo its values from nodes of the near field."""
+
+    #: Thickness of the halo that it fills; as far as the stencil reads unless given.
+    layer: float | None = None
+
+    @abstractmethod
+    def wanted(self, order: int) -> float:
+        """What may be missed beyond the outline, as a part of the largest value."""
+
+    @abstractmethod
+    def depth(self, medium: Medium, spacing: float, extent: float) -> float:
+        """How far inwards nodes are read, over a near field of half the extent `extent`."""
+
+    @abstractmethod
+    def update(self, fringe: Fringe, halo: np.ndarray, medium: Medium) -> sparse.csr_array:
+        """Rows of halo nodes (places in the fringe) over the new level and those before, shape (H, L S)."""
 
 
 @dataclass
@@ -59,7 +131,7 @@ class Outline:
 
     def halo(self) -> np.ndarray:
         """Nodes beyond the outline whose values conditions give, over the grid: those that the stencil reads, or a layer of given thickness."""
-        layer = next((b.layer for b in self.sides.values() if isinstance(b, PlaneWave)), None)
+        layer = next((b.layer for b in self.sides.values() if b.layer is not None), None)
         if layer is None:
             found = np.zeros_like(self.near)
             for offset in self.offsets:

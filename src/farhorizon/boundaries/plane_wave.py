@@ -7,8 +7,8 @@ nodes, normals and the medium only, so that it closes any cloud of points, a fin
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import cached_property, partial
+from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,10 +17,10 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from farhorizon import kinds
 from farhorizon.analysis import modes
+from farhorizon.boundaries.outline import Closing, Fringe, Medium
 from farhorizon.errors import InputError
 
 if TYPE_CHECKING:
-    from farhorizon.boundaries.outline import Fringe
     from farhorizon.models import LatticeModel
 
 _CHOICES = {
@@ -28,62 +28,6 @@ _CHOICES = {
     "normals": ("lattice", "free"),
 }  # fmt: skip
 _MOST = 1000  # modes along one direction, directions, nodes of a cloud's grid: far beyond use, and soon computed
-SERIES = 40  # terms of the continuum's series: it converges everywhere, and does not cancel for modes that decay
-
-
-@dataclass(frozen=True)
-class Medium:
-    """What lies beyond the nodes: a homogeneous medium and the steps that it takes.
-
-    Attributes
-    ----------
-    order : {1, 2}
-        Diffusion by forward Euler, or waves by velocity Verlet.
-    coefficient : float
-        Diffusivity or squared speed of long waves.
-    dt : float
-    damping : float
-        d in ``2 d u_t``.
-    offsets, weights : ndarray, shapes (J, dim) and (J,)
-        Bonds as vectors and their weights in units of the operator, where the dispersion is that of a stencil.
-    horizon : float
-    series : tuple of float
-        Terms of the kernel's dispersion in (k horizon)^2, see `Kernel.series`.
-    """
-
-    order: int
-    coefficient: float
-    dt: float
-    damping: float = 0.0
-    offsets: np.ndarray = field(default_factory=lambda: np.zeros((0, 1)))
-    weights: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    horizon: float = 0.0
-    series: tuple[float, ...] = ()
-
-    @cached_property
-    def _long(self) -> float:
-        """Coefficient of long waves on the lattice, if there is one: that of a kernel that is not calibrated differs from the model's."""
-        return float(self.weights @ self.offsets[:, 0] ** 2) / 2 if len(self.weights) else self.coefficient
-
-    def symbol(self, k: np.ndarray, dispersion: str) -> np.ndarray:
-        """S at wavevectors (M, dim) by one of the dispersion relations of `PlaneWave`.
-
-        Raises
-        ------
-        InputError
-            A dispersion relation that the medium does not have.
-        """
-        if dispersion == "discrete":
-            if not len(self.weights):
-                raise InputError(
-                    "the medium has no stencil", value=dispersion, limit="local", key="boundary.dispersion", remedy="Medium(offsets=...)"
-                )
-            return modes.discrete_symbol(k, self.offsets, self.weights)
-        terms = {"local": 0, "taylor": 1, "continuum": SERIES}[dispersion]
-        if terms and not self.series:
-            raise InputError("only a kernel with constant or linear influence has a series", value=dispersion, limit="discrete, local",
-                             key="boundary.dispersion")  # fmt: skip
-        return modes.series_symbol(k, self._long, self.horizon, np.array(self.series[:terms]))
 
 
 @dataclass(frozen=True)
@@ -106,7 +50,7 @@ class Recipe:
 
 
 @dataclass(frozen=True)
-class PlaneWave:
+class PlaneWave(Closing):
     """Side or outline at which the halo follows modes that leave, fitted to the nodes of a cloud.
 
     The condition is local in space and time: it holds as well as the far field is a sum of its modes near a node, 1e-3 or so for waves, a few

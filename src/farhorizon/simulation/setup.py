@@ -32,7 +32,7 @@ from farhorizon.boundaries import (
     Sponge,
     sides,
 )  # fmt: skip
-from farhorizon.boundaries.plane_wave import SERIES, Medium
+from farhorizon.boundaries.outline import SERIES, Medium
 from farhorizon.engine.engine import NEVER, Engine, Layer, Zone
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import AXES, Lattice
