@@ -5,7 +5,7 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.files.results import ResultsWriter, open_results
-from farhorizon.inputs.cracks import fracture_energy
+from farhorizon.medium.fracture import fracture_energy
 from helpers import fitted_rate, lattice_of
 
 LAWS = {"linear": False, "nonlinear": True}

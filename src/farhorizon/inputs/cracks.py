@@ -1,4 +1,4 @@
-"""Bonds cut in advance, and what it takes to break them."""
+"""Bonds cut in advance."""
 
 from __future__ import annotations
 
@@ -108,23 +108,3 @@ def cut_bonds(cut: Cut, lower: np.ndarray, spacing: float, shape: tuple[int, ...
         nodes.append(grid[hit])
         bonds.append(np.full(int(hit.sum()), number))
     return np.concatenate(nodes), np.concatenate(bonds)
-
-
-def fracture_energy(bonds: np.ndarray, stiffness: np.ndarray, stretch: float) -> float:
-    """Energy per area (2D: per length and thickness) that is spent when all bonds across a plane break at a critical stretch.
-
-    A bond of stiffness C (force density over elongation) holds ``C V (s |xi|)^2 / 2``, V the volume of a node, and ``|xi . n| / V`` of each pair
-    of opposite bonds cross a unit of area with normal n. The mean over all normals is ``s^2/4 sum_k C_k |xi_k|^3 <|cos|>`` with 2/pi in the
-    plane and 1/2 in space. In the continuum with a constant micromodulus c this is ``pi c s^2 horizon^5 / 10`` (Silling and Askari 2005,
-    Computers and Structures 83) and ``c s^2 horizon^4 / 4`` in the plane, that is
-    ``s = sqrt(5 G / (6 E horizon))`` in space, ``sqrt(4 pi G / (9 E horizon))`` in plane stress, ``sqrt(5 pi G / (12 E horizon))`` in plane strain.
-
-    Parameters
-    ----------
-    bonds : ndarray, shape (K, dim)
-        Both directions of each bond.
-    stiffness : ndarray, shape (K,)
-    stretch : float
-    """
-    lengths = np.linalg.norm(bonds, axis=1)
-    return float(stretch**2 / 4 * (stiffness * lengths**3).sum() * (2 / np.pi if bonds.shape[1] == 2 else 0.5))

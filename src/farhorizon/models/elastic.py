@@ -13,7 +13,7 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.errors import InputError
-from farhorizon.inputs.cracks import fracture_energy as energy_of_fracture
+from farhorizon.medium.fracture import fracture_energy as energy_of_fracture
 from farhorizon.medium.integrators import Verlet
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
@@ -161,7 +161,7 @@ class Elastic(LatticeModel):
     def critical_stretch_on(self, spacing: float, dim: int) -> float:
         """The stretch at which bonds break: the one given, or from the fracture energy and the bonds of the lattice; infinite without.
 
-        The bonds' energy across a plane, averaged over its directions (`farhorizon.inputs.cracks.fracture_energy`), is the fracture energy. That of a
+        The bonds' energy across a plane, averaged over its directions (`medium.fracture.fracture_energy`), is the fracture energy. That of a
         crack along an axis of the lattice differs by what the lattice is not a continuum.
         """
         if self.critical_stretch is not None:
