@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from farhorizon.analysis.stability import DENSE, Growth, dense_growth, fastest, 
 from farhorizon.boundaries import Closing, Extended, FirstOrder, Fixed, Free, LatticePML, Periodic, Sponge
 from farhorizon.boundaries.plane_wave import largest_update
 from farhorizon.checks import side_modes as strips
+from farhorizon.checks.examined import Examined
 from farhorizon.checks.side_modes import (
     NARROW,
     Strip,
@@ -34,9 +35,6 @@ from farhorizon.files.cache import cache_folder, keep, kept
 from farhorizon.geometry.lattice import AXES
 from farhorizon.machine import one_blas_thread
 from farhorizon.models import Corrosion, Elastic
-
-if TYPE_CHECKING:
-    from farhorizon.simulation.simulation import Simulation
 
 CERTIFIED, NOT_CERTIFIED, UNDECIDED = "certified", "not certified", "undecided"
 BUDGET = 30.0  # seconds that a certificate may take
@@ -149,7 +147,7 @@ class Certificate:
 
 
 @one_blas_thread()
-def certify(sim: Simulation, budget: float = BUDGET, until: float = np.inf) -> Certificate:
+def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf) -> Certificate:
     """Examine the one-step map of a simulation.
 
     Where no proof holds, a state of up to 700 numbers is examined as it is. Otherwise white noise runs for ten crossing times of a small copy of the
@@ -161,7 +159,7 @@ def certify(sim: Simulation, budget: float = BUDGET, until: float = np.inf) -> C
 
     Parameters
     ----------
-    sim : Simulation
+    sim : Examined
     budget : float
         Seconds; what would take longer is skipped, and said so.
     until : float
@@ -280,7 +278,7 @@ def judge(parts: list[Part], skipped: list[str], crossing: float, seconds: float
                        f"no mode grows by more than {growth.rate + growth.error:.1g} per crossing ({looked})", *found)  # fmt: skip
 
 
-def _short_lived(sim: Simulation, found: Certificate) -> Certificate:
+def _short_lived(sim: Examined, found: Certificate) -> Certificate:
     """Exact ends follow the infinite chain, whose energy does not grow, for as many steps as their sums are made for: a slower growth is none."""
     ends = sim.exact_ends
     if ends is None or sim.engine.layers or found.verdict == CERTIFIED or not found.rate * ends.steps * sim.dt < 1:
@@ -295,7 +293,7 @@ def _short_lived(sim: Simulation, found: Certificate) -> Certificate:
 _PROGRAM = b"".join(Path(str(file)).read_bytes() for file in (__file__, stability.__file__, state.__file__, strips.__file__))
 
 
-def _cache_file(sim: Simulation) -> Path:
+def _cache_file(sim: Examined) -> Path:
     """File of the certificate of this very map, made by this very program."""
     mark = hashlib.sha256(sim.engine.digest().encode())
     mark.update(repr((sim.lattice.shape, sim.crossing, [type(b).__name__ for b in sim.sides.values()])).encode())
@@ -329,7 +327,7 @@ def _keep(path: Path, found: Certificate) -> None:
 # --- proofs ----------------------------------------------------------------------------------------------------
 
 
-def _proof(sim: Simulation) -> str:
+def _proof(sim: Examined) -> str:
     """Why nothing can grow, where one sentence tells; else empty."""
     model, sides = sim.model, sim.sides.values()
     ends = sim.exact_ends
@@ -355,7 +353,7 @@ def _proof(sim: Simulation) -> str:
     return ""
 
 
-def _outline_proof(sim: Simulation, positive: bool) -> str:
+def _outline_proof(sim: Examined, positive: bool) -> str:
     """Why a condition along an outline cannot make anything grow."""
     closure, model = sim.closure, sim.model
     if closure is None or sim.conditions.nodes.size or sim.conditions.leaks or not all(
@@ -375,7 +373,7 @@ def _outline_proof(sim: Simulation, positive: bool) -> str:
     return ""
 
 
-def _escapes(sim: Simulation, part: Part) -> bool:
+def _escapes(sim: Examined, part: Part) -> bool:
     """Whether a mode between two sides grows so slowly that an absorbing side along them may take it before it has grown."""
     axis = AXES.index(part.name[len("sides ")]) if part.name.startswith("sides ") else None
     along = [] if axis is None else [a for a in range(sim.lattice.dim) if a != axis]
@@ -384,7 +382,7 @@ def _escapes(sim: Simulation, part: Part) -> bool:
     return part.growth.rate < _ESCAPES
 
 
-def _with_whole(sim: Simulation, slow: list[Part], parts: list[Part], skipped: list[str], left: float) -> tuple[list[Part], list[str]]:
+def _with_whole(sim: Examined, slow: list[Part], parts: list[Part], skipped: list[str], left: float) -> tuple[list[Part], list[str]]:
     """Parts and what is left out, with the complete update in place of what grows slowly between two sides."""
     worst = max(slow, key=lambda p: p.growth.rate)
     name = f"the complete update, for without end along its sides a mode would grow by {told(worst.growth.rate, sim.crossing)} ({worst.name})"
@@ -398,7 +396,7 @@ def _with_whole(sim: Simulation, slow: list[Part], parts: list[Part], skipped: l
 # --- what is examined ------------------------------------------------------------------------------------------
 
 
-def _examinations(sim: Simulation) -> Iterator[tuple[str, Callable[[float], tuple[Part, list[str]]]]]:
+def _examinations(sim: Examined) -> Iterator[tuple[str, Callable[[float], tuple[Part, list[str]]]]]:
     """What must be stable for the whole to be, cheapest first; each takes the seconds it may cost."""
     if sim.exact_ends is not None and not sim.exact_ends.steps:
         raise InputError("the kernel of the exact ends is made when the run begins")
@@ -420,7 +418,7 @@ def _examinations(sim: Simulation) -> Iterator[tuple[str, Callable[[float], tupl
     yield kind, lambda left: (_krylov_part(kind, plain_twin(sim, small, one_corner(sim)), sim.crossing, left), [])
 
 
-def _noise_part(sim: Simulation, budget: float, until: float) -> tuple[Part | None, float]:
+def _noise_part(sim: Examined, budget: float, until: float) -> tuple[Part | None, float]:
     """What grows in a short run from white noise, None if nothing does; and the time for which noise ran.
 
     It runs in the set-up itself where this is small, or where cracks, conditions or an outline make a copy another problem, else on a small copy.
@@ -442,7 +440,7 @@ def _noise_part(sim: Simulation, budget: float, until: float) -> tuple[Part | No
     return Part(f"white noise, {where}", growth, state.portrait(growth.mode) if growth.mode.size else np.zeros(0)), quiet
 
 
-def _dense_part(name: str, sim: Simulation) -> Part:
+def _dense_part(name: str, sim: Examined) -> Part:
     complete = State(sim.engine)
     matrix = np.stack([complete.after(unit) for unit in np.eye(complete.size)], axis=1)
     pace = sim.dt / sim.crossing
@@ -475,7 +473,7 @@ def _with_noise(growth: Growth, matrix: np.ndarray, crossing: int, dt: float) ->
     return replace(growth, error=np.inf), f"white noise does not decay within {_CROSSINGS} crossing times"
 
 
-def _krylov_part(name: str, sim: Simulation, crossing: float, budget: float) -> Part:
+def _krylov_part(name: str, sim: Examined, crossing: float, budget: float) -> Part:
     """The fastest mode of a set-up; `crossing` is the time unit of its growth."""
     complete = State(sim.engine)
     growth = krylov_growth(complete.after, complete.size, sim.dt / crossing, crossing_steps(sim), budget)
@@ -485,7 +483,7 @@ def _krylov_part(name: str, sim: Simulation, crossing: float, budget: float) -> 
     return Part(name, growth, complete.portrait(growth.mode) if growth.mode.size else np.zeros(0))
 
 
-def _side_part(sim: Simulation, axis: int, budget: float) -> tuple[Part, list[str]]:
+def _side_part(sim: Examined, axis: int, budget: float) -> tuple[Part, list[str]]:
     """The worst mode between two sides over all tangential wavenumbers; and what there was no time for."""
     end = time.monotonic() + budget
     real = sim.lattice.shape[axis]
@@ -535,7 +533,7 @@ def _climb(strip: Strip, angles: tuple[float, ...], found: dict[tuple[float, ...
                 step /= 2
 
 
-def _same_sides(sim: Simulation, axis: int, other: int) -> bool:
+def _same_sides(sim: Examined, axis: int, other: int) -> bool:
     """Whether the sides of two axes pose the same problem: alike boundaries, extent and stencil."""
     alike = all(like_sides(sim, (axis, side), (other, side)) for side in (-1, 1))
     return alike and sim.stencil.same_along(axis, other) and sim.lattice.shape[axis] == sim.lattice.shape[other]

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from farhorizon.analysis.references.infinite import undisturbed
 from farhorizon.boundaries import Extended, Fixed, LatticePML
+from farhorizon.checks.examined import Examined
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import AXES, Lattice
-
-if TYPE_CHECKING:
-    from farhorizon.simulation.simulation import Simulation
 
 _PROBED = 400_000  # nodes of a plain run that is timed, at most
 _LEAST_ERROR = 1e-12  # of an extended domain: what is asked of ends that are exact
@@ -45,12 +42,12 @@ class Price:
         return f"{words} the time, {memory:.2g} times the memory"
 
 
-def price(sim: Simulation, seconds: float | None = None) -> Price:
+def price(sim: Examined, seconds: float | None = None) -> Price:
     """Of a simulation as it is; a step takes so many seconds, if that is known."""
     return Price(float(np.prod(sim.engine.layout.box.nodes)), sim.seconds_per_step() if seconds is None else seconds, float(sim.engine.nbytes))
 
 
-def extended_price(sim: Simulation, until: float, sides: Sequence[tuple[int, int]]) -> Price:
+def extended_price(sim: Examined, until: float, sides: Sequence[tuple[int, int]]) -> Price:
     """Of the extended domain in place of some sides that absorb. It is not made: a small one tells.
 
     Where the domain would not fit into memory the front of the waves alone tells its size.
@@ -70,7 +67,7 @@ def extended_price(sim: Simulation, until: float, sides: Sequence[tuple[int, int
     return Price(nodes, plain.seconds_per_step() * share, plain.engine.nbytes * share)
 
 
-def layered(sim: Simulation, until: float) -> Simulation:
+def layered(sim: Examined, until: float) -> Examined:
     """The same set-up with layers of the same targets in place of the sides that extend the domain.
 
     Raises

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +15,8 @@ from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.layer import LatticeMedium, LayerSide
 from farhorizon.analysis.layers.spectrum import Band, band, gain_of_time
 from farhorizon.boundaries import Closing, Exact, Extended, Fixed, LatticePML, Sponge
-from farhorizon.checks.certificate import BUDGET, NOT_CERTIFIED, Certificate, told
+from farhorizon.checks.certificate import BUDGET, NOT_CERTIFIED, Certificate, certify, told
+from farhorizon.checks.examined import Examined, Timed
 from farhorizon.checks.price import Price, extended_price, layered, price
 from farhorizon.checks.side_modes import Strip
 from farhorizon.engine.engine import Layer
@@ -24,10 +25,6 @@ from farhorizon.geometry.lattice import AXES
 from farhorizon.machine import one_blas_thread
 from farhorizon.medium.stencil import BackwardWaves
 from farhorizon.models import Corrosion, Elastic
-
-if TYPE_CHECKING:
-    from farhorizon.simulation.run import Run
-    from farhorizon.simulation.simulation import Simulation
 
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)
 _FINE = tuple(np.linspace(0, 85, 35).tolist())  # angles of the picture
@@ -137,7 +134,7 @@ class Report:
     until: float = np.inf
 
     @classmethod
-    def of(cls, sim: Simulation, until: float | None = None, budget: float | None = None) -> Report:
+    def of(cls, sim: Examined, until: float | None = None, budget: float | None = None) -> Report:
         """Examine a simulation; see `Simulation.check`."""
         begin = time.monotonic()
         report = cls(until=np.inf if until is None else until)
@@ -161,7 +158,7 @@ class Report:
         """Whether `farhorizon run` refuses the set-up because it grows."""
         return self.certificate is not None and self.certificate.grows_within(self.until)
 
-    def _predict(self, sim: Simulation, wavelengths: tuple[float, ...], end: float) -> None:
+    def _predict(self, sim: Examined, wavelengths: tuple[float, ...], end: float) -> None:
         """Reflection by each kind of absorbing side, the typical wave first; what there is no time for is noted."""
         for names, side in _sides(sim):
             found = Reflections(names, side)
@@ -189,7 +186,7 @@ class Report:
     def _say(self, name: str, value: str) -> None:
         self.rows.append((name, value))
 
-    def _describe(self, sim: Simulation, waves: Band | None) -> None:
+    def _describe(self, sim: Examined, waves: Band | None) -> None:
         """Sizes, step, layers and memory."""
         lattice, stencil, engine, say = sim.lattice, sim.stencil, sim.engine, self._say
         say("near field", f"{' x '.join(map(str, lattice.shape))} nodes, {lattice.nodes} shown, spacing {lattice.spacing:g}")
@@ -249,7 +246,7 @@ class Report:
             say("bonds", f"{'nonlinear' if sim.model.nonlinear else 'linear'}, {breaking}; what is predicted is the linear form, whole")
         self.numbers |= {"dt": sim.dt, "step_limit": sim.step_limit, "memory": float(engine.nbytes)}
 
-    def _estimate(self, sim: Simulation, until: float) -> None:
+    def _estimate(self, sim: Examined, until: float) -> None:
         """Time of the run, and of one on a domain so large that nothing returns."""
         steps = int(np.ceil(until / sim.dt))
         mine = price(sim, self.estimate(sim, steps, until) / steps)
@@ -265,7 +262,7 @@ class Report:
         if far.seconds < mine.seconds:
             self.notes.append('the extended domain would be faster than this run: type = "extended"')
 
-    def _compare_with_layer(self, sim: Simulation, mine: Price, until: float) -> None:
+    def _compare_with_layer(self, sim: Examined, mine: Price, until: float) -> None:
         """Time and memory of layers in place of the extended domain."""
         try:
             twin = layered(sim, until)
@@ -279,7 +276,7 @@ class Report:
         if other.seconds < mine.seconds:
             self.notes.append('layers would be faster than this run: type = "lattice-pml"')
 
-    def estimate(self, run: Run, steps: int, until: float) -> float:
+    def estimate(self, run: Timed, steps: int, until: float) -> float:
         """Say how long a run takes, in seconds, and warn where nobody can mean that."""
         duration = run.seconds_per_step() * steps
         self._say("time", f"about {seconds(duration)} for {steps} steps to t = {until:g}")
@@ -289,14 +286,14 @@ class Report:
                                  "units of speed, spacing and time")  # fmt: skip
         return duration
 
-    def _backward(self, sim: Simulation) -> BackwardWaves:
+    def _backward(self, sim: Examined) -> BackwardWaves:
         backward = sim.stencil.backward_waves()
         self._say("backward waves", f"{100 * backward.fraction:.3g} % of the Brillouin zone from |k| spacing = {backward.first_wavenumber:.3g}"
                   if backward else "none")  # fmt: skip
         return backward
 
-    def _certify(self, sim: Simulation, backward: BackwardWaves, budget: float) -> None:
-        self.certificate = certificate = sim.certificate(budget)
+    def _certify(self, sim: Examined, backward: BackwardWaves, budget: float) -> None:
+        self.certificate = certificate = certify(sim, budget)
         self._say("stability", str(certificate))
         if certificate.verdict == NOT_CERTIFIED:
             self.warnings.append(f"the run is not stable: {certificate.reason}. {_remedy(sim, backward)}")
@@ -357,7 +354,7 @@ class Report:
         return "\n".join(lines + self._reflection_lines() + [f"warning: {w}" for w in self.warnings] + [f"note: {n}" for n in self.notes])
 
 
-def content(sim: Simulation, until: float | None = None) -> Band | None:
+def content(sim: Examined, until: float | None = None) -> Band | None:
     """Wavelengths in initial data and in what sources add, as far as these split into space and time; None if there is nothing.
 
     With the end of the run the frequencies of the sources count, too.
@@ -377,7 +374,7 @@ def content(sim: Simulation, until: float | None = None) -> Band | None:
     return band(fields, sim.lattice.spacing, orders, gains)
 
 
-def _wavelengths(sim: Simulation, waves: Band | None, until: float | None) -> tuple[float, ...]:
+def _wavelengths(sim: Examined, waves: Band | None, until: float | None) -> tuple[float, ...]:
     """Wavelengths for which reflection is predicted, the typical one first; of diffusion waves, whose period is ``length^2 / (4 pi diffusivity)``.
 
     What diffuses is as slow as the run is long. So these have the period of the run, ten times that in which the near field empties if it is not
@@ -391,7 +388,7 @@ def _wavelengths(sim: Simulation, waves: Band | None, until: float | None) -> tu
     return tuple(dict.fromkeys(float(2 * np.sqrt(np.pi * sim.model.coefficient * period)) for period in periods))
 
 
-def _sides(sim: Simulation) -> list[tuple[str, LayerSide | Strip]]:
+def _sides(sim: Examined) -> list[tuple[str, LayerSide | Strip]]:
     """Absorbing sides of each kind, and one of them by itself."""
     found: list[tuple[list[str], Any, LayerSide | Strip]] = []
     for (axis, side), boundary in sim.sides.items():
@@ -408,13 +405,13 @@ def _sides(sim: Simulation) -> list[tuple[str, LayerSide | Strip]]:
     return [(", ".join(names), alone) for names, _, alone in found]
 
 
-def _layer_side(sim: Simulation, axis: int, layer: Layer) -> LayerSide:
+def _layer_side(sim: Examined, axis: int, layer: Layer) -> LayerSide:
     waves = sim.model.order == 2
     recursion = Recursion.of(sim.model.integrator, sim.dt, sim.model.damping) if waves else Recursion(0.0, sim.dt, 1.0)
     return LayerSide(LatticeMedium(sim.stencil.along(axis), sim.model.coefficient, sim.lattice.spacing, recursion, sim.dt), layer, not waves)
 
 
-def _remedy(sim: Simulation, backward: BackwardWaves) -> str:
+def _remedy(sim: Examined, backward: BackwardWaves) -> str:
     """What to do about growth in a layer."""
     if sim.closure is not None:
         few = " A window whose radius is no whole number of spacings has no single nodes at its poles, which grow." if sim.lattice.window else ""

@@ -6,7 +6,7 @@ import itertools
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.analysis.layers.reflection import TYPES, by_type, reflection
 from farhorizon.analysis.stability import Growth, dense_growth, fastest
 from farhorizon.boundaries import Boundary, Fixed, Free, LatticePML, Periodic
+from farhorizon.checks.examined import Examined
 from farhorizon.engine.engine import Layer
 from farhorizon.engine.filter import line_damping
 from farhorizon.engine.state import State
@@ -22,15 +23,12 @@ from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.geometry.shapes import Ball, Disc
 from farhorizon.machine import one_blas_thread
 
-if TYPE_CHECKING:
-    from farhorizon.simulation.simulation import Simulation
-
 _TIMED = 8  # responses from which the time of all is told
 _SPREADS = 8  # part of R^2/D in which diffusion has spread over a good part of the box
 NARROW = 8  # nodes of the near field between two layers that are looked at, where the stencil reaches less far
 
 
-def pinned(sim: Simulation) -> dict[tuple[int, int], Boundary]:
+def pinned(sim: Examined) -> dict[tuple[int, int], Boundary]:
     """The sides, with the layers of this very set-up whatever they are chosen from."""
     lead = 3 - sim.lattice.dim
     found = dict(sim.sides)
@@ -49,7 +47,7 @@ def _undamped(boundary: Boundary) -> Boundary:
     return boundary
 
 
-def like_sides(sim: Simulation, one: tuple[int, int], other: tuple[int, int]) -> bool:
+def like_sides(sim: Examined, one: tuple[int, int], other: tuple[int, int]) -> bool:
     """Whether two sides, each (axis, side), have like boundaries: layers of the same stretch and damping, or equal conditions."""
     lead = 3 - sim.lattice.dim
     first, second = (sim.engine.layers.get((lead + axis, side)) for axis, side in (one, other))
@@ -58,7 +56,7 @@ def like_sides(sim: Simulation, one: tuple[int, int], other: tuple[int, int]) ->
     return all(np.array_equal(getattr(first, f.name), getattr(second, f.name)) for f in fields(first))
 
 
-def one_corner(sim: Simulation) -> dict[tuple[int, int], Boundary]:
+def one_corner(sim: Examined) -> dict[tuple[int, int], Boundary]:
     """The sides; where layers or periodic sides are all around, those that mirror the layer on the other side held fixed.
 
     All corners are then like the one that is left, and all edges and faces. Between reflecting faces a layer and its mirror image can feed one mode.
@@ -72,7 +70,7 @@ def one_corner(sim: Simulation) -> dict[tuple[int, int], Boundary]:
     return found
 
 
-def plain_twin(sim: Simulation, lattice: Lattice | None = None, sides: Mapping[tuple[int, int], Boundary] | None = None) -> Simulation:
+def plain_twin(sim: Examined, lattice: Lattice | None = None, sides: Mapping[tuple[int, int], Boundary] | None = None) -> Examined:
     """The same set-up in double precision with nothing in it, or a smaller copy of it without cracks, conditions and changes of the material."""
     level = Fixed(sim.background)  # conditions that run into layers hold the surroundings' value, so the background stays
     named = {AXES[a] + "-+"[s > 0]: level if isinstance(b, Fixed) else b for (a, s), b in (sides or pinned(sim)).items()}
@@ -92,7 +90,7 @@ def plain_twin(sim: Simulation, lattice: Lattice | None = None, sides: Mapping[t
     return twin
 
 
-def small_lattice(sim: Simulation) -> Lattice:
+def small_lattice(sim: Examined) -> Lattice:
     """A box of as few nodes as corners and faces need; with conditions along an outline a box or a round window twice as wide as they read."""
     lattice, spacing = sim.lattice, sim.lattice.spacing
     depth = 0.0 if sim.closure is None else sim.closure.fringe.depth
@@ -105,7 +103,7 @@ def small_lattice(sim: Simulation) -> Lattice:
     return Lattice(spacing, lattice.lower, lattice.lower + spacing * (np.minimum(lattice.shape, count) - 1))
 
 
-def crossing_steps(sim: Simulation) -> int:
+def crossing_steps(sim: Examined) -> int:
     """Steps in which a wave crosses the core and its layers, or in which what diffuses spreads over a good part of them."""
     nodes = max(n + sum(layer.columns for (a, _), layer in sim.engine.layers.items() if a == axis) for axis, n in enumerate(sim.engine.core.nodes))
     duration = sim.model.crossing(nodes * sim.lattice.spacing)
@@ -117,7 +115,7 @@ class Strip:
 
     Parameters
     ----------
-    sim : Simulation
+    sim : Examined
     axis : int
     width : int
         Nodes of the near field between the sides.
@@ -145,7 +143,7 @@ class Strip:
         Time step in crossings of the near field.
     """
 
-    def __init__(self, sim: Simulation, axis: int, width: int, sides: tuple[Boundary, Boundary] | None = None, budget: float = np.inf) -> None:
+    def __init__(self, sim: Examined, axis: int, width: int, sides: tuple[Boundary, Boundary] | None = None, budget: float = np.inf) -> None:
         dim, spacing = sim.lattice.dim, sim.lattice.spacing
         order = [axis, *(a for a in range(dim) if a != axis)]
         stages = max(1, len(sim.engine.stages.numbers) * (sim.model.order == 1))

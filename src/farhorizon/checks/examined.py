@@ -1,0 +1,118 @@
+"""What the checks ask of a set-up. `Simulation` answers; none of them needs to know how it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
+
+import numpy as np
+
+from farhorizon.analysis.extent import Extent
+from farhorizon.analysis.layers.thickness import Thickness
+from farhorizon.boundaries import Boundary, Closure, ExactEnds
+from farhorizon.engine.engine import Engine
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.inputs.conditions import Conditions
+from farhorizon.inputs.incidence import Incidence
+from farhorizon.medium.stencil import Stencil
+from farhorizon.models import LatticeModel
+
+
+class Timed(Protocol):
+    """A run whose steps can be timed.
+
+    Attributes
+    ----------
+    dt : float
+    """
+
+    dt: float
+
+    def seconds_per_step(self) -> float:
+        """Time of a step on this machine now; the state stays as it is."""
+
+
+class Examined(Timed, Protocol):
+    """A set-up before its run.
+
+    Attributes
+    ----------
+    lattice : Lattice
+        The near field.
+    model : LatticeModel
+    stencil : Stencil
+    engine : Engine
+    sides : dict of (axis, side) to Boundary
+    background : float
+    step_limit, rate_limit : float
+        Largest stable time step; largest rate of the operator (1/time, or 1/time^2 of waves).
+    strongest : float
+        Largest factor on bonds; `varied`: whether it varies.
+    field_shape : tuple of int
+        That of the lattice, of vectors with the components first.
+    start_u, start_v : ndarray
+        Initial data of that shape.
+    sources : list
+        (space, time) of each, as `farhorizon.inputs.sources.split` gives them.
+    incident : list of Incidence
+    conditions : Conditions
+    closure : Closure or None
+        What closes the near field along its outline.
+    thickness : dict of str to Thickness
+        By side, what the layers that chose themselves are predicted to do.
+    extents : dict of (axis, side) to Extent
+        How far the medium is computed beyond sides that extend it.
+    """
+
+    lattice: Lattice
+    model: LatticeModel
+    stencil: Stencil
+    engine: Engine
+    sides: dict[tuple[int, int], Boundary]
+    background: float
+    step_limit: float
+    rate_limit: float
+    strongest: float
+    varied: bool
+    field_shape: tuple[int, ...]
+    start_u: np.ndarray
+    start_v: np.ndarray
+    sources: list[tuple[np.ndarray | None, Callable[..., Any]]]
+    incident: list[Incidence]
+    conditions: Conditions
+    closure: Closure | None
+    thickness: dict[str, Thickness]
+    extents: dict[tuple[int, int], Extent]
+
+    @property
+    def crossing(self) -> float:
+        """The set-up's own unit of time: in it the fastest wave crosses the near field, or what diffuses empties it."""
+
+    @property
+    def targets(self) -> dict[tuple[int, int], float]:
+        """What may be missed beyond each side that absorbs, as a part of the largest value."""
+
+    @property
+    def exact_ends(self) -> ExactEnds | None:
+        """The exact ends; None without."""
+
+    @property
+    def ends(self) -> dict[str, str]:
+        """What serves each exact end."""
+
+    @property
+    def fields(self) -> dict[str, np.ndarray]:
+        """Copies of the near field by name."""
+
+    @property
+    def notes(self) -> list[str]:
+        """What is allowed, but to be known."""
+
+    def leak(self) -> np.ndarray:
+        """Rate at which each node loses its value to what surrounds the body; of the lattice's shape, empty without."""
+
+    def extents_for(self, wanted: Mapping[tuple[int, int], float], until: float) -> dict[tuple[int, int], Extent]:
+        """How far the medium must be computed beyond some sides for nothing to return in a run."""
+
+    def remade(self, **changes: Any) -> Examined:
+        """The same set-up at its start with some arguments of `Simulation` changed."""
