@@ -16,6 +16,7 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.body import body_loops as engine
+from farhorizon.body import body_report
 from farhorizon.body.infinite_body import bond_weights, largest_frequency
 from farhorizon.boundaries import Fixed, Free, NonlocalPML, Sponge, sides
 from farhorizon.checks.certificate import BUDGET, Certificate
@@ -882,9 +883,7 @@ class Body(Run):
 
     def certificate(self, budget: float = BUDGET, until: float = np.inf) -> Certificate:
         """Whether the update of the intact linear form is stable; see `farhorizon.body.body_report`."""
-        from farhorizon.body.body_report import certify
-
-        return certify(self, budget, until)
+        return body_report.certify(self, budget, until)
 
     def check(self, until: float | None = None, budget: float | None = None) -> Report:
         """Step limit, stability certificate of the intact linear form, layers, memory, time, before running.
@@ -896,9 +895,7 @@ class Body(Run):
         budget : float, optional
             Seconds for the certificate. Unless given about those of the run to `until`, from 2 to 30; 30 without `until`.
         """
-        from farhorizon.body.body_report import report
-
-        return report(self, until, budget)
+        return body_report.report(self, until, budget)
 
     # --- state -------------------------------------------------------------------------------------------------------------------------
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 import numpy as np
 
 from farhorizon.analysis.stability import krylov_growth, noise_growth
-from farhorizon.body.body import Body
 from farhorizon.boundaries import Free, NonlocalPML, Sponge
 from farhorizon.checks.certificate import (
     BUDGET,
@@ -28,7 +28,7 @@ _MARGIN = 1 - 1e-9  # at the step limit itself the shortest wave grows linearly
 
 
 @one_blas_thread()
-def certify(body: Body, budget: float = BUDGET, until: float = np.inf) -> Certificate:
+def certify(body: Any, budget: float = BUDGET, until: float = np.inf) -> Certificate:
     """Whether the linear form of a body can grow: without loads, and before any bond breaks.
 
     Without layers a proof holds: the forces have a potential that is never negative, drag and sponges take energy. Layers of `NonlocalPML` are
@@ -72,7 +72,7 @@ def certify(body: Body, budget: float = BUDGET, until: float = np.inf) -> Certif
     return judge(parts, skipped, body.crossing, time.monotonic() - begin, quiet)
 
 
-def report(body: Body, until: float | None = None, budget: float | None = None) -> Report:
+def report(body: Any, until: float | None = None, budget: float | None = None) -> Report:
     """Facts about a body; see `Body.check`."""
     found = Report(until=np.inf if until is None else until)
     lattice, stencil = body.lattice, body.stencil

@@ -13,10 +13,12 @@ from typing import Annotated, Any, Literal, get_args
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
-import farhorizon as fh
+from farhorizon import __version__
+from farhorizon import public as fh
 from farhorizon.boundaries.lattice_pml import BY_TARGET
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.geometry.lattice import AXES
+from farhorizon.geometry.shapes import Shape
 from farhorizon.inputs.expressions import as_given, as_signal
 from farhorizon.simulation.run import Run
 from farhorizon.simulation.steps import WholeSteps, whole_steps
@@ -78,15 +80,15 @@ class RegionPart(_Part):
     image: ImagePart | None = None
     without: list[RegionPart] = []
 
-    def build(self, key: str) -> fh.shapes.Shape:
+    def build(self, key: str) -> Shape:
         """The shape itself; InputError names the key."""
         try:
             return self._shape(key)
         except InputError as error:
             raise error.at(_under(key, error.key)) from None
 
-    def _shape(self, key: str) -> fh.shapes.Shape:
-        shapes: list[fh.shapes.Shape] = []
+    def _shape(self, key: str) -> Shape:
+        shapes: list[Shape] = []
         for kind, part in ((fh.Disc, self.disc), (fh.Ball, self.ball)):
             if part is not None:
                 shapes.append(kind(part.radius, part.centre))
@@ -424,7 +426,7 @@ def schema() -> dict[str, Any]:
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         **CasePart.model_json_schema(),
         "title": "farhorizon case",
-        "description": f"A case file of farhorizon {fh.__version__}.",
+        "description": f"A case file of farhorizon {__version__}.",
     }
 
 
