@@ -1,0 +1,163 @@
+"""The rooms of the package: each imports from those before it, and nothing goes in a circle."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+TESTS = Path(__file__).parent
+PACKAGE = TESTS.parent / "src" / "farhorizon"
+
+#: Each room imports from those above it; a single module of the root is named like a room.
+ORDER = (
+    "errors", "kinds", "machine",
+    "files",  # formats on disk, no physics
+    "pictures",  # arrays to PNG
+    "engine.rows", "engine",  # compiled loops over addresses, no physics either
+    "geometry",  # where: regions, cuts, nodes
+    "medium",  # the operator and its time step
+    "analysis.exact", "analysis.references", "analysis.layers", "analysis",  # what the symbol tells
+    "models",  # a physics is one file
+    "boundaries",  # a side is one file
+    "inputs",  # what a user puts into a medium
+    "checks",  # questions about a set-up before its run
+    "simulation",  # a set-up that runs
+    "body",  # correspondence with damage
+    "studies",  # several runs side by side
+    "public",  # every public name
+    "case",  # TOML to a set-up
+    "papers",  # published figures
+    "", "cli", "__main__",  # the door: `farhorizon` itself, which loads public names late, and the command line
+)  # fmt: skip
+#: What a package's own file says before it imports anything, so that all may ask for it.
+GROUND = {("farhorizon", "__version__")}
+
+
+def modules():
+    """Path of each module by name, packages by theirs."""
+    found = {}
+    for path in sorted(PACKAGE.rglob("*.py")):
+        words = path.relative_to(PACKAGE.parent).with_suffix("").parts
+        found[".".join(words[:-1] if words[-1] == "__init__" else words)] = path
+    return found
+
+
+def imports(source, name, known, package=False):
+    """Modules among the known ones that a module imports anywhere: at its top, in functions, for types."""
+    found = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names if alias.name.split(".")[0] == "farhorizon"}
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                above = name.split(".")[: len(name.split(".")) - node.level + package]
+                base = ".".join([*above, *([base] if base else [])])
+            if base.split(".")[0] == "farhorizon":
+                names = {alias.name for alias in node.names if (base, alias.name) not in GROUND}
+                found |= {f"{base}.{n}" if f"{base}.{n}" in known else base for n in names}
+    assert found <= set(known), f"{name} imports {found - set(known)}"
+    return found - {name}
+
+
+def room_of(module):
+    """The room of a module: the longest name in `ORDER` that it stands in."""
+    inner = module.removeprefix("farhorizon").lstrip(".")
+    rooms = [room for room in ORDER if inner == room or (room and inner.startswith(f"{room}."))]
+    assert rooms, f"{module} stands in no room"
+    return max(rooms, key=len)
+
+
+def circle(arrows):
+    """Modules that import each other in a circle; empty if there is none."""
+    state, path = {}, []
+
+    def visit(name):
+        state[name] = "open"
+        path.append(name)
+        for other in sorted(arrows.get(name, ())):
+            if state.get(other) == "open":
+                return path[path.index(other) :]
+            if other not in state and (found := visit(other)):
+                return found
+        state[name] = "done"
+        path.pop()
+        return []
+
+    return next((found for name in sorted(arrows) if name not in state and (found := visit(name))), [])
+
+
+def against_order(arrows):
+    """Imports of a room from a later one."""
+    places = {room: place for place, room in enumerate(ORDER)}
+    pairs = [(one, other) for one, others in arrows.items() for other in others]
+    return sorted(f"{one} imports {other}" for one, other in pairs if places[room_of(one)] < places[room_of(other)])
+
+
+@pytest.fixture(scope="module")
+def arrows():
+    """What each module of the package imports."""
+    known = modules()
+    return {name: imports(path.read_text(), name, known, path.name == "__init__.py") for name, path in known.items()}
+
+
+def test_rooms_import_from_those_before_them(arrows):
+    assert against_order(arrows) == []
+
+
+def test_no_modules_import_each_other_in_a_circle(arrows):
+    assert circle(arrows) == []
+
+
+def test_no_module_imports_the_face_of_its_own_room(arrows):
+    """It would find the room half built: a circle that Python sees, though the names of modules do not show it."""
+    doors = {"farhorizon.cli", "farhorizon.__main__"}
+    pairs = [(one, other) for one, others in arrows.items() if one not in doors for other in others]
+    inside = [(one, other) for one, other in pairs if one.startswith(f"{other}.")]
+    assert inside == []
+
+
+def test_every_room_is_there_and_says_what_it_is(arrows):
+    assert {room_of(name) for name in arrows} == set(ORDER)
+    silent = [name for name, path in modules().items() if not ast.get_docstring(ast.parse(path.read_text()))]
+    assert silent == []
+
+
+def test_tests_stand_in_rooms_of_the_same_names():
+    """Those of the whole program, of single modules of the root and of robustness aside."""
+    folders = {path.parent.relative_to(TESTS).as_posix().replace("/", ".") for path in TESTS.rglob("test_*.py")}
+    assert folders - {".", "robustness"} <= set(ORDER)
+    apart = sorted(path.stem for path in TESTS.glob("test_*.py"))
+    elsewhere = [name for name in apart if any(PACKAGE.glob(f"*/**/{name.removeprefix('test_')}.py"))]
+    assert elsewhere == []
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "from farhorizon.simulation.run import Run",
+        "from farhorizon.simulation import run",
+        "import farhorizon.simulation.run",
+        "from ..simulation.run import Run",
+        "from ..simulation import run",
+        "def late():\n    from farhorizon.simulation.run import Run",
+        "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from farhorizon.simulation.run import Run",
+    ],
+)
+def test_an_import_is_seen_however_it_is_written(source):
+    known = {"farhorizon.checks.report", "farhorizon.simulation", "farhorizon.simulation.run"}
+    found = imports(source, "farhorizon.checks.report", known)
+    assert found == {"farhorizon.simulation.run"}
+    [told] = against_order({"farhorizon.checks.report": found})
+    assert told == "farhorizon.checks.report imports farhorizon.simulation.run"
+    assert against_order({"farhorizon.simulation.run": {"farhorizon.checks.report"}}) == []
+
+
+def test_a_circle_is_seen():
+    assert circle({"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": {"a"}}) == ["b", "c"]
+    assert circle({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == []
+
+
+def test_rooms_of_rooms():
+    names = ("", ".engine.engine", ".engine.rows.vectors", ".analysis", ".cli")
+    assert [room_of(f"farhorizon{name}") for name in names] == ["", "engine", "engine.rows", "analysis", "cli"]
