@@ -30,6 +30,7 @@ from farhorizon.inputs.expressions import as_given
 from farhorizon.inputs.loads import BodyForce, Traction, force_density
 from farhorizon.inputs.outside import gradients
 from farhorizon.inputs.sources import LISTED, checked, steady
+from farhorizon.machine import available_memory
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
 from farhorizon.models.elastic import COMBINATIONS
@@ -497,6 +498,12 @@ class Body(Run):
         if not self._balance:
             return found[0]
         distances = self._bonds[0]
+        kept = np.maximum(self._near - np.abs(self._triples), 0).prod(1, dtype=float)
+        needed = 16.0 * float((self._near.prod(dtype=float) - kept).sum())
+        if needed > available_memory():
+            raise InputError("the balance needs a table of the bonds that leave the near field, which does not fit into memory",
+                             value=f"about {needed / 2**30:.3g} GiB", limit=f"{available_memory() / 2**30:.3g} GiB available", key="output.balance",
+                             remedy="leave it out, or a smaller horizon")  # fmt: skip
         for start, count, kind, layer, slot, i0, i1, first in self._tiles:
             if layer >= 0:
                 continue

@@ -300,7 +300,7 @@ def dilatation(offsets: np.ndarray, weights: np.ndarray, lame: float, calibrate:
     """The pressure ``lame theta`` of the nonlocal dilatation ``theta = sum_k g_k . (u_k - u)``, g = w xi over half the second moment's trace."""
     moment = (weights * offsets[:, 0] ** 2).sum() if calibrate else 2.0
     g = weights[:, None] * offsets / moment
-    return _convolution(offsets, g, lambda one, two: lame * one[:, None] * two[None, :])
+    return _convolution(offsets, g, lambda one: lame * one[:, None] * g[:, None, :])
 
 
 def correspondence(offsets: np.ndarray, weights: np.ndarray, lame: float, shear: float, stabilisation: float = 0.0) -> Table:
@@ -313,7 +313,7 @@ def correspondence(offsets: np.ndarray, weights: np.ndarray, lame: float, shear:
     eye = np.eye(offsets.shape[1])
     push = (lame + shear, shear, -stabilisation)
     made = _convolution(
-        offsets, g, lambda one, two: push[0] * one[:, None] * two[None, :] + (push[1] + push[2]) * eye * (one @ two)
+        offsets, g, lambda one: push[0] * one[:, None] * g[:, None, :] + (push[1] + push[2]) * eye * (g @ one)[:, None, None]
     )  # fmt: skip
     return _sum(made, (offsets, 2 * stabilisation / moment * weights[:, None, None] * eye)) if stabilisation else made
 
@@ -338,11 +338,11 @@ def finite_element(lame: float, shear: float, dim: int) -> Table:
 
 
 def _convolution(offsets, g, product) -> Table:  # type: ignore[no-untyped-def]
-    """Stencil whose weight at o is the sum of ``product(g_k, g_l)`` over all k + l = o."""
+    """Stencil whose weight at o is the sum over all k + l = o of ``product(g_k)[l]``, which has the products with all g_l at once."""
     reach, dim = int(np.abs(offsets).max()), offsets.shape[1]
     table = np.zeros((*[4 * reach + 1] * dim, dim, dim))
     for o, one in zip(offsets, g, strict=True):
-        table[tuple((offsets + o + 2 * reach).T)] += np.stack([product(one, two) for two in g])
+        table[tuple((offsets + o + 2 * reach).T)] += product(one)
     return _listed(table)
 
 
