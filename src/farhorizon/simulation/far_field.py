@@ -88,8 +88,10 @@ class FarField:
         if boundary.target is None or until > self.foreseen:
             data = [datum.values for datum in self._turned(axis, side)]
             found = by_formula(self._facing(axis), np.sqrt(self.coefficient) / self.spacing, until, data, wanted)
-            if boundary.target is None or (found is not None and found.predicted <= wanted):
-                return found
+            if found is None and boundary.target is None:
+                return None
+            if found is not None and (boundary.target is None or found.predicted <= wanted):
+                return replace(found, predicted=wanted)  # what it is designed for: of waves of a few nodes the bound tells too much
             until = self.foreseen
         alike, medium, sent, size = self._arriving(axis, side, until, wanted)
         if (boundary, *alike) in self._known:

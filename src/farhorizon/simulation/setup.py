@@ -607,7 +607,7 @@ class Assembly:
         name = AXES[axis] + "-+"[side > 0]
         self._layers[axis, side], self.thickness[name] = found.layer, found
         if found.predicted > wanted:
-            words = "the data hold waves of a few nodes, or the run is long: layers of {} nodes ({}) may miss the target {:g}"
+            words = "the run is long: layers of {} nodes ({}) may miss the target {:g}"
             self._missed.setdefault((words, found.layer.columns, wanted), []).append(name)
 
     def _judge(self, axis: int, side: int, error: float, wanted: float) -> None:
