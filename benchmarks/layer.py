@@ -7,8 +7,11 @@ Measures, in one process with interleaved repeats (medians of the ratios of a ro
 - bar: the same for a 1D bar of 201 nodes, m = 3, in microseconds a step; and `Simulation.step` on top of the engine's
   loop. Target: layers add at most 3 microseconds a step.
 - cube: 3D 100^3, m = 3, for information.
+- thin: layers of 4, 8 and 12 nodes around both, one thread: the step over that of the bare engine, and the memory that
+  layers take, in near fields. Aims: 1.08, 1.15 and 1.3 around the square, 1.8, 2.6 and 4.5 around the cube; memory there
+  2, 4 and 10.
 
-Run: ``python benchmarks/layer.py [square] [bar] [cube] [--json FILE] [--repeats N]``. Takes about a minute.
+Run: ``python benchmarks/layer.py [square] [bar] [cube] [thin] [--json FILE] [--repeats N]``. Takes about a minute.
 """
 
 from __future__ import annotations
@@ -22,10 +25,10 @@ from farhorizon import Kernel, Lattice, LatticePML, Simulation, Wave
 from farhorizon.engine.engine import available_threads
 
 
-def simulation(dim: int, n: int, threads: int) -> Simulation:
-    """Window of n^dim nodes with 12-node layers on all sides, starting from noise so that nothing becomes denormal."""
+def simulation(dim: int, n: int, threads: int, nodes: int = 12) -> Simulation:
+    """Window of n^dim nodes with layers on all sides, starting from noise so that nothing becomes denormal."""
     noise = np.random.default_rng(1).standard_normal((n,) * dim)
-    return Simulation(Lattice(1.0, (0.0,) * dim, (n - 1.0,) * dim), Wave(Kernel(3.0)), LatticePML(nodes=12), {"u": noise}, threads=threads)
+    return Simulation(Lattice(1.0, (0.0,) * dim, (n - 1.0,) * dim), Wave(Kernel(3.0)), LatticePML(nodes=nodes), {"u": noise}, threads=threads)
 
 
 def measure(dim: int, n: int, threads: int, repeats: int) -> tuple[Simulation, dict[str, list[float]]]:
@@ -53,6 +56,23 @@ def large(dim: int, n: int, repeats: int, target: float | None) -> list[dict[str
     return rows
 
 
+def thin(repeats: int) -> list[dict[str, Any]]:
+    """Time and memory of layers by their thickness."""
+    rows = []
+    for dim, n, steps_aimed, memory_aimed in ((2, 1000, (1.08, 1.15, 1.3), (None,) * 3), (3, 100, (1.8, 2.6, 4.5), (2.0, 4.0, 10.0))):
+        for nodes, aim, memory_aim in zip((4, 8, 12), steps_aimed, memory_aimed, strict=True):
+            sim = simulation(dim, n, 1, nodes)
+            bare = bare_engine(sim.stencil, sim.engine.core.nodes[3 - dim :], 1)
+            found = ratio(interleaved({"layers": steps(sim.engine), "bare": steps(bare)}, repeats), "layers", "bare")
+            memory = (sim.engine.nbytes - bare.nbytes) / (8 * n**dim)
+            rows.append({
+                "m=3": f"{n}^{dim}", "nodes": nodes, "step / bare": found, "aim": aim, "met": verdict(found, aim, larger=False),
+                "near fields": memory, "memory aim": "-" if memory_aim is None else memory_aim,
+                "memory met": "-" if memory_aim is None else verdict(memory, memory_aim, larger=False),
+            })  # fmt: skip
+    return rows
+
+
 def bar(repeats: int) -> list[dict[str, Any]]:
     """Absolute cost for a short bar, where nothing else counts."""
     _, times = measure(1, 201, 1, repeats)
@@ -69,4 +89,5 @@ if __name__ == "__main__":
         "square": ("Layers around a square", lambda given: large(2, 1000, given.repeats, 60.0)),
         "bar": ("Layers of a bar", lambda given: bar(given.repeats)),
         "cube": ("Layers around a cube", lambda given: large(3, 100, given.repeats, None)),
+        "thin": ("Layers by their thickness", lambda given: thin(given.repeats)),
     })  # fmt: skip

@@ -201,13 +201,14 @@ class Report:
             assert isinstance(boundary, LatticePML)
             length, reach = layer.columns * lattice.spacing, stencil.reach[axis - 3 + lattice.dim]
             share = "" if waves is None else f" = {length / waves.typical:.3g} wavelengths"
-            text = (
-                f"{layer.columns} nodes = {layer.columns / reach:.3g} horizons{share}, length {length:g}, "
-                f"target {boundary.wanted(sim.model.target):g}"
-            )
+            text = f"{layer.columns} nodes = {layer.columns / reach:.3g} horizons{share}, length {length:g}"
             name = AXES[axis - 3 + lattice.dim] + "-+"[side > 0]
+            if boundary.target is not None or name in sim.thickness:
+                text += f", target {boundary.wanted(sim.model.target):g}"
             if name in sim.thickness:
                 text += f"; {sim.thickness[name]}"
+            elif boundary.chooses:
+                text += "; a fixed number, for the stencil has backward waves or reaches far: give target=..."
             layers.setdefault(text, []).append(name)
         for text, names in layers.items():
             say(f"layer {', '.join(names)}", text)

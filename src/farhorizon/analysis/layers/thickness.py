@@ -61,7 +61,7 @@ _BEGIN, _TIMES = 0.03, 60  # first time in squared distance over D, before which
 
 @dataclass(frozen=True)
 class Thickness:
-    """A layer and the error that it is predicted to make.
+    """A layer and the error that it is predicted to make, or designed for.
 
     Attributes
     ----------
@@ -72,15 +72,19 @@ class Thickness:
         Largest error at the side, relative to the largest of the data.
     until : float
         Length of the run that it is predicted for.
+    designed : bool
+        Whether a formula made the layer for that error, and nothing was predicted of these data.
     """
 
     name: str
     layer: Layer
     predicted: float
     until: float = np.inf
+    designed: bool = False
 
     def __str__(self) -> str:
-        return f"{self.name} profile, predicted error {self.predicted:.1g} of the largest value up to t = {self.until:.6g}"
+        known = "designed for an error of" if self.designed else "predicted error"
+        return f"{self.name} profile, {known} {self.predicted:.1g} of the largest value up to t = {self.until:.6g}"
 
 
 def predicted_error(layer: Layer, waves: Sequence[Arrivals], size: float) -> float:
@@ -129,6 +133,7 @@ def _timely(stencil: Stencil) -> bool:
 
 
 def _equal_edges(wanted: float) -> int:
+    """Edges of one sigma, for waves along the normal, that an error asks for."""
     return _EQUAL[int(np.clip(-np.log10(wanted) / 2 - 1, 0, 3))]
 
 
@@ -164,7 +169,7 @@ def by_formula(stencil: Stencil, pace: float, until: float, data: Sequence[np.nd
             break
         equal, nodes = equal + 1, nodes + 1
         layer = late(nodes, pace, until, distance, wanted, equal)
-    return Thickness("late", layer, max(wanted, sent.returned(layer)), until)
+    return Thickness("late", layer, max(wanted, sent.returned(layer)), until, designed=True)
 
 
 def _spectrum(line: np.ndarray) -> np.ndarray:
