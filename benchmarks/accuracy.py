@@ -1,19 +1,21 @@
 """Error of the absorbing layers against the infinite lattice.
 
-The reference is the exact result of the same time integrator on an unbounded lattice, from the stencil's symbol by FFT in
-a periodic box so large that nothing wraps into the near field. So the tables hold the error of the absorbing boundary
-alone, not that of the discretisation. Errors are the largest |u - u_infinite| over the near field at 12 (waves) or 40
-(diffusion) output times, once relative to the initial maximum and once to the maximum of |u_infinite| at that time.
+The reference is the exact result of the same time integrator on an unbounded lattice, from the stencil's symbol by FFT
+in a periodic box so large that nothing wraps into the near field. So the tables hold the error of the absorbing
+boundary alone, not that of the discretisation. Errors are the largest |u - u_infinite| over the near field at 12
+(waves) or 40 (diffusion) output times, once relative to the initial maximum and once to the maximum of |u_infinite| at
+that time.
 
 - waves2d: 12 x 12 near field, spacing 0.25 (49 nodes), pulse exp(-2 r^2) at (2, -1), a third of the stable step, to
   t = 60 (five crossings); kernel |xi|^-2, m = 1..6, and the gaussian influence; 12, 16 and 20 layer nodes.
 - waves1d: the same on 49 nodes, 20 and 40 layer nodes. The pulse leaves, so the second ratio says little there.
 - waves3d: 25^3 nodes, pulse at (1, -0.5, 0.25), to t = 20, m = 2 and 3, 10 layer nodes.
-- diffusion: m = 3, forward Euler and Runge-Kutta 4, 12 and 20 layer nodes, to T = 10 R^2/diffusivity with R half the near
-  field: 201 nodes in 1D, 24 in 2D; a third of the stable step. Target: 1e-5 of the current maximum with 12 nodes.
+- diffusion: m = 3, forward Euler and Runge-Kutta 4, 12 and 20 layer nodes, to T = 10 R^2/diffusivity with R half the
+  near field: 201 nodes in 1D, 24 in 2D; a third of the stable step. Target: 1e-5 of the current maximum with 12 nodes.
 - diffusion3d: the same on 12^3 nodes, 12 layer nodes only (the cost of the corners grows as the cube of the thickness).
 
-Box for diffusion: at least 12 sqrt(T) wider than the near field, so images contribute exp(-12^2/4) = 2e-16 of the maximum.
+Box for diffusion: at least 12 sqrt(T) wider than the near field, so images contribute exp(-12^2/4) = 2e-16 of the
+maximum.
 
 Run: ``python benchmarks/accuracy.py [waves1d] [waves2d] [waves3d] [diffusion] [diffusion3d] [--json FILE]``.
 Takes about seven minutes and 0.7 GB on a loaded machine; diffusion3d alone takes four.
@@ -68,7 +70,9 @@ class InfiniteLattice:
 
 def pulse(lattice: Lattice, centre: tuple[float, ...], steepness: float) -> np.ndarray:
     """exp(-steepness r^2) on the near field."""
-    return np.exp(-steepness * sum((x - c) ** 2 for x, c in zip(lattice.coordinates(), centre, strict=False))) + np.zeros(lattice.shape)
+    return np.exp(
+        -steepness * sum((x - c) ** 2 for x, c in zip(lattice.coordinates(), centre, strict=False))
+    ) + np.zeros(lattice.shape)
 
 
 def output_steps(total: int, count: int) -> list[int]:
@@ -88,7 +92,9 @@ def errors(sim: Simulation, references: list[np.ndarray], at: list[int]) -> tupl
     return absolute, relative
 
 
-def wave_rows(dim: int, half: float, until: float, kernels: dict[str, Kernel], nodes: tuple[int, ...]) -> Iterator[dict[str, Any]]:
+def wave_rows(
+    dim: int, half: float, until: float, kernels: dict[str, Kernel], nodes: tuple[int, ...]
+) -> Iterator[dict[str, Any]]:
     """Errors for some kernels (a row each) and layer thicknesses (two columns each)."""
     lattice = Lattice(DX, (-half,) * dim, (half,) * dim)
     u0 = pulse(lattice, (half / 3, -half / 6, half / 12), 2.0)
@@ -136,7 +142,9 @@ def diffusion(cases: tuple[tuple[int, int], ...], nodes: tuple[int, ...]) -> lis
         for name, scheme in (("euler", Euler), ("rk4", RungeKutta4)):
             dt = scheme.step_limit(stencil.symbol_maximum) / 3
             at = output_steps(int(np.ceil(until / dt)), 40)
-            exact = InfiniteLattice(stencil, 1.0, u0, box, lambda s, k, u, scheme=scheme, dt=dt: scheme.growth(s, dt) ** k * u)
+            exact = InfiniteLattice(
+                stencil, 1.0, u0, box, lambda s, k, u, scheme=scheme, dt=dt: scheme.growth(s, dt) ** k * u
+            )
             references = [exact.after(k) for k in at]
             row: dict[str, Any] = {"diffusion to T=10 R^2": f"{dim}D {n}^{dim} {name}", "steps": at[-1]}
             for count in nodes:
@@ -148,10 +156,13 @@ def diffusion(cases: tuple[tuple[int, int], ...], nodes: tuple[int, ...]) -> lis
 
 if __name__ == "__main__":
     title = "largest error over the near field, relative to the initial and to the current maximum"
-    run_parts(__doc__, {
-        "waves1d": (f"waves1d: {title}", lambda given: waves1d()),
-        "waves2d": (f"waves2d: {title}", lambda given: waves2d()),
-        "waves3d": (f"waves3d: {title}", lambda given: waves3d()),
-        "diffusion": (f"diffusion: {title}", lambda given: diffusion(((1, 201), (2, 24)), (12, 20))),
-        "diffusion3d": (f"diffusion3d: {title}", lambda given: diffusion(((3, 12),), (12,))),
-    })  # fmt: skip
+    run_parts(
+        __doc__,
+        {
+            "waves1d": (f"waves1d: {title}", lambda given: waves1d()),
+            "waves2d": (f"waves2d: {title}", lambda given: waves2d()),
+            "waves3d": (f"waves3d: {title}", lambda given: waves3d()),
+            "diffusion": (f"diffusion: {title}", lambda given: diffusion(((1, 201), (2, 24)), (12, 20))),
+            "diffusion3d": (f"diffusion3d: {title}", lambda given: diffusion(((3, 12),), (12,))),
+        },
+    )

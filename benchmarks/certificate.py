@@ -1,9 +1,10 @@
 """Does the stability certificate agree with long runs from white noise?
 
-Random set-ups (boundaries, kernels, scalar fields and solids, dimensions, steps) are certified, then run from noise in the whole state. Two mistakes
-count: a certified set-up whose state grows, and a growing one that is certified; undecided ones are a weakness. Noise grows if the norm of the whole
-state, rigid motions of bodies that nothing holds taken out, is larger at the end than at two thirds of the run; where it grows by less than twofold
-the run goes on, since modes that are nearly alike add up before they decay.
+Random set-ups (boundaries, kernels, scalar fields and solids, dimensions, steps) are certified, then run from noise in
+the whole state. Two mistakes count: a certified set-up whose state grows, and a growing one that is certified;
+undecided ones are a weakness. Noise grows if the norm of the whole state, rigid motions of bodies that nothing holds
+taken out, is larger at the end than at two thirds of the run; where it grows by less than twofold the run goes on,
+since modes that are nearly alike add up before they decay.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ LONGEST = 20.0  # seconds that a run whose noise grows by little goes on
 
 
 def random_setup(random: np.random.Generator, dim: int) -> dict[str, Any]:
-    """A small set-up: wave, diffusion or elasticity of a kernel or a table, a boundary an axis or one for the whole outline, a step."""
+    """A small set-up: wave, diffusion or elasticity of a kernel or a table, a boundary an axis or one for the whole
+    outline, a step.
+    """
     reach = int(random.integers(1, {1: 9, 2: 5, 3: 3}[dim]))
     order = 1 if random.random() < 0.25 else 2
     model: Any
@@ -37,7 +40,11 @@ def random_setup(random: np.random.Generator, dim: int) -> dict[str, Any]:
     else:
         influence = str(random.choice(["constant", "linear", "gaussian"])) if reach > 1 else "constant"
         kernel = fh.Kernel(float(reach), int(random.integers(0, 4)), influence)
-        operator = kernel if random.random() < 0.85 else random.choice([fh.Stencil.finite_difference, fh.Stencil.finite_element])(dim)
+        operator = (
+            kernel
+            if random.random() < 0.85
+            else random.choice([fh.Stencil.finite_difference, fh.Stencil.finite_element])(dim)
+        )
         if order == 2:
             model = fh.Wave(operator, damping=float(random.choice([0.0, 0.0, 0.02])))
         else:
@@ -50,22 +57,30 @@ def random_setup(random: np.random.Generator, dim: int) -> dict[str, Any]:
         shape = [n + 8 for n in shape]
         boundary = [fh.PlaneWave(), fh.Higdon(angles=(0, 45)), fh.FirstOrder()][random.integers(3)]
     return {
-        "lattice": fh.Lattice(1.0, (0.0,) * dim, [n - 1.0 for n in shape]), "model": model, "boundary": boundary,
+        "lattice": fh.Lattice(1.0, (0.0,) * dim, [n - 1.0 for n in shape]),
+        "model": model,
+        "boundary": boundary,
         "dt": float(random.choice([0.1, 0.5, 0.5, 0.9])),
-    }  # fmt: skip
+    }
 
 
 def random_solid(random: np.random.Generator, reach: int) -> fh.Elastic:
     """Bonds, state-based material or finite elements."""
     material = str(random.choice(["bond-based", "state-based", "finite-element"]))
     poisson = None if material == "bond-based" else float(random.uniform(0.0, 0.4))
-    kernel = None if material == "finite-element" else fh.Kernel(float(reach if material == "bond-based" else 1), int(random.integers(0, 3)))
+    kernel = (
+        None
+        if material == "finite-element"
+        else fh.Kernel(float(reach if material == "bond-based" else 1), int(random.integers(0, 3)))
+    )
     return fh.Elastic(kernel, young=1.0, poisson=poisson, material=material)
 
 
 def random_side(random: np.random.Generator, dim: int, order: int, m: int, vectors: bool) -> Any:
     """Mostly a layer: of default or, for scalar fields, random profile; else a plain side."""
-    kind = random.choice(["layer", "profile", "exact" if dim == 1 and order == 2 else "layer", "plain"], p=[0.45, 0.25, 0.1, 0.2])
+    kind = random.choice(
+        ["layer", "profile", "exact" if dim == 1 and order == 2 else "layer", "plain"], p=[0.45, 0.25, 0.1, 0.2]
+    )
     nodes = int(random.integers(6, {1: 25, 2: 13, 3: 7}[dim]))
     if kind == "layer" or (kind == "profile" and vectors):
         return fh.LatticePML(nodes=nodes)
@@ -73,7 +88,10 @@ def random_side(random: np.random.Generator, dim: int, order: int, m: int, vecto
         depth = (np.arange(nodes + 1) + 0.5) / (nodes + 1)
         if order == 1:
             return fh.LatticePML(nodes=nodes, profile={"kappa": 1 + 20 * random.random() * depth**2})
-        stretch = {"kappa": 1 + random.choice([0.0, 4.0]) * depth, "sigma": 4 * random.random() * depth ** random.integers(0, 4)}
+        stretch = {
+            "kappa": 1 + random.choice([0.0, 4.0]) * depth,
+            "sigma": 4 * random.random() * depth ** random.integers(0, 4),
+        }
         return fh.LatticePML(nodes=nodes, profile={**stretch, "alpha": float(random.choice([0.0, 0.001, 0.05]))})
     if kind == "exact":
         return fh.Exact(compress=1e-9)
@@ -81,7 +99,9 @@ def random_side(random: np.random.Generator, dim: int, order: int, m: int, vecto
 
 
 def grows(sim: fh.Simulation) -> tuple[bool, float]:
-    """Whether noise grows over the last third of a long run, and the rate there; what grows by little is run on, as it may be about to turn."""
+    """Whether noise grows over the last third of a long run, and the rate there; what grows by little is run on, as it
+    may be about to turn.
+    """
     state = State(sim.engine)
     part = max(1, CROSSINGS * crossing_steps(sim) // 6)
     x, sizes = np.random.default_rng(1).standard_normal(state.size), [1.0]
@@ -118,7 +138,10 @@ def make(setup: dict[str, Any]) -> fh.Simulation:
 def agreement(options: argparse.Namespace) -> list[dict[str, Any]]:
     """One row a verdict: how many, how many grew, mistakes."""
     random = np.random.default_rng(SEED)
-    rows = {v: {"verdict": v, "set-ups": 0, "noise grew": 0, "did not": 0, "seconds": 0.0} for v in ("certified", "not certified", "undecided")}
+    rows = {
+        v: {"verdict": v, "set-ups": 0, "noise grew": 0, "did not": 0, "seconds": 0.0}
+        for v in ("certified", "not certified", "undecided")
+    }
     done = 0
     while done < CASES:
         try:
@@ -140,10 +163,22 @@ def agreement(options: argparse.Namespace) -> list[dict[str, Any]]:
         doubt = "   <-- disagree" if wrong else "   <-- undecided" if certificate.verdict == "undecided" else ""
         if options.repeats == 1 or doubt:
             kind, sides = setup["model"], " ".join(str(setup["boundary"]).split())
-            print(f"{done}: {sim.lattice.shape} {type(kind).__name__} {getattr(kind, 'operator', 'elements')} {sides} share {setup['dt']}: "
-                  f"noise rate {rate:.2g}; {certificate} [{spent:.1f} s]{doubt}", flush=True)  # fmt: skip
+            print(
+                f"{done}: {sim.lattice.shape} {type(kind).__name__} {getattr(kind, 'operator', 'elements')} {sides} "
+                f"share {setup['dt']}: "
+                f"noise rate {rate:.2g}; {certificate} [{spent:.1f} s]{doubt}",
+                flush=True,
+            )
     return list(rows.values())
 
 
 if __name__ == "__main__":
-    run_parts(__doc__, {"agreement": (f"{CASES} random set-ups, certificate against {CROSSINGS} crossing times of white noise", agreement)})
+    run_parts(
+        __doc__,
+        {
+            "agreement": (
+                f"{CASES} random set-ups, certificate against {CROSSINGS} crossing times of white noise",
+                agreement,
+            )
+        },
+    )

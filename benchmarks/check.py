@@ -1,7 +1,8 @@
 """How long does `farhorizon check` take on the examples?
 
-Each example is checked with an empty cache of certificates and with compiled programs that are there (a first check makes them). What it takes is set
-against the run: at most as long as that, or 2 seconds, and never above 30. The time of the run is that which `check` extrapolates from a few steps.
+Each example is checked with an empty cache of certificates and with compiled programs that are there (a first check
+makes them). What it takes is set against the run: at most as long as that, or 2 seconds, and never above 30. The time
+of the run is that which `check` extrapolates from a few steps.
 """
 
 from __future__ import annotations
@@ -19,9 +20,18 @@ from farhorizon.engine.rows.build import cache_folder
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 NAMES = (
-    "blob", "blob_classical", "two_notches", "waveguide", "wave_3d", "backward_waves", "dispersive_pulse", "diffusion_3d", "exact_bar",
-    "elastic_blast", "elastic_3d",
-)  # fmt: skip
+    "blob",
+    "blob_classical",
+    "two_notches",
+    "waveguide",
+    "wave_3d",
+    "backward_waves",
+    "dispersive_pulse",
+    "diffusion_3d",
+    "exact_bar",
+    "elastic_blast",
+    "elastic_3d",
+)
 FLOOR, CEILING = 2.0, 30.0  # seconds
 
 
@@ -44,8 +54,19 @@ def measure(options: argparse.Namespace) -> list[dict[str, Any]]:
         certificate = report.certificate
         assert certificate is not None
         most = min(CEILING, max(FLOOR, run))
-        rows.append({"example": name, "until": until, "run": run, "check": spent, "certificate": certificate.seconds, "allowed": most,
-                     "verdict": certificate.verdict, "skipped": len(certificate.skipped), "met": verdict(spent, most, False)})  # fmt: skip
+        rows.append(
+            {
+                "example": name,
+                "until": until,
+                "run": run,
+                "check": spent,
+                "certificate": certificate.seconds,
+                "allowed": most,
+                "verdict": certificate.verdict,
+                "skipped": len(certificate.skipped),
+                "met": verdict(spent, most, False),
+            }
+        )
     return rows
 
 

@@ -38,8 +38,11 @@ def arguments(doc: str | None, *choices: str) -> argparse.Namespace:
     return given
 
 
-def run_parts(doc: str | None, parts: Mapping[str, tuple[str, Callable[[argparse.Namespace], list[dict[str, Any]]]]]) -> None:
-    """The main function of a benchmark: runs the parts that the command line names, prints a table of each, writes the JSON file.
+def run_parts(
+    doc: str | None, parts: Mapping[str, tuple[str, Callable[[argparse.Namespace], list[dict[str, Any]]]]]
+) -> None:
+    """The main function of a benchmark: runs the parts that the command line names, prints a table of each, writes the
+    JSON file.
 
     A part is a title and a function of the command line's options that returns rows.
     """
@@ -55,7 +58,12 @@ def run_parts(doc: str | None, parts: Mapping[str, tuple[str, Callable[[argparse
 
 def machine() -> dict[str, Any]:
     """What a reader needs to place absolute numbers, which mean little by themselves."""
-    return {"cpus": os.cpu_count(), "load": os.getloadavg()[0], "python": platform.python_version(), "machine": platform.machine()}
+    return {
+        "cpus": os.cpu_count(),
+        "load": os.getloadavg()[0],
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+    }
 
 
 def save(path: Path | None, rows: Sequence[Mapping[str, Any]]) -> None:
@@ -82,11 +90,11 @@ def verdict(value: float, target: float, larger: bool) -> str:
 
 def interleaved(
     cases: Mapping[str, Callable[[int], None]], repeats: int, clock: Callable[[], float] = time.perf_counter
-) -> dict[str, list[float]]:  # fmt: skip
+) -> dict[str, list[float]]:
     """Seconds per step of each case, one list entry per round; every round runs every case once.
 
-    A case is called with a number of steps. On a busy machine ``clock=time.process_time`` leaves out what others take, for one thread.
-    The first calls warm up and set the number so that one takes `SLICE`.
+    A case is called with a number of steps. On a busy machine ``clock=time.process_time`` leaves out what others take,
+    for one thread. The first calls warm up and set the number so that one takes `SLICE`.
     """
     counts = {}
     for name, case in cases.items():
@@ -122,14 +130,26 @@ def kernel_stencil(dim: int, m: int, volume: str = "ramp") -> Stencil:
     return Stencil.from_kernel(Kernel(float(m), 2, volume=volume), 1.0, dim)
 
 
-def bare_engine(stencil: Stencil, core: Sequence[int], threads: int, real: str = "float64", lasting: bool = False) -> Engine:
-    """Wave engine without layers, cuts and sources; half the stable step, noise as data so that nothing becomes denormal."""
+def bare_engine(
+    stencil: Stencil, core: Sequence[int], threads: int, real: str = "float64", lasting: bool = False
+) -> Engine:
+    """Wave engine without layers, cuts and sources; half the stable step, noise as data so that nothing becomes
+    denormal.
+    """
     lead = 3 - stencil.dim
     offsets = np.zeros((len(stencil.weights), 3), int)
     offsets[:, lead:] = stencil.offsets
     dt = 0.5 * Verlet.step_limit(stencil.symbol_maximum)
-    engine = Engine((1,) * lead + tuple(core), offsets, stencil.weights, Verlet.stages(dt, 0.0, stencil.dim == 1, lasting), dt, layers={},
-                    real=real, threads=threads)  # fmt: skip
+    engine = Engine(
+        (1,) * lead + tuple(core),
+        offsets,
+        stencil.weights,
+        Verlet.stages(dt, 0.0, stencil.dim == 1, lasting),
+        dt,
+        layers={},
+        real=real,
+        threads=threads,
+    )
     for level in range(1 if engine.stages.increments else 2):
         engine.core.view(engine.levels[level])[...] = np.random.default_rng(1).standard_normal(engine.core.nodes)
     return engine

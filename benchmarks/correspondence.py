@@ -2,8 +2,9 @@
 
 Measures, in one process with interleaved repeats (medians of the ratios of a round):
 
-- square: 2D 400^2, Gaussian kernel with 44 neighbours, one thread: the intact body, with bonds that may break, with drag, with stabilisation, with
-  layers of 20 nodes around it, and in all nodes the bond by bond loop (each node with one bond cut); the same operator as two scipy CSR products.
+- square: 2D 400^2, Gaussian kernel with 44 neighbours, one thread: the intact body, with bonds that may break, with
+  drag, with stabilisation, with layers of 20 nodes around it, and in all nodes the bond by bond loop (each node with
+  one bond cut); the same operator as two scipy CSR products.
 - cube: 3D 48^3, constant kernel with 122 neighbours, the same without the last two.
 
 Rates are node updates per second, of the box with its layers. Target: 5 times as fast as CSR.
@@ -31,7 +32,15 @@ TARGET = 5.0
 def body(kernel: Kernel, n: int, dim: int, **options: Any) -> Body:
     """A fixed box of n^dim nodes with noise as data."""
     noise = np.random.default_rng(1).standard_normal((dim, *[n] * dim)) * 1e-3
-    return Body(Lattice(1.0, (0.0,) * dim, (n - 1.0,) * dim), kernel, young=1.0, poisson=0.25, threads=1, initial={"u": noise}, **options)
+    return Body(
+        Lattice(1.0, (0.0,) * dim, (n - 1.0,) * dim),
+        kernel,
+        young=1.0,
+        poisson=0.25,
+        threads=1,
+        initial={"u": noise},
+        **options,
+    )
 
 
 def products(kernel: Kernel, n: int) -> Callable[[int], None]:
@@ -49,8 +58,14 @@ def products(kernel: Kernel, n: int) -> Callable[[int], None]:
             rows.append(here)
             columns.append(there)
             values.append(np.full(here.size, w * (i, j)[b]))
-        slopes.append(sparse.csr_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(n * n, n * n)))
-    gradient = sparse.bmat([[slopes[b] if a == c else None for c in range(2)] for a in range(2) for b in range(2)], format="csr")
+        slopes.append(
+            sparse.csr_matrix(
+                (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(n * n, n * n)
+            )
+        )
+    gradient = sparse.bmat(
+        [[slopes[b] if a == c else None for c in range(2)] for a in range(2) for b in range(2)], format="csr"
+    )
     divergence = sparse.csr_matrix(gradient.T)
     u, v = solid.u.ravel(), np.zeros(2 * n * n)
 
@@ -69,15 +84,25 @@ def products(kernel: Kernel, n: int) -> Callable[[int], None]:
 def rates(cases: dict[str, tuple[Callable[[int], None], int]], repeats: int, against: str) -> list[dict[str, Any]]:
     """Rows of node updates per second, and times over that of `against`."""
     times = interleaved({name: run for name, (run, _) in cases.items()}, repeats)
-    return [{"case": name, "M nodes/s": 1e-6 * nodes / median(times, name), "time / intact": ratio(times, name, against)}
-            for name, (_, nodes) in cases.items()]  # fmt: skip
+    return [
+        {"case": name, "M nodes/s": 1e-6 * nodes / median(times, name), "time / intact": ratio(times, name, against)}
+        for name, (_, nodes) in cases.items()
+    ]
 
 
 def cases(kernel: Kernel, n: int, dim: int, layers: int) -> dict[str, tuple[Callable[[int], None], int]]:
     """Bodies by name, each with the nodes of its box."""
-    options: dict[str, dict[str, Any]] = {"intact": {}, "may break": {"critical_stretch": 0.2}, "drag": {"drag": 0.1},
-                                          "stabilised": {"stabilisation": 0.5}, f"layers of {layers}": {"boundary": NonlocalPML(layers)}}  # fmt: skip
-    return {name: (body(kernel, n, dim, **o).step, (n + 2 * layers * ("boundary" in o)) ** dim) for name, o in options.items()}
+    options: dict[str, dict[str, Any]] = {
+        "intact": {},
+        "may break": {"critical_stretch": 0.2},
+        "drag": {"drag": 0.1},
+        "stabilised": {"stabilisation": 0.5},
+        f"layers of {layers}": {"boundary": NonlocalPML(layers)},
+    }
+    return {
+        name: (body(kernel, n, dim, **o).step, (n + 2 * layers * ("boundary" in o)) ** dim)
+        for name, o in options.items()
+    }
 
 
 def square(options: argparse.Namespace) -> list[dict[str, Any]]:
@@ -98,4 +123,10 @@ def cube(options: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 if __name__ == "__main__":
-    run_parts(__doc__, {"square": ("2D 400^2, 44 neighbours, one thread", square), "cube": ("3D 48^3, 122 neighbours, one thread", cube)})
+    run_parts(
+        __doc__,
+        {
+            "square": ("2D 400^2, 44 neighbours, one thread", square),
+            "cube": ("3D 48^3, 122 neighbours, one thread", cube),
+        },
+    )

@@ -1,17 +1,19 @@
 """What a corrosion step costs beside that of plain diffusion.
 
-Measures, in one process with interleaved repeats (medians of the ratios of a round), one forward Euler step in 2D, m = 2 (20 neighbours, the
-linear volume correction), on periodic squares:
+Measures, in one process with interleaved repeats (medians of the ratios of a round), one forward Euler step in 2D, m =
+2 (20 neighbours, the linear volume correction), on periodic squares:
 
-- share: metal around a disc of liquid that holds 10 %, 30 % or 60 % of the nodes, against the same square all liquid. Target for 10 %: 0.6.
-- fronts: the letters of Shojaei et al. (2020), example 2, whose 201^2 nodes are nearly all within reach of a front, and a field of small
-  discs: what bonds looked at one by one cost. And what phases cost where all is liquid, against `Diffusion`.
+- share: metal around a disc of liquid that holds 10 %, 30 % or 60 % of the nodes, against the same square all liquid.
+  Target for 10 %: 0.6.
+- fronts: the letters of Shojaei et al. (2020), example 2, whose 201^2 nodes are nearly all within reach of a front, and
+  a field of small discs: what bonds looked at one by one cost. And what phases cost where all is liquid, against
+  `Diffusion`.
 
-- sphere: what example 3 of the paper, 523 155 nodes in space with a layer around them, holds in memory and needs for a while, as counted by
-  tracemalloc, and how symmetric it is after 20 steps. Targets: 2 GB, 1e-12.
+- sphere: what example 3 of the paper, 523 155 nodes in space with a layer around them, holds in memory and needs for a
+  while, as counted by tracemalloc, and how symmetric it is after 20 steps. Targets: 2 GB, 1e-12.
 
-In the first two metal is kept from dissolving by a saturation far below all values, so that every round does the same work; looking for metal
-to dissolve is part of the step.
+In the first two metal is kept from dissolving by a saturation far below all values, so that every round does the same
+work; looking for metal to dissolve is part of the step.
 
 Run: ``python benchmarks/corrosion.py [share] [fronts] [sphere] [--json FILE] [--repeats N]``. Takes a minute.
 """
@@ -30,7 +32,9 @@ from farhorizon.papers.shojaei2020_corrosion import SPHERE, asymmetry
 
 
 def simulation(n: int, solid: np.ndarray | None, threads: int) -> Simulation:
-    """A periodic square whose values are noise, so that nothing becomes denormal, with metal on the solid nodes; plain diffusion without a mask."""
+    """A periodic square whose values are noise, so that nothing becomes denormal, with metal on the solid nodes; plain
+    diffusion without a mask.
+    """
     u = np.random.default_rng(1).uniform(1, 2, (n, n))
     lattice, kernel = Lattice(1.0, (0.0, 0.0), (n - 1.0, n - 1.0)), Kernel(2.0)
     model = Diffusion(kernel) if solid is None else Corrosion(kernel, saturation=1e-3)
@@ -49,15 +53,26 @@ def share_of_liquid(repeats: int) -> list[dict[str, Any]]:
     rows = []
     for n in (400, 1000):
         for threads in sorted({1, available_threads()}):
-            masks = {"all liquid": np.zeros((n, n), bool)} | {f"{share:.0%}": radius_mask(n, share) for share in (0.1, 0.3, 0.6)}
-            times = interleaved({name: steps(simulation(n, mask, threads).engine) for name, mask in masks.items()}, repeats)
+            masks = {"all liquid": np.zeros((n, n), bool)} | {
+                f"{share:.0%}": radius_mask(n, share) for share in (0.1, 0.3, 0.6)
+            }
+            times = interleaved(
+                {name: steps(simulation(n, mask, threads).engine) for name, mask in masks.items()}, repeats
+            )
             for name in list(masks)[1:]:
                 part = ratio(times, name, "all liquid")
-                rows.append({
-                    "2D m=2, liquid": name, "nodes": f"{n}^2", "threads": threads, "step ms": 1e3 * median(times, name),
-                    "all liquid ms": 1e3 * median(times, "all liquid"), "ratio": part, "target": 0.6 if name == "10%" else "-",
-                    "met": verdict(part, 0.6, larger=False) if name == "10%" else "-",
-                })  # fmt: skip
+                rows.append(
+                    {
+                        "2D m=2, liquid": name,
+                        "nodes": f"{n}^2",
+                        "threads": threads,
+                        "step ms": 1e3 * median(times, name),
+                        "all liquid ms": 1e3 * median(times, "all liquid"),
+                        "ratio": part,
+                        "target": 0.6 if name == "10%" else "-",
+                        "met": verdict(part, 0.6, larger=False) if name == "10%" else "-",
+                    }
+                )
     return rows
 
 
@@ -71,14 +86,23 @@ def fronts(repeats: int) -> list[dict[str, Any]]:
             solid = np.hypot(*np.meshgrid(x, x, indexing="ij")) < 0.3 * n
         elif name == "400 discs":
             solid = np.hypot(*np.meshgrid(x % 50 - 25, x % 50 - 25, indexing="ij")) < 12
-        times = interleaved({"phases": steps(simulation(n, solid, 1).engine), "diffusion": steps(simulation(n, None, 1).engine)}, repeats)
+        times = interleaved(
+            {"phases": steps(simulation(n, solid, 1).engine), "diffusion": steps(simulation(n, None, 1).engine)},
+            repeats,
+        )
         engine = simulation(n, solid, 1).engine
         solids, volumes, _ = engine._tiles
-        rows.append({
-            "one thread": name, "nodes": f"{n}^2", "solid %": float(100 * solid.mean()),
-            "mixed tiles %": float(100 * ((solids > 0) & (solids < volumes)).mean()), "step ms": 1e3 * median(times, "phases"),
-            "diffusion ms": 1e3 * median(times, "diffusion"), "ratio": ratio(times, "phases", "diffusion"),
-        })  # fmt: skip
+        rows.append(
+            {
+                "one thread": name,
+                "nodes": f"{n}^2",
+                "solid %": float(100 * solid.mean()),
+                "mixed tiles %": float(100 * ((solids > 0) & (solids < volumes)).mean()),
+                "step ms": 1e3 * median(times, "phases"),
+                "diffusion ms": 1e3 * median(times, "diffusion"),
+                "ratio": ratio(times, "phases", "diffusion"),
+            }
+        )
     return rows
 
 
@@ -94,16 +118,26 @@ def sphere() -> list[dict[str, Any]]:
     running = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     skew = asymmetry(u)
-    return [{
-        "sphere": f"{sim.lattice.nodes} nodes", "held GB": held / 1e9, "peak set-up GB": set_up / 1e9, "peak running GB": running / 1e9,
-        "target": 2.0,
-        "met": verdict(max(set_up, running) / 1e9, 2.0, larger=False), "asymmetry": skew, "met ": verdict(skew, 1e-12, larger=False),
-    }]  # fmt: skip
+    return [
+        {
+            "sphere": f"{sim.lattice.nodes} nodes",
+            "held GB": held / 1e9,
+            "peak set-up GB": set_up / 1e9,
+            "peak running GB": running / 1e9,
+            "target": 2.0,
+            "met": verdict(max(set_up, running) / 1e9, 2.0, larger=False),
+            "asymmetry": skew,
+            "met ": verdict(skew, 1e-12, larger=False),
+        }
+    ]
 
 
 if __name__ == "__main__":
-    run_parts(__doc__, {
-        "share": ("A disc of liquid in metal", lambda given: share_of_liquid(given.repeats)),
-        "fronts": ("Many fronts, and none", lambda given: fronts(given.repeats)),
-        "sphere": ("The sphere of the paper", lambda given: sphere()),
-    })  # fmt: skip
+    run_parts(
+        __doc__,
+        {
+            "share": ("A disc of liquid in metal", lambda given: share_of_liquid(given.repeats)),
+            "fronts": ("Many fronts, and none", lambda given: fronts(given.repeats)),
+            "sphere": ("The sphere of the paper", lambda given: sphere()),
+        },
+    )

@@ -1,19 +1,23 @@
-"""Speed, memory and accuracy of elastic steps: matrix stencils and bonds that break against the machine's multiply-adds, layers against the
-infinite lattice.
+"""Speed, memory and accuracy of elastic steps: matrix stencils and bonds that break against the machine's
+multiply-adds, layers against the infinite lattice.
 
-- speed: near fields on one thread in double precision. Useful multiply-adds are those of the plain stencil, one for each entry of a bond's matrix
-  that is not zero (the centre and the time update are not counted); the compiled rows need fewer, for they combine mirror images first, so that a
-  share above 100 % is possible. The peak is measured beside it: independent multiply-adds on whole vectors in registers. Targets: 40 %
-  of the peak; in 3D with m = 3 ten times the rates of particle codes, which do 1e6 nodes/s (linear bond-based) and 0.36e6 nodes/s
-  (ordinary state-based); 150 bytes a node.
-- breaking: the same near fields with bonds that are nonlinear and may break, beside a step of the linear stencil in the same run: whole; with
-  straight cracks all through that have cut 1 and 5 % of all bonds; and with every tile looked at bond by bond, as damage scattered everywhere would
-  have it. The share of the peak counts the arithmetic instructions of the law, 5 dim + 7 a bond, a root and a division among them, each as
-  long as a multiply-add. Target: 5e6 nodes/s in 3D with m = 3, five times the rate of particle codes.
-- layers: largest error of the near field against the infinite lattice, relative to the largest initial value, over four crossings of the
-  P wave; pulses of all components that meet sides and corners. Targets in 3D: 1e-5 with 10 nodes, 1e-7 with 20.
+- speed: near fields on one thread in double precision. Useful multiply-adds are those of the plain stencil, one for
+  each entry of a bond's matrix that is not zero (the centre and the time update are not counted); the compiled rows
+  need fewer, for they combine mirror images first, so that a share above 100 % is possible. The peak is measured beside
+  it: independent multiply-adds on whole vectors in registers. Targets: 40 % of the peak; in 3D with m = 3 ten times the
+  rates of particle codes, which do 1e6 nodes/s (linear bond-based) and 0.36e6 nodes/s (ordinary state-based); 150 bytes
+  a node.
+- breaking: the same near fields with bonds that are nonlinear and may break, beside a step of the linear stencil in the
+  same run: whole; with straight cracks all through that have cut 1 and 5 % of all bonds; and with every tile looked at
+  bond by bond, as damage scattered everywhere would have it. The share of the peak counts the arithmetic instructions
+  of the law, 5 dim + 7 a bond, a root and a division among them, each as long as a multiply-add. Target: 5e6 nodes/s in
+  3D with m = 3, five times the rate of particle codes.
+- layers: largest error of the near field against the infinite lattice, relative to the largest initial value, over four
+  crossings of the P wave; pulses of all components that meet sides and corners. Targets in 3D: 1e-5 with 10 nodes, 1e-7
+  with 20.
 
-Run: ``python benchmarks/elastic.py [speed] [breaking] [layers] [--json FILE] [--repeats N]``. Takes three minutes and 2 GB.
+Run: ``python benchmarks/elastic.py [speed] [breaking] [layers] [--json FILE] [--repeats N]``. Takes three minutes and 2
+GB.
 """
 
 from __future__ import annotations
@@ -51,11 +55,20 @@ LAYERS = {
     "2D bond-based, m = 3": (2, Kernel(3.0, 1), {}, (12, 20)),
     "2D state-based, m = 2": (2, Kernel(2.0, 1), {"poisson": 0.3, "material": "state-based"}, (12, 20)),
     "2D bilinear elements": (2, None, {"poisson": 0.3, "material": "finite-element"}, (12, 20)),
-    "2D correspondence, gaussian": (2, Kernel(3.0, 0, "gaussian", volume="full"),
-                                    {"poisson": 0.3, "material": "correspondence", "stabilisation": 0.5}, (12, 20)),
+    "2D correspondence, gaussian": (
+        2,
+        Kernel(3.0, 0, "gaussian", volume="full"),
+        {"poisson": 0.3, "material": "correspondence", "stabilisation": 0.5},
+        (12, 20),
+    ),
     "3D bond-based, m = 2": (3, Kernel(2.0, 1), {}, (10, 20)),
-    "3D correspondence, m = 1.5": (3, Kernel(1.5, 2), {"poisson": 0.3, "material": "correspondence", "stabilisation": 0.5}, (10, 20)),
-}  # fmt: skip
+    "3D correspondence, m = 1.5": (
+        3,
+        Kernel(1.5, 2),
+        {"poisson": 0.3, "material": "correspondence", "stabilisation": 0.5},
+        (10, 20),
+    ),
+}
 
 
 @intrinsic
@@ -65,7 +78,10 @@ def _multiply_adds(typingctx, rounds, like):  # type: ignore[no-untyped-def]
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
         vectors = Vectors.of(builder, "float64")
         factor = vectors.splat(args[1])
-        slots = [cgutils.alloca_once_value(builder, vectors.splat(builder.fadd(args[1], ir.Constant(ir.DoubleType(), i)))) for i in range(CHAINS)]
+        slots = [
+            cgutils.alloca_once_value(builder, vectors.splat(builder.fadd(args[1], ir.Constant(ir.DoubleType(), i))))
+            for i in range(CHAINS)
+        ]
         with cgutils.for_range_slice(builder, I64(0), args[0], I64(1), I64):
             for slot in slots:
                 builder.store(vectors.multiply_add(factor, factor, builder.load(slot)), slot)
@@ -89,7 +105,9 @@ def speed(given: argparse.Namespace) -> list[dict[str, Any]]:
     """One row a material."""
     rows = []
     for name, (dim, n, m, volume, material) in SPEED.items():
-        model = Elastic(Kernel(float(m), 1, volume=volume), 1.0, None if material == "bond-based" else 0.3, material=material)
+        model = Elastic(
+            Kernel(float(m), 1, volume=volume), 1.0, None if material == "bond-based" else 0.3, material=material
+        )
         stencil = model.stencil(1.0, dim)
         engine = bare_engine(stencil, (n,) * dim, 1)
         times = interleaved({"step": steps(engine), "peak": peak_case}, given.repeats)
@@ -97,11 +115,19 @@ def speed(given: argparse.Namespace) -> list[dict[str, Any]]:
         share = ratio(times, "peak", "step") * useful * n**dim / (PEAK_STEP * CHAINS * 8)
         rate = n**dim / median(times, "step")
         wanted = {"3D bond-based": 1e7, "3D state-based": 3.6e6}.get(name, 0.0)
-        rows.append({
-            "case": f"{name}, {n}^{dim}", "neighbours": len(stencil.weights), "multiply-adds": useful, "Mnodes/s": rate / 1e6, "of peak": share,
-            "bytes/node": engine.nbytes / n**dim, "share met": verdict(share, 0.4, True), "rate met": verdict(rate, wanted, True) if wanted else "",
-            "memory met": verdict(engine.nbytes / n**dim, 150, False),
-        })  # fmt: skip
+        rows.append(
+            {
+                "case": f"{name}, {n}^{dim}",
+                "neighbours": len(stencil.weights),
+                "multiply-adds": useful,
+                "Mnodes/s": rate / 1e6,
+                "of peak": share,
+                "bytes/node": engine.nbytes / n**dim,
+                "share met": verdict(share, 0.4, True),
+                "rate met": verdict(rate, wanted, True) if wanted else "",
+                "memory met": verdict(engine.nbytes / n**dim, 150, False),
+            }
+        )
     return rows
 
 
@@ -110,7 +136,8 @@ def cut_planes(engine: Engine, share: float) -> None:
     nodes, offsets = engine.core.node_indices(), engine.offsets
     count = nodes.shape[1]
     planes = np.arange(count) * np.ceil(share * count * len(offsets) / np.abs(offsets[:, 1]).sum()) / count
-    here = np.broadcast_to(np.floor(planes)[None, :, None], nodes.shape)  # the slice between two cracks that a node lies in
+    # the slice between two cracks that a node lies in
+    here = np.broadcast_to(np.floor(planes)[None, :, None], nodes.shape)
     found = []
     for offset in offsets:
         inside = np.arange(count) + offset[1]
@@ -148,7 +175,9 @@ def breaking(given: argparse.Namespace) -> list[dict[str, Any]]:
                 cut_planes(engine, share)
             if name == "all odd":
                 engine.bond_state["kinds"][...] = ODD
-        times = interleaved({name: steps(engine) for name, engine in engines.items()} | {"peak": peak_case}, given.repeats)
+        times = interleaved(
+            {name: steps(engine) for name, engine in engines.items()} | {"peak": peak_case}, given.repeats
+        )
         for name, engine in engines.items():
             own = engine.has_bonds
             work = np.count_nonzero(stencil.weights)
@@ -157,12 +186,19 @@ def breaking(given: argparse.Namespace) -> list[dict[str, Any]]:
             rate = n**dim / median(times, name)
             wanted = dim == 3 and own
             whole = len(stencil.weights) * n**dim
-            rows.append({
-                "case": f"{dim}D {n}^{dim}, {name}", "neighbours": len(stencil.weights), "Mnodes/s": rate / 1e6,
-                "over linear": ratio(times, name, "linear stencil"), "of peak": ratio(times, "peak", name) * work * n**dim / (PEAK_STEP * CHAINS * 8),
-                "cut": 1 - float(engine.alive.sum()) / whole if own else 0.0, "odd tiles": float(engine.bond_state["kinds"].mean()) if own else 0.0,
-                "bytes/node": engine.nbytes / n**dim, "met": verdict(rate, 5e6, True) if wanted else "",
-            })  # fmt: skip
+            rows.append(
+                {
+                    "case": f"{dim}D {n}^{dim}, {name}",
+                    "neighbours": len(stencil.weights),
+                    "Mnodes/s": rate / 1e6,
+                    "over linear": ratio(times, name, "linear stencil"),
+                    "of peak": ratio(times, "peak", name) * work * n**dim / (PEAK_STEP * CHAINS * 8),
+                    "cut": 1 - float(engine.alive.sum()) / whole if own else 0.0,
+                    "odd tiles": float(engine.bond_state["kinds"].mean()) if own else 0.0,
+                    "bytes/node": engine.nbytes / n**dim,
+                    "met": verdict(rate, 5e6, True) if wanted else "",
+                }
+            )
     return rows
 
 
@@ -185,8 +221,15 @@ def layers(given: argparse.Namespace) -> list[dict[str, Any]]:
                 sim.step(step - sim.step_count)
                 errors.append(float(np.abs(sim.fields["u"] - exact.after(step)).max() / np.abs(u).max()))
             wanted = {10: 1e-5, 20: 1e-7}[nodes] if dim == 3 else 0.0
-            rows.append({"case": name, "nodes": nodes, "error": max(errors), "at the end": errors[-1],
-                         "met": verdict(max(errors), wanted, False) if wanted else ""})  # fmt: skip
+            rows.append(
+                {
+                    "case": name,
+                    "nodes": nodes,
+                    "error": max(errors),
+                    "at the end": errors[-1],
+                    "met": verdict(max(errors), wanted, False) if wanted else "",
+                }
+            )
     return rows
 
 

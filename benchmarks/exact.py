@@ -4,8 +4,9 @@ Measures, in one process with interleaved repeats (medians of the ratios of a ro
 
 - with fixed ends, the interior alone;
 - with both ends compressed to 1e-6, 1e-9, 1e-12 until T = 400, dt = 0.02. Target: at most 1.6 times the interior;
-- on the extended domain, of as few nodes a side as keep the same error at T = 400 (to a dozen nodes): the error of the compressed ends is measured
-  against a domain from which nothing returns. Target: at least twice the time of the compressed ends.
+- on the extended domain, of as few nodes a side as keep the same error at T = 400 (to a dozen nodes): the error of the
+  compressed ends is measured against a domain from which nothing returns. Target: at least twice the time of the
+  compressed ends.
 
 Run: ``python benchmarks/exact.py [step] [--json FILE] [--repeats N]``. Takes a minute.
 """
@@ -35,7 +36,8 @@ def bar(boundary: Exact | Fixed, beyond: int = 0) -> Simulation:
 
 
 def timed(sim: Simulation) -> Callable[[int], None]:
-    """The engine's loop as a timing case. The clock is put back: timing goes on for longer than the sums are good for."""
+    """The engine's loop as a timing case. The clock is put back: timing goes on for longer than the sums are good
+    for."""
     run = steps(sim.engine)
 
     def call(count: int) -> None:
@@ -78,10 +80,18 @@ def step(repeats: int) -> list[dict[str, Any]]:
     rows = []
     for name, facts in found.items():
         cost, gain = ratio(times, name, "interior"), ratio(times, f"extended {name}", name)
-        rows.append({
-            "case": name, **facts, "interior us": 1e6 * median(times, "interior"), "us a step": 1e6 * median(times, name), "times interior": cost,
-            "<= 1.6": verdict(cost, 1.6, False), "extended / this": gain, ">= 2": verdict(gain, 2.0, True),
-        })  # fmt: skip
+        rows.append(
+            {
+                "case": name,
+                **facts,
+                "interior us": 1e6 * median(times, "interior"),
+                "us a step": 1e6 * median(times, name),
+                "times interior": cost,
+                "<= 1.6": verdict(cost, 1.6, False),
+                "extended / this": gain,
+                ">= 2": verdict(gain, 2.0, True),
+            }
+        )
     return rows
 
 

@@ -1,23 +1,26 @@
 """What the layer saves: the truncated run against the extended domain at equal error.
 
-Both compute the same near field to the same end with the same step. The truncated run has the layer that the program chooses for the
-goal, ``LatticePML(target=goal, until=...)``. The extended domain has a fixed edge, so far out that no more comes back than the *measured*
-error of the truncated run: the fewest nodes on every side, by bisection below what ``Extended`` would take; where that would be more than three
-million nodes it is a tenth fewer than ``Extended`` takes, and the column "its error" shows that they are too few.
-Errors are the largest |u - u_infinite| over the near field and the output times, of waves relative to the largest value of the run, of diffusion to
-that of the same time; u_infinite is the exact solution on the infinite lattice, of elasticity the extended domain for a thousandth of the goal.
+Both compute the same near field to the same end with the same step. The truncated run has the layer that the program
+chooses for the goal, ``LatticePML(target=goal, until=...)``. The extended domain has a fixed edge, so far out that no
+more comes back than the *measured* error of the truncated run: the fewest nodes on every side, by bisection below what
+``Extended`` would take; where that would be more than three million nodes it is a tenth fewer than ``Extended`` takes,
+and the column "its error" shows that they are too few. Errors are the largest |u - u_infinite| over the near field and
+the output times, of waves relative to the largest value of the run, of diffusion to that of the same time; u_infinite
+is the exact solution on the infinite lattice, of elasticity the extended domain for a thousandth of the goal.
 
-- wave1d: 201 nodes, wave2d: 49^2, large2d: 209^2, wave3d: 25^3; kernel |xi|^-2 over 3 (3D: 2) spacings, a pulse of 2.8 spacings off the centre;
-  two, five and ten crossings of the near field (large2d two).
-- elastic2d, elastic3d: 49^2 and 17^3, bond-based, kernel |xi|^-1 over 2 spacings, a displacement along a diagonal; two and five crossings of P waves.
-- diffusion2d: 25^2 nodes, kernel |xi|^-1 over 3 spacings, forward Euler, to R^2/diffusivity and to ten times that, R half the near field.
+- wave1d: 201 nodes, wave2d: 49^2, large2d: 209^2, wave3d: 25^3; kernel |xi|^-2 over 3 (3D: 2) spacings, a pulse of 2.8
+  spacings off the centre; two, five and ten crossings of the near field (large2d two).
+- elastic2d, elastic3d: 49^2 and 17^3, bond-based, kernel |xi|^-1 over 2 spacings, a displacement along a diagonal; two
+  and five crossings of P waves.
+- diffusion2d: 25^2 nodes, kernel |xi|^-1 over 3 spacings, forward Euler, to R^2/diffusivity and to ten times that, R
+  half the near field.
 
-"times" are extended over truncated, of nodes computed, bytes of the engine and time of a step. Times are medians of ratios of processor time in
-interleaved rounds on one thread, with noise as data so that nothing becomes denormal. "aim": 2 in time (waves in space at ten crossings 10,
-diffusion 1).
+"times" are extended over truncated, of nodes computed, bytes of the engine and time of a step. Times are medians of
+ratios of processor time in interleaved rounds on one thread, with noise as data so that nothing becomes denormal.
+"aim": 2 in time (waves in space at ten crossings 10, diffusion 1).
 
-Run: ``python benchmarks/extended.py [wave1d] [wave2d] [large2d] [wave3d] [elastic2d] [elastic3d] [diffusion2d] [--json FILE] [--repeats N]``.
-Takes ten minutes, of which ten crossings in space take five.
+Run: ``python benchmarks/extended.py [wave1d] [wave2d] [large2d] [wave3d] [elastic2d] [elastic3d] [diffusion2d] [--json
+FILE] [--repeats N]``. Takes ten minutes, of which ten crossings in space take five.
 """
 
 from __future__ import annotations
@@ -62,7 +65,11 @@ class Problem:
         places = zip(self.lattice.coordinates(), CENTRE, strict=False)
         pulse = np.exp(-sum(((x - c * half) / (2.8 * dx)) ** 2 for x, c in places))
         pulse[pulse < 1e-12] = 0.0
-        return pulse if not isinstance(self.model, Elastic) else np.stack([pulse, 0.5 * pulse, -0.3 * pulse][: self.lattice.dim])
+        return (
+            pulse
+            if not isinstance(self.model, Elastic)
+            else np.stack([pulse, 0.5 * pulse, -0.3 * pulse][: self.lattice.dim])
+        )
 
     def run(self, boundary: LatticePML | Extended, noise: bool = False) -> Simulation:
         """The near field with a boundary on all sides."""
@@ -74,7 +81,9 @@ class Problem:
 
     def reference(self, goal: float) -> dict[int, np.ndarray]:
         """The infinite medium after some steps."""
-        sim = self.run(Extended(1e-3 * goal, until=self.until) if isinstance(self.model, Elastic) else Extended(nodes=1))
+        sim = self.run(
+            Extended(1e-3 * goal, until=self.until) if isinstance(self.model, Elastic) else Extended(nodes=1)
+        )
         last = int(self.until / sim.dt)
         at = sorted({round(n) for n in np.linspace(0, last, OUTPUTS[self.lattice.dim] + 1)[1:]})
         if not isinstance(self.model, Elastic):
@@ -105,9 +114,12 @@ class Problem:
             fewer = int(0.9 * high)
             return fewer, self.error(self.run(Extended(nodes=fewer)), exact)
         low = high // 2
-        while high - low > max(1, high // 50):  # to 2 %: the cost of a domain at the goal is known no better than its error
+        # to 2 %: the cost of a domain at the goal is known no better than its error
+        while high - low > max(1, high // 50):
             middle = (low + high) // 2
-            low, high = (low, middle) if self.error(self.run(Extended(nodes=middle)), exact, error) <= error else (middle, high)
+            low, high = (
+                (low, middle) if self.error(self.run(Extended(nodes=middle)), exact, error) <= error else (middle, high)
+            )
         return high, self.error(self.run(Extended(nodes=high)), exact)
 
 
@@ -128,12 +140,22 @@ def rows(name: str, problems: dict[float, Problem], aims: dict[float, float], re
             ours, far = problem.run(layer, noise=True), problem.run(Extended(nodes=more), noise=True)
             times = interleaved({"layer": ours.step, "far": far.step}, repeats, time.process_time)
             saved, aim = ratio(times, "far", "layer"), aims.get(length, 2.0)
-            found.append({
-                name: f"{length:g}", "goal": f"{goal:g}", "layer nodes": max(layer.columns for layer in ours.engine.layers.values()), "error": error,
-                "more nodes a side": more, "its error": far_error, "times nodes": computed(far) / computed(ours),
-                "times memory": far.engine.nbytes / ours.engine.nbytes, "times time": saved, "aim": aim, "met": verdict(saved, aim, True),
-                "run s": median(times, "layer") * max(exact),
-            })  # fmt: skip
+            found.append(
+                {
+                    name: f"{length:g}",
+                    "goal": f"{goal:g}",
+                    "layer nodes": max(layer.columns for layer in ours.engine.layers.values()),
+                    "error": error,
+                    "more nodes a side": more,
+                    "its error": far_error,
+                    "times nodes": computed(far) / computed(ours),
+                    "times memory": far.engine.nbytes / ours.engine.nbytes,
+                    "times time": saved,
+                    "aim": aim,
+                    "met": verdict(saved, aim, True),
+                    "run s": median(times, "layer") * max(exact),
+                }
+            )
     return found
 
 
@@ -147,7 +169,11 @@ def elastic(dim: int, nodes: int, crossings: float) -> Problem:
     """Pulse in (nodes)^dim, spacing and speed of P waves 1."""
     half, plane = (nodes - 1) / 2, "strain" if dim == 2 else None
     unit = Elastic(Kernel(2.0, 1), 1.0, plane=plane).p_modulus
-    return Problem(Elastic(Kernel(2.0, 1), 1.0 / unit, plane=plane), Lattice(1.0, (-half,) * dim, (half,) * dim), crossings * 2 * half)
+    return Problem(
+        Elastic(Kernel(2.0, 1), 1.0 / unit, plane=plane),
+        Lattice(1.0, (-half,) * dim, (half,) * dim),
+        crossings * 2 * half,
+    )
 
 
 def diffusion(nodes: int, times: float) -> Problem:

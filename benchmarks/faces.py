@@ -45,11 +45,17 @@ def faces(given: argparse.Namespace) -> list[dict[str, Any]]:
             times = interleaved({"free": steps(free.engine), "fixed": steps(fixed.engine)}, given.repeats)
             found = ratio(times, "free", "fixed")
             near = NODES**3 - (NODES - 2 * free.stencil.reach[0]) ** 3
-            rows.append({
-                "80^3": name, "threads": threads, "fixed ms": 1e3 * median(times, "fixed"), "free / fixed": found,
-                "memory": (free.engine.nbytes - fixed.engine.nbytes) / near, "target": TARGET,
-                "met": verdict(found, TARGET, larger=False),
-            })  # fmt: skip
+            rows.append(
+                {
+                    "80^3": name,
+                    "threads": threads,
+                    "fixed ms": 1e3 * median(times, "fixed"),
+                    "free / fixed": found,
+                    "memory": (free.engine.nbytes - fixed.engine.nbytes) / near,
+                    "target": TARGET,
+                    "met": verdict(found, TARGET, larger=False),
+                }
+            )
     return rows
 
 

@@ -1,10 +1,13 @@
-"""The figures of README.md and docs/: measured by the commands that users have, kept in docs/figures.json, written where they are marked.
+"""The figures of README.md and docs/: measured by the commands that users have, kept in docs/figures.json, written
+where they are marked.
 
-A document marks a figure as ``<!-- figure: KEY -->VALUE<!-- end -->``. This script runs the commands that it is asked for, takes the
-figures of each from what it writes with ``--json``, and keeps them with the command, the date and the processor; then it rewrites all marked
-places. ``tests/test_documents.py`` compares the places with the file, and in its slow tier the file with what some commands print now.
+A document marks a figure as ``<!-- figure: KEY -->VALUE<!-- end -->``. This script runs the commands that it is asked
+for, takes the figures of each from what it writes with ``--json``, and keeps them with the command, the date and the
+processor; then it rewrites all marked places. ``tests/test_documents.py`` compares the places with the file, and in its
+slow tier the file with what some commands print now.
 
-Run: ``python benchmarks/figures.py [NAME...]``; without a name it only rewrites the places. ``--list`` tells names and commands.
+Run: ``python benchmarks/figures.py [NAME...]``; without a name it only rewrites the places. ``--list`` tells names and
+commands.
 """
 
 from __future__ import annotations
@@ -41,7 +44,8 @@ def reproduced(name: str, wanted: dict[str, tuple[str, str]]) -> Measurement:
     def reader(start: str, how: str) -> Callable[[Any], float | tuple[float, float]]:
         def read(found: Any) -> float | tuple[float, float]:
             given = [value for boundary, value in found["infinite_error"].items() if boundary.startswith(start)]
-            errors = [float("inf") if value is None else value for value in given]  # JSON has no infinity: what overflowed is null
+            # JSON has no infinity: what overflowed is null
+            errors = [float("inf") if value is None else value for value in given]
             return min(errors) if how == "best" else (min(errors), max(errors))
 
         return read
@@ -52,37 +56,66 @@ def reproduced(name: str, wanted: dict[str, tuple[str, str]]) -> Measurement:
 
 def reach(m: int, nodes: int) -> Callable[[Any], float]:
     """Error of a layer beside a stencil of this reach."""
-    return lambda found: next(row[f"{nodes} nodes/initial"] for row in found["rows"] if row["2D wave to t=60"] == f"m={m}")
+    return lambda found: next(
+        row[f"{nodes} nodes/initial"] for row in found["rows"] if row["2D wave to t=60"] == f"m={m}"
+    )
 
 
 MEASUREMENTS = {
-    "demo": Measurement(("farhorizon", "demo"), {
-        "demo.error": lambda found: found["lattice PML"]["error_max_over_run"],
-        "demo.fixed": lambda found: found["fixed edge"]["error_max_over_run"],
-    }),
-    "square": reproduced("hermann2023-ex1", {
-        "square.published": ("published", "all"), "square.repaired": ("repaired", "best"), "square.higdon": ("Higdon (0, 45)", "best"),
-        "square.first": ("first order", "best"), "square.pml": ("lattice PML", "best"),
-    }),
-    "discs": reproduced("hermann2023-ex2", {
-        f"disc{m}.{key}": (f"horizon {m} spacings: {start}", how)
-        for m in (3, 6)
-        for key, start, how in (("published", "published", "all"), ("repaired", "repaired", "best"), ("higdon", "Higdon (0, 45)", "best"),
-                                ("pml", "lattice PML", "best"))
-    }),
-    "notches": reproduced("hermann2023-ex3", {
-        f"notches.{key}": (f"radius 26, {start}", how)
-        for key, start, how in (("published", "published", "all"), ("repaired", "repaired", "best"), ("higdon", "Higdon (0, 45)", "best"),
-                                ("pml", "lattice PML", "best"))
-    }),
-    "wide": Measurement(("python", "benchmarks/accuracy.py", "waves2d"), {
-        f"reach{m}.{nodes}": reach(m, nodes) for m in (4, 5, 6) for nodes in (12, 20)
-    }),
-    "bar": Measurement(("python", "benchmarks/layer.py", "bar"), {
-        "bar.ratio": lambda found: found["rows"][0]["layers us"] / found["rows"][0]["bare us"],
-        "bar.added": lambda found: found["rows"][0]["added us"],
-    }),
-}  # fmt: skip
+    "demo": Measurement(
+        ("farhorizon", "demo"),
+        {
+            "demo.error": lambda found: found["lattice PML"]["error_max_over_run"],
+            "demo.fixed": lambda found: found["fixed edge"]["error_max_over_run"],
+        },
+    ),
+    "square": reproduced(
+        "hermann2023-ex1",
+        {
+            "square.published": ("published", "all"),
+            "square.repaired": ("repaired", "best"),
+            "square.higdon": ("Higdon (0, 45)", "best"),
+            "square.first": ("first order", "best"),
+            "square.pml": ("lattice PML", "best"),
+        },
+    ),
+    "discs": reproduced(
+        "hermann2023-ex2",
+        {
+            f"disc{m}.{key}": (f"horizon {m} spacings: {start}", how)
+            for m in (3, 6)
+            for key, start, how in (
+                ("published", "published", "all"),
+                ("repaired", "repaired", "best"),
+                ("higdon", "Higdon (0, 45)", "best"),
+                ("pml", "lattice PML", "best"),
+            )
+        },
+    ),
+    "notches": reproduced(
+        "hermann2023-ex3",
+        {
+            f"notches.{key}": (f"radius 26, {start}", how)
+            for key, start, how in (
+                ("published", "published", "all"),
+                ("repaired", "repaired", "best"),
+                ("higdon", "Higdon (0, 45)", "best"),
+                ("pml", "lattice PML", "best"),
+            )
+        },
+    ),
+    "wide": Measurement(
+        ("python", "benchmarks/accuracy.py", "waves2d"),
+        {f"reach{m}.{nodes}": reach(m, nodes) for m in (4, 5, 6) for nodes in (12, 20)},
+    ),
+    "bar": Measurement(
+        ("python", "benchmarks/layer.py", "bar"),
+        {
+            "bar.ratio": lambda found: found["rows"][0]["layers us"] / found["rows"][0]["bare us"],
+            "bar.added": lambda found: found["rows"][0]["added us"],
+        },
+    ),
+}
 
 
 def written(value: float | tuple[float, float]) -> str:
@@ -119,7 +152,12 @@ def measure(name: str, picture: Path | None = None) -> dict[str, dict[str, Any]]
         found = json.loads(made.read_text())
         if name == "demo" and picture is not None:
             shrink(out / "compare.png", picture)
-    about = {"command": " ".join(command), "date": datetime.date.today().isoformat(), "processor": processor(), "version": farhorizon.__version__}
+    about = {
+        "command": " ".join(command),
+        "date": datetime.date.today().isoformat(),
+        "processor": processor(),
+        "version": farhorizon.__version__,
+    }
     return {key: {"value": written(read(found)), **about} for key, read in figures.items()}
 
 
@@ -135,7 +173,12 @@ def rewrite(figures: dict[str, dict[str, Any]]) -> None:
     """Put the figures where the documents mark them."""
     for path in DOCUMENTS:
         text = path.read_text(encoding="utf-8")
-        new = PLACE.sub(lambda place: f"<!-- figure: {place[1]} -->{figures.get(place[1], {'value': place[2]})['value']}<!-- end -->", text)
+        new = PLACE.sub(
+            lambda place: (
+                f"<!-- figure: {place[1]} -->{figures.get(place[1], {'value': place[2]})['value']}<!-- end -->"
+            ),
+            text,
+        )
         if new != text:
             path.write_text(new, encoding="utf-8")
 

@@ -2,14 +2,14 @@
 
 Measures, in one process with interleaved repeats (medians of the ratios of a round):
 
-- square: a 12-node LatticePML on all sides of a 1000^2 near field, m = 3, with one and two threads, against an engine with
-  the same core and neither layers nor cuts. Target: at most 60 % more time a step.
+- square: a 12-node LatticePML on all sides of a 1000^2 near field, m = 3, with one and two threads, against an engine
+  with the same core and neither layers nor cuts. Target: at most 60 % more time a step.
 - bar: the same for a 1D bar of 201 nodes, m = 3, in microseconds a step; and `Simulation.step` on top of the engine's
   loop. Target: layers add at most 3 microseconds a step.
 - cube: 3D 100^3, m = 3, for information.
 - thin: layers of 4, 8 and 12 nodes around both, one thread: the step over that of the bare engine, and the memory that
-  layers take, in near fields. Aims: 1.08, 1.15 and 1.3 around the square, 1.8, 2.6 and 4.5 around the cube; memory there
-  2, 4 and 10.
+  layers take, in near fields. Aims: 1.08, 1.15 and 1.3 around the square, 1.8, 2.6 and 4.5 around the cube; memory
+  there 2, 4 and 10.
 
 Run: ``python benchmarks/layer.py [square] [bar] [cube] [thin] [--json FILE] [--repeats N]``. Takes about a minute.
 """
@@ -28,7 +28,13 @@ from farhorizon.engine.engine import available_threads
 def simulation(dim: int, n: int, threads: int, nodes: int = 12) -> Simulation:
     """Window of n^dim nodes with layers on all sides, starting from noise so that nothing becomes denormal."""
     noise = np.random.default_rng(1).standard_normal((n,) * dim)
-    return Simulation(Lattice(1.0, (0.0,) * dim, (n - 1.0,) * dim), Wave(Kernel(3.0)), LatticePML(nodes=nodes), {"u": noise}, threads=threads)
+    return Simulation(
+        Lattice(1.0, (0.0,) * dim, (n - 1.0,) * dim),
+        Wave(Kernel(3.0)),
+        LatticePML(nodes=nodes),
+        {"u": noise},
+        threads=threads,
+    )
 
 
 def measure(dim: int, n: int, threads: int, repeats: int) -> tuple[Simulation, dict[str, list[float]]]:
@@ -47,29 +53,46 @@ def large(dim: int, n: int, repeats: int, target: float | None) -> list[dict[str
         sim, times = measure(dim, n, threads, repeats)
         added = 100 * (ratio(times, "layers", "bare") - 1)
         nodes = np.prod(sim.engine.layout.box.nodes) / np.prod(sim.engine.core.nodes)
-        rows.append({
-            f"{dim}D m=3, 12 nodes": f"{n}^{dim}", "threads": threads, "bare ms": 1e3 * median(times, "bare"),
-            "layers ms": 1e3 * median(times, "layers"), "added %": added,
-            "more nodes %": float(100 * (nodes - 1)), "step() / loop": ratio(times, "step()", "layers"),
-            "target": "-" if target is None else target, "met": "-" if target is None else verdict(added, target, larger=False),
-        })  # fmt: skip
+        rows.append(
+            {
+                f"{dim}D m=3, 12 nodes": f"{n}^{dim}",
+                "threads": threads,
+                "bare ms": 1e3 * median(times, "bare"),
+                "layers ms": 1e3 * median(times, "layers"),
+                "added %": added,
+                "more nodes %": float(100 * (nodes - 1)),
+                "step() / loop": ratio(times, "step()", "layers"),
+                "target": "-" if target is None else target,
+                "met": "-" if target is None else verdict(added, target, larger=False),
+            }
+        )
     return rows
 
 
 def thin(repeats: int) -> list[dict[str, Any]]:
     """Time and memory of layers by their thickness."""
     rows = []
-    for dim, n, steps_aimed, memory_aimed in ((2, 1000, (1.08, 1.15, 1.3), (None,) * 3), (3, 100, (1.8, 2.6, 4.5), (2.0, 4.0, 10.0))):
+    for dim, n, steps_aimed, memory_aimed in (
+        (2, 1000, (1.08, 1.15, 1.3), (None,) * 3),
+        (3, 100, (1.8, 2.6, 4.5), (2.0, 4.0, 10.0)),
+    ):
         for nodes, aim, memory_aim in zip((4, 8, 12), steps_aimed, memory_aimed, strict=True):
             sim = simulation(dim, n, 1, nodes)
             bare = bare_engine(sim.stencil, sim.engine.core.nodes[3 - dim :], 1)
             found = ratio(interleaved({"layers": steps(sim.engine), "bare": steps(bare)}, repeats), "layers", "bare")
             memory = (sim.engine.nbytes - bare.nbytes) / (8 * n**dim)
-            rows.append({
-                "m=3": f"{n}^{dim}", "nodes": nodes, "step / bare": found, "aim": aim, "met": verdict(found, aim, larger=False),
-                "near fields": memory, "memory aim": "-" if memory_aim is None else memory_aim,
-                "memory met": "-" if memory_aim is None else verdict(memory, memory_aim, larger=False),
-            })  # fmt: skip
+            rows.append(
+                {
+                    "m=3": f"{n}^{dim}",
+                    "nodes": nodes,
+                    "step / bare": found,
+                    "aim": aim,
+                    "met": verdict(found, aim, larger=False),
+                    "near fields": memory,
+                    "memory aim": "-" if memory_aim is None else memory_aim,
+                    "memory met": "-" if memory_aim is None else verdict(memory, memory_aim, larger=False),
+                }
+            )
     return rows
 
 
@@ -78,16 +101,26 @@ def bar(repeats: int) -> list[dict[str, Any]]:
     _, times = measure(1, 201, 1, repeats)
     added = [1e6 * (a - b) for a, b in zip(times["layers"], times["bare"], strict=True)]
     over = sorted(added)[len(added) // 2]
-    return [{
-        "1D m=3, 12 nodes": "201", "bare us": 1e6 * median(times, "bare"), "layers us": 1e6 * median(times, "layers"), "added us": over,
-        "step() us": 1e6 * median(times, "step()"), "target added": 3.0, "met": verdict(over, 3.0, larger=False),
-    }]  # fmt: skip
+    return [
+        {
+            "1D m=3, 12 nodes": "201",
+            "bare us": 1e6 * median(times, "bare"),
+            "layers us": 1e6 * median(times, "layers"),
+            "added us": over,
+            "step() us": 1e6 * median(times, "step()"),
+            "target added": 3.0,
+            "met": verdict(over, 3.0, larger=False),
+        }
+    ]
 
 
 if __name__ == "__main__":
-    run_parts(__doc__, {
-        "square": ("Layers around a square", lambda given: large(2, 1000, given.repeats, 60.0)),
-        "bar": ("Layers of a bar", lambda given: bar(given.repeats)),
-        "cube": ("Layers around a cube", lambda given: large(3, 100, given.repeats, None)),
-        "thin": ("Layers by their thickness", lambda given: thin(given.repeats)),
-    })  # fmt: skip
+    run_parts(
+        __doc__,
+        {
+            "square": ("Layers around a square", lambda given: large(2, 1000, given.repeats, 60.0)),
+            "bar": ("Layers of a bar", lambda given: bar(given.repeats)),
+            "cube": ("Layers around a cube", lambda given: large(3, 100, given.repeats, None)),
+            "thin": ("Layers by their thickness", lambda given: thin(given.repeats)),
+        },
+    )

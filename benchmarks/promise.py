@@ -1,13 +1,14 @@
 """Is the error of a run below the target that its layers were asked for, and could they be thinner?
 
-Random set-ups that nobody tuned on, of a printed seed: waves (reach 1 to 6, exponent 0 to 3, all influences and volumes,
-finite elements), elastic materials in the plane, diffusion; pulses of 6 to 30 nodes a wave, in the middle and near sides,
-near fields up to 4 : 1, waveguides, 2 to 40 crossings (3D: 2 to 5), steps from 0.3 to 0.95 of the limit. The error is the
-largest difference from the infinite lattice over near field and run, over the initial maximum, in diffusion over the
-largest value at that time. Asked: below the target in 95 %, below three targets or refused before the run in all others.
+Random set-ups that nobody tuned on, of a printed seed: waves (reach 1 to 6, exponent 0 to 3, all influences and
+volumes, finite elements), elastic materials in the plane, diffusion; pulses of 6 to 30 nodes a wave, in the middle and
+near sides, near fields up to 4 : 1, waveguides, 2 to 40 crossings (3D: 2 to 5), steps from 0.3 to 0.95 of the limit.
+The error is the largest difference from the infinite lattice over near field and run, over the initial maximum, in
+diffusion over the largest value at that time. Asked: below the target in 95 %, below three targets or refused before
+the run in all others.
 
-Run: ``python benchmarks/promise.py [first] [second] [default] [--json FILE]``: two seeds, 200 set-ups each, and a third one with layers of which
-nothing is asked; ``--count N`` for fewer, ``--seed N`` for another seed.
+Run: ``python benchmarks/promise.py [first] [second] [default] [--json FILE]``: two seeds, 200 set-ups each, and a third
+one with layers of which nothing is asked; ``--count N`` for fewer, ``--seed N`` for another seed.
 """
 
 from __future__ import annotations
@@ -33,7 +34,10 @@ def random_model(random: np.random.Generator, dim: int) -> Any:
     kind = random.choice(["wave", "wave", "wave", "elements", "elastic", "diffusion"])
     if kind == "elements":
         return fh.Wave(fh.Stencil.finite_element(dim))
-    reach, influence = float(random.integers(1, 7 if dim < 3 else 4)), str(random.choice(["constant", "linear", "gaussian"]))
+    reach, influence = (
+        float(random.integers(1, 7 if dim < 3 else 4)),
+        str(random.choice(["constant", "linear", "gaussian"])),
+    )
     influence = influence if reach > 1 else "constant"
     volume = str(random.choice(["ramp", "ramp", "full"]))
     exponent = int(random.integers(0, 4 if dim > 1 else 3))
@@ -42,9 +46,13 @@ def random_model(random: np.random.Generator, dim: int) -> Any:
         material = str(random.choice(["bond-based", "state-based", "finite-element"]))
         if material == "finite-element":
             return fh.Elastic(None, young=1.0, poisson=0.3, material=material)
-        return fh.Elastic(kernel, young=1.0, material=material, **({} if material == "bond-based" else {"poisson": 0.3}))
+        return fh.Elastic(
+            kernel, young=1.0, material=material, **({} if material == "bond-based" else {"poisson": 0.3})
+        )
     kernel = fh.Kernel(reach, exponent, influence, volume=volume)
-    return fh.Diffusion(kernel) if kind == "diffusion" else fh.Wave(kernel, damping=float(random.choice([0.0, 0.0, 0.02])))
+    return (
+        fh.Diffusion(kernel) if kind == "diffusion" else fh.Wave(kernel, damping=float(random.choice([0.0, 0.0, 0.02])))
+    )
 
 
 def random_setup(random: np.random.Generator) -> tuple[dict[str, Any], float, bool]:
@@ -68,12 +76,25 @@ def random_setup(random: np.random.Generator) -> tuple[dict[str, Any], float, bo
     u = u if stencil.components == 1 else np.stack([u, 0.5 * u])
     speed = float(np.sqrt(model.coefficient))
     crossings = float(np.exp(random.uniform(np.log(2), np.log(40 if dim < 3 else 5))))
-    until = crossings * max(shape) / speed if model.order == 2 else random.choice([1.0, 10.0, 50.0]) * (min(shape) / 2) ** 2
+    until = (
+        crossings * max(shape) / speed if model.order == 2 else random.choice([1.0, 10.0, 50.0]) * (min(shape) / 2) ** 2
+    )
     layer = fh.LatticePML(target=float(random.choice(TARGETS)), until=until)
     boundary = {"x": fh.Periodic(), "y": layer} if guide else layer
     limit = fh.Simulation(lattice, model, fh.Fixed()).step_limit
     share = float(random.choice([0.3, 0.5, 0.8, 0.95]))
-    return {"lattice": lattice, "model": model, "boundary": boundary, "initial": {"u": u}, "dt": share * limit, "threads": 1}, until, guide
+    return (
+        {
+            "lattice": lattice,
+            "model": model,
+            "boundary": boundary,
+            "initial": {"u": u},
+            "dt": share * limit,
+            "threads": 1,
+        },
+        until,
+        guide,
+    )
 
 
 class Guide:
@@ -81,8 +102,13 @@ class Guide:
 
     def __init__(self, sim: fh.Simulation, last: int, u: np.ndarray) -> None:
         self.sim, self.shape = sim, u.shape
-        self.box = (u.shape[0], fft.next_fast_len(int(u.shape[1] + 1.4 * last * sim.dt * np.sqrt(sim.model.coefficient)) + 200, real=True))
-        self.symbol = sim.stencil.symbol(*np.ix_(2 * np.pi * np.fft.fftfreq(self.box[0]), 2 * np.pi * np.fft.rfftfreq(self.box[1])))
+        self.box = (
+            u.shape[0],
+            fft.next_fast_len(int(u.shape[1] + 1.4 * last * sim.dt * np.sqrt(sim.model.coefficient)) + 200, real=True),
+        )
+        self.symbol = sim.stencil.symbol(
+            *np.ix_(2 * np.pi * np.fft.fftfreq(self.box[0]), 2 * np.pi * np.fft.rfftfreq(self.box[1]))
+        )
         self.start = fft.rfft2(u, self.box)
 
     def after(self, steps: int) -> np.ndarray:
@@ -97,7 +123,9 @@ class Guide:
 def error(sim: fh.Simulation, reference: Any, u: np.ndarray, until: float, enough: float = np.inf) -> float:
     """Largest error over the run; ends early above `enough`."""
     last, worst = int(until / sim.dt), 0.0
-    moments = np.linspace(1, last, MOMENTS) if sim.model.order == 2 else np.geomspace(max(1, last / 3000), last, MOMENTS)
+    moments = (
+        np.linspace(1, last, MOMENTS) if sim.model.order == 2 else np.geomspace(max(1, last / 3000), last, MOMENTS)
+    )
     for step in np.unique(moments.astype(int)):
         sim.step(int(step) - sim.step_count)
         exact = reference.after(int(step))
@@ -111,7 +139,11 @@ def error(sim: fh.Simulation, reference: Any, u: np.ndarray, until: float, enoug
 def sides(setup: dict[str, Any]) -> dict[str, fh.LatticePML]:
     """The layers of a set-up by their key."""
     boundary = setup["boundary"]
-    return {k: b for k, b in boundary.items() if isinstance(b, fh.LatticePML)} if isinstance(boundary, dict) else {"all": boundary}
+    return (
+        {k: b for k, b in boundary.items() if isinstance(b, fh.LatticePML)}
+        if isinstance(boundary, dict)
+        else {"all": boundary}
+    )
 
 
 def unasked(setup: dict[str, Any]) -> dict[str, Any]:
@@ -132,7 +164,9 @@ def promise(options: argparse.Namespace, part: str) -> list[dict[str, Any]]:
         (target,) = {b.wanted(setup["model"].target) for b in sides(setup).values()}
         u, model = setup["initial"]["u"], setup["model"]
         kind = ("guide" if guide else f"{setup['lattice'].dim}D") + f" {type(model).__name__.lower()}"
-        row = rows.setdefault(kind, {"set-up": kind, "cases": 0, "kept": 0, "refused": 0, "above 3": 0, "worst": 0.0, "nodes": []})
+        row = rows.setdefault(
+            kind, {"set-up": kind, "cases": 0, "kept": 0, "refused": 0, "above 3": 0, "worst": 0.0, "nodes": []}
+        )
         row["cases"] += 1
         try:
             sim = fh.Simulation(**setup)
@@ -142,9 +176,13 @@ def promise(options: argparse.Namespace, part: str) -> list[dict[str, Any]]:
             continue
         last = int(until / sim.dt)
         try:
-            reference = Guide(sim, last, u) if guide else InfiniteLattice(
-                sim.stencil, model.coefficient, model.integrator, sim.dt, last, u, damping=model.damping
-            )  # fmt: skip
+            reference = (
+                Guide(sim, last, u)
+                if guide
+                else InfiniteLattice(
+                    sim.stencil, model.coefficient, model.integrator, sim.dt, last, u, damping=model.damping
+                )
+            )
             found = error(sim, reference, u, until) / target
         except fh.UnstableError:
             found = np.inf
@@ -153,8 +191,12 @@ def promise(options: argparse.Namespace, part: str) -> list[dict[str, Any]]:
         row["worst"] = max(row["worst"], found)
         row["nodes"].append(max(layer.columns for layer in sim.engine.layers.values()))
         if found > 1 or options.repeats == 1:
-            print(f"{number}: {kind} {model.operator if hasattr(model, 'operator') else model} {setup['lattice'].shape} until {until:.4g} "
-                  f"target {target:g}: {row['nodes'][-1]} nodes, error {found:.2g} targets", flush=True)  # fmt: skip
+            print(
+                f"{number}: {kind} {model.operator if hasattr(model, 'operator') else model} {setup['lattice'].shape} "
+                f"until {until:.4g} "
+                f"target {target:g}: {row['nodes'][-1]} nodes, error {found:.2g} targets",
+                flush=True,
+            )
     total = {"set-up": "all", "cases": 0, "kept": 0, "refused": 0, "above 3": 0, "worst": 0.0, "nodes": []}
     for row in rows.values():
         for key in ("cases", "kept", "refused", "above 3", "nodes"):
@@ -169,5 +211,9 @@ def promise(options: argparse.Namespace, part: str) -> list[dict[str, Any]]:
 
 
 if __name__ == "__main__":
-    names = {"first": "random set-ups", "second": "random set-ups of a seed not looked at before", "default": "layers of which nothing is asked"}
+    names = {
+        "first": "random set-ups",
+        "second": "random set-ups of a seed not looked at before",
+        "default": "layers of which nothing is asked",
+    }
     run_parts(__doc__, {name: (title, partial(promise, part=name)) for name, title in names.items()})

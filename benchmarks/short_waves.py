@@ -1,9 +1,9 @@
 """Are layers stable for every kernel, and what does the damping of short waves cost in accuracy?
 
-For each stencil with backward waves: the damping that is chosen, the fastest mode between two sides over tangential wavenumbers (all
-eigenvalues; negative: it decays), and the error against the infinite lattice of a Gaussian pulse whose spectrum has fallen to 1.5e-5 at 8 nodes a
-wave or at 60 % of the first backward wavenumber, over four crossings, all sides and corners, relative to its maximum. Asked: decay, 1e-6 with 16
-nodes or 4 horizons, 1e-8 with 30 nodes.
+For each stencil with backward waves: the damping that is chosen, the fastest mode between two sides over tangential
+wavenumbers (all eigenvalues; negative: it decays), and the error against the infinite lattice of a Gaussian pulse whose
+spectrum has fallen to 1.5e-5 at 8 nodes a wave or at 60 % of the first backward wavenumber, over four crossings, all
+sides and corners, relative to its maximum. Asked: decay, 1e-6 with 16 nodes or 4 horizons, 1e-8 with 30 nodes.
 """
 
 from __future__ import annotations
@@ -32,7 +32,9 @@ def growth(model: Any, dim: int, nodes: int, spatial: int = 4) -> float:
     reach = max(model.stencil(1.0, dim).reach)
     width = float(max(12, 2 * reach))
     strip = Strip(
-        fh.Simulation(fh.Lattice(1.0, (0.0,) * dim, (width,) * dim), model, fh.LatticePML(nodes=nodes), threads=1), 0, max(8, 2 * reach + 1)
+        fh.Simulation(fh.Lattice(1.0, (0.0,) * dim, (width,) * dim), model, fh.LatticePML(nodes=nodes), threads=1),
+        0,
+        max(8, 2 * reach + 1),
     )
     line = ALONG if dim == 2 else ALONG[:: len(ALONG) // spatial]
     found = [strip.growth(*angles).rate for angles in itertools.combinations_with_replacement(line, dim - 1)]
@@ -47,7 +49,9 @@ def error(model: Any, dim: int, nodes: int) -> float:
     lattice = fh.Lattice(1.0, (-half,) * dim, (half,) * dim)
     pulse = np.exp(-sum(x**2 for x in lattice.coordinates()) / (2 * width**2))
     start = pulse if stencil.components == 1 else np.stack([pulse, *[0.5 * pulse] * (dim - 1)])
-    sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=nodes, target=0.1 if dim == 3 else None), initial={"u": start})
+    sim = fh.Simulation(
+        lattice, model, fh.LatticePML(nodes=nodes, target=0.1 if dim == 3 else None), initial={"u": start}
+    )
     last = int(CROSSINGS * half / np.sqrt(model.coefficient) / sim.dt)
     infinite = InfiniteLattice(stencil, model.coefficient, sim.model.integrator, sim.dt, last, start)
     worst = 0.0
@@ -68,21 +72,36 @@ def measure(cases: list[tuple[str, int, Any]]) -> list[dict[str, Any]]:
             continue
         reach = max(stencil.reach)
         thin = max(16, 4 * reach if reach > 3 else 0)
-        row: dict[str, Any] = {"stencil": f"{dim}D {name}", "first stopped": damped.first,
-                               "filter": f"I({damped.rise},{damped.fall})", "rate/sigma": damped.strength, "nodes": thin}  # fmt: skip
+        row: dict[str, Any] = {
+            "stencil": f"{dim}D {name}",
+            "first stopped": damped.first,
+            "filter": f"I({damped.rise},{damped.fall})",
+            "rate/sigma": damped.strength,
+            "nodes": thin,
+        }
         row |= {"growth": growth(model, dim, thin), "error": error(model, dim, thin), "limit": 1e-6}
         if dim < 3:
             row |= {"growth, 30": growth(model, dim, 30), "error, 30": error(model, dim, 30), "limit, 30": 1e-8}
         row["met"] = (
-            "yes" if row["growth"] <= 0 and row["error"] <= 1e-6 and row.get("error, 30", 0) <= 1e-8 and row.get("growth, 30", 0) <= 0 else "MISSED"
+            "yes"
+            if row["growth"] <= 0
+            and row["error"] <= 1e-6
+            and row.get("error, 30", 0) <= 1e-8
+            and row.get("growth, 30", 0) <= 0
+            else "MISSED"
         )
         rows.append(row)
-        print("  ".join(f"{key} {value:.3g}" if isinstance(value, float) else f"{value}" for key, value in row.items()), flush=True)
+        print(
+            "  ".join(f"{key} {value:.3g}" if isinstance(value, float) else f"{value}" for key, value in row.items()),
+            flush=True,
+        )
     print("\nno backward waves: " + (", ".join(without) or "none"))
     return rows
 
 
-def scalar(dim: int, reaches: list[int], exponents: tuple[int, ...], influences: tuple[str, ...]) -> list[tuple[str, int, Any]]:
+def scalar(
+    dim: int, reaches: list[int], exponents: tuple[int, ...], influences: tuple[str, ...]
+) -> list[tuple[str, int, Any]]:
     """Wave models over a table of kernels."""
     return [
         (f"m={m} p={p} {i}", dim, fh.Wave(fh.Kernel(float(m), p, i)))
@@ -94,7 +113,9 @@ def scalar(dim: int, reaches: list[int], exponents: tuple[int, ...], influences:
 
 
 def certified(given: argparse.Namespace) -> list[dict[str, Any]]:
-    """Wide kernels on a line with 4 horizons: the certificate, and what comes back of waves as long as three horizons and more."""
+    """Wide kernels on a line with 4 horizons: the certificate, and what comes back of waves as long as three horizons
+    and more.
+    """
     rows = []
     for name, _, model in scalar(1, list(range(4, 13)), (0, 1, 2), ALL):
         nodes = 4 * max(model.stencil(1.0, 1).reach)
@@ -103,22 +124,37 @@ def certified(given: argparse.Namespace) -> list[dict[str, Any]]:
         back = max(abs(strip.reflection(share * nodes, 0.0)) for share in (0.75, 1.5, 3.0))
         layer = next(iter(sim.engine.layers.values()))
         gain = largest_gain(sim.stencil, layer.kappa, layer.sigma, layer.alpha)
-        rows.append({"stencil": f"1D {name}", "nodes": nodes, "verdict": found.verdict, "rate": found.rate, "sent back": back, "gain": gain})
+        rows.append(
+            {
+                "stencil": f"1D {name}",
+                "nodes": nodes,
+                "verdict": found.verdict,
+                "rate": found.rate,
+                "sent back": back,
+                "gain": gain,
+            }
+        )
     return rows
 
 
 def returned(given: argparse.Namespace) -> list[dict[str, Any]]:
-    """Layers of 4 horizons of wide kernels: what comes back of plane waves along the normal, by the exact reflection."""
+    """Layers of 4 horizons of wide kernels: what comes back of plane waves along the normal, by the exact
+    reflection."""
     rows = []
     for dim, exponent, reaches in ((1, 1, range(7, 13)), (2, 1, range(7, 13)), (1, 0, (6, 8, 10, 11))):
         for reach in reaches:
             model, nodes = fh.Wave(fh.Kernel(float(reach), exponent)), 4 * reach
-            sim = fh.Simulation(fh.Lattice(1.0, (0.0,) * dim, (2.0 * reach,) * dim), model, fh.LatticePML(nodes=nodes), threads=1)
+            sim = fh.Simulation(
+                fh.Lattice(1.0, (0.0,) * dim, (2.0 * reach,) * dim), model, fh.LatticePML(nodes=nodes), threads=1
+            )
             layer, first = next(iter(sim.engine.layers.values())), high_pass(sim.stencil).first
             medium = LatticeMedium(sim.stencil, 1.0, 1.0, Recursion.of(model.integrator, sim.dt, 0.0), sim.dt)
             waves = [medium.plane_wave(2 * np.pi / (share * first), 0.0) for share in (0.06, 0.18, 0.36)]
             amplitudes = [float(np.abs(layer_amplitudes(wave, layer)[wave.modes.travels]).max()) for wave in waves]
-            rows.append({"stencil": f"{dim}D m={reach} p={exponent}", "nodes": nodes} | dict(zip(("6 %", "18 %", "36 %"), amplitudes, strict=True)))
+            rows.append(
+                {"stencil": f"{dim}D m={reach} p={exponent}", "nodes": nodes}
+                | dict(zip(("6 %", "18 %", "36 %"), amplitudes, strict=True))
+            )
     return rows
 
 
@@ -143,23 +179,33 @@ def wide(given: argparse.Namespace) -> list[dict[str, Any]]:
 
 def space(given: argparse.Namespace) -> list[dict[str, Any]]:
     """3D."""
-    return measure([*scalar(3, [1, 2, 3], (0, 1, 2), ("constant",)), ("trilinear elements", 3, fh.Wave(fh.Stencil.finite_element(3)))])
+    return measure(
+        [
+            *scalar(3, [1, 2, 3], (0, 1, 2), ("constant",)),
+            ("trilinear elements", 3, fh.Wave(fh.Stencil.finite_element(3))),
+        ]
+    )
 
 
 def elastic(given: argparse.Namespace) -> list[dict[str, Any]]:
     """Matrix weights, 2D."""
     kernels = [(m, i) for m in (2, 3) for i in ("constant", "linear")]
-    cases: list[tuple[str, int, Any]] = [(f"bond-based m={m} {i}", 2, fh.Elastic(fh.Kernel(float(m), 1, i), young=1.0)) for m, i in kernels]
+    cases: list[tuple[str, int, Any]] = [
+        (f"bond-based m={m} {i}", 2, fh.Elastic(fh.Kernel(float(m), 1, i), young=1.0)) for m, i in kernels
+    ]
     cases.append(("state-based m=2", 2, fh.Elastic(fh.Kernel(2.0, 1), young=1.0, poisson=0.3, material="state-based")))
     return measure([*cases, ("elements", 2, fh.Elastic(young=1.0, poisson=0.3, material="finite-element"))])
 
 
 PARTS = {
-    "line": ("waves in 1D", line), "plane": ("waves in 2D", plane), "wide": ("waves in 2D, wide kernels", wide), "space": ("waves in 3D", space),
+    "line": ("waves in 1D", line),
+    "plane": ("waves in 2D", plane),
+    "wide": ("waves in 2D, wide kernels", wide),
+    "space": ("waves in 3D", space),
     "elastic": ("elastic waves in 2D", elastic),
     "certified": ("wide kernels in 1D", certified),
     "returned": ("reflection by layers of wide kernels, by wavenumber over the first backward one", returned),
-}  # fmt: skip
+}
 
 if __name__ == "__main__":
     run_parts(__doc__, PARTS)

@@ -3,9 +3,11 @@
 Measures in fresh processes, medians of the repeats:
 
 - import: ``import farhorizon`` in a process that has only the interpreter, and the modules that take most of it.
-- cold: the first `farhorizon check`, `run` and `demo` of a fresh install, by the wall clock (empty caches), beside the second.
-- compile: the first simulation and step ever (empty ``FARHORIZON_CACHE``: the time loop is compiled, too), of a new stencil
-  where another has run before, and of the same in a second process that finds everything there. Target for a new stencil: 5 s.
+- cold: the first `farhorizon check`, `run` and `demo` of a fresh install, by the wall clock (empty caches), beside the
+  second.
+- compile: the first simulation and step ever (empty ``FARHORIZON_CACHE``: the time loop is compiled, too), of a new
+  stencil where another has run before, and of the same in a second process that finds everything there. Target for a
+  new stencil: 5 s.
 
 Wall-clock seconds here mean this machine; the ratio of first to second run is what the cache gains.
 
@@ -36,7 +38,8 @@ import time
 start = time.perf_counter()
 import farhorizon as fh
 loaded = time.perf_counter()
-sim = fh.Simulation(fh.Lattice(1.0, (0.0,) * {dim}, ({n} - 1.0,) * {dim}), fh.Wave(fh.Kernel({m}.0)), initial={{"v": 0.0}})
+lattice = fh.Lattice(1.0, (0.0,) * {dim}, ({n} - 1.0,) * {dim})
+sim = fh.Simulation(lattice, fh.Wave(fh.Kernel({m}.0)), initial={{"v": 0.0}})
 sim.step(1)
 first = time.perf_counter()
 sim.step(1)
@@ -46,12 +49,15 @@ print(loaded - start, first - loaded, time.perf_counter() - first)
 
 def python(code: str, cache: str, *options: str) -> subprocess.CompletedProcess[str]:
     """Run code in a fresh interpreter with a given cache folder."""
-    return subprocess.run([sys.executable, *options, "-c", code], capture_output=True, text=True, check=True,
-                          env=empty_caches(cache))  # fmt: skip
+    return subprocess.run(
+        [sys.executable, *options, "-c", code], capture_output=True, text=True, check=True, env=empty_caches(cache)
+    )
 
 
 def empty_caches(folder: str) -> dict[str, str]:
-    """The environment with all compiled code in a folder: that of generated programs and that of the package's own modules."""
+    """The environment with all compiled code in a folder: that of generated programs and that of the package's own
+    modules.
+    """
     return {**os.environ, "FARHORIZON_CACHE": folder, "NUMBA_CACHE_DIR": f"{folder}/numba"}
 
 
@@ -66,7 +72,9 @@ def import_time(repeats: int) -> list[dict[str, Any]]:
         package = name.split(".")[0]
         own[package] = own.get(package, 0.0) + 1e-6 * int(microseconds)
     heaviest = sorted(own.items(), key=lambda item: -item[1])[:6]
-    return [{"import": "farhorizon", "s": total}] + [{"import": f"  {name} (traced)", "s": seconds} for name, seconds in heaviest]
+    return [{"import": "farhorizon", "s": total}] + [
+        {"import": f"  {name} (traced)", "s": seconds} for name, seconds in heaviest
+    ]
 
 
 def cold_start(repeats: int) -> list[dict[str, Any]]:
@@ -101,18 +109,31 @@ def compile_time(repeats: int) -> list[dict[str, Any]]:
                 firsts.append([float(x) for x in python(code, cache).stdout.split()])
                 seconds.append([float(x) for x in python(code, cache).stdout.split()])
         first, second = (statistics.median(row[1] for row in runs) for runs in (firsts, seconds))
-        rows.append({
-            "stencil": f"{dim}D m={m} {n}^{dim}", "first ever s (1D m=5)": statistics.median(fresh), "new stencil s": first, "cached s": second,
-            "step ms": 1e3 * statistics.median(row[2] for row in seconds),
-            "times faster": first / second, "target": TARGET, "met": verdict(first, TARGET, larger=False),
-        })  # fmt: skip
+        rows.append(
+            {
+                "stencil": f"{dim}D m={m} {n}^{dim}",
+                "first ever s (1D m=5)": statistics.median(fresh),
+                "new stencil s": first,
+                "cached s": second,
+                "step ms": 1e3 * statistics.median(row[2] for row in seconds),
+                "times faster": first / second,
+                "target": TARGET,
+                "met": verdict(first, TARGET, larger=False),
+            }
+        )
     return rows
 
 
 if __name__ == "__main__":
-    run_parts(__doc__, {
-        "import": ("Import time in a fresh process", lambda given: import_time(given.repeats)),
-        # compiling is slow and steady: fewer repeats
-        "cold": ("Commands of a fresh install", lambda given: cold_start(max(1, given.repeats // 9))),
-        "compile": ("From a new stencil to its first step, import not counted", lambda given: compile_time(max(1, given.repeats // 9))),
-    })  # fmt: skip
+    run_parts(
+        __doc__,
+        {
+            "import": ("Import time in a fresh process", lambda given: import_time(given.repeats)),
+            # compiling is slow and steady: fewer repeats
+            "cold": ("Commands of a fresh install", lambda given: cold_start(max(1, given.repeats // 9))),
+            "compile": (
+                "From a new stencil to its first step, import not counted",
+                lambda given: compile_time(max(1, given.repeats // 9)),
+            ),
+        },
+    )

@@ -1,17 +1,20 @@
 """Loads that stay: what do layers do to static and slow far fields?
 
-A load is switched on within 40 h/c (h the spacing, c the largest speed) and stays; the near field is compared with that of the extended domain,
-from whose end less than 1e-9 comes back. Errors are the largest |u - u_extended| over the near field, relative to the largest value at the same time.
+A load is switched on within 40 h/c (h the spacing, c the largest speed) and stays; the near field is compared with that
+of the extended domain, from whose end less than 1e-9 comes back. Errors are the largest |u - u_extended| over the near
+field, relative to the largest value at the same time.
 
-- wave2d, wave3d, elastic2d, elastic3d: a force, in the plane u goes on growing like log t; waves with a kernel of reach 2, elasticity bond-based
-  of reach 2; 25^2 and 13^3 nodes, to t = 600, 80, 400 and 60 h/c.
-- crack2d: two opposite forces hold a crack open, without a net force; to t = 400 h/c. crack3d: the same on a square crack, to t = 60.
+- wave2d, wave3d, elastic2d, elastic3d: a force, in the plane u goes on growing like log t; waves with a kernel of reach
+  2, elasticity bond-based of reach 2; 25^2 and 13^3 nodes, to t = 600, 80, 400 and 60 h/c.
+- crack2d: two opposite forces hold a crack open, without a net force; to t = 400 h/c. crack3d: the same on a square
+  crack, to t = 60.
 
-Columns: "nodes" of the layers; "error" the largest from t = 60 h/c (3D: 30) to the end T; "drift" the same without its mean over the near field;
-"at 4 T" in space, where fields come to rest, the difference of the run at four times T from the extended domain at T: there a layer that was chosen
-for T need not keep its target.
+Columns: "nodes" of the layers; "error" the largest from t = 60 h/c (3D: 30) to the end T; "drift" the same without its
+mean over the near field; "at 4 T" in space, where fields come to rest, the difference of the run at four times T from
+the extended domain at T: there a layer that was chosen for T need not keep its target.
 
-Run: ``python benchmarks/static.py [wave2d] [wave3d] [elastic2d] [elastic3d] [crack2d] [crack3d] [--json FILE]``. Takes five minutes.
+Run: ``python benchmarks/static.py [wave2d] [wave3d] [elastic2d] [elastic3d] [crack2d] [crack3d] [--json FILE]``. Takes
+five minutes.
 """
 
 from __future__ import annotations
@@ -45,13 +48,19 @@ def setup(dim: int, elastic: bool, crack: bool) -> dict[str, Any]:
     lattice = fh.Lattice(1.0, (-half,) * dim, (half,) * dim)
     width = 3.0 if dim == 2 else 1.8
     if not elastic:
-        return {"lattice": lattice, "model": fh.Wave(fh.Kernel(2.0)), "sources": [fh.Source(force(lattice, 2.0, width), ramp)]}
+        return {
+            "lattice": lattice,
+            "model": fh.Wave(fh.Kernel(2.0)),
+            "sources": [fh.Source(force(lattice, 2.0, width), ramp)],
+        }
     model = fh.Elastic(fh.Kernel(2.0, 1), 1.0, plane="strain" if dim == 2 else None)
     model = fh.Elastic(fh.Kernel(2.0, 1), 1.0 / model.p_modulus, plane="strain" if dim == 2 else None)
     vector = np.zeros((dim, *lattice.shape))
     if crack:  # in the plane x = 1/2, pulled apart
         vector[0] = force(lattice, 3.0, 1.5) - force(lattice, -2.0, 1.5)
-        plane = [(0.5, -4.3), (0.5, 4.3)] if dim == 2 else fh.Rectangle((0.5, -3.3, -3.3), (0.0, 6.6, 0.0), (0.0, 0.0, 6.6))
+        plane = (
+            [(0.5, -4.3), (0.5, 4.3)] if dim == 2 else fh.Rectangle((0.5, -3.3, -3.3), (0.0, 6.6, 0.0), (0.0, 0.0, 6.6))
+        )
         return {"lattice": lattice, "model": model, "sources": [fh.Source(list(vector), ramp)], "cracks": [plane]}
     vector[0] = force(lattice, 2.0, width)
     return {"lattice": lattice, "model": model, "sources": [fh.Source(list(vector), ramp)]}
@@ -77,8 +86,12 @@ def rows(dim: int, elastic: bool, crack: bool, until: float) -> list[dict[str, A
             space = tuple(range(error.ndim - dim, error.ndim))
             worst = max(worst, float(np.abs(error).max() / np.abs(exact).max()))
             drift = max(drift, float(np.abs(error - error.mean(space, keepdims=True)).max() / np.abs(exact).max()))
-        row = {"target": "default" if target is None else f"{target:g}", "nodes": max(layer.columns for layer in ours.engine.layers.values()),
-               "error": worst, "drift": drift}  # fmt: skip
+        row = {
+            "target": "default" if target is None else f"{target:g}",
+            "nodes": max(layer.columns for layer in ours.engine.layers.values()),
+            "error": worst,
+            "drift": drift,
+        }
         if dim == 3:
             ours.step(3 * steps[-1])
             row["at 4 T"] = float(np.abs(ours.fields["u"] - fields[-1]).max() / np.abs(fields[-1]).max())
@@ -88,16 +101,21 @@ def rows(dim: int, elastic: bool, crack: bool, until: float) -> list[dict[str, A
 
 def part(dim: int, elastic: bool, crack: bool, until: float) -> tuple[str, Callable[[Any], list[dict[str, Any]]]]:
     """A part of the command line."""
-    what = ("a crack held open" if crack else "a force that stays") + f", {'elasticity' if elastic else 'waves'} in {dim}D, T = {until:g} h/c"
+    what = (
+        "a crack held open" if crack else "a force that stays"
+    ) + f", {'elasticity' if elastic else 'waves'} in {dim}D, T = {until:g} h/c"
     return what, lambda _: rows(dim, elastic, crack, until)
 
 
 if __name__ == "__main__":
-    run_parts(__doc__, {
-        "wave2d": part(2, False, False, 600.0),
-        "wave3d": part(3, False, False, 80.0),
-        "elastic2d": part(2, True, False, 400.0),
-        "elastic3d": part(3, True, False, 60.0),
-        "crack2d": part(2, True, True, 400.0),
-        "crack3d": part(3, True, True, 60.0),
-    })  # fmt: skip
+    run_parts(
+        __doc__,
+        {
+            "wave2d": part(2, False, False, 600.0),
+            "wave3d": part(3, False, False, 80.0),
+            "elastic2d": part(2, True, False, 400.0),
+            "elastic3d": part(3, True, False, 60.0),
+            "crack2d": part(2, True, True, 400.0),
+            "crack3d": part(3, True, True, 60.0),
+        },
+    )

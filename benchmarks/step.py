@@ -2,12 +2,13 @@
 
 Measures, in one process with interleaved repeats (medians of the ratios of a round):
 
-- triad: 2D m = 3 on 4000^2 nodes with all threads as a fraction of the bandwidth of the update ``A += s*C``. That update
-  moves the same 24 bytes a node as the step must at least (read u, read and write the older level), is compiled by Numba
-  with the same threads and thread layer, and runs on arrays of as many nodes. Targets: 68 % for the 36 neighbours of
-  volume="ramp", 75 % for the 28 of volume="full".
-- csr: one thread per node against the product of the same operator as a scipy CSR matrix with a vector (no time update):
-  2D m = 3 on 1000^2 nodes; 3D m = 3, 200^3 nodes against a matrix on 96^3 nodes (200^3 would need 17 GB). Target: 15 x.
+- triad: 2D m = 3 on 4000^2 nodes with all threads as a fraction of the bandwidth of the update ``A += s*C``. That
+  update moves the same 24 bytes a node as the step must at least (read u, read and write the older level), is compiled
+  by Numba with the same threads and thread layer, and runs on arrays of as many nodes. Targets: 68 % for the 36
+  neighbours of volume="ramp", 75 % for the 28 of volume="full".
+- csr: one thread per node against the product of the same operator as a scipy CSR matrix with a vector (no time
+  update): 2D m = 3 on 1000^2 nodes; 3D m = 3, 200^3 nodes against a matrix on 96^3 nodes (200^3 would need 17 GB).
+  Target: 15 x.
 - float32: how many times faster single precision is, 2D m = 3. Target: 1.6 x.
 - memory: what a 2D 1000^2 near field with its default layers holds and what its set-up needs for a while, in fields of
   8 bytes a node, as counted by tracemalloc. Target: the run holds at most 5.
@@ -88,13 +89,20 @@ def bandwidth(repeats: int) -> list[dict[str, Any]]:
         times = interleaved(cases, repeats)
         for volume, target in (("ramp", 0.68), ("full", 0.75)):
             share = ratio(times, "triad", volume)
-            rows.append({
-                "2D m=3 4000^2": volume, "neighbours": len(engines[volume].weights), "threads": threads,
-                "step ms": 1e3 * median(times, volume), "triad ms": 1e3 * median(times, "triad"),
-                "step GB/s": 24e-9 * n * n / median(times, volume), "triad GB/s": 24e-9 * n * n / median(times, "triad"),
-                "share of triad": share, "target": target if threads > 1 else "-",
-                "met": verdict(share, target, larger=True) if threads > 1 else "-",
-            })  # fmt: skip
+            rows.append(
+                {
+                    "2D m=3 4000^2": volume,
+                    "neighbours": len(engines[volume].weights),
+                    "threads": threads,
+                    "step ms": 1e3 * median(times, volume),
+                    "triad ms": 1e3 * median(times, "triad"),
+                    "step GB/s": 24e-9 * n * n / median(times, volume),
+                    "triad GB/s": 24e-9 * n * n / median(times, "triad"),
+                    "share of triad": share,
+                    "target": target if threads > 1 else "-",
+                    "met": verdict(share, target, larger=True) if threads > 1 else "-",
+                }
+            )
         del engines, cases
         gc.collect()
     return rows
@@ -103,17 +111,28 @@ def bandwidth(repeats: int) -> list[dict[str, Any]]:
 def against_matrix(repeats: int) -> list[dict[str, Any]]:
     """One-thread step per node against the CSR product per node."""
     rows = []
-    for dim, n, n_matrix, volume in ((2, 1000, 1000, "ramp"), (2, 1000, 1000, "full"), (3, 200, 96, "ramp"), (3, 200, 96, "full")):
+    for dim, n, n_matrix, volume in (
+        (2, 1000, 1000, "ramp"),
+        (2, 1000, 1000, "full"),
+        (3, 200, 96, "ramp"),
+        (3, 200, 96, "full"),
+    ):
         stencil = kernel_stencil(dim, 3, volume)
         cases = {"step": steps(bare_engine(stencil, (n,) * dim, 1)), "csr": product_case(matrix(stencil, n_matrix))}
         times = interleaved(cases, repeats)
         factor = ratio(times, "csr", "step") * n**dim / n_matrix**dim
-        rows.append({
-            "one thread, m=3": f"{dim}D {n}^{dim} {volume}", "neighbours": len(stencil.weights),
-            "step ns/node": 1e9 * median(times, "step") / n**dim, "csr nodes": f"{n_matrix}^{dim}",
-            "csr ns/node": 1e9 * median(times, "csr") / n_matrix**dim, "times faster": factor,
-            "target": 15.0, "met": verdict(factor, 15.0, larger=True),
-        })  # fmt: skip
+        rows.append(
+            {
+                "one thread, m=3": f"{dim}D {n}^{dim} {volume}",
+                "neighbours": len(stencil.weights),
+                "step ns/node": 1e9 * median(times, "step") / n**dim,
+                "csr nodes": f"{n_matrix}^{dim}",
+                "csr ns/node": 1e9 * median(times, "csr") / n_matrix**dim,
+                "times faster": factor,
+                "target": 15.0,
+                "met": verdict(factor, 15.0, larger=True),
+            }
+        )
         del cases
         gc.collect()
     return rows
@@ -124,12 +143,21 @@ def single_precision(repeats: int) -> list[dict[str, Any]]:
     rows = []
     for n, threads in ((1000, 1), (4000, 1), (1000, available_threads()), (4000, available_threads())):
         stencil = kernel_stencil(2, 3)
-        times = interleaved({r: steps(bare_engine(stencil, (n, n), threads, r)) for r in ("float64", "float32")}, repeats)
+        times = interleaved(
+            {r: steps(bare_engine(stencil, (n, n), threads, r)) for r in ("float64", "float32")}, repeats
+        )
         gain = ratio(times, "float64", "float32")
-        rows.append({
-            "2D m=3 ramp": f"{n}^2", "threads": threads, "float64 ms": 1e3 * median(times, "float64"),
-            "float32 ms": 1e3 * median(times, "float32"), "times faster": gain, "target": 1.6, "met": verdict(gain, 1.6, larger=True),
-        })  # fmt: skip
+        rows.append(
+            {
+                "2D m=3 ramp": f"{n}^2",
+                "threads": threads,
+                "float64 ms": 1e3 * median(times, "float64"),
+                "float32 ms": 1e3 * median(times, "float32"),
+                "times faster": gain,
+                "target": 1.6,
+                "met": verdict(gain, 1.6, larger=True),
+            }
+        )
         gc.collect()
     return rows
 
@@ -155,19 +183,30 @@ def memory() -> list[dict[str, Any]]:
         sim.step(2)
         running = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
-        rows.append({
-            "m=3": f"{dim}D {n}^{dim}", "sides": "layers, 12 nodes" if layers else "fixed", "time levels": sim.engine.levels.nbytes / field,
-            "slots": sim.engine.slots.nbytes / field, "layer memory": sim.engine.memory.nbytes / field,
-            "held": held / field, "peak running": running / field, "peak set-up": set_up / field,
-            "target held": "-" if layers else 5.0, "met": "-" if layers else verdict(held / field, 5.0, larger=False),
-        })  # fmt: skip
+        rows.append(
+            {
+                "m=3": f"{dim}D {n}^{dim}",
+                "sides": "layers, 12 nodes" if layers else "fixed",
+                "time levels": sim.engine.levels.nbytes / field,
+                "slots": sim.engine.slots.nbytes / field,
+                "layer memory": sim.engine.memory.nbytes / field,
+                "held": held / field,
+                "peak running": running / field,
+                "peak set-up": set_up / field,
+                "target held": "-" if layers else 5.0,
+                "met": "-" if layers else verdict(held / field, 5.0, larger=False),
+            }
+        )
     return rows
 
 
 if __name__ == "__main__":
-    run_parts(__doc__, {
-        "triad": ("Wave step against the 24 B/node update", lambda given: bandwidth(given.repeats)),
-        "csr": ("Wave step against scipy CSR product", lambda given: against_matrix(given.repeats)),
-        "float32": ("Single precision", lambda given: single_precision(given.repeats)),
-        "memory": ("Memory in near fields of 8 B/node", lambda given: memory()),
-    })  # fmt: skip
+    run_parts(
+        __doc__,
+        {
+            "triad": ("Wave step against the 24 B/node update", lambda given: bandwidth(given.repeats)),
+            "csr": ("Wave step against scipy CSR product", lambda given: against_matrix(given.repeats)),
+            "float32": ("Single precision", lambda given: single_precision(given.repeats)),
+            "memory": ("Memory in near fields of 8 B/node", lambda given: memory()),
+        },
+    )

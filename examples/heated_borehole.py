@@ -1,14 +1,14 @@
 """A heated borehole in infinite ground: absorbing sides against the exact line source.
 
-Physics: ground of 2 W/(m K), 2000 kg/m^3 and 1000 J/(kg K) around a heater of 50 W per metre of depth, whose power is spread over the
-borehole as a Gaussian 0.15 m wide. In an infinite plane the temperature never becomes steady: it rises like log t, and at late times heat
-has gone many times farther than the square of 1.2 m that is computed.
+Physics: ground of 2 W/(m K), 2000 kg/m^3 and 1000 J/(kg K) around a heater of 50 W per metre of depth, whose power is
+spread over the borehole as a Gaussian 0.15 m wide. In an infinite plane the temperature never becomes steady: it rises
+like log t, and at late times heat has gone many times farther than the square of 1.2 m that is computed.
 
-Grid: spacing 1 cm, horizon 2 cm, triangular micro-conductivity. Heat crosses a horizon in horizon^2 / diffusivity = 400 s and the square's half
-width in 3.6e5 s; the long run ends after a hundred times that, more than a year.
+Grid: spacing 1 cm, horizon 2 cm, triangular micro-conductivity. Heat crosses a horizon in horizon^2 / diffusivity = 400
+s and the square's half width in 3.6e5 s; the long run ends after a hundred times that, more than a year.
 
-Prints the relative error of three probes against ``P/(4 pi k) (E1(r^2/(w^2 + 4 a t)) - E1(r^2/w^2))``: below 1e-3 from the first
-horizon-crossing time on.
+Prints the relative error of three probes against ``P/(4 pi k) (E1(r^2/(w^2 + 4 a t)) - E1(r^2/w^2))``: below 1e-3 from
+the first horizon-crossing time on.
 
 Run: ``python examples/heated_borehole.py``; about 20 seconds.
 """
@@ -23,7 +23,8 @@ DIFFUSIVITY = CONDUCTIVITY / DENSITY / SPECIFIC_HEAT
 POWER, WIDTH = 50.0, 0.15
 SPACING, HORIZON, HALF = 0.01, 0.02, 0.6
 PROBES = (0.0, 0.1, 0.3)
-EARLY = 200.0, HORIZON**2 / DIFFUSIVITY * np.array([1, 2, 5, 10, 100, 900])  # step and times: from the crossing of a horizon
+# step and times: from the crossing of a horizon
+EARLY = 200.0, HORIZON**2 / DIFFUSIVITY * np.array([1, 2, 5, 10, 100, 900])
 LATE = 2e4, HALF**2 / DIFFUSIVITY * np.array([3, 10, 30, 100])  # to a hundred times the near field's own diffusion
 
 
@@ -49,7 +50,9 @@ def probe(sim: fh.Simulation, times: np.ndarray) -> np.ndarray:
 
 def errors(dt: float, times: np.ndarray) -> np.ndarray:
     """Relative error of each probe at each time."""
-    exact = np.array([[float(line_source(r, t, DIFFUSIVITY, CONDUCTIVITY, POWER, WIDTH)) for r in PROBES] for t in times])
+    exact = np.array(
+        [[float(line_source(r, t, DIFFUSIVITY, CONDUCTIVITY, POWER, WIDTH)) for r in PROBES] for t in times]
+    )
     return probe(ground(dt), times) / exact - 1
 
 

@@ -1,14 +1,17 @@
 """A plate with an insulating crack against refined finite elements.
 
-Physics: the square |x|, |y| < 1, kept at -1 on the left and +1 on the right, insulated above and below, with an insulating crack on x = 0,
+Physics: the square |x|, |y| < 1, kept at -1 on the left and +1 on the right, insulated above and below, with an
+insulating crack on x = 0,
 |y| < 0.4. Steady state. At the tips the classical flux is singular like 1/sqrt(r).
 
-The temperature is odd in x and even in y, so that the finite elements (scikit-fem, quadratic triangles, refined towards the tip) need a quarter:
-0 on x = 0 beyond the crack, nothing on the crack, 1 on x = 1. The peridynamic plate has the whole crack: bonds across it are cut.
+The temperature is odd in x and even in y, so that the finite elements (scikit-fem, quadratic triangles, refined towards
+the tip) need a quarter: 0 on x = 0 beyond the crack, nothing on the crack, 1 on x = 1. The peridynamic plate has the
+whole crack: bonds across it are cut.
 
-Prints, for shrinking horizons at three nodes in each, the largest difference two horizons and more from the tips, relative to 1. It is on
-the crack's faces as near to a tip as is looked at: there it follows the temperature of the singularity, the square root of the horizon,
-and is below 1 % at the smallest. A fixed distance from the tips it falls in proportion to the horizon.
+Prints, for shrinking horizons at three nodes in each, the largest difference two horizons and more from the tips,
+relative to 1. It is on the crack's faces as near to a tip as is looked at: there it follows the temperature of the
+singularity, the square root of the horizon, and is below 1 % at the smallest. A fixed distance from the tips it falls
+in proportion to the horizon.
 
 Run: ``python examples/insulating_crack.py``; about half a minute; needs scikit-fem.
 """
@@ -43,7 +46,9 @@ def finite_elements(x: np.ndarray, y: np.ndarray, levels: int = 12) -> np.ndarra
 
 
 def plate(horizon: float) -> fh.Simulation:
-    """The peridynamic plate in its steady state; nodes are cell centres, the layers of the mirror conditions lie beyond |x| = 1."""
+    """The peridynamic plate in its steady state; nodes are cell centres, the layers of the mirror conditions lie beyond
+    |x| = 1.
+    """
     spacing = horizon / RATIO
     kernel = fh.Kernel(horizon, influence="linear")
     beyond = fh.Heat(kernel).stencil(spacing, 2).reach[0]
@@ -53,12 +58,16 @@ def plate(horizon: float) -> fh.Simulation:
     crack = [(0.0, -HALF_CRACK), (0.0, HALF_CRACK)]
     rate = fh.Heat(kernel).stencil(spacing, 2).symbol_maximum / spacing**2
     model = fh.Heat(kernel, integrator=fh.RungeKuttaChebyshev.for_step(0.02, rate))
-    sim = fh.Simulation(lattice, model, fh.Free(), {"u": lambda x, y: np.clip(x, -1, 1)}, cracks=[crack], constraints=walls, dt=0.02)
+    sim = fh.Simulation(
+        lattice, model, fh.Free(), {"u": lambda x, y: np.clip(x, -1, 1)}, cracks=[crack], constraints=walls, dt=0.02
+    )
     return sim.run(8.0, progress=False)  # the slowest odd mode has decayed by exp(-2.4 * 8)
 
 
 def differences(horizon: float) -> tuple[float, float]:
-    """Largest difference from the finite elements two horizons and more from the tips, and a fixed distance of 0.3 and more."""
+    """Largest difference from the finite elements two horizons and more from the tips, and a fixed distance of 0.3 and
+    more.
+    """
     sim = plate(horizon)
     x, y = sim.lattice.coordinates()
     distance = np.min([np.hypot(x - tip[0], y - tip[1]) for tip in TIPS], axis=0)
@@ -71,7 +80,10 @@ def main() -> None:
     """Three horizons."""
     for horizon in (0.06, 0.03, 0.015):
         near, far = differences(horizon)
-        print(f"horizon {horizon}: {100 * near:.2f} % two horizons from the tips, {100 * far:.2f} % a distance of 0.3 from them")
+        print(
+            f"horizon {horizon}: {100 * near:.2f} % two horizons from the tips, {100 * far:.2f} % a distance of 0.3 "
+            "from them"
+        )
 
 
 if __name__ == "__main__":

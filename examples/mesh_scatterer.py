@@ -1,11 +1,13 @@
 """A finite-element mesh closed by plane waves: a pulse in a disc of triangles with a hole that scatters it.
 
-u_tt = laplace u in the plane, speed 1, by linear triangles (scikit-fem) with lumped masses and explicit steps. The near field is what lies within
-radius 1 of a mesh; the hole's rim is free. The nodes on the outer rim get the values that `update_matrix` fits to outgoing plane waves; it needs
-nodes and normals, no lattice. Wider clouds with normals turned to multiples of 45 degrees reflect less, but only where the nodes are about
-regular, as here; among others they grow. The same mesh, three times as wide, is the infinite medium until something comes back from its rim.
+u_tt = laplace u in the plane, speed 1, by linear triangles (scikit-fem) with lumped masses and explicit steps. The near
+field is what lies within radius 1 of a mesh; the hole's rim is free. The nodes on the outer rim get the values that
+`update_matrix` fits to outgoing plane waves; it needs nodes and normals, no lattice. Wider clouds with normals turned
+to multiples of 45 degrees reflect less, but only where the nodes are about regular, as here; among others they grow.
+The same mesh, three times as wide, is the infinite medium until something comes back from its rim.
 
-Prints the largest error beside that of a fixed and of a free rim. Takes some seconds: ``python examples/mesh_scatterer.py``.
+Prints the largest error beside that of a fixed and of a free rim. Takes some seconds: ``python
+examples/mesh_scatterer.py``.
 """
 
 import numpy as np
@@ -45,7 +47,10 @@ def outer_nodes(triangles):
 
 
 SPACING = WIDE / 64  # of the nodes inside
-CLOSED = {"plane waves": fh.PlaneWave(), "plane waves, wide clouds": fh.PlaneWave(radius=3 * SPACING, normals="lattice")}
+CLOSED = {
+    "plane waves": fh.PlaneWave(),
+    "plane waves, wide clouds": fh.PlaneWave(radius=3 * SPACING, normals="lattice"),
+}
 STEP = 0.004  # an eighth of the limit
 
 

@@ -8,7 +8,9 @@ from farhorizon.papers.bar import Bar, bonds_of
 
 
 def gaussian_weights(reach, spacing=None):
-    """Micromodulus of Ji et al. (2021), eq 35, width 0.25, cut off at 0.75; `reach` nodes, spacing 0.75 / reach unless given."""
+    """Micromodulus of Ji et al. (2021), eq 35, width 0.25, cut off at 0.75; `reach` nodes, spacing 0.75 / reach unless
+    given.
+    """
     spacing = 0.75 / reach if spacing is None else spacing
     r = spacing * np.arange(1, reach + 1)
     return 4 / (0.25**3 * np.sqrt(np.pi)) * np.exp(-((r / 0.25) ** 2)) * spacing
@@ -37,5 +39,7 @@ def long_chain(weights, recursion, u, steps, increment=None, coefficient=None, l
     whole = longer(u)
     grown = longer(coefficient, 1.0)
     held = {node + pads[0]: value for node, value in options.pop("held", {}).items()}
-    bar = Bar(weights, recursion, whole, longer(increment), bonds=bonds_of(weights, whole.size, grown), held=held, **options)
+    bar = Bar(
+        weights, recursion, whole, longer(increment), bonds=bonds_of(weights, whole.size, grown), held=held, **options
+    )
     return bar, slice(pads[0], pads[0] + u.size)

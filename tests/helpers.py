@@ -41,7 +41,8 @@ def roll_apply(u, offsets, weights, coefficient=None, rule="both"):
 def dense_operator(shape, offsets, weights, whole=None, coefficient=None, rule="both"):
     """Matrix of the operator with the bonds that leave the lattice absent.
 
-    `whole(i, j)` tells which bonds between the nodes (rows of indices) i and j exist; `coefficient` has the lattice's shape.
+    `whole(i, j)` tells which bonds between the nodes (rows of indices) i and j exist; `coefficient` has the lattice's
+    shape.
     """
     nodes = np.array(list(itertools.product(*map(range, shape))))
     matrix = np.zeros((len(nodes), len(nodes)))
@@ -73,16 +74,22 @@ def periodic_engine(shape, stencil, stages, dt, coefficient=None, **options):
     core = (1,) * lead + tuple(shape)
     grown = None if coefficient is None else np.reshape(coefficient, core)
     periodic = frozenset(range(lead, 3))
-    return Engine(core, offsets, stencil.weights, stages, dt, layers={}, periodic=periodic, coefficient=grown, **options)
+    return Engine(
+        core, offsets, stencil.weights, stages, dt, layers={}, periodic=periodic, coefficient=grown, **options
+    )
 
 
 TOLERANCE = {"float64": 1e-13, "float32": 3e-5}
 
 
 def check_apply(shape, stencil, stages=None, real="float64", coefficient=None, rule="both", threads=1):
-    """The engine's operator on white noise against np.roll; errors relative to the sum of the weights. Returns the engine."""
+    """The engine's operator on white noise against np.roll; errors relative to the sum of the weights. Returns the
+    engine.
+    """
     u = np.random.default_rng(3).uniform(-1, 1, shape if stencil.components == 1 else (stencil.components, *shape))
-    engine = periodic_engine(shape, stencil, stages or Euler.stages(0.1), 0.1, coefficient, rule=rule, real=real, threads=threads)
+    engine = periodic_engine(
+        shape, stencil, stages or Euler.stages(0.1), 0.1, coefficient, rule=rule, real=real, threads=threads
+    )
     scale = float(np.abs(stencil.weights).sum()) * (1.0 if coefficient is None else coefficient.max())
     expected = roll_apply(u, stencil.offsets, stencil.weights, coefficient, rule)
     np.testing.assert_allclose(engine_apply(engine, u), expected, rtol=0, atol=TOLERANCE[real] * scale)

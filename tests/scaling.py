@@ -4,8 +4,23 @@ import json
 import re
 import tomllib
 
-LENGTHS = ("lower", "upper", "spacing", "radius", "centre", "points", "height", "horizon", "width", "probes", "between", "corner", "edge1", "edge2",
-           "wavelengths")  # fmt: skip
+LENGTHS = (
+    "lower",
+    "upper",
+    "spacing",
+    "radius",
+    "centre",
+    "points",
+    "height",
+    "horizon",
+    "width",
+    "probes",
+    "between",
+    "corner",
+    "edge1",
+    "edge2",
+    "wavelengths",
+)
 VARIABLES = r"\b[xyzt]\b"
 _MODELS = {  # constants by model: powers of length, time, mass; with the defaults that have a unit
     "wave": {"speed": (1, -1, 0)},
@@ -34,7 +49,15 @@ def in_units(text: str, length: float, time: float, mass: float) -> str:
     for name in _MODELS[model["type"]]:
         model.setdefault(name, 1.0)
     field = (1, 0, 0) if solid else (0, 0, 0)
-    force = (-2, -2, 1) if solid else (-1, -3, 1) if model["type"] == "heat" else (0, -2, 0) if model["type"] in ("wave", "beam") else _RATE
+    force = (
+        (-2, -2, 1)
+        if solid
+        else (-1, -3, 1)
+        if model["type"] == "heat"
+        else (0, -2, 0)
+        if model["type"] in ("wave", "beam")
+        else _RATE
+    )
 
     def size(dimension: tuple[int, int, int]) -> float:
         found = 1.0
@@ -61,7 +84,15 @@ def in_units(text: str, length: float, time: float, mass: float) -> str:
             return _MODELS[model["type"]][key]
         if key in LENGTHS:
             return (1, 0, 0)
-        return (0, 1, 0) if key in _TIMES else _RATE if key in _RATES else (0, 0, 0) if key in ("coefficient", "time") else None
+        return (
+            (0, 1, 0)
+            if key in _TIMES
+            else _RATE
+            if key in _RATES
+            else (0, 0, 0)
+            if key in ("coefficient", "time")
+            else None
+        )
 
     def variable(found: re.Match) -> str:
         return f"({found[0]}/{time if found[0] == 't' else length!r})"

@@ -7,7 +7,11 @@ import numpy as np
 from farhorizon import Kernel, Lattice
 from farhorizon.body.body import lame_constants
 
-KERNELS = {"gaussian": Kernel(2.7, 0, "gaussian", 0.9, volume="full"), "constant": Kernel(2.1, 0, volume="full"), "ramp": Kernel(2.0, 1)}
+KERNELS = {
+    "gaussian": Kernel(2.7, 0, "gaussian", 0.9, volume="full"),
+    "constant": Kernel(2.1, 0, volume="full"),
+    "ramp": Kernel(2.0, 1),
+}
 MATERIAL = {"young": 1.0, "poisson": 0.25}
 
 
@@ -16,13 +20,27 @@ def box(*nodes, lower=0.0):
 
 
 class Dense:
-    """The same solid with one matrix entry a bond: free where `held` nodes do not surround it, which neither move nor carry stress.
+    """The same solid with one matrix entry a bond: free where `held` nodes do not surround it, which neither move nor
+    carry stress.
 
-    Weights are read off the kernel's own influence function and volumes, and scaled so that K of a complete family is 1. `material` gives Young's
-    modulus, Poisson's ratio and density at given coordinates, beyond the shape those at its edge.
+    Weights are read off the kernel's own influence function and volumes, and scaled so that K of a complete family is
+    1. `material` gives Young's modulus, Poisson's ratio and density at given coordinates, beyond the shape those at its
+    edge.
     """
 
-    def __init__(self, shape, kernel, around=0, absent=None, drag=0.0, stabilisation=0.0, critical=1e9, kept=False, dt=0.1, material=None):
+    def __init__(
+        self,
+        shape,
+        kernel,
+        around=0,
+        absent=None,
+        drag=0.0,
+        stabilisation=0.0,
+        critical=1e9,
+        kept=False,
+        dt=0.1,
+        material=None,
+    ):
         grid = np.array(list(itertools.product(*[range(-around, n + around) for n in shape])), float)
         self.inside = ((grid >= 0) & (grid < shape)).all(1)
         self.shape, self.dim, self.dt, self.drag, self.critical, self.kept = shape, len(shape), dt, drag, critical, kept
@@ -34,9 +52,13 @@ class Dense:
         self.uncut = self.w.copy()
         if absent is not None:
             self.w = np.where(absent(grid[:, None], grid[None]), 0.0, self.w)
-        young, poisson, self.density = (1.0, 0.25, 1.0) if material is None else material(*np.clip(grid, 0, np.array(shape) - 1).T)
+        young, poisson, self.density = (
+            (1.0, 0.25, 1.0) if material is None else material(*np.clip(grid, 0, np.array(shape) - 1).T)
+        )
         lame, shear = (np.broadcast_to(value, len(grid)) for value in lame_constants(young, poisson, self.dim))
-        self.lame, self.shear, self.pull = (np.array(value)[:, None, None] for value in (lame, shear, stabilisation * (lame + 2 * shear)))
+        self.lame, self.shear, self.pull = (
+            np.array(value)[:, None, None] for value in (lame, shear, stabilisation * (lame + 2 * shear))
+        )
         self.density = np.broadcast_to(self.density, len(grid))[:, None]
         self._invert(self.uncut if kept else self.w)
         self.u, self.v = np.zeros((2, len(grid), self.dim))
@@ -64,7 +86,9 @@ class Dense:
             if broken.any() and not self.kept:
                 self._invert(self.w)
             e = self.gradient()
-            stress = self.shear * (e + np.swapaxes(e, 1, 2)) + self.lame * np.trace(e, axis1=1, axis2=2)[:, None, None] * np.eye(self.dim)
+            stress = self.shear * (e + np.swapaxes(e, 1, 2)) + self.lame * np.trace(e, axis1=1, axis2=2)[
+                :, None, None
+            ] * np.eye(self.dim)
             p = (stress @ self.inverse - self.pull * e) * self.inside[:, None, None]
             a = np.einsum("ij,ijab,ijb->ia", self.w, p[:, None] + p[None], self.xi)
             a += np.einsum("ij,ija->ia", self.w * (self.pull[:, 0] + self.pull[:, 0].T), self.u[None] - self.u[:, None])

@@ -24,24 +24,37 @@ BOUNDED = EXAMPLES / "quenched_bar.toml"  # no side is open
 LARGE = [  # slow at full size; tests/test_examples.py has those that break on coarser lattices
     EXAMPLES / f"{name}.toml"
     for name in (
-        "branching", "notch_blast", "elastic_3d", "elastic_blast", "diffusion_3d", "exact_bar", "crack_scattering",
-        "closed_disc", "backward_waves",
+        "branching",
+        "notch_blast",
+        "elastic_3d",
+        "elastic_blast",
+        "diffusion_3d",
+        "exact_bar",
+        "crack_scattering",
+        "closed_disc",
+        "backward_waves",
     )
-]  # fmt: skip
+]
 GROWING = EXAMPLES / "dispersive_pulse.toml"  # a kernel that the layer cannot absorb: it has a test of its own
 BODY = EXAMPLES / "indentation.toml"
 ABSORBERS = {  # that are not a lattice PML, and the part of a fixed edge's error that is asserted
-    "exact_bar": ("exact", 1e-3), "closed_disc": ("plane wave", 1e-2), "indentation": ("nonlocal PML", 1e-2), "inclusion": ("nonlocal PML", 1e-2),
-}  # fmt: skip
+    "exact_bar": ("exact", 1e-3),
+    "closed_disc": ("plane wave", 1e-2),
+    "indentation": ("nonlocal PML", 1e-2),
+    "inclusion": ("nonlocal PML", 1e-2),
+}
 
 
 @pytest.mark.parametrize(
     "case",
-    sorted(set(EXAMPLES.glob("*.toml")) - {GROWING, BOUNDED, *LARGE}) + [pytest.param(case, marks=pytest.mark.slow) for case in LARGE],
+    sorted(set(EXAMPLES.glob("*.toml")) - {GROWING, BOUNDED, *LARGE})
+    + [pytest.param(case, marks=pytest.mark.slow) for case in LARGE],
     ids=lambda p: p.stem,
 )
 def test_examples_run_and_agree_with_the_infinite_medium(case, tmp_path, monkeypatch):
-    """Each example: results, pictures, and an error a thousand times below that of a fixed edge; of published conditions a hundred times."""
+    """Each example: results, pictures, and an error a thousand times below that of a fixed edge; of published
+    conditions a hundred times.
+    """
     monkeypatch.chdir(tmp_path)
     assert main(["run", str(case), "--json", "run.json"]) == 0
     facts = json.loads(Path("run.json").read_text())
@@ -66,7 +79,8 @@ def test_dispersive_pulse_says_that_it_grows(tmp_path, monkeypatch, capsys):
     assert main(["run", str(GROWING), "--until", "9", "--allow-unstable"]) == 1  # it explodes, and stops
     assert "backward waves" in capsys.readouterr().err
     assert main(["compare", str(GROWING), "--json", "compare.json", "--times", "1", "2"]) == 0
-    assert json.loads(Path("compare.json").read_text())["lattice PML"]["error"][0] < 1e-9  # before the front arrives at speed 3.2 from 10 away
+    # before the front arrives at speed 3.2 from 10 away
+    assert json.loads(Path("compare.json").read_text())["lattice PML"]["error"][0] < 1e-9
 
 
 def test_dispersive_pulse_leaves_through_the_sponge_of_its_comment(tmp_path):
@@ -75,14 +89,31 @@ def test_dispersive_pulse_leaves_through_the_sponge_of_its_comment(tmp_path):
     text = "\n".join(line.removeprefix("# ") if line.startswith("# all = ") else line for line in lines)
     assert text.count("all = {") == 1
     (tmp_path / "sponge.toml").write_text(text.replace("dt = 1e-4", "dt = 2e-3"))
-    assert main(["compare", str(tmp_path / "sponge.toml"), "--out", str(tmp_path), "--json", str(tmp_path / "c.json")]) == 0
+    assert (
+        main(["compare", str(tmp_path / "sponge.toml"), "--out", str(tmp_path), "--json", str(tmp_path / "c.json")])
+        == 0
+    )
     assert json.loads((tmp_path / "c.json").read_text())["sponge"]["error_max_over_run"] < 2e-2
 
 
 def test_two_notches_against_a_domain_from_which_nothing_returns(tmp_path):
     """Example 3 of Hermann et al. (2023) at their times; their method: 1e-3 and slowly growing."""
     out = tmp_path / "c.json"
-    main(["compare", str(EXAMPLES / "two_notches.toml"), "--out", str(tmp_path), "--times", "30", "40", "50", "70", "--json", str(out)])
+    main(
+        [
+            "compare",
+            str(EXAMPLES / "two_notches.toml"),
+            "--out",
+            str(tmp_path),
+            "--times",
+            "30",
+            "40",
+            "50",
+            "70",
+            "--json",
+            str(out),
+        ]
+    )
     assert max(json.loads(out.read_text())["lattice PML"]["error_rel_initial"]) <= 1e-6
 
 
@@ -130,12 +161,25 @@ def test_check_tunes_an_outline(tmp_path, capsys, monkeypatch):
 
 @pytest.mark.parametrize(
     "arguments",
-    [["run", "missing.toml"], ["check", "bad.toml"], ["plot", "missing.h5"], ["plot", "bad.toml"], ["run", "good.toml", "--resume"],
-     ["run", "good.toml", "--until", "nan"], ["run", "good.toml", "--out", "bad.toml"], ["run", "good.toml", "--json", "none/x.json"],
-     ["check", "good.toml", "--json", "."], ["compare", "good.toml", "--times", "nan"], ["compare", "good.toml", "--times", "-1"],
-     ["compare", "good.toml", "--out", "bad.toml"], ["compare", "wide.toml", "--out", "new"], ["demo", "--out", "bad.toml/x"],
-     ["run", "moving.toml"], ["check", "moving.toml"]],
-)  # fmt: skip
+    [
+        ["run", "missing.toml"],
+        ["check", "bad.toml"],
+        ["plot", "missing.h5"],
+        ["plot", "bad.toml"],
+        ["run", "good.toml", "--resume"],
+        ["run", "good.toml", "--until", "nan"],
+        ["run", "good.toml", "--out", "bad.toml"],
+        ["run", "good.toml", "--json", "none/x.json"],
+        ["check", "good.toml", "--json", "."],
+        ["compare", "good.toml", "--times", "nan"],
+        ["compare", "good.toml", "--times", "-1"],
+        ["compare", "good.toml", "--out", "bad.toml"],
+        ["compare", "wide.toml", "--out", "new"],
+        ["demo", "--out", "bad.toml/x"],
+        ["run", "moving.toml"],
+        ["check", "moving.toml"],
+    ],
+)
 def test_bad_input_exits_with_2_and_writes_nothing(arguments, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("bad.toml").write_text("[lattice]\nspacing = -1\n")
@@ -153,13 +197,28 @@ def test_bad_input_exits_with_2_and_writes_nothing(arguments, tmp_path, monkeypa
 MISTAKES = {
     "misspelt key": ("speed = 1.0", "sped = 1.0", "model.sped", "did you mean 'speed'"),
     "nan": ("spacing = 0.25", "spacing = nan", "lattice.spacing", "value: nan"),
-    "horizon below spacing": ("horizon = 0.75", "horizon = 0.1", "kernel.horizon", "limit: >= 0.25; remedy: horizon = 0.75"),
+    "horizon below spacing": (
+        "horizon = 0.75",
+        "horizon = 0.1",
+        "kernel.horizon",
+        "limit: >= 0.25; remedy: horizon = 0.75",
+    ),
     "horizon far too wide": ("horizon = 0.75", "horizon = 75.0", "kernel.horizon", "limit: 157 nodes in 2D; remedy"),
     "dt too large": ("until = 70.0", "until = 70.0\ndt = 2.0", "run.dt", "limit: 0.38"),
     "unknown function": ("exp(-log", "expp(-log", "initial.u", "did you mean exp?"),
     "forbidden expression": ("exp(-log(2)/9*(x**2+y**2))", "().__class__", "initial.u", "value: ().__class__"),
-    "crack outside": ("[[0.0, 10.0], [7.0, 10.0]]", "[[40.0, 10.0], [47.0, 10.0]]", "crack", "limit: [-26, -26] to [26, 26]; remedy"),
-    "near field too thin": ("window = { disc = { radius = 26.0 } }", "lower = [-26.0, 0.0]\nupper = [26.0, 0.5]", "lattice", "limit: >= 7; remedy"),
+    "crack outside": (
+        "[[0.0, 10.0], [7.0, 10.0]]",
+        "[[40.0, 10.0], [47.0, 10.0]]",
+        "crack",
+        "limit: [-26, -26] to [26, 26]; remedy",
+    ),
+    "near field too thin": (
+        "window = { disc = { radius = 26.0 } }",
+        "lower = [-26.0, 0.0]\nupper = [26.0, 0.5]",
+        "lattice",
+        "limit: >= 7; remedy",
+    ),
     "data beyond": ("log(2)/9", "0.001", "initial.u", "error of about"),
     "radius": ("radius = 26.0", "radius = -26.0", "lattice.window", "value: -26"),
     "memory": ("spacing = 0.25", "spacing = 1e-4", "lattice.spacing", "GiB available; remedy"),
@@ -173,7 +232,9 @@ def test_wrong_cases_exit_with_2_and_say_where_and_what(old, new, key, rest, tmp
     monkeypatch.chdir(tmp_path)
     text = (EXAMPLES / "two_notches.toml").read_text()
     assert old in text
-    Path("wrong.toml").write_text(text.replace(old, new).replace("probes = [[20.0, 10.0]]", "" if key == "lattice" else "probes = [[20.0, 10.0]]"))
+    Path("wrong.toml").write_text(
+        text.replace(old, new).replace("probes = [[20.0, 10.0]]", "" if key == "lattice" else "probes = [[20.0, 10.0]]")
+    )
     assert main(["run", "wrong.toml", "--out", "new"]) == 2
     message = capsys.readouterr().err
     assert message.startswith("farhorizon: wrong.toml: ") and key in message and rest in message
@@ -203,7 +264,12 @@ def test_damaged_and_foreign_files_are_refused_and_stay(tmp_path, monkeypatch, c
 
 def stopped(folder, number, *options):
     """Standard error of a run of two notches that a signal reached in its loop, and its exit code."""
-    text = (EXAMPLES / "two_notches.toml").read_text().replace("until = 70.0", "until = 150.0").replace("every = 1.0", "every = 0.5")
+    text = (
+        (EXAMPLES / "two_notches.toml")
+        .read_text()
+        .replace("until = 70.0", "until = 150.0")
+        .replace("every = 1.0", "every = 0.5")
+    )
     (folder / "long.toml").write_text(text)
     command = [sys.executable, "-m", "farhorizon", "run", "long.toml", *options]
     run = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -216,7 +282,9 @@ def stopped(folder, number, *options):
 
 
 def test_interrupted_run_resumes_to_the_same_result(tmp_path):
-    """Ctrl-C leaves a valid results file and a checkpoint; the command that it advises, taken literally, goes on bitwise as the whole run."""
+    """Ctrl-C leaves a valid results file and a checkpoint; the command that it advises, taken literally, goes on
+    bitwise as the whole run.
+    """
     said, code = stopped(tmp_path, signal.SIGINT, "--out", "a folder", "--until", "120", "--json", "run.json")
     assert code == 130
     part = open_results(tmp_path / "a folder" / "long.h5")
@@ -289,21 +357,28 @@ def test_left_temporary_files_are_removed(small):
 
 
 def test_a_disk_that_is_full_ends_a_run_in_one_line_and_blocks_nothing(small):
-    """At limits from before the first output to the last checkpoint: exit code 1, no crash; then the same command runs, or --resume does."""
+    """At limits from before the first output to the last checkpoint: exit code 1, no crash; then the same command runs,
+    or --resume does.
+    """
     Path("small.toml").write_text(SMALL.replace("until = 2.0", "until = 40.0") + "output = { every = 0.2 }\n")
     assert main(["run", "small.toml", "--out", "whole"]) == 0
     results, checkpoint = (Path(f"whole/small.{suffix}").stat().st_size // 1024 for suffix in ("h5", "ckpt"))
     assert results > checkpoint + 20
     whole = open_results("whole/small.h5")
-    limits = (4, False), (checkpoint - 2, False), (results - 10, True)  # of 1024 bytes: no results, no checkpoint, no further output
+    # of 1024 bytes: no results, no checkpoint, no further output
+    limits = (4, False), (checkpoint - 2, False), (results - 10, True)
     for blocks, begun in limits:
         script = f"trap '' XFSZ; ulimit -f {blocks}; exec {sys.executable} -m farhorizon run small.toml"
         run = subprocess.run(["bash", "-c", script], capture_output=True, text=True)
         told = [line for line in run.stderr.splitlines() if line.startswith("farhorizon: ")]
-        assert run.returncode == 1 and len(told) == 1 and "File too large" in told[0] and "Traceback" not in run.stderr, run.stderr
+        assert (
+            run.returncode == 1 and len(told) == 1 and "File too large" in told[0] and "Traceback" not in run.stderr
+        ), run.stderr
         assert Path("small.ckpt").exists() == begun
         assert main(["run", "small.toml", *["--resume"] * begun]) == 0
-        assert np.array_equal(open_results("small.h5").field("u"), whole.field("u")) and np.array_equal(open_results("small.h5").times, whole.times)
+        assert np.array_equal(open_results("small.h5").field("u"), whole.field("u")) and np.array_equal(
+            open_results("small.h5").times, whole.times
+        )
         assert not list(small.glob(".*"))
         shutil.rmtree("small")
         for name in ("small.h5", "small.ckpt"):
@@ -314,9 +389,13 @@ def test_a_disk_that_is_full_ends_a_run_in_one_line_and_blocks_nothing(small):
 @pytest.mark.parametrize("arguments", [["info"], ["check", "small.toml"], ["run", "small.toml"]])
 def test_an_output_that_cannot_be_written_is_told_in_one_line(small, arguments):
     with open("/dev/full", "w") as full:
-        run = subprocess.run([sys.executable, "-m", "farhorizon", *arguments], stdout=full, stderr=subprocess.PIPE, text=True)
+        run = subprocess.run(
+            [sys.executable, "-m", "farhorizon", *arguments], stdout=full, stderr=subprocess.PIPE, text=True
+        )
     assert run.returncode == 1
-    assert [line for line in run.stderr.splitlines() if "note" not in line and "warning" not in line] == ["farhorizon: No space left on device"]
+    assert [line for line in run.stderr.splitlines() if "note" not in line and "warning" not in line] == [
+        "farhorizon: No space left on device"
+    ]
 
 
 def test_a_picture_folder_that_cannot_be_made_is_refused_before_the_run(small, capsys):
@@ -328,15 +407,23 @@ def test_a_picture_folder_that_cannot_be_made_is_refused_before_the_run(small, c
 @pytest.mark.parametrize("delay", [0.0, 0.1, 0.3, 0.6, 1.0, 1.5])
 def test_ctrl_c_while_modules_are_imported_is_one_line(small, delay):
     """And wherever else it comes before the run begins; afterwards it is that of the run."""
-    script = 'import signal; from farhorizon.cli import process, _leave; signal.signal(signal.SIGINT, _leave); print("here", flush=True); process()'
-    run = subprocess.Popen([sys.executable, "-c", script, "run", "small.toml"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    script = (
+        "import signal; from farhorizon.cli import process, _leave; signal.signal(signal.SIGINT, _leave); "
+        'print("here", flush=True); process()'
+    )
+    run = subprocess.Popen(
+        [sys.executable, "-c", script, "run", "small.toml"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
     assert run.stdout.readline() == "here\n"
     time.sleep(delay)
     os.kill(run.pid, signal.SIGINT)
     heard = run.communicate()[1].strip().splitlines()
-    said = "\n".join(line for line in heard if not line.startswith("farhorizon: compil"))  # what was compiled is told, too
+    # what was compiled is told, too
+    said = "\n".join(line for line in heard if not line.startswith("farhorizon: compil"))
     over = ((0, ""), (-signal.SIGINT, ""))  # Python itself had ended, or gave up its handlers to do so
-    assert (run.returncode, said) in ((130, "farhorizon: interrupted"), *over) or (run.returncode == 130 and said.startswith("interrupted at t = "))
+    assert (run.returncode, said) in ((130, "farhorizon: interrupted"), *over) or (
+        run.returncode == 130 and said.startswith("interrupted at t = ")
+    )
 
 
 def test_check_warns_of_runs_that_nobody_can_mean(small, capsys):
@@ -347,7 +434,9 @@ def test_check_warns_of_runs_that_nobody_can_mean(small, capsys):
 
 
 def test_corrosion_goes_on_after_an_interrupt(tmp_path, monkeypatch):
-    """Run half of it, resume: phases, times of dissolution and balance are bitwise those of one run; the front is drawn."""
+    """Run half of it, resume: phases, times of dissolution and balance are bitwise those of one run; the front is
+    drawn.
+    """
     monkeypatch.chdir(tmp_path)
     case = str(EXAMPLES / "pitting.toml")
     assert main(["run", case, "--out", "whole", "--until", "0.4"]) == 0
@@ -363,7 +452,9 @@ def test_corrosion_goes_on_after_an_interrupt(tmp_path, monkeypatch):
 
 
 def test_a_killed_run_of_a_breaking_body_goes_on(tmp_path, monkeypatch, capsys):
-    """Half of it, a resumed run that is killed, resumed again: displacements, damage, probes and balance are bitwise those of one run."""
+    """Half of it, a resumed run that is killed, resumed again: displacements, damage, probes and balance are bitwise
+    those of one run.
+    """
     monkeypatch.chdir(tmp_path)
     assert main(["run", str(BODY), "--out", "whole", "--json", "run.json"]) == 0
     pictures = {Path(p).name for p in json.loads(Path("run.json").read_text())["pictures"]}

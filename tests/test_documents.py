@@ -1,4 +1,6 @@
-"""README and docs/: what they show runs, what they link to is there, and the figures that they mark are those that were measured."""
+"""README and docs/: what they show runs, what they link to is there, and the figures that they mark are those that were
+measured.
+"""
 
 import importlib.util
 import json
@@ -44,7 +46,8 @@ def test_case_and_python_of_the_readme_are_one_run(capsys):
     names = {}
     exec(compile(program, "README.md", "exec"), names)
     assert "reflection" in capsys.readouterr().out
-    sim = fh.Simulation(**Case(case).setup | {"dt": names["sim"].dt})  # a case has outputs besides, which its own step divides
+    # a case has outputs besides, which its own step divides
+    sim = fh.Simulation(**Case(case).setup | {"dt": names["sim"].dt})
     sim.run(until=30.0)
     assert names["sim"].step_count == sim.step_count and np.abs(sim.fields["u"]).max() > 1e-4
     assert np.allclose(names["sim"].fields["u"], sim.fields["u"], rtol=0, atol=1e-13)
@@ -88,9 +91,16 @@ def test_marked_figures_are_the_measured_ones():
         assert entry["command"] == known[key] and entry["date"] and entry["processor"], key
 
 
-@pytest.mark.parametrize(("value", "words"), [
-    (2.8035e-11, "2.8e-11"), (0.23, "0.23"), (2.304, "2.3"), ((0.0128, 0.0366), "0.013 to 0.037"), ((2e-3, np.inf), "2.0e-3 to overflow"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        (2.8035e-11, "2.8e-11"),
+        (0.23, "0.23"),
+        (2.304, "2.3"),
+        ((0.0128, 0.0366), "0.013 to 0.037"),
+        ((2e-3, np.inf), "2.0e-3 to overflow"),
+    ],
+)
 def test_figures_as_they_are_written(value, words):
     assert figures.written(value) == words
 
@@ -98,8 +108,14 @@ def test_figures_as_they_are_written(value, words):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["demo", "square", "wide"])
 def test_figures_are_what_the_commands_print_now(name):
-    """Within a factor of 2, errors below 1e-9 within 10: of those some are rounding, which differs from processor to processor. No times."""
+    """Within a factor of 2, errors below 1e-9 within 10: of those some are rounding, which differs from processor to
+    processor. No times.
+    """
     for key, entry in figures.measure(name).items():
         now, then = (np.array([float(word) for word in e["value"].split(" to ")]) for e in (entry, STORED[key]))
         factor = np.where(then < 1e-9, 10.0, 2.0)
-        assert (now <= factor * then).all() and (then <= factor * now).all(), (key, entry["value"], STORED[key]["value"])
+        assert (now <= factor * then).all() and (then <= factor * now).all(), (
+            key,
+            entry["value"],
+            STORED[key]["value"],
+        )

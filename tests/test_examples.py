@@ -19,7 +19,9 @@ def script(name):
 
 
 def test_borehole_from_the_first_horizon_crossing_on():
-    """Within 0.1 % of the exact line source at every probe; the near field's own diffusion time is reached in the slow test."""
+    """Within 0.1 % of the exact line source at every probe; the near field's own diffusion time is reached in the slow
+    test.
+    """
     example = script("heated_borehole")
     dt, times = example["EARLY"]
     assert np.abs(example["errors"](dt, times[:5])).max() < 1e-3
@@ -56,7 +58,9 @@ def test_plate_with_an_insulating_crack_within_one_percent():
 
 
 def test_block_with_a_penny_crack():
-    """The power falls when the crack opens, more for the insulating one, whose jump is about 4 radius / pi; the balance closes."""
+    """The power falls when the crack opens, more for the insulating one, whose jump is about 4 radius / pi; the balance
+    closes.
+    """
     example = script("penny_crack")
     powers, jumps = [], []
     for factor in (0.1, 0.0):
@@ -75,7 +79,9 @@ def test_block_with_a_penny_crack():
 
 
 def test_mesh_closed_by_plane_waves():
-    """Scattered waves leave the mesh: at every time a few times less comes back than from a fixed or a free rim, with wide clouds ten times."""
+    """Scattered waves leave the mesh: at every time a few times less comes back than from a fixed or a free rim, with
+    wide clouds ten times.
+    """
     errors = {rim: np.array(values) for rim, values in script("mesh_scatterer")["errors"]().items()}
     rims = np.minimum(errors["fixed"], errors["free"])
     assert (3 * errors["plane waves"] < rims).all()
@@ -96,25 +102,34 @@ def test_indentation():
 
 @pytest.mark.parametrize(("name", "until", "tips"), [("notch_blast", 16.0, 3.5), ("branching", 40.0, 8.0)])
 def test_cracks_grow_as_in_the_infinite_medium(name, until, tips):
-    """On a lattice of twice the spacing: cracks beyond the notch, as symmetric as the set-up, an error a thousand times below that of a fixed edge.
+    """On a lattice of twice the spacing: cracks beyond the notch, as symmetric as the set-up, an error a thousand times
+    below that of a fixed edge.
 
     A closed box drives the cracks on with its echoes.
     """
     text = (EXAMPLES / f"{name}.toml").read_text()
-    for fine, coarse in (("spacing = 0.125", "spacing = 0.25"), ("horizon = 0.375", "horizon = 0.75"), ("9.9375", "9.875"), ("15.9375", "15.875")):
+    for fine, coarse in (
+        ("spacing = 0.125", "spacing = 0.25"),
+        ("horizon = 0.375", "horizon = 0.75"),
+        ("9.9375", "9.875"),
+        ("15.9375", "15.875"),
+    ):
         text = text.replace(fine, coarse)
     case = Case(text)
     sim = case.simulation().run(until, progress=False)
     damage, x = sim.fields["damage"], case.lattice.coordinates()[0]
     assert np.abs(x[damage > 0.3]).max() > tips
-    assert max(np.abs(damage - np.flip(damage, axis)).max() for axis in (0, 1)) < 0.1  # rounding decides which of two equal bonds breaks first
+    # rounding decides which of two equal bonds breaks first
+    assert max(np.abs(damage - np.flip(damage, axis)).max() for axis in (0, 1)) < 0.1
     assert 0 < sim.balance()["broken"] < sim.balance()["work"]
     curves = compare(case.setup, until, [0.5 * until, until]).curves
     assert curves["lattice PML"]["error_max_over_run"] < 1e-3 * curves["fixed edge"]["error_max_over_run"]
 
 
 def test_an_inclusion_feels_no_box():
-    """What comes back through the layers, against a body from whose sides nothing returns until then; the balance closes."""
+    """What comes back through the layers, against a body from whose sides nothing returns until then; the balance
+    closes.
+    """
     text = (EXAMPLES / "inclusion.toml").read_text()
     wide = text.replace("[-40.0, -30.0]", "[-110.0, -100.0]").replace("[40.0, 30.0]", "[110.0, 100.0]")
     wide = wide.replace('"nonlocal-pml", nodes = 20', '"fixed"')

@@ -13,8 +13,32 @@ LINE = fh.Lattice(0.5, -4.0, 4.0)
 PLANE = fh.Lattice(0.5, (-3.0, -3.0), (3.0, 3.0))
 KERNEL = fh.Kernel(1.0)
 DISC = fh.Disc(1.0)
-ODD = [None, "text", "", [], [1.0, "a"], [[1.0], [1.0, 2.0]], 1 + 2j, np.nan, np.inf, -np.inf, -1, 0, 2.5, True, 1e300, 10**400, object(),
-       np.zeros((2, 3)), np.array(["a"]), {}, {"a": 1}, lambda: 0.0, np.sin, fh.Wave]  # fmt: skip
+ODD = [
+    None,
+    "text",
+    "",
+    [],
+    [1.0, "a"],
+    [[1.0], [1.0, 2.0]],
+    1 + 2j,
+    np.nan,
+    np.inf,
+    -np.inf,
+    -1,
+    0,
+    2.5,
+    True,
+    1e300,
+    10**400,
+    object(),
+    np.zeros((2, 3)),
+    np.array(["a"]),
+    {},
+    {"a": 1},
+    lambda: 0.0,
+    np.sin,
+    fh.Wave,
+]
 
 # Arguments of every public callable that are right.
 RIGHT = {
@@ -22,21 +46,54 @@ RIGHT = {
     "Ball": {"radius": 1.0, "centre": (0.0, 0.0, 0.0)},
     "Beam": {"stiffness": 1.0, "damping": 0.0},
     "Body": {
-        "lattice": PLANE, "operator": KERNEL, "young": 1.0, "poisson": 0.3, "density": 1.0, "plane": "strain", "boundary": fh.Fixed(),
-        "initial": None, "loads": (), "cracks": (), "critical_stretch": None, "shape_tensor": "recomputed", "drag": 0.0, "stabilisation": 0.0,
-        "balance": False, "dt": None, "threads": 1, "observe": (),
+        "lattice": PLANE,
+        "operator": KERNEL,
+        "young": 1.0,
+        "poisson": 0.3,
+        "density": 1.0,
+        "plane": "strain",
+        "boundary": fh.Fixed(),
+        "initial": None,
+        "loads": (),
+        "cracks": (),
+        "critical_stretch": None,
+        "shape_tensor": "recomputed",
+        "drag": 0.0,
+        "stabilisation": 0.0,
+        "balance": False,
+        "dt": None,
+        "threads": 1,
+        "observe": (),
     },
     "BodyForce": {"value": [1.0, 0.0], "time": None},
     "Box": {"lower": (0.0, 0.0), "upper": (1.0, 1.0)},
     "Convection": {"where": "x-", "transfer": 1.0, "ambient": 0.0, "within": None},
-    "Corrosion": {"operator": KERNEL, "diffusivity": 1.0, "saturation": 0.5, "interface": 0.1, "integrator": "euler", "limited": False},
+    "Corrosion": {
+        "operator": KERNEL,
+        "diffusivity": 1.0,
+        "saturation": 0.5,
+        "interface": 0.1,
+        "integrator": "euler",
+        "limited": False,
+    },
     "Crack": {"cut": [[0.0, 0.0], [1.0, 0.0]], "factor": 0.0, "opens": 0.0},
     "Diffusion": {"operator": KERNEL, "diffusivity": 1.0, "integrator": "euler"},
     "Disc": {"radius": 1.0, "centre": (0.0, 0.0)},
     "DiscCut": {"centre": (0.0, 0.0, 0.0), "normal": (0.0, 0.0, 1.0), "radius": 1.0},
     "Elastic": {
-        "kernel": KERNEL, "young": 1.0, "poisson": None, "bulk": None, "shear": None, "density": 1.0, "material": "bond-based", "plane": None,
-        "damping": 0.0, "stabilisation": 0.0, "nonlinear": False, "critical_stretch": None, "fracture_energy": None,
+        "kernel": KERNEL,
+        "young": 1.0,
+        "poisson": None,
+        "bulk": None,
+        "shear": None,
+        "density": 1.0,
+        "material": "bond-based",
+        "plane": None,
+        "damping": 0.0,
+        "stabilisation": 0.0,
+        "nonlinear": False,
+        "critical_stretch": None,
+        "fracture_energy": None,
     },
     "Exact": {"compress": 1e-12},
     "Expression": {"text": "x", "dim": 1},
@@ -46,22 +103,55 @@ RIGHT = {
     "Flux": {"where": "x-", "value": 0.0, "kind": "source", "within": None},
     "Free": {},
     "Heat": {
-        "operator": KERNEL, "density": 1.0, "specific_heat": 1.0, "conductivity": 1.0, "integrator": "euler", "self_term": "centre",
+        "operator": KERNEL,
+        "density": 1.0,
+        "specific_heat": 1.0,
+        "conductivity": 1.0,
+        "integrator": "euler",
+        "self_term": "centre",
     },
     "Higdon": {"angles": (0.0, 45.0), "shift": None},
     "ImageMask": {"image": np.ones((2, 2), bool), "width": 1.0, "centre": (0.0, 0.0), "threshold": 0.5},
     "IncidentWave": {"direction": (1.0, 0.0), "signal": "sin(t)", "duration": 1.0, "polarisation": "P", "within": None},
     "Insulated": {"where": "x-", "kind": "mirror", "within": None},
-    "Kernel": {"horizon": 1.0, "exponent": 2, "influence": "constant", "width": None, "volume": "ramp", "calibrate": True},
+    "Kernel": {
+        "horizon": 1.0,
+        "exponent": 2,
+        "influence": "constant",
+        "width": None,
+        "volume": "ramp",
+        "calibrate": True,
+    },
     "Lattice": {"spacing": 0.5, "lower": (0.0, 0.0), "upper": (1.0, 1.0), "window": None, "body": None},
     "LatticePML": {"target": None, "nodes": None, "profile": None, "until": None, "angle": None, "wavelengths": None},
     "NonlocalPML": {
-        "nodes": 30, "ramp": "cubic", "strength": None, "reflection": 1e-3, "plateau": 0.3, "form": "displacement", "cross": 0.0, "shift": 0.0,
+        "nodes": 30,
+        "ramp": "cubic",
+        "strength": None,
+        "reflection": 1e-3,
+        "plateau": 0.3,
+        "form": "displacement",
+        "cross": 0.0,
+        "shift": 0.0,
     },
     "Periodic": {},
     "PlaneWave": {
-        "fit": None, "dispersion": None, "time": None, "layer": None, "radius": None, "cone": None, "thin": None, "normals": None, "angle": None,
-        "angles": 11, "wavenumber": None, "wavenumbers": None, "smallest": None, "regularization": None, "rcond": 1e-15, "balanced": True,
+        "fit": None,
+        "dispersion": None,
+        "time": None,
+        "layer": None,
+        "radius": None,
+        "cone": None,
+        "thin": None,
+        "normals": None,
+        "angle": None,
+        "angles": 11,
+        "wavenumber": None,
+        "wavenumbers": None,
+        "smallest": None,
+        "regularization": None,
+        "rcond": 1e-15,
+        "balanced": True,
     },
     "PointCut": {"x": 0.0},
     "Polygon": {"points": [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)]},
@@ -72,9 +162,24 @@ RIGHT = {
     "Rectangle": {"corner": (0.0, 0.0, 0.0), "edge1": (1.0, 0.0, 0.0), "edge2": (0.0, 1.0, 0.0)},
     "RungeKuttaChebyshev": {"chebyshev": 20},
     "Simulation": {
-        "lattice": LINE, "model": fh.Wave(KERNEL), "boundary": None, "initial": None, "sources": (), "cracks": (), "coefficient": None,
-        "background": 0.0, "observe": (), "dt": None, "dtype": "float64", "threads": 1, "rule": "both", "rim": "free", "constraints": (),
-        "balance": False, "specimens": (), "loads": (),
+        "lattice": LINE,
+        "model": fh.Wave(KERNEL),
+        "boundary": None,
+        "initial": None,
+        "sources": (),
+        "cracks": (),
+        "coefficient": None,
+        "background": 0.0,
+        "observe": (),
+        "dt": None,
+        "dtype": "float64",
+        "threads": 1,
+        "rule": "both",
+        "rim": "free",
+        "constraints": (),
+        "balance": False,
+        "specimens": (),
+        "loads": (),
     },
     "Source": {"value": 0.0, "time": None},
     "Specimen": {"where": DISC, "concentration": 1.0},
@@ -88,7 +193,7 @@ RIGHT = {
     "open_results": {"path": "no such file"},
     "speed_of_current": {"density": 10.0, "metal": 143000.0, "electrons": 2.0},
     "tuned": {"sim": None, "angle": 60.0, "band": None, "budget": 1.0},
-}  # fmt: skip
+}
 MADE_BY_THE_PROGRAM = {"Certificate"}  # a result, which nobody makes by hand
 
 
@@ -117,7 +222,8 @@ def test_odd_arguments_are_refused_or_taken(name):
             _or_input_error(lambda key=key, value=value: getattr(fh, name)(**{**RIGHT[name], key: value}))
 
 
-# What a set-up makes of odd values that only it can judge: those of sources, of conditions, of fields that are read on the lattice.
+# What a set-up makes of odd values that only it can judge: those of sources, of conditions, of fields that are read on
+# the lattice.
 PLACES = {
     "initial": lambda v: fh.Simulation(LINE, fh.Wave(KERNEL), initial={"u": v}, threads=1),
     "initial of a vector": lambda v: fh.Simulation(PLANE, fh.Elastic(KERNEL, 1.0), initial={"u": [v, 0.0]}, threads=1),
@@ -125,17 +231,33 @@ PLACES = {
     "source in time": lambda v: fh.Simulation(LINE, fh.Wave(KERNEL), sources=[fh.Source(0.0, v)], threads=1).step(2),
     "crack": lambda v: fh.Simulation(PLANE, fh.Wave(KERNEL), cracks=[v], threads=1),
     "load": lambda v: fh.Simulation(PLANE, fh.Elastic(KERNEL, 1.0), loads=[v], threads=1),
-    "body force": lambda v: fh.Simulation(PLANE, fh.Elastic(KERNEL, 1.0), fh.Fixed(), loads=[fh.BodyForce([v, 0.0])], threads=1),
-    "force on a body": lambda v: fh.Body(PLANE, KERNEL, young=1.0, poisson=0.3, loads=[fh.BodyForce([v, 0.0])], threads=1),
+    "body force": lambda v: fh.Simulation(
+        PLANE, fh.Elastic(KERNEL, 1.0), fh.Fixed(), loads=[fh.BodyForce([v, 0.0])], threads=1
+    ),
+    "force on a body": lambda v: fh.Body(
+        PLANE, KERNEL, young=1.0, poisson=0.3, loads=[fh.BodyForce([v, 0.0])], threads=1
+    ),
     "start of a body": lambda v: fh.Body(PLANE, KERNEL, young=1.0, poisson=0.3, initial={"u": [v, 0.0]}, threads=1),
     "constraint": lambda v: fh.Simulation(LINE, fh.Diffusion(KERNEL), fh.Free(), constraints=[v], threads=1),
-    "temperature": lambda v: fh.Simulation(LINE, fh.Heat(KERNEL), fh.Free(), constraints=[fh.Temperature("x-", v)], threads=1).step(2),
-    "temperature inside": lambda v: fh.Simulation(LINE, fh.Heat(KERNEL), fh.Free(), constraints=[fh.Temperature(fh.Box(-1, 1), v)], threads=1),
-    "prescribed": lambda v: fh.Simulation(LINE, fh.Wave(KERNEL), fh.Free(), constraints=[fh.Prescribed([0.0], v)], threads=1).step(2),
-    "where prescribed": lambda v: fh.Simulation(LINE, fh.Wave(KERNEL), fh.Free(), constraints=[fh.Prescribed(v, 0.0)], threads=1),
-    "specimen": lambda v: fh.Simulation(LINE, fh.Corrosion(KERNEL, saturation=0.5), fh.Free(), specimens=[v], threads=1),
+    "temperature": lambda v: fh.Simulation(
+        LINE, fh.Heat(KERNEL), fh.Free(), constraints=[fh.Temperature("x-", v)], threads=1
+    ).step(2),
+    "temperature inside": lambda v: fh.Simulation(
+        LINE, fh.Heat(KERNEL), fh.Free(), constraints=[fh.Temperature(fh.Box(-1, 1), v)], threads=1
+    ),
+    "prescribed": lambda v: fh.Simulation(
+        LINE, fh.Wave(KERNEL), fh.Free(), constraints=[fh.Prescribed([0.0], v)], threads=1
+    ).step(2),
+    "where prescribed": lambda v: fh.Simulation(
+        LINE, fh.Wave(KERNEL), fh.Free(), constraints=[fh.Prescribed(v, 0.0)], threads=1
+    ),
+    "specimen": lambda v: fh.Simulation(
+        LINE, fh.Corrosion(KERNEL, saturation=0.5), fh.Free(), specimens=[v], threads=1
+    ),
     "side": lambda v: fh.Simulation(LINE, fh.Wave(KERNEL), {"x": v}, threads=1),
-    "signal": lambda v: fh.Simulation(PLANE, fh.Wave(fh.Stencil.finite_difference(2)), sources=[fh.IncidentWave((1, 0), v, 1.0)], threads=1),
+    "signal": lambda v: fh.Simulation(
+        PLANE, fh.Wave(fh.Stencil.finite_difference(2)), sources=[fh.IncidentWave((1, 0), v, 1.0)], threads=1
+    ),
     "step": lambda v: fh.Simulation(LINE, fh.Wave(KERNEL), dt=v, threads=1),
     "point": LINE.index,
     "points in a shape": DISC.contains,
@@ -192,7 +314,10 @@ def test_a_thin_body_of_a_material_that_is_given_as_a_text():
 
 def test_dollars_are_letters():
     """Not the marks of mathematics, which would draw something else or fail."""
-    assert np.ptp(fh.Text("$5 and $6", 1.0).bounds(), axis=0)[0] > np.ptp(fh.Text("5 and 6", 1.0).bounds(), axis=0)[0] + 1.0
+    assert (
+        np.ptp(fh.Text("$5 and $6", 1.0).bounds(), axis=0)[0]
+        > np.ptp(fh.Text("5 and 6", 1.0).bounds(), axis=0)[0] + 1.0
+    )
 
 
 class TestConverters:
@@ -201,15 +326,22 @@ class TestConverters:
         found = kinds.number(value, "a.key", above=0)
         assert found == 3.0 and type(found) is float
 
-    @pytest.mark.parametrize(("value", "message"), [
-        ("3", "a.key: must be a number; value: the text '3'; limit: > 0"),
-        (np.ones((2, 2)), r"must be a number; value: an array of shape \(2, 2\)"),
-        (True, "must be a number; value: True"),
-        (1j, "must be a number; value: 1j"),
-        (-0.0003999999999999983, "must be finite and positive; value: -0.0004; limit: > 0"),
-        (np.float64("nan"), "must be finite and positive; value: nan"),
-        (1e200, "is beyond what can be computed with; value: 1e[+]200; limit: 1e-60 to 1e[+]60 in magnitude; remedy: other units"),
-    ])  # fmt: skip
+    @pytest.mark.parametrize(
+        ("value", "message"),
+        [
+            ("3", "a.key: must be a number; value: the text '3'; limit: > 0"),
+            (np.ones((2, 2)), r"must be a number; value: an array of shape \(2, 2\)"),
+            (True, "must be a number; value: True"),
+            (1j, "must be a number; value: 1j"),
+            (-0.0003999999999999983, "must be finite and positive; value: -0.0004; limit: > 0"),
+            (np.float64("nan"), "must be finite and positive; value: nan"),
+            (
+                1e200,
+                "is beyond what can be computed with; value: 1e[+]200; limit: 1e-60 to 1e[+]60 in magnitude; remedy: "
+                "other units",
+            ),
+        ],
+    )
     def test_not_that_number(self, value, message):
         with pytest.raises(fh.InputError, match=message):
             kinds.number(value, "a.key", above=0)
@@ -226,28 +358,36 @@ class TestConverters:
             kinds.integer(value, "a.key", least=1)
 
     def test_words(self):
-        with pytest.raises(fh.InputError, match=r"kernel\.influence: unknown influence.*text 'guassian'.*did you mean 'gaussian'"):
+        with pytest.raises(
+            fh.InputError, match=r"kernel\.influence: unknown influence.*text 'guassian'.*did you mean 'gaussian'"
+        ):
             fh.Kernel(1.0, influence="guassian")
 
     def test_function(self):
-        with pytest.raises(fh.InputError, match=r"initial.u: the function is called with x, y; .*; remedy: a function of 2 arguments"):
+        with pytest.raises(
+            fh.InputError, match=r"initial.u: the function is called with x, y; .*; remedy: a function of 2 arguments"
+        ):
             fh.Simulation(PLANE, fh.Wave(KERNEL), initial={"u": lambda x: x})
 
 
-@pytest.mark.parametrize(("value", "words"), [
-    (np.float64(-0.012), "-0.012"),
-    ([np.float64(-0.012), np.float64(0.0)], "[-0.012, 0]"),
-    (0.1 + 0.2, "0.3"),
-    (-0.0003999999999999983, "-0.0004"),
-    (np.int64(5), "5"),
-    ((3, 4), "(3, 4)"),
-    ((3,), "(3,)"),
-    (np.zeros((40, 3)), "an array of shape (40, 3)"),
-    (object(), "an object of type object"),
-    (fh.Kernel, "Kernel"),
-    (np.bool_(True), "True"),
-    (10**5000, "a whole number of 16610 bits"),
-], ids=lambda value: "")  # fmt: skip
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        (np.float64(-0.012), "-0.012"),
+        ([np.float64(-0.012), np.float64(0.0)], "[-0.012, 0]"),
+        (0.1 + 0.2, "0.3"),
+        (-0.0003999999999999983, "-0.0004"),
+        (np.int64(5), "5"),
+        ((3, 4), "(3, 4)"),
+        ((3,), "(3,)"),
+        (np.zeros((40, 3)), "an array of shape (40, 3)"),
+        (object(), "an object of type object"),
+        (fh.Kernel, "Kernel"),
+        (np.bool_(True), "True"),
+        (10**5000, "a whole number of 16610 bits"),
+    ],
+    ids=lambda value: "",
+)
 def test_values_as_a_person_writes_them(value, words):
     assert shown(value) == words
     assert f"value: {words}" in str(fh.InputError("wrong", value=value))

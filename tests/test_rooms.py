@@ -10,13 +10,19 @@ PACKAGE = TESTS.parent / "src" / "farhorizon"
 
 #: Each room imports from those above it; a single module of the root is named like a room.
 ORDER = (
-    "errors", "kinds", "machine",
+    "errors",
+    "kinds",
+    "machine",
     "files",  # formats on disk, no physics
     "pictures",  # arrays to PNG
-    "engine.rows", "engine",  # compiled loops over addresses, no physics either
+    "engine.rows",
+    "engine",  # compiled loops over addresses, no physics either
     "geometry",  # where: regions, cuts, nodes
     "medium",  # the operator and its time step
-    "analysis.exact", "analysis.references", "analysis.layers", "analysis",  # what the symbol tells
+    "analysis.exact",
+    "analysis.references",
+    "analysis.layers",
+    "analysis",  # what the symbol tells
     "models",  # a physics is one file
     "boundaries",  # a side is one file
     "inputs",  # what a user puts into a medium
@@ -27,8 +33,10 @@ ORDER = (
     "public",  # every public name
     "case",  # TOML to a set-up
     "papers",  # published figures
-    "", "cli", "__main__",  # the door: `farhorizon` itself, which loads public names late, and the command line
-)  # fmt: skip
+    "",
+    "cli",
+    "__main__",  # the door: `farhorizon` itself, which loads public names late, and the command line
+)
 #: What a package's own file says before it imports anything, so that all may ask for it.
 GROUND = {("farhorizon", "__version__")}
 

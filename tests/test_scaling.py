@@ -1,4 +1,5 @@
-"""Nothing depends on units: the examples in SI (millimetres, microseconds) give the same fields and the same verdicts."""
+"""Nothing depends on units: the examples in SI (millimetres, microseconds) give the same fields and the same
+verdicts."""
 
 from pathlib import Path
 
@@ -10,7 +11,15 @@ from scaling import in_units
 
 EXAMPLES = sorted((Path(__file__).parent.parent / "examples").glob("*.toml"))
 SI = (1e-3, 1e-6, 1e-6)
-SOON = {"backward_waves": 0.2, "blob": 0.2, "inclusion": 0.1, "crack_scattering": 0.1, "quenched_bar": 1.0, "exact_bar": 0.3, "layered_ground": 0.1}
+SOON = {
+    "backward_waves": 0.2,
+    "blob": 0.2,
+    "inclusion": 0.1,
+    "crack_scattering": 0.1,
+    "quenched_bar": 1.0,
+    "exact_bar": 0.3,
+    "layered_ground": 0.1,
+}
 
 
 @pytest.fixture(autouse=True)
@@ -33,12 +42,16 @@ def in_both(path, share):
     return [(case.run(), case.parts.run.until * share) for case in cases]
 
 
-@pytest.mark.parametrize("path, share", [
-    *(pytest.param(p, SOON[p.stem], id=p.stem) for p in EXAMPLES if p.stem in SOON),
-    *(pytest.param(p, 1.0, id=f"{p.stem}, whole", marks=pytest.mark.slow) for p in EXAMPLES),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "path, share",
+    [
+        *(pytest.param(p, SOON[p.stem], id=p.stem) for p in EXAMPLES if p.stem in SOON),
+        *(pytest.param(p, 1.0, id=f"{p.stem}, whole", marks=pytest.mark.slow) for p in EXAMPLES),
+    ],
+)
 def test_examples_in_si(path, share, monkeypatch):
-    monkeypatch.setattr("farhorizon.checks.certificate._recall", lambda path: None)  # more may be known of one from other runs
+    # more may be known of one from other runs
+    monkeypatch.setattr("farhorizon.checks.certificate._recall", lambda path: None)
     (plain, until), (scaled, later) = in_both(path, share)
     known, refused = verdict(plain, until)
     assert verdict(scaled, later) == (known, refused)

@@ -1,4 +1,6 @@
-"""farhorizon: peridynamic and classical waves, elasticity, diffusion, heat and corrosion in an unbounded medium, on a small grid."""
+"""farhorizon: peridynamic and classical waves, elasticity, diffusion, heat and corrosion in an unbounded medium, on a
+small grid.
+"""
 
 from typing import TYPE_CHECKING, Any
 
@@ -8,16 +10,71 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
-    "Auto", "Ball", "Beam", "Body", "BodyForce", "Box", "Certificate", "Convection", "Corrosion", "Crack", "Diffusion", "Disc", "DiscCut", "Elastic",
-    "Exact", "Expression", "Extended", "FarhorizonError", "FileFormatError", "FirstOrder", "Fixed", "Flux", "Free", "Heat", "Higdon", "ImageMask",
-    "IncidentWave", "InputError", "Insulated", "Kernel", "Lattice", "LatticePML", "NonlocalPML", "Periodic", "PlaneWave", "PointCut", "Polygon",
-    "PolygonCut", "Polyline", "Prescribed", "Probes", "Rectangle", "RungeKuttaChebyshev", "Simulation", "Source", "Specimen", "Sponge", "Stencil",
-    "Temperature", "Text", "Traction", "UnstableError", "ValidityWarning", "Wave", "WholeSteps", "open_results", "speed_of_current", "tuned",
-]  # fmt: skip
+    "Auto",
+    "Ball",
+    "Beam",
+    "Body",
+    "BodyForce",
+    "Box",
+    "Certificate",
+    "Convection",
+    "Corrosion",
+    "Crack",
+    "Diffusion",
+    "Disc",
+    "DiscCut",
+    "Elastic",
+    "Exact",
+    "Expression",
+    "Extended",
+    "FarhorizonError",
+    "FileFormatError",
+    "FirstOrder",
+    "Fixed",
+    "Flux",
+    "Free",
+    "Heat",
+    "Higdon",
+    "ImageMask",
+    "IncidentWave",
+    "InputError",
+    "Insulated",
+    "Kernel",
+    "Lattice",
+    "LatticePML",
+    "NonlocalPML",
+    "Periodic",
+    "PlaneWave",
+    "PointCut",
+    "Polygon",
+    "PolygonCut",
+    "Polyline",
+    "Prescribed",
+    "Probes",
+    "Rectangle",
+    "RungeKuttaChebyshev",
+    "Simulation",
+    "Source",
+    "Specimen",
+    "Sponge",
+    "Stencil",
+    "Temperature",
+    "Text",
+    "Traction",
+    "UnstableError",
+    "ValidityWarning",
+    "Wave",
+    "WholeSteps",
+    "open_results",
+    "speed_of_current",
+    "tuned",
+]
 
 
 def __getattr__(name: str) -> Any:
-    """Load names when they are wanted: NumPy, SciPy and the rest take a second, in which the command line must hear an interrupt."""
+    """Load names when they are wanted: NumPy, SciPy and the rest take a second, in which the command line must hear an
+    interrupt.
+    """
     from importlib import import_module
     from importlib.util import find_spec
 

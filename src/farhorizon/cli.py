@@ -58,14 +58,24 @@ def _tell(error: Exception) -> int:
     """Explain in one line an error that is no fault of the program, and return the exit code; raises others again."""
     from farhorizon.errors import FarhorizonError, InputError
 
-    code = BAD_INPUT if isinstance(error, InputError | PermissionError | FileExistsError | FileNotFoundError | NotADirectoryError) else FAILED
+    code = (
+        BAD_INPUT
+        if isinstance(error, InputError | PermissionError | FileExistsError | FileNotFoundError | NotADirectoryError)
+        else FAILED
+    )
     if isinstance(error, OSError):
         _let_go_of_stdout()
         if isinstance(error, BrokenPipeError):  # the reader of our output, such as head, has gone
             return FAILED
-        print(f"farhorizon: {error.strerror or error}" + (f": {error.filename}" if error.filename else ""), file=sys.stderr)
+        print(
+            f"farhorizon: {error.strerror or error}" + (f": {error.filename}" if error.filename else ""),
+            file=sys.stderr,
+        )
     elif isinstance(error, MemoryError):
-        print(f"farhorizon: not enough memory ({error or 'no more to be had'}); remedy: a coarser or smaller lattice", file=sys.stderr)
+        print(
+            f"farhorizon: not enough memory ({error or 'no more to be had'}); remedy: a coarser or smaller lattice",
+            file=sys.stderr,
+        )
     elif isinstance(error, FarhorizonError):
         print(f"farhorizon: {error}", file=sys.stderr)
     else:
@@ -84,8 +94,10 @@ def _let_go_of_stdout() -> None:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="farhorizon",
-        description="Waves, diffusion, heat and corrosion in an unbounded peridynamic or classical medium, computed on a small grid.",
-        epilog="Start with 'farhorizon demo', then 'farhorizon run CASE.toml'. Exit code: 0 good, 1 run failed, 2 bad input, "
+        description="Waves, diffusion, heat and corrosion in an unbounded peridynamic or classical medium, computed "
+        "on a small grid.",
+        epilog="Start with 'farhorizon demo', then 'farhorizon run CASE.toml'. Exit code: 0 good, 1 run failed, 2 bad "
+        "input, "
         "130 interrupted (Ctrl-C), 143 terminated.",
     )
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
@@ -102,25 +114,48 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--until", type=float, metavar="T", help="end time instead of the case's")
     run.add_argument("--force", action="store_true", help="overwrite the results of a finished run")
     run.add_argument("--allow-unstable", action="store_true", help="run although a mode grows")
-    check = add("check", _check, "check a case without running it: step limit, stability, reflection, layer, memory, time")
+    check = add(
+        "check", _check, "check a case without running it: step limit, stability, reflection, layer, memory, time"
+    )
     check.add_argument("case", help="case file (TOML)")
-    check.add_argument("--out", metavar="DIR", help="draw reflection and a growing mode into this folder (default: no pictures)")
-    check.add_argument("--tune", action="store_true", help="search the settings of a PlaneWave or Higdon for the best that are certified")
-    check.add_argument("--budget", type=float, metavar="SECONDS", help="time for the stability certificate (default: that of the run, 2 to 30 s)")
+    check.add_argument(
+        "--out", metavar="DIR", help="draw reflection and a growing mode into this folder (default: no pictures)"
+    )
+    check.add_argument(
+        "--tune",
+        action="store_true",
+        help="search the settings of a PlaneWave or Higdon for the best that are certified",
+    )
+    check.add_argument(
+        "--budget",
+        type=float,
+        metavar="SECONDS",
+        help="time for the stability certificate (default: that of the run, 2 to 30 s)",
+    )
     compare = add("compare", _compare, "compare a case with the infinite medium, beside a fixed and a free edge")
     compare.add_argument("case", help="case file (TOML)")
     compare.add_argument("--out", metavar="DIR", default=".", help="folder of the pictures (default: here)")
     compare.add_argument("--times", type=float, nargs="+", metavar="T", help="when to compare (default: 40 even times)")
     plot = add("plot", _plot, "draw pictures of a results file")
     plot.add_argument("result", help="results file (NAME.h5)")
-    plot.add_argument("--out", metavar="DIR", help="folder of the pictures (default: beside the file, its name without .h5)")
+    plot.add_argument(
+        "--out", metavar="DIR", help="folder of the pictures (default: beside the file, its name without .h5)"
+    )
     plot.add_argument("--times", type=float, nargs="+", metavar="T", help="times to draw (default: four even ones)")
-    reproduce = add("reproduce", _reproduce, "compute a published table or figure anew, ours beside theirs; without a name, list them")
+    reproduce = add(
+        "reproduce",
+        _reproduce,
+        "compute a published table or figure anew, ours beside theirs; without a name, list them",
+    )
     reproduce.add_argument("name", nargs="?", help="name of the table or figure")
     reproduce.add_argument("--out", metavar="DIR", default=".", help="folder of the pictures (default: here)")
-    reproduce.add_argument("--full", action="store_true", help="the published size, where the default is a smaller one; takes minutes")
+    reproduce.add_argument(
+        "--full", action="store_true", help="the published size, where the default is a smaller one; takes minutes"
+    )
     demo = add("demo", _demo, "two notches in an infinite membrane: run, compare and draw, in under a minute")
-    demo.add_argument("--out", metavar="DIR", default="farhorizon-demo", help="folder of the picture (default: farhorizon-demo)")
+    demo.add_argument(
+        "--out", metavar="DIR", default="farhorizon-demo", help="folder of the picture (default: farhorizon-demo)"
+    )
     add("schema", _schema, "the JSON Schema of case files, with which editors complete and check them")
     add("info", _info, "versions, threads, caches")
     for sub in (run, check, compare, reproduce, demo):
@@ -138,7 +173,12 @@ def _check_json(name: str | None) -> None:
     from farhorizon.errors import InputError
 
     if name and (Path(name).is_dir() or not os.access(Path(name).parent, os.W_OK)):
-        raise InputError("cannot write this file", value=name, key="--json", remedy="a file in a folder that exists and may be written")
+        raise InputError(
+            "cannot write this file",
+            value=name,
+            key="--json",
+            remedy="a file in a folder that exists and may be written",
+        )
 
 
 def _check_folder(name: str) -> None:
@@ -147,7 +187,12 @@ def _check_folder(name: str) -> None:
 
     there = next(p for p in (Path(name).resolve(), *Path(name).resolve().parents) if p.exists())
     if not (there.is_dir() and os.access(there, os.W_OK)):
-        raise InputError("cannot make the folder", value=name, key="--out", remedy=f"{there} is no folder that may be written: choose another")
+        raise InputError(
+            "cannot make the folder",
+            value=name,
+            key="--out",
+            remedy=f"{there} is no folder that may be written: choose another",
+        )
 
 
 def _folder(name: str) -> Path:
@@ -164,7 +209,11 @@ def _folder(name: str) -> Path:
 def _again(options: argparse.Namespace) -> str:
     """The command that goes on with a run, with every option that it was given."""
     words = ["farhorizon", "run", options.case, "--resume"]
-    for name, value, default in (("--out", options.out, "."), ("--until", options.until, None), ("--json", options.json, None)):
+    for name, value, default in (
+        ("--out", options.out, "."),
+        ("--until", options.until, None),
+        ("--json", options.json, None),
+    ):
         words += [name, str(value)] if value != default else []
     return shlex.join(words + ["--allow-unstable"] * options.allow_unstable)
 
@@ -187,7 +236,9 @@ def _refuse_finished(result: Path, options: argparse.Namespace) -> None:
 
 @contextmanager
 def _stopping(sim: Any) -> Iterator[list[int]]:
-    """Let Ctrl-C and SIGTERM, which batch systems send, end a run between two steps; yields the signals that came. A second one acts at once."""
+    """Let Ctrl-C and SIGTERM, which batch systems send, end a run between two steps; yields the signals that came. A
+    second one acts at once.
+    """
     came: list[int] = []
 
     def interrupt(number: int, frame: Any) -> None:
@@ -225,7 +276,9 @@ def _run(options: argparse.Namespace) -> int:
     folder = Path(options.out)
     result, checkpoint = _files(options, case)
     if options.resume and not checkpoint.exists():
-        raise InputError(f"no checkpoint {checkpoint}", key="--resume", remedy="run without --resume, or give the --out of the run")
+        raise InputError(
+            f"no checkpoint {checkpoint}", key="--resume", remedy="run without --resume, or give the --out of the run"
+        )
     _refuse_finished(result, options)
     _check_folder(str(folder / case.name))
     sim = case.run()
@@ -247,14 +300,29 @@ def _run(options: argparse.Namespace) -> int:
             print(f"warning: not valid from t = {caution.time:.6g} on: {caution.brief}", file=sys.stderr)
         pictures = plot_results(results, folder / case.name, case.parts.output.pictures, _polylines(case))
         print(f"results: {result} ({len(results.times)} outputs); pictures: {', '.join(str(p) for p in pictures)}")
-        _write_json(options.json, {"name": case.name, "steps": sim.step_count, "time": sim.time, "dt": sim.dt, "energy": sim.energy(),
-                                   "results": str(result), "pictures": [str(p) for p in pictures], "certificate": certificate.as_json()})  # fmt: skip
+        _write_json(
+            options.json,
+            {
+                "name": case.name,
+                "steps": sim.step_count,
+                "time": sim.time,
+                "dt": sim.dt,
+                "energy": sim.energy(),
+                "results": str(result),
+                "pictures": [str(p) for p in pictures],
+                "certificate": certificate.as_json(),
+            },
+        )
         writer.finish()
     return GOOD
 
 
-def _compute(options: argparse.Namespace, case: Any, sim: Any, until: float, last: int, came: list[int]) -> tuple[Any, int]:
-    """Begin or take up the files of a run and advance it to its end, or until a signal came; returns the writer of the results and the exit code."""
+def _compute(
+    options: argparse.Namespace, case: Any, sim: Any, until: float, last: int, came: list[int]
+) -> tuple[Any, int]:
+    """Begin or take up the files of a run and advance it to its end, or until a signal came; returns the writer of the
+    results and the exit code.
+    """
     import farhorizon as fh
     from farhorizon.errors import FarhorizonError
     from farhorizon.files.results import ResultsWriter, check_replaceable
@@ -270,14 +338,25 @@ def _compute(options: argparse.Namespace, case: Any, sim: Any, until: float, las
         check_replaceable(result)
         checkpoint.unlink(missing_ok=True)  # it belongs to the results that go
         writer = ResultsWriter.create(
-            result, dim=case.lattice.dim, shape=case.lattice.shape, spacing=case.lattice.spacing, lower=case.lattice.lower,
-            fields=case.fields, dtype=sim.fields["u"].dtype, probes=probes.places, accounts=list(sim.balance()) if case.parts.output.balance else [],
-            case=case.text, program=f"farhorizon {fh.__version__}",
+            result,
+            dim=case.lattice.dim,
+            shape=case.lattice.shape,
+            spacing=case.lattice.spacing,
+            lower=case.lattice.lower,
+            fields=case.fields,
+            dtype=sim.fields["u"].dtype,
+            probes=probes.places,
+            accounts=list(sim.balance()) if case.parts.output.balance else [],
+            case=case.text,
+            program=f"farhorizon {fh.__version__}",
             components={name: len(field) if field.ndim > case.lattice.dim else 1 for name, field in sim.fields.items()},
-        )  # fmt: skip
+        )
     for note in (*sim.notes, *probes.notes):
         print(f"note: {note}", file=sys.stderr)
-    print(f"{case.name}: {case.lattice.nodes} nodes, dt = {sim.dt:.6g}, {last} steps to t = {last * sim.dt:g}; outputs {case.schedule(sim.dt)}")
+    print(
+        f"{case.name}: {case.lattice.nodes} nodes, dt = {sim.dt:.6g}, {last} steps to t = {last * sim.dt:g}; outputs "
+        f"{case.schedule(sim.dt)}"
+    )
     if options.resume:
         print(f"resumed at step {sim.step_count}, t = {sim.time:g}")
     saved = [time.monotonic()]
@@ -285,8 +364,14 @@ def _compute(options: argparse.Namespace, case: Any, sim: Any, until: float, las
     def record(sim: Run) -> None:
         fields = sim.fields
         keep_probes()
-        writer.append(sim.step_count, sim.time, {k: fields[k] for k in case.fields}, energy=sim.energy(),
-                      balance=sim.balance() if writer.accounts else None, cautions=sim.cautions)  # fmt: skip
+        writer.append(
+            sim.step_count,
+            sim.time,
+            {k: fields[k] for k in case.fields},
+            energy=sim.energy(),
+            balance=sim.balance() if writer.accounts else None,
+            cautions=sim.cautions,
+        )
 
     def keep_probes() -> None:
         if len(probes.nodes):
@@ -319,7 +404,10 @@ def _compute(options: argparse.Namespace, case: Any, sim: Any, until: float, las
         print(f"the last good checkpoint is {checkpoint}", file=sys.stderr)
         raise
     except OSError:
-        print(f"the last good checkpoint is {checkpoint}; when files can be written again go on with: {_again(options)}", file=sys.stderr)
+        print(
+            f"the last good checkpoint is {checkpoint}; when files can be written again go on with: {_again(options)}",
+            file=sys.stderr,
+        )
         raise
     keep(sim)
     return writer, GOOD
@@ -368,7 +456,12 @@ def _check(options: argparse.Namespace) -> int:
         with case.naming():
             found = tuned(case.simulation(), budget=options.budget or BUDGET)
         print(f"tuned: {found}\nin the case file: all = {found.toml}")
-        facts["tuned"] = {"boundary": found.toml, "amplitude": found.amplitude, "angle": found.angle, **found.certificate.as_json()}
+        facts["tuned"] = {
+            "boundary": found.toml,
+            "amplitude": found.amplitude,
+            "angle": found.angle,
+            **found.certificate.as_json(),
+        }
     _write_json(options.json, facts)
     if report.refused:
         print("farhorizon: run refuses this case: it is not stable", file=sys.stderr)
@@ -383,7 +476,9 @@ def _polylines(case: Any) -> list[Any]:
     return [np.asarray(c.points, float).reshape(-1, case.lattice.dim) for c in case.parts.crack if c.points is not None]
 
 
-def _compare_case(case: Any, folder: Path, times: Sequence[float] | None, moment: float | None, json_file: str | None) -> None:
+def _compare_case(
+    case: Any, folder: Path, times: Sequence[float] | None, moment: float | None, json_file: str | None
+) -> None:
     from farhorizon.pictures.plot import error_history, field_panels, magnitude
     from farhorizon.studies.compare import compare
 
@@ -391,7 +486,11 @@ def _compare_case(case: Any, folder: Path, times: Sequence[float] | None, moment
         result = compare(case.setup, case.parts.run.until, times, moment, kind=case.kind)
     print(result.table())
     cracks = _polylines(case)
-    shown = {name: value if value.ndim == case.lattice.dim else magnitude(value) for name, value in result.fields.items() if name != "free edge"}
+    shown = {
+        name: value if value.ndim == case.lattice.dim else magnitude(value)
+        for name, value in result.fields.items()
+        if name != "free edge"
+    }
     fields = [(f"{name}, t = {result.shown_time:.3g}", value) for name, value in shown.items()]
     folder.mkdir(parents=True, exist_ok=True)
     picture, history = folder / "compare.png", folder / "error.png"
@@ -400,7 +499,9 @@ def _compare_case(case: Any, folder: Path, times: Sequence[float] | None, moment
     curves = {name: (c["times"], c["error_rel_initial"]) for name, c in result.curves.items()}
     error_history(curves, history, f"max error / {result.scale}", "Error against the infinite medium")
     print(f"pictures: {picture}, {history}")
-    curves_and_growth = {n: {**c, "growth_rate": result.growth[n]} if n in result.growth else c for n, c in result.curves.items()}
+    curves_and_growth = {
+        n: {**c, "growth_rate": result.growth[n]} if n in result.growth else c for n, c in result.curves.items()
+    }
     _write_json(json_file, curves_and_growth)
 
 
@@ -439,9 +540,13 @@ def _reproduce(options: argparse.Namespace) -> int:
         width, longest = max(map(len, known)), max(len(entry.duration) for entry in known.values())
         for name, entry in known.items():
             print(f"{name:{width}}  {entry.duration:{longest}}  {entry.title}")
-        _write_json(options.json, {
-            name: {"paper": entry.paper, "title": entry.title, "takes": entry.takes, "full": entry.full} for name, entry in known.items()
-        })  # fmt: skip
+        _write_json(
+            options.json,
+            {
+                name: {"paper": entry.paper, "title": entry.title, "takes": entry.takes, "full": entry.full}
+                for name, entry in known.items()
+            },
+        )
         return GOOD
     entry = find(options.name)
     print(f"{entry.paper}\n{entry.name}: {entry.title}")
@@ -461,7 +566,9 @@ def _demo(options: argparse.Namespace) -> int:
 
     case = Case(files("farhorizon.case").joinpath("demo.toml").read_text(encoding="utf-8"), "two_notches.toml")
     print("An infinite membrane with two notches, seen through a disc of radius 26 (example 3 of Hermann et al. 2023).")
-    print("Running it with the lattice PML, with a fixed and a free edge, and on a domain from which nothing returns ...")
+    print(
+        "Running it with the lattice PML, with a fixed and a free edge, and on a domain from which nothing returns ..."
+    )
     _compare_case(case, Path(options.out), None, 30.0, options.json)
     return GOOD
 
@@ -486,8 +593,14 @@ def _info(options: argparse.Namespace) -> int:
     from farhorizon.files.cache import cache_folder
 
     for name, value in (
-        ("farhorizon", farhorizon.__version__), ("python", platform.python_version()), ("numpy", numpy.__version__), ("scipy", scipy.__version__),
-        ("numba", numba.__version__), ("h5py", h5py.__version__), ("threads", available_threads()), ("compiled programs", cache_folder()),
-    ):  # fmt: skip
+        ("farhorizon", farhorizon.__version__),
+        ("python", platform.python_version()),
+        ("numpy", numpy.__version__),
+        ("scipy", scipy.__version__),
+        ("numba", numba.__version__),
+        ("h5py", h5py.__version__),
+        ("threads", available_threads()),
+        ("compiled programs", cache_folder()),
+    ):
         print(f"{name:<18}{value}")
     return GOOD

@@ -59,7 +59,9 @@ class ValidityWarning(UserWarning):
 
 
 def shown(value: Any) -> str:
-    """A value as a person writes it: numbers without the noise of rounding, large arrays by their shape, objects by their type."""
+    """A value as a person writes it: numbers without the noise of rounding, large arrays by their shape, objects by
+    their type.
+    """
     if isinstance(value, np.ndarray | np.generic):
         if value.size > _FEW:
             return f"an array of shape {shown(value.shape)}"
@@ -81,7 +83,11 @@ def shown(value: Any) -> str:
 def _plain(value: Any) -> str:
     """Objects that do not say what they are, by their type: an address helps nobody."""
     kind = type(value)
-    return f"an object of type {kind.__qualname__}" if kind.__repr__ is object.__repr__ and kind.__str__ is object.__str__ else _long(value)
+    return (
+        f"an object of type {kind.__qualname__}"
+        if kind.__repr__ is object.__repr__ and kind.__str__ is object.__str__
+        else _long(value)
+    )
 
 
 def _long(value: Any) -> str:

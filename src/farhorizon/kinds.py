@@ -1,7 +1,7 @@
 """Kinds of arguments: a converter for each, which returns what the program computes with, or raises InputError.
 
-Every public argument goes through one of these before any work, so that what is wrong is named by its key, in the user's words, and not by
-whatever NumPy would say of it later.
+Every public argument goes through one of these before any work, so that what is wrong is named by its key, in the
+user's words, and not by whatever NumPy would say of it later.
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ import numpy as np
 from farhorizon.errors import InputError, shown
 
 LARGEST = 1e60
-"""Of a constant; positive ones are at least its inverse. Products of five such numbers, as of the horizon's powers, stay finite."""
+"""Of a constant; positive ones are at least its inverse. Products of five such numbers, as of the horizon's powers,
+stay finite.
+"""
 MOST_WHOLE = 1_000_000
 """Of a whole number, unless it has another limit."""
 
@@ -55,7 +57,9 @@ def number(
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
     if not isinstance(value, numbers.Real) or isinstance(value, bool):
-        raise InputError("must be a number", value=said(value), limit=_range(above, least, below, most), key=key, remedy=remedy)
+        raise InputError(
+            "must be a number", value=said(value), limit=_range(above, least, below, most), key=key, remedy=remedy
+        )
     try:
         found = float(value)
     except OverflowError:
@@ -68,10 +72,17 @@ def number(
         and (most is None or found <= most)
     )
     if not fits:
-        raise InputError(_demand(above, least, below, most), value=value, limit=_range(above, least, below, most), key=key)
+        raise InputError(
+            _demand(above, least, below, most), value=value, limit=_range(above, least, below, most), key=key
+        )
     if found and not 1 / LARGEST <= abs(found) <= LARGEST:
-        raise InputError("is beyond what can be computed with", value=value, limit=f"{1 / LARGEST:g} to {LARGEST:g} in magnitude", key=key,
-                         remedy="other units")  # fmt: skip
+        raise InputError(
+            "is beyond what can be computed with",
+            value=value,
+            limit=f"{1 / LARGEST:g} to {LARGEST:g} in magnitude",
+            key=key,
+            remedy="other units",
+        )
     return found
 
 
@@ -113,7 +124,13 @@ def one_of(value: Any, key: str, known: Iterable[str], message: str = "unknown w
     words = list(known)
     if not isinstance(value, str) or value not in words:
         near = difflib.get_close_matches(value, words, 1) if isinstance(value, str) else []
-        raise InputError(message, value=said(value), limit=", ".join(words), key=key, remedy=f"did you mean {near[0]!r}?" if near else "")
+        raise InputError(
+            message,
+            value=said(value),
+            limit=", ".join(words),
+            key=key,
+            remedy=f"did you mean {near[0]!r}?" if near else "",
+        )
     return value
 
 
@@ -141,10 +158,19 @@ def array(value: Any, key: str, *, shape: tuple[int | None, ...] | None = None, 
     except (TypeError, ValueError):  # rows of different lengths
         found = np.asarray(None)
     if found.dtype.kind not in "biuf":
-        raise InputError("must be real numbers", value=said(value), limit=None if shape is None else f"shape {_shape(shape)}", key=key)
+        raise InputError(
+            "must be real numbers",
+            value=said(value),
+            limit=None if shape is None else f"shape {_shape(shape)}",
+            key=key,
+        )
     found = found.astype(float, copy=False)
-    if shape is not None and not (found.ndim == len(shape) and all(want in (None, n) for n, want in zip(found.shape, shape, strict=True))):
-        raise InputError("has another shape", value=f"shape {_shape(found.shape)}", limit=f"shape {_shape(shape)}", key=key)
+    if shape is not None and not (
+        found.ndim == len(shape) and all(want in (None, n) for n, want in zip(found.shape, shape, strict=True))
+    ):
+        raise InputError(
+            "has another shape", value=f"shape {_shape(found.shape)}", limit=f"shape {_shape(shape)}", key=key
+        )
     if finite and not np.isfinite(found).all():
         raise InputError("values must be finite", value=said(value), key=key)
     return found
@@ -187,12 +213,17 @@ def function(value: Any, key: str, arguments: str) -> Callable[..., Any]:
         raise InputError(f"must be a function of {arguments}", value=said(value), key=key)
     names = arguments.split(", ")
     try:
-        if isinstance(value, np.ufunc) and value.nin != len(names):  # their signatures have an argument for the output, too
+        # their signatures have an argument for the output, too
+        if isinstance(value, np.ufunc) and value.nin != len(names):
             raise TypeError(f"it takes {value.nin}")
         inspect.signature(value).bind(*names)
     except TypeError as error:
-        raise InputError(f"the function is called with {arguments}", value=f"{shown(value)}: {error}", key=key,
-                         remedy=f"a function of {len(names)} argument{'s' if len(names) > 1 else ''}") from None  # fmt: skip
+        raise InputError(
+            f"the function is called with {arguments}",
+            value=f"{shown(value)}: {error}",
+            key=key,
+            remedy=f"a function of {len(names)} argument{'s' if len(names) > 1 else ''}",
+        ) from None
     except ValueError:  # compiled functions do not say what they take
         pass
     return value
@@ -218,7 +249,9 @@ def said(value: Any) -> str:
     if isinstance(value, str):
         return f"the text {value!r}"
     if isinstance(value, np.ndarray):
-        return f"an array of shape {_shape(value.shape)}" + ("" if value.dtype.kind in "biuf" else f" and type {value.dtype}")
+        return f"an array of shape {_shape(value.shape)}" + (
+            "" if value.dtype.kind in "biuf" else f" and type {value.dtype}"
+        )
     return shown(value)
 
 

@@ -9,14 +9,21 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-_SET = ("openblas_set_num_threads", "openblas_set_num_threads64_", "scipy_openblas_set_num_threads", "scipy_openblas_set_num_threads64_")
+_SET = (
+    "openblas_set_num_threads",
+    "openblas_set_num_threads64_",
+    "scipy_openblas_set_num_threads",
+    "scipy_openblas_set_num_threads64_",
+)
 
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Small dense algebra on one thread: matrices of a few hundred rows gain nothing from more, and lose a hundredfold where cores are busy.
+    """Small dense algebra on one thread: matrices of a few hundred rows gain nothing from more, and lose a hundredfold
+    where cores are busy.
 
-    Holds for every OpenBLAS that the process has loaded, where the operating system tells which these are (Linux); elsewhere it does nothing.
+    Holds for every OpenBLAS that the process has loaded, where the operating system tells which these are (Linux);
+    elsewhere it does nothing.
     """
     libraries = [(set_threads, count()) for set_threads, count in _openblas()]
     for set_threads, _ in libraries:

@@ -27,9 +27,14 @@ def test_a_mirror_image_on_a_line(integrator, dt, steps, reach):
     found = extent(medium(line, integrator, dt, steps), [Datum(start, "u")], [1.0], 0, 1e-4)
     wide = np.zeros(1200)
     wide[600:660] = start
-    states = [InfiniteLattice(line, 1.0, integrator, dt, steps, wide).after(n) for n in np.ceil(np.arange(1, 17) * steps / 16).astype(int)]
+    states = [
+        InfiniteLattice(line, 1.0, integrator, dt, steps, wide).after(n)
+        for n in np.ceil(np.arange(1, 17) * steps / 16).astype(int)
+    ]
     scale = [1.0 if integrator.order == 2 else state[600:660].max() for state in states]
-    returned = max(np.abs(state[660 + 2 * found.nodes :]).max() / size for state, size in zip(states, scale, strict=True))
+    returned = max(
+        np.abs(state[660 + 2 * found.nodes :]).max() / size for state, size in zip(states, scale, strict=True)
+    )
     assert found.predicted == pytest.approx(returned, rel=1e-6, abs=1e-12) and found.predicted < 1e-4
     fewer = max(np.abs(state[658 + 2 * found.nodes :]).max() / size for state, size in zip(states, scale, strict=True))
     assert fewer > 0.3e-4  # of which 0.3 are aimed at
@@ -44,7 +49,10 @@ def test_the_extent_knows_no_units_and_no_amplitude():
 
 @pytest.mark.parametrize("wall", [1, -1])
 def test_a_wall_opposite_sends_its_image_after_the_data(wall):
-    """A wall right behind the data that reflects them doubles what arrives or takes most of it away; one far behind changes nothing."""
+    """A wall right behind the data that reflects them doubles what arrives or takes most of it away; one far behind
+    changes nothing.
+    """
+
     def nodes(place, mirror):
         start = np.exp(-((np.arange(80) - place) ** 2) / 9)
         return extent(medium(stencil(1), Verlet(), 0.4, 100), [Datum(start, "u")], [1.0], mirror, 1e-5).nodes
@@ -56,12 +64,16 @@ def test_a_wall_opposite_sends_its_image_after_the_data(wall):
 @pytest.mark.parametrize("dim", [1, 2, 3])
 @pytest.mark.parametrize("kind", ["v", "source"])
 def test_the_largest_value_is_estimated_from_below(dim, kind):
-    """Of velocities and of sources that come and go: not above what a run has, and not below a tenth of it. A steady source goes on growing."""
+    """Of velocities and of sources that come and go: not above what a run has, and not below a tenth of it. A steady
+    source goes on growing.
+    """
     lattice = fh.Lattice(1.0, (-12.0,) * dim, (12.0,) * dim)
     values = np.exp(-sum(x**2 for x in lattice.coordinates()) / 6)
     values[values < 1e-12] = 0
     model, period = fh.Wave(fh.Kernel(2.0)), 6.0
-    sources = [fh.Source(values, lambda t: np.sin(np.pi * t / period) ** 2 * (t < 2 * period))] if kind == "source" else []
+    sources = (
+        [fh.Source(values, lambda t: np.sin(np.pi * t / period) ** 2 * (t < 2 * period))] if kind == "source" else []
+    )
     sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=8), {} if sources else {"v": values}, sources=sources)
     steps = int(16 / sim.dt)
     times = np.array([sources[0].time(n * sim.dt) for n in range(steps)]) if sources else np.zeros(0)

@@ -42,12 +42,17 @@ def test_continuous_factors_are_the_limit(order, damping):
     """The difference of one step's factors falls like dt^2 (Euler) or dt^3 (Verlet); overdamped long waves included."""
     k = np.array([[0.05, 0.0], [1.0, 0.5]]) * (1 if order == 2 else 1j)
     steps = np.array([0.02, 0.01, 0.005])
-    gaps = [np.abs(modes.factors(symbol(k), dt, order, damping) - modes.factors(symbol(k), dt, order, damping, False)).max() for dt in steps]
+    gaps = [
+        np.abs(modes.factors(symbol(k), dt, order, damping) - modes.factors(symbol(k), dt, order, damping, False)).max()
+        for dt in steps
+    ]
     assert np.polyfit(np.log(steps), np.log(gaps), 1)[0] == pytest.approx(order + 1, abs=0.1)
 
 
 def test_ways_out():
-    """Unit vectors about the first axis; the rings in space have no preferred side, the published grid has and repeats a direction."""
+    """Unit vectors about the first axis; the rings in space have no preferred side, the published grid has and repeats
+    a direction.
+    """
     for dim in (1, 2, 3):
         ways = modes.outward(dim, np.pi / 4, 9)
         assert np.allclose(np.linalg.norm(ways, axis=1), 1)
@@ -82,7 +87,9 @@ def test_operator_fit_has_a_limit(order):
     k = K if order == 2 else 0.3j * K
     found = []
     for dt in (1e-4, 1e-5):
-        update = modes.fit_operator(modes.phases(k, places), modes.factors(symbol(k), dt, order), symbol(k), 0, dt, order, SPACING**-2, 1e-5)
+        update = modes.fit_operator(
+            modes.phases(k, places), modes.factors(symbol(k), dt, order), symbol(k), 0, dt, order, SPACING**-2, 1e-5
+        )
         values = np.exp(-places.sum(1) / 4)
         now = update[0] @ values + (update[1] @ values if order == 2 else 0)
         found.append((now - values[0]) / dt**order)
@@ -98,7 +105,8 @@ def test_overflow_is_refused():
         modes.factors(np.array([5.0]), 1.0, 2)
 
 
-PUBLISHED = [  # dim, exponent, influence, terms: Hermann et al. (2023) eqs 24, 29; Shojaei et al. (2020) eqs 26, 56, whose modes grow
+# dim, exponent, influence, terms: Hermann et al. (2023) eqs 24, 29; Shojaei et al. (2020) eqs 26, 56, whose modes grow
+PUBLISHED = [
     (2, 2, "constant", (-1 / 32, 1 / 1728)),
     (2, 2, "linear", (-3 / 160, 1 / 4032)),
     (2, 1, "constant", (-3 / 80, 1 / 1344)),

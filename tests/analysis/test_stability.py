@@ -9,7 +9,9 @@ from farhorizon.analysis.stability import TOLERANCE, Growth, dense_growth, faste
 
 def with_factors(factors, seed=0):
     """A matrix with given eigenvalues, real or in pairs, and eigenvectors that are not orthogonal."""
-    blocks = [np.array([[f.real, f.imag], [-f.imag, f.real]]) if np.imag(f) else np.array([[np.real(f)]]) for f in factors]
+    blocks = [
+        np.array([[f.real, f.imag], [-f.imag, f.real]]) if np.imag(f) else np.array([[np.real(f)]]) for f in factors
+    ]
     matrix = linalg.block_diag(*blocks)
     basis = np.eye(len(matrix)) + 0.3 * np.random.default_rng(seed).standard_normal(matrix.shape) / np.sqrt(len(matrix))
     return basis @ matrix @ np.linalg.inv(basis)
@@ -31,7 +33,9 @@ def test_growth_of_known_size(rate):
 
 
 def test_a_double_factor_one_is_not_decided_by_rounding():
-    """A Jordan block at 1: rounding splits it by the root of machine epsilon, which must not pass for growth nor for decay."""
+    """A Jordan block at 1: rounding splits it by the root of machine epsilon, which must not pass for growth nor for
+    decay.
+    """
     matrix = with_factors([0.5, *INSIDE])
     size = len(matrix)
     block = linalg.block_diag([[1.0, 1.0], [0.0, 1.0]], matrix)

@@ -36,6 +36,7 @@ def kinds(sim):
 @pytest.fixture
 def dear(monkeypatch):
     """Makes the extended domain so many times as dear as layers."""
+
     def set_price(times):
         monkeypatch.setattr(simulation, "price", lambda sim: Price(1.0, 1.0, 1.0))
         monkeypatch.setattr(simulation, "extended_price", lambda sim, until, sides: Price(1.0, times, 1.0))
@@ -43,9 +44,13 @@ def dear(monkeypatch):
     return set_price
 
 
-@pytest.mark.parametrize("times, kind, words", [
-    (0.5, Extended, "extended: layers would take 2 times the time"), (2.0, LatticePML, "layers: the extended domain would take 2 times the time"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "times, kind, words",
+    [
+        (0.5, Extended, "extended: layers would take 2 times the time"),
+        (2.0, LatticePML, "layers: the extended domain would take 2 times the time"),
+    ],
+)
 def test_the_cheaper_one_is_taken_and_said(dear, times, kind, words):
     dear(times)
     sim = fh.Simulation(**SETUP, boundary=fh.Auto(1e-4, until=8.0)).run(until=8.0)
@@ -63,7 +68,12 @@ def test_errors_of_a_choice(dear):
 
 def test_measured_prices_decide():
     """Of a long run the layer is cheaper: the arrays of the extended domain are forty times as long."""
-    bar = {"lattice": fh.Lattice(1.0, 0.0, 3000.0), "model": fh.Wave(fh.Kernel(1.0)), "initial": {"u": "exp(-(x - 1500)**2/20)"}, "threads": 1}
+    bar = {
+        "lattice": fh.Lattice(1.0, 0.0, 3000.0),
+        "model": fh.Wave(fh.Kernel(1.0)),
+        "initial": {"u": "exp(-(x - 1500)**2/20)"},
+        "threads": 1,
+    }
     long = fh.Simulation(**bar, boundary=fh.Auto())
     long.prepare(60_000.0)
     assert kinds(long) == {LatticePML} and any("the extended domain would take" in note for note in long.notes)

@@ -47,10 +47,14 @@ def published(name, end, dt):
 EXAMPLES = {"bar": Example(), "interface": Example(soft=0.1), "seismic": Example(seismic=True)}
 
 
-@pytest.mark.parametrize(("last", "dt", "bound"), [(40.0, 0.005, 1e-13), pytest.param(400.0, 0.02, 1e-12, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("last", "dt", "bound"), [(40.0, 0.005, 1e-13), pytest.param(400.0, 0.02, 1e-12, marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_published_examples(name, last, dt, bound):
-    """The aims for the fully discrete boundary: 1e-13 at t = 40, 1e-12 at t = 400; compressed it keeps its tolerance of 1e-12."""
+    """The aims for the fully discrete boundary: 1e-13 at t = 40, 1e-12 at t = 400; compressed it keeps its tolerance of
+    1e-12.
+    """
     times = (0.3 * last, last)
     infinite = EXAMPLES[name].run(dt, times, None)[0]
     for end, limit in ((CONVOLVED, bound), (COMPRESSED, 1e-12)):
@@ -60,11 +64,19 @@ def test_published_examples(name, last, dt, bound):
             assert np.abs(sim.fields["u"] - expected).max() <= limit
 
 
-RANDOM = [("wave", 0.2, 1500), ("wave", 0.95, 1500), ("damped", 0.2, 1500), ("diffusion", 0.45, 3000), ("diffusion", 0.95, 3000)]
+RANDOM = [
+    ("wave", 0.2, 1500),
+    ("wave", 0.95, 1500),
+    ("damped", 0.2, 1500),
+    ("diffusion", 0.45, 3000),
+    ("diffusion", 0.95, 3000),
+]
 
 
 ENDS = [
-    pytest.param(end, reach, bound, id=f"{name}-{reach}", marks=[pytest.mark.slow] if name == "compressed" and reach > 2 else [])
+    pytest.param(
+        end, reach, bound, id=f"{name}-{reach}", marks=[pytest.mark.slow] if name == "compressed" and reach > 2 else []
+    )
     for name, end, bound in (("convolved", CONVOLVED, 1e-12), ("compressed", COMPRESSED, 1e-11))
     for reach in (1, 2, 7, 25)
 ]
@@ -75,10 +87,13 @@ ENDS = [
 def test_random_data_on_the_whole_near_field(end, reach, bound, kind, share, steps):
     """Drivers included, with random velocities; the aim for the fully discrete boundary is 1e-12.
 
-    Compressed, 1e-12 is the bound of the force's error. Noise feeds the waves that hardly move, which add it up: ten times that are allowed.
+    Compressed, 1e-12 is the bound of the force's error. Noise feeds the waves that hardly move, which add it up: ten
+    times that are allowed.
     """
     weights, rng = gaussian_weights(reach), np.random.default_rng(reach)
-    model = fh.Diffusion(stencil_of(weights)) if kind == "diffusion" else wave(weights, 0.5 if kind == "damped" else 0.0)
+    model = (
+        fh.Diffusion(stencil_of(weights)) if kind == "diffusion" else wave(weights, 0.5 if kind == "damped" else 0.0)
+    )
     lattice, u, increment = line(101), rng.uniform(-1, 1, 101), 0.1 * rng.uniform(-1, 1, 101)
     dt = share * fh.Simulation(lattice, model, fh.Fixed()).step_limit
     initial = {"u": u} if kind == "diffusion" else {"u": u, "v": increment / dt}
@@ -99,7 +114,10 @@ def test_one_exact_end(end, other):
     u[np.abs(u) < 1e-12] = 0
     dt = 0.4 * fh.Simulation(line(60), wave(weights), fh.Fixed()).step_limit
     recursion = Recursion.of(wave().integrator, dt)
-    sims = [fh.Simulation(line(60), wave(weights), {a: end, b: other}, {"u": s}, dt=dt) for a, b, s in (("x-", "x+", u), ("x+", "x-", u[::-1]))]
+    sims = [
+        fh.Simulation(line(60), wave(weights), {a: end, b: other}, {"u": s}, dt=dt)
+        for a, b, s in (("x-", "x+", u), ("x+", "x-", u[::-1]))
+    ]
     for sim in sims:
         sim.step(steps)
     # the mirror image; a layer's core has another place in memory, so that sums are taken in another order
@@ -111,7 +129,8 @@ def test_one_exact_end(end, other):
         assert np.abs(sims[0].fields["u"] - expected.fields["u"][1500:]).max() < 1e-12
     else:
         infinite, near = long_chain(weights, recursion, u, steps, right=not isinstance(other, fh.Free))
-        bound = 1e-12 if isinstance(other, fh.Free) else 1e-10  # the layer: tests/boundaries/test_lattice_pml.py, with 40 nodes 1e-12 for its kernels
+        # the layer: tests/boundaries/test_lattice_pml.py, with 40 nodes 1e-12 for its kernels
+        bound = 1e-12 if isinstance(other, fh.Free) else 1e-10
         assert np.abs(sims[0].fields["u"] - infinite.run(steps)[near]).max() < bound
 
 
@@ -187,7 +206,14 @@ def test_sources_and_background():
     place[1] = 1.0
     gate = fh.Source(place, lambda t: float(t < 2))
     sim = fh.Simulation(line(30), wave(weights), CONVOLVED, sources=[gate], background=2.5, dt=0.1)
-    long = fh.Simulation(line(830), wave(weights), fh.Fixed(2.5), sources=[fh.Source(np.pad(place, 400), gate.time)], background=2.5, dt=0.1)
+    long = fh.Simulation(
+        line(830),
+        wave(weights),
+        fh.Fixed(2.5),
+        sources=[fh.Source(np.pad(place, 400), gate.time)],
+        background=2.5,
+        dt=0.1,
+    )
     for each in (sim, long):
         each.run(60.0)
     assert np.abs(sim.fields["u"] - long.fields["u"][400:430]).max() < 1e-12
@@ -225,7 +251,9 @@ def test_single_precision():
     """The near field in single precision, the ends in double."""
     u = np.exp(-((np.arange(40) - 20.0) ** 2) / 9)
     u[u < 1e-8] = 0
-    runs = [fh.Simulation(line(40), wave(), COMPRESSED, {"u": u}, dt=0.1, dtype=real) for real in ("float32", "float64")]
+    runs = [
+        fh.Simulation(line(40), wave(), COMPRESSED, {"u": u}, dt=0.1, dtype=real) for real in ("float32", "float64")
+    ]
     for sim in runs:
         sim.step(500)
     assert np.abs(runs[0].fields["u"] - runs[1].fields["u"]).max() < 1e-5
@@ -234,7 +262,9 @@ def test_single_precision():
 def test_threads():
     """A bar so long that threads share it: the ends are the work of one."""
     u = np.random.default_rng(9).uniform(-1, 1, 50_001)
-    runs = [fh.Simulation(line(50_001), wave(), COMPRESSED, {"u": u}, dt=0.1, threads=n) for n in (1, available_threads())]
+    runs = [
+        fh.Simulation(line(50_001), wave(), COMPRESSED, {"u": u}, dt=0.1, threads=n) for n in (1, available_threads())
+    ]
     for sim in runs:
         sim.step(40)
     np.testing.assert_array_equal(runs[0].fields["u"], runs[1].fields["u"])
@@ -252,15 +282,24 @@ def test_a_checkpoint_of_other_sides_is_refused(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-9, 1e-12])
 def test_bounded_over_a_million_steps(tolerance, monkeypatch):
-    """A sum for 8192 steps, run for a million by declaring it good for so many: the bar leaves an offset, noise does not grow.
+    """A sum for 8192 steps, run for a million by declaring it good for so many: the bar leaves an offset, noise does
+    not grow.
 
     As in tests/analysis/exact/test_exponential_sum.py: noise on 51 nodes, which feeds waves that hardly move.
     """
     made = exact._compressed
-    monkeypatch.setattr(exact, "_compressed", lambda a, r, steps, c: dataclasses.replace(made(a, r, 8192, c), steps=steps))
+    monkeypatch.setattr(
+        exact, "_compressed", lambda a, r, steps, c: dataclasses.replace(made(a, r, 8192, c), steps=steps)
+    )
     noise = np.random.default_rng(4).uniform(-1, 1, 51)
     for half, initial, bound in ((10, lambda x: np.exp(-(x**2)), tolerance), (2.5, noise, 1.0)):
-        sim = fh.Simulation(fh.Lattice(0.1, -half, half), fh.Wave(stencil_of(BAR), speed=0.1), fh.Exact(tolerance), {"u": initial}, dt=0.005)
+        sim = fh.Simulation(
+            fh.Lattice(0.1, -half, half),
+            fh.Wave(stencil_of(BAR), speed=0.1),
+            fh.Exact(tolerance),
+            {"u": initial},
+            dt=0.005,
+        )
         sim._ends.cover(10**6)
         for _ in range(4):
             sim.step(250_000)

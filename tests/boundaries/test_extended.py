@@ -19,30 +19,51 @@ def pulse(lattice, centre, width):
 
 def random_setup(rng, physics, dim):
     """A pulse, a velocity or a source, off the centre of a box; its target and the end of the run."""
-    reach = int(rng.integers(1 if physics != "elastic" else 2, 5 if dim < 3 else 3))  # bonds of nearest neighbours alone are no elastic medium
+    # bonds of nearest neighbours alone are no elastic medium
+    reach = int(rng.integers(1 if physics != "elastic" else 2, 5 if dim < 3 else 3))
     spacing = float(rng.choice([0.1, 0.25, 1.0]))
-    lattice = fh.Lattice(spacing, (0.0,) * dim, tuple(spacing * (rng.integers(2 * reach + 8, {1: 80, 2: 32, 3: 16}[dim], dim) - 1)))
+    lattice = fh.Lattice(
+        spacing, (0.0,) * dim, tuple(spacing * (rng.integers(2 * reach + 8, {1: 80, 2: 32, 3: 16}[dim], dim) - 1))
+    )
     influence = "constant" if reach == 1 else str(rng.choice(["constant", "linear", "gaussian"]))
     exponent = int(rng.integers(0, 2 if physics != "wave" else 3 if dim == 1 else 4))
     kernel = fh.Kernel(reach * spacing, exponent, influence, volume=str(rng.choice(["ramp", "full"])))
     speed, longest = float(rng.choice([0.7, 1.0, 1.6])), {1: 10, 2: 4, 3: 2}[dim]
     if physics == "wave":
-        model = fh.Wave(kernel, speed=speed, damping=speed / (spacing * max(lattice.shape)) * float(rng.choice([0.0, 0.0, 1.0])))
+        model = fh.Wave(
+            kernel, speed=speed, damping=speed / (spacing * max(lattice.shape)) * float(rng.choice([0.0, 0.0, 1.0]))
+        )
     else:
-        model = fh.Diffusion(kernel, speed) if physics == "diffusion" else fh.Elastic(kernel, speed, plane="strain" if dim == 2 else None)
+        model = (
+            fh.Diffusion(kernel, speed)
+            if physics == "diffusion"
+            else fh.Elastic(kernel, speed, plane="strain" if dim == 2 else None)
+        )
     width = spacing * rng.uniform(1.5, 4.0)
     shape = pulse(lattice, lattice.lower + rng.uniform(0.35, 0.65, dim) * (lattice.upper - lattice.lower), width)
     shape = shape if physics != "elastic" else np.stack([a * shape for a in rng.uniform(-1, 1, dim)])
     until = fh.Simulation(lattice, model, fh.Fixed()).crossing * rng.uniform(1, longest)
     what = str(rng.choice(["u", "source"] if physics == "diffusion" else ["u", "v", "source"]))
     period = until / rng.uniform(5, 20)
-    data = {"sources": [fh.Source(shape, lambda t: np.sin(t / period) ** 2 * (t < 3 * period))]} if what == "source" else {"initial": {what: shape}}
+    data = (
+        {"sources": [fh.Source(shape, lambda t: np.sin(t / period) ** 2 * (t < 3 * period))]}
+        if what == "source"
+        else {"initial": {what: shape}}
+    )
     return {"lattice": lattice, "model": model, **data}, float(10.0 ** -rng.integers(3, 8)), until
 
 
 def measured(setup, boundary, until):
-    """Largest error over the run; of diffusion relative to the maximum of the same time, which is asked for from a tenth of the run on."""
-    curve = next(iter(compare({**setup, "boundary": boundary}, until, np.linspace(0.1, 1, 10) * until, beside=False).curves.values()))
+    """Largest error over the run; of diffusion relative to the maximum of the same time, which is asked for from a
+    tenth of the run on.
+    """
+    curve = next(
+        iter(
+            compare(
+                {**setup, "boundary": boundary}, until, np.linspace(0.1, 1, 10) * until, beside=False
+            ).curves.values()
+        )
+    )
     return max(curve["error_rel_current" if setup["model"].order == 1 else "error_rel_initial"])
 
 
@@ -50,7 +71,9 @@ def check_random(seed, physics, dim, count):
     for number in range(count):
         setup, target, until = random_setup(np.random.default_rng([seed, number]), physics, dim)
         error = measured(setup, fh.Extended(target, until=until), until)
-        assert error <= target, f"seed {seed}, number {number}: {error / target:.3g} targets of {target:g} at {until:.6g}"
+        assert error <= target, (
+            f"seed {seed}, number {number}: {error / target:.3g} targets of {target:g} at {until:.6g}"
+        )
 
 
 @pytest.mark.parametrize("physics, dim", [("wave", 1), ("wave", 2), ("diffusion", 1), ("diffusion", 2), ("elastic", 2)])
@@ -60,7 +83,9 @@ def test_random_runs_keep_their_target(physics, dim):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [11, 12])
-@pytest.mark.parametrize("physics, dim", [(p, d) for p in ("wave", "diffusion", "elastic") for d in (1, 2, 3) if p != "elastic" or d > 1])
+@pytest.mark.parametrize(
+    "physics, dim", [(p, d) for p in ("wave", "diffusion", "elastic") for d in (1, 2, 3) if p != "elastic" or d > 1]
+)
 def test_more_random_runs_keep_their_target(physics, dim, seed):
     check_random(seed, physics, dim, 8 if dim < 3 else 3)
 
@@ -72,7 +97,10 @@ def test_the_domain_is_no_larger_than_it_must_be(physics, dim):
         setup, _, until = random_setup(np.random.default_rng([seed, dim]), physics, dim)
         target = 1e-4
         extents = fh.Simulation(**setup, boundary=fh.Extended(target, until=until)).extents
-        less = {SIDES[2 * axis + (side > 0)]: fh.Extended(nodes=3 * found.nodes // 4) for (axis, side), found in extents.items()}
+        less = {
+            SIDES[2 * axis + (side > 0)]: fh.Extended(nodes=3 * found.nodes // 4)
+            for (axis, side), found in extents.items()
+        }
         assert measured(setup, less, until) > target, seed
 
 
@@ -86,25 +114,42 @@ def far_domain(setup, sides, more):
     lattice = setup["lattice"]
     pads = [[more * (s + e in sides or s in sides) for e in "-+"] for s in "xyz"[: lattice.dim]]
     wide = fh.Lattice(
-        lattice.spacing, [a - lattice.spacing * p[0] for a, p in zip(lattice.lower, pads, strict=True)],
+        lattice.spacing,
+        [a - lattice.spacing * p[0] for a, p in zip(lattice.lower, pads, strict=True)],
         [b + lattice.spacing * p[1] for b, p in zip(lattice.upper, pads, strict=True)],
-    )  # fmt: skip
+    )
     grown = {**setup, "lattice": wide, "initial": {"u": np.pad(setup["initial"]["u"], pads)}}
     if "coefficient" in setup:
         grown["coefficient"] = np.pad(setup["coefficient"], pads, mode="edge")
     return grown, tuple(slice(p[0], p[0] + n) for p, n in zip(pads, lattice.shape, strict=True))
 
 
-@pytest.mark.parametrize("others", [
-    {"y": fh.Free()}, {"y": fh.Fixed()}, {"y": fh.Periodic()}, {"y-": fh.Free(), "y+": fh.Extended()}, {"x-": fh.Fixed(0.5), "y": fh.Periodic()},
-    {"coefficient": np.broadcast_to(np.where(np.arange(LATTICE.shape[1]) < 8, 0.4, 1.0), LATTICE.shape)},
-    {"coefficient": np.broadcast_to(np.where(np.arange(LATTICE.shape[0]) < 8, 2.0, 1.0)[:, None], LATTICE.shape)},
-    {"cracks": [[(3.0, -1.0), (6.0, 2.0)]]}, {"cracks": [[(2.0, 0.3), (900.0, 0.3)]]},
-], ids=["free", "fixed", "periodic", "corner", "driven", "layered", "interface", "oblique crack", "endless crack"])  # fmt: skip
+@pytest.mark.parametrize(
+    "others",
+    [
+        {"y": fh.Free()},
+        {"y": fh.Fixed()},
+        {"y": fh.Periodic()},
+        {"y-": fh.Free(), "y+": fh.Extended()},
+        {"x-": fh.Fixed(0.5), "y": fh.Periodic()},
+        {"coefficient": np.broadcast_to(np.where(np.arange(LATTICE.shape[1]) < 8, 0.4, 1.0), LATTICE.shape)},
+        {"coefficient": np.broadcast_to(np.where(np.arange(LATTICE.shape[0]) < 8, 2.0, 1.0)[:, None], LATTICE.shape)},
+        {"cracks": [[(3.0, -1.0), (6.0, 2.0)]]},
+        {"cracks": [[(2.0, 0.3), (900.0, 0.3)]]},
+    ],
+    ids=["free", "fixed", "periodic", "corner", "driven", "layered", "interface", "oblique crack", "endless crack"],
+)
 def test_sides_materials_and_cracks(others):
-    """Beside other sides, beyond interfaces along and across the side, and cracks that cross it, against a domain twice as far out."""
+    """Beside other sides, beyond interfaces along and across the side, and cracks that cross it, against a domain twice
+    as far out.
+    """
     boundary = {"all": fh.Extended(1e-6)} | {k: b for k, b in others.items() if k[0] in "xy"}
-    setup = {"lattice": LATTICE, "model": WAVE, "initial": {"u": BLOB}, **{k: v for k, v in others.items() if k[0] not in "xy"}}
+    setup = {
+        "lattice": LATTICE,
+        "model": WAVE,
+        "initial": {"u": BLOB},
+        **{k: v for k, v in others.items() if k[0] not in "xy"},
+    }
     sim = fh.Simulation(**setup, boundary=boundary).run(until=16.0)
     open_sides = {SIDES[2 * a + (s > 0)] for (a, s), b in sim.sides.items() if isinstance(b, Extended)}
     more = 2 * max(found.nodes for found in sim.extents.values())
@@ -137,7 +182,10 @@ def nodes(sim):
 
 
 def test_checkpoints_are_bitwise(tmp_path):
-    """A run goes on from its checkpoint to the last bit, by `restore` and by `load` into a set-up that was prepared for another length."""
+    """A run goes on from its checkpoint to the last bit, by `restore` and by `load` into a set-up that was prepared for
+    another length.
+    """
+
     def make():
         return fh.Simulation(LATTICE, WAVE, {"x": fh.Extended(1e-5), "y": fh.LatticePML(nodes=6)}, {"u": BLOB})
 
@@ -176,13 +224,17 @@ until = 8.0
 def test_a_case_is_the_run_of_python():
     case = Case(CASE)
     sim = case.simulation().run(until=8.0)
-    same = fh.Simulation(case.lattice, fh.Wave(fh.Kernel(0.5)), fh.Extended(1e-4), {"u": "exp(-4*(x**2+y**2))"}, dt=sim.dt).run(until=8.0)
+    same = fh.Simulation(
+        case.lattice, fh.Wave(fh.Kernel(0.5)), fh.Extended(1e-4), {"u": "exp(-4*(x**2+y**2))"}, dt=sim.dt
+    ).run(until=8.0)
     assert np.array_equal(sim.fields["u"], same.fields["u"]) and sim.extents == same.extents
     assert sim.energy() == same.energy() < 0.05 * fh.Simulation(**case.setup).energy()  # of the near field
 
 
 def test_check_compares_it_with_layers():
-    """`check` of either one prices the other, in time and memory; the extended domain is certified, as all nodes of the medium are."""
+    """`check` of either one prices the other, in time and memory; the extended domain is certified, as all nodes of the
+    medium are.
+    """
     ours = fh.Simulation(**Case(CASE).setup).check(8.0)
     page = str(ours)
     assert ours.certificate.verdict == "certified" and "layers instead" in page and "extended x-" in page

@@ -8,10 +8,17 @@ from farhorizon.studies.compare import compare
 
 
 def bar(boundary, spacing=0.25, damping=0.0, share=1.0):
-    """Classical bar on -6 .. 6 with a smooth pulse; a step of `share` of the limit, which is the spacing over the speed."""
+    """Classical bar on -6 .. 6 with a smooth pulse; a step of `share` of the limit, which is the spacing over the
+    speed.
+    """
     model = fh.Wave(fh.Stencil.finite_difference(1), 2.0, damping)
-    return {"lattice": fh.Lattice(spacing, (-6.0,), (6.0,)), "model": model, "boundary": boundary, "dt": share * spacing / 2.0,
-            "initial": {"u": lambda x: np.exp(-2 * x**2)}}  # fmt: skip
+    return {
+        "lattice": fh.Lattice(spacing, (-6.0,), (6.0,)),
+        "model": model,
+        "boundary": boundary,
+        "dt": share * spacing / 2.0,
+        "initial": {"u": lambda x: np.exp(-2 * x**2)},
+    }
 
 
 def error(setup, until, relative="error_rel_initial"):
@@ -21,11 +28,15 @@ def error(setup, until, relative="error_rel_initial"):
 
 @pytest.mark.parametrize("boundary", [fh.Higdon((0.0,), 0.0), fh.Higdon((0.0, 0.0), 0.0), fh.FirstOrder()])
 def test_exact_where_waves_move_one_node_a_step(boundary):
-    """At dt = spacing / speed every wave of the classical bar moves one node a step, which the box scheme and the lumped elements do, too."""
+    """At dt = spacing / speed every wave of the classical bar moves one node a step, which the box scheme and the
+    lumped elements do, too.
+    """
     assert error(bar(boundary), 12.0) < 1e-12
 
 
-@pytest.mark.parametrize("boundary, order", [(fh.Higdon((0.0,), 0.0), 2), (fh.Higdon((0.0, 0.0), 0.0), 4), (fh.FirstOrder(), 2)])
+@pytest.mark.parametrize(
+    "boundary, order", [(fh.Higdon((0.0,), 0.0), 2), (fh.Higdon((0.0, 0.0), 0.0), 4), (fh.FirstOrder(), 2)]
+)
 def test_order(boundary, order):
     """The reflection of a wave along the normal falls with the spacing; a second factor squares it."""
     spacings = np.array([0.2, 0.1, 0.05])
@@ -53,7 +64,9 @@ def one_step_map(sim):
             target = levels[level] if part == 0 else engine.fringe_history[level]
             target[place] = 1.0
             engine.advance(1, np.zeros(0, np.int64), np.zeros((0, 0)), np.zeros((1, 1, 0)))
-            columns.append(np.concatenate([engine.current[places[0]], engine.older[places[0]], engine.fringe_history.ravel()]))
+            columns.append(
+                np.concatenate([engine.current[places[0]], engine.older[places[0]], engine.fringe_history.ravel()])
+            )
             engine.phase = phase
     return np.array(columns).T
 
@@ -61,16 +74,20 @@ def one_step_map(sim):
 @pytest.mark.parametrize("stencil", [fh.Stencil.finite_element(2), fh.Stencil.finite_difference(2)])
 def test_first_order_never_grows(stencil):
     """Spectral radius of the complete step of a small box, corners included."""
-    sim = fh.Simulation(fh.Lattice(1.0, (0.0, 0.0), (4.0, 4.0)), fh.Wave(stencil, damping=0.01), fh.FirstOrder(), dt=0.5)
+    sim = fh.Simulation(
+        fh.Lattice(1.0, (0.0, 0.0), (4.0, 4.0)), fh.Wave(stencil, damping=0.01), fh.FirstOrder(), dt=0.5
+    )
     assert np.abs(np.linalg.eigvals(one_step_map(sim))).max() <= 1 + 1e-10
 
 
-HERMANN = {"initial": {"u": lambda x, y: np.exp(-np.log(2) / 9 * (x**2 + y**2))}, "dt": 0.01}  # example 1 of Hermann et al. (2023), its step 20 times
+# example 1 of Hermann et al. (2023), its step 20 times
+HERMANN = {"initial": {"u": lambda x, y: np.exp(-np.log(2) / 9 * (x**2 + y**2))}, "dt": 0.01}
 
 
-@pytest.mark.parametrize("boundary, printed", [
-    (fh.FirstOrder(), (2.1e-4, 5.6e-3, 1.3e-2, 4.9e-3)), (fh.Higdon((0, 45), 0.03), (5.1e-5, 1.2e-3, 1.4e-3, 7.1e-4)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "boundary, printed",
+    [(fh.FirstOrder(), (2.1e-4, 5.6e-3, 1.3e-2, 4.9e-3)), (fh.Higdon((0, 45), 0.03), (5.1e-5, 1.2e-3, 1.4e-3, 7.1e-4))],
+)
 def test_finite_elements_of_hermann(boundary, printed):
     """Largest errors at t = 20, 30, 40, 50, within a factor 2 of what an independent program found on the same mesh."""
     half = 25.5  # the paper's absorbing nodes lie at 26
@@ -93,5 +110,7 @@ def test_growth_is_laid_to_the_condition():
     """Finite elements closed by Higdon's condition grow: there is no layer that could be to blame."""
     lattice = fh.Lattice(0.5, (-4.0, -4.0), (4.0, 4.0))
     sim = fh.Simulation(lattice, fh.Wave(fh.Stencil.finite_element(2)), fh.Higdon(), {"u": "exp(-4*(x**2 + y**2))"})
-    with pytest.raises(fh.UnstableError, match=r"likely cause: Higdon grows on this outline, which `check` tells.*--tune.*LatticePML"):
+    with pytest.raises(
+        fh.UnstableError, match=r"likely cause: Higdon grows on this outline, which `check` tells.*--tune.*LatticePML"
+    ):
         sim.run(until=3000.0, allow_unstable=True)

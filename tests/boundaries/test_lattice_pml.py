@@ -38,9 +38,12 @@ def worst(setup, until, relative="error_rel_initial", times=None):
 def wave(dim, operator, nodes, half=6.0, centre=(2.0, -1.0, 0.5)):
     model, lattice = fh.Wave(operator), box(half, dim)
     return {
-        "lattice": lattice, "model": model, "boundary": fh.LatticePML(nodes=nodes), "dt": third_of_limit(lattice, model),
+        "lattice": lattice,
+        "model": model,
+        "boundary": fh.LatticePML(nodes=nodes),
+        "dt": third_of_limit(lattice, model),
         "initial": {"u": pulse(*centre[:dim])},
-    }  # fmt: skip
+    }
 
 
 KERNELS = [(1, "constant"), (2, "constant"), (3, "constant"), (3, "gaussian")]
@@ -83,10 +86,14 @@ def test_error_falls_with_thickness(reach):
 
 @pytest.mark.parametrize("centre", [(5.0, 5.0), (6.0, 0.0), (-6.0, 6.0)])
 def test_pulse_at_a_side_or_corner(centre):
-    """Initial velocity that lives in the last nodes before the layer: exact, because unstretched nodes are put in between."""
+    """Initial velocity that lives in the last nodes before the layer: exact, because unstretched nodes are put in
+    between.
+    """
     setup = wave(2, kernel(3), 20)
     lattice = setup["lattice"]
-    setup["initial"] = {"v": np.where(pulse(*centre)(*lattice.coordinates()) > 1e-9, pulse(*centre)(*lattice.coordinates()), 0.0)}
+    setup["initial"] = {
+        "v": np.where(pulse(*centre)(*lattice.coordinates()) > 1e-9, pulse(*centre)(*lattice.coordinates()), 0.0)
+    }
     setup["initial"]["v"][:, [0, -1]] = setup["initial"]["v"][[0, -1], :] = 0.0
     assert worst(setup, 20) <= 1e-8
 
@@ -98,7 +105,12 @@ def test_sources_that_start_and_stop(model):
     place = np.zeros(lattice.shape)
     place[-1, -2] = 1.0
     gate = lambda t: float(1.0 < t < 3.0)  # noqa: E731
-    setup = {"lattice": lattice, "model": model, "boundary": fh.LatticePML(nodes=20), "sources": [fh.Source(place, gate)]}
+    setup = {
+        "lattice": lattice,
+        "model": model,
+        "boundary": fh.LatticePML(nodes=20),
+        "sources": [fh.Source(place, gate)],
+    }
     assert worst(setup, 12) <= 1e-6
 
 
@@ -109,7 +121,9 @@ FIGURES = [(12, 3e-8), (16, 3e-9), (20, 1e-10)]  # layer nodes and what they mus
 @pytest.mark.parametrize("nodes, limit", FIGURES)
 @pytest.mark.parametrize("face", [fh.Free(), fh.Fixed(0.0)])
 def test_waveguide(reach, nodes, limit, face):
-    """Absorbing left and right, free or fixed above and below: the faces run through the layer; to t = 60, near cut-off, too."""
+    """Absorbing left and right, free or fixed above and below: the faces run through the layer; to t = 60, near
+    cut-off, too.
+    """
     lattice = fh.Lattice(STEP, (-5, -3), (5, 3))
     sides = {"x": fh.LatticePML(nodes=nodes), "y": face}
     setup = {"lattice": lattice, "model": fh.Wave(kernel(reach)), "boundary": sides, "initial": {"u": pulse(1.0, 0.5)}}
@@ -120,14 +134,18 @@ def test_waveguide(reach, nodes, limit, face):
 @pytest.mark.parametrize("nodes, limit", FIGURES)
 @pytest.mark.parametrize("centre", [(2.5, 2.5), (2.5, 0.0)])
 def test_pulses_off_centre(reach, nodes, limit, centre):
-    """A pulse that hits a corner, and one close to a side, which it meets along most of its length at grazing incidence."""
+    """A pulse that hits a corner, and one close to a side, which it meets along most of its length at grazing
+    incidence.
+    """
     assert worst(wave(2, kernel(reach), nodes, centre=centre), 60) <= limit
 
 
 @pytest.mark.parametrize("reach", [1, 2, 3])
 @pytest.mark.parametrize("nodes, limit", FIGURES)
 @pytest.mark.parametrize("centre", [(2.5, 2.5), (2.5, 0.0)])
-@pytest.mark.parametrize("gate", [lambda t: float(1 < t < 3), lambda t: np.sin(np.pi * (t - 1) / 4) ** 2 if 1 < t < 5 else 0.0])
+@pytest.mark.parametrize(
+    "gate", [lambda t: float(1 < t < 3), lambda t: np.sin(np.pi * (t - 1) / 4) ** 2 if 1 < t < 5 else 0.0]
+)
 def test_sources_off_centre(reach, nodes, limit, centre, gate):
     """Sources near a corner and a side that start and end during the run, at once or slowly."""
     setup = wave(2, kernel(reach), nodes)
@@ -135,7 +153,9 @@ def test_sources_off_centre(reach, nodes, limit, centre, gate):
     assert worst({**setup, "sources": [fh.Source(pulse(*centre), gate)]}, 60) <= limit
 
 
-@pytest.mark.parametrize("points", [[(-0.4, 0.6), (900.0, 0.6)], [(0.3, -900.0), (0.3, -1.1)], [(-900.0, 0.0), (900.0, 0.0)]])
+@pytest.mark.parametrize(
+    "points", [[(-0.4, 0.6), (900.0, 0.6)], [(0.3, -900.0), (0.3, -1.1)], [(-900.0, 0.0), (900.0, 0.0)]]
+)
 def test_crack_that_runs_into_the_layer(points):
     """A half-infinite or infinite crack along the normal, between nodes and through them, goes on inside the layer."""
     setup = wave(2, kernel(3), 20, half=4.0, centre=(0.5, -0.5))
@@ -147,12 +167,20 @@ def test_crack_that_runs_into_the_layer(points):
 @pytest.mark.parametrize("rule", ["both", "arithmetic", "harmonic"])
 @pytest.mark.parametrize("make", [fh.Wave, lambda kernel: fh.Elastic(kernel, 1.0)], ids=["wave", "elastic"])
 def test_a_coefficient_of_one_changes_nothing(make, rule):
-    """Also where a free surface and a crack run into layers: bonds that are absent there are absent whatever the coefficients."""
+    """Also where a free surface and a crack run into layers: bonds that are absent there are absent whatever the
+    coefficients.
+    """
     lattice, model = fh.Lattice(0.5, (-5.0, -5.0), (5.0, 2.0)), make(fh.Kernel(1.0, 1))
     bump = np.exp(-sum(c**2 for c in lattice.coordinates()))
-    setup = {"boundary": {"all": fh.LatticePML(nodes=6), "y+": fh.Free()}, "cracks": [[(0.3, -2.2), (9.0, -2.2)]],
-             "initial": {"u": bump if isinstance(model, fh.Wave) else np.stack([bump, 0 * bump])}}  # fmt: skip
-    runs = [fh.Simulation(lattice, model, **setup, coefficient=c, rule=rule, dt=0.05) for c in (None, np.ones(lattice.shape))]
+    setup = {
+        "boundary": {"all": fh.LatticePML(nodes=6), "y+": fh.Free()},
+        "cracks": [[(0.3, -2.2), (9.0, -2.2)]],
+        "initial": {"u": bump if isinstance(model, fh.Wave) else np.stack([bump, 0 * bump])},
+    }
+    runs = [
+        fh.Simulation(lattice, model, **setup, coefficient=c, rule=rule, dt=0.05)
+        for c in (None, np.ones(lattice.shape))
+    ]
     fields = [sim.run(20.0, progress=False).fields["u"] for sim in runs]
     assert np.abs(fields[1] - fields[0]).max() < 1e-12
 
@@ -163,7 +191,13 @@ def test_layered_medium_along_the_layer():
     lattice = fh.Lattice(STEP, (-5, -3), (5, 3))
     material = np.where(lattice.coordinates()[1] > 0, 1.0, 0.25)
     sides = {"x": fh.LatticePML(nodes=20), "y": fh.Fixed(0.0)}
-    setup = {"lattice": lattice, "model": model, "boundary": sides, "initial": {"u": pulse(1.0, 0.5)}, "coefficient": material}
+    setup = {
+        "lattice": lattice,
+        "model": model,
+        "boundary": sides,
+        "initial": {"u": pulse(1.0, 0.5)},
+        "coefficient": material,
+    }
     assert worst(setup, 10) <= 1e-10
 
 
@@ -171,7 +205,12 @@ def test_layered_medium_along_the_layer():
 @pytest.mark.parametrize("nodes, limit", [(12, 5e-6), (20, 1e-7)])
 @pytest.mark.parametrize(
     "dim, operator",
-    [(1, kernel(3, 1)), (1, fh.Stencil.finite_difference(1)), (2, kernel(3, 1)), pytest.param(3, kernel(2, 1), marks=pytest.mark.slow)],
+    [
+        (1, kernel(3, 1)),
+        (1, fh.Stencil.finite_difference(1)),
+        (2, kernel(3, 1)),
+        pytest.param(3, kernel(2, 1), marks=pytest.mark.slow),
+    ],
 )
 def test_diffusion(dim, operator, nodes, limit, integrator):
     """To 10 R^2 / diffusivity, relative to the maximum at that time."""
@@ -180,9 +219,11 @@ def test_diffusion(dim, operator, nodes, limit, integrator):
     until = 10 * half**2
     narrow = 1 / (0.3 * half) ** 2
     setup = {
-        "lattice": lattice, "model": fh.Diffusion(operator, integrator=integrator), "boundary": fh.LatticePML(nodes=nodes),
+        "lattice": lattice,
+        "model": fh.Diffusion(operator, integrator=integrator),
+        "boundary": fh.LatticePML(nodes=nodes),
         "initial": {"u": cut_off(lattice, pulse(*(0.2 * half,) * dim, width=narrow))},
-    }  # fmt: skip
+    }
     assert worst(setup, until, "error_rel_current", times=np.geomspace(0.02, 1, 6) * until) <= limit
 
 
@@ -192,13 +233,17 @@ def cut_off(lattice, function):
     return np.where(values > 1e-4, values, 0.0)
 
 
-@pytest.mark.parametrize(("dim", "reach"), [(1, 1), (1, 2), (1, 3), (2, 1), (2, 2), (2, 3), (2, 4), (2, 5), (2, 6), *slow((3, 1), (3, 2), (3, 3))])
+@pytest.mark.parametrize(
+    ("dim", "reach"),
+    [(1, 1), (1, 2), (1, 3), (2, 1), (2, 2), (2, 3), (2, 4), (2, 5), (2, 6), *slow((3, 1), (3, 2), (3, 3))],
+)
 def test_white_noise_decays(dim, reach):
-    """20 crossing times of white noise: the norm of the whole state does not grow over the last third, nor beyond that of the beginning.
+    """20 crossing times of white noise: the norm of the whole state does not grow over the last third, nor beyond that
+    of the beginning.
 
-    In space with reach 3 slow waves first gather in the memory of the corners: within 20 crossing times the norm stays below that of the
-    beginning, and falls over the last third of 40. A bar moves as a whole if noise beside its layers pushes it, for a time 1/alpha: there the
-    noise ends before them.
+    In space with reach 3 slow waves first gather in the memory of the corners: within 20 crossing times the norm stays
+    below that of the beginning, and falls over the last third of 40. A bar moves as a whole if noise beside its layers
+    pushes it, for a time 1/alpha: there the noise ends before them.
     """
     lattice = box(3.0, dim)
     noise = np.random.default_rng(1).standard_normal(lattice.shape)
@@ -216,11 +261,18 @@ def test_white_noise_decays(dim, reach):
 def entrance(setup, nodes, **stretch):
     """The set-up with layers by hand: a linear ramp to 2c/h, and what is given in its place, in units of c/h."""
     profile = {"sigma": 2.0 * (np.arange(nodes + 1) + 0.5) / (nodes + 1), "alpha": 1e-3} | stretch
-    return {**setup, "boundary": fh.LatticePML(nodes=nodes, profile={name: np.asarray(value) / STEP for name, value in profile.items()})}
+    return {
+        **setup,
+        "boundary": fh.LatticePML(
+            nodes=nodes, profile={name: np.asarray(value) / STEP for name, value in profile.items()}
+        ),
+    }
 
 
 def test_a_strong_entrance_makes_wide_stencils_grow():
-    """Why the ramp is a square beyond a reach of 3: the linear one is worse by orders with 20 nodes, and gets worse with time."""
+    """Why the ramp is a square beyond a reach of 3: the linear one is worse by orders with 20 nodes, and gets worse
+    with time.
+    """
     setup = wave(2, kernel(5), 20)
     assert worst(entrance(setup, 20), 60) > 1e3 * worst(setup, 60)
 
@@ -298,15 +350,26 @@ def load_that_stays(dim, elastic, crack):
     model = fh.Elastic(fh.Kernel(2.0, 1), 1.0, plane="strain" if dim == 2 else None)
     pull = [force(3.0) - force(-2.0) if crack else force(2.0)] + [np.zeros(lattice.shape)] * (dim - 1)
     across = [(0.5, -4.3), (0.5, 4.3)] if dim == 2 else fh.Rectangle((0.5, -2.3, -2.3), (0, 4.6, 0), (0, 0, 4.6))
-    return {"lattice": lattice, "model": model, "sources": [fh.Source(np.stack(pull), rise)], "cracks": [across] if crack else []}
+    return {
+        "lattice": lattice,
+        "model": model,
+        "sources": [fh.Source(np.stack(pull), rise)],
+        "cracks": [across] if crack else [],
+    }
 
 
-@pytest.mark.parametrize("dim, elastic, crack, until", [
-    (2, False, False, 200.0), (2, True, True, 120.0),
-    *slow((2, True, False, 200.0), (3, False, False, 60.0), (3, True, False, 45.0), (3, True, True, 45.0)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "dim, elastic, crack, until",
+    [
+        (2, False, False, 200.0),
+        (2, True, True, 120.0),
+        *slow((2, True, False, 200.0), (3, False, False, 60.0), (3, True, False, 45.0), (3, True, True, 45.0)),
+    ],
+)
 def test_loads_that_stay(dim, elastic, crack, until):
-    """Static and slow far fields, in the plane without a static limit: the target holds for them, too, against the extended domain."""
+    """Static and slow far fields, in the plane without a static limit: the target holds for them, too, against the
+    extended domain.
+    """
     setup = load_that_stays(dim, elastic, crack)
     ours = fh.Simulation(**setup, boundary=fh.LatticePML(target=1e-4, until=until))
     far = fh.Simulation(**setup, boundary=fh.Extended(1e-8, until=until))
@@ -319,7 +382,9 @@ def test_loads_that_stay(dim, elastic, crack, until):
 @pytest.mark.parametrize("reach", [1, 2, 3])
 @pytest.mark.parametrize("shape", ["square", "long", "guide"])
 def test_a_layer_of_which_nothing_is_asked_keeps_the_target_of_the_model(reach, shape):
-    """A pulse of six nodes a wave in the middle and near a side, a box of 4 to 1, and a guide that is fixed across, to 15 crossings: below 1e-5."""
+    """A pulse of six nodes a wave in the middle and near a side, a box of 4 to 1, and a guide that is fixed across, to
+    15 crossings: below 1e-5.
+    """
     half = {"square": (14.0, 14.0), "long": (32.0, 8.0), "guide": (14.0, 8.0)}[shape]
     lattice = fh.Lattice(1.0, [-a for a in half], half)
     x, y = lattice.coordinates()
@@ -334,8 +399,14 @@ def test_a_layer_of_which_nothing_is_asked_keeps_the_target_of_the_model(reach, 
     if wide is None:
         infinite = InfiniteLattice(sim.stencil, 1.0, model.integrator, sim.dt, int(until / sim.dt), u)
     else:
-        far = fh.Simulation(fh.Lattice(1.0, (-half[0] - more, -half[1]), (half[0] + more, half[1])), model, wide,
-                            {"u": np.pad(u, ((more, more), (0, 0)))}, dt=sim.dt, threads=1)  # fmt: skip
+        far = fh.Simulation(
+            fh.Lattice(1.0, (-half[0] - more, -half[1]), (half[0] + more, half[1])),
+            model,
+            wide,
+            {"u": np.pad(u, ((more, more), (0, 0)))},
+            dt=sim.dt,
+            threads=1,
+        )
     worst = 0.0
     for step in np.linspace(1, int(until / sim.dt), 30).astype(int):
         sim.step(int(step) - sim.step_count)
@@ -353,10 +424,16 @@ def test_a_thickness_by_hand_says_what_it_misses_of_its_target():
 
     def notes(**side):
         u = {"u": lambda x, y: np.exp(-(x**2 + y**2) / 9)}
-        return [note for note in fh.Simulation(lattice, fh.Wave(fh.Kernel(3.0)), fh.LatticePML(until=200.0, **side), u).notes if "target" in note]
+        return [
+            note
+            for note in fh.Simulation(lattice, fh.Wave(fh.Kernel(3.0)), fh.LatticePML(until=200.0, **side), u).notes
+            if "target" in note
+        ]
 
     (said,) = notes(nodes=3, target=1e-5)
-    assert "layers of 3 nodes (x-, x+, y-, y+) are predicted to send back" in said and "more than the target 1e-05" in said
+    assert (
+        "layers of 3 nodes (x-, x+, y-, y+) are predicted to send back" in said and "more than the target 1e-05" in said
+    )
     assert notes(nodes=10, target=1e-5) == notes(nodes=3) == notes() == []
 
 
@@ -365,7 +442,10 @@ def test_a_run_that_is_longer_than_the_layers_were_made_for_takes_others():
     sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), {"x": fh.LatticePML(), "y": fh.Fixed()}, u)
     before = sim.thickness["x-"]
     sim.run(300 * 40.0)
-    assert sim.thickness["x-"].until == 300 * 40.0 > before.until and sim.thickness["x-"].layer.columns > before.layer.columns
+    assert (
+        sim.thickness["x-"].until == 300 * 40.0 > before.until
+        and sim.thickness["x-"].layer.columns > before.layer.columns
+    )
     assert not sim.notes
     sim.run(310 * 40.0)
     assert any("keep their target up to t = 12000" in note for note in sim.notes)

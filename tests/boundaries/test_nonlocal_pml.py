@@ -1,4 +1,6 @@
-"""The published layer: its profile, its own scheme in the form of the paper, both forms against each other, and what grows in it."""
+"""The published layer: its profile, its own scheme in the form of the paper, both forms against each other, and what
+grows in it.
+"""
 
 import numpy as np
 import pytest
@@ -17,7 +19,9 @@ def stretches(layer, near, speed):
 
 
 def test_published_profile():
-    """Section 3A: a millionth of the top at the entrance, the top over the last tenth of a metre, integral 7.1 (0.0336 m standard deviation)."""
+    """Section 3A: a millionth of the top at the entrance, the top over the last tenth of a metre, integral 7.1 (0.0336
+    m standard deviation).
+    """
     layer = NonlocalPML(30, "gaussian", 50.0)
     phi = layer.stretch(0.01, 1.0)
     assert (phi[19:] == 50).all() and (np.diff(phi[:20]) > 0).all()
@@ -35,7 +39,9 @@ def test_strength_from_reflection(ramp):
 
 @pytest.mark.parametrize("cross", [0.0, 0.3])
 def test_split_form_is_the_two_level_scheme_of_the_paper(cross):
-    """Eqs 2-30 and 2-31 with the derivatives as matrices, over 300 steps; "time step n - 1" before the start is that of split fields at rest."""
+    """Eqs 2-30 and 2-31 with the derivatives as matrices, over 300 steps; "time step n - 1" before the start is that of
+    split fields at rest.
+    """
     near, layer, dt = (7, 6), NonlocalPML(4, "gaussian", 0.8, form="split", cross=cross), 0.02
     u = noise(near, 0.01)
     body = Body(box(*near), KERNELS["gaussian"], **MATERIAL, boundary=layer, initial={"u": u}, dt=dt)
@@ -58,7 +64,10 @@ def test_split_form_is_the_two_level_scheme_of_the_paper(cross):
         for b, slope in enumerate(slopes(values)):
             e = np.zeros((len(inside), 2, 2))
             e[:, :, b] = slope
-            out.append(dense.shear * (e + np.swapaxes(e, 1, 2)) + dense.lame * np.trace(e, axis1=1, axis2=2)[:, None, None] * np.eye(2))
+            out.append(
+                dense.shear * (e + np.swapaxes(e, 1, 2))
+                + dense.lame * np.trace(e, axis1=1, axis2=2)[:, None, None] * np.eye(2)
+            )
         return out
 
     def forces(psi):
@@ -86,9 +95,9 @@ def test_split_form_is_the_two_level_scheme_of_the_paper(cross):
     assert np.abs(found - us[-1][inside]).max() < 1e-11 * np.abs(u).max()
 
 
-@pytest.mark.parametrize(("options", "dim"), [
-    ({}, 2), ({"cross": 0.2}, 2), ({"cross": 0.2}, 3), pytest.param({}, 3, marks=pytest.mark.slow),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("options", "dim"), [({}, 2), ({"cross": 0.2}, 2), ({"cross": 0.2}, 3), pytest.param({}, 3, marks=pytest.mark.slow)]
+)
 def test_forms_agree(options, dim):
     """Split fields by forward Euler tend to memory variables by velocity Verlet with order 1, corners included."""
     size, width = (6, 2.0) if dim == 2 else (4, 1.5)
@@ -97,7 +106,14 @@ def test_forms_agree(options, dim):
     until, fields = 1.6 * size, []
     for form, dt in (("displacement", 0.01), ("split", 0.04), ("split", 0.02), ("split", 0.01)):
         layer = NonlocalPML(6, "quadratic", 1.0, form=form, **options)
-        body = Body(lattice, Kernel(2.7, 0, "gaussian", 1.0, volume="full"), **MATERIAL, boundary=layer, initial={"u": bell}, dt=dt)
+        body = Body(
+            lattice,
+            Kernel(2.7, 0, "gaussian", 1.0, volume="full"),
+            **MATERIAL,
+            boundary=layer,
+            initial={"u": bell},
+            dt=dt,
+        )
         body.run(until)
         fields.append(body.displacements(layers=True))
     differences = [np.abs(field - fields[0]).max() for field in fields[1:]]
@@ -106,11 +122,16 @@ def test_forms_agree(options, dim):
 
 
 def test_three_dimensions():
-    """A pulse in a small cube against one from which nothing returns before t = 29: ten nodes as good as in the plane (1.8e-3), twenty better."""
+    """A pulse in a small cube against one from which nothing returns before t = 29: ten nodes as good as in the plane
+    (1.8e-3), twenty better.
+    """
     bell = [lambda *at: np.exp(-sum(x * x for x in at) / 9.0), 0.0, 0.0]  # below 1e-4 at 9 from the middle
     kernel = Kernel(2.2, 0, "gaussian", 0.9, volume="full")
     cases = [(24, Fixed()), (7, NonlocalPML(10)), (7, NonlocalPML(20))]
-    large, *small = [Body(box(*[2 * n + 1] * 3, lower=-n), kernel, **MATERIAL, boundary=b, initial={"u": bell}, dt=0.4) for n, b in cases]
+    large, *small = [
+        Body(box(*[2 * n + 1] * 3, lower=-n), kernel, **MATERIAL, boundary=b, initial={"u": bell}, dt=0.4)
+        for n, b in cases
+    ]
     worst, middle = np.zeros(2), (slice(None), *[slice(17, 32)] * 3)
     for _ in range(6):  # to t = 24
         for body in (large, *small):
@@ -119,11 +140,20 @@ def test_three_dimensions():
     assert worst[0] < 1.8e-3 and worst[1] < 1.8e-4
 
 
-@pytest.mark.parametrize(("change", "words"), [
-    ({"nodes": 0}, "boundary.nodes: is out of range"), ({"ramp": "linear"}, "unknown ramp"), ({"form": "velocity"}, "unknown form"),
-    ({"strength": -1.0}, "strength"), ({"reflection": 1.0}, "reflection"), ({"plateau": 1.0}, "plateau"), ({"cross": 2.0}, "cross"),
-    ({"shift": -1.0}, "shift"), ({"shift": 1.0, "form": "split"}, "split fields take no shift"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"nodes": 0}, "boundary.nodes: is out of range"),
+        ({"ramp": "linear"}, "unknown ramp"),
+        ({"form": "velocity"}, "unknown form"),
+        ({"strength": -1.0}, "strength"),
+        ({"reflection": 1.0}, "reflection"),
+        ({"plateau": 1.0}, "plateau"),
+        ({"cross": 2.0}, "cross"),
+        ({"shift": -1.0}, "shift"),
+        ({"shift": 1.0, "form": "split"}, "split fields take no shift"),
+    ],
+)
 def test_bad_input(change, words):
     with pytest.raises(InputError, match=words):
         NonlocalPML(**change)
@@ -137,11 +167,18 @@ def test_simulation_refuses_it():
         Simulation(box(20, 20), Wave(Kernel(3.0)), boundary=NonlocalPML(10))
 
 
-# An independent program found for the same set-ups, from a pulse (1/s): layers all around decay with the Gaussian kernel (-0.05, -0.08), grow with
+# An independent program found for the same set-ups, from a pulse (1/s): layers all around decay with the Gaussian
+# kernel (-0.05, -0.08), grow with
 # the Heaviside one (+0.33, +0.25), and stop growing with a cross-damping of 0.5, not of 0.2 (+0.11).
 GROWING = ("Heaviside, as published, 10 nodes", "Heaviside, quadratic", "Heaviside, quadratic, cross 0.2")
-DECAYING = ("Gaussian, as published, 10 nodes", "Gaussian, quadratic", "Gaussian, quadratic, shift 2", "Gaussian, quadratic, cross 0.1",
-            "Gaussian, between fixed faces", "Heaviside, quadratic, cross 0.5")  # fmt: skip
+DECAYING = (
+    "Gaussian, as published, 10 nodes",
+    "Gaussian, quadratic",
+    "Gaussian, quadratic, shift 2",
+    "Gaussian, quadratic, cross 0.1",
+    "Gaussian, between fixed faces",
+    "Heaviside, quadratic, cross 0.5",
+)
 
 
 def rate(name, **options):
@@ -158,7 +195,9 @@ def test_long_times(name):
 
 @pytest.mark.slow
 def test_long_times_along_free_faces():
-    """A layer that a free face runs into: the Gaussian kernel grows fast between two, slowly on a half-space; cross-damping stops that."""
+    """A layer that a free face runs into: the Gaussian kernel grows fast between two, slowly on a half-space;
+    cross-damping stops that.
+    """
     assert 0.2 < rate("Gaussian, between free faces") < 0.8
     assert 0 < rate("Gaussian, half-space", until=200.0) < 0.2
     assert rate("Gaussian, half-space, cross 0.1", until=200.0) < 0

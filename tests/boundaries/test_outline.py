@@ -1,4 +1,6 @@
-"""Conditions along an outline: geometry, memory, sides that stand beside each other, and what is refused. What they absorb: the files of each."""
+"""Conditions along an outline: geometry, memory, sides that stand beside each other, and what is refused. What they
+absorb: the files of each.
+"""
 
 import numpy as np
 import pytest
@@ -86,7 +88,9 @@ def test_checkpoint_of_another_condition_is_refused(tmp_path):
 
 
 def test_single_precision():
-    """Each step rounds by 2^-24 and kicks the velocity: a random walk of 300 steps, summed. The condition itself is in double."""
+    """Each step rounds by 2^-24 and kicks the velocity: a random walk of 300 steps, summed. The condition itself is in
+    double.
+    """
     one, other = disc(fh.PlaneWave()), disc(fh.PlaneWave(), dtype="float32")
     for sim in (one, other):
         sim.step(300)
@@ -96,8 +100,13 @@ def test_single_precision():
 def test_ball():
     """In space, against the infinite lattice, beside a fixed edge: ten times better at least."""
     lattice = fh.Lattice(SPACING, window=fh.Ball(2.5))
-    setup = {"lattice": lattice, "model": fh.Wave(fh.Kernel(2 * SPACING, 2, "linear")), "boundary": fh.Higdon(), "dt": 0.05,
-             "initial": {"u": lambda x, y, z: np.exp(-5 * (x**2 + y**2 + z**2))}}  # fmt: skip
+    setup = {
+        "lattice": lattice,
+        "model": fh.Wave(fh.Kernel(2 * SPACING, 2, "linear")),
+        "boundary": fh.Higdon(),
+        "dt": 0.05,
+        "initial": {"u": lambda x, y, z: np.exp(-5 * (x**2 + y**2 + z**2))},
+    }
     curves = compare(setup, 5.0, times=[2, 3, 4, 5]).curves
     assert 10 * curves["Higdon"]["error_max_over_run"] < curves["fixed edge"]["error_max_over_run"]
 
@@ -106,8 +115,13 @@ def test_ball():
 @pytest.mark.parametrize("boundary", [fh.PlaneWave(), fh.Higdon()])
 def test_two_sides_of_a_box(boundary, beside):
     """A waveguide closed at both ends, against a long one: much better than fixed ends, whatever the walls are."""
-    setup = {"lattice": fh.Lattice(SPACING, (-5.0, -2.0), (5.0, 2.0)), "model": fh.Wave(KERNEL), "boundary": {"x": boundary, "y": beside}, "dt": 0.05,
-             "initial": {"u": lambda x, y: np.exp(-(x**2)) * np.ones_like(y)}}  # fmt: skip
+    setup = {
+        "lattice": fh.Lattice(SPACING, (-5.0, -2.0), (5.0, 2.0)),
+        "model": fh.Wave(KERNEL),
+        "boundary": {"x": boundary, "y": beside},
+        "dt": 0.05,
+        "initial": {"u": lambda x, y: np.exp(-(x**2)) * np.ones_like(y)},
+    }
     if isinstance(beside, fh.Fixed):  # a wave that fulfils it
         setup["initial"] = {"u": lambda x, y: np.exp(-(x**2)) * np.cos(np.pi * y / 4)}
     curves = compare(setup, 12.0, times=[6, 8, 10, 12]).curves
@@ -120,7 +134,13 @@ def test_periodic_halo_wraps():
     fields = []
     for half in (1.0, 2.5):
         lattice = fh.Lattice(SPACING, (-5.0, -half), (5.0, half))
-        sim = fh.Simulation(lattice, fh.Wave(KERNEL), {"x": fh.PlaneWave(), "y": fh.Periodic()}, {"u": lambda x, y: np.exp(-(x**2)) + 0 * y}, dt=0.05)
+        sim = fh.Simulation(
+            lattice,
+            fh.Wave(KERNEL),
+            {"x": fh.PlaneWave(), "y": fh.Periodic()},
+            {"u": lambda x, y: np.exp(-(x**2)) + 0 * y},
+            dt=0.05,
+        )
         sim.step(200)
         fields.append(sim.fields["u"][:, 3])
         assert np.abs(np.ptp(sim.fields["u"], axis=1)).max() < 1e-12
@@ -144,7 +164,10 @@ def test_different_conditions_on_the_sides_of_a_box():
 def test_window_that_is_a_box(boundary):
     """The same as bounds."""
     fields = []
-    for lattice in (fh.Lattice(SPACING, (-5.0, -5.0), (5.0, 5.0)), fh.Lattice(SPACING, window=fh.Box((-5.0, -5.0), (5.0, 5.0)))):
+    for lattice in (
+        fh.Lattice(SPACING, (-5.0, -5.0), (5.0, 5.0)),
+        fh.Lattice(SPACING, window=fh.Box((-5.0, -5.0), (5.0, 5.0))),
+    ):
         sim = fh.Simulation(lattice, fh.Wave(KERNEL), boundary, {"u": pulse}, dt=0.05)
         sim.step(200)
         fields.append(sim.fields["u"])
@@ -152,7 +175,9 @@ def test_window_that_is_a_box(boundary):
 
 
 def test_thin_layer_cuts_bonds():
-    """A layer of one node where the stencil reaches three: the bonds beyond it are absent, two of the last near node's and one of the next's."""
+    """A layer of one node where the stencil reaches three: the bonds beyond it are absent, two of the last near node's
+    and one of the next's.
+    """
     lattice = fh.Lattice(SPACING, (-5.0,), (5.0,))
     sim = fh.Simulation(lattice, fh.Diffusion(fh.Kernel(3 * SPACING, 1)), fh.PlaneWave(layer=SPACING))
     assert sim.closure.halo.sum() == 2
@@ -165,7 +190,11 @@ def test_balance_through_an_outline():
     """What leaves a window through its outline is what the near field loses."""
     lattice = fh.Lattice(SPACING, window=fh.Disc(2.0))
     sim = fh.Simulation(
-        lattice, fh.Diffusion(fh.Kernel(2 * SPACING, 1)), fh.PlaneWave(), {"u": lambda x, y: np.exp(-4 * (x**2 + y**2))}, balance=True
+        lattice,
+        fh.Diffusion(fh.Kernel(2 * SPACING, 1)),
+        fh.PlaneWave(),
+        {"u": lambda x, y: np.exp(-4 * (x**2 + y**2))},
+        balance=True,
     )
     sim.run(2.0, progress=False)
     found = sim.balance()
@@ -191,8 +220,15 @@ def test_case_file(tmp_path):
         until = 1.0
         dt = 0.05
     """
-    for name, boundary in (("plane-wave", fh.PlaneWave()), ('higdon", angles = [0.0, 45.0], shift = 0.02, type = "higdon', fh.Higdon(shift=0.02))):
-        line = text % name if "shift" not in name else text.replace('type = "%s"', 'type = "higdon", angles = [0.0, 45.0], shift = 0.02')
+    for name, boundary in (
+        ("plane-wave", fh.PlaneWave()),
+        ('higdon", angles = [0.0, 45.0], shift = 0.02, type = "higdon', fh.Higdon(shift=0.02)),
+    ):
+        line = (
+            text % name
+            if "shift" not in name
+            else text.replace('type = "%s"', 'type = "higdon", angles = [0.0, 45.0], shift = 0.02')
+        )
         sim = Case(line).simulation()
         assert set(sim.sides.values()) == {boundary}
     with pytest.raises(fh.InputError, match="did you mean 'wavenumber'"):
@@ -224,14 +260,23 @@ REFUSED = [
 
 @pytest.mark.parametrize("changes, message", REFUSED)
 def test_refused(changes, message):
-    setup = {"lattice": fh.Lattice(SPACING, (-5.0, -5.0), (5.0, 5.0)), "model": fh.Wave(KERNEL), "boundary": fh.Higdon(), **changes}
+    setup = {
+        "lattice": fh.Lattice(SPACING, (-5.0, -5.0), (5.0, 5.0)),
+        "model": fh.Wave(KERNEL),
+        "boundary": fh.Higdon(),
+        **changes,
+    }
     with pytest.raises(fh.InputError, match=message):
         fh.Simulation(**setup)
 
 
 WINDOWS = [
     (fh.Disc(5.0), {"boundary": {"x": fh.Higdon(), "y": fh.Fixed()}}, "all around"),
-    (fh.Disc(5.0), {"initial": {"u": lambda x, y: np.exp(-8 * ((x - 3.4) ** 2 + (y - 3.4) ** 2))}}, "not zero beyond the absorbing outline"),
+    (
+        fh.Disc(5.0),
+        {"initial": {"u": lambda x, y: np.exp(-8 * ((x - 3.4) ** 2 + (y - 3.4) ** 2))}},
+        "not zero beyond the absorbing outline",
+    ),
     (fh.Disc(5.0), {"initial": {"u": np.ones((41, 41))}}, "beyond the outline"),
     (fh.Disc(5.0), {"boundary": fh.FirstOrder(), "model": fh.Wave(fh.Stencil.finite_element(2))}, "flat sides"),
     (fh.Disc(0.7), {"boundary": fh.Higdon((0, 0, 0, 0))}, "straight inwards|wait for each other|thinner"),
@@ -240,13 +285,19 @@ WINDOWS = [
 
 @pytest.mark.parametrize("window, changes, message", WINDOWS)
 def test_refused_windows(window, changes, message):
-    setup = {"lattice": fh.Lattice(SPACING, window=window), "model": fh.Wave(KERNEL), "boundary": fh.Higdon(), **changes}
+    setup = {
+        "lattice": fh.Lattice(SPACING, window=window),
+        "model": fh.Wave(KERNEL),
+        "boundary": fh.Higdon(),
+        **changes,
+    }
     with pytest.raises(fh.InputError, match=message):
         fh.Simulation(**setup)
 
 
 def test_fronts():
-    """Rows 0 and 1 read nothing new, 2 reads what 0 gives, 3 what 2 gives; rows that wait for each other are refused."""
+    """Rows 0 and 1 read nothing new, 2 reads what 0 gives, 3 what 2 gives; rows that wait for each other are
+    refused."""
     from scipy import sparse
 
     def update(entries):
@@ -265,7 +316,16 @@ def test_normals_of_other_shapes():
     points = [(-4.0, -4.0), (4.0, -4.0), (4.0, 4.0), (-4.0, 4.0)]
     near = np.zeros((41, 41), bool)
     near[4:37, 4:37] = True
-    outline = Outline(np.full(2, -5.0), 0.25, near, fh.Polygon(points), {(0, 1): fh.Higdon()}, frozenset(), frozenset(), KERNEL_OFFSETS)
+    outline = Outline(
+        np.full(2, -5.0),
+        0.25,
+        near,
+        fh.Polygon(points),
+        {(0, 1): fh.Higdon()},
+        frozenset(),
+        frozenset(),
+        KERNEL_OFFSETS,
+    )
     fringe = Fringe(outline, outline.halo(), 0.5)
     right = fringe.filled[(fringe.points[fringe.filled][:, 0] > 4) & (np.abs(fringe.points[fringe.filled][:, 1]) < 2)]
     assert (fringe.normals[right][:, 0] > np.cos(np.radians(5))).all()

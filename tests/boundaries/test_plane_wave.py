@@ -1,4 +1,6 @@
-"""The condition from plane waves: its fit, published examples against the infinite lattice, any cloud of points, what is refused."""
+"""The condition from plane waves: its fit, published examples against the infinite lattice, any cloud of points, what
+is refused.
+"""
 
 import numpy as np
 import pytest
@@ -22,7 +24,9 @@ def errors(sim, times):
     """Largest differences from the infinite lattice over the near field."""
     steps = [round(t / sim.dt) for t in times]
     rate = sim.model.coefficient / sim.lattice.spacing**2
-    exact = InfiniteLattice(sim.stencil, rate, sim.model.integrator, sim.dt, steps[-1], sim.start_u, None, sim.model.damping)
+    exact = InfiniteLattice(
+        sim.stencil, rate, sim.model.integrator, sim.dt, steps[-1], sim.start_u, None, sim.model.damping
+    )
     found = []
     for n in steps:
         sim.step(n - sim.step_count)
@@ -49,30 +53,39 @@ def test_lattice_pml_beside_it(reach):
 
 
 def test_published_condition_grows_on_a_disc():
-    """Clouds turned to every node's own normal: overflow, as an independent program has it (log growth 10.9 per unit time)."""
+    """Clouds turned to every node's own normal: overflow, as an independent program has it (log growth 10.9 per unit
+    time).
+    """
     published = fh.PlaneWave(fit="collocation", normals="free", wavenumber=1.0, thin=1)
     with pytest.raises(fh.UnstableError):
         disc(3, published, 10.0).run(60.0, progress=False, allow_unstable=True)
 
 
-EXAMPLE_1 = [  # largest wavenumber; error at t = 250 in units of the largest value then: an independent program, two digits
-    (0.1, 0.029), (0.2, 0.010), (0.5, 0.029), (1.0, 0.072), (8.0, 0.34),
-]  # fmt: skip
+# largest wavenumber; error at t = 250 in units of the largest value then: an independent program, two digits
+EXAMPLE_1 = [(0.1, 0.029), (0.2, 0.010), (0.5, 0.029), (1.0, 0.072), (8.0, 0.34)]
 
 
 @pytest.mark.parametrize("wavenumber, known", EXAMPLE_1)
 def test_example_1_of_shojaei(wavenumber, known):
-    """Diffusion on a line, peridynamic, horizon and layer of four spacings, clouds of two; a step 10 times the paper's."""
+    """Diffusion on a line, peridynamic, horizon and layer of four spacings, clouds of two; a step 10 times the
+    paper's."""
     spacing = 0.125
     boundary = fh.PlaneWave(radius=2 * spacing, wavenumber=wavenumber, wavenumbers=20)
-    sim = fh.Simulation(fh.Lattice(spacing, (-29.5,), (29.5,)), fh.Diffusion(fh.Kernel(4 * spacing, 1)), boundary,
-                        {"u": lambda x: np.exp(-4 * x**2)}, dt=0.005)  # fmt: skip
+    sim = fh.Simulation(
+        fh.Lattice(spacing, (-29.5,), (29.5,)),
+        fh.Diffusion(fh.Kernel(4 * spacing, 1)),
+        boundary,
+        {"u": lambda x: np.exp(-4 * x**2)},
+        dt=0.005,
+    )
     error = errors(sim, (250.0,))[0]
     assert error / sim.fields["u"].max() == pytest.approx(known, rel=0.1, abs=5e-4)
 
 
 def test_small_crosses_in_diffusion_never_grow():
-    """Clouds of nearest neighbours: weights that are not negative and sum to at most 1, so that no value exceeds the largest before."""
+    """Clouds of nearest neighbours: weights that are not negative and sum to at most 1, so that no value exceeds the
+    largest before.
+    """
     for dim, exponent in ((1, 1), (2, 1), (3, 1)):
         lattice = fh.Lattice(0.1, (-1.0,) * dim, (1.0,) * dim)
         sim = fh.Simulation(lattice, fh.Diffusion(fh.Kernel(0.2, exponent)), fh.PlaneWave(wavenumber=0.5))
@@ -82,16 +95,25 @@ def test_small_crosses_in_diffusion_never_grow():
 @pytest.mark.parametrize("balanced", [True, False])
 def test_symmetry_in_space(balanced):
     """Rings of directions keep a ball symmetric, up to rounding; the published grid of angles does not."""
-    sim = fh.Simulation(fh.Lattice(0.1, window=fh.Ball(0.8)), fh.Diffusion(fh.Kernel(0.2, 1)), fh.PlaneWave(angles=9, balanced=balanced),
-                        {"u": lambda x, y, z: np.exp(-40 * (x**2 + y**2 + z**2))})  # fmt: skip
+    sim = fh.Simulation(
+        fh.Lattice(0.1, window=fh.Ball(0.8)),
+        fh.Diffusion(fh.Kernel(0.2, 1)),
+        fh.PlaneWave(angles=9, balanced=balanced),
+        {"u": lambda x, y, z: np.exp(-40 * (x**2 + y**2 + z**2))},
+    )
     sim.step(300)
     u = np.nan_to_num(sim.fields["u"])
-    worst = max(np.abs(u - image).max() for image in (u[::-1], u[:, ::-1], u.transpose(1, 0, 2), u.transpose(2, 1, 0))) / u.max()
+    worst = (
+        max(np.abs(u - image).max() for image in (u[::-1], u[:, ::-1], u.transpose(1, 0, 2), u.transpose(2, 1, 0)))
+        / u.max()
+    )
     assert worst < 1e-12 if balanced else worst > 1e-4
 
 
 def test_fitted_waves_go_on():
-    """A plane wave among the fitted ones meets its own next value: the residual, over that of values that stay, is a small number."""
+    """A plane wave among the fitted ones meets its own next value: the residual, over that of values that stay, is a
+    small number.
+    """
     grid = np.stack(np.meshgrid(*[SPACING * np.arange(-12, 13)] * 2, indexing="ij"), -1).reshape(-1, 2)
     stencil = fh.Stencil.from_kernel(fh.Kernel(3 * SPACING, 2), SPACING, 2)
     medium = Medium(2, 1.0, DT, 0.0, SPACING * stencil.offsets, stencil.weights / SPACING**2, 3 * SPACING)
@@ -115,10 +137,14 @@ def random_disc(seed=3, count=1500):
 
 
 def test_any_points():
-    """Points without order: waves along the normal go on; of the acceleration a tenth is missed at most, at every second node at least."""
+    """Points without order: waves along the normal go on; of the acceleration a tenth is missed at most, at every
+    second node at least.
+    """
     points, absorbing, normals = random_disc()
     medium = Medium(2, 1.0, 0.005)
-    matrix = update_matrix(points, absorbing, normals, medium, fh.PlaneWave(radius=0.2, wavenumber=15.0, thin=1), spacing=0.05)
+    matrix = update_matrix(
+        points, absorbing, normals, medium, fh.PlaneWave(radius=0.2, wavenumber=15.0, thin=1), spacing=0.05
+    )
     assert matrix.shape == (160, 2 * len(points))
     k = 8.0
     factor = np.exp(-1j * k * 0.005)
@@ -132,7 +158,10 @@ BAD_POINTS = [
     ({"condition": fh.PlaneWave(radius=0.001)}, "no neighbours"),
     ({"condition": fh.PlaneWave(radius=0.2, wavenumber=1e4)}, "too short"),
     ({"medium": Medium(1, 1.0, 0.005), "condition": fh.PlaneWave(radius=0.2, wavenumber=1e3)}, "overflow"),
-    ({"medium": Medium(1, 1.0, 1e-9), "condition": fh.PlaneWave(radius=0.2, wavenumber=1e4)}, "overflow within a cloud"),
+    (
+        {"medium": Medium(1, 1.0, 1e-9), "condition": fh.PlaneWave(radius=0.2, wavenumber=1e4)},
+        "overflow within a cloud",
+    ),
     ({"condition": fh.PlaneWave(radius=0.2, dispersion="discrete")}, "no stencil"),
     ({"condition": fh.PlaneWave(radius=0.2, dispersion="taylor")}, "series"),
     ({"normals": np.zeros((160, 2))}, "normal of some length"),
@@ -149,10 +178,21 @@ def test_bad_points(changes, message):
         update_matrix(**given)
 
 
-@pytest.mark.parametrize("options", [
-    {"fit": "galerkin"}, {"dispersion": "exact"}, {"radius": 0.0}, {"angle": 90.0}, {"regularization": -1.0}, {"rcond": 1.0}, {"thin": 0},
-    {"wavenumber": np.nan}, {"normals": "radial"}, {"time": "later"},
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"fit": "galerkin"},
+        {"dispersion": "exact"},
+        {"radius": 0.0},
+        {"angle": 90.0},
+        {"regularization": -1.0},
+        {"rcond": 1.0},
+        {"thin": 0},
+        {"wavenumber": np.nan},
+        {"normals": "radial"},
+        {"time": "later"},
+    ],
+)
 def test_bad_options(options):
     with pytest.raises(fh.InputError):
         fh.PlaneWave(**options)

@@ -27,15 +27,22 @@ until = 3.0
 
 def test_a_case_is_the_run_of_the_python_interface():
     sim = Case(GOOD).simulation().run(3.0)
-    same = fh.Simulation(fh.Lattice(0.25, (-3, -3), (3, 3)), fh.Wave(fh.Kernel(0.75)), fh.LatticePML(until=3.0),
-                         {"u": lambda x, y: np.exp(-4 * (x**2 + y**2))}, dt=sim.dt).run(3.0)  # fmt: skip
+    same = fh.Simulation(
+        fh.Lattice(0.25, (-3, -3), (3, 3)),
+        fh.Wave(fh.Kernel(0.75)),
+        fh.LatticePML(until=3.0),
+        {"u": lambda x, y: np.exp(-4 * (x**2 + y**2))},
+        dt=sim.dt,
+    ).run(3.0)
     np.testing.assert_allclose(sim.fields["u"], same.fields["u"], atol=1e-15)
 
 
 def test_demo_is_the_published_example():
     """The packaged demo is the example file, word for word."""
     root = Path(__file__).parents[2]
-    assert (root / "examples" / "two_notches.toml").read_text() == (root / "src" / "farhorizon" / "case" / "demo.toml").read_text()
+    assert (root / "examples" / "two_notches.toml").read_text() == (
+        root / "src" / "farhorizon" / "case" / "demo.toml"
+    ).read_text()
 
 
 @pytest.mark.parametrize(
@@ -114,7 +121,12 @@ def test_heat_case():
     assert isinstance(model, fh.Heat) and model.coefficient == 0.5 and model.integrator == fh.RungeKuttaChebyshev(12)
     assert case.setup["cracks"] == [fh.Crack([[1.0, 0.3], [1.0, 0.7]], 0.1, 0.02)]
     left, right, inside = case.setup["constraints"]
-    assert isinstance(left.value, fh.Expression) and left.kind == "mirror" and right.transfer == 3.0 and isinstance(inside.where, fh.Disc)
+    assert (
+        isinstance(left.value, fh.Expression)
+        and left.kind == "mirror"
+        and right.transfer == 3.0
+        and isinstance(inside.where, fh.Disc)
+    )
     case.simulation().run(0.05, progress=False)
 
 
@@ -168,9 +180,12 @@ def test_elastic_case():
 
     model = fh.Elastic(fh.Kernel(1.0, 1), 2.0, 0.3, density=1.5, material="state-based")
     same = fh.Simulation(
-        fh.Lattice(0.5, (-5, -5), (5, 5)), model, initial={"u": lambda x, y: [bump(x, y), 0 * x], "v": lambda x, y: [0 * x, x * bump(x, y)]},
-        sources=[fh.Source(lambda x, y: [0 * x, bump(x, y)], np.sin)], dt=sim.dt,
-    ).run(3.0, progress=False)  # fmt: skip
+        fh.Lattice(0.5, (-5, -5), (5, 5)),
+        model,
+        initial={"u": lambda x, y: [bump(x, y), 0 * x], "v": lambda x, y: [0 * x, x * bump(x, y)]},
+        sources=[fh.Source(lambda x, y: [0 * x, bump(x, y)], np.sin)],
+        dt=sim.dt,
+    ).run(3.0, progress=False)
     np.testing.assert_allclose(sim.fields["u"], same.fields["u"], rtol=0, atol=1e-15)
 
 
@@ -217,7 +232,10 @@ balance = true
 """
 
 
-@pytest.mark.parametrize(("words", "options"), [("", {}), ('coefficient = "where(x > 1, 0.5, 1)"\nrule = "harmonic"\n', {"rule": "harmonic"})])
+@pytest.mark.parametrize(
+    ("words", "options"),
+    [("", {}), ('coefficient = "where(x > 1, 0.5, 1)"\nrule = "harmonic"\n', {"rule": "harmonic"})],
+)
 def test_case_of_bonds_that_break(words, options):
     case = Case(words + BREAKING)
     assert case.fields == ("u", "damage")
@@ -226,9 +244,14 @@ def test_case_of_bonds_that_break(words, options):
     if words:
         options = {"coefficient": np.where(lattice.coordinates()[0] > 1, 0.5, 1.0), **options}
     same = fh.Simulation(
-        lattice, fh.Elastic(fh.Kernel(1.0, 1), 2.0, nonlinear=True, critical_stretch=0.01), balance=True, **options, dt=sim.dt,
-        cracks=[[[-2.0, 0.25], [2.0, 0.25]]], sources=[fh.Source(lambda x, y: [0 * x, 0.1 * y * np.exp(-(x**2 + y**2))], np.sin)],
-    ).run(6.0, progress=False)  # fmt: skip
+        lattice,
+        fh.Elastic(fh.Kernel(1.0, 1), 2.0, nonlinear=True, critical_stretch=0.01),
+        balance=True,
+        **options,
+        dt=sim.dt,
+        cracks=[[[-2.0, 0.25], [2.0, 0.25]]],
+        sources=[fh.Source(lambda x, y: [0 * x, 0.1 * y * np.exp(-(x**2 + y**2))], np.sin)],
+    ).run(6.0, progress=False)
     assert sim.broken_bonds == same.broken_bonds > 10
     np.testing.assert_array_equal(sim.fields["damage"], same.fields["damage"])
 
@@ -253,7 +276,11 @@ def test_bad_case_of_bonds_that_break(old, new, message):
 
 def test_damage_is_a_field_of_bonds_that_break():
     with pytest.raises(fh.InputError, match="has no such field"):
-        Case(BREAKING.replace("nonlinear = true\ncritical_stretch = 0.01\n", "").replace("balance = true", 'fields = ["u", "damage"]'))
+        Case(
+            BREAKING.replace("nonlinear = true\ncritical_stretch = 0.01\n", "").replace(
+                "balance = true", 'fields = ["u", "damage"]'
+            )
+        )
 
 
 def test_a_list_is_for_vectors():
@@ -312,10 +339,19 @@ def test_body_case():
         fh.BodyForce((lambda x, y: 1e-5 * np.exp(-(x**2)), 0.0)),
     ]
     same = fh.Body(
-        fh.Lattice(1.0, (-12, -16), (12, 0)), fh.Kernel(3.717, 0, "gaussian", 1.0, volume="full"), young=1.0, poisson=0.2, critical_stretch=0.003,
-        drag=0.9, boundary={"all": fh.NonlocalPML(8, cross=0.1), "y+": fh.Free()}, loads=loads, cracks=[[(-5.5, 1.0), (-5.5, -1.1)]], balance=True,
-        initial={"u": (lambda x, y: 1e-4 * np.exp(-(x**2 + (y + 8) ** 2) / 8), 0.0)}, dt=body.dt,
-    ).run(30.0, progress=False)  # fmt: skip
+        fh.Lattice(1.0, (-12, -16), (12, 0)),
+        fh.Kernel(3.717, 0, "gaussian", 1.0, volume="full"),
+        young=1.0,
+        poisson=0.2,
+        critical_stretch=0.003,
+        drag=0.9,
+        boundary={"all": fh.NonlocalPML(8, cross=0.1), "y+": fh.Free()},
+        loads=loads,
+        cracks=[[(-5.5, 1.0), (-5.5, -1.1)]],
+        balance=True,
+        initial={"u": (lambda x, y: 1e-4 * np.exp(-(x**2 + (y + 8) ** 2) / 8), 0.0)},
+        dt=body.dt,
+    ).run(30.0, progress=False)
     assert same.broken_bonds == body.broken_bonds > 0
     np.testing.assert_allclose(body.u, same.u, rtol=0, atol=1e-14)
 
@@ -332,10 +368,18 @@ def test_body_case():
         ('type = "nonlocal-pml", nodes = 8, cross = 0.1', 'type = "lattice-pml"', "not a boundary that serves here"),
         ('side = "y+"', 'side = "x+"', "a traction acts on a free side"),
         ("between = [[-5.0, 5.0]]", "between = [[-5.0, 50.0]]", "beyond the near field"),
-        ('time = "min(t/10, 1)"', 'time = "x*t"', "load\\[0\\].time: there is no x in a function of t alone; value: x\\*t; remedy: use t"),
+        (
+            'time = "min(t/10, 1)"',
+            'time = "x*t"',
+            "load\\[0\\].time: there is no x in a function of t alone; value: x\\*t; remedy: use t",
+        ),
         ('time = "min(t/10, 1)"', 'tme = "t"', "did you mean 'time'"),
         ('value = ["1e-5*exp(-x**2)", 0.0]', "value = [0.0]", "load\\[1\\].value: not as many entries"),
-        ('u = ["1e-4*exp(-(x**2+(y+8)**2)/8)", 0.0]', 'u = "x"', "initial.u: a vector field needs one entry a component"),
+        (
+            'u = ["1e-4*exp(-(x**2+(y+8)**2)/8)", 0.0]',
+            'u = "x"',
+            "initial.u: a vector field needs one entry a component",
+        ),
         ("until = 30.0", "until = 30.0\ndt = 5.0", "run.dt"),
         ("until = 30.0", 'until = 30.0\ndtype = "float32"', "run.dtype"),
         ("balance = true", 'fields = ["solid"]', "no such field"),
@@ -366,14 +410,21 @@ def validator():
     return Draft202012Validator(schema())
 
 
-@pytest.mark.parametrize("path", sorted((Path(__file__).parents[2] / "examples").glob("*.toml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path", sorted((Path(__file__).parents[2] / "examples").glob("*.toml")), ids=lambda path: path.stem
+)
 def test_the_schema_takes_every_example(path, validator):
     assert not list(validator.iter_errors(tomllib.loads(path.read_text())))
 
 
 @pytest.mark.parametrize(
     ("old", "new"),
-    [("spacing =", "spacings ="), ("until = 30.0", 'until = "thirty"'), ('"lattice-pml"', '"pml"'), ("horizon = 0.75", "")],
+    [
+        ("spacing =", "spacings ="),
+        ("until = 30.0", 'until = "thirty"'),
+        ('"lattice-pml"', '"pml"'),
+        ("horizon = 0.75", ""),
+    ],
 )
 def test_the_schema_refuses_what_the_program_refuses(old, new, validator):
     readme = (Path(__file__).parents[2] / "README.md").read_text()

@@ -33,33 +33,80 @@ def heat(condition):
 
 # Each pair is the same set-up, with a text and with what says the same in Python.
 PAIRS = {
-    "initial": (lambda: waves(initial={"u": "exp(-2*(x**2 + y**2))", "v": "x*exp(-2*(x**2 + y**2))"}),
-                lambda: waves(initial={"u": gauss, "v": lambda x, y: x * gauss(x, y)})),
-    "initial in space": (lambda: fh.Simulation(BLOCK, fh.Wave(fh.Kernel(1.0)), SIDES, {"u": fh.Expression("exp(-2*(x**2 + y**2 + z**2))")}),
-                         lambda: fh.Simulation(BLOCK, fh.Wave(fh.Kernel(1.0)), SIDES, {"u": gauss})),
-    "initial of a vector": (lambda: elastic(initial={"u": ["exp(-2*(x**2 + y**2))", 0.0]}), lambda: elastic(initial={"u": [gauss, 0.0]})),
-    "source": (lambda: waves(sources=["exp(-2*(x**2 + y**2))*sin(3*t)"]), lambda: waves(sources=[fh.Source(gauss, lambda t: np.sin(3 * t))])),
-    "moving source": (lambda: waves(sources=[fh.Expression("exp(-2*((x - t)**2 + y**2))")]),
-                      lambda: waves(sources=[lambda x, y, t: gauss(x - t, y)])),
-    "time of a source": (lambda: waves(sources=[fh.Source("exp(-2*(x**2 + y**2))", "sin(3*t)")]),
-                         lambda: waves(sources=[fh.Source(gauss, lambda t: np.sin(3 * t))])),
-    "coefficient": (lambda: waves(initial={"u": gauss}, coefficient="where(x < 0, 1, 0.5)"),
-                    lambda: waves(initial={"u": gauss}, coefficient=np.where(PLANE.coordinates()[0] < 0, 1, 0.5))),
-    "body force": (lambda: elastic(loads=[fh.BodyForce(["exp(-2*(x**2 + y**2))", 0.0], "min(t, 1)")]),
-                   lambda: elastic(loads=[fh.BodyForce([gauss, 0.0], lambda t: min(t, 1.0))])),
-    "traction": (lambda: elastic(loads=[fh.Traction("y+", (0.0, -1.0), [(-1.0, 1.0)], "sin(t)")]),
-                 lambda: elastic(loads=[fh.Traction("y+", (0.0, -1.0), [(-1.0, 1.0)], np.sin)])),
-    "materials": (lambda: body(young="where(y < 0, 1, 2)", density="where(y < 0, 1, 3)", initial={"u": ["exp(-2*(x**2 + y**2))", 0.0]}),
-                  lambda: body(young=lambda x, y: np.where(y < 0, 1, 2), density=lambda x, y: np.where(y < 0, 1, 3), initial={"u": [gauss, 0.0]})),
-    "force on a body": (lambda: body(loads=[fh.BodyForce(["exp(-2*(x**2 + y**2))", 0.0], "sin(t)")]),
-                        lambda: body(loads=[fh.BodyForce([gauss, 0.0], np.sin)])),
-    "temperature": (lambda: heat(fh.Temperature("x-", "sin(t)")), lambda: heat(fh.Temperature("x-", lambda x, t: np.sin(t)))),
+    "initial": (
+        lambda: waves(initial={"u": "exp(-2*(x**2 + y**2))", "v": "x*exp(-2*(x**2 + y**2))"}),
+        lambda: waves(initial={"u": gauss, "v": lambda x, y: x * gauss(x, y)}),
+    ),
+    "initial in space": (
+        lambda: fh.Simulation(
+            BLOCK, fh.Wave(fh.Kernel(1.0)), SIDES, {"u": fh.Expression("exp(-2*(x**2 + y**2 + z**2))")}
+        ),
+        lambda: fh.Simulation(BLOCK, fh.Wave(fh.Kernel(1.0)), SIDES, {"u": gauss}),
+    ),
+    "initial of a vector": (
+        lambda: elastic(initial={"u": ["exp(-2*(x**2 + y**2))", 0.0]}),
+        lambda: elastic(initial={"u": [gauss, 0.0]}),
+    ),
+    "source": (
+        lambda: waves(sources=["exp(-2*(x**2 + y**2))*sin(3*t)"]),
+        lambda: waves(sources=[fh.Source(gauss, lambda t: np.sin(3 * t))]),
+    ),
+    "moving source": (
+        lambda: waves(sources=[fh.Expression("exp(-2*((x - t)**2 + y**2))")]),
+        lambda: waves(sources=[lambda x, y, t: gauss(x - t, y)]),
+    ),
+    "time of a source": (
+        lambda: waves(sources=[fh.Source("exp(-2*(x**2 + y**2))", "sin(3*t)")]),
+        lambda: waves(sources=[fh.Source(gauss, lambda t: np.sin(3 * t))]),
+    ),
+    "coefficient": (
+        lambda: waves(initial={"u": gauss}, coefficient="where(x < 0, 1, 0.5)"),
+        lambda: waves(initial={"u": gauss}, coefficient=np.where(PLANE.coordinates()[0] < 0, 1, 0.5)),
+    ),
+    "body force": (
+        lambda: elastic(loads=[fh.BodyForce(["exp(-2*(x**2 + y**2))", 0.0], "min(t, 1)")]),
+        lambda: elastic(loads=[fh.BodyForce([gauss, 0.0], lambda t: min(t, 1.0))]),
+    ),
+    "traction": (
+        lambda: elastic(loads=[fh.Traction("y+", (0.0, -1.0), [(-1.0, 1.0)], "sin(t)")]),
+        lambda: elastic(loads=[fh.Traction("y+", (0.0, -1.0), [(-1.0, 1.0)], np.sin)]),
+    ),
+    "materials": (
+        lambda: body(
+            young="where(y < 0, 1, 2)", density="where(y < 0, 1, 3)", initial={"u": ["exp(-2*(x**2 + y**2))", 0.0]}
+        ),
+        lambda: body(
+            young=lambda x, y: np.where(y < 0, 1, 2),
+            density=lambda x, y: np.where(y < 0, 1, 3),
+            initial={"u": [gauss, 0.0]},
+        ),
+    ),
+    "force on a body": (
+        lambda: body(loads=[fh.BodyForce(["exp(-2*(x**2 + y**2))", 0.0], "sin(t)")]),
+        lambda: body(loads=[fh.BodyForce([gauss, 0.0], np.sin)]),
+    ),
+    "temperature": (
+        lambda: heat(fh.Temperature("x-", "sin(t)")),
+        lambda: heat(fh.Temperature("x-", lambda x, t: np.sin(t))),
+    ),
     "flux": (lambda: heat(fh.Flux("x-", "1 + t")), lambda: heat(fh.Flux("x-", lambda x, t: 1 + t))),
-    "ambient": (lambda: heat(fh.Convection("x-", 1.0, "20*cos(t)")), lambda: heat(fh.Convection("x-", 1.0, lambda x, t: 20 * np.cos(t)))),
-    "temperature inside": (lambda: heat(fh.Temperature(fh.Box(-1, 1), "x + t")), lambda: heat(fh.Temperature(fh.Box(-1, 1), lambda x, t: x + t))),
-    "prescribed": (lambda: fh.Simulation(LINE, fh.Wave(fh.Kernel(0.5)), SIDES, constraints=[fh.Prescribed([0.0], "sin(t)", 0.5, "cos(t)")]),
-                   lambda: fh.Simulation(LINE, fh.Wave(fh.Kernel(0.5)), SIDES, constraints=[fh.Prescribed([0.0], np.sin, 0.5, np.cos)])),
-}  # fmt: skip
+    "ambient": (
+        lambda: heat(fh.Convection("x-", 1.0, "20*cos(t)")),
+        lambda: heat(fh.Convection("x-", 1.0, lambda x, t: 20 * np.cos(t))),
+    ),
+    "temperature inside": (
+        lambda: heat(fh.Temperature(fh.Box(-1, 1), "x + t")),
+        lambda: heat(fh.Temperature(fh.Box(-1, 1), lambda x, t: x + t)),
+    ),
+    "prescribed": (
+        lambda: fh.Simulation(
+            LINE, fh.Wave(fh.Kernel(0.5)), SIDES, constraints=[fh.Prescribed([0.0], "sin(t)", 0.5, "cos(t)")]
+        ),
+        lambda: fh.Simulation(
+            LINE, fh.Wave(fh.Kernel(0.5)), SIDES, constraints=[fh.Prescribed([0.0], np.sin, 0.5, np.cos)]
+        ),
+    ),
+}
 
 
 @pytest.mark.parametrize("name", PAIRS)
@@ -71,7 +118,9 @@ def test_a_text_says_what_a_function_does(name, tmp_path):
     assert np.allclose(text.fields["u"], function.fields["u"], rtol=0, atol=1e-13 * np.abs(function.fields["u"]).max())
     text.save(tmp_path / "a.ckpt")  # and, unlike a function, it is kept in a checkpoint
     initial = {"initial": {"u": ["exp(-2*(x**2 + y**2))", 0.0]}} if name == "materials" else {}
-    assert np.array_equal(type(text).restore(tmp_path / "a.ckpt", **initial).fields["u"], text.fields["u"], equal_nan=True)
+    assert np.array_equal(
+        type(text).restore(tmp_path / "a.ckpt", **initial).fields["u"], text.fields["u"], equal_nan=True
+    )
 
 
 def test_an_incident_wave_takes_a_text():
@@ -94,33 +143,83 @@ class TestWithoutDim:
     def test_of_time_alone_is_called_with_t(self):
         assert fh.Expression("sin(t)", 0)(1.0) == fh.Expression("sin(t)")(t=1.0) == np.sin(1.0)
 
-    @pytest.mark.parametrize(("make", "message"), [
-        (lambda: waves(initial={"u": "exp(-z**2)"}), r"initial\.u: there is no z in 2 dimensions; value: exp\(-z\*\*2\); remedy: use x, y, t"),
-        (lambda: waves(initial={"u": fh.Expression("exp(-z**2)")}), r"initial\.u: there is no z in 2 dimensions"),
-        (lambda: waves(initial={"u": "exp(-x**2)*t"}), r"initial\.u: cannot depend on t; .*remedy: use x, y$"),
-        (lambda: waves(sources=["x", "exp(-q)"]), r"source\[1\]: unknown name 'q' in the expression; .*known: x, y, t, pi, e"),
-        (lambda: waves(coefficient="t"), "coefficient: cannot depend on t"),
-        (lambda: heat(fh.Flux("x-", "y")), r"constraint\[0\]\.value: there is no y in 1 dimensions"),
-        (lambda: body(young="z"), r"model\.young: there is no z"),
-        (lambda: fh.Traction("y+", (1.0, 0.0), None, "sin(x)"), r"load\.time: there is no x in a function of t alone"),
-        (lambda: fh.IncidentWave((1, 0), "sin(y)", 1.0), r"incident\.signal: there is no y in a function of t alone"),
-        (lambda: elastic(initial={"u": "exp(-x**2)"}), r"initial\.u: a vector field needs one entry a component; value: one for all"),
-        (lambda: elastic(sources=["exp(-x**2)"]), "source: a vector field needs one entry a component; value: one for all; limit: a list of 2"),
-        (lambda: elastic(initial={"u": ["x", "y", "x"]}), "value: 3 entries; limit: a list of 2"),
-    ])  # fmt: skip
+    @pytest.mark.parametrize(
+        ("make", "message"),
+        [
+            (
+                lambda: waves(initial={"u": "exp(-z**2)"}),
+                r"initial\.u: there is no z in 2 dimensions; value: "
+                r"exp\(-z\*\*2\); remedy: use x, y, t",
+            ),
+            (lambda: waves(initial={"u": fh.Expression("exp(-z**2)")}), r"initial\.u: there is no z in 2 dimensions"),
+            (lambda: waves(initial={"u": "exp(-x**2)*t"}), r"initial\.u: cannot depend on t; .*remedy: use x, y$"),
+            (
+                lambda: waves(sources=["x", "exp(-q)"]),
+                r"source\[1\]: unknown name 'q' in the expression; .*known: x, y, "
+                r"t, pi, e",
+            ),
+            (lambda: waves(coefficient="t"), "coefficient: cannot depend on t"),
+            (lambda: heat(fh.Flux("x-", "y")), r"constraint\[0\]\.value: there is no y in 1 dimensions"),
+            (lambda: body(young="z"), r"model\.young: there is no z"),
+            (
+                lambda: fh.Traction("y+", (1.0, 0.0), None, "sin(x)"),
+                r"load\.time: there is no x in a function of t alone",
+            ),
+            (
+                lambda: fh.IncidentWave((1, 0), "sin(y)", 1.0),
+                r"incident\.signal: there is no y in a function of t alone",
+            ),
+            (
+                lambda: elastic(initial={"u": "exp(-x**2)"}),
+                r"initial\.u: a vector field needs one entry a component; "
+                r"value: one for all",
+            ),
+            (
+                lambda: elastic(sources=["exp(-x**2)"]),
+                "source: a vector field needs one entry a component; value: one for all; limit: a list of 2",
+            ),
+            (lambda: elastic(initial={"u": ["x", "y", "x"]}), "value: 3 entries; limit: a list of 2"),
+        ],
+    )
     def test_what_is_wrong_is_named(self, make, message):
         with pytest.raises(fh.InputError, match=message):
             make()
 
 
-@pytest.mark.parametrize(("make", "message"), [
-    (lambda: fh.Wave(fh.Kernel(1.0), speed=np.ones((3, 3))), r"model\.speed: must be a number; value: an array of shape \(3, 3\).*coefficient="),
-    (lambda: fh.Elastic(fh.Kernel(1.0), young=np.ones(3)), r"model\.young: must be a number; .*Body takes constants that vary"),
-    (lambda: fh.Lattice(0.5, (0, 0), (1, 1), body=np.ones((3, 3), bool)), r"lattice\.body: must be a shape; .*ImageMask of a mask.*Shape"),
-    (lambda: fh.Lattice(0.5, (0, 0), (1, 1), body=OwnShape()), r"the function is called with points; .*remedy: a function of 1 argument"),
-    (lambda: waves(initial={"u": "1/x"}), r"initial\.u: values must be finite; value: inf at \[0, -4\], and on 17 of 289 nodes in all"),
-    (lambda: waves(initial={"u": gauss}).run(until="soon"), r"run\.until: must be a number; value: the text 'soon'"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (
+            lambda: fh.Wave(fh.Kernel(1.0), speed=np.ones((3, 3))),
+            r"model\.speed: must be a number; value: an array of "
+            r"shape \(3, 3\).*coefficient=",
+        ),
+        (
+            lambda: fh.Elastic(fh.Kernel(1.0), young=np.ones(3)),
+            r"model\.young: must be a number; .*Body takes constants "
+            r"that vary",
+        ),
+        (
+            lambda: fh.Lattice(0.5, (0, 0), (1, 1), body=np.ones((3, 3), bool)),
+            r"lattice\.body: must be a shape; "
+            r".*ImageMask of a mask.*Shape",
+        ),
+        (
+            lambda: fh.Lattice(0.5, (0, 0), (1, 1), body=OwnShape()),
+            r"the function is called with points; .*remedy: a "
+            r"function of 1 argument",
+        ),
+        (
+            lambda: waves(initial={"u": "1/x"}),
+            r"initial\.u: values must be finite; value: inf at \[0, -4\], and on 17 of "
+            r"289 nodes in all",
+        ),
+        (
+            lambda: waves(initial={"u": gauss}).run(until="soon"),
+            r"run\.until: must be a number; value: the text 'soon'",
+        ),
+    ],
+)
 def test_errors_of_python_speak_the_words_of_the_user(make, message):
     with pytest.raises(fh.InputError, match=message):
         make()
@@ -141,7 +240,10 @@ def test_data_outside_are_said_to_lie_outside(place):
     """Not only that a tiny number is above a tinier one."""
     setup = {"lattice": PLANE, "model": fh.Wave(fh.Kernel(1.0))}
     text = f"exp(-2*((x - {place})**2 + y**2))"
-    with pytest.raises(fh.InputError, match=rf"initial\.u: lies outside the near field.* near \[{place:g}, 0\]; limit: \[-4, -4\] to \[4, 4\]"):
+    with pytest.raises(
+        fh.InputError,
+        match=rf"initial\.u: lies outside the near field.* near \[{place:g}, 0\]; limit: \[-4, -4\] to \[4, 4\]",
+    ):
         fh.Simulation(**setup, initial={"u": text})
     with pytest.raises(fh.InputError, match=rf"source: lies outside the near field.* near \[{place:g}, 0\]"):
         fh.Simulation(**setup, sources=[text + "*sin(t)"])

@@ -49,12 +49,23 @@ def undamped(nodes):
     return fh.LatticePML(nodes=nodes, profile={"sigma": np.linspace(0.1, 3.0, nodes + 1), "alpha": 0.001})
 
 
-KINDS = [(1, 3, 0, "constant"), (1, 3, 2, "constant"), (2, 3, 2, "constant"), (2, 3, 1, "constant"), (2, 8, 2, "constant"), (3, 3, 2, "constant")]
+KINDS = [
+    (1, 3, 0, "constant"),
+    (1, 3, 2, "constant"),
+    (2, 3, 2, "constant"),
+    (2, 3, 1, "constant"),
+    (2, 8, 2, "constant"),
+    (3, 3, 2, "constant"),
+]
 
 
-@pytest.mark.parametrize("dim, reach, exponent, influence", [*KINDS[:4], *(pytest.param(*k, marks=pytest.mark.slow) for k in KINDS[4:])])
+@pytest.mark.parametrize(
+    "dim, reach, exponent, influence", [*KINDS[:4], *(pytest.param(*k, marks=pytest.mark.slow) for k in KINDS[4:])]
+)
 def test_default_layers_do_not_grow(dim, reach, exponent, influence):
-    """Backward waves are strong for exponent 0 and 1, weak for exponent 2 in 3D and in 2D from reach 4 on; short waves are damped."""
+    """Backward waves are strong for exponent 0 and 1, weak for exponent 2 in 3D and in 2D from reach 4 on; short waves
+    are damped.
+    """
     sim = fh.Simulation(box(*[2 * reach + 3] * dim), wave(reach, exponent, influence), boundary=fh.LatticePML(nodes=10))
     certificate = certify(sim, budget=60.0 if dim < 3 else 300.0)
     assert certificate.verdict == "certified" and certificate.rate < 0
@@ -89,16 +100,23 @@ def test_corners_can_grow_alone():
 
 PROVED = {
     "energy": {"lattice": box(30, 30), "model": wave(3, 1), "boundary": {"x": fh.Fixed(), "y": fh.Free()}},
-    "crack": {"lattice": box(30, 30), "model": wave(3, 1), "boundary": fh.Periodic(), "cracks": [[(5.5, 5.5), (9.5, 12.5)]]},
+    "crack": {
+        "lattice": box(30, 30),
+        "model": wave(3, 1),
+        "boundary": fh.Periodic(),
+        "cracks": [[(5.5, 5.5), (9.5, 12.5)]],
+    },
     "sponge": {"lattice": box(40), "model": wave(5, 0), "boundary": fh.Sponge(30)},
     "beam": {"lattice": box(40), "model": fh.Beam(), "boundary": fh.Fixed()},
     "sup norm": {
-        "lattice": box(40), "model": fh.Heat(fh.Kernel(3.0)), "boundary": fh.Free(),
+        "lattice": box(40),
+        "model": fh.Heat(fh.Kernel(3.0)),
+        "boundary": fh.Free(),
         "constraints": [fh.Temperature("x-", 1.0, "mirror"), fh.Insulated("x+")],
     },
     "Runge-Kutta": {"lattice": box(40), "model": fh.Diffusion(fh.Kernel(3.0), integrator="rk4"), "boundary": fh.Free()},
     "the past whole": {"lattice": box(40), "model": wave(3, 0), "boundary": fh.Exact(compress=None)},
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", PROVED)
@@ -110,13 +128,16 @@ def test_proofs(name):
 
 
 def test_no_proof_at_the_limit():
-    """At the very step limit the shortest wave grows linearly: the proof does not hold, and rounding decides nothing."""
+    """At the very step limit the shortest wave grows linearly: the proof does not hold, and rounding decides
+    nothing."""
     loose = fh.Simulation(box(12), wave(1), boundary=fh.Periodic())
     assert certify(fh.Simulation(box(12), wave(1), boundary=fh.Periodic(), dt=loose.step_limit)).verdict != "certified"
 
 
 def test_exact_ends():
-    """Compressed to sums of exponentials: the complete update with all modes; before the sums are made nothing can be said."""
+    """Compressed to sums of exponentials: the complete update with all modes; before the sums are made nothing can be
+    said.
+    """
     sim = fh.Simulation(box(60), wave(3), boundary=fh.Exact())
     assert certify(sim).verdict == "undecided"
     sim.prepare(200.0)
@@ -132,11 +153,15 @@ def test_a_beam_with_exact_ends():
 
 
 def test_a_layer_without_shift_drifts():
-    """alpha = 0: a field of zero frequency is a double factor 1, from which a line drifts as fast as time; a small shift ends that."""
+    """alpha = 0: a field of zero frequency is a double factor 1, from which a line drifts as fast as time; a small
+    shift ends that.
+    """
     profile = {"sigma": np.linspace(0.1, 2.0, 13) ** 2}
     drifting = certify(fh.Simulation(box(20), wave(3), boundary=fh.LatticePML(nodes=12, profile=profile)))
     assert drifting.verdict == "not certified" and "drifts" in drifting.reason and drifting.rate < 1e-3
-    held = certify(fh.Simulation(box(20), wave(3), boundary=fh.LatticePML(nodes=12, profile={**profile, "alpha": 0.002})))
+    held = certify(
+        fh.Simulation(box(20), wave(3), boundary=fh.LatticePML(nodes=12, profile={**profile, "alpha": 0.002}))
+    )
     assert held.verdict == "certified"
 
 
@@ -160,7 +185,10 @@ def test_a_certificate_is_recalled(tmp_path):
 
 
 def test_examining_leaves_the_run_alone():
-    sims = [fh.Simulation(box(20), wave(3), boundary=fh.LatticePML(nodes=12), initial={"u": np.eye(1, 20, 9)[0]}) for _ in range(2)]
+    sims = [
+        fh.Simulation(box(20), wave(3), boundary=fh.LatticePML(nodes=12), initial={"u": np.eye(1, 20, 9)[0]})
+        for _ in range(2)
+    ]
     for sim in sims:
         sim.step(5)
     sims[0].check(until=10.0)
@@ -211,21 +239,37 @@ def test_steps_between_sides_of_a_wide_stencil_and_a_narrow_near_field():
     assert certificate.rate == pytest.approx(measured_rate(sim, 8000), rel=0.05)
 
 
-@pytest.mark.parametrize("radius, boundary, verdict", [
-    (4.12, fh.PlaneWave(), "certified"), (4.12, fh.PlaneWave(fit="collocation", wavenumber=1.0), "not certified"), (4.12, fh.Higdon(), "certified"),
-    (4.0, fh.PlaneWave(), "not certified"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "radius, boundary, verdict",
+    [
+        (4.12, fh.PlaneWave(), "certified"),
+        (4.12, fh.PlaneWave(fit="collocation", wavenumber=1.0), "not certified"),
+        (4.12, fh.Higdon(), "certified"),
+        (4.0, fh.PlaneWave(), "not certified"),
+    ],
+)
 def test_closed_discs(radius, boundary, verdict):
-    """How the outline runs decides: single nodes at the poles, where the radius is a whole number of spacings, make a fit grow."""
+    """How the outline runs decides: single nodes at the poles, where the radius is a whole number of spacings, make a
+    fit grow.
+    """
     model = fh.Wave(fh.Kernel(0.75, 2), damping=0.0125)
     sim = fh.Simulation(fh.Lattice(0.25, window=fh.Disc(radius)), model, boundary, dt=0.05)
     assert sim.certificate(60.0).verdict == verdict
 
 
 def test_proofs_of_conditions_along_an_outline():
-    """Nearest neighbours in diffusion: weights that are not negative; first-order sides: positive damping and stiffness."""
-    crosses = fh.Simulation(fh.Lattice(0.1, (-1.0,) * 2, (1.0,) * 2), fh.Diffusion(fh.Kernel(0.2, 1)), fh.PlaneWave(wavenumber=0.1), dt=1e-3)
-    sides = fh.Simulation(fh.Lattice(1.0, (0.0,) * 2, (40.0,) * 2), fh.Wave(fh.Stencil.finite_element(2), damping=0.01), fh.FirstOrder(), dt=0.5)
+    """Nearest neighbours in diffusion: weights that are not negative; first-order sides: positive damping and
+    stiffness.
+    """
+    crosses = fh.Simulation(
+        fh.Lattice(0.1, (-1.0,) * 2, (1.0,) * 2), fh.Diffusion(fh.Kernel(0.2, 1)), fh.PlaneWave(wavenumber=0.1), dt=1e-3
+    )
+    sides = fh.Simulation(
+        fh.Lattice(1.0, (0.0,) * 2, (40.0,) * 2),
+        fh.Wave(fh.Stencil.finite_element(2), damping=0.01),
+        fh.FirstOrder(),
+        dt=0.5,
+    )
     for sim, why in ((crosses, "maximum cannot grow"), (sides, "add damping")):
         found = sim.certificate()
         assert found.verdict == "certified" and why in found.reason
@@ -237,7 +281,9 @@ def test_check_predicts_reflection_of_vectors_by_type():
     model = fh.Elastic(None, 1.0, 0.25, material="finite-element")
     x, y = lattice.coordinates()
     pulse = np.exp(-(x**2 + y**2) / 2)
-    sim = fh.Simulation(lattice, model, boundary=fh.LatticePML(nodes=6), initial={"u": np.stack([pulse, np.zeros_like(pulse)])})
+    sim = fh.Simulation(
+        lattice, model, boundary=fh.LatticePML(nodes=6), initial={"u": np.stack([pulse, np.zeros_like(pulse)])}
+    )
     report = sim.check()
     page, rows = str(report), report.as_json()["reflection"]
     assert all(f"{a} to {b}" in page for a in "PS" for b in "PS")
@@ -251,12 +297,16 @@ def _half_space(along):
     lattice = fh.Lattice(1.0, (-20.0, -24.0), (20.0, 0.0))
     model = fh.Elastic(fh.Kernel(2.0, exponent=1, influence="linear"), young=1.0)
     noise = np.random.default_rng(4).standard_normal((2, *lattice.shape))
-    return fh.Simulation(lattice, model, {"x": along, "y-": fh.LatticePML(nodes=16), "y+": fh.Free()}, {"u": noise}, threads=1)
+    return fh.Simulation(
+        lattice, model, {"x": along, "y-": fh.LatticePML(nodes=16), "y+": fh.Free()}, {"u": noise}, threads=1
+    )
 
 
 @pytest.mark.slow
 def test_long_surface_waves_grow_without_end_and_leave_through_the_sides():
-    """Between periodic sides they are refused, with reason; layers along them take them: noise decays for 100 crossing times."""
+    """Between periodic sides they are refused, with reason; layers along them take them: noise decays for 100 crossing
+    times.
+    """
     endless = _half_space(fh.Periodic()).certificate(120.0)
     assert endless.verdict == "not certified", str(endless)
     sim = _half_space(fh.LatticePML(nodes=16))
@@ -280,7 +330,9 @@ def test_check_warns_of_a_layer_that_sends_much_back(reach, nodes, warned):
 
 
 def _of_units(length, time, mass):
-    """Set-ups of every boundary in units so many times smaller, by name: functions that make the run ready to be certified."""
+    """Set-ups of every boundary in units so many times smaller, by name: functions that make the run ready to be
+    certified.
+    """
     speed, diffusivity, rate = length / time, length**2 / time, 1 / time
 
     def lattice(*nodes):
@@ -298,7 +350,12 @@ def _of_units(length, time, mass):
         return fh.Body(lattice(9, 9), kernel(2, 1), boundary=fh.NonlocalPML(**options), threads=1, **material)
 
     def elastic():
-        material = {"young": mass / (length * time**2), "poisson": 0.2, "density": mass / length**3, "material": "state-based"}
+        material = {
+            "young": mass / (length * time**2),
+            "poisson": 0.2,
+            "density": mass / length**3,
+            "material": "state-based",
+        }
         return fh.Simulation(lattice(5, 5), fh.Elastic(kernel(1), **material), fh.LatticePML(nodes=6))
 
     def exact():
@@ -315,24 +372,33 @@ def _of_units(length, time, mass):
         "LatticePML": lambda: fh.Simulation(lattice(7, 9), fh.Wave(kernel(2), speed), fh.LatticePML(nodes=8)),
         "LatticePML, grows": grows,
         "LatticePML, elastic": elastic,
-        "LatticePML, diffusion": lambda: fh.Simulation(lattice(11, 9), fh.Diffusion(kernel(2), diffusivity), fh.LatticePML(nodes=8)),
+        "LatticePML, diffusion": lambda: fh.Simulation(
+            lattice(11, 9), fh.Diffusion(kernel(2), diffusivity), fh.LatticePML(nodes=8)
+        ),
         "NonlocalPML": lambda: solid(nodes=6, cross=0.3, shift=0.05 * rate),
         "NonlocalPML, grows": lambda: solid(nodes=10, cross=0.1),
-        "Sponge": lambda: fh.Simulation(lattice(12), fh.Wave(kernel(3), speed), {"x-": fh.Sponge(10), "x+": fh.LatticePML(nodes=10)}),
+        "Sponge": lambda: fh.Simulation(
+            lattice(12), fh.Wave(kernel(3), speed), {"x-": fh.Sponge(10), "x+": fh.LatticePML(nodes=10)}
+        ),
         "PlaneWave": lambda: disc(fh.PlaneWave()),
         "Higdon": lambda: disc(fh.Higdon()),
         "FirstOrder": lambda: fh.Simulation(lattice(21, 21), waves, fh.FirstOrder()),
         "Exact": exact,
-    }  # fmt: skip
+    }
 
 
-UNITS = [tuple(10.0**power if axis == number else 1.0 for axis in range(3)) for number in range(3) for power in (-9, -6, 6)]
-_FAST = {"NonlocalPML": 1, "NonlocalPML, grows": 1, "LatticePML, elastic": 1}  # seconds each; of the rest three scalings are fast
+UNITS = [
+    tuple(10.0**power if axis == number else 1.0 for axis in range(3)) for number in range(3) for power in (-9, -6, 6)
+]
+# seconds each; of the rest three scalings are fast
+_FAST = {"NonlocalPML": 1, "NonlocalPML, grows": 1, "LatticePML, elastic": 1}
 
 
 def _scalings():
     for name in _of_units(1.0, 1.0, 1.0):
-        for number, units in enumerate([(1e-3, 1e-6, 1e-9), (1e-9, 1.0, 1.0), (1.0, 1e6, 1.0), *UNITS[1:4], *UNITS[6:]]):
+        for number, units in enumerate(
+            [(1e-3, 1e-6, 1e-9), (1e-9, 1.0, 1.0), (1.0, 1e6, 1.0), *UNITS[1:4], *UNITS[6:]]
+        ):
             yield pytest.param(name, units, marks=pytest.mark.slow if number >= _FAST.get(name, 3) else ())
 
 
@@ -349,7 +415,9 @@ def test_certificates_know_no_units(name, units):
 
 
 def test_run_refuses_what_grows_from_python_too():
-    """The same rule as on the command line: tenfold until the end is refused before a step is done, less is noted; the way out runs it."""
+    """The same rule as on the command line: tenfold until the end is refused before a step is done, less is noted; the
+    way out runs it.
+    """
     make = lambda: fh.Simulation(box(30), wave(3, 0), boundary=undamped(10))  # noqa: E731
     sim = make()
     with pytest.raises(fh.InputError, match=r"not stable.*white noise.*allow_unstable=True"):
@@ -359,13 +427,17 @@ def test_run_refuses_what_grows_from_python_too():
     assert sim.time >= 100.0 and any("not stable" in note for note in sim.notes)
     short = make().run(10.0)
     assert short.time >= 10.0 and not short.examine(10.0).grows_within(10.0)
-    body = fh.Body(box(9, 9), fh.Kernel(2.0, 1), young=1.0, poisson=0.25, boundary=fh.NonlocalPML(nodes=10, form="split"))
+    body = fh.Body(
+        box(9, 9), fh.Kernel(2.0, 1), young=1.0, poisson=0.25, boundary=fh.NonlocalPML(nodes=10, form="split")
+    )
     with pytest.raises(fh.InputError, match="forward Euler on split fields"):
         body.run(20.0)
 
 
 def test_a_run_that_is_no_longer_than_its_noise_is_not_remarked():
-    """White noise for as long as the run tells what is to be known of it; of a longer one modes are examined. Examined once, it is not again."""
+    """White noise for as long as the run tells what is to be known of it; of a longer one modes are examined. Examined
+    once, it is not again.
+    """
     sim = fh.Simulation(box(30, 30), wave(3), boundary=fh.LatticePML(nodes=12))
     first = sim.examine(40.0)
     assert first.verdict == "undecided" and first.quiet == 40.0 and not sim.notes and not first.remark(40.0)
@@ -375,10 +447,16 @@ def test_a_run_that_is_no_longer_than_its_noise_is_not_remarked():
 
 
 def test_what_grows_in_noise_is_refused_whatever_the_time():
-    """Stabilised correspondence with a profile by hand: a second is too short for modes, noise tells. So says a run from noise."""
+    """Stabilised correspondence with a profile by hand: a second is too short for modes, noise tells. So says a run
+    from noise.
+    """
     random, depth = np.random.default_rng(1), (np.arange(13) + 0.5) / 13
     kappa = 1 + random.choice([0.0, 4.0]) * depth
-    profile = {"kappa": kappa, "sigma": 4 * random.random() * depth ** random.integers(0, 4), "alpha": float(random.choice([0.0, 0.001, 0.05]))}
+    profile = {
+        "kappa": kappa,
+        "sigma": 4 * random.random() * depth ** random.integers(0, 4),
+        "alpha": float(random.choice([0.0, 0.001, 0.05])),
+    }
     model = fh.Elastic(fh.Kernel(2.0, 1), 1.0, 0.25, material="correspondence", stabilisation=0.5)
     sim = fh.Simulation(box(12, 21), model, fh.LatticePML(nodes=12, profile=profile))
     assert measured_rate(sim, 4000) > 1e-3
@@ -387,9 +465,12 @@ def test_what_grows_in_noise_is_refused_whatever_the_time():
 
 
 def test_a_strip_that_grows_does_not_refuse_a_box_that_does_not():
-    """Between the layers at x a wave that runs along them without end grows slowly; here it runs into the layer at y+."""
+    """Between the layers at x a wave that runs along them without end grows slowly; here it runs into the layer at
+    y+."""
     model = fh.Wave(fh.Kernel(3.0, 2, volume="full"))
-    sim = fh.Simulation(box(20, 21), model, {"x": fh.LatticePML(nodes=16), "y-": fh.Fixed(), "y+": fh.LatticePML(nodes=16)})
+    sim = fh.Simulation(
+        box(20, 21), model, {"x": fh.LatticePML(nodes=16), "y-": fh.Fixed(), "y+": fh.LatticePML(nodes=16)}
+    )
     found = certify(sim, budget=120.0)
     assert found.verdict == "certified" and "without end along its sides a mode would grow" in found.reason, str(found)
 
@@ -399,11 +480,16 @@ SEED = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2*
 
 @pytest.mark.parametrize("number", range(3))
 def test_noise_agrees_with_what_a_longer_run_says(number):
-    """Random layers by hand on a line: what noise refuses within ten crossings grows in a run ten times as long, printed with its seed."""
+    """Random layers by hand on a line: what noise refuses within ten crossings grows in a run ten times as long,
+    printed with its seed.
+    """
     random = np.random.default_rng([SEED, number])
     reach, nodes, n = int(random.integers(1, 7)), int(random.integers(6, 20)), int(random.integers(20, 50))
     depth = (np.arange(nodes + 1) + 0.5) / (nodes + 1)
-    profile = {"sigma": 3 * random.random() * depth ** random.integers(0, 4), "alpha": float(random.choice([0.001, 0.05]))}
+    profile = {
+        "sigma": 3 * random.random() * depth ** random.integers(0, 4),
+        "alpha": float(random.choice([0.001, 0.05])),
+    }
     sim = fh.Simulation(box(n), wave(reach, int(random.integers(0, 3))), fh.LatticePML(nodes=nodes, profile=profile))
     found, rate = sim.certificate(5.0, until=3.0 * n), measured_rate(sim, int(100 * n / sim.dt))
     assert (found.verdict == "not certified") <= (rate > 0), f"seed {SEED}, {number}: {found}; {rate}"
@@ -414,10 +500,14 @@ def test_noise_agrees_with_what_a_longer_run_says(number):
 @pytest.mark.parametrize("nodes", [3, 5, 8, 12])
 @pytest.mark.parametrize("reach", [1, 3])
 def test_bars_that_noise_makes_drift_are_not_refused(reach, nodes, share):
-    """Noise in thin layers moves a bar as a whole for a time 1/alpha: its size rises over ten crossings, but all eigenvalues of the bar decay."""
+    """Noise in thin layers moves a bar as a whole for a time 1/alpha: its size rises over ten crossings, but all
+    eigenvalues of the bar decay.
+    """
     sim = fh.Simulation(box(121), wave(reach), fh.LatticePML(nodes=nodes))
     sim = sim.remade(dt=share * sim.step_limit)
     assert sim.certificate(8.0).verdict == "certified"
     assert not sim.certificate(8.0, until=2000.0).grows_within(2000.0)
     complete = State(plain_twin(sim).engine)
-    assert np.abs(np.linalg.eigvals(np.stack([complete.after(unit) for unit in np.eye(complete.size)], axis=1))).max() < 1
+    assert (
+        np.abs(np.linalg.eigvals(np.stack([complete.after(unit) for unit in np.eye(complete.size)], axis=1))).max() < 1
+    )

@@ -10,7 +10,8 @@ LAWS = {"linear": False, "nonlinear": True}
 
 
 class PairByPair:
-    """The same medium with one entry for each pair of nodes: free ends, or nodes at rest beyond fixed ones, whose bonds are linear and last.
+    """The same medium with one entry for each pair of nodes: free ends, or nodes at rest beyond fixed ones, whose bonds
+    are linear and last.
 
     Bonds of nodes within one reach of a fixed side are linear and do not break, either.
     """
@@ -22,9 +23,19 @@ class PairByPair:
         index = np.stack(np.meshgrid(*[np.arange(n) for n in shape], indexing="ij"), -1).reshape(-1, lattice.dim)
         inner = ((index >= reach) & (index < shape - reach)).all(1)
         free = ((index >= 2 * reach) & (index < shape - 2 * reach)).all(1)
-        stiffness = dict(zip(map(tuple, sim.stencil.offsets.tolist()), model.bond_stiffness(sim.stencil, lattice.spacing), strict=True))
-        pairs = [(i, j, stiffness[o]) for i, a in enumerate(index.tolist()) for j, b in enumerate(index.tolist())
-                 if (o := tuple(q - p for p, q in zip(a, b, strict=True))) in stiffness]  # fmt: skip
+        stiffness = dict(
+            zip(
+                map(tuple, sim.stencil.offsets.tolist()),
+                model.bond_stiffness(sim.stencil, lattice.spacing),
+                strict=True,
+            )
+        )
+        pairs = [
+            (i, j, stiffness[o])
+            for i, a in enumerate(index.tolist())
+            for j, b in enumerate(index.tolist())
+            if (o := tuple(q - p for p, q in zip(a, b, strict=True))) in stiffness
+        ]
         self.i, self.j = (np.array([p[k] for p in pairs]) for k in (0, 1))
         self.c = np.array([p[2] for p in pairs]) / model.density
         if coefficient is not None:
@@ -34,7 +45,11 @@ class PairByPair:
         self.length = np.linalg.norm(self.xi, axis=1)
         self.law, self.inner = free[self.i] & free[self.j], inner
         self.alive = np.ones(len(pairs), bool)
-        self.nonlinear, self.limit, self.dt = model.nonlinear, model.critical_stretch_on(lattice.spacing, lattice.dim), sim.dt
+        self.nonlinear, self.limit, self.dt = (
+            model.nonlinear,
+            model.critical_stretch_on(lattice.spacing, lattice.dim),
+            sim.dt,
+        )
         self.shape, self.dim = lattice.shape, lattice.dim
         u, v = (self._spread(x) for x in (sim.start_u, sim.start_v))
         self.old, self.u = u - self.dt * v + self.dt**2 / 2 * self.acceleration(u), u
@@ -97,7 +112,9 @@ def test_bonds_break_as_one_by_one(shape, held, nonlinear):
 @pytest.mark.parametrize(("held", "rule"), [(False, "both"), (True, "arithmetic"), (False, "harmonic")])
 @pytest.mark.parametrize("shape", [(13, 19), (9, 7, 8)], ids=["2D", "3D"])
 def test_bonds_of_coefficients_that_vary(shape, held, rule, nonlinear):
-    """The same with a factor of each bond from those of its ends, some of them zero; in a box of one material nothing but the start is the same."""
+    """The same with a factor of each bond from those of its ends, some of them zero; in a box of one material nothing
+    but the start is the same.
+    """
     coefficient = np.maximum(np.random.default_rng(8).random(shape) * 1.3 - 0.1, 0)
     reach = 1 if held and len(shape) == 3 else 2
     sim = shaken(shape, nonlinear, Fixed() if held else None, reach, coefficient=coefficient, rule=rule)
@@ -159,7 +176,9 @@ def test_a_plain_tile_and_one_looked_at_bond_by_bond_give_the_same():
 
 
 def test_masks_cost_a_word_of_bits_for_64_bonds():
-    """With 122 neighbours two words a node, beside three components of each of three levels; kinds of tiles and books a few per cent of that."""
+    """With 122 neighbours two words a node, beside three components of each of three levels; kinds of tiles and books a
+    few per cent of that.
+    """
     model = Elastic(Kernel(3.0, 1, volume="full"), 1.0, nonlinear=True, critical_stretch=0.1)
     sim = Simulation(lattice_of((20, 20, 20)), model, Free())
     state, level = sim.engine.bond_state, sim.engine.levels[0].nbytes
@@ -170,12 +189,15 @@ def test_masks_cost_a_word_of_bits_for_64_bonds():
 
 @pytest.mark.parametrize("shape", [(60, 150), (26, 57, 40)], ids=["2D", "3D"])
 def test_calm_pieces_are_swept_by_the_stencil(shape):
-    """Where the slopes bound every stretch below the critical one the linear law takes the plain stencil: with a bound of zero nothing but rounding
-    changes, and a start whose bonds break somewhere breaks the same ones."""
+    """Where the slopes bound every stretch below the critical one the linear law takes the plain stencil: with a bound
+    of zero nothing but rounding changes, and a start whose bonds break somewhere breaks the same ones."""
     x = np.stack(np.meshgrid(*[np.arange(n) for n in shape], indexing="ij"))
     bump = np.exp(-sum((c - n / 3) ** 2 for c, n in zip(x, shape, strict=True)) / 20)
     model = Elastic(Kernel(1.0, 1), 1.0, critical_stretch=0.05)
-    runs = [Simulation(lattice_of(shape, 0.5), model, Free(), {"v": np.stack([0.4 * bump] * len(shape))}, threads=1) for _ in range(2)]
+    runs = [
+        Simulation(lattice_of(shape, 0.5), model, Free(), {"v": np.stack([0.4 * bump] * len(shape))}, threads=1)
+        for _ in range(2)
+    ]
     runs[1].engine._bonds.limit[1] = 0
     for sim in runs:
         sim.step(25)

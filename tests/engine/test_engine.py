@@ -1,4 +1,6 @@
-"""The compiled engine against plain numpy: the operator, bond coefficients, free sides, the time loop, and what it conserves."""
+"""The compiled engine against plain numpy: the operator, bond coefficients, free sides, the time loop, and what it
+conserves.
+"""
 
 import numpy as np
 import pytest
@@ -43,7 +45,9 @@ def symmetric(dim, table):
 # Weights differ from axis to axis, reach too.
 ANISOTROPIC = {
     2: symmetric(2, {(1, 0): 1.0, (2, 0): 0.3, (3, 0): -0.05, (0, 1): 0.2, (1, 1): 0.11, (1, -1): 0.11}),
-    3: symmetric(3, {(1, 0, 0): 1.0, (0, 1, 0): 0.2, (0, 0, 1): 0.5, (0, 0, 2): 0.07, (2, 1, 0): 0.03, (2, -1, 0): 0.03}),
+    3: symmetric(
+        3, {(1, 0, 0): 1.0, (0, 1, 0): 0.2, (0, 0, 1): 0.5, (0, 0, 2): 0.07, (2, 1, 0): 0.03, (2, -1, 0): 0.03}
+    ),
 }
 # Weights at (1, 1) and (1, -1) differ: no mirror symmetry along any axis.
 SKEWED = {
@@ -107,11 +111,14 @@ def test_row_lengths_in_single_precision(length):
 @pytest.mark.parametrize("real", TOLERANCE)
 @pytest.mark.parametrize("length", [512, 513, 1285, 1300])
 def test_rows_longer_than_a_tile(length, real):
-    """Tiles hold 512 numbers of float64 for a reach of 3, 1024 of float32: seams, rests and rows that end with a tile."""
+    """Tiles hold 512 numbers of float64 for a reach of 3, 1024 of float32: seams, rests and rows that end with a
+    tile."""
     check_apply((9, length), kernel_stencil(2, 3), real=real)
 
 
-@pytest.mark.parametrize(("real", "reach"), [("float64", 8), ("float64", 9), ("float32", 9), ("float32", 16), ("float32", 17)])
+@pytest.mark.parametrize(
+    ("real", "reach"), [("float64", 8), ("float64", 9), ("float32", 9), ("float32", 16), ("float32", 17)]
+)
 def test_reach_of_a_vector_and_beyond(real, reach):
     """A sum moves along a row by a vector at most; wider stencils read each neighbour by itself."""
     check_apply((2 * reach + 1, 2 * reach + 20), kernel_stencil(2, reach), real=real)
@@ -195,7 +202,9 @@ def test_free_sides_of_a_composite(rule):
     """Absent bonds leave with the coefficient they had."""
     coefficient = np.random.default_rng(5).uniform(0.1, 3, SHAPES[2])
     sim, u = free_simulation(2, coefficient=coefficient, rule=rule)
-    matrix = dense_operator(u.shape, sim.stencil.offsets, sim.stencil.weights / 0.25, coefficient=coefficient, rule=rule)
+    matrix = dense_operator(
+        u.shape, sim.stencil.offsets, sim.stencil.weights / 0.25, coefficient=coefficient, rule=rule
+    )
     np.testing.assert_allclose(engine_apply(sim.engine, u).ravel(), matrix @ u.ravel(), rtol=0, atol=1e-12)
 
 
@@ -250,7 +259,12 @@ def loop(model, matrix, u, v, dt, steps, force):
 @pytest.mark.parametrize("heterogeneous", [False, True])
 @pytest.mark.parametrize(
     "make",
-    [lambda s: Diffusion(s, 1.3), lambda s: Diffusion(s, 1.3, "rk4"), lambda s: Wave(s, 1.1), lambda s: Wave(s, 1.1, damping=0.4)],
+    [
+        lambda s: Diffusion(s, 1.3),
+        lambda s: Diffusion(s, 1.3, "rk4"),
+        lambda s: Wave(s, 1.1),
+        lambda s: Wave(s, 1.1, damping=0.4),
+    ],
     ids=["Euler", "RK4", "Verlet", "damped Verlet"],
 )
 def test_time_loop(dim, make, heterogeneous):
@@ -262,10 +276,20 @@ def test_time_loop(dim, make, heterogeneous):
     coefficient = random.uniform(0.2, 1.5, shape) if heterogeneous else None
     initial = {"u": u, "v": v} if isinstance(model, Wave) else {"u": u}
     force = lambda t: np.cos(4 * t)  # noqa: E731
-    sim = Simulation(lattice_of(shape, 0.5), model, Free(), initial, sources=[Source(s, force)], coefficient=coefficient, rule="harmonic")
+    sim = Simulation(
+        lattice_of(shape, 0.5),
+        model,
+        Free(),
+        initial,
+        sources=[Source(s, force)],
+        coefficient=coefficient,
+        rule="harmonic",
+    )
     sim.step(11)
     sim.step(14)
-    matrix = dense_operator(shape, sim.stencil.offsets, sim.stencil.weights * model.coefficient / 0.25, None, coefficient, "harmonic")
+    matrix = dense_operator(
+        shape, sim.stencil.offsets, sim.stencil.weights * model.coefficient / 0.25, None, coefficient, "harmonic"
+    )
     expected = loop(model, matrix, u.ravel(), v.ravel(), sim.dt, 25, lambda t: s.ravel() * force(t))
     np.testing.assert_allclose(sim.fields["u"].ravel(), expected, rtol=0, atol=1e-13 * max(1, np.abs(expected).max()))
 
@@ -274,24 +298,34 @@ BANDS = np.broadcast_to(np.where(np.arange(201) < 90, 1.0, 0.3), (213, 201)).cop
 BANDS[:, :20] = BANDS[:, -20:] = 1.0
 THREADED = {
     "layers, crack, source": (
-        (213, 201), Wave(kernel_stencil(2, 3, 1), damping=0.1), LatticePML(nodes=7),
-        {"cracks": [[(60.5, 80.5), (70.5, 120.5)]], "sources": [Source(lambda x, y, t: np.exp(-((x - 90) ** 2 + (y - 99) ** 2)) * np.sin(t))]},
+        (213, 201),
+        Wave(kernel_stencil(2, 3, 1), damping=0.1),
+        LatticePML(nodes=7),
+        {
+            "cracks": [[(60.5, 80.5), (70.5, 120.5)]],
+            "sources": [Source(lambda x, y, t: np.exp(-((x - 90) ** 2 + (y - 99) ** 2)) * np.sin(t))],
+        },
     ),
     "coefficient, crack": (
-        (213, 201), Wave(kernel_stencil(2, 2, 1)), LatticePML(nodes=5), {"cracks": [[(60.5, 80.5), (70.5, 120.5)]], "coefficient": BANDS},
+        (213, 201),
+        Wave(kernel_stencil(2, 2, 1)),
+        LatticePML(nodes=5),
+        {"cracks": [[(60.5, 80.5), (70.5, 120.5)]], "coefficient": BANDS},
     ),
     "rows cut among threads": ((151, 301), Wave(kernel_stencil(2, 3, 2)), LatticePML(nodes=6), {}),
     "skewed": ((213, 201), Wave(SKEWED[2]), LatticePML(nodes=5), {}),
     "periodic and layers": ((213, 201), Wave(kernel_stencil(2, 2, 1)), {"x": LatticePML(nodes=6), "y": Periodic()}, {}),
     "sponge, free": ((213, 201), Wave(kernel_stencil(2, 2, 1)), {"x": Sponge(nodes=20), "y": Free()}, {}),
     "diffusion, RK4": ((40, 35, 33), Diffusion(kernel_stencil(3, 1), integrator="rk4"), LatticePML(nodes=4), {}),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("threads", [2, 5])
 @pytest.mark.parametrize(("shape", "model", "boundary", "rest"), THREADED.values(), ids=THREADED)
 def test_threads_share_every_part_of_a_step(shape, model, boundary, rest, threads, monkeypatch):
-    """As many threads as cores or more: bitwise the serial run, boundary memory included, since the order of summation does not change."""
+    """As many threads as cores or more: bitwise the serial run, boundary memory included, since the order of summation
+    does not change.
+    """
     monkeypatch.setattr("farhorizon.simulation.run.available_threads", lambda: threads)
     lattice = lattice_of(shape)
     u = np.pad(np.random.default_rng(17).normal(size=[n - 16 for n in shape]), 8)
@@ -307,7 +341,10 @@ def test_threads_share_every_part_of_a_step(shape, model, boundary, rest, thread
 def test_single_precision_run_follows_double():
     """100 steps of float32 stay within rounding times steps of float64."""
     u = np.random.default_rng(19).uniform(-1, 1, SHAPES[2])
-    runs = [Simulation(lattice_of(SHAPES[2]), Wave(kernel_stencil(2, 2, 2)), Free(), {"u": u}, dtype=t) for t in ("float64", "float32")]
+    runs = [
+        Simulation(lattice_of(SHAPES[2]), Wave(kernel_stencil(2, 2, 2)), Free(), {"u": u}, dtype=t)
+        for t in ("float64", "float32")
+    ]
     for sim in runs:
         sim.step(100)
     assert runs[1].engine.current.dtype == np.float32
@@ -344,14 +381,20 @@ def test_undamped_verlet_conserves_energy(dim, heterogeneous, boundary):
 
 
 def test_damping_takes_energy_away():
-    """The energy of every mode falls; a uniform velocity decays by (1 - d dt)/(1 + d dt) a step (exact for symbol 0)."""
+    """The energy of every mode falls; a uniform velocity decays by (1 - d dt)/(1 + d dt) a step (exact for symbol
+    0)."""
     sim, _ = free_simulation(2, lambda s: Wave(s, damping=0.3))
     energies = []
     for _ in range(20):
         energies.append(sim.energy())
         sim.step(5)
     assert (np.diff(energies) < 0).all()
-    drift = Simulation(lattice_of((9, 9)), Wave(kernel_stencil(2, 2), damping=0.3), Free(), {"u": np.zeros((9, 9)), "v": np.ones((9, 9))})
+    drift = Simulation(
+        lattice_of((9, 9)),
+        Wave(kernel_stencil(2, 2), damping=0.3),
+        Free(),
+        {"u": np.zeros((9, 9)), "v": np.ones((9, 9))},
+    )
     share = 0.3 * drift.dt
     drift.step(10)
     steps = (1 - share) * ((1 - share) / (1 + share)) ** np.arange(10)  # the first step: u(1) - u(0) = dt (1 - d dt) v
@@ -366,7 +409,8 @@ def test_a_uniform_field_stays(dim, boundary):
     u = np.full(SHAPES[dim], 2.0)
     sim = Simulation(lattice_of(SHAPES[dim]), Wave(kernel_stencil(dim, 2)), boundary, {"u": u}, coefficient=coefficient)
     sim.step(100)
-    np.testing.assert_allclose(sim.fields["u"], 2.0, rtol=100**2 * EPS)  # two levels: rounding in each step is a change of velocity
+    # two levels: rounding in each step is a change of velocity
+    np.testing.assert_allclose(sim.fields["u"], 2.0, rtol=100**2 * EPS)
 
 
 def test_a_near_field_thinner_than_the_stencil_is_refused():
@@ -377,7 +421,9 @@ def test_a_near_field_thinner_than_the_stencil_is_refused():
 
 @pytest.mark.parametrize("table", ["history", "source_times", "held_values", "tied_times"])
 def test_tables_without_room_are_refused_before_the_loop(table):
-    """The compiled loop looks at no bounds: a table that does not reach as far as the steps and stages is an IndexError, and nothing has run."""
+    """The compiled loop looks at no bounds: a table that does not reach as far as the steps and stages is an
+    IndexError, and nothing has run.
+    """
     stages = RungeKutta4.stages(0.1)
     engine = periodic_engine((12,), kernel_stencil(1, 2), stages, 0.1)
     steps, stage_count = 300, len(stages.numbers)

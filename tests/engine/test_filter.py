@@ -24,18 +24,25 @@ def simulation(boundary, shape, dtype="float64", threads=1):
 
 
 def natural(engine):
-    """Coordinates and places of all nodes of a level, and the distance of each from the core along each axis, 0 inside."""
+    """Coordinates and places of all nodes of a level, and the distance of each from the core along each axis, 0
+    inside."""
     box, low = engine.layout.box, engine.layout.low
-    place = np.stack([i - n for i, n in zip(np.indices(box.nodes), low, strict=True)] + [box.node_indices()], -1).reshape(-1, 4)
+    place = np.stack(
+        [i - n for i, n in zip(np.indices(box.nodes), low, strict=True)] + [box.node_indices()], -1
+    ).reshape(-1, 4)
     far = np.maximum(np.maximum(-place[:, :3], place[:, :3] + 1 - np.array(engine.core.nodes)), 0)
     return place, far
 
 
 @pytest.mark.parametrize("whole", [False, True])
 @pytest.mark.parametrize("threads", [1, 2])
-@pytest.mark.parametrize(("shape", "periodic"), [((9,), False), ((7, 8), False), ((7, 8), True), ((6, 5, 7), False), ((6, 5, 7), True)])
+@pytest.mark.parametrize(
+    ("shape", "periodic"), [((9,), False), ((7, 8), False), ((7, 8), True), ((6, 5, 7), False), ((6, 5, 7), True)]
+)
 def test_filter_is_the_matrix_it_is_said_to_be(shape, periodic, threads, whole):
-    """A step with damping is one without, less D F D times the increments, or times both levels; F has the taps along each axis."""
+    """A step with damping is one without, less D F D times the increments, or times both levels; F has the taps along
+    each axis.
+    """
     dim = len(shape)
     sides = {axis: layer(whole=whole) for axis in "xyz"[:dim]}
     plain = {axis: layer(np.zeros(0)) for axis in "xyz"[:dim]}
@@ -59,9 +66,15 @@ def test_filter_is_the_matrix_it_is_said_to_be(shape, periodic, threads, whole):
         if periodic and axis == 4 - dim:
             for turn in range(-5, 6):  # all images that the taps reach
                 far = np.abs(table[:, None, axis] - table[None, :, axis] + turn * shape[1])
-                filtered += np.where((np.delete(gap, axis, 2) == 0).all(2), np.append(TAPS, np.zeros(100))[np.minimum(far, 99)], 0.0)
+                filtered += np.where(
+                    (np.delete(gap, axis, 2) == 0).all(2), np.append(TAPS, np.zeros(100))[np.minimum(far, 99)], 0.0
+                )
         else:
-            filtered += np.where((np.delete(gap, axis, 2) == 0).all(2), np.append(TAPS, np.zeros(100))[np.minimum(gap[:, :, axis], 99)], 0.0)
+            filtered += np.where(
+                (np.delete(gap, axis, 2) == 0).all(2),
+                np.append(TAPS, np.zeros(100))[np.minimum(gap[:, :, axis], 99)],
+                0.0,
+            )
     expected = undamped - strength * (filtered @ (strength * (undamped if whole else undamped - old)))
     assert np.abs(sim.engine.current[at] - expected).max() <= 1e-13 * np.abs(expected).max()
     if whole:  # the level before is filtered, too: in 1D as the increment between them
@@ -93,9 +106,13 @@ def test_line_damping_is_the_strip_of_it():
 @pytest.mark.parametrize("whole", [False, True])
 @pytest.mark.parametrize("components", [1, 2])
 def test_strips_know_the_filter(components, whole):
-    """A Bloch wave on long periodic rows, whose filter reaches farther than a strip's rows, advances by the strip's matrix."""
+    """A Bloch wave on long periodic rows, whose filter reaches farther than a strip's rows, advances by the strip's
+    matrix.
+    """
     rows, model = 40, fh.Wave(fh.Kernel(2.0)) if components == 1 else fh.Elastic(fh.Kernel(2.0, 1), young=1.0)
-    sides = fh.LatticePML(nodes=4, profile=Layer(np.ones(5), np.linspace(0.1, 2, 5), np.full(5, 0.01), RATE, TAPS, whole))
+    sides = fh.LatticePML(
+        nodes=4, profile=Layer(np.ones(5), np.linspace(0.1, 2, 5), np.full(5, 0.01), RATE, TAPS, whole)
+    )
     lattice = fh.Lattice(1.0, (0.0, 0.0), (7.0, rows - 1.0))
     sim = fh.Simulation(lattice, model, {"x": sides, "y": fh.Periodic()}, threads=1)
     strip, state = Strip(sim, 0, 8), State(sim.engine)

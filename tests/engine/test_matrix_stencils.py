@@ -1,4 +1,6 @@
-"""Fields of several components: the compiled sweeps of matrix stencils against plain numpy, halos, bonds that are absent, threads."""
+"""Fields of several components: the compiled sweeps of matrix stencils against plain numpy, halos, bonds that are
+absent, threads.
+"""
 
 import itertools
 
@@ -103,9 +105,12 @@ def test_two_threads_compute_what_one_does(monkeypatch):
     for threads in (1, 2):
         monkeypatch.setattr("farhorizon.simulation.run.available_threads", lambda n=threads: n)
         sim = Simulation(
-            lattice, Elastic(Kernel(2.0), 1.0), {"x-": LatticePML(nodes=4), "x+": Sponge(5), "y": Periodic()},
-            {"u": np.random.default_rng(2).standard_normal((2, *lattice.shape))}, threads=threads,
-        )  # fmt: skip
+            lattice,
+            Elastic(Kernel(2.0), 1.0),
+            {"x-": LatticePML(nodes=4), "x+": Sponge(5), "y": Periodic()},
+            {"u": np.random.default_rng(2).standard_normal((2, *lattice.shape))},
+            threads=threads,
+        )
         sim.step(9)
         runs.append(sim)
     np.testing.assert_array_equal(*[sim.engine.levels for sim in runs])
@@ -118,7 +123,9 @@ def by_hand(nodes):
 
 
 BOUNDARIES = {
-    "filtered layers": LatticePML(nodes=6, profile=Layer(np.ones(7), np.linspace(0, 1, 7), np.full(7, 0.01), np.linspace(0, 0.5, 6), TAPS)),
+    "filtered layers": LatticePML(
+        nodes=6, profile=Layer(np.ones(7), np.linspace(0, 1, 7), np.full(7, 0.01), np.linspace(0, 0.5, 6), TAPS)
+    ),
     "mixed": {"x-": Sponge(5), "x+": Free(), "y-": by_hand(4), "y+": Fixed()},
     "periodic": {"x": by_hand(5), "y": Periodic()},
 }
@@ -126,9 +133,15 @@ BOUNDARIES = {
 
 @pytest.mark.parametrize("boundary", BOUNDARIES.values(), ids=BOUNDARIES)
 def test_components_that_do_not_couple_are_scalar_waves(boundary):
-    """With multiples of the unit matrix each component is a run of its own: layers and their filters, sponges, sides, a coefficient."""
+    """With multiples of the unit matrix each component is a run of its own: layers and their filters, sponges, sides, a
+    coefficient.
+    """
     lattice, scalar = lattice_of((15, 13)), kernel_stencil(2, 2)
-    coefficient = np.where(np.arange(13) < 6, 1.0, 0.5) * np.ones((15, 1)) if isinstance(boundary, dict) and "x" in boundary else None
+    coefficient = (
+        np.where(np.arange(13) < 6, 1.0, 0.5) * np.ones((15, 1))
+        if isinstance(boundary, dict) and "x" in boundary
+        else None
+    )
     u = np.random.default_rng(2).standard_normal((2, *lattice.shape))
     vector = Elastic(Stencil(scalar.offsets, scalar.weights[:, None, None] * np.eye(2)), shear=1 / 3, poisson=0.25)
     assert vector.coefficient == pytest.approx(1.0)
@@ -169,9 +182,13 @@ SETUPS = {
 }
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow) if name == "space" else name for name in SETUPS])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name == "space" else name for name in SETUPS]
+)
 def test_a_state_has_all_that_a_run_needs(name):
-    """A run set to a state read before goes on bit by bit as it did; every number of the state is some node's or some memory's."""
+    """A run set to a state read before goes on bit by bit as it did; every number of the state is some node's or some
+    memory's.
+    """
     lattice, boundary = SETUPS[name]
     u = np.random.default_rng(5).standard_normal((lattice.dim, *lattice.shape))
     sim = Simulation(lattice, Elastic(Kernel(2.0), 1.0), boundary, {"u": u}, threads=1)
@@ -187,7 +204,8 @@ def test_a_state_has_all_that_a_run_needs(name):
 
 
 def test_threads_serve_where_the_memory_of_layers_is_large():
-    """A small box in space has more to do in its layers than a large square; the state is bitwise that of one thread."""
+    """A small box in space has more to do in its layers than a large square; the state is bitwise that of one
+    thread."""
     wave = Wave(Kernel(2.0))
     square = Simulation(lattice_of((61, 61)), wave, LatticePML(nodes=8), threads=2)
     assert square.engine.threads == 1

@@ -1,4 +1,6 @@
-"""The compiled layers, nested along two axes, against every continued field written out: one memory for each offset of the stencil."""
+"""The compiled layers, nested along two axes, against every continued field written out: one memory for each offset of
+the stencil.
+"""
 
 import numpy as np
 import pytest
@@ -10,7 +12,9 @@ SEED = 20261122
 
 
 class WrittenOut:
-    """Stretched shifts on the whole box, axis by axis: ``u(p + 1) + r (u(p) - v(p + 1)) - N`` against the direction of the shift, zero beyond."""
+    """Stretched shifts on the whole box, axis by axis: ``u(p + 1) + r (u(p) - v(p + 1)) - N`` against the direction of
+    the shift, zero beyond.
+    """
 
     def __init__(self, shape, layers, dt):
         self.memory, self.edges = {}, []
@@ -64,14 +68,22 @@ def random_stencil(random, dim, components, mirrored):
             sign = np.sign(o[3 - components :])
             values[o] = table[tuple(map(abs, o))] * np.where(np.eye(components), 1, np.outer(sign, sign))
             continue
-        values[o] = table[tuple(map(abs, o))] if mirrored else values.get(opposite, random.uniform(0, 1, (components, components)))
+        values[o] = (
+            table[tuple(map(abs, o))]
+            if mirrored
+            else values.get(opposite, random.uniform(0, 1, (components, components)))
+        )
     weights = np.array([values[tuple(o)] for o in grid.tolist()])
     return grid, (weights + weights.swapaxes(1, 2)) / 2
 
 
 @pytest.mark.parametrize(
     ("dim", "components", "mirrored"),
-    [(dim, components, mirrored) for dim, components in ((1, 1), (2, 1), (2, 2), (3, 1), (3, 3)) for mirrored in (True, False)]
+    [
+        (dim, components, mirrored)
+        for dim, components in ((1, 1), (2, 1), (2, 2), (3, 1), (3, 3))
+        for mirrored in (True, False)
+    ]
     + [(2, 2, "as a medium"), (3, 3, "as a medium")],
 )
 def test_every_layer_is_that_of_continued_fields(dim, components, mirrored):
@@ -80,7 +92,8 @@ def test_every_layer_is_that_of_continued_fields(dim, components, mirrored):
     print("seed", SEED)
     offsets, weights = random_stencil(random, dim, components, mirrored)
     reach = np.abs(offsets).max(0)
-    core = tuple(int(2 * m + 3 + random.integers(3)) if m else 1 for m in reach)  # data vanish on the last reach + 1 nodes
+    # data vanish on the last reach + 1 nodes
+    core = tuple(int(2 * m + 3 + random.integers(3)) if m else 1 for m in reach)
     layers = {}
     for axis in range(3 - dim, 3):
         for side in (-1, 1):
@@ -90,7 +103,14 @@ def test_every_layer_is_that_of_continued_fields(dim, components, mirrored):
     if dim > 1:
         del layers[3 - dim, 1]
     dt = 0.5 / np.sqrt(np.abs(weights).sum())
-    engine = Engine(core, offsets, weights if components > 1 else weights[:, 0, 0], Verlet.stages(dt, 0.0, dim == 1), dt, layers=layers)
+    engine = Engine(
+        core,
+        offsets,
+        weights if components > 1 else weights[:, 0, 0],
+        Verlet.stages(dt, 0.0, dim == 1),
+        dt,
+        layers=layers,
+    )
     box = engine.layout.box
     start = np.zeros((components, *box.nodes))
     middle = tuple(low + n // 2 for low, n in zip(engine.layout.low, core, strict=True))

@@ -23,35 +23,49 @@ def noise(lattice):
 SETUPS = {
     "increments": {"lattice": box(12), "model": fh.Wave(kernel()), "boundary": fh.LatticePML(nodes=5)},
     "corners, crack, other reach": {
-        "lattice": box(9, 8), "model": fh.Wave(kernel(2), damping=0.1), "boundary": fh.LatticePML(nodes=4), "cracks": [[(2.5, 2.5), (5.5, 2.5)]],
+        "lattice": box(9, 8),
+        "model": fh.Wave(kernel(2), damping=0.1),
+        "boundary": fh.LatticePML(nodes=4),
+        "cracks": [[(2.5, 2.5), (5.5, 2.5)]],
     },
     "free, fixed and sponge": {
-        "lattice": box(7, 8), "model": fh.Wave(kernel()),
+        "lattice": box(7, 8),
+        "model": fh.Wave(kernel()),
         "boundary": {"x-": fh.LatticePML(nodes=5), "x+": fh.Sponge(4), "y-": fh.Free(), "y+": fh.Fixed()},
     },
-    "stretched without memory": {"lattice": box(8, 7), "model": fh.Diffusion(kernel(), integrator="rk4"), "boundary": fh.LatticePML(nodes=4)},
+    "stretched without memory": {
+        "lattice": box(8, 7),
+        "model": fh.Diffusion(kernel(), integrator="rk4"),
+        "boundary": fh.LatticePML(nodes=4),
+    },
     "memory with a stretch at rest": {
-        "lattice": box(10), "model": fh.Wave(kernel()),
+        "lattice": box(10),
+        "model": fh.Wave(kernel()),
         "boundary": fh.LatticePML(nodes=3, profile={"kappa": [1.0, 2.0, 3.0, 4.0], "sigma": [0.0, 0.1, 0.0, 0.4]}),
     },
     "space": {
-        "lattice": box(5, 6, 5), "model": fh.Wave(kernel(2)),
+        "lattice": box(5, 6, 5),
+        "model": fh.Wave(kernel(2)),
         "boundary": {"x": fh.LatticePML(nodes=3), "y": fh.Periodic(), "z": fh.LatticePML(nodes=2)},
     },
     "layers and fixed sides": {
-        "lattice": box(9, 8), "model": fh.Wave(kernel(2)),
+        "lattice": box(9, 8),
+        "model": fh.Wave(kernel(2)),
         "boundary": {"x-": fh.LatticePML(nodes=3), "x+": fh.Fixed(), "y-": fh.LatticePML(nodes=4), "y+": fh.Fixed()},
     },
     "fixed between two pairs of layers": {
-        "lattice": box(5, 5, 6), "model": fh.Wave(kernel(2)),
+        "lattice": box(5, 5, 6),
+        "model": fh.Wave(kernel(2)),
         "boundary": {"x": fh.LatticePML(nodes=2), "y": fh.Fixed(), "z": fh.LatticePML(nodes=2)},
     },
     "exact ends": {"lattice": box(20), "model": fh.Wave(kernel()), "boundary": fh.Exact()},
     "mirrored temperatures": {
-        "lattice": box(20), "model": fh.Heat(kernel(), integrator=fh.RungeKuttaChebyshev(5)), "boundary": fh.Free(),
+        "lattice": box(20),
+        "model": fh.Heat(kernel(), integrator=fh.RungeKuttaChebyshev(5)),
+        "boundary": fh.Free(),
         "constraints": [fh.Temperature("x-", 0.0, "mirror"), fh.Insulated("x+")],
     },
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", SETUPS)
@@ -83,7 +97,8 @@ def test_a_step_is_linear(name):
 
 @pytest.mark.parametrize("dim, axis", [(2, 0), (2, 1), (3, 0), (3, 2)])
 def test_chain_of_a_tangential_wavenumber(dim, axis):
-    """A Bloch wave along the sides advances by the matrix of its wavenumber, here one that fits into the periodic rows."""
+    """A Bloch wave along the sides advances by the matrix of its wavenumber, here one that fits into the periodic
+    rows."""
     model = fh.Wave(kernel(2), damping=0.05)
     undamped = fh.LatticePML(nodes=4, profile={"sigma": [0.2, 0.5, 1.0, 2.0, 3.0], "alpha": 0.01})
     sim = fh.Simulation(box(*(9, 8, 10)[:dim]), model, boundary=undamped)

@@ -115,13 +115,17 @@ SETUPS = {
     "faces into layers, elastic": (lattice_of((15, 13)), fh.Elastic(fh.Kernel(2.0), 1.0), LAYERS, CRACK),
     "body into layers": (NOTCHED, fh.Elastic(fh.Kernel(2.0), 1.0), HALF_OPEN, {}),
     "layers on one axis of three": (lattice_of((7, 6, 7)), fh.Wave(fh.Kernel(2.0)), FACES, {}),
-    "coefficients": (lattice_of((15, 13)), fh.Wave(fh.Kernel(2.0)), LAYERS,
-                     {"coefficient": np.linspace(0.5, 2.0, 13) * np.ones((15, 1)), "rule": "harmonic"}),
+    "coefficients": (
+        lattice_of((15, 13)),
+        fh.Wave(fh.Kernel(2.0)),
+        LAYERS,
+        {"coefficient": np.linspace(0.5, 2.0, 13) * np.ones((15, 1)), "rule": "harmonic"},
+    ),
     "sponge": (NOTCHED, fh.Wave(fh.Kernel(2.0)), {"x": fh.Sponge(4), "y": fh.Free()}, {}),
     "runge-kutta": (PLATE, fh.Diffusion(fh.Kernel(2.0), integrator="rk4"), {"x": fh.Periodic(), "y": fh.Free()}, {}),
     "chebyshev": (PLATE, fh.Diffusion(fh.Kernel(2.0), integrator="rkc"), fh.Free(), {}),
     "single precision": (PLATE, fh.Wave(fh.Kernel(2.0)), LAYERS, {"dtype": "float32"}),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", SETUPS)

@@ -71,11 +71,20 @@ def test_round_trip(tmp_path, dim, dtype):
 
 
 def test_balance(tmp_path):
-    """Entries of a balance come back by name, in xarray too; rows without one are nan, and resuming cuts them like the others."""
+    """Entries of a balance come back by name, in xarray too; rows without one are nan, and resuming cuts them like the
+    others.
+    """
     names = ["stored", "x-", "residual"]
-    writer = ResultsWriter.create(tmp_path / "a.h5", dim=1, shape=(7,), spacing=0.5, lower=(0.0,), fields=("u",), dtype="float64", accounts=names)
+    writer = ResultsWriter.create(
+        tmp_path / "a.h5", dim=1, shape=(7,), spacing=0.5, lower=(0.0,), fields=("u",), dtype="float64", accounts=names
+    )
     for k in range(3):
-        writer.append(k, float(k), {"u": np.zeros(7)}, balance={name: k + 10.0 * i for i, name in enumerate(names)} | {"other": 1.0})
+        writer.append(
+            k,
+            float(k),
+            {"u": np.zeros(7)},
+            balance={name: k + 10.0 * i for i, name in enumerate(names)} | {"other": 1.0},
+        )
     results = open_results(tmp_path / "a.h5")
     assert list(results.balance) == names
     np.testing.assert_array_equal(results.balance["x-"], [10, 11, 12])
@@ -102,8 +111,17 @@ def test_to_xarray(tmp_path, dim):
 def test_vectors(tmp_path, dim):
     """Components come first, in fields, probes and xarray; VTK's three components do not show."""
     data = np.stack([c + values(dim, "float64", 0) for c in range(dim)])
-    writer = ResultsWriter.create(tmp_path / "a.h5", dim=dim, shape=SHAPES[dim], spacing=0.5, lower=(0.0,) * dim, fields=("u",), dtype="float64",
-                                  probes=np.zeros((2, dim)), components=dim)  # fmt: skip
+    writer = ResultsWriter.create(
+        tmp_path / "a.h5",
+        dim=dim,
+        shape=SHAPES[dim],
+        spacing=0.5,
+        lower=(0.0,) * dim,
+        fields=("u",),
+        dtype="float64",
+        probes=np.zeros((2, dim)),
+        components=dim,
+    )
     probed = np.arange(2.0 * dim).reshape(2, dim)
     for k in range(3):
         writer.append(k, float(k), {"u": (k + 1) * data}, 1.0)
@@ -128,8 +146,17 @@ def test_vectors_beside_scalars(tmp_path):
     damage = values(2, "float64", 0)
     u = np.stack([damage + 1, damage + 2])
     for fields in (("u", "damage"), ("damage",)):
-        writer = ResultsWriter.create(tmp_path / "a.h5", dim=2, shape=SHAPES[2], spacing=0.5, lower=(0.0, 0.0), fields=fields, dtype="float64",
-                                      probes=np.zeros((1, 2)), components={"u": 2, "damage": 1})  # fmt: skip
+        writer = ResultsWriter.create(
+            tmp_path / "a.h5",
+            dim=2,
+            shape=SHAPES[2],
+            spacing=0.5,
+            lower=(0.0, 0.0),
+            fields=fields,
+            dtype="float64",
+            probes=np.zeros((1, 2)),
+            components={"u": 2, "damage": 1},
+        )
         for k in range(2):
             writer.append(k, float(k), {name: {"u": u, "damage": damage}[name] + k for name in fields}, 1.0)
             writer.append_probes(np.array([float(k)]), np.array([[[k, 2.0]]]))
@@ -137,13 +164,19 @@ def test_vectors_beside_scalars(tmp_path):
         np.testing.assert_array_equal(results.field("damage", 1), damage + 1)
         np.testing.assert_array_equal(results.probe_values[:, 0], [[0, 2], [1, 2]])
         dataset = results.to_xarray()
-        assert dataset["damage"].dims == ("time", "x", "y") and dataset["probe_values"].dims == ("probe_time", "probe", "component")
+        assert dataset["damage"].dims == ("time", "x", "y") and dataset["probe_values"].dims == (
+            "probe_time",
+            "probe",
+            "component",
+        )
         if "u" in fields:
             np.testing.assert_array_equal(dataset["u"].sel(component="y", time=1.0), u[1] + 1)
 
 
 def test_without_probes_and_energy(tmp_path):
-    writer = ResultsWriter.create(tmp_path / "a.h5", dim=1, shape=(3,), spacing=1, lower=(0,), fields=("u",), dtype="float64")
+    writer = ResultsWriter.create(
+        tmp_path / "a.h5", dim=1, shape=(3,), spacing=1, lower=(0,), fields=("u",), dtype="float64"
+    )
     empty = open_results(tmp_path / "a.h5")
     assert empty.times.size == 0 and empty.to_xarray().sizes["time"] == 0
     writer.append(0, 0.0, {"u": np.zeros(3)})
@@ -190,7 +223,12 @@ def test_half_an_output_does_not_count(tmp_path):
         file["farhorizon/history/times"].resize(11, axis=0)
         file["farhorizon/records/times"].resize(11, axis=0)
     results = open_results(tmp_path / "a.h5")
-    assert len(results.times) == 3 and results.history_times.size == 3 and results.probe_times.size == 9 and results.to_xarray().sizes["time"] == 3
+    assert (
+        len(results.times) == 3
+        and results.history_times.size == 3
+        and results.probe_times.size == 9
+        and results.to_xarray().sizes["time"] == 3
+    )
     ResultsWriter(tmp_path / "a.h5").append(30, 1.2, {"u": np.ones((7, 5)), "v": np.ones((7, 5))})
     assert results.steps.tolist() == [0, 10, 20, 30]
 
@@ -199,7 +237,8 @@ def test_killed_process_leaves_a_valid_file(tmp_path):
     path = tmp_path / "a.h5"
     script = (
         "import sys; import numpy as np; from farhorizon.files.results import ResultsWriter\n"
-        "w = ResultsWriter.create(sys.argv[1], dim=2, shape=(60, 50), spacing=1, lower=(0, 0), fields=('u',), dtype='float64')\n"
+        "w = ResultsWriter.create(sys.argv[1], dim=2, shape=(60, 50), spacing=1, lower=(0, 0), fields=('u',), "
+        "dtype='float64')\n"
         "for k in range(10**6):\n"
         "    w.append(k, float(k), {'u': np.full((60, 50), float(k))}, float(k)); print(k, flush=True)"
     )
@@ -348,7 +387,8 @@ def assert_same(results, index, image):
         for node in np.ndindex(field.shape):
             place = [axis[i] for axis, i in zip(results.axes, node, strict=True)] + [0.0] * (3 - results.dim)
             number = image.FindPoint(place)
-            np.testing.assert_allclose(image.GetPoint(number), place, rtol=0, atol=1e-12)  # round-off of origin + i spacing
+            # round-off of origin + i spacing
+            np.testing.assert_allclose(image.GetPoint(number), place, rtol=0, atol=1e-12)
             np.testing.assert_array_equal(array[number], field[node])
 
 
@@ -369,7 +409,9 @@ def test_vtk_reads_vectors(tmp_path):
     from vtkmodules.util.numpy_support import vtk_to_numpy
 
     data = np.random.default_rng(1).standard_normal((2, 7, 5))
-    writer = ResultsWriter.create(tmp_path / "a.h5", dim=2, shape=(7, 5), spacing=0.5, lower=(0, 0), fields=("u",), dtype="float64", components=2)
+    writer = ResultsWriter.create(
+        tmp_path / "a.h5", dim=2, shape=(7, 5), spacing=0.5, lower=(0, 0), fields=("u",), dtype="float64", components=2
+    )
     for k in range(2):
         writer.append(k, float(k), {"u": (k + 1) * data})
     for k, image in enumerate(vtk_outputs(tmp_path / "a.h5")[1]):
@@ -396,7 +438,9 @@ def test_vtk_reads_a_single_output(tmp_path, dim):
 @pytest.mark.parametrize("shape", [(4, 1), (1, 4), (4, 3, 1), (1, 4, 3)])
 def test_vtk_reads_axes_of_one_node(tmp_path, shape):
     lower = (0.0,) * len(shape)
-    writer = ResultsWriter.create(tmp_path / "a.h5", dim=len(shape), shape=shape, spacing=1, lower=lower, fields=("u",), dtype="float64")
+    writer = ResultsWriter.create(
+        tmp_path / "a.h5", dim=len(shape), shape=shape, spacing=1, lower=lower, fields=("u",), dtype="float64"
+    )
     for k in range(2):
         writer.append(k, float(k), {"u": k + np.arange(np.prod(shape)).reshape(shape)})
     results = open_results(tmp_path / "a.h5")
@@ -477,7 +521,9 @@ def test_any_flipped_byte_is_told_or_harmless(tmp_path):
         except FileFormatError:
             told += 1
         else:
-            assert meta == {"step": 12} and all(back[name].tobytes() == array.tobytes() for name, array in arrays.items())
+            assert meta == {"step": 12} and all(
+                back[name].tobytes() == array.tobytes() for name, array in arrays.items()
+            )
     assert told > 0
 
 
@@ -503,7 +549,9 @@ def test_a_checkpoint_of_another_kind_of_run_is_refused(tmp_path):
 
 
 def test_one_count_too_many_is_not_counted(tmp_path):
-    """As HDF5 alone leaves a file that was killed between two of its writes: what is held counts, for readers and writers."""
+    """As HDF5 alone leaves a file that was killed between two of its writes: what is held counts, for readers and
+    writers.
+    """
     write(tmp_path / "a.h5")
     with h5py.File(tmp_path / "a.h5", "r+") as file:
         file["farhorizon"].attrs["outputs"] = 4
@@ -530,8 +578,19 @@ def contents(path):
     """All that a results file tells."""
     results = open_results(path)
     fields = [results.field(name, k).tobytes() for name in results.field_names for k in range(len(results.times))]
-    columns = [a.tobytes() for a in (results.times, results.steps, results.energy, results.probe_values, results.probes)]
-    return fields, columns, results.case, results.program, results.shape, results.spacing, results.lower, results.components
+    columns = [
+        a.tobytes() for a in (results.times, results.steps, results.energy, results.probe_values, results.probes)
+    ]
+    return (
+        fields,
+        columns,
+        results.case,
+        results.program,
+        results.shape,
+        results.spacing,
+        results.lower,
+        results.components,
+    )
 
 
 def test_any_flipped_bit_of_results_is_told_or_harmless(tmp_path):
@@ -590,7 +649,9 @@ def test_what_stands_in_other_files_is_refused(tmp_path, kind):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
-@pytest.mark.parametrize(("mode", "action"), [(0o000, "open_results"), (0o000, "ResultsWriter"), (0o444, "write"), (0o000, "write")])
+@pytest.mark.parametrize(
+    ("mode", "action"), [(0o000, "open_results"), (0o000, "ResultsWriter"), (0o444, "write"), (0o000, "write")]
+)
 def test_missing_permission_is_an_input_error(mode, action):
     """By a user whom permissions bind."""
     with tempfile.TemporaryDirectory() as folder:  # others have no way to pytest's
@@ -623,8 +684,11 @@ def without_privileges(function):
 
 def test_no_text_is_kept_where_hdf5_has_no_check_sum(tmp_path):
     """Texts of variable length lie in a heap without one: a flipped bit there made HDF5 hang or crash."""
-    case = "lattice = { spacing = 0.5, lower = [-2.0], upper = [2.0] }\nmodel = { type = \"wave\", kernel = { horizon = 1.0 } }\n"
-    case += "boundary = { all = { type = \"fixed\" } }\nrun = { until = 2.0 }\noutput = { probes = [[0.0]] }\n"
+    case = (
+        'lattice = { spacing = 0.5, lower = [-2.0], upper = [2.0] }\nmodel = { type = "wave", kernel = { horizon = '
+        "1.0 } }\n"
+    )
+    case += 'boundary = { all = { type = "fixed" } }\nrun = { until = 2.0 }\noutput = { probes = [[0.0]] }\n'
     (tmp_path / "a.toml").write_text(case)
     assert main(["run", str(tmp_path / "a.toml"), "--out", str(tmp_path)]) == 0
     for name in ("a.h5", "a.ckpt"):

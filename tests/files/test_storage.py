@@ -91,7 +91,8 @@ def every_death(function):
 
 
 def test_an_append_that_dies_anywhere_is_there_or_not(tmp_path):
-    """The file reads, is resumed, and takes the next output, wherever the process ended, also in the middle of a write."""
+    """The file reads, is resumed, and takes the next output, wherever the process ended, also in the middle of a
+    write."""
     path = tmp_path / "a.h5"
     begun(path)
     before = path.read_bytes()

@@ -27,7 +27,9 @@ def test_both_bounds_are_nodes(spacing, lower, upper, shape):
 
 
 def test_window_of_the_published_disc():
-    """Radius 26 at spacing 0.25 holds 33949 nodes (Hermann et al. 2023, example 2: plane_wave_abc_waves.md section 2, item 10)."""
+    """Radius 26 at spacing 0.25 holds 33949 nodes (Hermann et al. 2023, example 2: plane_wave_abc_waves.md section 2,
+    item 10).
+    """
     lattice = Lattice(0.25, window=Disc(26))
     assert lattice.nodes == 33949
     assert lattice.shape == (209, 209)
@@ -78,7 +80,9 @@ def test_index_outside_a_window():
         lattice.index((2.0, 2.0))
 
 
-@pytest.mark.parametrize(("upper", "nearest"), [((1.1, 1.0), "1, 1"), ((0.5, 1.2), "0.5, 1.25"), ((1.0, 1.0 + 1e-6), "1, 1")])
+@pytest.mark.parametrize(
+    ("upper", "nearest"), [((1.1, 1.0), "1, 1"), ((0.5, 1.2), "0.5, 1.25"), ((1.0, 1.0 + 1e-6), "1, 1")]
+)
 def test_bounds_that_are_no_whole_number_of_spacings_apart(upper, nearest):
     """The message names the nearest bounds that work."""
     with pytest.raises(InputError, match=rf"whole number of spacings.*{nearest}"):

@@ -1,4 +1,6 @@
-"""Regions from a font and from an image: where letters are, how large, holes; pixels, their place and brightness; refusals."""
+"""Regions from a font and from an image: where letters are, how large, holes; pixels, their place and brightness;
+refusals.
+"""
 
 import numpy as np
 import pytest
@@ -27,7 +29,9 @@ def test_holes_of_letters():
     """Inside an O there is none; its area is that of the outline by the shoelace formula."""
     letter = fh.Text("O", 1.5)
     assert not letter.contains([0.0, 0.0])
-    areas = [0.5 * abs(np.dot(p[:, 0], np.roll(p[:, 1], -1)) - np.dot(p[:, 1], np.roll(p[:, 0], -1))) for p in letter._loops]
+    areas = [
+        0.5 * abs(np.dot(p[:, 0], np.roll(p[:, 1], -1)) - np.dot(p[:, 1], np.roll(p[:, 0], -1))) for p in letter._loops
+    ]
     assert len(areas) == 2
     found = letter.contains(grid(801)).mean() * 4
     assert found == pytest.approx(abs(areas[0] - areas[1]), rel=0.01)  # a node stands for a cell of 1/400
@@ -119,7 +123,11 @@ until = 0.1
 
 def test_drawn_specimens_in_a_case_and_in_a_checkpoint(tmp_path):
     """An image is looked for beside the case file; a checkpoint holds its pixels."""
-    imsave(tmp_path / "spot.png", np.where(np.add.outer(np.arange(-9, 10) ** 2, np.arange(-9, 10) ** 2) < 80, 0.0, 1.0), cmap="gray")
+    imsave(
+        tmp_path / "spot.png",
+        np.where(np.add.outer(np.arange(-9, 10) ** 2, np.arange(-9, 10) ** 2) < 80, 0.0, 1.0),
+        cmap="gray",
+    )
     (tmp_path / "case.toml").write_text(CASE)
     sim = Case.read(tmp_path / "case.toml").simulation()
     solid = sim.fields["solid"]

@@ -31,7 +31,9 @@ def test_disc_holds_the_nodes_on_its_rim():
 def test_ball():
     i = np.arange(-7, 8)
     expected = i[:, None, None] ** 2 + i[:, None] ** 2 + i**2 <= 36
-    np.testing.assert_array_equal(Ball(0.6, (0.1, 0.2, 0.3)).contains(lattice(0.1, 7, 3) + np.array([0.1, 0.2, 0.3])), expected)
+    np.testing.assert_array_equal(
+        Ball(0.6, (0.1, 0.2, 0.3)).contains(lattice(0.1, 7, 3) + np.array([0.1, 0.2, 0.3])), expected
+    )
 
 
 def test_surface_tolerance():
@@ -71,7 +73,10 @@ def test_set_algebra():
     assert [v.tolist() for v in (a & b).bounds()] == [[0, -1], [3, 1]]
     assert [v.tolist() for v in (a - b).bounds()] == [[-3, -3], [3, 3]]
     assert not (Disc(3) - Disc(1)).contains([1.0, 0.0])  # the rim of a hole belongs to the hole
-    assert repr(a - b) == "Difference(first=Disc(radius=3.0, centre=[0.0, 0.0]), second=Box(lower=[0.0, -1.0], upper=[5.0, 1.0]))"
+    assert (
+        repr(a - b)
+        == "Difference(first=Disc(radius=3.0, centre=[0.0, 0.0]), second=Box(lower=[0.0, -1.0], upper=[5.0, 1.0]))"
+    )
     with pytest.raises(TypeError):
         a | 3
 
@@ -120,7 +125,8 @@ def test_refuses(make):
 
 # Cuts
 
-OFFSETS = [(i, j) for i in range(-3, 4) for j in range(0, 4) if i * i + j * j <= 9 and (j > 0 or i > 0)]  # each bond of horizon 3 once
+# each bond of horizon 3 once
+OFFSETS = [(i, j) for i in range(-3, 4) for j in range(0, 4) if i * i + j * j <= 9 and (j > 0 or i > 0)]
 
 
 def count(cut, nodes, spacing):
@@ -134,9 +140,13 @@ def count(cut, nodes, spacing):
 
 
 @pytest.mark.parametrize("row", [Fraction(1, 2), Fraction(0)])
-@pytest.mark.parametrize("ends", [(Fraction(-100), Fraction(100)), (Fraction(-5, 3), Fraction(22, 7)), (Fraction(-2), Fraction(3))])
+@pytest.mark.parametrize(
+    "ends", [(Fraction(-100), Fraction(100)), (Fraction(-5, 3), Fraction(22, 7)), (Fraction(-2), Fraction(3))]
+)
 def test_bonds_across_a_horizontal_crack(row, ends):
-    """A bond (i, j), j > 0, that starts `depth` below the crack meets it i*depth/j beside its start, and there are j such depths."""
+    """A bond (i, j), j > 0, that starts `depth` below the crack meets it i*depth/j beside its start, and there are j
+    such depths.
+    """
     size, spacing = 10, 0.1
     left, right = ends
     expected = 0
@@ -150,7 +160,8 @@ def test_bonds_across_a_horizontal_crack(row, ends):
     nodes = lattice(spacing, size, 2).reshape(-1, 2)
     crack = spacing * np.array([[float(left), float(row)], [float(right), float(row)]])
     assert count(Polyline(crack), nodes, spacing) == expected
-    # A joint on the way changes nothing, and neither does the other direction: a reflection turns one rule into the other.
+    # A joint on the way changes nothing, and neither does the other direction: a reflection turns one rule into the
+    # other.
     middle = np.array([[0.5 * spacing, float(row) * spacing]])
     assert count(Polyline(np.vstack([crack[:1], middle, crack[1:]])), nodes, spacing) == expected
     if row == 0:
@@ -176,7 +187,11 @@ def test_rules_on_the_line_and_at_the_tips():
     assert crossed((1, 0), (1, -1)) and not crossed((1, 0), (1, 1))  # a node on the crack is left of it
     assert crossed((1, 1e-12), (1, -1)) and crossed((1, -1e-12), (1, -1))
     assert not crossed((0.5, 0), (1.5, 0)) and not crossed((-1, 0), (3, 0))  # along the crack
-    assert crossed((2, 1), (2, -1)) and crossed((2 + 1e-9, 1), (2 + 1e-9, -1)) and not crossed((2 + 1e-8, 1), (2 + 1e-8, -1))
+    assert (
+        crossed((2, 1), (2, -1))
+        and crossed((2 + 1e-9, 1), (2 + 1e-9, -1))
+        and not crossed((2 + 1e-8, 1), (2 + 1e-8, -1))
+    )
     assert not crossed((3, 1), (3, -1)) and not crossed((1, 3), (1, 1))
     assert not crossed((1, 1), (1, 1))
 
@@ -195,8 +210,11 @@ def test_joints_shift_with_the_curve():
 def test_closed_curve_through_nodes_separates_inside_from_outside(turn):
     corners = np.array([(0, 0), (4, 0), (4, 3), (2, 1), (0, 3), (0, 0)])[::turn]
     nodes = lattice(1.0, 7, 2).reshape(-1, 2)
-    # Anticlockwise the left is the inside and holds the nodes on the curve; clockwise they are outside. The reference is shifted by hand.
-    shifted = np.array([(0, 0), (4, 0), (4, 3), (2, 1), (0, 3)]) + turn * 1e-3 * np.array([(-1, -1), (1, -1), (1, 3), (0, 1.5), (-1, 3)])
+    # Anticlockwise the left is the inside and holds the nodes on the curve; clockwise they are outside. The reference
+    # is shifted by hand.
+    shifted = np.array([(0, 0), (4, 0), (4, 3), (2, 1), (0, 3)]) + turn * 1e-3 * np.array(
+        [(-1, -1), (1, -1), (1, 3), (0, 1.5), (-1, 3)]
+    )
     inside = Polygon(shifted).contains(nodes)
     for offset in OFFSETS:
         ends = nodes + offset

@@ -1,4 +1,6 @@
-"""Conditions on nodes: which nodes they hold, their order against classical solutions, the heat balance, what is refused."""
+"""Conditions on nodes: which nodes they hold, their order against classical solutions, the heat balance, what is
+refused.
+"""
 
 import numpy as np
 import pytest
@@ -24,7 +26,7 @@ from farhorizon import (
     Source,
     Sponge,
     Temperature,
-)  # fmt: skip
+)
 from farhorizon.analysis.references import classical
 from farhorizon.analysis.references.classical import End, Slab
 from farhorizon.inputs.conditions import resolve
@@ -35,7 +37,9 @@ PLATE = Lattice(1.0, (0.0, 0.0), (9.0, 7.0))
 
 
 def values(constraint, lattice=BAR, reach=3, **options):
-    """Lattice of what the condition sets where T = 1 + node number everywhere else, nan where it sets nothing, at t = 2."""
+    """Lattice of what the condition sets where T = 1 + node number everywhere else, nan where it sets nothing, at t =
+    2.
+    """
     table = resolve([constraint], lattice, [reach] * lattice.dim, **options)
     u = 1.0 + np.arange(np.prod(lattice.shape))
     out = np.full(u.shape, np.nan)
@@ -56,19 +60,30 @@ def test_layers_of_a_bar():
     np.testing.assert_allclose(values(Temperature("x+", 5.0, "mirror"))[7:], 10 - np.array([7.0, 6.0, 5.0]))
     np.testing.assert_allclose(values(Flux("x-", 6.0, "layer"), conductivity=2.0)[:3], 4 + 3 * np.array([3, 2, 1]))
     np.testing.assert_allclose(values(Flux("x+", 6.0, "layer"), conductivity=2.0)[7:], 7 + 3 * np.array([1, 2, 3]))
-    np.testing.assert_allclose(values(Flux("x-", 6.0, "mirror"), conductivity=2.0)[:3], np.array([6, 5, 4]) + 3 * np.array([5, 3, 1]))
+    np.testing.assert_allclose(
+        values(Flux("x-", 6.0, "mirror"), conductivity=2.0)[:3], np.array([6, 5, 4]) + 3 * np.array([5, 3, 1])
+    )
     np.testing.assert_allclose(values(Insulated("x-"))[:3], [6, 5, 4])
 
 
 def test_values():
-    """Number, array of the face, array of the lattice, callable, expression, source: all give 3 + y at t = 2, at the wall."""
+    """Number, array of the face, array of the lattice, callable, expression, source: all give 3 + y at t = 2, at the
+    wall.
+    """
     y = np.arange(8.0)
     whole = np.broadcast_to(3 + y, (10, 8))
-    for value in (3 + y, whole, lambda x, y, t: 1 + y + t, Expression("1 + y + t", 2), Source(lambda x, y: 1.5 + y / 2, lambda t: t)):
+    for value in (
+        3 + y,
+        whole,
+        lambda x, y, t: 1 + y + t,
+        Expression("1 + y + t", 2),
+        Source(lambda x, y: 1.5 + y / 2, lambda t: t),
+    ):
         np.testing.assert_allclose(values(Temperature("x-", value, "node"), PLATE, 2)[0], 3 + y)
         np.testing.assert_allclose(values(Temperature("x+", value, "volume"), PLATE, 2)[8:], whole[8:])
     at_the_wall = values(Temperature("x-", lambda x, y, t: x, "mirror"), PLATE, 2)
-    np.testing.assert_allclose(at_the_wall[1] + 1 + 8 * 2 + np.arange(8), 2 * 1.5)  # 2 value - T(mirror): the wall is at x = 1.5
+    # 2 value - T(mirror): the wall is at x = 1.5
+    np.testing.assert_allclose(at_the_wall[1] + 1 + 8 * 2 + np.arange(8), 2 * 1.5)
 
 
 def test_regions():
@@ -105,13 +120,17 @@ CONTRADICTIONS = {
 @pytest.mark.parametrize("constraints", CONTRADICTIONS.values(), ids=CONTRADICTIONS)
 def test_contradictions(constraints):
     with pytest.raises(
-        InputError, match=r"two conditions on one node contradict each other; value: constraint\[0\] and constraint\[1\] near \[0.0, 0.0\]"
+        InputError,
+        match=r"two conditions on one node contradict each other; value: constraint\[0\] and constraint\[1\] near "
+        r"\[0.0, 0.0\]",
     ):
         resolve(constraints, PLATE, [2, 2])
 
 
 def test_corners_of_layers_are_images_of_images():
-    """Mirror conditions on two sides: in the corner 2 b - (2 a - T) of the node across it; beside a plain layer that layer's value."""
+    """Mirror conditions on two sides: in the corner 2 b - (2 a - T) of the node across it; beside a plain layer that
+    layer's value.
+    """
     table = resolve([Temperature("y-", 5.0, "mirror"), Temperature("x-", 2.0, "mirror")], PLATE, [2, 2])
     u = np.arange(80.0).reshape(10, 8)
     exact = u.copy()
@@ -170,7 +189,12 @@ def test_bad_conditions():
 def test_conditions_keep_off_absorbing_sides():
     with pytest.raises(InputError, match="within one reach of the absorbing side x-"):
         Simulation(PLATE, Heat(Kernel(2.0)), LatticePML(), constraints=[Temperature("x-", 0.0, "node")])
-    Simulation(PLATE, Heat(Kernel(2.0)), {"x-": Free(), "x+": LatticePML(), "y": Periodic()}, constraints=[Temperature("x-", 0.0, "node")]).step(3)
+    Simulation(
+        PLATE,
+        Heat(Kernel(2.0)),
+        {"x-": Free(), "x+": LatticePML(), "y": Periodic()},
+        constraints=[Temperature("x-", 0.0, "node")],
+    ).step(3)
 
 
 # Against classical solutions: a bar of length 1, diffusivity 1 (conductivity 2, heat capacity 2), at t = 0.05
@@ -200,12 +224,42 @@ def smooth(left, right):
 
 
 ORDERS = {
-    "mirror": ([Temperature("x-", 1.0, "mirror"), Temperature("x+", -2.0, "mirror")], smooth(End(1.0), End(-2.0)), (True, True), 2),
-    "mirror and flux": ([Temperature("x-", 1.0, "mirror"), Flux("x+", 6.0, "mirror")], smooth(End(1.0), End(3.0, slope=True)), (True, True), 2),
-    "volume": ([Temperature("x-", 1.0, "volume"), Temperature("x+", 0.0, "volume")], smooth(End(1.0), End(0.0)), (True, True), 1),
-    "flux layer": ([Flux("x-", 6.0, "layer"), Temperature("x+", 0.0, "mirror")], smooth(End(-3.0, slope=True), End(0.0)), (True, True), 1),
-    "flux as a source": ([Flux("x-", 6.0), Temperature("x+", 0.0, "mirror")], smooth(End(-3.0, slope=True), End(0.0)), (False, True), 1),
-    "insulated": ([Insulated("x-"), Temperature("x+", 1.0, "mirror")], smooth(End(0.0, slope=True), End(1.0)), (True, True), 2),
+    "mirror": (
+        [Temperature("x-", 1.0, "mirror"), Temperature("x+", -2.0, "mirror")],
+        smooth(End(1.0), End(-2.0)),
+        (True, True),
+        2,
+    ),
+    "mirror and flux": (
+        [Temperature("x-", 1.0, "mirror"), Flux("x+", 6.0, "mirror")],
+        smooth(End(1.0), End(3.0, slope=True)),
+        (True, True),
+        2,
+    ),
+    "volume": (
+        [Temperature("x-", 1.0, "volume"), Temperature("x+", 0.0, "volume")],
+        smooth(End(1.0), End(0.0)),
+        (True, True),
+        1,
+    ),
+    "flux layer": (
+        [Flux("x-", 6.0, "layer"), Temperature("x+", 0.0, "mirror")],
+        smooth(End(-3.0, slope=True), End(0.0)),
+        (True, True),
+        1,
+    ),
+    "flux as a source": (
+        [Flux("x-", 6.0), Temperature("x+", 0.0, "mirror")],
+        smooth(End(-3.0, slope=True), End(0.0)),
+        (False, True),
+        1,
+    ),
+    "insulated": (
+        [Insulated("x-"), Temperature("x+", 1.0, "mirror")],
+        smooth(End(0.0, slope=True), End(1.0)),
+        (True, True),
+        2,
+    ),
 }
 
 
@@ -224,7 +278,9 @@ def test_convection():
     for nodes in counts:
         held = [Convection("x-", 4.0, 1.0)]
         exact = lambda x, t: classical.half_space_convection(x, t, 1.0, 2.0, 4.0)  # noqa: E731
-        errors.append(bar_error(nodes, held, smooth(End(0.0), End(0.0)), until=0.01, layers=(False, False), exact=exact)[0])
+        errors.append(
+            bar_error(nodes, held, smooth(End(0.0), End(0.0)), until=0.01, layers=(False, False), exact=exact)[0]
+        )
     assert fitted_rate(1 / counts, errors) > 0.8
     assert errors[-1] < 0.01
 
@@ -234,7 +290,9 @@ def test_background_changes_nothing():
     conditions = [Temperature("x-", 4.0, "mirror"), Convection("x+", 3.0, 2.0)]
     found = []
     for background in (0.0, 5.0):
-        sim = Simulation(Lattice(0.1, 0.0, 3.0), Heat(Kernel(0.3)), Free(), {"u": 5.0}, constraints=conditions, background=background)
+        sim = Simulation(
+            Lattice(0.1, 0.0, 3.0), Heat(Kernel(0.3)), Free(), {"u": 5.0}, constraints=conditions, background=background
+        )
         sim.step(200)
         found.append(sim.fields["u"])
     np.testing.assert_allclose(found[1], found[0], atol=1e-13)
@@ -244,28 +302,52 @@ def test_background_changes_nothing():
 
 BALANCED = {
     "bar": lambda integrator: Simulation(
-        Lattice(0.1, 0.0, 4.0), Heat(Kernel(0.3), 2.0, 3.0, 4.0, integrator), Free(), {"u": lambda x: np.sin(x)}, sources=[Source(2.0, np.cos)],
-        constraints=[Temperature("x-", 1.0, "mirror"), Convection("x+", 5.0, lambda x, t: 2 + t)], balance=True,
+        Lattice(0.1, 0.0, 4.0),
+        Heat(Kernel(0.3), 2.0, 3.0, 4.0, integrator),
+        Free(),
+        {"u": lambda x: np.sin(x)},
+        sources=[Source(2.0, np.cos)],
+        constraints=[Temperature("x-", 1.0, "mirror"), Convection("x+", 5.0, lambda x, t: 2 + t)],
+        balance=True,
     ),
     "plate with a hole, a crack and a composite": lambda integrator: Simulation(
-        Lattice(0.25, (-4.0, -4.0), (4.0, 4.0), body=Box((-4, -4), (4, 4)) - Disc(1.0)), Heat(Kernel(0.75), integrator=integrator), Free(),
-        {"u": lambda x, y: np.exp(-x**2)}, coefficient=np.where(np.arange(33)[:, None] > 20, 3.0, 1.0) * np.ones((33, 33)),
+        Lattice(0.25, (-4.0, -4.0), (4.0, 4.0), body=Box((-4, -4), (4, 4)) - Disc(1.0)),
+        Heat(Kernel(0.75), integrator=integrator),
+        Free(),
+        {"u": lambda x, y: np.exp(-(x**2))},
+        coefficient=np.where(np.arange(33)[:, None] > 20, 3.0, 1.0) * np.ones((33, 33)),
         cracks=[[[-3.0, 2.1], [3.0, 2.1]], Crack([[-3.0, -2.1], [3.0, -2.1]], 0.3, opens=0.2)],
-        constraints=[Temperature("x-", 3.0), Flux("x+", lambda x, y, t: np.cos(y)), Temperature(Disc(0.4, (2, 2)), 1.0)], balance=True,
+        constraints=[
+            Temperature("x-", 3.0),
+            Flux("x+", lambda x, y, t: np.cos(y)),
+            Temperature(Disc(0.4, (2, 2)), 1.0),
+        ],
+        balance=True,
     ),
     "absorbing and fixed sides": lambda integrator: Simulation(
-        Lattice(0.25, (-2.0, -2.0), (2.0, 2.0)), Heat(Kernel(0.75), integrator=integrator),
-        {"x": LatticePML(), "y-": Fixed(0.0), "y+": Free()}, {"u": lambda x, y: np.exp(-16 * (x**2 + y**2))}, balance=True,
+        Lattice(0.25, (-2.0, -2.0), (2.0, 2.0)),
+        Heat(Kernel(0.75), integrator=integrator),
+        {"x": LatticePML(), "y-": Fixed(0.0), "y+": Free()},
+        {"u": lambda x, y: np.exp(-16 * (x**2 + y**2))},
+        balance=True,
     ),
     "a hot disc in an unbounded medium": lambda integrator: Simulation(
-        Lattice(0.5, (-8.0, -6.0), (8.0, 6.0)), Heat(Kernel(1.5), 2.0, 3.0, 4.0, integrator), LatticePML(nodes=8),
-        constraints=[Temperature(Disc(2.0), "70 + t")], background=20.0, balance=True,
+        Lattice(0.5, (-8.0, -6.0), (8.0, 6.0)),
+        Heat(Kernel(1.5), 2.0, 3.0, 4.0, integrator),
+        LatticePML(nodes=8),
+        constraints=[Temperature(Disc(2.0), "70 + t")],
+        background=20.0,
+        balance=True,
     ),
     "block": lambda integrator: Simulation(
-        Lattice(1.0, (0.0,) * 3, (8.0,) * 3), Heat(Kernel(2.0), integrator=integrator), {"all": Free(), "z": Periodic()},
-        {"u": lambda x, y, z: np.cos(x + z)}, constraints=[Temperature("x-", 2.0, "node"), Convection("y+", 1.0, 7.0)], balance=True,
+        Lattice(1.0, (0.0,) * 3, (8.0,) * 3),
+        Heat(Kernel(2.0), integrator=integrator),
+        {"all": Free(), "z": Periodic()},
+        {"u": lambda x, y, z: np.cos(x + z)},
+        constraints=[Temperature("x-", 2.0, "node"), Convection("y+", 1.0, 7.0)],
+        balance=True,
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("integrator", ["euler", "rk4", RungeKuttaChebyshev(9)], ids=str)
@@ -278,12 +360,16 @@ def test_heat_balance(make, integrator):
     residual = found.pop("residual")
     moved = sum(abs(v) for v in found.values())
     assert moved > 1e-3
-    assert abs(residual) < 1e-12 * max(moved, float(np.nansum(np.abs(sim.fields["u"]))) * sim.lattice.spacing**sim.lattice.dim)
+    assert abs(residual) < 1e-12 * max(
+        moved, float(np.nansum(np.abs(sim.fields["u"]))) * sim.lattice.spacing**sim.lattice.dim
+    )
 
 
 def test_balance_knows_the_power_of_a_flux():
     """A flux as a source brings in exactly value times area times time."""
-    sim = Simulation(PLATE, Heat(Kernel(2.0), 2.0, 3.0, 4.0), Free(), constraints=[Flux("x-", 5.0), Flux("y+", -2.0)], balance=True)
+    sim = Simulation(
+        PLATE, Heat(Kernel(2.0), 2.0, 3.0, 4.0), Free(), constraints=[Flux("x-", 5.0), Flux("y+", -2.0)], balance=True
+    )
     sim.step(30)
     found = sim.balance()
     assert found["constraint[0]"] == pytest.approx(5.0 * 8 * sim.time, rel=1e-13)
@@ -327,8 +413,8 @@ def ground(half, depth, surface, sides):
 
 @pytest.mark.parametrize("surface", SURFACES.values(), ids=SURFACES)
 def test_surfaces_run_into_the_layers(surface):
-    """Against ground so wide that nothing comes back, to 1 R^2 / D and beyond: 1e-9 of what is left, where a surface that ends with the
-    near field is wrong by a third and more."""
+    """Against ground so wide that nothing comes back, to 1 R^2 / D and beyond: 1e-9 of what is left, where a surface
+    that ends with the near field is wrong by a third and more."""
     layers = {"x": LatticePML(nodes=20), "y-": LatticePML(nodes=20), "y+": Free()}
     near, wide = ground(3.0, 3.0, surface, layers), ground(24.0, 24.0, surface, Free())
     ended = ground(3.0, 3.0, surface, {"x": Free(), "y-": LatticePML(nodes=20), "y+": Free()})
@@ -360,7 +446,10 @@ def test_a_convective_surface_beside_a_sponge_and_through_a_checkpoint(tmp_path)
         (Temperature("y+", 7.0), "must come to rest"),
         (Temperature("y+", lambda x, y, t: 5 + np.sin(t)), "must come to rest"),
         (Temperature("y+", 5.0, "mirror"), "must come to rest"),
-        (Convection("y+", 2.0, 5.0, Box((-2.9, -1.0), (9.0, 1.0))), "ends or varies within one reach of the absorbing side x-"),
+        (
+            Convection("y+", 2.0, 5.0, Box((-2.9, -1.0), (9.0, 1.0))),
+            "ends or varies within one reach of the absorbing side x-",
+        ),
     ],
 )
 def test_surfaces_that_cannot_go_on_are_refused(surface, said):

@@ -29,7 +29,9 @@ SPACING = 0.5
 
 
 def crossing(axis, at, low, high):
-    """Bonds that cross the plane x_axis = at (between nodes) inside the box low..high of the other axes; in index units."""
+    """Bonds that cross the plane x_axis = at (between nodes) inside the box low..high of the other axes; in index
+    units.
+    """
 
     def whole(i, j):
         start, step = i.astype(float), (j - i).astype(float)
@@ -62,7 +64,9 @@ def cracked(dim, cracks, model=Diffusion, reach=2, boundary=None, **options):
     """A simulation of white noise in a cracked free body."""
     u = np.random.default_rng(23).uniform(-1, 1, SHAPES[dim])
     lattice = lattice_of(SHAPES[dim], SPACING)
-    return Simulation(lattice, model(kernel_stencil(dim, reach, 1)), boundary or Free(), {"u": u}, cracks=cracks, **options), u
+    return Simulation(
+        lattice, model(kernel_stencil(dim, reach, 1)), boundary or Free(), {"u": u}, cracks=cracks, **options
+    ), u
 
 
 @ALL
@@ -82,7 +86,9 @@ def test_cut_bonds_of_a_composite():
     coefficient = np.random.default_rng(5).uniform(0.2, 2, SHAPES[dim])
     for rule in ("both", "arithmetic", "harmonic"):
         sim, u = cracked(dim, cracks, coefficient=coefficient, rule=rule)
-        matrix = dense_operator(u.shape, sim.stencil.offsets, sim.stencil.weights / SPACING**2, whole, coefficient, rule)
+        matrix = dense_operator(
+            u.shape, sim.stencil.offsets, sim.stencil.weights / SPACING**2, whole, coefficient, rule
+        )
         np.testing.assert_allclose(engine_apply(sim.engine, u).ravel(), matrix @ u.ravel(), rtol=0, atol=1e-12)
 
 
@@ -137,7 +143,9 @@ def test_nothing_passes_a_crack_right_through(name):
 
 
 def test_number_of_bonds_of_a_straight_crack():
-    """A crack of the full width between two rows of n nodes cuts n bonds of the 5-point stencil, each listed from both ends."""
+    """A crack of the full width between two rows of n nodes cuts n bonds of the 5-point stencil, each listed from both
+    ends.
+    """
     offsets = Stencil.finite_difference(2).offsets
     nodes, bonds = cut_bonds(Polyline([(-1.0, 2.25), (9.0, 2.25)]), np.zeros(2), 0.5, (11, 12), offsets)
     assert len(nodes) == 2 * 11
@@ -147,7 +155,9 @@ def test_number_of_bonds_of_a_straight_crack():
 
 
 def test_number_of_bonds_of_a_penny_crack():
-    """A penny-shaped crack of radius 2.2 between two layers cuts the vertical bonds of the integer points r <= 2.2: 13 of them."""
+    """A penny-shaped crack of radius 2.2 between two layers cuts the vertical bonds of the integer points r <= 2.2: 13
+    of them.
+    """
     offsets = Stencil.finite_difference(3).offsets
     nodes, _ = cut_bonds(DiscCut((5.0, 5.0, 5.5), (0.0, 0.0, 1.0), 2.2), np.zeros(3), 1.0, (11, 11, 11), offsets)
     assert len(nodes) == 2 * 13
@@ -180,7 +190,9 @@ def test_body_is_cut_from_what_surrounds_it():
     sim = Simulation(lattice, Diffusion(kernel_stencil(2, 2)), Free(), {"u": u})
     inside = lambda i, j: lattice.mask[tuple(i.T)] & lattice.mask[tuple(j.T)]  # noqa: E731
     matrix = dense_operator(lattice.shape, sim.stencil.offsets, sim.stencil.weights / SPACING**2, inside)
-    np.testing.assert_allclose((engine_apply(sim.engine, u) * lattice.mask).ravel(), matrix @ u.ravel(), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        (engine_apply(sim.engine, u) * lattice.mask).ravel(), matrix @ u.ravel(), rtol=0, atol=1e-12
+    )
     sim.step(300)
     assert np.nansum(sim.fields["u"]) == pytest.approx(u.sum(), abs=1e-12)
     assert np.isnan(sim.fields["u"][~lattice.mask]).all()
@@ -209,7 +221,9 @@ def steps_apart(cracks, dt=0.05, steps=20, boundary=None):
     """White noise on a free plate after some steps of forward Euler."""
     lattice = lattice_of((13, 15), SPACING)
     noise = np.random.default_rng(3).standard_normal(lattice.shape)
-    sim = Simulation(lattice, Diffusion(kernel_stencil(2, 2)), boundary or Free(), {"u": noise}, cracks=cracks, dt=dt * SPACING**2)
+    sim = Simulation(
+        lattice, Diffusion(kernel_stencil(2, 2)), boundary or Free(), {"u": noise}, cracks=cracks, dt=dt * SPACING**2
+    )
     sim.step(steps)
     return sim
 
@@ -240,17 +254,23 @@ def test_a_crack_opens_at_its_time():
     late = steps_apart([Crack(LINE, opens=7 * dt)])
     first = steps_apart([], steps=7)
     lattice = lattice_of((13, 15), SPACING)
-    second = Simulation(lattice, Diffusion(kernel_stencil(2, 2)), Free(), {"u": first.fields["u"]}, cracks=[LINE], dt=dt)
+    second = Simulation(
+        lattice, Diffusion(kernel_stencil(2, 2)), Free(), {"u": first.fields["u"]}, cracks=[LINE], dt=dt
+    )
     second.step(13)
     np.testing.assert_allclose(late.fields["u"], second.fields["u"], atol=1e-14)
-    by_steps = Simulation(lattice, Diffusion(kernel_stencil(2, 2)), Free(), {"u": late.start_u}, cracks=[Crack(LINE, opens=7 * dt)], dt=dt)
+    by_steps = Simulation(
+        lattice, Diffusion(kernel_stencil(2, 2)), Free(), {"u": late.start_u}, cracks=[Crack(LINE, opens=7 * dt)], dt=dt
+    )
     for _ in range(20):
         by_steps.step()
     assert (by_steps.fields["u"] == late.fields["u"]).all()
 
 
 def test_polygon_in_space():
-    """A rectangle as a polygon, either way round; a triangle cuts what lies in it; corners out of the plane are refused."""
+    """A rectangle as a polygon, either way round; a triangle cuts what lies in it; corners out of the plane are
+    refused.
+    """
     corner, one, other = np.array([1.613, 1.713, 2.2]), np.array([1.137, 0, 0]), np.array([0, 1.337, 0])
     points = np.array([corner, corner + one, corner + one + other, corner + other])
     rng = np.random.default_rng(5)

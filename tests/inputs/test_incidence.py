@@ -5,14 +5,17 @@ import pytest
 
 import farhorizon as fh
 
-# A burst of frequency 0.39 and width 12: 1e-11 at its ends, and 1e-12 of it above the lattice's frequencies (from 0.8 on for S waves below).
+# A burst of frequency 0.39 and width 12: 1e-11 at its ends, and 1e-12 of it above the lattice's frequencies (from 0.8
+# on for S waves below).
 _SIGNAL = fh.Expression("sin(2*pi*t/16)*exp(-((t-60)/12)**2)", 0)
 _DURATION = 120.0
 _EXACT = 1e-11  # the size of the burst where it is cut off
 
 
 def _bonds(reach, **constants):
-    return fh.Elastic(fh.Kernel(horizon=reach, influence="linear", exponent=1), **{"young": 2.0, "density": 0.5, **constants})
+    return fh.Elastic(
+        fh.Kernel(horizon=reach, influence="linear", exponent=1), **{"young": 2.0, "density": 0.5, **constants}
+    )
 
 
 _CASES = {
@@ -21,7 +24,12 @@ _CASES = {
     "plane, oblique": (fh.Wave(fh.Kernel(horizon=3.0)), (1.0, 0.3), "P", 20),
     "P": (_bonds(2.5), (1.0, 0.3), "P", 20),
     "S": (_bonds(2.5, density=0.2), (-0.4, 1.0), "S", 20),
-    "S of finite elements": (fh.Elastic(young=1.0, poisson=0.3, density=0.1, material="finite-element"), (-0.4, 1.0), "S", 20),
+    "S of finite elements": (
+        fh.Elastic(young=1.0, poisson=0.3, density=0.1, material="finite-element"),
+        (-0.4, 1.0),
+        "S",
+        20,
+    ),
     "S in space": (_bonds(1.5), (1.0, 0.3, 0.2), (-0.3, 1.0, 0.0), 9),
 }
 
@@ -29,7 +37,10 @@ _CASES = {
 def _mask(sim):
     """Nodes of the box of the first incident wave."""
     lattice, box = sim.lattice, sim.incident[0].wave.within
-    inside = [(x >= low - 1e-9) & (x <= high + 1e-9) for x, low, high in zip(lattice.coordinates(), *box.bounds(), strict=True)]
+    inside = [
+        (x >= low - 1e-9) & (x <= high + 1e-9)
+        for x, low, high in zip(lattice.coordinates(), *box.bounds(), strict=True)
+    ]
     return np.logical_and.reduce(inside)
 
 
@@ -51,14 +62,21 @@ def test_without_a_scatterer_nothing_leaves_the_box(name):
 
 def test_the_signal_is_where_the_wave_meets_the_box():
     lattice = fh.Lattice(spacing=0.5, lower=(-10, -10), upper=(10, 10))
-    wave = fh.IncidentWave((3.0, 4.0), lambda t: np.sin(2 * np.pi * t / 8) * np.exp(-(((t - 30) / 6) ** 2)), 60.0, "S", fh.Box((-6, -6), (6, 6)))
+    wave = fh.IncidentWave(
+        (3.0, 4.0),
+        lambda t: np.sin(2 * np.pi * t / 8) * np.exp(-(((t - 30) / 6) ** 2)),
+        60.0,
+        "S",
+        fh.Box((-6, -6), (6, 6)),
+    )
     sim = fh.Simulation(lattice, _bonds(1.0, density=0.8), sources=[wave])
     corner = lattice.index((-6, -6))
     for _ in range(12):
         sim.step(15)
         u, v = sim.incident[0].field(sim.time)[(slice(None), *corner)]
         expected = wave.at(sim.time)
-        np.testing.assert_allclose((-0.8 * u + 0.6 * v, 0.6 * u + 0.8 * v), (expected, 0.0), atol=1e-2)  # (k dx)^2/12: of a lattice's S waves nearly
+        # (k dx)^2/12: of a lattice's S waves nearly
+        np.testing.assert_allclose((-0.8 * u + 0.6 * v, 0.6 * u + 0.8 * v), (expected, 0.0), atol=1e-2)
         np.testing.assert_allclose(sim.fields["u"][(slice(None), *corner)], (u, v), atol=1e-9)
 
 
@@ -83,7 +101,8 @@ def test_a_cut_line_reflects_all():
     """A free end: the reflected wave is the incident one mirrored, and beyond the cut nothing moves."""
     lattice = fh.Lattice(spacing=1.0, lower=-60, upper=60)
     wave = fh.IncidentWave((1.0,), _SIGNAL, _DURATION, within=fh.Box(-40, 40))
-    sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(horizon=1.4)), fh.Exact(), sources=[wave], cracks=[0.5])  # bonds to the next node only
+    # bonds to the next node only
+    sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(horizon=1.4)), fh.Exact(), sources=[wave], cracks=[0.5])
     sim.run(until=150.0)
     u, incident = sim.fields["u"], sim.incident[0].field(sim.time)
     x = lattice.axes[0]
@@ -97,14 +116,19 @@ def test_a_cut_line_reflects_all():
 def test_two_waves_add_up():
     lattice = fh.Lattice(spacing=1.0, lower=(-12, -12), upper=(12, 12))
     waves = [fh.IncidentWave(d, _SIGNAL, _DURATION, p) for d, p in (((1.0, 0.0), "P"), ((0.0, 1.0), "S"))]
-    both, one, two = (fh.Simulation(lattice, _bonds(2.5), sources=some).run(until=60.0).fields["u"] for some in (waves, waves[:1], waves[1:]))
+    both, one, two = (
+        fh.Simulation(lattice, _bonds(2.5), sources=some).run(until=60.0).fields["u"]
+        for some in (waves, waves[:1], waves[1:])
+    )
     assert np.abs(both - one - two).max() < 1e-13
 
 
 def test_restored_runs_are_bitwise_the_same(tmp_path):
     lattice = fh.Lattice(spacing=1.0, lower=(-12, -12), upper=(12, 12))
     wave = fh.IncidentWave((1.0, 0.5), _SIGNAL, _DURATION, "S")
-    sim = fh.Simulation(lattice, _bonds(2.5), fh.LatticePML(nodes=8), sources=[wave], cracks=[[(-2.5, 0.5), (2.5, 0.5)]])
+    sim = fh.Simulation(
+        lattice, _bonds(2.5), fh.LatticePML(nodes=8), sources=[wave], cracks=[[(-2.5, 0.5), (2.5, 0.5)]]
+    )
     sim.run(until=50.0)
     sim.save(tmp_path / "run.ckpt")
     again = fh.Simulation.restore(tmp_path / "run.ckpt")
@@ -116,7 +140,12 @@ def test_restored_runs_are_bitwise_the_same(tmp_path):
 def _refused(match, model=None, lattice=None, **changes):
     wave = {"direction": (1.0, 0.0), "signal": _SIGNAL, "duration": _DURATION} | changes.pop("wave", {})
     with pytest.raises(fh.InputError, match=match):
-        fh.Simulation(lattice or fh.Lattice(1.0, (-12, -12), (12, 12)), model or _bonds(2.5), sources=[fh.IncidentWave(**wave)], **changes)
+        fh.Simulation(
+            lattice or fh.Lattice(1.0, (-12, -12), (12, 12)),
+            model or _bonds(2.5),
+            sources=[fh.IncidentWave(**wave)],
+            **changes,
+        )
 
 
 def test_bad_input():
@@ -131,11 +160,20 @@ def test_bad_input():
     _refused("is zero", wave={"signal": lambda t: 0.0})
     _refused("must be finite", wave={"signal": lambda t: np.inf})
     _refused("a crack reaches", cracks=[[(-7.0, 0.5), (0.0, 0.5)]])
-    _refused("not uniform", model=fh.Wave(fh.Kernel(2.5)), coefficient=np.where(np.arange(25)[:, None] < 5, 1.0, 0.5) * np.ones((25, 25)))
+    _refused(
+        "not uniform",
+        model=fh.Wave(fh.Kernel(2.5)),
+        coefficient=np.where(np.arange(25)[:, None] < 5, 1.0, 0.5) * np.ones((25, 25)),
+    )
     _refused("undamped medium", model=fh.Wave(fh.Kernel(2.5), damping=0.1))
     _refused("undamped medium", model=fh.Diffusion(fh.Kernel(2.5)))
     space = fh.Lattice(1.0, (-6,) * 3, (6,) * 3)
-    _refused("needs the direction of its displacement", lattice=space, model=_bonds(1.5), wave={"direction": (1, 0, 0), "polarisation": "S"})
+    _refused(
+        "needs the direction of its displacement",
+        lattice=space,
+        model=_bonds(1.5),
+        wave={"direction": (1, 0, 0), "polarisation": "S"},
+    )
 
 
 def test_case_file():
@@ -170,15 +208,32 @@ def test_notes():
 
 @pytest.mark.parametrize("side", [fh.Free(), fh.Fixed()])
 def test_a_wave_onto_a_surface_is_refused_with_the_reason(side):
-    """Inside its box it would not know the surface; a box that ends before it serves, and so does one beside absorbing sides."""
+    """Inside its box it would not know the surface; a box that ends before it serves, and so does one beside absorbing
+    sides.
+    """
     lattice = fh.Lattice(0.5, (-8.0, -8.0), (8.0, 0.0))
     wave = {"direction": (1.0, 1.0), "signal": lambda t: np.sin(t / 4) ** 4, "duration": 4 * np.pi}
     sides = {"all": fh.LatticePML(nodes=8), "y+": side}
     for top in (0.0, -0.5, 3.0):
         with pytest.raises(fh.InputError, match="does not know the surface") as error:
-            fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), sides, sources=[fh.IncidentWave(**wave, within=fh.Box((-6.0, -6.0), (6.0, top)))])
+            fh.Simulation(
+                lattice,
+                fh.Wave(fh.Kernel(1.0)),
+                sides,
+                sources=[fh.IncidentWave(**wave, within=fh.Box((-6.0, -6.0), (6.0, top)))],
+            )
         assert error.value.value == "y+" and "source" in error.value.remedy
-    sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), sides, sources=[fh.IncidentWave(**wave, within=fh.Box((-6.0, -6.0), (6.0, -1.0)))])
+    sim = fh.Simulation(
+        lattice,
+        fh.Wave(fh.Kernel(1.0)),
+        sides,
+        sources=[fh.IncidentWave(**wave, within=fh.Box((-6.0, -6.0), (6.0, -1.0)))],
+    )
     assert any("only what is scattered meets y+" in note for note in sim.notes)
     with pytest.raises(fh.InputError, match="one reach of the near field must be left"):
-        fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), fh.LatticePML(nodes=8), sources=[fh.IncidentWave(**wave, within=fh.Box((-6, -6), (6, 0)))])
+        fh.Simulation(
+            lattice,
+            fh.Wave(fh.Kernel(1.0)),
+            fh.LatticePML(nodes=8),
+            sources=[fh.IncidentWave(**wave, within=fh.Box((-6, -6), (6, 0)))],
+        )

@@ -1,4 +1,6 @@
-"""Tractions and body forces on `Elastic` media: plane waves, momentum, reciprocity, energies, the extended half-space, cases, bad input."""
+"""Tractions and body forces on `Elastic` media: plane waves, momentum, reciprocity, energies, the extended half-space,
+cases, bad input.
+"""
 
 import numpy as np
 import pytest
@@ -23,7 +25,9 @@ def material(spacing, **options):
 
 @pytest.mark.parametrize("direction", [0, 1], ids=["P", "S"])
 def test_a_pulse_on_a_face_is_a_plane_wave(direction):
-    """Traction sigma = rho c v on the face of a half-space, to first order: the face lies between the last nodes and one spacing beyond."""
+    """Traction sigma = rho c v on the face of a half-space, to first order: the face lies between the last nodes and
+    one spacing beyond.
+    """
     spacings, errors = np.array([0.1, 0.05, 0.025, 0.0125]), []
     for dx in spacings:
         lattice, model = fh.Lattice(dx, (0.0, 0.0), (6.0, 5 * dx)), material(dx)
@@ -39,19 +43,27 @@ def test_a_pulse_on_a_face_is_a_plane_wave(direction):
 @pytest.mark.parametrize("options", LAWS.values(), ids=LAWS)
 @pytest.mark.parametrize("dim", [2, 3])
 def test_momentum_is_force_times_time(dim, options):
-    """To rounding, before anything reaches the layers: area times traction, 3 x 3 nodes in space; velocities are half a step late."""
+    """To rounding, before anything reaches the layers: area times traction, 3 x 3 nodes in space; velocities are half a
+    step late.
+    """
     dx, value = 0.5, np.array([0.02, -0.03, 0.01])[:dim]
     lattice = fh.Lattice(dx, (-6.0,) * dim, (6.0,) * (dim - 1) + (0.0,))
     top = "xyz"[dim - 1]
-    sim = fh.Simulation(lattice, material(dx, **options), {"all": fh.LatticePML(nodes=6), f"{top}+": fh.Free()},
-                        loads=[fh.Traction(f"{top}+", value, between=[(-0.5, 0.5)] * (dim - 1))])  # fmt: skip
+    sim = fh.Simulation(
+        lattice,
+        material(dx, **options),
+        {"all": fh.LatticePML(nodes=6), f"{top}+": fh.Free()},
+        loads=[fh.Traction(f"{top}+", value, between=[(-0.5, 0.5)] * (dim - 1))],
+    )
     sim.step(5)
     momentum = 2.0 * dx**dim * sim.fields["v"].sum(tuple(range(1, dim + 1)))
     np.testing.assert_allclose(momentum, value * (3 * dx) ** (dim - 1) * (sim.time - sim.dt / 2), rtol=1e-13)
 
 
 def test_reciprocity():
-    """Betti and Rayleigh: a push across at one place moves another downwards as a push downwards there moves the first one across."""
+    """Betti and Rayleigh: a push across at one place moves another downwards as a push downwards there moves the first
+    one across.
+    """
     lattice = fh.Lattice(0.5, (-8.0, -8.0), (8.0, 0.0))
     places, found = [[(-5.0, -4.0)], [(2.0, 2.0)]], []
     for here, there, value, component in ((0, 1, (1.0, 0.0), 1), (1, 0, (0.0, 1.5), 0)):
@@ -67,8 +79,13 @@ def test_reciprocity():
 def test_energies_count_the_work(options):
     """In a closed box nothing is lost; nonlinear bonds have the error of the time step."""
     lattice = fh.Lattice(0.5, (-5.0, -5.0), (5.0, 5.0))
-    loads = [fh.Traction("y+", (0.0, 0.05), between=[(-2.0, 2.0)], time=blow), fh.BodyForce([lambda x, y: 0.01 * x, 0.0], blow)]
-    sim = fh.Simulation(lattice, material(0.5, **options), {"all": fh.Free(), "x-": fh.Fixed()}, loads=loads, balance=True)
+    loads = [
+        fh.Traction("y+", (0.0, 0.05), between=[(-2.0, 2.0)], time=blow),
+        fh.BodyForce([lambda x, y: 0.01 * x, 0.0], blow),
+    ]
+    sim = fh.Simulation(
+        lattice, material(0.5, **options), {"all": fh.Free(), "x-": fh.Fixed()}, loads=loads, balance=True
+    )
     sim.run(20.0, progress=False)
     found = sim.balance()
     assert found["work"] > 0 and abs(found["lost"]) < (1e-3 if "nonlinear" in options else 1e-12) * found["work"]
@@ -76,8 +93,13 @@ def test_energies_count_the_work(options):
 
 def test_a_restored_run_goes_on_bit_by_bit(tmp_path):
     """The work so far included; a steady traction needs nothing given again."""
-    setup = {"lattice": fh.Lattice(0.5, (-6.0, -6.0), (6.0, 0.0)), "model": material(0.5), "balance": True,
-             "boundary": {"all": fh.LatticePML(nodes=6), "y+": fh.Free()}, "loads": [fh.Traction("y+", [0.3, -1.0], [[-1.0, 1.0]])]}  # fmt: skip
+    setup = {
+        "lattice": fh.Lattice(0.5, (-6.0, -6.0), (6.0, 0.0)),
+        "model": material(0.5),
+        "balance": True,
+        "boundary": {"all": fh.LatticePML(nodes=6), "y+": fh.Free()},
+        "loads": [fh.Traction("y+", [0.3, -1.0], [[-1.0, 1.0]])],
+    }
     whole, first = fh.Simulation(**setup), fh.Simulation(**setup)
     whole.step(50)
     first.step(30)
@@ -90,10 +112,15 @@ def test_a_restored_run_goes_on_bit_by_bit(tmp_path):
 
 def test_a_blow_on_a_half_space_feels_no_box():
     """Against a half-space from whose ends nothing returns; the load stays where it is."""
-    setup = {"lattice": fh.Lattice(0.5, (-6.0, -6.0), (6.0, 0.0)), "model": material(0.5, plane="strain"),
-             "boundary": {"all": fh.LatticePML(nodes=24), "y+": fh.Free()},
-             "loads": [fh.Traction("y+", (0.0, -1.0), [(-1.0, 1.0)], blow),
-                       fh.BodyForce([lambda x, y: np.exp(-4 * (x**2 + (y + 3) ** 2)), 0.0], blow)]}  # fmt: skip
+    setup = {
+        "lattice": fh.Lattice(0.5, (-6.0, -6.0), (6.0, 0.0)),
+        "model": material(0.5, plane="strain"),
+        "boundary": {"all": fh.LatticePML(nodes=24), "y+": fh.Free()},
+        "loads": [
+            fh.Traction("y+", (0.0, -1.0), [(-1.0, 1.0)], blow),
+            fh.BodyForce([lambda x, y: np.exp(-4 * (x**2 + (y + 3) ** 2)), 0.0], blow),
+        ],
+    }
     (curve,) = compare(setup, 20.0, times=[10.0, 20.0], beside=False).curves.values()
     assert max(curve["error_rel_initial"]) < 1e-4  # what the layer sends back of surface waves
 
@@ -126,9 +153,18 @@ until = 5.0
 balance = true
 """)
     sim = case.simulation().run(5.0, progress=False)
-    loads = [fh.Traction("y+", (0.1, -1.0), [(-1.0, 1.0)], np.sin), fh.BodyForce([lambda x, y: np.exp(-4 * (x**2 + (y + 2) ** 2)), 0.0])]
-    same = fh.Simulation(fh.Lattice(0.5, (-5, -5), (5, 0)), fh.Elastic(fh.Kernel(1.0, 1), 2.0),
-                         {"all": fh.LatticePML(nodes=8), "y+": fh.Free()}, loads=loads, balance=True, dt=sim.dt)  # fmt: skip
+    loads = [
+        fh.Traction("y+", (0.1, -1.0), [(-1.0, 1.0)], np.sin),
+        fh.BodyForce([lambda x, y: np.exp(-4 * (x**2 + (y + 2) ** 2)), 0.0]),
+    ]
+    same = fh.Simulation(
+        fh.Lattice(0.5, (-5, -5), (5, 0)),
+        fh.Elastic(fh.Kernel(1.0, 1), 2.0),
+        {"all": fh.LatticePML(nodes=8), "y+": fh.Free()},
+        loads=loads,
+        balance=True,
+        dt=sim.dt,
+    )
     same.run(5.0, progress=False)
     np.testing.assert_allclose(sim.fields["u"], same.fields["u"], rtol=0, atol=1e-14)
     assert sim.balance() == pytest.approx(same.balance())
@@ -136,7 +172,9 @@ balance = true
 
 def test_a_load_on_the_whole_side_is_said_to_end_at_the_layers():
     lattice = fh.Lattice(0.5, (-5.0, -5.0), (5.0, 0.0))
-    sim = fh.Simulation(lattice, material(0.5), {"all": fh.LatticePML(), "y+": fh.Free()}, loads=[fh.Traction("y+", (0.0, 1.0))])
+    sim = fh.Simulation(
+        lattice, material(0.5), {"all": fh.LatticePML(), "y+": fh.Free()}, loads=[fh.Traction("y+", (0.0, 1.0))]
+    )
     assert "taken to be zero beyond" in sim.notes[0]
 
 
@@ -152,10 +190,18 @@ def test_a_load_on_the_whole_side_is_said_to_end_at_the_layers():
         (fh.BodyForce([1.0]), {}, "needs one entry a component"),
         (fh.BodyForce([1.0, 0.0]), {}, "not zero beyond the absorbing side"),
         (fh.Traction("y+", (1.0, 0.0)), {"model": fh.Wave(fh.Kernel(1.0, 1))}, "loads act on an elastic medium"),
-        (fh.Traction("y+", (1.0, 0.0), [(-1.0, 1.0)]), {"model": material(0.5, critical_stretch=1e-3)}, "far below the first strain of the load"),
+        (
+            fh.Traction("y+", (1.0, 0.0), [(-1.0, 1.0)]),
+            {"model": material(0.5, critical_stretch=1e-3)},
+            "far below the first strain of the load",
+        ),
     ],
 )
 def test_bad_loads(load, changes, message):
-    setup = {"lattice": fh.Lattice(0.5, (-5.0, -5.0), (5.0, 0.0)), "model": material(0.5), "boundary": {"all": fh.LatticePML(), "y+": fh.Free()}}
+    setup = {
+        "lattice": fh.Lattice(0.5, (-5.0, -5.0), (5.0, 0.0)),
+        "model": material(0.5),
+        "boundary": {"all": fh.LatticePML(), "y+": fh.Free()},
+    }
     with pytest.raises(fh.InputError, match=message):
         fh.Simulation(**{**setup, **changes}, loads=[load])

@@ -63,7 +63,10 @@ def test_where_the_medium_ends_nothing_lies_beyond(end):
     """A pulse cut off by a wall, and a uniform source in a channel between walls."""
     sim = simulation(boundary={"x": fh.LatticePML(), "y": end}, initial={"u": pulse(4, 0.0, 2.9)})
     assert sim.notes == []
-    assert simulation(boundary=end, initial={"u": 1.0 if not isinstance(end, fh.Fixed) else 0.0}, sources=[1.0]).notes == []
+    assert (
+        simulation(boundary=end, initial={"u": 1.0 if not isinstance(end, fh.Fixed) else 0.0}, sources=[1.0]).notes
+        == []
+    )
 
 
 def test_a_body_has_no_data_where_it_has_no_nodes():
@@ -143,11 +146,21 @@ def bar(half, pull):
     lattice = fh.Lattice(0.1, [-half], [half])
     stiffness = np.clip(1 + pull * lattice.axes[0], 0.2, None)
     start = {"u": lambda x: np.exp(-8 * x**2)}
-    return fh.Simulation(lattice, fh.Wave(fh.Kernel(0.2)), fh.LatticePML(nodes=12), start, coefficient=stiffness, rule="arithmetic", dt=0.025)
+    return fh.Simulation(
+        lattice,
+        fh.Wave(fh.Kernel(0.2)),
+        fh.LatticePML(nodes=12),
+        start,
+        coefficient=stiffness,
+        rule="arithmetic",
+        dt=0.025,
+    )
 
 
 def test_a_gradient_along_the_normal_is_noted_with_its_size():
-    """The change over the last eight nodes in front of each side, and the error against wider runs to t = 20: 4e-3 with it, 1e-11 without."""
+    """The change over the last eight nodes in front of each side, and the error against wider runs to t = 20: 4e-3 with
+    it, 1e-11 without.
+    """
     near, wide, flat, wide_flat = bar(4.0, 0.08), bar(30.0, 0.08), bar(4.0, 0.0), bar(30.0, 0.0)
     steep = {side: 0.08 * 0.8 / max(1 + 0.08 * 4 * side, 1 + 0.08 * 4 * side - 0.064 * side) for side in (-1, 1)}
     for side, name in ((-1, "x-"), (1, "x+")):
@@ -157,7 +170,12 @@ def test_a_gradient_along_the_normal_is_noted_with_its_size():
     for _ in range(20):
         for sim in (near, wide, flat, wide_flat):
             sim.step(40)
-        errors.append([np.abs(one.fields["u"] - other.fields["u"][260:341]).max() for one, other in ((near, wide), (flat, wide_flat))])
+        errors.append(
+            [
+                np.abs(one.fields["u"] - other.fields["u"][260:341]).max()
+                for one, other in ((near, wide), (flat, wide_flat))
+            ]
+        )
     assert 2e-3 < np.max(errors, axis=0)[0] and np.max(errors, axis=0)[1] < 1e-9
     assert not any("changes by" in note for note in flat.notes)
 
@@ -171,7 +189,10 @@ def test_interfaces_are_no_gradients_and_gradients_across_the_normal_are_none():
         assert not any("changes by" in note for note in simulation(coefficient=step).notes), seed
     across = simulation(coefficient=1 + 0.1 * X, boundary={"x": fh.Fixed(), "y": fh.LatticePML()})
     assert not any("changes by" in note for note in across.notes)
-    along = simulation(coefficient=np.where(X**2 + (Y - 3) ** 2 < 1, 0.0, 1 + 0.1 * Y), boundary={"x": fh.Fixed(), "y": fh.LatticePML()})
+    along = simulation(
+        coefficient=np.where(X**2 + (Y - 3) ** 2 < 1, 0.0, 1 + 0.1 * Y),
+        boundary={"x": fh.Fixed(), "y": fh.LatticePML()},
+    )
     assert sum("changes by" in note for note in along.notes) == 2
 
 
@@ -181,7 +202,13 @@ def test_a_gradient_in_a_body_is_noted():
     young = np.clip(1 + 0.05 * lattice.coordinates()[0], 0.6, 1.4)
 
     def body(young):
-        return fh.Body(lattice, fh.Kernel(2.7, 0, "gaussian", 0.9, volume="full"), young=young, poisson=0.25, boundary=fh.NonlocalPML(8))
+        return fh.Body(
+            lattice,
+            fh.Kernel(2.7, 0, "gaussian", 0.9, volume="full"),
+            young=young,
+            poisson=0.25,
+            boundary=fh.NonlocalPML(8),
+        )
 
     notes = [note for note in body(young).notes if "changes by" in note]
     assert len(notes) == 2 and all(note.startswith("model.young") for note in notes)

@@ -34,7 +34,13 @@ def test_all_but_one_node_held():
     free = LINE.index((0.0,))
     mask = np.ones(LINE.shape, bool)
     mask[free] = False
-    sim = fh.Simulation(LINE, fh.Wave(KERNEL), fh.Fixed(), {"u": lambda x: 1.0 * (np.abs(x) < 0.1)}, constraints=[fh.Prescribed(mask, 0.0)])
+    sim = fh.Simulation(
+        LINE,
+        fh.Wave(KERNEL),
+        fh.Fixed(),
+        {"u": lambda x: 1.0 * (np.abs(x) < 0.1)},
+        constraints=[fh.Prescribed(mask, 0.0)],
+    )
     rate = sim.stencil.weights.sum() / LINE.spacing**2
     angle = 2 * np.arcsin(sim.dt * np.sqrt(rate) / 2)
     sim.step(1000)
@@ -44,7 +50,9 @@ def test_all_but_one_node_held():
 @pytest.mark.parametrize("lattice", [LINE, PLANE])
 @pytest.mark.parametrize("rate", [None, np.cos(2.0), fh.Expression("cos(t)", 0)])
 def test_the_first_step_after_the_release(lattice, rate):
-    """``u + (1 - d dt) dt v + dt^2/2 A u``: the start of velocity Verlet, the rate from the value's derivative unless given."""
+    """``u + (1 - d dt) dt v + dt^2/2 A u``: the start of velocity Verlet, the rate from the value's derivative unless
+    given.
+    """
     dim, damping = lattice.dim, 0.2
     at = lattice.index((0.0,) * dim)
     held = fh.Prescribed([(0.0,) * dim], np.sin, 2.0, rate)
@@ -60,8 +68,15 @@ def test_the_first_step_after_the_release(lattice, rate):
 
 
 def test_release_does_not_disturb_a_solution():
-    """A node that is made to do what it would do anyway, and let go with the scheme's own velocity: a free run to rounding."""
-    setup = {"lattice": fh.Lattice(0.25, -8, 8), "model": fh.Wave(KERNEL), "boundary": fh.Exact(), "initial": {"u": lambda x: np.exp(-4 * x**2)}}
+    """A node that is made to do what it would do anyway, and let go with the scheme's own velocity: a free run to
+    rounding.
+    """
+    setup = {
+        "lattice": fh.Lattice(0.25, -8, 8),
+        "model": fh.Wave(KERNEL),
+        "boundary": fh.Exact(),
+        "initial": {"u": lambda x: np.exp(-4 * x**2)},
+    }
     free = fh.Simulation(**setup, dt=0.02)
     values = [1.0]
     for _ in range(100):
@@ -89,7 +104,13 @@ def test_restored_runs_are_bitwise_the_same(saved, tmp_path):
 
 def test_steps_in_pieces_are_the_run():
     """The release falls inside one call of `step`, or between two."""
-    setup = {"lattice": LINE, "model": fh.Wave(KERNEL), "boundary": fh.LatticePML(), "constraints": [fh.Prescribed([0.0], np.sin, 2.0)], "dt": 0.1}
+    setup = {
+        "lattice": LINE,
+        "model": fh.Wave(KERNEL),
+        "boundary": fh.LatticePML(),
+        "constraints": [fh.Prescribed([0.0], np.sin, 2.0)],
+        "dt": 0.1,
+    }
     one, other = fh.Simulation(**setup), fh.Simulation(**setup)
     one.step(50)
     for count in (7, 13, 30):

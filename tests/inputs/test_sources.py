@@ -39,7 +39,10 @@ WAYS = {
     "expression": (Expression("exp(-(x-2)**2-(y-2)**2)*sin(3*t)", 2), True),
     "expression that does not split": (Expression("exp(-(x-2)**2-(y-2)**2 + 0*t)*sin(3*t)", 2), False),
     "expression and time": (Source(Expression("exp(-(x-2)**2-(y-2)**2)", 2), lambda t: np.sin(3 * t)), True),
-    "expression of t and time": (Source(Expression("exp(-(x-2)**2-(y-2)**2)*t", 2), lambda t: np.sin(3 * t) / t if t else 3.0), True),
+    "expression of t and time": (
+        Source(Expression("exp(-(x-2)**2-(y-2)**2)*t", 2), lambda t: np.sin(3 * t) / t if t else 3.0),
+        True,
+    ),
 }
 
 
@@ -57,7 +60,9 @@ def test_constant_sources():
     np.testing.assert_array_equal(value_of(SHAPE, 7.0), SHAPE)
 
 
-@pytest.mark.parametrize("make", [Wave, Diffusion, lambda s: Diffusion(s, integrator="rk4")], ids=["Verlet", "Euler", "RK4"])
+@pytest.mark.parametrize(
+    "make", [Wave, Diffusion, lambda s: Diffusion(s, integrator="rk4")], ids=["Verlet", "Euler", "RK4"]
+)
 def test_every_way_runs_alike(make):
     """A table of amplitudes in the compiled loop and a call every step are one source."""
     results = []
@@ -82,8 +87,15 @@ def test_sources_superpose():
 
 
 def test_a_uniform_source_fills_an_insulated_body():
-    """The content grows by the integral of the source: sum u = N (1 - cos(w t)) / w for sin(w t), to the order of RK4."""
-    sim = Simulation(LATTICE, Diffusion(kernel_stencil(2, 2), 0.4, "rk4"), Free(), sources=[Source(1.0, lambda t: np.sin(2 * t))], dt=0.01)
+    """The content grows by the integral of the source: sum u = N (1 - cos(w t)) / w for sin(w t), to the order of
+    RK4."""
+    sim = Simulation(
+        LATTICE,
+        Diffusion(kernel_stencil(2, 2), 0.4, "rk4"),
+        Free(),
+        sources=[Source(1.0, lambda t: np.sin(2 * t))],
+        dt=0.01,
+    )
     sim.run(1.0)
     np.testing.assert_allclose(sim.fields["u"], (1 - np.cos(2.0)) / 2, rtol=1e-9)
 
@@ -96,16 +108,19 @@ def test_a_constant_force_accelerates_a_free_body():
 
 
 def test_source_in_an_unbounded_medium_in_1d():
-    """A point force switched on at t = 0 spreads at the wave speed: the displacement behind the front is c t' / 2 per unit impulse.
+    """A point force switched on at t = 0 spreads at the wave speed: the displacement behind the front is c t' / 2 per
+    unit impulse.
 
-    For u_tt = u_xx + f delta(x): u = f/2 (t - |x|) behind the front (d'Alembert), here at nodes the front passed long ago.
+    For u_tt = u_xx + f delta(x): u = f/2 (t - |x|) behind the front (d'Alembert), here at nodes the front passed long
+    ago.
     """
     lattice = Lattice(0.1, lower=-4, upper=4)
     point = np.where(np.abs(lattice.coordinates()[0]) < 1e-9, 1 / 0.1, 0.0)
     smooth = lambda t: np.sin(np.pi * t / 2) ** 2 if t < 2 else 0.0  # noqa: E731, impulse 1, ends at t = 2
     sim = Simulation(lattice, Wave(kernel_stencil(1, 1)), LatticePML(), sources=[Source(point, smooth)])
     sim.run(8.0)
-    np.testing.assert_allclose(sim.fields["u"], 0.5, rtol=2e-3)  # dispersion of order (pi dx / c T)^2 / 24 and the drift shift alpha
+    # dispersion of order (pi dx / c T)^2 / 24 and the drift shift alpha
+    np.testing.assert_allclose(sim.fields["u"], 0.5, rtol=2e-3)
 
 
 # What is refused
@@ -122,7 +137,9 @@ def test_wrong_shapes_and_values():
             split(np.where(X > 1, bad, 0.0), LATTICE)
 
 
-@pytest.mark.parametrize("source", [Source(1.0, lambda t: np.nan if t > 1 else 1.0), lambda x, y, t: x * (np.nan if t > 1 else 1.0)])
+@pytest.mark.parametrize(
+    "source", [Source(1.0, lambda t: np.nan if t > 1 else 1.0), lambda x, y, t: x * (np.nan if t > 1 else 1.0)]
+)
 def test_a_source_that_becomes_nan_stops_the_run(source):
     """Named at the time it happens, before it enters the field."""
     sim = Simulation(LATTICE, Wave(kernel_stencil(2, 2)), Free(), sources=[source])
@@ -153,7 +170,9 @@ def test_a_component_left_at_zero_is_no_source():
     for nothing in (0.0, 0, Expression("0", 2)):
         sim = Simulation(lattice, model, sources=[[nothing, push]])
         assert len(sim.sources) == 1 and not any("zero on every node" in note for note in sim.notes)
-        assert any("zero on every node" in note for note in Simulation(lattice, model, sources=[[nothing, nothing]]).notes)
+        assert any(
+            "zero on every node" in note for note in Simulation(lattice, model, sources=[[nothing, nothing]]).notes
+        )
 
 
 def test_data_whose_squares_overflow_are_refused():

@@ -9,10 +9,11 @@ from helpers import fitted_rate, kernel_stencil, lattice_of
 
 
 def verlet_recursion(symbol, dt, steps, u, v, damping):
-    """Velocity Verlet of u'' + 2 d u' + symbol u = 0 in position and velocity, damping averaged over the step, in long double.
+    """Velocity Verlet of u'' + 2 d u' + symbol u = 0 in position and velocity, damping averaged over the step, in long
+    double.
 
-    A half kick with the force at the old position, a drift, a half kick with the new one; the damping acts on the mean of the two
-    velocities half a step before and after, which is Hermann et al. (2023), eq 42.
+    A half kick with the force at the old position, a drift, a half kick with the new one; the damping acts on the mean
+    of the two velocities half a step before and after, which is Hermann et al. (2023), eq 42.
     """
     symbol, dt, u, v, damping = (np.longdouble(x) for x in (symbol, dt, u, v, damping))
     half = v + dt / 2 * (-symbol * u - 2 * damping * v)  # velocity at t = dt/2 from a first half step
@@ -48,7 +49,9 @@ def test_propagate_against_the_recursion(symbol, dt, damping, steps, u, v):
     # Near a double root the two powers cancel by the distance of the roots: 2e-5 for a relative detuning of 1e-9.
     tolerance = 1e-8 if symbol == OSCILLATORS["nearly critically damped"][0] else 1e-12
     assert complex(got[0]).imag == pytest.approx(0, abs=tolerance * size)
-    assert complex(got[0]).real == pytest.approx(verlet_recursion(symbol, dt, steps, u, v, damping), abs=tolerance * size)
+    assert complex(got[0]).real == pytest.approx(
+        verlet_recursion(symbol, dt, steps, u, v, damping), abs=tolerance * size
+    )
 
 
 def test_propagate_nothing():
@@ -62,7 +65,9 @@ def test_growth_of_euler_and_runge_kutta():
     symbol, dt = np.linspace(0, 20, 41), 0.1
     z = -symbol * dt
     np.testing.assert_allclose(Euler.growth(symbol, dt), 1 + z, rtol=1e-14)
-    np.testing.assert_allclose(RungeKutta4.growth(symbol, dt), 1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24, rtol=1e-13, atol=1e-15)
+    np.testing.assert_allclose(
+        RungeKutta4.growth(symbol, dt), 1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24, rtol=1e-13, atol=1e-15
+    )
 
 
 @pytest.mark.parametrize("integrator", [Euler, RungeKutta4])
@@ -92,11 +97,14 @@ def test_chebyshev_polynomial(stages):
     assert (np.abs(integrator.growth(np.linspace(0.01, 1, 2001), limit)) <= 1).all()
     if stages % 2 == 0:  # an odd polynomial falls beyond, and is small for a while
         assert abs(integrator.growth(1.0, 1.02 * limit)) > 1
-    # Verwer's bound 2/3 (s^2 - 1) (1 - 2/15 eps) with eps = 2/13 (Sommeijer et al. 1998, section 2.1) is of leading order in eps
+    # Verwer's bound 2/3 (s^2 - 1) (1 - 2/15 eps) with eps = 2/13 (Sommeijer et al. 1998, section 2.1) is of leading
+    # order in eps
     assert limit == pytest.approx(2 / 3 * (stages**2 - 1) * (1 - 4 / 195), rel=0.02)
 
 
-@pytest.mark.parametrize("integrator", [Euler(), RungeKutta4(), RungeKuttaChebyshev(2), RungeKuttaChebyshev(9)], ids=repr)
+@pytest.mark.parametrize(
+    "integrator", [Euler(), RungeKutta4(), RungeKuttaChebyshev(2), RungeKuttaChebyshev(9)], ids=repr
+)
 def test_stage_effects_add_up_to_the_step(integrator):
     """A constant flow into every stage adds dt times itself; the sources' scales are the operator's."""
     stages = integrator.stages(0.3)
@@ -106,7 +114,9 @@ def test_stage_effects_add_up_to_the_step(integrator):
 
 @pytest.mark.parametrize("integrator", [Euler(), RungeKutta4(), RungeKuttaChebyshev(7)], ids=repr)
 def test_samples_of_prescribed_nodes(integrator):
-    """After the last stage a prescribed node has its value at the end of the step; the weights of every stage add up to 1."""
+    """After the last stage a prescribed node has its value at the end of the step; the weights of every stage add up to
+    1.
+    """
     times, weights = integrator.tied_samples(0.2)
     assert weights[-1] @ np.array(times) == pytest.approx(0.2, rel=1e-14)
     assert weights.shape == (len(integrator.stages(0.2).numbers), len(times))
@@ -124,7 +134,9 @@ def test_step_limit_of_verlet():
     """Just below the limit 2/omega a wave stays bounded, just above it grows exponentially."""
     limit = Verlet.step_limit(9.0)
     assert limit == pytest.approx(2 / 3, rel=1e-15)
-    sizes = [np.abs(Verlet.propagate(np.array([9.0]), f * limit, 2000, np.ones(1), np.zeros(1))[0]) for f in (0.999, 1.001)]
+    sizes = [
+        np.abs(Verlet.propagate(np.array([9.0]), f * limit, 2000, np.ones(1), np.zeros(1))[0]) for f in (0.999, 1.001)
+    ]
     assert sizes[0] < 30 and sizes[1] > 1e6
 
 
@@ -146,7 +158,14 @@ def eigenmode(dim):
 def final_error(dim, make_model, steps, until, exact, sources=(), start=1.0):
     """Largest error of the mode after `steps` steps."""
     stencil, lattice, mode, _ = eigenmode(dim)
-    sim = Simulation(lattice, make_model(stencil), Periodic(), {"u": start * mode}, sources=[s(mode) for s in sources], dt=until / steps)
+    sim = Simulation(
+        lattice,
+        make_model(stencil),
+        Periodic(),
+        {"u": start * mode},
+        sources=[s(mode) for s in sources],
+        dt=until / steps,
+    )
     sim.step(steps)
     assert sim.time == pytest.approx(until)
     return float(np.abs(sim.fields["u"] - exact(until) * mode).max())
@@ -156,7 +175,10 @@ def decay(rate, start=1.0, forced=False):
     """Exact solution of u' = -rate u + sin(FREQUENCY t)."""
     w = FREQUENCY if forced else 0.0
     size = 1.0 if forced else 0.0
-    response = lambda t: (rate * np.sin(w * t) - w * np.cos(w * t) + w * np.exp(-rate * t)) / (rate**2 + w**2)  # noqa: E731
+
+    def response(t):
+        return (rate * np.sin(w * t) - w * np.cos(w * t) + w * np.exp(-rate * t)) / (rate**2 + w**2)
+
     return lambda t: start * np.exp(-rate * t) + size * response(t)
 
 
@@ -188,7 +210,9 @@ SOURCES = {
     ids=["Euler", "Verlet", "RK4", "RKC 5", "RKC 12"],
 )
 def test_order_in_time(make_model, solution, order, counts, dim, sources):
-    """Euler 1, velocity Verlet 2, Runge-Kutta 4, Runge-Kutta-Chebyshev 2, with a time-dependent source too; space is exact in an eigenmode."""
+    """Euler 1, velocity Verlet 2, Runge-Kutta 4, Runge-Kutta-Chebyshev 2, with a time-dependent source too; space is
+    exact in an eigenmode.
+    """
     _, _, _, rate = eigenmode(dim)
     until = 0.6
     exact = solution(rate, forced=bool(sources))
@@ -198,7 +222,12 @@ def test_order_in_time(make_model, solution, order, counts, dim, sources):
 
 @pytest.mark.parametrize(
     ("name", "integrator"),
-    [("euler", Euler), ("rk4", RungeKutta4), ("rkc", RungeKuttaChebyshev()), *((RungeKuttaChebyshev(s),) * 2 for s in (2, 3, 51))],
+    [
+        ("euler", Euler),
+        ("rk4", RungeKutta4),
+        ("rkc", RungeKuttaChebyshev()),
+        *((RungeKuttaChebyshev(s),) * 2 for s in (2, 3, 51)),
+    ],
 )
 def test_a_run_multiplies_an_eigenmode_by_the_growth_factor(name, integrator):
     """The compiled stages are the method whose growth factor the analysis uses."""
@@ -215,7 +244,9 @@ def test_a_run_multiplies_an_eigenmode_by_the_growth_factor(name, integrator):
 def test_a_run_of_verlet_is_propagate(dim, damping):
     """Initial displacement and velocity, damped and not, increments (1D) and two levels (2D)."""
     stencil, lattice, mode, rate = eigenmode(dim)
-    sim = Simulation(lattice, Wave(stencil, np.sqrt(COEFFICIENT), damping), Periodic(), {"u": 0.7 * mode, "v": -1.3 * mode})
+    sim = Simulation(
+        lattice, Wave(stencil, np.sqrt(COEFFICIENT), damping), Periodic(), {"u": 0.7 * mode, "v": -1.3 * mode}
+    )
     sim.step(50)
     factor = Verlet.propagate(np.array([rate]), sim.dt, 50, np.array([0.7]), np.array([-1.3]), damping)[0].real
     np.testing.assert_allclose(sim.fields["u"], factor * mode, atol=1e-13)
@@ -224,9 +255,13 @@ def test_a_run_of_verlet_is_propagate(dim, damping):
 @pytest.mark.parametrize("damping", [0.0, 0.4])
 @pytest.mark.parametrize("dim", [1, 2])
 def test_velocity_shown_is_that_of_half_a_step_ago(dim, damping):
-    """v = (u(n) - u(n-1)) / dt at every step, time zero included: there v - dt/2 (acceleration of the undamped part) + damping share."""
+    """v = (u(n) - u(n-1)) / dt at every step, time zero included: there v - dt/2 (acceleration of the undamped part) +
+    damping share.
+    """
     stencil, lattice, mode, rate = eigenmode(dim)
-    sim = Simulation(lattice, Wave(stencil, np.sqrt(COEFFICIENT), damping), Periodic(), {"u": 0.7 * mode, "v": -1.3 * mode})
+    sim = Simulation(
+        lattice, Wave(stencil, np.sqrt(COEFFICIENT), damping), Periodic(), {"u": 0.7 * mode, "v": -1.3 * mode}
+    )
     start = -1.3 * (1 + damping * sim.dt) + sim.dt / 2 * rate * 0.7
     np.testing.assert_allclose(sim.fields["v"], start * mode, atol=1e-12)
     before = 0.7 * mode
@@ -241,7 +276,9 @@ def test_runge_kutta_with_sources_is_the_classical_method():
     """The nested stages and their source weights give k1 .. k4 of the textbook, to rounding."""
     stencil, lattice, mode, rate = eigenmode(1)
     force = lambda t: np.exp(0.3 * t) * np.cos(5 * t)  # noqa: E731
-    sim = Simulation(lattice, Diffusion(stencil, COEFFICIENT, "rk4"), Periodic(), {"u": mode}, sources=[Source(mode, force)])
+    sim = Simulation(
+        lattice, Diffusion(stencil, COEFFICIENT, "rk4"), Periodic(), {"u": mode}, sources=[Source(mode, force)]
+    )
     sim.step(20)
     u, t, dt = 1.0, 0.0, sim.dt
     slope = lambda t, u: -rate * u + force(t)  # noqa: E731

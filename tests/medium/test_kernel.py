@@ -9,21 +9,39 @@ from scipy.integrate import quad
 
 from farhorizon import InputError, Kernel
 
-# (dim, influence): per exponent p = 0, 1, 2, 3 the constant c * horizon^(dim + 2 - p) (times pi in 2D and 3D) and the coefficients of z^2
-# and z^4 in S / k^2 = 1 + a z^2 + b z^4, z = k * horizon. c: Shojaei, Hermann, Seleson and Cyron (2020), table 1, completed in
-# Hermann et al. (2023) and Shojaei et al. (2020), tables of the constants and of the series, misprints mended (3D p = 3: not tabulated).
+# (dim, influence): per exponent p = 0, 1, 2, 3 the constant c * horizon^(dim + 2 - p) (times pi in 2D and 3D) and the
+# coefficients of z^2
+# and z^4 in S / k^2 = 1 + a z^2 + b z^4, z = k * horizon. c: Shojaei, Hermann, Seleson and Cyron (2020), table 1,
+# completed in
+# Hermann et al. (2023) and Shojaei et al. (2020), tables of the constants and of the series, misprints mended (3D p =
+# 3: not tabulated).
 TABLE = {
     (1, "constant"): [(3, F(-1, 20), F(1, 840)), (2, F(-1, 24), F(1, 1080)), (1, F(-1, 36), F(1, 1800))],
     (1, "linear"): [(12, F(-1, 30), F(1, 1680)), (6, F(-1, 40), F(1, 2520)), (2, F(-1, 72), F(1, 5400))],
-    (2, "constant"): [(8, F(-1, 24), F(1, 1152)), (6, F(-3, 80), F(1, 1344)), (4, F(-1, 32), F(1, 1728)), (2, F(-1, 48), F(1, 2880))],
-    (2, "linear"): [(40, F(-5, 168), F(5, 10368)), (24, F(-1, 40), F(1, 2688)), (12, F(-3, 160), F(1, 4032)), (4, F(-1, 96), F(1, 8640))],
+    (2, "constant"): [
+        (8, F(-1, 24), F(1, 1152)),
+        (6, F(-3, 80), F(1, 1344)),
+        (4, F(-1, 32), F(1, 1728)),
+        (2, F(-1, 48), F(1, 2880)),
+    ],
+    (2, "linear"): [
+        (40, F(-5, 168), F(5, 10368)),
+        (24, F(-1, 40), F(1, 2688)),
+        (12, F(-3, 160), F(1, 4032)),
+        (4, F(-1, 96), F(1, 8640)),
+    ],
     (3, "constant"): [
         (F(15, 2), F(-1, 28), F(1, 1512)),
         (6, F(-1, 30), F(1, 1680)),
         (F(9, 2), F(-3, 100), F(1, 1960)),
         (3, F(-1, 40), None),
     ],
-    (3, "linear"): [(45, F(-3, 112), F(1, 2520)), (30, F(-1, 42), F(1, 3024)), (18, F(-1, 50), F(1, 3920)), (9, F(-3, 200), None)],
+    (3, "linear"): [
+        (45, F(-3, 112), F(1, 2520)),
+        (30, F(-1, 42), F(1, 3024)),
+        (18, F(-1, 50), F(1, 3920)),
+        (9, F(-3, 200), None),
+    ],
 }
 CASES = [(dim, influence, p, *row) for (dim, influence), rows in TABLE.items() for p, row in enumerate(rows)]
 KINDS = pytest.mark.parametrize(("dim", "influence", "exponent"), [case[:3] for case in CASES])
@@ -32,13 +50,17 @@ SPHERE = {1: 2.0, 2: 2 * np.pi, 3: 4 * np.pi}
 
 
 def symbol_by_quadrature(kernel, dim, z):
-    """``c |S| integral of w(r) r^(dim - 1 - p) (1 - mean)`` with c from the integral of ``w(r) r^(dim + 1 - p)``, horizon 1."""
+    """``c |S| integral of w(r) r^(dim - 1 - p) (1 - mean)`` with c from the integral of ``w(r) r^(dim + 1 - p)``,
+    horizon 1.
+    """
 
     def integral(f):
         return quad(f, 0, 1, epsabs=1e-14, epsrel=1e-13, limit=200)[0]
 
     def influence(r):
-        return {"constant": 1.0, "linear": 1 - r, "gaussian": np.exp(-((r / kernel.gaussian_width) ** 2))}[kernel.influence]
+        return {"constant": 1.0, "linear": 1 - r, "gaussian": np.exp(-((r / kernel.gaussian_width) ** 2))}[
+            kernel.influence
+        ]
 
     power = dim - 1 - kernel.exponent
     moment = integral(lambda r: influence(r) * r ** (power + 2))

@@ -1,4 +1,6 @@
-"""Stencils: moments, symbols, largest symbol and backward waves, against textbook formulas, brute force and published numbers."""
+"""Stencils: moments, symbols, largest symbol and backward waves, against textbook formulas, brute force and published
+numbers.
+"""
 
 import itertools
 
@@ -11,7 +13,8 @@ from helpers import fitted_rate, kernel_stencil
 
 REACHES = (2, 3, 4, 6)
 
-# 0.5 * sum w x^2 with the literature's constants (calibrate=False) at horizon = 2, 3, 4, 6 spacings, keyed by (dim, exponent):
+# 0.5 * sum w x^2 with the literature's constants (calibrate=False) at horizon = 2, 3, 4, 6 spacings, keyed by (dim,
+# exponent):
 # summed by an independent program.
 RAMP = {
     (1, 0): (1.125, 1.056, 1.031, 1.014),
@@ -49,7 +52,9 @@ def test_effective_coefficient_of_the_published_constants(volume, dim, exponent,
 
 @pytest.mark.parametrize(("dim", "m", "neighbours"), [(1, 3, 6), (2, 2, 20), (2, 3, 28 + 8), (3, 2, 80)])
 def test_neighbours_of_the_ramp(dim, m, neighbours):
-    """Bonds reach horizon + spacing/2; 2D m = 2: 20, 3D m = 2: 80 (plane_wave_abc_diffusion.md, "Beta"); else counted here."""
+    """Bonds reach horizon + spacing/2; 2D m = 2: 20, 3D m = 2: 80 (plane_wave_abc_diffusion.md, "Beta"); else counted
+    here.
+    """
     grid = np.stack(np.meshgrid(*[np.arange(-m - 1, m + 2)] * dim), -1).reshape(-1, dim)
     r2 = (grid**2).sum(1)
     assert ((r2 > 0) & (r2 < (m + 0.5) ** 2)).sum() == neighbours
@@ -82,12 +87,14 @@ def test_calibrated_stencil_has_the_exact_coefficient(dim, exponent, reach, infl
 @pytest.mark.parametrize(
     ("dim", "exponent", "low", "high"),
     [
-        # 1D: the ramp halves the last cell, so the sum is the trapezoidal rule, of second order; p = 2 leaves out the centre, where the
+        # 1D: the ramp halves the last cell, so the sum is the trapezoidal rule, of second order; p = 2 leaves out the
+        # centre, where the
         # integrand is k^2/2, an error of first order (the table above: 1 - 1/(2m)).
         (1, 0, 1.9, 2.1),
         (1, 1, 1.9, 2.1),
         (1, 2, 0.9, 1.1),
-        # 2D, 3D: lattice points in a ball with a rim smoothed over one spacing: between 3/2 (the oscillating remainder of the circle
+        # 2D, 3D: lattice points in a ball with a rim smoothed over one spacing: between 3/2 (the oscillating remainder
+        # of the circle
         # problem with one power of smoothing) and 2 (the trapezoidal part, and the missing centre for p = 2).
         (2, 0, 1.3, 2.4),
         (2, 1, 1.3, 2.4),
@@ -100,7 +107,9 @@ def test_discrete_symbol_converges_to_the_continuum_one(dim, exponent, low, high
     k = np.array([2.1, 1.2])[:dim]
     exact = float(kernel.dispersion(np.linalg.norm(k), dim))
     reaches = np.unique(np.round(np.geomspace(4, 64 if dim == 1 else 40, 16)).astype(int))
-    errors = [abs(float(Stencil.from_kernel(kernel, 1 / m, dim).symbol(*(k / m))) * m**2 - exact) / exact for m in reaches]
+    errors = [
+        abs(float(Stencil.from_kernel(kernel, 1 / m, dim).symbol(*(k / m))) * m**2 - exact) / exact for m in reaches
+    ]
     assert low < fitted_rate(1 / reaches, errors) < high
     assert errors[-1] < 0.01
 
@@ -118,14 +127,16 @@ def test_finite_difference_symbol(dim):
 
 @pytest.mark.parametrize("dim", [1, 2, 3])
 def test_finite_element_symbol(dim):
-    """Row-sum lumped multilinear elements: sum over axes of 2 (1 - cos k_a) prod over the others of (2 + cos k_b) / 3."""
+    """Row-sum lumped multilinear elements: sum over axes of 2 (1 - cos k_a) prod over the others of (2 + cos k_b) /
+    3."""
     stencil = Stencil.finite_element(dim)
     angles = np.random.default_rng(2).uniform(-np.pi, np.pi, (dim, 50))
     cos = np.cos(angles)
     mass = (2 + cos) / 3
     expected = sum(2 * (1 - cos[a]) * np.prod(np.delete(mass, a, 0), 0) for a in range(dim))
     np.testing.assert_allclose(stencil.symbol(*angles), expected, rtol=1e-12, atol=1e-14)
-    assert stencil.symbol_maximum == pytest.approx(4, rel=1e-9)  # one axis at pi, the others at 0 (or any, where the mass cancels)
+    # one axis at pi, the others at 0 (or any, where the mass cancels)
+    assert stencil.symbol_maximum == pytest.approx(4, rel=1e-9)
 
 
 def test_finite_element_in_2d_is_nine_points_of_weight_one_third():
@@ -175,7 +186,8 @@ def test_symbol_gradient_against_differences(dim):
 @pytest.mark.parametrize(
     ("stencil", "growth", "first"),
     [
-        # largest growth over sigma and smallest backward |k|, to two or three digits, by an independent scan of the symbols.
+        # largest growth over sigma and smallest backward |k|, to two or three digits, by an independent scan of the
+        # symbols.
         (kernel_stencil(1, 3, 0), 0.16, 1.47),
         (kernel_stencil(1, 25, 0), 0.49, 0.18),
         (kernel_stencil(2, 3, 1), 0.025, 1.94),
@@ -194,7 +206,8 @@ def test_published_growth_of_backward_waves(stencil, growth, first):
 def test_backward_waves_in_1d_begin_where_the_group_velocity_turns():
     """1D p = 0, m = 3: the ramp weights are 1, 1, 1/2, and d(symbol)/dk = 0 has its first root where the set begins."""
     root = brentq(lambda k: np.sin(k) + 2 * np.sin(2 * k) + 1.5 * np.sin(3 * k), 1, 2)
-    assert kernel_stencil(1, 3, 0).backward_waves().first_wavenumber == pytest.approx(root, abs=2e-3)  # the zone is sampled every pi / 4096
+    # the zone is sampled every pi / 4096
+    assert kernel_stencil(1, 3, 0).backward_waves().first_wavenumber == pytest.approx(root, abs=2e-3)
 
 
 @pytest.mark.parametrize("dim", [1, 2])
@@ -214,7 +227,8 @@ def test_no_backward_waves_for_smoother_kernels(exponent, influence):
 
 @pytest.mark.parametrize(("m", "percent"), [(4, 2.8), (5, 1.1), (6, 1.9)])
 def test_fraction_of_backward_waves_of_the_ramp(m, percent):
-    """2D p = 2 constant: part of the zone that is backward along one axis (an independent scan: 2.8, 1.1, 1.9 % for m = 4, 5, 6).
+    """2D p = 2 constant: part of the zone that is backward along one axis (an independent scan: 2.8, 1.1, 1.9 % for m =
+    4, 5, 6).
 
     The published figure counts one axis. `fraction` counts either axis: at least as much, at most twice.
     """
@@ -285,7 +299,9 @@ def test_matrix_symbol():
 
 
 def test_symmetries_of_matrices():
-    """Mirrors turn the component along them, exchanges of axes take the components with them; springs gain no energy, a part of them neither."""
+    """Mirrors turn the component along them, exchanges of axes take the components with them; springs gain no energy, a
+    part of them neither.
+    """
     stencil = matrix_stencil()
     assert stencil.components == 2 and stencil.positive
     assert stencil.even_along(0) and stencil.even_along(1) and stencil.same_along(0, 1)

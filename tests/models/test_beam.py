@@ -14,7 +14,13 @@ def standing_wave(nodes, waves=2, stiffness=0.7, share=0.6):
     dx = 1 / nodes
     lattice = fh.Lattice(dx, 0, 1 - dx)
     k = 2 * np.pi * waves
-    sim = fh.Simulation(lattice, fh.Beam(stiffness), fh.Periodic(), {"u": lambda x: np.cos(k * x)}, dt=share * dx**2 / (2 * np.sqrt(stiffness)))
+    sim = fh.Simulation(
+        lattice,
+        fh.Beam(stiffness),
+        fh.Periodic(),
+        {"u": lambda x: np.cos(k * x)},
+        dt=share * dx**2 / (2 * np.sqrt(stiffness)),
+    )
     return sim, k
 
 
@@ -56,9 +62,14 @@ def test_converges_to_the_continuum():
 def test_infinite_beam(damping):
     """Exact ends against the infinite lattice by FFT.
 
-    Compressed, an error of 1e-12 of the force moves the beam as a whole, and turns it: a hundred times that are allowed.
+    Compressed, an error of 1e-12 of the force moves the beam as a whole, and turns it: a hundred times that are
+    allowed.
     """
-    setup = {"lattice": fh.Lattice(0.25, -5, 5), "model": fh.Beam(1.5, damping), "initial": {"u": lambda x: np.exp(-4 * x**2)}}
+    setup = {
+        "lattice": fh.Lattice(0.25, -5, 5),
+        "model": fh.Beam(1.5, damping),
+        "initial": {"u": lambda x: np.exp(-4 * x**2)},
+    }
     for end, bound in ((fh.Exact(), 1e-10), (fh.Exact(None), 1e-12)):
         curves = compare({**setup, "boundary": end}, 30.0).curves
         assert curves["exact"]["error_max_over_run"] < bound
@@ -74,7 +85,10 @@ def test_energy_is_conserved():
 
 
 def test_case_file():
-    text = '[lattice]\nspacing = 0.25\nlower = [-5]\nupper = [5]\n[model]\ntype = "beam"\nstiffness = 2.0\n[initial]\nu = "exp(-4*x**2)"\n'
+    text = (
+        '[lattice]\nspacing = 0.25\nlower = [-5]\nupper = [5]\n[model]\ntype = "beam"\nstiffness = '
+        '2.0\n[initial]\nu = "exp(-4*x**2)"\n'
+    )
     sim = Case(text + '[boundary]\nall = { type = "exact" }\n[run]\nuntil = 1.0\n').simulation()
     assert sim.model.stiffness == 2.0
     sim.run(1.0)

@@ -1,4 +1,6 @@
-"""Bonds that are nonlinear or break: invariants of the law, fracture energy, energies, cracks that run, layers, checkpoints, bad input."""
+"""Bonds that are nonlinear or break: invariants of the law, fracture energy, energies, cracks that run, layers,
+checkpoints, bad input.
+"""
 
 import numpy as np
 import pytest
@@ -61,13 +63,16 @@ def test_a_uniform_stretch_breaks_no_bond_below_the_critical_one(shape, nonlinea
 
 @pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
 def test_a_bar_in_tension_breaks_at_the_critical_stretch(nonlinear):
-    """Pulled apart at a constant rate of strain, which the middle does not know to be slowing at the ends: bonds along x break, all at once."""
+    """Pulled apart at a constant rate of strain, which the middle does not know to be slowing at the ends: bonds along
+    x break, all at once.
+    """
     rate, critical = 0.002, 0.01
     lattice = fh.Lattice(0.5, (-10.0, -2.0), (10.0, 2.0))
     model = material(nonlinear=nonlinear, critical_stretch=critical)
     sides = {"x": fh.Free(), "y": fh.Periodic()}
     sim = fh.Simulation(lattice, model, sides, {"v": lambda x, y: [rate * x, 0 * y]})
-    middle = np.abs(lattice.axes[0]) < 10 - 1.0 - model.p_speed * critical / rate  # within the sound cone, a reach of 1 inside
+    # within the sound cone, a reach of 1 inside
+    middle = np.abs(lattice.axes[0]) < 10 - 1.0 - model.p_speed * critical / rate
     assert middle.sum() > 5
     last = int(np.floor(critical / rate / sim.dt))
     sim.step(last)  # the force of this step was that of the stretch one step earlier
@@ -82,7 +87,9 @@ def test_momentum_stays_while_bonds_break_for_good(nonlinear):
     """The damage never falls anywhere."""
     shape = (26, 23)
     v = 0.03 * np.random.default_rng(3).standard_normal((2, *shape))
-    sim = fh.Simulation(lattice_of(shape, 0.5), material(nonlinear=nonlinear, critical_stretch=0.03), fh.Free(), {"v": v})
+    sim = fh.Simulation(
+        lattice_of(shape, 0.5), material(nonlinear=nonlinear, critical_stretch=0.03), fh.Free(), {"v": v}
+    )
     before, momentum = sim.fields["damage"], v.sum((1, 2))
     for _ in range(20):
         sim.step(5)
@@ -94,8 +101,10 @@ def test_momentum_stays_while_bonds_break_for_good(nonlinear):
 
 # --- fracture energy -------------------------------------------------------------------------------------------
 
-#: Critical stretch for unit fracture energy, Young's modulus and horizon: Silling and Askari (2005) with K = 2E/3 in space; the plane by
-#: the same integral over bonds across a line, with micromoduli 9E/(pi h^3) (stress) and 48E/(5 pi h^3) (strain) of Gerstle et al. (2005).
+#: Critical stretch for unit fracture energy, Young's modulus and horizon: Silling and Askari (2005) with K = 2E/3 in
+#: space; the plane by
+#: the same integral over bonds across a line, with micromoduli 9E/(pi h^3) (stress) and 48E/(5 pi h^3) (strain) of
+#: Gerstle et al. (2005).
 CLOSED_FORMS = {
     "space": (3, None, np.sqrt(5 / 6)),
     "plane stress": (2, "stress", np.sqrt(4 * np.pi / 9)),
@@ -108,7 +117,10 @@ def test_critical_stretch_of_a_fracture_energy(dim, plane, factor):
     """That of the lattice tends to the closed form of the continuum; E = 3, horizon = 2, G = 1e-4."""
     reaches = (2, 4, 8) if dim == 3 else (3, 6, 12)
     exact = factor * np.sqrt(1e-4 / (3 * 2))
-    found = [fh.Elastic(fh.Kernel(2.0, 1), 3.0, plane=plane, fracture_energy=1e-4).critical_stretch_on(2.0 / m, dim) for m in reaches]
+    found = [
+        fh.Elastic(fh.Kernel(2.0, 1), 3.0, plane=plane, fracture_energy=1e-4).critical_stretch_on(2.0 / m, dim)
+        for m in reaches
+    ]
     errors = np.abs(np.array(found) / exact - 1)
     assert (np.diff(errors) < 0).all() and errors[-1] < 0.01
 
@@ -123,17 +135,25 @@ def energy_across(sim):
 
 @pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
 def test_a_straight_crack_spends_its_fracture_energy(nonlinear):
-    """A notched strip, pulled slowly at its edges: the crack runs straight, slower than surface waves, and spends what bonds across its plane hold.
+    """A notched strip, pulled slowly at its edges: the crack runs straight, slower than surface waves, and spends what
+    bonds across its plane hold.
 
-    Within 6 % of that: bonds break one step beyond the critical stretch, by up to some per cent of it, and some beside the plane break, too. The mean
-    over all directions, by which a fracture energy is turned into a stretch, is 3 % larger than that along an axis of this lattice.
+    Within 6 % of that: bonds break one step beyond the critical stretch, by up to some per cent of it, and some beside
+    the plane break, too. The mean over all directions, by which a fracture energy is turned into a stretch, is 3 %
+    larger than that along an axis of this lattice.
     """
     dx, half, edge = 0.5, 20.0, 7.75
     lattice = fh.Lattice(dx, (-half, -edge), (half, edge))
     y = lattice.coordinates()[1]
     pull = np.stack([0 * y, np.sign(y) * (np.abs(y) > edge - 0.1 * dx)]) * 0.0012 / dx
     model = material(nonlinear=nonlinear, critical_stretch=0.01)
-    sim = fh.Simulation(lattice, model, fh.Free(), sources=[fh.Source(pull, lambda t: min(t / 40, 1.0))], cracks=[[[-half - 1, 0], [-half / 2, 0]]])
+    sim = fh.Simulation(
+        lattice,
+        model,
+        fh.Free(),
+        sources=[fh.Source(pull, lambda t: min(t / 40, 1.0))],
+        cracks=[[[-half - 1, 0], [-half / 2, 0]]],
+    )
     rows = []
     for t in np.arange(40.0, 90.0):
         sim.run(t, progress=False)
@@ -143,7 +163,8 @@ def test_a_straight_crack_spends_its_fracture_energy(nonlinear):
     running = (tip > -9) & (tip < -2)  # beyond the notch, before the crack feels the far end
     assert running.sum() > 10
     speed, toughness = np.polyfit(t[running], tip[running], 1)[0], np.polyfit(tip[running], spent[running], 1)[0]
-    assert 0.2 * model.s_speed < speed < 0.919 * model.s_speed  # Rayleigh's speed for Poisson's ratio 1/4: 0.9194 that of S waves
+    # Rayleigh's speed for Poisson's ratio 1/4: 0.9194 that of S waves
+    assert 0.2 * model.s_speed < speed < 0.919 * model.s_speed
     assert toughness == pytest.approx(energy_across(sim), rel=0.06)
     xi, c = dx * sim.stencil.offsets, model.bond_stiffness(sim.stencil, dx)
     assert fracture_energy(xi, c, 0.01) == pytest.approx(energy_across(sim), rel=0.03)
@@ -158,7 +179,9 @@ def test_a_straight_crack_spends_its_fracture_energy(nonlinear):
 @pytest.mark.parametrize("side", SIDES.values(), ids=SIDES)
 @pytest.mark.parametrize("dim", [2, 3])
 def test_energies_add_up(dim, side, nonlinear):
-    """A blast breaks bonds in a closed box with a crack: exactly for the linear law, but for what a load that is not zero at the start did before."""
+    """A blast breaks bonds in a closed box with a crack: exactly for the linear law, but for what a load that is not
+    zero at the start did before.
+    """
     half = 8.0 if dim == 2 else 4.0
     lattice = fh.Lattice(0.5, (-half,) * dim, (half,) * dim)
     x = np.stack(lattice.coordinates())
@@ -182,7 +205,9 @@ def test_a_checkpoint_when_a_crack_is_due_to_open(options, tmp_path):
         start = {"u": lambda x, y: [0.01 * x * np.exp(-2 * (x**2 + y**2)), 0 * x]}
         cracks = [fh.Crack([[1.0, -1.2], [1.0, 1.3]], opens=2.0)]
         lattice = fh.Lattice(0.5, (-4.0, -3.5), (4.0, 3.5))
-        return fh.Simulation(lattice, material(**options), fh.LatticePML(nodes=6), start, cracks=cracks, dt=0.1, balance=True)
+        return fh.Simulation(
+            lattice, material(**options), fh.LatticePML(nodes=6), start, cracks=cracks, dt=0.1, balance=True
+        )
 
     run, other = make(), make()
     run.run(2.0)
@@ -199,8 +224,14 @@ def test_a_crack_that_opens_later_takes_its_energy_along():
     """Opened under load it is in the balance; before, no bond is cut."""
     lattice = fh.Lattice(0.5, (-8.0, -8.0), (8.0, 8.0))
     model = material(nonlinear=True)
-    sim = fh.Simulation(lattice, model, fh.Free(), {"v": lambda x, y: [0 * x, 0.01 * y]}, cracks=[fh.Crack([[-4, 0.25], [4, 0.25]], opens=4.0)],
-                        balance=True)  # fmt: skip
+    sim = fh.Simulation(
+        lattice,
+        model,
+        fh.Free(),
+        {"v": lambda x, y: [0 * x, 0.01 * y]},
+        cracks=[fh.Crack([[-4, 0.25], [4, 0.25]], opens=4.0)],
+        balance=True,
+    )
     sim.run(3.9, progress=False)
     assert not sim.fields["damage"].any()
     sim.run(6.0, progress=False)
@@ -226,9 +257,16 @@ def test_energies_of_two_materials_add_up(nonlinear):
     lattice = fh.Lattice(0.5, (-8.0, -8.0), (8.0, 8.0))
     x = np.stack(lattice.coordinates())
     blast = fh.Source(0.15 * x * np.exp(-(x**2).sum(0)), lambda t: np.exp(-((t - 4) ** 2)))
-    sim = fh.Simulation(lattice, material(nonlinear=nonlinear, critical_stretch=0.02), {"all": fh.Free(), "x-": fh.Fixed()}, sources=[blast],
-                        coefficient=np.where(x[0] > 0.1, 0.4, 1.0), rule="harmonic", cracks=[fh.Crack([[-4, 0.3], [4, 0.3]], opens=3.0)],
-                        balance=True)  # fmt: skip
+    sim = fh.Simulation(
+        lattice,
+        material(nonlinear=nonlinear, critical_stretch=0.02),
+        {"all": fh.Free(), "x-": fh.Fixed()},
+        sources=[blast],
+        coefficient=np.where(x[0] > 0.1, 0.4, 1.0),
+        rule="harmonic",
+        cracks=[fh.Crack([[-4, 0.3], [4, 0.3]], opens=3.0)],
+        balance=True,
+    )
     sim.run(16.0, progress=False)
     found = sim.balance()
     assert abs(found["lost"]) < (0.01 if nonlinear else 1e-6) * found["work"]
@@ -240,12 +278,16 @@ def test_energies_of_two_materials_add_up(nonlinear):
 
 @pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
 def test_weak_waves_leave_as_those_of_the_stencil(nonlinear):
-    """Without a stretch that matters the run is that of the linear medium with its layers, up to the square of the strain."""
+    """Without a stretch that matters the run is that of the linear medium with its layers, up to the square of the
+    strain.
+    """
     lattice = fh.Lattice(0.5, (-8.0, -8.0), (8.0, 8.0))
     start = {"u": lambda x, y: [1e-8 * np.exp(-(x**2) - (y - 1) ** 2), -2e-8 * np.exp(-(x**2 + y**2) / 2)]}
     crack = [[[-3.0, 0.2], [2.0, -1.1]]]
-    runs = [fh.Simulation(lattice, m, fh.LatticePML(nodes=10), start, cracks=crack)
-            for m in (material(), material(nonlinear=nonlinear, critical_stretch=0.1))]  # fmt: skip
+    runs = [
+        fh.Simulation(lattice, m, fh.LatticePML(nodes=10), start, cracks=crack)
+        for m in (material(), material(nonlinear=nonlinear, critical_stretch=0.1))
+    ]
     for sim in runs:
         sim.run(20.0, progress=False)
     one, two = (sim.fields["u"] for sim in runs)
@@ -261,14 +303,19 @@ RULES = [
 
 @pytest.mark.parametrize(("dim", "rule"), RULES)
 def test_intact_bonds_of_a_layered_medium_are_those_of_the_stencil(dim, rule):
-    """Layers that run into the absorbing ones, an inclusion: linear bonds to rounding, nonlinear ones up to the strain."""
+    """Layers that run into the absorbing ones, an inclusion: linear bonds to rounding, nonlinear ones up to the
+    strain."""
     lattice = fh.Lattice(0.5, (-5.0,) * dim, (5.0,) * dim)
     x = np.stack(lattice.coordinates())
     coefficient = np.where(x[1] > 1.1, 0.3, 1.0) + 0.5 * ((x**2).sum(0) < 4)
     u = np.stack([1e-9 * np.exp(-(x**2).sum(0) / 2), *[0 * x[0]] * (dim - 1)])
     sides = {"all": fh.LatticePML(nodes=6), f"{'xyz'[dim - 1]}-": fh.Free()}
-    runs = [fh.Simulation(lattice, material(**options), sides, {"u": u}, coefficient=coefficient, rule=rule).run(8.0, progress=False)
-            for options in ({}, {"critical_stretch": 0.1}, {"critical_stretch": 0.1, "nonlinear": True})]  # fmt: skip
+    runs = [
+        fh.Simulation(lattice, material(**options), sides, {"u": u}, coefficient=coefficient, rule=rule).run(
+            8.0, progress=False
+        )
+        for options in ({}, {"critical_stretch": 0.1}, {"critical_stretch": 0.1, "nonlinear": True})
+    ]
     stencil, linear, nonlinear = (sim.fields["u"] for sim in runs)
     assert np.abs(linear - stencil).max() < 1e-13 * np.abs(u).max()
     assert np.abs(nonlinear - stencil).max() < 1e-7 * np.abs(u).max()
@@ -276,8 +323,10 @@ def test_intact_bonds_of_a_layered_medium_are_those_of_the_stencil(dim, rule):
 
 @pytest.mark.parametrize("component", [0, 1], ids=["P", "S"])
 def test_an_interface_reflects_and_transmits_by_impedance(component):
-    """A weak pulse that meets a medium a quarter as stiff, impedances 2 : 1, in a periodic strip of nonlinear bonds: of its part of wavenumber 2 a
-    third comes back and four thirds go on, to second order at a fixed horizon in nodes. The interface lies midway between nodes."""
+    """A weak pulse that meets a medium a quarter as stiff, impedances 2 : 1, in a periodic strip of nonlinear bonds: of
+    its part of wavenumber 2 a third comes back and four thirds go on, to second order at a fixed horizon in nodes. The
+    interface lies midway between nodes.
+    """
     spacings, errors = [0.2, 0.1, 0.05], []
     for dx in spacings:
         lattice, model = fh.Lattice(dx, (-8 + dx / 2, 0.0), (8 - dx / 2, 9 * dx)), material(dx, nonlinear=True)
@@ -285,22 +334,36 @@ def test_an_interface_reflects_and_transmits_by_impedance(component):
         pulse = 1e-6 * np.exp(-(((lattice.coordinates()[0] + 4) / 0.7) ** 2))
         u, v = np.zeros((2, 2, *lattice.shape))
         u[component], v[component] = pulse, speed * 2 * (lattice.coordinates()[0] + 4) / 0.7**2 * pulse
-        sim = fh.Simulation(lattice, model, {"x": fh.LatticePML(), "y": fh.Periodic()}, {"u": u, "v": v}, rule="harmonic",
-                            coefficient=np.where(lattice.coordinates()[0] < 0, 1.0, 0.25))  # fmt: skip
+        sim = fh.Simulation(
+            lattice,
+            model,
+            {"x": fh.LatticePML(), "y": fh.Periodic()},
+            {"u": u, "v": v},
+            rule="harmonic",
+            coefficient=np.where(lattice.coordinates()[0] < 0, 1.0, 0.25),
+        )
         sim.run(7.0 / speed, progress=False)
         found, left, k = sim.fields["u"][component, :, 4], x < 0, 2.0
         back, on = (abs((found[part] * np.exp(-1j * q * x[part])).sum()) for part, q in ((left, k), (~left, 2 * k)))
-        errors.append(max(np.abs(np.array([back, 2 * on]) / abs((pulse[:, 4] * np.exp(-1j * k * x)).sum()) - [1 / 3, 4 / 3])))
+        errors.append(
+            max(np.abs(np.array([back, 2 * on]) / abs((pulse[:, 4] * np.exp(-1j * k * x)).sum()) - [1 / 3, 4 / 3]))
+        )
     assert fitted_rate(spacings, errors) > 1.8 and errors[-1] < 0.01
 
 
-@pytest.mark.parametrize("side", [fh.LatticePML(nodes=8), fh.Fixed(), fh.Sponge(nodes=20)], ids=["layer", "fixed", "sponge"])
+@pytest.mark.parametrize(
+    "side", [fh.LatticePML(nodes=8), fh.Fixed(), fh.Sponge(nodes=20)], ids=["layer", "fixed", "sponge"]
+)
 def test_no_bond_breaks_within_one_reach_of_a_side_that_is_not_free(side):
     """A blast that shatters all else."""
     lattice = fh.Lattice(0.5, (-5.0, -5.0), (5.0, 5.0))
     x = np.stack(lattice.coordinates())
-    sim = fh.Simulation(lattice, material(nonlinear=True, critical_stretch=0.001), side,
-                        sources=[fh.Source(0.05 * x * np.exp(-((x**2).sum(0)) / 4), lambda t: t * np.exp(-t))])  # fmt: skip
+    sim = fh.Simulation(
+        lattice,
+        material(nonlinear=True, critical_stretch=0.001),
+        side,
+        sources=[fh.Source(0.05 * x * np.exp(-((x**2).sum(0)) / 4), lambda t: t * np.exp(-t))],
+    )
     sim.run(30.0, progress=False)
     damage, m = sim.fields["damage"], sim.stencil.reach[0]
     assert damage[m:-m, m:-m].max() > 0.9
@@ -310,7 +373,9 @@ def test_no_bond_breaks_within_one_reach_of_a_side_that_is_not_free(side):
 
 def test_a_crack_that_isolates_nodes_is_allowed_and_said():
     ring = [[-0.25, -0.25], [0.25, -0.25], [0.25, 0.25], [-0.25, 0.25], [-0.25, -0.25]]
-    sim = fh.Simulation(fh.Lattice(0.5, (-5.0, -5.0), (5.0, 5.0)), material(nonlinear=True), fh.LatticePML(), cracks=[ring])
+    sim = fh.Simulation(
+        fh.Lattice(0.5, (-5.0, -5.0), (5.0, 5.0)), material(nonlinear=True), fh.LatticePML(), cracks=[ring]
+    )
     assert "cracks leave 1 nodes without any bond: they move freely" in sim.notes
     assert sim.fields["damage"][10, 10] == 1
 
@@ -318,7 +383,12 @@ def test_a_crack_that_isolates_nodes_is_allowed_and_said():
 def test_a_body_with_a_hole_is_whole_at_its_rim():
     """Bonds that a hole or a free side does not have are no damage."""
     lattice = fh.Lattice(0.5, (-5.0, -5.0), (5.0, 5.0), body=fh.Box((-5, -5), (5, 5)) - fh.Disc(1.6))
-    sim = fh.Simulation(lattice, material(critical_stretch=0.1), {"x": fh.LatticePML(nodes=6), "y": fh.Free()}, cracks=[[[2.1, 0.2], [3.4, 0.2]]])
+    sim = fh.Simulation(
+        lattice,
+        material(critical_stretch=0.1),
+        {"x": fh.LatticePML(nodes=6), "y": fh.Free()},
+        cracks=[[[2.1, 0.2], [3.4, 0.2]]],
+    )
     damage = sim.fields["damage"]
     assert np.isnan(damage[10, 10])
     np.testing.assert_array_equal(damage[:, 0], 0)
@@ -326,9 +396,16 @@ def test_a_body_with_a_hole_is_whole_at_its_rim():
 
 
 def test_certificate_and_report_are_of_the_linear_form():
-    sim = fh.Simulation(fh.Lattice(0.5, (-5.0, -5.0), (5.0, 5.0)), material(nonlinear=True, critical_stretch=0.02), fh.Free(), balance=True)
+    sim = fh.Simulation(
+        fh.Lattice(0.5, (-5.0, -5.0), (5.0, 5.0)),
+        material(nonlinear=True, critical_stretch=0.02),
+        fh.Free(),
+        balance=True,
+    )
     certificate = sim.certificate()
-    assert certificate.verdict == "certified" and certificate.reason.endswith("that of the linear form, in which no bond breaks")
+    assert certificate.verdict == "certified" and certificate.reason.endswith(
+        "that of the linear form, in which no bond breaks"
+    )
     assert "nonlinear, break at a stretch of 0.02" in str(sim.check(1.0))
 
 
@@ -339,9 +416,15 @@ def test_a_restored_run_goes_on_bit_by_bit(nonlinear, tmp_path):
     def make():
         v = 0.03 * np.random.default_rng(3).standard_normal((2, 26, 23))
         v[:, :4], v[:, -4:], v[..., :4], v[..., -4:] = 0, 0, 0, 0
-        return fh.Simulation(lattice_of((26, 23), 0.5), material(nonlinear=nonlinear, critical_stretch=0.03), fh.LatticePML(nodes=6), {"v": v},
-                             sources=[[fh.Expression("0.001*sin(t)*exp(-(x-6)**2-(y-6)**2)", 2)] * 2],
-                             cracks=[fh.Crack([[3.0, 4.2], [7.0, 4.2]], opens=1.0)], balance=True)  # fmt: skip
+        return fh.Simulation(
+            lattice_of((26, 23), 0.5),
+            material(nonlinear=nonlinear, critical_stretch=0.03),
+            fh.LatticePML(nodes=6),
+            {"v": v},
+            sources=[[fh.Expression("0.001*sin(t)*exp(-(x-6)**2-(y-6)**2)", 2)] * 2],
+            cracks=[fh.Crack([[3.0, 4.2], [7.0, 4.2]], opens=1.0)],
+            balance=True,
+        )
 
     whole, first = make(), make()
     whole.step(40)
@@ -360,8 +443,16 @@ def test_results_hold_vectors_and_the_damage(tmp_path):
     for dim in (2, 3):
         shape = (7, 6, 8)[:dim]
         damage, u = np.random.default_rng(0).random(shape), np.random.default_rng(1).random((dim, *shape))
-        writer = ResultsWriter.create(tmp_path / f"{dim}.h5", dim=dim, shape=shape, spacing=0.5, lower=(0.0,) * dim, fields=("u", "damage"),
-                                      dtype="float64", components={"u": dim, "damage": 1})  # fmt: skip
+        writer = ResultsWriter.create(
+            tmp_path / f"{dim}.h5",
+            dim=dim,
+            shape=shape,
+            spacing=0.5,
+            lower=(0.0,) * dim,
+            fields=("u", "damage"),
+            dtype="float64",
+            components={"u": dim, "damage": 1},
+        )
         writer.append(0, 0.0, {"u": u, "damage": damage})
         ResultsWriter(tmp_path / f"{dim}.h5").append(1, 0.5, {"u": 2 * u, "damage": damage})
         found = open_results(tmp_path / f"{dim}.h5")
@@ -388,7 +479,10 @@ BREAKING = {"critical_stretch": 0.01}
         ({"fracture_energy": -1.0}, "fracture_energy: must be finite and positive"),
         ({"critical_stretch": 0.01, "fracture_energy": 1.0}, "two names of one thing"),
         ({"nonlinear": True, "material": "state-based", "poisson": 0.3}, "only bonds of a bond-based material"),
-        ({"critical_stretch": 0.01, "material": "correspondence", "poisson": 0.3}, "only bonds of a bond-based material"),
+        (
+            {"critical_stretch": 0.01, "material": "correspondence", "poisson": 0.3},
+            "only bonds of a bond-based material",
+        ),
     ],
 )
 def test_impossible_materials(options, message):

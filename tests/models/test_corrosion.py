@@ -1,4 +1,6 @@
-"""Corrosion: phases against plain numpy, the Stefan problem, what is conserved, the layer beside dissolving metal, restarts, refusals."""
+"""Corrosion: phases against plain numpy, the Stefan problem, what is conserved, the layer beside dissolving metal,
+restarts, refusals.
+"""
 
 import numpy as np
 import pytest
@@ -13,9 +15,11 @@ from helpers import kernel_stencil, lattice_of
 SATURATION, INTERFACE, METAL = 0.8, 0.1, 2.0
 pytestmark = pytest.mark.filterwarnings("ignore::farhorizon.ValidityWarning")  # of liquid above the saturation
 SKEWED = fh.Stencil(
-    np.array([[1, 0], [-1, 0], [0, 1], [0, -1], [1, 1], [-1, -1], [2, 1], [-2, -1]]), np.array([1, 1, 0.6, 0.6, 0.4, 0.4, 0.05, 0.05])
+    np.array([[1, 0], [-1, 0], [0, 1], [0, -1], [1, 1], [-1, -1], [2, 1], [-2, -1]]),
+    np.array([1, 1, 0.6, 0.6, 0.4, 0.4, 0.05, 0.05]),
 )
-#: Stencil and lattice; the wide one has no compiled rows, the skewed one no mirror symmetry, and rows span several tiles.
+#: Stencil and lattice; the wide one has no compiled rows, the skewed one no mirror symmetry, and rows span several
+#: tiles.
 LATTICES = {
     "1D": (kernel_stencil(1, 2), (90,)),
     "2D": (kernel_stencil(2, 2), (23, 75)),
@@ -66,7 +70,9 @@ def test_against_plain_numpy(name, sides, limited):
     solid[..., 20:25] = False
     start = {"u": 0.1 * random.random(shape)}
     start["u"][..., 21:23] = 1.5 * SATURATION  # which would be taken out of a solution that dissolves nothing more
-    sim = fh.Simulation(lattice_of(shape), model(stencil, limited=limited), SIDES[sides], start, specimens=[fh.Specimen(solid, METAL)])
+    sim = fh.Simulation(
+        lattice_of(shape), model(stencil, limited=limited), SIDES[sides], start, specimens=[fh.Specimen(solid, METAL)]
+    )
     u, left = sim.fields["u"], []
     for steps in (1, 20, 120):
         sim.step(steps - sim.step_count)
@@ -91,7 +97,9 @@ def test_a_body_with_a_hole_against_plain_numpy(sides, limited):
     solid[:, 38:50] |= lattice.mask[:, 38:50]
     start = lattice.mask * 0.1 * random.random(shape)
     metal = [fh.Specimen(solid, METAL)]
-    sim = fh.Simulation(lattice, model(stencil, limited=limited), SIDES[sides], {"u": start}, specimens=metal, balance=True)
+    sim = fh.Simulation(
+        lattice, model(stencil, limited=limited), SIDES[sides], {"u": start}, specimens=metal, balance=True
+    )
     u = np.where(solid, METAL, start)
     for steps in (1, 40, 200):
         sim.step(steps - sim.step_count)
@@ -123,7 +131,9 @@ def test_threads_and_precision():
     solid = np.random.default_rng(3).random(shape) < 0.4
     solid[60:150, 60:150] = True
     runs = [
-        fh.Simulation(lattice_of(shape), model(stencil), fh.Periodic(), specimens=[fh.Specimen(solid, METAL)], dt=0.05, **options)
+        fh.Simulation(
+            lattice_of(shape), model(stencil), fh.Periodic(), specimens=[fh.Specimen(solid, METAL)], dt=0.05, **options
+        )
         for options in ({"threads": 1}, {"threads": 2}, {"dtype": "float32"})
     ]
     for sim in runs:
@@ -143,19 +153,27 @@ def test_all_liquid_is_diffusion(name, integrator):
     """Bitwise where there are compiled rows, else to rounding."""
     stencil, shape = LATTICES[name]
     start = {"u": np.random.default_rng(1).random(shape)}
-    runs = [fh.Simulation(lattice_of(shape), m, fh.LatticePML(nodes=8), start)
-            for m in (model(stencil, integrator=integrator), fh.Diffusion(stencil, integrator=integrator))]  # fmt: skip
+    runs = [
+        fh.Simulation(lattice_of(shape), m, fh.LatticePML(nodes=8), start)
+        for m in (model(stencil, integrator=integrator), fh.Diffusion(stencil, integrator=integrator))
+    ]
     for sim in runs:
         sim.step(20)
-    np.testing.assert_allclose(*[sim.fields["u"] for sim in runs], rtol=0, atol=1e-14 if name in ("skewed", "wide") else 0)
+    np.testing.assert_allclose(
+        *[sim.fields["u"] for sim in runs], rtol=0, atol=1e-14 if name in ("skewed", "wide") else 0
+    )
 
 
 @pytest.mark.parametrize("integrator", ["euler", "rk4", "rkc"])
 def test_all_solid_stays(integrator):
     """Nothing flows in the solid, not even to rounding."""
     shape = (20, 70)
-    sim = fh.Simulation(lattice_of(shape), model(kernel_stencil(2, 2), integrator=integrator), fh.Free(),
-                     specimens=[fh.Specimen(np.ones(shape, bool), METAL)])  # fmt: skip
+    sim = fh.Simulation(
+        lattice_of(shape),
+        model(kernel_stencil(2, 2), integrator=integrator),
+        fh.Free(),
+        specimens=[fh.Specimen(np.ones(shape, bool), METAL)],
+    )
     sim.step(50)
     np.testing.assert_allclose(sim.fields["u"], METAL, rtol=1e-12)  # at the free sides a stage's sum of levels rounds
     assert (sim.fields["u"][8:12, 32:64] == METAL).all()  # out of reach of any liquid: not even that
@@ -166,16 +184,21 @@ def test_all_solid_stays(integrator):
 
 
 def front_error(horizon, metal=1.0, depth=2.56, limited=False):
-    """Relative error of the front of a half-infinite bar that dissolves from x = 0 on into a half-infinite liquid, mean over t = 1/2 to 1.
+    """Relative error of the front of a half-infinite bar that dissolves from x = 0 on into a half-infinite liquid, mean
+    over t = 1/2 to 1.
 
-    Stefan problem: the front is at -2 p sqrt(t), where (metal - saturation) times its speed is what diffuses away from the saturation; the
-    front of the run is where the metal that is left would end.
+    Stefan problem: the front is at -2 p sqrt(t), where (metal - saturation) times its speed is what diffuses away from
+    the saturation; the front of the run is where the metal that is left would end.
     """
     p = brentq(lambda p: np.sqrt(np.pi) * p * np.exp(p**2) * erfc(-p) - SATURATION / (metal - SATURATION), 0.01, 5)
     spacing, errors = horizon / 2, []
     lattice = fh.Lattice(spacing, -depth + spacing / 2, 0.64 - spacing / 2)
-    sim = fh.Simulation(lattice, model(fh.Kernel(horizon), interface=1.0, limited=limited), {"x-": fh.Free(), "x+": fh.LatticePML()},
-                     specimens=[fh.Specimen(fh.Box(-depth, 0.0), metal)])  # fmt: skip
+    sim = fh.Simulation(
+        lattice,
+        model(fh.Kernel(horizon), interface=1.0, limited=limited),
+        {"x-": fh.Free(), "x+": fh.LatticePML()},
+        specimens=[fh.Specimen(fh.Box(-depth, 0.0), metal)],
+    )
     for t in np.linspace(0.5, 1.0, 60):
         sim.run(t, progress=False)
         left = sim.fields["u"][sim.fields["solid"] > 0].sum() * spacing / metal
@@ -185,8 +208,10 @@ def front_error(horizon, metal=1.0, depth=2.56, limited=False):
 
 
 def test_the_front_tends_to_that_of_the_stefan_problem():
-    """Metal comes free node by node, in pulses of (metal - saturation) spacing: they raise the concentration at the front like the root of
-    the spacing, bonds across it act like the spacing itself. Without both the front is the exact one to half a percent."""
+    """Metal comes free node by node, in pulses of (metal - saturation) spacing: they raise the concentration at the
+    front like the root of the spacing, bonds across it act like the spacing itself. Without both the front is the exact
+    one to half a percent.
+    """
     horizons = np.array([0.04, 0.02, 0.01])
     errors = np.array([front_error(h) for h in horizons])
     assert (np.diff(errors) < 0).all() and errors[-1] < 0.03
@@ -197,8 +222,8 @@ def test_the_front_tends_to_that_of_the_stefan_problem():
 
 @pytest.mark.parametrize("metal, depth", [(1.0, 2.56), (4.0, 0.64), (12.0, 0.64)])
 def test_a_limited_front_is_that_of_diffusion_control(metal, depth):
-    """No liquid above the saturation, whatever the metal holds, and the front of the Stefan problem; without the limit 15 times as much metal
-    as the liquid takes makes a front that is a fifth too fast, which is told."""
+    """No liquid above the saturation, whatever the metal holds, and the front of the Stefan problem; without the limit
+    15 times as much metal as the liquid takes makes a front that is a fifth too fast, which is told."""
     errors = np.array([front_error(h, metal, depth, limited=True) for h in (0.02, 0.01)])
     assert abs(errors[1]) < 0.005 and abs(errors[1]) < 0.6 * abs(errors[0])  # of first order in the horizon
     if metal > 10:
@@ -210,7 +235,9 @@ def test_a_limited_front_is_that_of_diffusion_control(metal, depth):
 
 
 def test_speeds_of_fronts_under_activation_control():
-    """Random constants: fronts that recede into liquid that is fresh at once, layer by layer; `interface_for` gives the speed asked for."""
+    """Random constants: fronts that recede into liquid that is fresh at once, layer by layer; `interface_for` gives the
+    speed asked for.
+    """
     seed = 77
     rng = np.random.default_rng(seed)
     for limited in (False, True):
@@ -218,7 +245,9 @@ def test_speeds_of_fronts_under_activation_control():
             diffusivity, spacing, saturation = 10.0 ** rng.uniform([-3, -6, -2], [3, 2, 4])
             metal, speed = saturation / rng.uniform(0.2, 0.7), 1e-4 * diffusivity / spacing
             kernel, options = fh.Kernel(reach * spacing), {"saturation": saturation, "limited": limited}
-            interface = fh.Corrosion(kernel, diffusivity, interface=0.3, **options).interface_for(speed, spacing, 1, metal)
+            interface = fh.Corrosion(kernel, diffusivity, interface=0.3, **options).interface_for(
+                speed, spacing, 1, metal
+            )
             corroding = fh.Corrosion(kernel, diffusivity, interface=interface, **options)
             assert corroding.speed(spacing, 1, metal) == pytest.approx(speed, rel=1e-12), seed
             lattice = fh.Lattice(spacing, [-24 * spacing], [4 * spacing])
@@ -238,13 +267,18 @@ def test_currents():
 
 
 def test_check_tells_the_speed_of_the_front():
-    """Beside the factor that leads from a speed to the interface; supersaturation becomes a caution, limited dissolution none."""
+    """Beside the factor that leads from a speed to the interface; supersaturation becomes a caution, limited
+    dissolution none.
+    """
     sim = Case(CASE).simulation()
     facts = dict(sim.check(budget=1.0).rows)
     speed = sim.model.speed(0.25, 2, 2.0)
     assert f"speed {speed:.4g}" in facts["front"] and f"{0.1 / speed:.4g} v" in facts["front"]
     pitting = CASE.replace("concentration = 2.0", "concentration = 22.4")
-    runs = [Case(pitting.replace("interface = 0.1", f"interface = 0.1\nlimited = {word}")).simulation() for word in ("false", "true")]
+    runs = [
+        Case(pitting.replace("interface = 0.1", f"interface = 0.1\nlimited = {word}")).simulation()
+        for word in ("false", "true")
+    ]
     with pytest.warns(fh.ValidityWarning, match="times the saturation"):
         runs[0].run(1.0)
     runs[1].run(1.0)
@@ -261,12 +295,24 @@ def specimens(dim):
 
 
 def test_only_differences_from_the_background_matter():
-    """All concentrations raised by the same: the same metal dissolves at the same steps, and the balance is that of the metal itself."""
+    """All concentrations raised by the same: the same metal dissolves at the same steps, and the balance is that of the
+    metal itself.
+    """
     lattice, runs = fh.Lattice(1.0, (-8.0, -8.0), (8.0, 8.0)), []
     for level in (0.0, 0.25):
         metal = fh.Specimen(specimens(2)[0].where, METAL + level)
         corroding = model(kernel_stencil(2, 2), saturation=SATURATION + level)
-        runs.append(fh.Simulation(lattice, corroding, fh.LatticePML(nodes=8), {"u": level}, background=level, specimens=[metal], balance=True))
+        runs.append(
+            fh.Simulation(
+                lattice,
+                corroding,
+                fh.LatticePML(nodes=8),
+                {"u": level},
+                background=level,
+                specimens=[metal],
+                balance=True,
+            )
+        )
         runs[-1].step(40)
     low, high = (sim.fields for sim in runs)
     np.testing.assert_allclose(high["u"], low["u"] + 0.25, rtol=1e-13)
@@ -280,8 +326,12 @@ def test_only_differences_from_the_background_matter():
 def test_power_across_a_plane(axis, position, limited):
     """What crosses a plane through metal, front and liquid is what the nodes beyond it gain in the next step."""
     lattice = fh.Lattice(1.0, (-8.0, -8.0), (8.0, 8.0))
-    sim = fh.Simulation(lattice, model(kernel_stencil(2, 2), limited=limited), fh.Free(),
-                        specimens=[fh.Specimen(fh.Disc(3.3, (-1.0, 2.0)), METAL)])  # fmt: skip
+    sim = fh.Simulation(
+        lattice,
+        model(kernel_stencil(2, 2), limited=limited),
+        fh.Free(),
+        specimens=[fh.Specimen(fh.Disc(3.3, (-1.0, 2.0)), METAL)],
+    )
     sim.step(20)
     beyond = lattice.coordinates()["xy".index(axis)] > position
     before, power = sim.fields["u"][beyond].sum(), sim.power_across(axis, position)
@@ -292,8 +342,10 @@ def test_power_across_a_plane(axis, position, limited):
 def test_exact_ends():
     """A bar that dissolves between exact ends, against one so long that nothing returns."""
     metal = [fh.Specimen(fh.Box(-6.0, 4.0), METAL)]
-    runs = [fh.Simulation(fh.Lattice(1.0, -n, n), model(kernel_stencil(1, 2)), side, specimens=metal, dt=0.2)
-            for n, side in ((10.0, fh.Exact()), (200.0, fh.Fixed(0.0)))]  # fmt: skip
+    runs = [
+        fh.Simulation(fh.Lattice(1.0, -n, n), model(kernel_stencil(1, 2)), side, specimens=metal, dt=0.2)
+        for n, side in ((10.0, fh.Exact()), (200.0, fh.Fixed(0.0)))
+    ]
     for sim in runs:
         sim.step(500)
     assert 0 < runs[0].fields["solid"].sum() < 11
@@ -304,7 +356,9 @@ SOME_SIDES = [fh.LatticePML(nodes=8), fh.Sponge(8), fh.Fixed(0.0), fh.Free(), fh
 
 
 @pytest.mark.parametrize("limited", [False, True])
-@pytest.mark.parametrize("dim, boundary", [*((d, b) for d in (1, 2, 3) for b in SOME_SIDES), (1, fh.Exact()), (1, fh.Exact(None))])
+@pytest.mark.parametrize(
+    "dim, boundary", [*((d, b) for d in (1, 2, 3) for b in SOME_SIDES), (1, fh.Exact()), (1, fh.Exact(None))]
+)
 def test_mass_balance(dim, boundary, limited):
     """Metal, what is dissolved and what has left add up to the start, to rounding of what has moved."""
     lattice = fh.Lattice(1.0, [-8.0] * dim, [8.0] * dim)
@@ -329,13 +383,23 @@ def test_mass_balance_along_an_outline():
     assert found["metal"] < -10 and found["outline"] < 0
     assert abs(found["residual"]) < 1e-11
     with pytest.raises(fh.InputError, match="reads metal"):
-        fh.Simulation(window, model(kernel_stencil(2, 2)), fh.PlaneWave(), specimens=[fh.Specimen(fh.Disc(1.2, (5.5, 5.5)), METAL)])
+        fh.Simulation(
+            window,
+            model(kernel_stencil(2, 2)),
+            fh.PlaneWave(),
+            specimens=[fh.Specimen(fh.Disc(1.2, (5.5, 5.5)), METAL)],
+        )
 
 
 def test_check_leaves_the_metal_alone():
     """The certificate is that of the liquid; timing steps and the certificate change neither phases nor times."""
     lattice = fh.Lattice(1.0, (-8.0, -8.0), (8.0, 8.0))
-    runs = [fh.Simulation(lattice, model(kernel_stencil(2, 2)), fh.LatticePML(nodes=8), specimens=specimens(2), balance=True) for _ in range(2)]
+    runs = [
+        fh.Simulation(
+            lattice, model(kernel_stencil(2, 2)), fh.LatticePML(nodes=8), specimens=specimens(2), balance=True
+        )
+        for _ in range(2)
+    ]
     for sim in runs:
         sim.step(10)
     report = runs[0].check(100.0, budget=5.0)
@@ -352,7 +416,13 @@ def test_check_leaves_the_metal_alone():
 @pytest.mark.parametrize("integrator", ["rk4", "rkc"])
 def test_mass_balance_of_other_integrators(integrator):
     lattice = fh.Lattice(1.0, (-8.0, -8.0), (8.0, 8.0))
-    sim = fh.Simulation(lattice, model(kernel_stencil(2, 2), integrator=integrator), fh.LatticePML(nodes=8), specimens=specimens(2), balance=True)
+    sim = fh.Simulation(
+        lattice,
+        model(kernel_stencil(2, 2), integrator=integrator),
+        fh.LatticePML(nodes=8),
+        specimens=specimens(2),
+        balance=True,
+    )
     sim.run(60.0, progress=False)
     assert sim.balance()["metal"] < -10
     assert abs(sim.balance()["residual"]) < 1e-11
@@ -363,7 +433,9 @@ def test_symmetry(dim):
     """A disc and a ball stay symmetric under all mirrors and permutations of the axes."""
     lattice = fh.Lattice(1.0, [-9.0] * dim, [9.0] * dim)
     shape = {2: fh.Disc, 3: fh.Ball}[dim](5.0)
-    sim = fh.Simulation(lattice, model(kernel_stencil(dim, 2)), fh.LatticePML(nodes=8), specimens=[fh.Specimen(shape, METAL)])
+    sim = fh.Simulation(
+        lattice, model(kernel_stencil(dim, 2)), fh.LatticePML(nodes=8), specimens=[fh.Specimen(shape, METAL)]
+    )
     sim.run(60.0 if dim == 2 else 30.0, progress=False)
     u, solid = sim.fields["u"], sim.fields["solid"]
     assert 0 < solid.sum() < shape.contains(np.stack(lattice.coordinates(), -1)).sum()
@@ -376,11 +448,15 @@ def test_symmetry(dim):
 
 
 def test_layer_beside_dissolving_metal():
-    """An off-centre disc near the layer against a domain from which nothing returns; the same nodes dissolve at the same steps."""
+    """An off-centre disc near the layer against a domain from which nothing returns; the same nodes dissolve at the
+    same steps.
+    """
     setup = {
-        "lattice": fh.Lattice(1.0, (-10.0, -10.0), (10.0, 10.0)), "model": model(kernel_stencil(2, 2)), "boundary": fh.LatticePML(target=1e-7),
+        "lattice": fh.Lattice(1.0, (-10.0, -10.0), (10.0, 10.0)),
+        "model": model(kernel_stencil(2, 2)),
+        "boundary": fh.LatticePML(target=1e-7),
         "specimens": [fh.Specimen(fh.Disc(4.0, (5.0, 3.0)), METAL), fh.Specimen(fh.Disc(2.0, (-5.0, 3.0)), 1.5)],
-    }  # fmt: skip
+    }
     found = compare(setup, 600.0, times=[20.0, 60.0, 200.0, 600.0])
     ours, edge = found.curves["lattice PML"]["error_rel_current"], found.curves["fixed edge"]["error_rel_current"]
     assert max(ours) < 1e-7  # the target
@@ -400,14 +476,17 @@ def test_specimen_next_to_the_layer():
 
 @pytest.mark.parametrize("limited", [False, True])
 def test_pit_under_a_film(limited):
-    """Metal under a film dissolves through the hole in it only, and spreads beneath; a film that opens lets go of all."""
+    """Metal under a film dissolves through the hole in it only, and spreads beneath; a film that opens lets go of
+    all."""
     lattice = fh.Lattice(1.0, (-15.0, -10.0), (15.0, 10.0))
     plate = fh.Specimen(fh.Box((-15.0, -10.0), (15.0, 0.0)), METAL)
     film = [[(-16.0, 0.5), (-2.5, 0.5)], [(2.5, 0.5), (16.0, 0.5)]]
     sides = {"x": fh.Free(), "y-": fh.Free(), "y+": fh.LatticePML(nodes=12)}
 
     def run(cracks):
-        sim = fh.Simulation(lattice, model(kernel_stencil(2, 2), limited=limited), sides, specimens=[plate], cracks=cracks, balance=True)
+        sim = fh.Simulation(
+            lattice, model(kernel_stencil(2, 2), limited=limited), sides, specimens=[plate], cracks=cracks, balance=True
+        )
         sim.run(150.0, progress=False)
         assert abs(sim.balance()["residual"]) < 1e-10
         return sim.fields["solid"]
@@ -423,8 +502,13 @@ def test_pit_under_a_film(limited):
 def test_resume_is_bitwise(tmp_path):
     """Phases, times of dissolution and the balance continue; the specimens are in the checkpoint."""
     lattice = fh.Lattice(1.0, (-8.0, -8.0), (8.0, 8.0))
-    make = lambda: fh.Simulation(lattice, model(kernel_stencil(2, 2)), {"x": fh.LatticePML(nodes=8), "y": fh.Periodic()},  # noqa: E731
-                              specimens=[*specimens(2)], balance=True)  # fmt: skip
+    make = lambda: fh.Simulation(  # noqa: E731
+        lattice,
+        model(kernel_stencil(2, 2)),
+        {"x": fh.LatticePML(nodes=8), "y": fh.Periodic()},
+        specimens=[*specimens(2)],
+        balance=True,
+    )
     whole, part = make(), make()
     whole.step(30)
     part.step(16)
@@ -464,8 +548,13 @@ fields = ["u", "solid", "dissolved"]
 def test_a_case_is_the_run_of_the_python_interface():
     sim = Case(CASE).simulation().run(1.0)
     shape = fh.Disc(1.5) - fh.Box((-0.2, 0.0), (0.2, 2.0))
-    same = fh.Simulation(fh.Lattice(0.25, (-3, -3), (3, 3)), fh.Corrosion(fh.Kernel(0.5), saturation=0.8, interface=0.1), fh.LatticePML(until=1.0),
-                      specimens=[fh.Specimen(shape, 2.0)], dt=sim.dt).run(1.0)  # fmt: skip
+    same = fh.Simulation(
+        fh.Lattice(0.25, (-3, -3), (3, 3)),
+        fh.Corrosion(fh.Kernel(0.5), saturation=0.8, interface=0.1),
+        fh.LatticePML(until=1.0),
+        specimens=[fh.Specimen(shape, 2.0)],
+        dt=sim.dt,
+    ).run(1.0)
     for name, field in same.fields.items():
         assert np.array_equal(sim.fields[name], field, equal_nan=True)
 
@@ -504,14 +593,13 @@ BEYOND = [fh.Specimen(fh.Box((-8.0, 0.0), (2.0, 4.0)) | fh.Disc(1.0, (12.0, 0.0)
         ({"specimens": [fh.Disc(3.0)]}, "not a specimen"),
         ({"specimens": [*PIECE, fh.Specimen(fh.Disc(3.0, (4.0, 0.0)), 1.5)]}, "share nodes"),
         ({"specimens": [fh.Specimen(np.ones((3, 3), bool))]}, "lattice's shape"),
-        ({"specimens": BEYOND, "boundary": {"x-": fh.Free(), "all": fh.LatticePML()}},
-         "beyond the absorbing side"),
+        ({"specimens": BEYOND, "boundary": {"x-": fh.Free(), "all": fh.LatticePML()}}, "beyond the absorbing side"),
         ({"background": 1.0}, "outside the range of the data"),
         ({"sources": [1.0], "boundary": fh.Free()}, "acts on solid nodes"),
         ({"constraints": [fh.Prescribed([(0.0, 0.0)], 1.0)]}, "acts on solid nodes"),
         ({"constraints": [fh.Insulated("x-")], "boundary": fh.Free(), "specimens": LEFT}, "acts on solid nodes"),
     ],
-)  # fmt: skip
+)
 def test_refusals(changes, message):
     setup = {"lattice": SQUARE, "model": model(kernel_stencil(2, 2)), "specimens": PIECE}
     with pytest.raises(fh.InputError, match=message):

@@ -1,4 +1,6 @@
-"""Linear elasticity: constants and stencils of each material, waves, energy, rigid motion, layers against the infinite lattice."""
+"""Linear elasticity: constants and stencils of each material, waves, energy, rigid motion, layers against the infinite
+lattice.
+"""
 
 import itertools
 
@@ -35,7 +37,9 @@ def elastic(young=2.0, kernel=PROFILE, **options):
 
 def pulse(dim, width):
     """A smooth displacement whose components differ."""
-    return lambda *x: [(1 + 0.3 * i + 0.2 * x[i - 1] / width) * np.exp(-sum(c**2 for c in x) / width**2) for i in range(dim)]
+    return lambda *x: [
+        (1 + 0.3 * i + 0.2 * x[i - 1] / width) * np.exp(-sum(c**2 for c in x) / width**2) for i in range(dim)
+    ]
 
 
 def box(half, dim, spacing=1.0):
@@ -43,9 +47,18 @@ def box(half, dim, spacing=1.0):
 
 
 def worst_error(sim, times):
-    """Largest difference from the infinite lattice over the near field and some times, relative to the largest initial value."""
+    """Largest difference from the infinite lattice over the near field and some times, relative to the largest initial
+    value.
+    """
     steps = [int(np.ceil(t / sim.dt)) for t in times]
-    exact = InfiniteLattice(sim.stencil, sim.model.coefficient / sim.lattice.spacing**2, sim.model.integrator, sim.dt, steps[-1], sim.start_u)
+    exact = InfiniteLattice(
+        sim.stencil,
+        sim.model.coefficient / sim.lattice.spacing**2,
+        sim.model.integrator,
+        sim.dt,
+        steps[-1],
+        sim.start_u,
+    )
     worst = 0.0
     for step in steps:
         sim.step(step - sim.step_count)
@@ -58,7 +71,9 @@ def worst_error(sim, times):
 
 @pytest.mark.parametrize(("dim", "options"), MODELS.values(), ids=MODELS)
 def test_long_waves_have_the_speeds_of_the_elastic_constants(dim, options):
-    """P and S waves of every direction: the error of the squared speed falls like the square of the wavenumber, whatever the direction."""
+    """P and S waves of every direction: the error of the squared speed falls like the square of the wavenumber,
+    whatever the direction.
+    """
     model = elastic(density=3.0, **options)
     stencil = model.stencil(1.0, dim)
     nu, young, mu = options["poisson"], 2.0, 2.0 / (2 * (1 + options["poisson"]))
@@ -69,17 +84,23 @@ def test_long_waves_have_the_speeds_of_the_elastic_constants(dim, options):
     for direction in ((1, 0, 0), (1, 1, 0), (2, 1, 0), (1, 1, 1), (3, 1, 2)):
         n = np.array(direction[:dim]) / np.linalg.norm(direction[:dim])
         wavenumbers = np.array([0.2, 0.1, 0.05])
-        squared = np.array([stencil.branches(*(k * n)) for k in wavenumbers]) / wavenumbers[:, None] ** 2 * model.coefficient
+        squared = (
+            np.array([stencil.branches(*(k * n)) for k in wavenumbers]) / wavenumbers[:, None] ** 2 * model.coefficient
+        )
         errors = np.abs(squared - exact).max(1)
         assert fitted_rate(wavenumbers, errors) == pytest.approx(2, abs=0.05)
         assert errors[-1] < 2e-3  # (0.05 * reach)^2 / 12 of a few
 
 
 def test_micromoduli_of_the_literature():
-    """Not calibrated, constant influence and exponent 1: c = 12 E/(pi d^4), plane stress 9 E/(pi d^3), plane strain 48 E/(5 pi d^3) (Silling and
-    Askari 2005; Gerstle, Sau and Silling 2005)."""
+    """Not calibrated, constant influence and exponent 1: c = 12 E/(pi d^4), plane stress 9 E/(pi d^3), plane strain 48
+    E/(5 pi d^3) (Silling and Askari 2005; Gerstle, Sau and Silling 2005)."""
     kernel = fh.Kernel(3.0, exponent=1, volume="full", calibrate=False)
-    for dim, plane, expected in ((3, None, 12 / (np.pi * 3**4)), (2, "stress", 9 / (np.pi * 3**3)), (2, "strain", 48 / (5 * np.pi * 3**3))):
+    for dim, plane, expected in (
+        (3, None, 12 / (np.pi * 3**4)),
+        (2, "stress", 9 / (np.pi * 3**3)),
+        (2, "strain", 48 / (5 * np.pi * 3**3)),
+    ):
         model = fh.Elastic(kernel, 1.0, plane=plane)
         stencil = model.stencil(1.0, dim)
         at = np.flatnonzero((stencil.offsets == np.eye(dim, dtype=int)[0]).all(1))[0]
@@ -116,19 +137,24 @@ def test_state_based_stencil_is_dilatation_and_deviator(dim):
 
     theta = sum(dim / q * wk * np.tensordot(o.astype(float), at(u, o) - u, 1) for o, wk in zip(offsets, w, strict=True))
     force = np.zeros_like(u)
-    alpha = dim * (dim + 2) * mu / q  # 15 mu/q in space, 8 mu/q in the plane (Silling et al. 2007, eq 104; Le, Chan and Schwartz 2014)
+    # 15 mu/q in space, 8 mu/q in the plane (Silling et al. 2007, eq 104; Le, Chan and Schwartz 2014)
+    alpha = dim * (dim + 2) * mu / q
     for o, wk, r in zip(offsets, w, lengths, strict=True):
         n = (o / r).reshape(-1, *[1] * dim)
         stretch = (n * (at(u, o) - u)).sum(0)
         pressure = dim * (lame - mu) / q * (theta + at(theta, o))
         force += wk * (pressure * r + 2 * alpha * stretch) * n
     whole = [central(offsets, w * 2 * dim / q, mu), dilatation(offsets, w, lame - mu)]
-    np.testing.assert_allclose(sum(roll_apply(u, *table) for table in whole), force, rtol=0, atol=1e-12 * np.abs(force).max())
+    np.testing.assert_allclose(
+        sum(roll_apply(u, *table) for table in whole), force, rtol=0, atol=1e-12 * np.abs(force).max()
+    )
 
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_correspondence_stencil_is_gradient_stress_divergence(dim):
-    """The stencil against nodal strains, stresses and their divergence, and the force against zero-energy modes, computed one after the other."""
+    """The stencil against nodal strains, stresses and their divergence, and the force against zero-energy modes,
+    computed one after the other.
+    """
     offsets, w = family(dim)
     shape = (9,) * dim
     u = np.random.default_rng(1).standard_normal((dim, *shape))
@@ -170,7 +196,9 @@ def test_finite_elements_are_those_of_an_assembled_mesh(dim):
 
     centre = np.full(dim, 2.0)
     for o, w in zip(stencil.offsets, stencil.weights, strict=True):
-        np.testing.assert_allclose(w * model.p_modulus, -stiffness[np.ix_(dofs(centre), dofs(centre + o))].toarray(), atol=1e-12)
+        np.testing.assert_allclose(
+            w * model.p_modulus, -stiffness[np.ix_(dofs(centre), dofs(centre + o))].toarray(), atol=1e-12
+        )
 
 
 # --- what must hold whatever the numbers -----------------------------------------------------------------------
@@ -195,7 +223,9 @@ def test_plane_waves_run_at_the_frequency_of_the_symbol(name):
 
 def free_body(**options):
     """A plate with a notch and a hole, free all around."""
-    lattice = fh.Lattice(1.0, (0.0, 0.0), (17.0, 13.0), body=fh.Box((-0.5, -0.5), (17.5, 13.5)) - fh.Disc(2.2, (12.0, 8.0)))
+    lattice = fh.Lattice(
+        1.0, (0.0, 0.0), (17.0, 13.0), body=fh.Box((-0.5, -0.5), (17.5, 13.5)) - fh.Disc(2.2, (12.0, 8.0))
+    )
     return lattice, {"boundary": fh.Free(), "cracks": [[(-1.0, 6.5), (6.4, 6.5)]], "threads": 1, **options}
 
 
@@ -212,16 +242,30 @@ def test_energy_of_a_free_body_is_conserved():
 
 
 def test_energy_is_half_the_work_of_a_stretch():
-    """Uniform strain in a periodic direction: 1/2 (lam + 2 mu) strain^2 per volume, of nodes whose bonds do not leave the body."""
+    """Uniform strain in a periodic direction: 1/2 (lam + 2 mu) strain^2 per volume, of nodes whose bonds do not leave
+    the body.
+    """
     lattice = lattice_of((21, 9), 0.5)
     strain = 1e-3
-    sim = fh.Simulation(lattice, elastic(young=5.0, kernel=fh.Kernel(1.0)), {"x": fh.Free(), "y": fh.Periodic()},
-                        {"u": [lambda x, y: strain * x, 0.0]}, threads=1, dt=1e-6)  # fmt: skip
+    sim = fh.Simulation(
+        lattice,
+        elastic(young=5.0, kernel=fh.Kernel(1.0)),
+        {"x": fh.Free(), "y": fh.Periodic()},
+        {"u": [lambda x, y: strain * x, 0.0]},
+        threads=1,
+        dt=1e-6,
+    )
     mu = 5.0 / 2.5  # Poisson's ratio 1/4
     inner = 0.5 * 3 * mu * strain**2 * 0.25 * 9  # of a column
     # Within one reach (2 nodes) of both ends bonds are missing; a longer body has as many.
-    longer = fh.Simulation(lattice_of((31, 9), 0.5), elastic(young=5.0, kernel=fh.Kernel(1.0)), {"x": fh.Free(), "y": fh.Periodic()},
-                           {"u": [lambda x, y: strain * x, 0.0]}, threads=1, dt=1e-6)  # fmt: skip
+    longer = fh.Simulation(
+        lattice_of((31, 9), 0.5),
+        elastic(young=5.0, kernel=fh.Kernel(1.0)),
+        {"x": fh.Free(), "y": fh.Periodic()},
+        {"u": [lambda x, y: strain * x, 0.0]},
+        threads=1,
+        dt=1e-6,
+    )
     assert longer.energy() - sim.energy() == pytest.approx(10 * inner, rel=1e-6)
 
 
@@ -233,13 +277,17 @@ def test_a_free_body_moves_and_turns_without_force():
     sim = fh.Simulation(lattice, elastic(), initial={"v": v}, **options)
     sim.step(50)
     np.testing.assert_allclose(sim.fields["u"][:, inside], sim.time * v[:, inside], rtol=0, atol=1e-12)
-    turned = fh.Simulation(lattice, elastic(), initial={"u": [lambda x, y: -0.01 * y, lambda x, y: 0.01 * x]}, **options)
+    turned = fh.Simulation(
+        lattice, elastic(), initial={"u": [lambda x, y: -0.01 * y, lambda x, y: 0.01 * x]}, **options
+    )
     turned.step(50)
     np.testing.assert_allclose(turned.fields["u"][:, inside], turned.start_u[:, inside], rtol=0, atol=1e-12)
 
 
 def test_body_forces_bring_their_impulse():
-    """Momentum of a closed box after a force of finite time, one component as a product, one that moves: the sum over its steps."""
+    """Momentum of a closed box after a force of finite time, one component as a product, one that moves: the sum over
+    its steps.
+    """
     lattice = lattice_of((15, 16), 0.5)
     x, y = lattice.coordinates()
     density, cell = 2.5, 0.25
@@ -252,13 +300,19 @@ def test_body_forces_bring_their_impulse():
 
     spot = np.exp(-((x - 3) ** 2) - (y - 4) ** 2)
     sim = fh.Simulation(
-        lattice, elastic(kernel=fh.Kernel(1.0), density=density), fh.Periodic(),
-        sources=[fh.Source([spot, 0.0], strength), fh.Source([0.0, moving])], threads=1,
-    )  # fmt: skip
+        lattice,
+        elastic(kernel=fh.Kernel(1.0), density=density),
+        fh.Periodic(),
+        sources=[fh.Source([spot, 0.0], strength), fh.Source([0.0, moving])],
+        threads=1,
+    )
     sim.step(40)
     times = sim.dt * np.arange(40)
     share = np.where(np.arange(40) == 0, 0.5, 1.0) * sim.dt * cell  # the first step is a half one
-    impulse = [(share * [spot.sum() * strength(t) for t in times]).sum(), (share * [moving(x, y, t).sum() for t in times]).sum()]
+    impulse = [
+        (share * [spot.sum() * strength(t) for t in times]).sum(),
+        (share * [moving(x, y, t).sum() for t in times]).sum(),
+    ]
     np.testing.assert_allclose(density * cell * sim.fields["v"].sum((1, 2)), impulse, rtol=1e-12)
 
 
@@ -281,7 +335,9 @@ def test_a_checkpoint_restores_the_run(tmp_path):
     """The set-up with its constants, the fields of all components and the layers' memory: bit by bit."""
     x, y = box(6, 2).coordinates()
     force = np.stack([np.exp(-(x**2) - y**2), 0 * x])
-    sim = fh.Simulation(box(6, 2), elastic(poisson=0.3, material="state-based"), fh.LatticePML(nodes=5), sources=[force], threads=1)
+    sim = fh.Simulation(
+        box(6, 2), elastic(poisson=0.3, material="state-based"), fh.LatticePML(nodes=5), sources=[force], threads=1
+    )
     sim.step(20)
     sim.save(tmp_path / "a.ckpt")
     again = fh.Simulation.restore(tmp_path / "a.ckpt")
@@ -299,10 +355,14 @@ LAYERS = {
     "plane, reach 3": (2, fh.Kernel(3.0, exponent=1), {}, {16: 1e-6, 30: 1e-8}),
     "plane, state-based": (2, PROFILE, {"poisson": 0.3, "material": "state-based"}, {16: 1e-6, 30: 1e-8}),
     "plane, elements": (2, None, {"poisson": 0.3, "material": "finite-element"}, {16: 1e-6, 30: 1e-8}),
-    "plane, correspondence": (2, fh.Kernel(3.0, 0, "gaussian", volume="full"),
-                              {"poisson": 0.3, "material": "correspondence", "stabilisation": 0.5}, {16: 1e-7}),
+    "plane, correspondence": (
+        2,
+        fh.Kernel(3.0, 0, "gaussian", volume="full"),
+        {"poisson": 0.3, "material": "correspondence", "stabilisation": 0.5},
+        {16: 1e-7},
+    ),
     "space, bonds": (3, PROFILE, {}, {10: 1e-5}),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", LAYERS)
@@ -311,7 +371,13 @@ def test_layers_with_corners_against_the_infinite_lattice(name):
     dim, kernel, options, bounds = LAYERS[name]
     half, width, crossings = (14.0, 3.0, [1.0, 2.0, 3.0, 4.0]) if dim == 2 else (7.0, 1.5, [2.0, 3.0])
     for nodes, wanted in bounds.items():
-        sim = fh.Simulation(box(half, dim), elastic(1.0, kernel, **options), fh.LatticePML(nodes=nodes), {"u": pulse(dim, width)}, threads=1)
+        sim = fh.Simulation(
+            box(half, dim),
+            elastic(1.0, kernel, **options),
+            fh.LatticePML(nodes=nodes),
+            {"u": pulse(dim, width)},
+            threads=1,
+        )
         assert worst_error(sim, half / sim.model.p_speed * np.array(crossings)) < wanted
 
 
@@ -338,13 +404,17 @@ def test_layers_in_space(material, nodes, wanted):
 
 @pytest.mark.parametrize(("nodes", "wanted"), [(20, 1e-4), (30, 1e-5)])
 def test_a_free_surface_runs_into_the_layers(nodes, wanted):
-    """A half-space: the surface wave leaves through the side, against a domain so large that nothing returns; of all waves together."""
+    """A half-space: the surface wave leaves through the side, against a domain so large that nothing returns; of all
+    waves together.
+    """
     lattice = fh.Lattice(1.0, (-15.0, 0.0), (15.0, 20.0))
     setup = {
-        "lattice": lattice, "model": elastic(1.0, fh.Kernel(2.0, exponent=1, influence="linear")), "threads": 1,
+        "lattice": lattice,
+        "model": elastic(1.0, fh.Kernel(2.0, exponent=1, influence="linear")),
+        "threads": 1,
         "boundary": {"x": fh.LatticePML(nodes=nodes), "y-": fh.Free(), "y+": fh.LatticePML(nodes=nodes)},
         "initial": {"u": [0.0, lambda x, y: np.exp(-(x**2 + y**2) / 9)]},
-    }  # fmt: skip
+    }
     found = compare(setup, 40.0, [10.0, 20.0, 30.0, 40.0], beside=False)
     (curve,) = found.curves.values()
     assert max(curve["error_rel_initial"]) < wanted
@@ -358,14 +428,20 @@ def test_modes_between_like_sides_are_even_or_odd():
     whole = np.abs(np.linalg.eigvals(strip.matrix(1.1))).max()
     growth = strip.growth(1.1)
     assert abs(growth.factor) == pytest.approx(whole, rel=1e-10)
-    np.testing.assert_allclose(strip.matrix(1.1) @ growth.mode, growth.factor * growth.mode, rtol=0, atol=1e-9 * np.abs(growth.mode).max())
+    np.testing.assert_allclose(
+        strip.matrix(1.1) @ growth.mode, growth.factor * growth.mode, rtol=0, atol=1e-9 * np.abs(growth.mode).max()
+    )
 
 
 @pytest.mark.slow
 def test_stabilised_correspondence_needs_no_filter():
     """No backward waves, so that nothing grows in the layer: certified, corners included."""
     kernel = fh.Kernel(1.5)
-    sim = fh.Simulation(box(12.0, 2), elastic(1.0, kernel, poisson=0.25, material="correspondence", stabilisation=0.5), fh.LatticePML(nodes=12))
+    sim = fh.Simulation(
+        box(12.0, 2),
+        elastic(1.0, kernel, poisson=0.25, material="correspondence", stabilisation=0.5),
+        fh.LatticePML(nodes=12),
+    )
     assert not sim.stencil.backward_waves()
     assert sim.certificate(300.0).verdict == "certified"
 
@@ -376,7 +452,10 @@ BAD = {
     "ratio of bonds": (lambda: fh.Elastic(PROFILE, 1.0, 0.3), "bond-based materials have one Poisson's ratio"),
     "ratio of bonds in plane stress": (lambda: fh.Elastic(PROFILE, 1.0, 0.25, plane="stress"), "limit: 0.333"),
     "incompressible": (lambda: fh.Elastic(PROFILE, 1.0, 0.5, material="state-based"), "below 0.5"),
-    "no second constant": (lambda: fh.Elastic(PROFILE, 1.0, material="state-based"), "needs two elastic constants; value: only young"),
+    "no second constant": (
+        lambda: fh.Elastic(PROFILE, 1.0, material="state-based"),
+        "needs two elastic constants; value: only young",
+    ),
     "no constant": (lambda: fh.Elastic(PROFILE), "needs one modulus; value: none; limit: one of young"),
     "contradiction": (lambda: fh.Elastic(PROFILE, 1.0, 0.2, shear=1.0, material="state-based"), "do not agree"),
     "negative": (lambda: fh.Elastic(PROFILE, -1.0), "must be finite and positive"),
@@ -409,7 +488,10 @@ def test_impossible_materials(name):
 
 
 SIMULATIONS = {
-    "one text": ({"initial": {"u": "x"}}, "needs one entry a component; value: one for all; limit: a list of 2; remedy"),
+    "one text": (
+        {"initial": {"u": "x"}},
+        "needs one entry a component; value: one for all; limit: a list of 2; remedy",
+    ),
     "one number": ({"initial": {"u": 1.0}}, "one entry a component"),
     "three components": ({"initial": {"u": np.zeros((3, 9, 9))}}, "one entry a component"),
     "data beyond": ({"initial": {"u": [0.0, lambda x, y: np.exp(-(x**2) / 30)]}}, "not zero beyond"),
@@ -418,9 +500,14 @@ SIMULATIONS = {
     "fixed value": ({"boundary": fh.Fixed(2.0)}, "has no such side"),
     "published condition": ({"boundary": fh.Higdon()}, "has no such side"),
     "constraint": ({"constraints": [fh.Prescribed([[0.0, 0.0]], 1.0)]}, "for scalar fields"),
-    "free sides of composites": ({"model": elastic(poisson=0.3, material="state-based"), "boundary": fh.Free()},
-                                 "Elastic of state-based material has no such side; .* remedy: free sides: .*bond-based.*; no free sides: every"),
-    "cracks in composites": ({"model": elastic(poisson=0.3, material="correspondence"), "cracks": [[(0, 0.5), (2, 0.5)]]}, "cannot be cut"),
+    "free sides of composites": (
+        {"model": elastic(poisson=0.3, material="state-based"), "boundary": fh.Free()},
+        "Elastic of state-based material has no such side; .* remedy: free sides: .*bond-based.*; no free sides: every",
+    ),
+    "cracks in composites": (
+        {"model": elastic(poisson=0.3, material="correspondence"), "cracks": [[(0, 0.5), (2, 0.5)]]},
+        "cannot be cut",
+    ),
     "scalar stencil": ({"model": fh.Elastic(fh.Stencil.finite_difference(2), 1.0)}, "stencil of matrices"),
 }
 
@@ -433,7 +520,9 @@ def test_impossible_runs(name):
 
 
 def noise_over_time(reach, exponent, near, nodes, until, seed):
-    """Size of white noise at the end of eight even parts of a run of a bond-based material with constant influence between default layers."""
+    """Size of white noise at the end of eight even parts of a run of a bond-based material with constant influence
+    between default layers.
+    """
     model = elastic(1.2, fh.Kernel(float(reach), exponent))
     sim = fh.Simulation(fh.Lattice(1.0, (0.0, 0.0), (near - 1.0, near - 1.0)), model, fh.LatticePML(nodes=nodes))
     state, part = State(sim.engine), int(until / sim.model.p_speed / sim.dt / 8)
@@ -445,12 +534,23 @@ def noise_over_time(reach, exponent, near, nodes, until, seed):
 
 
 WIDE = [(5, 0, 21, 20, 2500), (6, 1, 21, 24, 2500)]
-WIDE_LONG = [(4, 0, 47, 30, 6000), (5, 0, 47, 30, 6000), (4, 1, 47, 30, 6000), (5, 1, 47, 30, 6000), (6, 1, 47, 30, 6000), (8, 1, 47, 32, 4000)]
+WIDE_LONG = [
+    (4, 0, 47, 30, 6000),
+    (5, 0, 47, 30, 6000),
+    (4, 1, 47, 30, 6000),
+    (5, 1, 47, 30, 6000),
+    (6, 1, 47, 30, 6000),
+    (8, 1, 47, 32, 4000),
+]
 
 
-@pytest.mark.parametrize("reach, exponent, near, nodes, until", [*WIDE, *(pytest.param(*w, marks=pytest.mark.slow) for w in WIDE_LONG)])
+@pytest.mark.parametrize(
+    "reach, exponent, near, nodes, until", [*WIDE, *(pytest.param(*w, marks=pytest.mark.slow) for w in WIDE_LONG)]
+)
 def test_noise_decays_in_layers_of_wide_bonds(reach, exponent, near, nodes, until):
-    """The prototype material and its like: without an alpha that rises, noise grows by 1e-3 to 1e-2 c/spacing after a few hundred time units."""
+    """The prototype material and its like: without an alpha that rises, noise grows by 1e-3 to 1e-2 c/spacing after a
+    few hundred time units.
+    """
     seed = int(np.random.default_rng().integers(2**31))
     sizes = noise_over_time(reach, exponent, near, nodes, until, seed)
     assert sizes[-1] < sizes[-3] < sizes[0], f"seed {seed}: {sizes}"
@@ -470,7 +570,15 @@ def test_one_message_says_which_material_sides_and_layers_go_together():
     for make in wrong:
         with pytest.raises(fh.InputError) as error:
             make()
-        for word in ("Poisson's ratio", 'type = "correspondence"', "NonlocalPML", "bond-based", "1/4", "LatticePML", "free"):
+        for word in (
+            "Poisson's ratio",
+            'type = "correspondence"',
+            "NonlocalPML",
+            "bond-based",
+            "1/4",
+            "LatticePML",
+            "free",
+        ):
             assert word in error.value.remedy, word
     fh.Body(lattice, kernel, young=1.0, poisson=0.3, boundary={"all": fh.NonlocalPML(8, cross=0.1), "y+": fh.Free()})
     fh.Simulation(lattice, fh.Elastic(kernel, 1.0), ground)

@@ -1,4 +1,5 @@
-"""Heat conduction: the conductivity that a grid has, the self term, bars between two temperatures, composites, units."""
+"""Heat conduction: the conductivity that a grid has, the self term, bars between two temperatures, composites,
+units."""
 
 import numpy as np
 import pytest
@@ -37,7 +38,8 @@ def conductivity(stencil):
 @pytest.mark.parametrize(
     ("influence", "self_term", "expected"),
     [
-        # spec of the paper's discretisation, by algebra of the sums: constant k lacks 1/(2m), the triangle 1/m or, as printed, 1/m^2
+        # spec of the paper's discretisation, by algebra of the sums: constant k lacks 1/(2m), the triangle 1/m or, as
+        # printed, 1/m^2
         ("constant", "centre", lambda m: 1.0),
         ("constant", "neighbour", lambda m: 1.0),
         ("constant", "none", lambda m: 1 - 1 / (2 * m)),
@@ -100,7 +102,9 @@ def test_units():
 
 
 def test_bar_against_the_matrix_exponential():
-    """A bar with one node held at either end is a linear system: Runge-Kutta 4 close to its limit is within 1e-9 of it, all in degrees."""
+    """A bar with one node held at either end is a linear system: Runge-Kutta 4 close to its limit is within 1e-9 of it,
+    all in degrees.
+    """
     nodes, reach, alpha = 67, 2, 1.14
     spacing = 10 / nodes
     model = Heat(Kernel(reach * spacing, calibrate=False), conductivity=alpha, integrator="rk4")
@@ -127,7 +131,14 @@ def test_order_in_time_with_held_nodes(integrator):
     def end(method, steps):
         model = Heat(Kernel(3.0), integrator=method)
         wall = Temperature("x-", lambda x, t: np.sin(2 * t), "node")
-        sim = Simulation(Lattice(1.0, 0.0, 19.0), model, Free(), {"u": lambda x: np.exp(-((x - 10) ** 2) / 4)}, constraints=[wall], dt=2 / steps)
+        sim = Simulation(
+            Lattice(1.0, 0.0, 19.0),
+            model,
+            Free(),
+            {"u": lambda x: np.exp(-((x - 10) ** 2) / 4)},
+            constraints=[wall],
+            dt=2 / steps,
+        )
         sim.step(steps)
         return sim.fields["u"]
 
@@ -153,13 +164,17 @@ def test_order_of_runge_kutta_4_with_held_nodes():
 
 
 def test_composite_reaches_its_steady_state():
-    """Two halves of conductivity 1 and 3, harmonic bonds of nearest neighbours: the classical profile, exactly, with the wall between cells."""
+    """Two halves of conductivity 1 and 3, harmonic bonds of nearest neighbours: the classical profile, exactly, with
+    the wall between cells.
+    """
     nodes = 20
     x = np.arange(nodes) + 0.5
     factor = np.where(x < 10, 1.0, 3.0)
     held = [Temperature("x-", 0.0, "node"), Temperature("x+", 1.0, "node")]
     model = Heat(Stencil.finite_difference(1), integrator="rk4")
-    sim = Simulation(Lattice(1.0, 0.5, nodes - 0.5), model, Free(), {"u": 0.5}, coefficient=factor, rule="harmonic", constraints=held)
+    sim = Simulation(
+        Lattice(1.0, 0.5, nodes - 0.5), model, Free(), {"u": 0.5}, coefficient=factor, rule="harmonic", constraints=held
+    )
     sim.run(1500.0)  # exp(-0.027 * 1500), the slowest mode of 19 cells, is below rounding
     resistance = np.concatenate([[0], np.cumsum((1 / factor[:-1] + 1 / factor[1:]) / 2)])
     assert sim.fields["u"] == pytest.approx(resistance / resistance[-1], abs=1e-10)
@@ -186,7 +201,9 @@ def test_quenched_bar_converges(reach):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_quenched_block_is_the_product_of_slabs(dim):
-    """A square and a cube from 1 to 0 on all sides by mirror conditions, a quarter of it: insulated where it is cut. Second order."""
+    """A square and a cube from 1 to 0 on all sides by mirror conditions, a quarter of it: insulated where it is cut.
+    Second order.
+    """
     counts, errors = ([16, 32] if dim == 3 else [16, 32, 64]), []
     slab = Slab(1.0, 1.0, [(0, 1, 1.0)], End(0.0, slope=True), End(0.0))
     for nodes in counts:

@@ -33,7 +33,13 @@ def test_published_examples(name, last, dt, bound):
     assert np.abs(truncated - infinite).max() <= bound
 
 
-RANDOM = [("wave", 0.2, 1500), ("wave", 0.95, 1500), ("damped", 0.2, 1500), ("diffusion", 0.45, 3000), ("diffusion", 0.95, 3000)]
+RANDOM = [
+    ("wave", 0.2, 1500),
+    ("wave", 0.95, 1500),
+    ("damped", 0.2, 1500),
+    ("diffusion", 0.45, 3000),
+    ("diffusion", 0.95, 3000),
+]
 
 
 @pytest.mark.parametrize("reach", [1, 2, 7, 25])

@@ -7,18 +7,35 @@ from farhorizon.papers import bobaru2010 as paper
 from farhorizon.papers.bobaru2010 import DIVISIONS, KERNELS, RATIOS, SLOPES, Example, difference
 from farhorizon.papers.registry import find, reproductions
 
-#: Mid temperatures at 8 s by an independent program that is exact in time (matrix exponential of the same grids); rows 3L/100 .. 3L/800,
+#: Mid temperatures at 8 s by an independent program that is exact in time (matrix exponential of the same grids); rows
+#: 3L/100 .. 3L/800,
 #: columns m = 2, 4, 8, 16. The paper has them in an image only.
 MIDDLE = {
-    (1, "constant"): [[50.751, 52.268, 53.569, 54.748], [51.248, 52.011, 52.678, 53.287], [51.499, 51.881, 52.217, 52.528],
-                      [51.623, 51.814, 51.983, 52.140]],
-    (1, "triangular"): [[50.347, 51.482, 52.360, 53.088], [51.045, 51.616, 52.058, 52.426], [51.399, 51.682, 51.903, 52.089],
-                        [51.573, 51.715, 51.826, 51.919]],
-    (2, "constant"): [[53.535, 52.833, 52.228, 51.677], [53.300, 52.946, 52.636, 52.352], [53.181, 53.004, 52.848, 52.702],
-                      [53.122, 53.033, 52.955, 52.881]],
-    (2, "triangular"): [[53.719, 53.193, 52.786, 52.447], [53.392, 53.127, 52.922, 52.751], [53.226, 53.095, 52.992, 52.906],
-                        [53.145, 53.079, 53.027, 52.984]],
-}  # fmt: skip
+    (1, "constant"): [
+        [50.751, 52.268, 53.569, 54.748],
+        [51.248, 52.011, 52.678, 53.287],
+        [51.499, 51.881, 52.217, 52.528],
+        [51.623, 51.814, 51.983, 52.140],
+    ],
+    (1, "triangular"): [
+        [50.347, 51.482, 52.360, 53.088],
+        [51.045, 51.616, 52.058, 52.426],
+        [51.399, 51.682, 51.903, 52.089],
+        [51.573, 51.715, 51.826, 51.919],
+    ],
+    (2, "constant"): [
+        [53.535, 52.833, 52.228, 51.677],
+        [53.300, 52.946, 52.636, 52.352],
+        [53.181, 53.004, 52.848, 52.702],
+        [53.122, 53.033, 52.955, 52.881],
+    ],
+    (2, "triangular"): [
+        [53.719, 53.193, 52.786, 52.447],
+        [53.392, 53.127, 52.922, 52.751],
+        [53.226, 53.095, 52.992, 52.906],
+        [53.145, 53.079, 53.027, 52.984],
+    ],
+}
 CASES = [(n, kernel) for n in (1, 2) for kernel in KERNELS]
 
 
@@ -38,11 +55,15 @@ def test_rates(number, kernel):
 
 @pytest.mark.parametrize(("number", "kernel"), CASES)
 def test_the_curves_cross_at_the_classical_value(number, kernel):
-    """The paper: m* between 3 and 5, smaller for the constant kernel; the value there is of second order in the horizon."""
+    """The paper: m* between 3 and 5, smaller for the constant kernel; the value there is of second order in the
+    horizon.
+    """
     at, value = paper.studies(number, kernel)["middle"].crossing()
     assert 3 < at < 5
     # the gap at m* is of second order: the square of the horizon (0.0375 cm) over the bar, of 100 C
-    assert value == pytest.approx(float(Example(number).classical.temperature(5.0, 8.0)), abs=100 * 0.0375 / 10 * 0.0375)
+    assert value == pytest.approx(
+        float(Example(number).classical.temperature(5.0, 8.0)), abs=100 * 0.0375 / 10 * 0.0375
+    )
 
 
 def test_one_held_node_has_no_limit():
@@ -66,9 +87,15 @@ def test_example_3():
 
 @pytest.mark.parametrize(
     ("number", "ratio", "kernel", "error", "largest"),
-    # independent program, in units of the conductivity, with the error of the temperature itself, away from the ends: within a horizon of
+    # independent program, in units of the conductivity, with the error of the temperature itself, away from the ends:
+    # within a horizon of
     # a held node the temperature has a boundary layer that no choice of bonds removes
-    [(1, 2, "constant", 0.0600, 16.27), (1, 2, "triangular", 0.0483, 16.27), (2, 4, "constant", 0.0185, 13.06), (2, 4, "triangular", 0.0211, 13.06)],
+    [
+        (1, 2, "constant", 0.0600, 16.27),
+        (1, 2, "triangular", 0.0483, 16.27),
+        (2, 4, "constant", 0.0185, 13.06),
+        (2, 4, "triangular", 0.0211, 13.06),
+    ],
 )
 def test_flux(number, ratio, kernel, error, largest):
     """Figures 13 and 14: the largest difference from the classical flux."""
@@ -83,7 +110,9 @@ def test_flux(number, ratio, kernel, error, largest):
 
 
 def test_profiles_tell_the_bulk_from_the_held_ends(tmp_path):
-    """Figure 8: the rows beside a matrix of the paper's sums (eqs 12 to 18) that is exact in time and the Fourier series of eq. 33."""
+    """Figure 8: the rows beside a matrix of the paper's sums (eqs 12 to 18) that is exact in time and the Fourier
+    series of eq. 33.
+    """
     nodes, length, alpha, m = 1067, 10.0, 1.14, 4
     dx = length / nodes
     x = dx * (np.arange(nodes) + 0.5)
@@ -100,7 +129,9 @@ def test_profiles_tell_the_bulk_from_the_held_ends(tmp_path):
         for t in (0.1, 4.0, 8.0):
             u = np.zeros(nodes)
             u[1:-1] = modes @ (np.exp(values * t) * (modes.T @ np.full(nodes - 2, 100.0)))
-            series = (400 / (n * np.pi) * np.sin(n * np.pi * x / length) * np.exp(-alpha * (n * np.pi / length) ** 2 * t)).sum(0)
+            series = (
+                400 / (n * np.pi) * np.sin(n * np.pi * x / length) * np.exp(-alpha * (n * np.pi / length) ** 2 * t)
+            ).sum(0)
             apart = np.abs(u - series)
             name = f"t = {t:g} s, {kernel}, "
             bulk = found[name + "largest difference from the classical solution two horizons inside (C)"]

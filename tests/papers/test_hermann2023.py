@@ -1,4 +1,6 @@
-"""The examples of Hermann et al. (2023): node numbers as printed, the order of the conditions, errors that other programs found."""
+"""The examples of Hermann et al. (2023): node numbers as printed, the order of the conditions, errors that other
+programs found.
+"""
 
 import numpy as np
 import pytest
@@ -15,16 +17,25 @@ def rows(outcome):
 
 
 def test_example_1(tmp_path):
-    """Finite elements: counts; the lattice PML below 1e-7, the repaired condition below the published and the first-order one at the end."""
+    """Finite elements: counts; the lattice PML below 1e-7, the repaired condition below the published and the
+    first-order one at the end.
+    """
     outcome = find("hermann2023-ex1").run(tmp_path)
     found = rows(outcome)
     assert found["nodes of the square"].deviation == found["elements"].deviation == 0
     assert outcome.infinite_error["lattice PML"] <= 1e-7
     last = {name: found[f"{name}, t = 50"].ours for name in outcome.infinite_error}
-    assert last["repaired, 3 spacings"] < 0.2 * min(last[name] for name in last if name.startswith(("published", "first")))
+    assert last["repaired, 3 spacings"] < 0.2 * min(
+        last[name] for name in last if name.startswith(("published", "first"))
+    )
     assert all(path.stat().st_size > 20_000 for path in outcome.pictures)
-    # Errors of an independent program at t = 50 for clouds of 1, 2 and 3 spacings, two digits; its near field has one node more on each side.
-    for name, error in (("published, 1 spacing", 3.1e-2), ("published, 2 spacings", 1.2e-2), ("published, 3 spacings", 4.4e-2)):
+    # Errors of an independent program at t = 50 for clouds of 1, 2 and 3 spacings, two digits; its near field has one
+    # node more on each side.
+    for name, error in (
+        ("published, 1 spacing", 3.1e-2),
+        ("published, 2 spacings", 1.2e-2),
+        ("published, 3 spacings", 4.4e-2),
+    ):
         assert last[name] == pytest.approx(error, rel=0.25)
 
 
@@ -48,13 +59,17 @@ def test_growth_is_measured():
 
 
 def test_energy_of_a_known_field():
-    """Eq 55 of a bilinear field is exact, and so are lumped masses for a constant rate: over the unit square 1/2 (1/3 + 1/3 + 9)."""
+    """Eq 55 of a bilinear field is exact, and so are lumped masses for a constant rate: over the unit square 1/2 (1/3 +
+    1/3 + 9).
+    """
     x, y = np.meshgrid(np.linspace(0, 1, 6), np.linspace(0, 1, 6), indexing="ij")
     assert paper.energy(x * y, np.full_like(x, 3.0), 0.2) == pytest.approx((2 / 3 + 9) / 2, rel=1e-14)
 
 
 def test_energy_of_the_pulse():
-    """That of a gaussian is pi/2 whatever its width, to the square of the spacing over its length; the damped continuum starts from it."""
+    """That of a gaussian is pi/2 whatever its width, to the square of the spacing over its length; the damped continuum
+    starts from it.
+    """
     setup = paper.square(paper.RADIUS, 0.01)
     x, y = setup["lattice"].coordinates()
     assert paper.energy(paper.wide_pulse(x, y), 0 * x, 0.5) == pytest.approx(np.pi / 2, rel=0.5**2 / 9)
@@ -64,7 +79,9 @@ def test_energy_of_the_pulse():
 
 
 def test_the_continuum_solves_its_equation():
-    """``u_tt + 2 d u_t = u_rr + u_r / r`` by differences at t = 30, and at late times a diffusing pulse of the same content, ``M / (4 pi D t)``."""
+    """``u_tt + 2 d u_t = u_rr + u_r / r`` by differences at t = 30, and at late times a diffusing pulse of the same
+    content, ``M / (4 pi D t)``.
+    """
     lattice = Lattice(0.05, (-1.0, -1.0), (1.0, 1.0))
     medium, h = paper.Continuum(lattice, 3e4), 1e-2
     states = [medium.state(30.0 + n * h) for n in (-1, 0, 1)]
@@ -78,11 +95,14 @@ def test_the_continuum_solves_its_equation():
 
 
 def test_late_energies():
-    """The lattice PML keeps the energy of the infinite medium, on the lattice until the front has left, then of the continuum; others do not."""
+    """The lattice PML keeps the energy of the infinite medium, on the lattice until the front has left, then of the
+    continuum; others do not.
+    """
     setup = paper.square(paper.RADIUS, 0.1)
     times = np.array([20.0, 100.0, 200.0, 205.0, 400.0])
     exact = paper.exact_energies(setup, times)
-    assert exact[0] == pytest.approx(np.exp(-2 * paper.DAMPING * 20), rel=0.1)  # all of it is there, and all of it is in the front, damped
+    # all of it is there, and all of it is in the front, damped
+    assert exact[0] == pytest.approx(np.exp(-2 * paper.DAMPING * 20), rel=0.1)
     later = paper.energy(*paper.Continuum(setup["lattice"], 200.0).state(200.0), 0.5) / (np.pi / 2)
     assert exact[2] == pytest.approx(later, rel=2e-3)  # where one takes over from the other they agree
     np.testing.assert_allclose(paper.energies(setup, LatticePML(nodes=30), times), exact, rtol=2e-3)
@@ -96,7 +116,12 @@ def test_appendix_b():
     from farhorizon.models import Wave
 
     model = Wave(Kernel(0.25, 0, volume="full", calibrate=False), float(np.sqrt(10)), 5e-4)
-    setup = {"lattice": Lattice(0.01, (-10.0,), (10.0,)), "model": model, "initial": {"u": lambda x: np.exp(-20 * np.log(2) * x**2)}, "dt": 1e-4}
+    setup = {
+        "lattice": Lattice(0.01, (-10.0,), (10.0,)),
+        "model": model,
+        "initial": {"u": lambda x: np.exp(-20 * np.log(2) * x**2)},
+        "dt": 1e-4,
+    }
     times = [5.0, 10.0, 15.0]
     found = run(setup, paper.published(0.25, wavenumbers=10), times, infinite(setup, 15.0))
     np.testing.assert_allclose(found.errors, (5.9e-5, 1.1e-4, 1.8e-4), rtol=0.03)
@@ -122,7 +147,9 @@ def test_figure_10(tmp_path):
 
 
 def test_figure_6(tmp_path):
-    """The series of high order and the fine lattice are at the closed form, the series of order 4 and the local relation are not."""
+    """The series of high order and the fine lattice are at the closed form, the series of order 4 and the local
+    relation are not.
+    """
     found = {what: row.ours for what, row in rows(find("hermann2023-fig6").run(tmp_path)).items()}
     at = "frequency at wavenumber 3, "
     closed = found[at + "closed form"]
@@ -133,7 +160,9 @@ def test_figure_6(tmp_path):
 
 @pytest.mark.slow
 def test_example_2(tmp_path):
-    """Both horizons: A better than B; the repaired fit and Higdon's condition as good as known; the lattice PML below 1e-7."""
+    """Both horizons: A better than B; the repaired fit and Higdon's condition as good as known; the lattice PML below
+    1e-7.
+    """
     errors = find("hermann2023-ex2").run(tmp_path).infinite_error
     for reach, fit, higdon in ((6, 4.5e-4, 8.4e-4), (3, 1.8e-4, 1.1e-3)):  # an independent program
         mark = f"horizon {reach} spacings: "

@@ -32,7 +32,10 @@ def chain_impulse(weights, t, half=400):
     return (modes @ (t * np.sinc(omega * t / np.pi) * modes[half]))[half : half + 2 * weights.size]
 
 
-SLOWLY = [pytest.param(weights, marks=pytest.mark.slow, id=name) for name, weights in (("beam", BEAM), ("K = 3", gaussian_weights(3)))]
+SLOWLY = [
+    pytest.param(weights, marks=pytest.mark.slow, id=name)
+    for name, weights in (("beam", BEAM), ("K = 3", gaussian_weights(3)))
+]
 
 
 @pytest.mark.parametrize("weights", [pytest.param(BAR, id="bar"), *SLOWLY])
@@ -44,7 +47,8 @@ def test_impulse_response_against_a_long_chain(weights):
 
 
 def test_recursion_of_the_impulse_response():
-    """Eq 26, ``sum k a_k (g_(m+k) - g_(m-k)) = -(2 m/t) g_m'``, the derivative by central differences of fourth order."""
+    """Eq 26, ``sum k a_k (g_(m+k) - g_(m-k)) = -(2 m/t) g_m'``, the derivative by central differences of fourth
+    order."""
     dt, reach = 0.001, BAR.size
     g = impulse_response(BAR, dt, 8000)
     at, t = 6000, 6000 * dt
@@ -55,13 +59,15 @@ def test_recursion_of_the_impulse_response():
 
 
 def test_the_recursion_serves_the_beam_and_not_the_bar():
-    """Runge-Kutta 4 with the closure (27): K = 2 keeps order 4; for K = 7 errors grow like exp(0.41 t), that of an independent program.
+    """Runge-Kutta 4 with the closure (27): K = 2 keeps order 4; for K = 7 errors grow like exp(0.41 t), that of an
+    independent program.
 
     The rate is the largest |Im w| over the complex critical points c of ``sum a_k T_k(c)``, computed here.
     """
     beam = []
     for dt in (0.02, 0.01):
-        steps, begin = round(40 / dt), round(1 / dt)  # the first steps, where the closure divides by a small t, have order 3
+        # the first steps, where the closure divides by a small t, have order 3
+        steps, begin = round(40 / dt), round(1 / dt)
         beam.append(np.abs(recursive_response(BEAM, dt, steps) - impulse_response(BEAM, dt, steps))[begin:].max())
     assert np.log2(beam[0] / beam[1]) == pytest.approx(4, abs=0.2)
     dt, steps = 0.001, 60_000
@@ -85,7 +91,9 @@ def test_semi_discrete_kernel_is_the_integral_equation():
                 total = sum(BEAM[k + m - 1] * g[j, abs(k - n)] for k in range(reach - m + 1))
                 for at in range(reach):
                     for k in range(at + 1, reach + 1):
-                        total -= BEAM[k - 1] * dt * sum(g[a, abs(k + n - at)] * f[j - a, at, m - 1] for a in range(1, j + 1))
+                        total -= (
+                            BEAM[k - 1] * dt * sum(g[a, abs(k + n - at)] * f[j - a, at, m - 1] for a in range(1, j + 1))
+                        )
                 f[j, n, m - 1] = total
     np.testing.assert_allclose(semi_discrete_kernel(BEAM, g, dt), f, atol=1e-13)
 
@@ -118,16 +126,30 @@ def test_continuum_solution_and_weights():
     """Eq 37 at t = 0 is the gaussian at rest, its rate the derivative by central differences; the stencil is K = 7."""
     x = np.linspace(-3, 3, 13)
     np.testing.assert_allclose(solution(x, 0.0), [np.exp(-(x**2)), 0 * x], atol=1e-13)
-    np.testing.assert_allclose(solution(x, 5.0)[1], (solution(x, 5.00001)[0] - solution(x, 4.99999)[0]) / 2e-5, atol=1e-9)
+    np.testing.assert_allclose(
+        solution(x, 5.0)[1], (solution(x, 5.00001)[0] - solution(x, 4.99999)[0]) / 2e-5, atol=1e-9
+    )
     np.testing.assert_allclose(bar_weights(), BAR, rtol=1e-14)
     assert micromodulus(np.array([0.8]))[0] == 0
 
 
 def test_reference_is_exact_in_time():
-    """Velocity Verlet on a long chain converges to it with order 2, in u and u_t, for all examples, while the pulse acts and after."""
-    for example, times in ((Example(), (12.0,)), (Example(soft=0.5), (12.0,)), (Example(seismic=True), (6.0,)), (Example(seismic=True), (6.0, 12.0))):
+    """Velocity Verlet on a long chain converges to it with order 2, in u and u_t, for all examples, while the pulse
+    acts and after.
+    """
+    for example, times in (
+        (Example(), (12.0,)),
+        (Example(soft=0.5), (12.0,)),
+        (Example(seismic=True), (6.0,)),
+        (Example(seismic=True), (6.0, 12.0)),
+    ):
         exact = example.reference(times)
-        errors = np.array([[np.abs(a - b).max() for a, b in zip(example.run(dt, times, None), exact, strict=True)] for dt in (0.02, 0.01)])
+        errors = np.array(
+            [
+                [np.abs(a - b).max() for a, b in zip(example.run(dt, times, None), exact, strict=True)]
+                for dt in (0.02, 0.01)
+            ]
+        )
         np.testing.assert_allclose(np.log2(errors[0] / errors[1]), 2, atol=0.1)
 
 
@@ -157,20 +179,30 @@ def test_tables_to_100(name, misprints, tmp_path):
 def test_table_1(tmp_path):
     """True errors as an independent program has them; against the half step within 5 % of the printed ones."""
     rows = {row.what: row for row in find("ji2021-table1").function(tmp_path).rows}
-    published = {"3": (1.24e-5, 1.96e-5, 5.23e-5, 8.51e-5), "18": (1.23e-6, 2.02e-6, 6.39e-6, 1.18e-5),
-                 "300": (4.41e-8, 9.36e-8, 5.26e-7, 1.26e-6), "3000": (9.20e-9, 2.24e-8, 1.54e-7, 3.95e-7)}  # fmt: skip
+    published = {
+        "3": (1.24e-5, 1.96e-5, 5.23e-5, 8.51e-5),
+        "18": (1.23e-6, 2.02e-6, 6.39e-6, 1.18e-5),
+        "300": (4.41e-8, 9.36e-8, 5.26e-7, 1.26e-6),
+        "3000": (9.20e-9, 2.24e-8, 1.54e-7, 3.95e-7),
+    }
     for t, values in published.items():
         for division, value in zip((500, 400, 250, 200), values, strict=True):
-            assert rows[f"t = {t} pi, dt = 3 pi / {division}, against the exact kernel"].ours == pytest.approx(value, rel=0.005)
+            assert rows[f"t = {t} pi, dt = 3 pi / {division}, against the exact kernel"].ours == pytest.approx(
+                value, rel=0.005
+            )
             assert abs(rows[f"t = {t} pi, dt = 3 pi / {division}, against dt = 3 pi / 1000"].deviation) < 0.05
 
 
 def test_velocities_of_figure_4(tmp_path):
-    """Beside the continuum's: what the lattice is off by, at once the same for both boundaries; at t = 40 only ours has left the bar."""
+    """Beside the continuum's: what the lattice is off by, at once the same for both boundaries; at t = 40 only ours has
+    left the bar.
+    """
     outcome = find("ji2021-fig4").run(tmp_path)
     found = {row.what: row.ours for row in outcome.rows}
     for t in (5, 10):
-        assert all(found[f"t = {t}, largest difference from eq 37, {name}"] < 2e-3 for name in (paper.THEIRS, paper.OURS))
+        assert all(
+            found[f"t = {t}, largest difference from eq 37, {name}"] < 2e-3 for name in (paper.THEIRS, paper.OURS)
+        )
     # the continuum has 5e-12 left; the printed error of table 3 at this step is 2.21e-7
     assert found[f"t = 40, largest difference from eq 37, {paper.OURS}"] < 1e-12
     assert found[f"t = 40, largest difference from eq 37, {paper.THEIRS}"] == pytest.approx(2.21e-7, rel=0.015)
@@ -184,19 +216,26 @@ def test_histories_of_the_interface():
         times, found = paper.histories(Example(soft=beta), 40.0)
         hump, hollow = found[paper.OURS][:, paper.RIGHT], found[paper.OURS][:, paper.ORIGIN]
         reflected, speed = (np.sqrt(beta) - 1) / (np.sqrt(beta) + 1), np.sqrt(beta)
-        assert hump.max() == pytest.approx((1 + reflected) / 2, rel=0.03)  # dispersion lowers a gaussian of this width by 1 to 2 per cent ..
+        # dispersion lowers a gaussian of this width by 1 to 2 per cent ..
+        assert hump.max() == pytest.approx((1 + reflected) / 2, rel=0.03)
         assert hollow.min() == pytest.approx(reflected, rel=0.03)
         assert 0 <= times[hump.argmax()] - (4 / speed + 6) < 0.05 * times[hump.argmax()]  # .. and delays it
         assert 0 <= times[hollow.argmin()] - 8 / speed < 0.05 * times[hollow.argmin()]
     times, found = paper.histories(Example(), 20.0)
     for node, x in ((paper.ORIGIN, 0.0), (paper.RIGHT, 10.0)):
         exact = np.array([solution(np.array([x]), t)[0][0] for t in times])
-        np.testing.assert_allclose(found[paper.OURS][:, node], exact, atol=1e-3)  # first order in the spacing, see figure 3
+        # first order in the spacing, see figure 3
+        np.testing.assert_allclose(found[paper.OURS][:, node], exact, atol=1e-3)
 
 
 def test_error_histories_agree_with_the_tables():
-    """No node is farther off than the largest error that tables 4 and 5 print for this time and step, and some node is as far."""
-    for beta, printed in ((0.5, {10: 5.84e-6, 15: 1.59e-5, 40: 5.82e-6}), (0.1, {10: 6.10e-7, 15: 1.97e-6, 40: 2.03e-5})):
+    """No node is farther off than the largest error that tables 4 and 5 print for this time and step, and some node is
+    as far.
+    """
+    for beta, printed in (
+        (0.5, {10: 5.84e-6, 15: 1.59e-5, 40: 5.82e-6}),
+        (0.1, {10: 6.10e-7, 15: 1.97e-6, 40: 2.03e-5}),
+    ):
         times, found = paper.histories(Example(soft=beta), 40.0)
         for t, largest in printed.items():
             error = np.abs(found[paper.THEIRS] - found["reference"])[round(t / 0.2)]
@@ -205,7 +244,9 @@ def test_error_histories_agree_with_the_tables():
 
 
 def test_histories_of_the_seismic_source(tmp_path):
-    """Figure 13: ours is the long chain with the same step; humps as in a local bar, lower and later by dispersion; the pulse is eq 45."""
+    """Figure 13: ours is the long chain with the same step; humps as in a local bar, lower and later by dispersion; the
+    pulse is eq 45.
+    """
     times, found = paper.histories(Example(seismic=True), 60.0)
     np.testing.assert_allclose(found[paper.OURS], Example(seismic=True).run(0.005, times, None)[0], atol=1e-13)
     early = times <= 10
@@ -215,4 +256,5 @@ def test_histories_of_the_seismic_source(tmp_path):
     for place, t, height in (("right end", 15, 2), ("left end", 15, 1), ("left end", 35, 1), ("origin", 25, 1)):
         assert 0.85 * height < rows[f"{place}, hump about t = {t}"].ours < height
     right = found[paper.OURS][:, paper.RIGHT]
-    assert np.abs(right[times > 22]).max() < 0.01 * right.max()  # "there is only one hump": the left end sends nothing back
+    # "there is only one hump": the left end sends nothing back
+    assert np.abs(right[times > 22]).max() < 0.01 * right.max()

@@ -29,7 +29,9 @@ def test_all_published_items_are_there():
 
 
 def test_the_documents_name_what_there_is():
-    """Every entry is in the table of docs/index.md, ranges written out, and no entry is named there or in the README that does not exist."""
+    """Every entry is in the table of docs/index.md, ranges written out, and no entry is named there or in the README
+    that does not exist.
+    """
     root = Path(__file__).parents[2]
     text = "".join((root / name).read_text(encoding="utf-8") for name in ("docs/index.md", "README.md"))
     named = set(re.findall(r"\b(?:ji2021|hermann2023|shojaei2020|wildman2012|bobaru2010)-[\w-]+", text))
@@ -60,7 +62,9 @@ CONSTANTS = {"shojaei2020-table1"}  # nothing is run there that could be drawn
 @pytest.mark.slow
 @pytest.mark.parametrize("name", reproductions())
 def test_command_runs_each(name, capsys, tmp_path):
-    """With default arguments to the end: rows of numbers, pictures that are there and not empty, the same in the JSON file."""
+    """With default arguments to the end: rows of numbers, pictures that are there and not empty, the same in the JSON
+    file.
+    """
     assert main(["reproduce", name, "--out", str(tmp_path), "--json", str(tmp_path / "f.json")]) == 0
     found = json.loads((tmp_path / "f.json").read_text())
     assert found["name"] == name and found["rows"]

@@ -27,10 +27,15 @@ def test_table_1(tmp_path):
     assert max(abs(row.deviation) for row in found) < 1e-12
 
 
-@pytest.mark.parametrize("operator, layer, radius, wavenumber, known", [
-    (Kernel(0.5, 1), 4, 2, 11.3, 0.36), (Kernel(0.5, 1), 4, 2, 1.0, 0.072), (Kernel(0.5, 1), 4, 2, 0.25, 0.028),
-    (Stencil.finite_element(1), 1, 2, 0.2, 0.01),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "operator, layer, radius, wavenumber, known",
+    [
+        (Kernel(0.5, 1), 4, 2, 11.3, 0.36),
+        (Kernel(0.5, 1), 4, 2, 1.0, 0.072),
+        (Kernel(0.5, 1), 4, 2, 0.25, 0.028),
+        (Stencil.finite_element(1), 1, 2, 0.2, 0.01),
+    ],
+)
 def test_example_1(operator, layer, radius, wavenumber, known):
     """Largest errors of an independent program; eq 47's advice is as bad as a value held at zero."""
     setup = {**paper.line(operator, layer), "dt": COARSE}

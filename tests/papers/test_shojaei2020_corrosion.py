@@ -21,7 +21,9 @@ from farhorizon.papers.shojaei2020_corrosion import (
 
 
 def test_constants_are_those_of_exponent_two():
-    """c_int is 4 / (pi horizon^2), that of a unit diffusivity in the plane (table 1, p = 2, to the digits printed); c_liq ten times as much."""
+    """c_int is 4 / (pi horizon^2), that of a unit diffusivity in the plane (table 1, p = 2, to the digits printed);
+    c_liq ten times as much.
+    """
     assert Kernel(0.04, 2).scaling_constant(2) == pytest.approx(INTERFACE, abs=0.01)
     assert LIQUID / INTERFACE == pytest.approx(10, rel=1e-6)
 
@@ -33,7 +35,9 @@ def test_nodes(example, printed):
 
 
 def test_small_letters():
-    """At four times the spacing: the layer keeps to its target, dissolution goes on step by step as in the infinite medium; closed rims do not."""
+    """At four times the spacing: the layer keeps to its target, dissolution goes on step by step as in the infinite
+    medium; closed rims do not.
+    """
     example = replace(LETTERS, coarser=4)
     runs = example.closed()
     times = [0.0, 0.005, 0.01, 0.03, 0.1, 0.266]
@@ -58,7 +62,9 @@ def test_outward_share():
     axes = [np.arange(-10, 11) * LETTERS.spacing] * 2
     x, y = np.meshgrid(*axes, indexing="ij")
     disc = np.hypot(x, y) <= 9.5 * LETTERS.spacing
-    shares = [outward_share(np.where(disc, u, np.nan), axes, LETTERS) for u in (-(x**2) - y**2, x**2 + y**2, x + 1e-3 * y)]
+    shares = [
+        outward_share(np.where(disc, u, np.nan), axes, LETTERS) for u in (-(x**2) - y**2, x**2 + y**2, x + 1e-3 * y)
+    ]
     assert shares == [1.0, 0.0, 0.5]
 
 

@@ -1,4 +1,6 @@
-"""Wildman and Gazonas (2012): energies, errors and cracks as printed, or as an independent program of the same scheme found them."""
+"""Wildman and Gazonas (2012): energies, errors and cracks as printed, or as an independent program of the same scheme
+found them.
+"""
 
 import functools
 
@@ -14,10 +16,15 @@ def rows(outcome):
     return {row.what: row for row in outcome.rows}
 
 
-@pytest.mark.parametrize(("kernel", "known"), [
-    # strain energy of the whole square over the initial one at t = 0.5, 1, 1.5, 2, 3, 5, an independent program with the same layer
-    ("Gaussian", (0.146, 1.2e-3, 1.15e-4, 3.8e-5, 8.4e-6, 1.3e-6)), ("Heaviside", (0.214, 1.3e-2, 2.4e-3, 1.3e-3, 5.3e-4, 1.3e-4)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("kernel", "known"),
+    [
+        # strain energy of the whole square over the initial one at t = 0.5, 1, 1.5, 2, 3, 5, an independent program
+        # with the same layer
+        ("Gaussian", (0.146, 1.2e-3, 1.15e-4, 3.8e-5, 8.4e-6, 1.3e-6)),
+        ("Heaviside", (0.214, 1.3e-2, 2.4e-3, 1.3e-3, 5.3e-4, 1.3e-4)),
+    ],
+)
 def test_energy_of_figure_2(kernel, known):
     whole, near = paper.energies(paper.plate(paper.KERNELS[kernel], paper.published()), (0.5, 1.0, 1.5, 2.0, 3.0, 5.0))
     assert whole == pytest.approx(known, rel=0.2)
@@ -30,13 +37,20 @@ def test_initial_energy():
     assert body.strain_energy(layers=True) == pytest.approx(1.198, abs=5e-4)
 
 
-# Largest difference from a domain three times as large until t = 2.2, over the initial maximum, an independent program (ours: the infinite lattice).
+# Largest difference from a domain three times as large until t = 2.2, over the initial maximum, an independent program
+# (ours: the infinite lattice).
 ERRORS = [
-    ("Gaussian", "layer, as published", 2.3e-4), ("Gaussian", "layer, published ramp, 200/s", 1.0e-3), ("Gaussian", "layer, quadratic, 60/s", 1.5e-4),
-    ("Gaussian", "sponge, quadratic, 40/s", 0.045), ("Gaussian", "fixed", 0.29), ("Gaussian", "free", 0.20),
-    ("Heaviside", "layer, as published", 1.7e-2), ("Heaviside", "layer, quadratic, 60/s", 5.0e-3), ("Heaviside", "layer, cubic, 60/s", 3.2e-3),
+    ("Gaussian", "layer, as published", 2.3e-4),
+    ("Gaussian", "layer, published ramp, 200/s", 1.0e-3),
+    ("Gaussian", "layer, quadratic, 60/s", 1.5e-4),
+    ("Gaussian", "sponge, quadratic, 40/s", 0.045),
+    ("Gaussian", "fixed", 0.29),
+    ("Gaussian", "free", 0.20),
+    ("Heaviside", "layer, as published", 1.7e-2),
+    ("Heaviside", "layer, quadratic, 60/s", 5.0e-3),
+    ("Heaviside", "layer, cubic, 60/s", 3.2e-3),
     ("Heaviside", "layer, cubic, 30/s", 1.6e-3),
-]  # fmt: skip
+]
 
 
 @functools.cache
@@ -46,7 +60,9 @@ def infinite(kernel):
 
 @pytest.mark.parametrize(("kernel", "label", "known"), ERRORS)
 def test_errors_of_the_layers(kernel, label, known):
-    """Raising the strength makes it worse, a ramp over the whole layer better, the Heaviside kernel is worse by fifty times."""
+    """Raising the strength makes it worse, a ramp over the whole layer better, the Heaviside kernel is worse by fifty
+    times.
+    """
     assert infinite(kernel).error(paper.ABSORBERS[label]) == pytest.approx(known, rel=0.25)
 
 
@@ -59,7 +75,9 @@ def test_lattice_pml_with_the_same_nodes(kernel, limit):
 @pytest.mark.slow
 @pytest.mark.parametrize("kernel", ["Gaussian", "Heaviside"])
 def test_lattice_pml_for_hundreds_of_crossings(kernel):
-    """To t = 100, when a longitudinal wave would have crossed the near field 180 times, nothing of the pulse is seen again: 1e-4 of it."""
+    """To t = 100, when a longitudinal wave would have crossed the near field 180 times, nothing of the pulse is seen
+    again: 1e-4 of it.
+    """
     sim = paper.lattice_plate(paper.KERNELS[kernel])
     start = sim.energy()
     early, late = (abs(sim.run(t, progress=False).energy()) / start for t in (10.0, 100.0))
@@ -67,13 +85,17 @@ def test_lattice_pml_for_hundreds_of_crossings(kernel):
 
 
 def test_thin_layers():
-    """Quadratic ramps for a reflection of 1e-3, 20 and 10 cells: an independent program found 4.1e-4 and 1.8e-3 at most."""
+    """Quadratic ramps for a reflection of 1e-3, 20 and 10 cells: an independent program found 4.1e-4 and 1.8e-3 at
+    most.
+    """
     for nodes, known in ((20, 4.1e-4), (10, 1.8e-3)):
         assert 0.5 * known < infinite("Gaussian").error(NonlocalPML(nodes, "quadratic", reflection=1e-3)) < 1.1 * known
 
 
 def test_forward_euler():
-    """The paper's integrator at t = 2: 2.2e-4 with dt = 1e-3 (growing), 3.9e-5 with 5e-4, interior 5.3e-7 (an independent program)."""
+    """The paper's integrator at t = 2: 2.2e-4 with dt = 1e-3 (growing), 3.9e-5 with 5e-4, interior 5.3e-7 (an
+    independent program).
+    """
     whole, _ = paper.split_energies(paper.KERNELS["Gaussian"], 1e-3, (1.64, 2.0))
     assert whole == pytest.approx((1.2e-4, 2.2e-4), rel=0.05)
     whole, near = paper.split_energies(paper.KERNELS["Gaussian"], 5e-4, (2.0,))
@@ -87,7 +109,8 @@ def test_figure_3(tmp_path):
 
 
 def test_figure_4(tmp_path):
-    """The two part when the fixed edge has answered; at the end the layer's is below a thousandth of the fixed one's."""
+    """The two part when the fixed edge has answered; at the end the layer's is below a thousandth of the fixed
+    one's."""
     outcome = find("wildman2012-fig4").run(tmp_path)
     found = rows(outcome)
     assert found["time at which the two part (0.1 % of the peak)"].ours == pytest.approx(0.73, abs=0.1)
@@ -116,7 +139,9 @@ def test_figure_7(tmp_path):
 @pytest.mark.slow
 def test_figure_9(tmp_path):
     """Every separation within one node at each tip of the paper's fit."""
-    found = [row for what, row in rows(find("wildman2012-fig9").run(tmp_path)).items() if what.endswith("separation (mm)")]
+    found = [
+        row for what, row in rows(find("wildman2012-fig9").run(tmp_path)).items() if what.endswith("separation (mm)")
+    ]
     assert len(found) == len(paper.LOADS)
     assert all(abs(row.ours - row.printed) < 2e3 * paper.GRID for row in found)
 
@@ -128,7 +153,9 @@ def test_growth_is_a_rate():
 
 
 def test_every_long_run_starts():
-    """Free faces lower the step's limit to 0.0143: all set-ups run with the step of their reproduction, and lose energy at first."""
+    """Free faces lower the step's limit to 0.0143: all set-ups run with the step of their reproduction, and lose energy
+    at first.
+    """
     for kernel, boundary in paper.LONG.values():
         times, values = paper.amplitudes(paper.KERNELS[kernel], boundary, 1.0)
         assert times[-1] == pytest.approx(1.0) and values[0] == 1 and values[-1] < 0.7
@@ -136,12 +163,24 @@ def test_every_long_run_starts():
 
 @pytest.mark.slow
 def test_long_times(tmp_path):
-    """What an independent program found to grow and to decay: the Heaviside kernel grows unless cross-damped by 0.5, free faces grow."""
-    found = {what.removesuffix(", rate (1/s)"): row.ours for what, row in rows(find("wildman2012-growth").run(tmp_path)).items()}
+    """What an independent program found to grow and to decay: the Heaviside kernel grows unless cross-damped by 0.5,
+    free faces grow.
+    """
+    found = {
+        what.removesuffix(", rate (1/s)"): row.ours
+        for what, row in rows(find("wildman2012-growth").run(tmp_path)).items()
+    }
     grows = {name for name, rate in found.items() if rate > 0}
-    assert grows == {"Gaussian, between free faces", "Gaussian, half-space", "Heaviside, as published, 10 nodes", "Heaviside, quadratic",
-                     "Heaviside, quadratic, shift 2", "Heaviside, quadratic, cross 0.2"}  # fmt: skip
-    for name, known in (("Heaviside, quadratic, cross 0.2", 0.11), ("Heaviside, quadratic", 0.31)):  # with a step twice as long
+    assert grows == {
+        "Gaussian, between free faces",
+        "Gaussian, half-space",
+        "Heaviside, as published, 10 nodes",
+        "Heaviside, quadratic",
+        "Heaviside, quadratic, shift 2",
+        "Heaviside, quadratic, cross 0.2",
+    }
+    # with a step twice as long
+    for name, known in (("Heaviside, quadratic, cross 0.2", 0.11), ("Heaviside, quadratic", 0.31)):
         assert found[name] == pytest.approx(known, rel=0.15)
 
 

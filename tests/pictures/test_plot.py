@@ -75,7 +75,9 @@ def test_color_range():
 
 
 def test_one_color_map_in_all_panels():
-    """With scales of their own, panels of a wave keep its diverging map, also where the field has one sign only, or is zero."""
+    """With scales of their own, panels of a wave keep its diverging map, also where the field has one sign only, or is
+    zero.
+    """
     assert plot._color_range([np.array([0.0, 3.0])], signed=True) == {"cmap": "RdBu_r", "vmin": -3, "vmax": 3}
     assert plot._color_range([np.zeros(2)], signed=True) == {"cmap": "RdBu_r", "vmin": -1, "vmax": 1}
 
@@ -86,7 +88,9 @@ def test_panels_share_a_scale_unless_some_would_be_empty(tmp_path, monkeypatch):
     monkeypatch.setattr(plot, "field_panels", lambda _fields, *_args, **names: seen.append(names["shared_scale"]))
     for run, amplitudes in enumerate(([1.0, 0.5, 0.3], [1.0, 0.01, 0.001], [0.0, 1.0, 0.5], [0.0, 0.0, 0.0])):
         path = tmp_path / f"{run}.h5"
-        writer = ResultsWriter.create(path, dim=1, shape=(5,), spacing=1.0, lower=(0.0,), fields=("u",), dtype="float64")
+        writer = ResultsWriter.create(
+            path, dim=1, shape=(5,), spacing=1.0, lower=(0.0,), fields=("u",), dtype="float64"
+        )
         for k, amplitude in enumerate(amplitudes):
             writer.append(k, float(k), {"u": np.full(5, amplitude)})
         plot.plot_results(open_results(path), tmp_path)
@@ -124,7 +128,9 @@ def write_results(path, dim, outputs=6, observed=True):
     axes = axes_of(dim, 11)
     shape = tuple(a.size for a in axes)
     probes = np.zeros((2, dim)) if observed else None
-    writer = ResultsWriter.create(path, dim=dim, shape=shape, spacing=0.2, lower=(-1.0,) * dim, fields=("u", "v"), dtype="float64", probes=probes)
+    writer = ResultsWriter.create(
+        path, dim=dim, shape=shape, spacing=0.2, lower=(-1.0,) * dim, fields=("u", "v"), dtype="float64", probes=probes
+    )
     for k in range(outputs):
         data = {"u": wave(axes, k), "v": np.abs(wave(axes, k))}
         writer.append(k, float(k), data, np.exp(-2.0 * k) if observed else None)
@@ -149,14 +155,15 @@ def test_plot_few_outputs(tmp_path, outputs, expected):
 
 
 @pytest.mark.parametrize(
-    ("times", "titles"),
-    [(None, ["t = 0", "t = 2", "t = 3", "t = 5"]), ([1.2, 0.9, 99.0], ["t = 1", "t = 5"])],
+    ("times", "titles"), [(None, ["t = 0", "t = 2", "t = 3", "t = 5"]), ([1.2, 0.9, 99.0], ["t = 1", "t = 5"])]
 )
 def test_chosen_times(tmp_path, monkeypatch, times, titles):
     """Up to four evenly spaced outputs, or the nearest to the times asked for, each once."""
     results = write_results(tmp_path / "a.h5", 1)
     seen = []
-    monkeypatch.setattr(plot, "field_panels", lambda fields, *_args, **_names: seen.append([title for title, _ in fields]))
+    monkeypatch.setattr(
+        plot, "field_panels", lambda fields, *_args, **_names: seen.append([title for title, _ in fields])
+    )
     plot.plot_results(results, tmp_path, times=times)
     assert seen == [titles, titles]
     with pytest.raises(InputError, match="finite"):
@@ -200,7 +207,10 @@ def test_error_history(tmp_path):
 
 
 def test_matplotlib_and_xarray_are_imported_late():
-    code = "import sys, farhorizon.pictures.plot, farhorizon.files.results; sys.exit('matplotlib' in sys.modules or 'xarray' in sys.modules)"
+    code = (
+        "import sys, farhorizon.pictures.plot, farhorizon.files.results; sys.exit('matplotlib' in sys.modules or "
+        "'xarray' in sys.modules)"
+    )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
@@ -216,7 +226,9 @@ def test_pictures_leave_matplotlib_as_it_was(tmp_path):
 def test_curve_panels(tmp_path, number):
     """One, two or four panels; a panel of one curve has no legend."""
     x = np.linspace(0, 1, 20)
-    panels = [(f"panel {n}", [("one", x, x), ("other", x, x**2), ("third", x, x**3)][: 3 - n % 3]) for n in range(number)]
+    panels = [
+        (f"panel {n}", [("one", x, x), ("other", x, x**2), ("third", x, x**3)][: 3 - n % 3]) for n in range(number)
+    ]
     plot.curve_panels(panels, tmp_path / "c.png", xlabel="x", ylabel="y")
     assert is_picture(tmp_path / "c.png")
 
@@ -229,7 +241,9 @@ def test_no_curves_are_refused(tmp_path, panels):
 
 
 def test_log_panels(tmp_path, monkeypatch):
-    """Histories with zeros and overflow; a convergence plot has two logarithmic axes, a line of its order, and the printed values."""
+    """Histories with zeros and overflow; a convergence plot has two logarithmic axes, a line of its order, and the
+    printed values.
+    """
     from matplotlib.axes import Axes
 
     x = np.array([0.1, 0.2, 0.4])
@@ -238,10 +252,16 @@ def test_log_panels(tmp_path, monkeypatch):
     assert is_picture(tmp_path / "a.png")
     drawn, legends = [], []
     plotted, legend = Axes.plot, Axes.legend
-    monkeypatch.setattr(Axes, "plot", lambda axes, x, y, *args, **options: drawn.append((x, y)) or plotted(axes, x, y, *args, **options))
-    monkeypatch.setattr(Axes, "legend", lambda axes, *args, **options: legends.append(axes) or legend(axes, *args, **options))
+    monkeypatch.setattr(
+        Axes, "plot", lambda axes, x, y, *args, **options: drawn.append((x, y)) or plotted(axes, x, y, *args, **options)
+    )
+    monkeypatch.setattr(
+        Axes, "legend", lambda axes, *args, **options: legends.append(axes) or legend(axes, *args, **options)
+    )
     curves = [("two", x, x**2), ("other", x, 3 * x**2)]
-    plot.log_panels([("b", curves)], tmp_path / "b.png", xlabel="dt", ylabel="e", order=2, printed=[[1.1 * x**2, 3.1 * x**2]])
+    plot.log_panels(
+        [("b", curves)], tmp_path / "b.png", xlabel="dt", ylabel="e", order=2, printed=[[1.1 * x**2, 3.1 * x**2]]
+    )
     assert is_picture(tmp_path / "b.png")
     (axes,) = legends
     assert axes.get_xscale() == axes.get_yscale() == "log"
@@ -255,10 +275,14 @@ def test_field_table(tmp_path, monkeypatch):
 
     axes = axes_of(2)
     limits, image = [], Axes.imshow
-    monkeypatch.setattr(Axes, "imshow", lambda axes, *args, **options: limits.append(options["vmax"]) or image(axes, *args, **options))
+    monkeypatch.setattr(
+        Axes, "imshow", lambda axes, *args, **options: limits.append(options["vmax"]) or image(axes, *args, **options)
+    )
     first = [wave(axes, t) for t in (0.0, 1.0)]
     columns = [("reference", first), ("twice", [2 * u for u in first]), ("ended", [100 * first[0]])]
-    plot.field_table(["t = 0", "t = 1"], columns, axes, tmp_path / "u.png", cracks=[np.array([[-0.5, 0.0], [0.5, 0.0]])])
+    plot.field_table(
+        ["t = 0", "t = 1"], columns, axes, tmp_path / "u.png", cracks=[np.array([[-0.5, 0.0], [0.5, 0.0]])]
+    )
     assert is_picture(tmp_path / "u.png")
     peaks = [np.nanmax(np.abs(u)) for u in first]
     np.testing.assert_allclose(limits, [5 * peaks[0]] * 3 + [2 * peaks[1]] * 2)

@@ -163,7 +163,18 @@ def call(job):
         return getattr(sim, method)(**{**arguments, job["argument"]: odd})
     made = getattr(fh, name)(**{**good()[name], job["argument"]: odd})
     setup = {**good()["Simulation"], "initial": {"u": 0.0}}
-    if name in ("Auto", "Extended", "Sponge", "LatticePML", "Higdon", "PlaneWave", "FirstOrder", "Fixed", "Free", "Periodic"):
+    if name in (
+        "Auto",
+        "Extended",
+        "Sponge",
+        "LatticePML",
+        "Higdon",
+        "PlaneWave",
+        "FirstOrder",
+        "Fixed",
+        "Free",
+        "Periodic",
+    ):
         fh.Simulation(**{**setup, "boundary": made}).step(1)
     elif name in ("Wave", "Diffusion", "Heat"):
         fh.Simulation(**{**setup, "model": made}).step(1)

@@ -1,4 +1,5 @@
-"""Random cases: sound ones, of every model with what may stand around it, and the same with something odd in one place."""
+"""Random cases: sound ones, of every model with what may stand around it, and the same with something odd in one
+place."""
 
 from __future__ import annotations
 
@@ -342,11 +343,9 @@ class Draw:
         kind = case["model"]["type"]
         body = kind in ("correspondence",)
         if self.chance(0.25) and kind in ("wave", "diffusion", "heat"):
-            case["source"] = [
-                {
-                    "value": f"{self.bump(0.4, 1 / self.time**2)}*{self.one(f'sin(3*t/{self.time!r})', '1', f'exp(-t/{self.time!r})')}"
-                }
-            ]
+            bump = self.bump(0.4, 1 / self.time**2)
+            signal = self.one(f"sin(3*t/{self.time!r})", "1", f"exp(-t/{self.time!r})")
+            case["source"] = [{"value": f"{bump}*{signal}"}]
         whole = kind == "elastic" and case["model"]["material"] != "bond-based"  # its bonds are not cut one by one
         if (
             self.chance(0.25)
@@ -441,7 +440,8 @@ def places(value, path=()):
 
 
 def spoilt(case: dict, rng) -> str:
-    """A case file with something odd in one place or two: a value, a missing key, a key of another part, a character."""
+    """A case file with something odd in one place or two: a value, a missing key, a key of another part, a
+    character."""
     for _ in range(int(rng.integers(1, 3))):
         found = list(places(case))
         if not found:

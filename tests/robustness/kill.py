@@ -38,7 +38,11 @@ run = { until = 6.0 }
 output = { every = 1.0 }
 """,
     "breaking": """lattice = { spacing = 0.25, lower = [-2.0, -1.0], upper = [2.0, 1.0] }
-model = { type = "elastic", young = 1.0, nonlinear = true, critical_stretch = 0.1, kernel = { horizon = 0.5, exponent = 1 } }
+model.type = "elastic"
+model.young = 1.0
+model.nonlinear = true
+model.critical_stretch = 0.1
+model.kernel = { horizon = 0.5, exponent = 1 }
 initial = { v = ["0.4*x", "0"] }
 boundary = { x = { type = "free" }, y = { type = "fixed" } }
 run = { until = 1.0 }
@@ -50,7 +54,7 @@ specimen = [{ region = { disc = { radius = 0.9 } } }]
 run = { until = 0.4 }
 output = { every = 0.1, balance = true }
 """,
-}  # fmt: skip
+}
 PICTURED = "exact"  # the case that draws pictures, too
 
 

@@ -1,4 +1,5 @@
-"""What fuzzers, killers and damagers share: seeds, workers that may crash or hang, and what counts as the same results."""
+"""What fuzzers, killers and damagers share: seeds, workers that may crash or hang, and what counts as the same
+results."""
 
 from __future__ import annotations
 
@@ -59,7 +60,8 @@ class Worker:
         return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
     def hangs(self, limit):
-        """Whether its job took more processor time than a limit, or ten times as long without: others may be at work."""
+        """Whether its job took more processor time than a limit, or ten times as long without: others may be at
+        work."""
         return self.processor_time() - self.before > limit or time.monotonic() - self.since > 10 * limit
 
     def end(self):
@@ -75,7 +77,8 @@ class Worker:
 
 
 def answers(script, jobs: Iterable[dict], processes: int, limit: float, folder: Path) -> Iterator[dict]:
-    """Answers of workers to jobs, in the order in which they come; of a worker that died or took too long an answer in its place.
+    """Answers of workers to jobs, in the order in which they come; of a worker that died or took too long an answer in
+    its place.
 
     Parameters
     ----------

@@ -22,7 +22,8 @@ REFUSED = {
     "a state-based material without weights": case(
         {"spacing": "0.3333333333333333", "lower": "[-3.0, -3.0]", "upper": "[3.0, 3.0]"},
         u='["0", "0"]'.replace('"', "'"),
-        model='{ type = "elastic", material = "state-based", young = 1.0, poisson = 0.2, kernel = { horizon = 0.4, exponent = 0, '
+        model='{ type = "elastic", material = "state-based", young = 1.0, poisson = 0.2, kernel = { horizon = 0.4, '
+        "exponent = 0, "
         'influence = "linear" } }',
     ),
     "a number of 5000 digits": case(until="1" * 5000),

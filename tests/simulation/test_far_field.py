@@ -1,4 +1,5 @@
-"""Layers that choose their thickness: what their runs get wrong is below the target, for set-ups that nobody tuned on."""
+"""Layers that choose their thickness: what their runs get wrong is below the target, for set-ups that nobody tuned
+on."""
 
 import numpy as np
 import pytest
@@ -31,7 +32,13 @@ def wave_setup(random, dim):
 
 def worst_error(sim, u, until, times=40):
     infinite = InfiniteLattice(
-        sim.stencil, sim.model.coefficient, sim.model.integrator, sim.dt, int(until / sim.dt), u, damping=sim.model.damping
+        sim.stencil,
+        sim.model.coefficient,
+        sim.model.integrator,
+        sim.dt,
+        int(until / sim.dt),
+        u,
+        damping=sim.model.damping,
     )
     worst = 0.0
     for step in np.linspace(1, int(until / sim.dt), times).astype(int):
@@ -56,10 +63,11 @@ def elastic_setup(random):
     """A P or S pulse, or one of both, in a near field of up to 2 : 1; four kinds of material, 2 to 6 crossings."""
     kernel = fh.Kernel(*[(1.0, 1), (2.0, 1), (2.0, 2), (3.0, 1, "linear"), (3.0, 1, "gaussian")][random.integers(5)])
     model = [
-        fh.Elastic(kernel, young=1.0), fh.Elastic(kernel, young=1.0, poisson=0.3, material="state-based"),
+        fh.Elastic(kernel, young=1.0),
+        fh.Elastic(kernel, young=1.0, poisson=0.3, material="state-based"),
         fh.Elastic(None, young=1.0, poisson=0.3, material="finite-element"),
         fh.Elastic(fh.Kernel(2.0, 2), young=1.0, poisson=0.3, material="correspondence", stabilisation=0.5),
-    ][random.integers(4)]  # fmt: skip
+    ][random.integers(4)]
     width = random.uniform(2.6, 3.4)
     short = int(np.ceil(2 * (3.9 * width + max(model.stencil(1.0, 2).reach)))) + 1
     half = (np.array([short, short * random.choice([1, 1, 2])]) - 1) / 2
@@ -89,18 +97,26 @@ def test_random_elastic_pulses_keep_their_target(case):
 
 
 def test_stabilised_correspondence_takes_as_few_nodes_as_scalars_and_bonds_more():
-    """Without backward waves nothing is damped, so vectors return little more than scalars do; bonds take 4 or 5 nodes for 1e-3."""
+    """Without backward waves nothing is damped, so vectors return little more than scalars do; bonds take 4 or 5 nodes
+    for 1e-3.
+    """
     lattice = fh.Lattice(1.0, (-16.0, -16.0), (16.0, 16.0))
     x, y = lattice.coordinates()
     g = np.exp(-(x**2 + y**2) / 2.55**2)
 
     def nodes(model, u, target):
         until = 110.0 / np.sqrt(model.coefficient)
-        return fh.Simulation(lattice, model, fh.LatticePML(target=target, until=until), {"u": u}, threads=1).thickness["x-"].layer.columns
+        return (
+            fh.Simulation(lattice, model, fh.LatticePML(target=target, until=until), {"u": u}, threads=1)
+            .thickness["x-"]
+            .layer.columns
+        )
 
     soft = fh.Elastic(fh.Kernel(2.0, 2), young=1.0, poisson=0.3, material="correspondence", stabilisation=0.5)
     bonds = fh.Elastic(fh.Kernel(2.0, 1), young=1.0)
-    assert [nodes(soft, np.stack([x * g, y * g]), target) <= most for target, most in ((1e-3, 4), (1e-4, 5), (1e-5, 7))] == [True] * 3
+    assert [
+        nodes(soft, np.stack([x * g, y * g]), target) <= most for target, most in ((1e-3, 4), (1e-4, 5), (1e-5, 7))
+    ] == [True] * 3
     assert nodes(soft, np.stack([x * g, y * g]), 1e-5) <= nodes(fh.Wave(fh.Kernel(2.0)), x * g, 1e-5) + 1
     assert nodes(bonds, np.stack([x * g, y * g]), 1e-3) <= 5 < nodes(bonds, np.stack([x * g, y * g]), 1e-4) <= 12
 
@@ -113,22 +129,31 @@ def test_random_diffusion_keeps_its_target_at_all_times(case):
     lattice = fh.Lattice(1.0, -(shape - 1) / 2, (shape - 1) / 2)
     model = fh.Diffusion(fh.Kernel(float(random.integers(1, 4)), int(random.integers(0, 3))), 1.0)
     u = pulse(lattice, random.uniform(-1, 1, dim) * np.maximum((shape - 1) / 2 - 12, 0), 2.0)
-    target, until = 10.0 ** -random.integers(3, 8), float(random.choice([1, 10, 50] if dim == 2 else [10, 50, 300]) * 12**2)
+    target, until = (
+        10.0 ** -random.integers(3, 8),
+        float(random.choice([1, 10, 50] if dim == 2 else [10, 50, 300]) * 12**2),
+    )
     sim = fh.Simulation(lattice, model, fh.LatticePML(target=target, until=until), {"u": u}, threads=1)
     assert worst_error(sim, u, until) <= target
 
 
 @pytest.mark.parametrize("walls", ["periodic", "fixed", "free"])
 def test_waveguides_keep_their_target(walls):
-    """A guide 21 nodes wide to 40 of its lengths, where modes near cut-off come back late; against a guide ten times as long."""
+    """A guide 21 nodes wide to 40 of its lengths, where modes near cut-off come back late; against a guide ten times as
+    long.
+    """
     boundary = {"periodic": fh.Periodic(), "fixed": fh.Fixed(), "free": fh.Free()}[walls]
     model, until, more = fh.Wave(fh.Kernel(2.0), 1.0), 800.0, 430
     lattice = fh.Lattice(1.0, (-20.0, -10.0), (20.0, 10.0))
     u = pulse(lattice, (1.0, -1.0), 2.2)
     long = fh.Lattice(1.0, (-20.0 - more, -10.0), (20.0 + more, 10.0))
-    far = fh.Simulation(long, model, {"x": fh.Fixed(), "y": boundary}, {"u": np.pad(u, ((more, more), (0, 0)))}, threads=1)
+    far = fh.Simulation(
+        long, model, {"x": fh.Fixed(), "y": boundary}, {"u": np.pad(u, ((more, more), (0, 0)))}, threads=1
+    )
     for target in (1e-3, 1e-5):
-        near = fh.Simulation(lattice, model, {"x": fh.LatticePML(target=target, until=until), "y": boundary}, {"u": u}, threads=1)
+        near = fh.Simulation(
+            lattice, model, {"x": fh.LatticePML(target=target, until=until), "y": boundary}, {"u": u}, threads=1
+        )
         far = far.remade(initial={"u": np.pad(u, ((more, more), (0, 0)))}) if far.step_count else far
         worst = 0.0
         for _ in range(40):
@@ -159,8 +184,12 @@ def test_units_change_no_layer(scale):
         lattice = fh.Lattice(0.5 * length, (-8.0 * length, -8.0 * length), (8.0 * length, 8.0 * length))
         u = pulse(lattice, (2.0 * length, 0.0), 1.2 * length)
         boundary = fh.LatticePML(target=1e-5, until=60.0 * time)
-        sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0 * length), speed=length / time), boundary, {"u": u}, threads=1)
-        return {name: (found.name, found.layer.columns, found.layer.sigma * time) for name, found in sim.thickness.items()}
+        sim = fh.Simulation(
+            lattice, fh.Wave(fh.Kernel(1.0 * length), speed=length / time), boundary, {"u": u}, threads=1
+        )
+        return {
+            name: (found.name, found.layer.columns, found.layer.sigma * time) for name, found in sim.thickness.items()
+        }
 
     known = layers(1.0, 1.0)
     for found in (layers(scale, 1.0), layers(1.0, scale)):
@@ -185,21 +214,33 @@ def test_sources_and_data_that_are_not_known():
 
 def test_checkpoints_and_remade_runs_keep_the_layers(tmp_path):
     lattice = fh.Lattice(1.0, (-16.0, -16.0), (16.0, 16.0))
-    sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), fh.LatticePML(target=1e-4), {"u": pulse(lattice, (0, 0), 2.5)}, threads=1)
+    sim = fh.Simulation(
+        lattice, fh.Wave(fh.Kernel(2.0)), fh.LatticePML(target=1e-4), {"u": pulse(lattice, (0, 0), 2.5)}, threads=1
+    )
     sim.step(30)
     sim.save(tmp_path / "kept.ckpt")
     again = fh.Simulation.restore(tmp_path / "kept.ckpt")
-    assert {k: v.columns for k, v in again.engine.layers.items()} == {k: v.columns for k, v in sim.engine.layers.items()}
+    assert {k: v.columns for k, v in again.engine.layers.items()} == {
+        k: v.columns for k, v in sim.engine.layers.items()
+    }
     sim.step(30)
     again.step(30)
     np.testing.assert_array_equal(sim.fields["u"], again.fields["u"])
     empty = sim.remade(initial={})
-    assert {k: v.columns for k, v in empty.engine.layers.items()} == {k: v.columns for k, v in sim.engine.layers.items()}
+    assert {k: v.columns for k, v in empty.engine.layers.items()} == {
+        k: v.columns for k, v in sim.engine.layers.items()
+    }
 
 
 def test_a_run_that_outlasts_its_layers_says_so():
     lattice = fh.Lattice(1.0, (-16.0,), (16.0,))
-    sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), fh.LatticePML(target=1e-4, until=30.0), {"u": pulse(lattice, (0,), 2.5)}, threads=1)
+    sim = fh.Simulation(
+        lattice,
+        fh.Wave(fh.Kernel(2.0)),
+        fh.LatticePML(target=1e-4, until=30.0),
+        {"u": pulse(lattice, (0,), 2.5)},
+        threads=1,
+    )
     sim.run(until=30.0)
     assert not sim.notes
     sim.run(until=45.0)

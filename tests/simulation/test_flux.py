@@ -1,4 +1,6 @@
-"""One-sided flux: exact for linear temperature at every node of any body; the leading error; flux across planes closes the balance."""
+"""One-sided flux: exact for linear temperature at every node of any body; the leading error; flux across planes closes
+the balance.
+"""
 
 import numpy as np
 import pytest
@@ -34,13 +36,16 @@ def test_linear_temperature_in_a_body_with_a_hole_and_a_crack():
 
 @pytest.mark.parametrize(
     ("influence", "reach", "constant"),
-    # half the sum of V k (distance / horizon) over one side, by hand: 5/16 and 17/64 for constant k, 1/4 and 3/16 for the triangle
+    # half the sum of V k (distance / horizon) over one side, by hand: 5/16 and 17/64 for constant k, 1/4 and 3/16 for
+    # the triangle
     [("constant", 2, 0.3125), ("constant", 4, 0.265625), ("linear", 2, 0.25), ("linear", 4, 0.1875)],
 )
 def test_leading_error(influence, reach, constant):
     """Of a parabola the error is ``constant * T'' * horizon``."""
     lattice = Lattice(0.1, 0.0, 4.0)
-    sim = Simulation(lattice, Heat(Kernel(0.1 * reach, influence=influence, calibrate=False)), Free(), {"u": lambda x: x**2 / 2})
+    sim = Simulation(
+        lattice, Heat(Kernel(0.1 * reach, influence=influence, calibrate=False)), Free(), {"u": lambda x: x**2 / 2}
+    )
     error = -sim.flux()[0] - lattice.axes[0]
     assert error[5:-10] == pytest.approx(constant * 0.1 * reach, rel=1e-10)
 
@@ -48,7 +53,8 @@ def test_leading_error(influence, reach, constant):
 def test_a_crack_across_the_body_lets_nothing_through():
     lattice = Lattice(0.5, (0.0, 0.0), (10.0, 5.0))
     whole = Simulation(lattice, Heat(Kernel(1.5)), Free(), {"u": linear})
-    assert whole.power_across("x", 5.2) == pytest.approx(-2.0 * 5.5, rel=0.1)  # eleven rows of cells; the outer rows lack bonds
+    # eleven rows of cells; the outer rows lack bonds
+    assert whole.power_across("x", 5.2) == pytest.approx(-2.0 * 5.5, rel=0.1)
     cut = Simulation(lattice, Heat(Kernel(1.5)), Free(), {"u": linear}, cracks=[[[5.2, -1.0], [5.2, 6.0]]])
     assert cut.power_across("x", 5.2) == 0.0
     with pytest.raises(InputError, match="outside the near field"):
@@ -71,7 +77,9 @@ def test_power_across_is_what_the_part_beyond_gains():
 def test_steady_power_is_the_flux_of_the_bar():
     """Between two temperatures every plane passes the same power."""
     held = [Temperature("x-", 0.0), Temperature("x+", 1.0)]
-    sim = Simulation(Lattice(0.1, 0.0, 3.0), Heat(Kernel(0.3), integrator="rk4"), Free(), {"u": lambda x: x / 3}, constraints=held)
+    sim = Simulation(
+        Lattice(0.1, 0.0, 3.0), Heat(Kernel(0.3), integrator="rk4"), Free(), {"u": lambda x: x / 3}, constraints=held
+    )
     sim.run(20.0)
     powers = [sim.power_across("x", x) for x in np.arange(0.5, 2.5, 0.2)]
     np.testing.assert_allclose(powers, powers[0], rtol=1e-10)

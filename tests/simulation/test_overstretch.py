@@ -29,8 +29,17 @@ def plate(sides=None, strength=1.0, **options):
 def body(sides=None, strength=1.0):
     load = fh.BodyForce([0.0, pull], lambda t: 0.012 * strength * min(t / 8, 1.0))
     boundary = fh.NonlocalPML(8, cross=0.1) if sides is None else sides
-    return fh.Body(LATTICE, fh.Kernel(2.7, 0, "gaussian", 0.9, volume="full"), young=1.0, poisson=0.25, critical_stretch=0.02, drag=0.9,
-                   boundary=boundary, cracks=[CRACK], loads=[load])  # fmt: skip
+    return fh.Body(
+        LATTICE,
+        fh.Kernel(2.7, 0, "gaussian", 0.9, volume="full"),
+        young=1.0,
+        poisson=0.25,
+        critical_stretch=0.02,
+        drag=0.9,
+        boundary=boundary,
+        cracks=[CRACK],
+        loads=[load],
+    )
 
 
 def space():
@@ -42,7 +51,9 @@ def space():
 
 
 def overstretched(run, reach, nonlinear=True):
-    """Whether any bond within one reach of the sides is stretched beyond 0.02; bond by bond, without those cut by the crack."""
+    """Whether any bond within one reach of the sides is stretched beyond 0.02; bond by bond, without those cut by the
+    crack.
+    """
     u, shape = run.fields["u"], run.lattice.shape
     points = np.stack(np.broadcast_arrays(*run.lattice.coordinates()), -1)
     rim = np.zeros(shape, bool)
@@ -62,7 +73,9 @@ def overstretched(run, reach, nonlinear=True):
     return False
 
 
-@pytest.mark.parametrize("make, nonlinear", [(plate, True), (lambda: plate(nonlinear=False), False), (body, True), (space, True)])
+@pytest.mark.parametrize(
+    "make, nonlinear", [(plate, True), (lambda: plate(nonlinear=False), False), (body, True), (space, True)]
+)
 def test_the_first_bond_at_the_rim_that_would_break_is_told(make, nonlinear, tmp_path):
     """At the time that all bonds, looked at one by one after every step, give; once; it goes with checkpoints."""
     run = make()
@@ -75,7 +88,9 @@ def test_the_first_bond_at_the_rim_that_would_break_is_told(make, nonlinear, tmp
         first = run.time
         run.step(40)
     (caution,) = run.cautions
-    assert [str(w.message) for w in seen if w.category is fh.ValidityWarning] == [f"from t = {caution.time:.6g} on {caution.text}"]
+    assert [str(w.message) for w in seen if w.category is fh.ValidityWarning] == [
+        f"from t = {caution.time:.6g} on {caution.text}"
+    ]
     assert run.broken_bonds > 10 and first <= caution.time <= first + reach * 1.1  # a wave of speed 1 through the rim
     place = np.array(eval(caution.text.split("near ")[1].split(" are")[0]))
     assert (np.abs(place) >= run.lattice.upper - reach).any()
@@ -137,6 +152,9 @@ def test_results_pictures_and_the_command_line_tell(tmp_path, monkeypatch, capsy
     (caution,) = results.cautions
     assert caution.brief == "crack at the rim" and results.to_xarray().attrs["cautions"] == [caution.text]
     titles = []
-    monkeypatch.setattr("farhorizon.pictures.plot.field_panels", lambda fields, *_args, **_names: titles.append([title for title, _ in fields]))
+    monkeypatch.setattr(
+        "farhorizon.pictures.plot.field_panels",
+        lambda fields, *_args, **_names: titles.append([title for title, _ in fields]),
+    )
     assert main(["plot", "a.h5", "--times", "0", "40"]) == 0
     assert titles[0] == ["t = 0", "t = 40, crack at the rim"]

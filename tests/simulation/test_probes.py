@@ -31,8 +31,15 @@ def heat():
     """Four stages, a background, sources, and nodes beyond a wall, whose values are no temperatures."""
     lattice = fh.Lattice(0.25, [-2.0, -2.0], [2.0, 2.0])
     wall = fh.Temperature("x-", 20.0, kind="mirror")
-    return fh.Simulation(lattice, fh.Heat(fh.Kernel(0.5), integrator="rk4"), fh.Free(), {"u": 20.0}, sources=[pulse], background=20.0,
-                         constraints=[wall])  # fmt: skip
+    return fh.Simulation(
+        lattice,
+        fh.Heat(fh.Kernel(0.5), integrator="rk4"),
+        fh.Free(),
+        {"u": 20.0},
+        sources=[pulse],
+        background=20.0,
+        constraints=[wall],
+    )
 
 
 def elastic():
@@ -45,7 +52,9 @@ def body(form="displacement"):
     lattice = fh.Lattice(1.0, [-8.0, -6.0], [8.0, 6.0])
     sides = fh.NonlocalPML(nodes=4, form=form)
     initial = {"u": [lambda x, y: 0.01 * pulse(x / 3, y / 3), 0.0]}
-    return fh.Body(lattice, fh.Kernel(2.0, exponent=0, volume="full"), young=1.0, poisson=0.2, boundary=sides, initial=initial)
+    return fh.Body(
+        lattice, fh.Kernel(2.0, exponent=0, volume="full"), young=1.0, poisson=0.2, boundary=sides, initial=initial
+    )
 
 
 def split():
@@ -83,8 +92,15 @@ def test_every_so_many_steps_and_forgetting():
     run.run(1.3)
     np.testing.assert_allclose(probes.times, [1.2])
     assert run.record([]).values.shape[1] == 0 and waves().record([0.5, 0.5]).places.tolist() == [[0.5, 0.5]]
-    assert bar().record([0.5, 1.0]).places.tolist() == [[0.5], [1.0]] and bar().record([[0.5], [1.0]]).places.shape == (2, 1)
-    for bad in ({"points": [[9.0, 0.0]]}, {"points": [[0.0, 0.0]], "every": 0.31}, {"points": [[0.0, 0.0]], "every": -1.0}):
+    assert bar().record([0.5, 1.0]).places.tolist() == [[0.5], [1.0]] and bar().record([[0.5], [1.0]]).places.shape == (
+        2,
+        1,
+    )
+    for bad in (
+        {"points": [[9.0, 0.0]]},
+        {"points": [[0.0, 0.0]], "every": 0.31},
+        {"points": [[0.0, 0.0]], "every": -1.0},
+    ):
         with pytest.raises(fh.InputError):
             run.record(**bad)
 
@@ -109,7 +125,9 @@ probes = [[1.13, 0.0], [0.0, 1.0]]
 
 
 def test_a_results_file_has_every_step_of_the_probes(tmp_path, monkeypatch, capsys):
-    """Their own times, the nodes that were taken, in xarray too; a resumed run has the same bits; `probe_every` thins them."""
+    """Their own times, the nodes that were taken, in xarray too; a resumed run has the same bits; `probe_every` thins
+    them.
+    """
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.toml").write_text(CASE)
     (tmp_path / "b.toml").write_text(CASE + "probe_every = 0.5\n")
@@ -128,7 +146,9 @@ def test_a_results_file_has_every_step_of_the_probes(tmp_path, monkeypatch, caps
     np.testing.assert_array_equal(part.probe_times, whole.probe_times)
     np.testing.assert_allclose(thin.probe_times, np.linspace(0, 4, 9), rtol=1e-12)
     dataset = whole.to_xarray()
-    np.testing.assert_array_equal(dataset["probe_values"].sel(probe_time=2.0, method="nearest"), whole.probe_values[steps // 2])
+    np.testing.assert_array_equal(
+        dataset["probe_values"].sel(probe_time=2.0, method="nearest"), whole.probe_values[steps // 2]
+    )
     assert dataset["energy"].shape == (5,)
     assert main(["check", "a.toml"]) == 0
     said = capsys.readouterr().out

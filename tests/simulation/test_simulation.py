@@ -21,7 +21,9 @@ def simulation(**changes):
     return fh.Simulation(**{**setup, **changes})
 
 
-@pytest.mark.parametrize("model", [fh.Wave(KERNEL, damping=0.1), fh.Diffusion(KERNEL), fh.Diffusion(KERNEL, integrator="rk4")])
+@pytest.mark.parametrize(
+    "model", [fh.Wave(KERNEL, damping=0.1), fh.Diffusion(KERNEL), fh.Diffusion(KERNEL, integrator="rk4")]
+)
 @pytest.mark.parametrize("steps", [7, 10])
 def test_resumed_run_is_bitwise_equal(tmp_path, model, steps):
     """Saved and loaded after an odd or even number of steps, layer memory included."""
@@ -40,7 +42,10 @@ def test_resumed_run_is_bitwise_equal(tmp_path, model, steps):
 
 def test_resumed_bar_is_bitwise_equal(tmp_path):
     """1D runs in increments: they are part of the state too."""
-    make = lambda: fh.Simulation(fh.Lattice(0.25, -4, 4), fh.Wave(KERNEL), initial={"u": lambda x: np.exp(-4 * x**2)})  # noqa: E731
+
+    def make():
+        return fh.Simulation(fh.Lattice(0.25, -4, 4), fh.Wave(KERNEL), initial={"u": lambda x: np.exp(-4 * x**2)})
+
     whole, first, second = make(), make(), make()
     whole.step(40)
     first.step(13)
@@ -56,10 +61,21 @@ RESTORED = [
         "model": fh.Diffusion(KERNEL, integrator="rk4"),
         "sources": [fh.Source(pulse(*LATTICE.coordinates())), fh.Expression("x*exp(-4*x**2-4*y**2)*t", 2)],
     },
-    {"lattice": fh.Lattice(0.25, window=fh.Disc(3.0)), "cracks": [[(-1.0, 0.1), (1.0, 0.6)]], "background": 2.0, "initial": {"u": 2.0}},
-    {"lattice": fh.Lattice(0.25, (-3, -3), (3, 3), body=fh.Box((-3, -3), (3, 3)) - fh.Disc(0.8, (1, 1))), "boundary": fh.Free()},
+    {
+        "lattice": fh.Lattice(0.25, window=fh.Disc(3.0)),
+        "cracks": [[(-1.0, 0.1), (1.0, 0.6)]],
+        "background": 2.0,
+        "initial": {"u": 2.0},
+    },
+    {
+        "lattice": fh.Lattice(0.25, (-3, -3), (3, 3), body=fh.Box((-3, -3), (3, 3)) - fh.Disc(0.8, (1, 1))),
+        "boundary": fh.Free(),
+    },
     {"lattice": fh.Lattice(0.25, (-3, -3), (3, 3), body=fh.Disc(2.5)), "boundary": fh.Free(), "rim": "fixed"},
-    {"boundary": {"x": fh.LatticePML(nodes=8), "y-": fh.Sponge(5), "y+": fh.Fixed()}, "coefficient": 1 + 0.5 * np.sign(LATTICE.coordinates()[1])},
+    {
+        "boundary": {"x": fh.LatticePML(nodes=8), "y-": fh.Sponge(5), "y+": fh.Fixed()},
+        "coefficient": 1 + 0.5 * np.sign(LATTICE.coordinates()[1]),
+    },
     {"model": fh.Wave(fh.Stencil.finite_element(2)), "boundary": fh.Periodic(), "dtype": "float32"},
 ]
 
@@ -132,9 +148,13 @@ def test_total_is_conserved_by_diffusion():
 
 
 @pytest.mark.parametrize("dim", [1, 2])
-@pytest.mark.parametrize("make", [fh.Wave, fh.Diffusion, lambda k: fh.Diffusion(k, integrator="rk4")], ids=["Verlet", "Euler", "RK4"])
+@pytest.mark.parametrize(
+    "make", [fh.Wave, fh.Diffusion, lambda k: fh.Diffusion(k, integrator="rk4")], ids=["Verlet", "Euler", "RK4"]
+)
 def test_a_fixed_rim_is_the_medium_with_zeros_outside(make, dim):
-    """Nodes outside the body stay at the background, and bonds to them remain: eigenmodes of the operator cut to the body's nodes."""
+    """Nodes outside the body stay at the background, and bonds to them remain: eigenmodes of the operator cut to the
+    body's nodes.
+    """
     n = 17
     body = fh.Box(-1.0, 1.1) if dim == 1 else fh.Disc(1.0, (0.1, 0.0))
     lattice = fh.Lattice(0.25, (-2.0,) * dim, (2.0,) * dim, body=body)
@@ -149,7 +169,9 @@ def test_a_fixed_rim_is_the_medium_with_zeros_outside(make, dim):
     rates, modes = np.linalg.eigh(matrix[np.ix_(inside, inside)])
     u = np.zeros(n**dim)
     u[inside] = modes[:, -3]
-    sim = fh.Simulation(lattice, model, fh.Fixed(1.5), {"u": u.reshape(lattice.shape) + 1.5}, background=1.5, rim="fixed")
+    sim = fh.Simulation(
+        lattice, model, fh.Fixed(1.5), {"u": u.reshape(lattice.shape) + 1.5}, background=1.5, rim="fixed"
+    )
     sim.step(20)
     if model.order == 2:
         factor = np.cos(20 * 2 * np.arcsin(sim.dt * np.sqrt(-rates[-3]) / 2))  # Verlet's discrete frequency
@@ -160,7 +182,9 @@ def test_a_fixed_rim_is_the_medium_with_zeros_outside(make, dim):
 
 
 def test_fixed_sides_reach_the_linear_profile():
-    """Steady diffusion between two fixed sides, periodic along them: linear up to the boundary layer of width one horizon."""
+    """Steady diffusion between two fixed sides, periodic along them: linear up to the boundary layer of width one
+    horizon.
+    """
     sides = {"x-": fh.Fixed(0.0), "x+": fh.Fixed(1.0), "y": fh.Periodic()}
     sim = fh.Simulation(LATTICE, fh.Diffusion(fh.Stencil.finite_difference(2)), sides)
     sim.run(150.0)
@@ -202,7 +226,9 @@ def test_guard_names_step_place_and_cause():
 
 
 def test_backward_waves_grow_and_the_program_says_so():
-    """1D, p = 0, no damping: white noise grows in the layer at a rate below (backward-wave growth) x (largest sigma); check() warns."""
+    """1D, p = 0, no damping: white noise grows in the layer at a rate below (backward-wave growth) x (largest sigma);
+    check() warns.
+    """
     lattice = fh.Lattice(0.1, -2, 2)
     noise = np.random.default_rng(0).standard_normal(lattice.shape)
     layer = fh.LatticePML(nodes=20, profile={"sigma": np.linspace(1.0, 30.0, 21), "alpha": 0.01})
@@ -218,7 +244,9 @@ def test_backward_waves_grow_and_the_program_says_so():
 
 @pytest.mark.parametrize("dim, n", [(1, 5000), (2, 400), (3, 40)])
 def test_the_memory_estimate_is_that_of_the_set_up(dim, n):
-    """What is refused for memory is what would not fit: the peak is traced, tables of a small layout and Python's own aside."""
+    """What is refused for memory is what would not fit: the peak is traced, tables of a small layout and Python's own
+    aside.
+    """
     lattice = fh.Lattice(0.25, (0.0,) * dim, ((n - 1) * 0.25,) * dim)
     u = lambda *x: np.exp(-4 * sum((a - n / 8) ** 2 for a in x))  # noqa: E731
     fh.Simulation(lattice, fh.Wave(KERNEL), initial={"u": u}, threads=1).step(1)
@@ -246,7 +274,10 @@ BAD = [
     ({"lattice": fh.Lattice(0.25, (0, 0), (1, 5))}, "thinner than the stencil"),
     ({"lattice": fh.Lattice(1e-5, (0, 0), (3, 3)), "model": fh.Wave(fh.Stencil.finite_difference(2))}, "memory"),
     ({"model": fh.Wave(fh.Kernel(100.0))}, "spans too many nodes"),
-    ({"lattice": fh.Lattice(0.25, (0, 0), (40_000, 40_000)), "model": fh.Wave(KERNEL)}, "memory; value: about .* GiB for 25600320001 nodes"),
+    (
+        {"lattice": fh.Lattice(0.25, (0, 0), (40_000, 40_000)), "model": fh.Wave(KERNEL)},
+        "memory; value: about .* GiB for 25600320001 nodes",
+    ),
     ({"cracks": [[(-5, 0.1), (5, 1.1)]]}, "across the absorbing side"),
     ({"cracks": [[(-5, 0.1), (-3.1, 0.1)]]}, "across the absorbing side"),
     ({"cracks": [[(-5, 0.1), (5, 0.1)]], "boundary": fh.Periodic()}, "cannot continue it"),

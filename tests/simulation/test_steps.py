@@ -11,7 +11,9 @@ from farhorizon.simulation.steps import last_step, steps_between, whole_steps
 
 
 def test_the_step_divides_what_it_is_made_for():
-    """Random intervals that have a common part, in any unit: whole numbers of steps, by exact fractions, and no larger step would do."""
+    """Random intervals that have a common part, in any unit: whole numbers of steps, by exact fractions, and no larger
+    step would do.
+    """
     seed = 20261
     rng = np.random.default_rng(seed)
     for _ in range(200):
@@ -45,7 +47,12 @@ def test_outputs_between_steps_are_refused(every):
     if every == 0.25:
         assert "every = 0.2 or 0.3" in str(error.value)
         times = []
-        even = fh.Simulation(lattice, fh.Wave(fh.Kernel(0.75)), dt=fh.WholeSteps(every=0.25), observe=[lambda sim: times.append(sim.time)])
+        even = fh.Simulation(
+            lattice,
+            fh.Wave(fh.Kernel(0.75)),
+            dt=fh.WholeSteps(every=0.25),
+            observe=[lambda sim: times.append(sim.time)],
+        )
         even.run(1.0, every=every)
         np.testing.assert_allclose(times, [0.25, 0.5, 0.75, 1.0], rtol=1e-14)
 
@@ -68,11 +75,16 @@ probes = [[1.13]]
 
 
 @pytest.mark.parametrize(
-    "until, every, probe_every", [(1.0, 0.01, None), (70.0, 1.75, 0.5), (0.3, None, None), (1e-3, 0.3e-3, 0.1e-3), (3.0, None, 0.7)]
+    "until, every, probe_every",
+    [(1.0, 0.01, None), (70.0, 1.75, 0.5), (0.3, None, None), (1e-3, 0.3e-3, 0.1e-3), (3.0, None, 0.7)],
 )
 def test_outputs_of_a_case_are_even(until, every, probe_every):
-    """Outputs at multiples of `every` to rounding, the run ends when it is to; half the step limit or a little less is the step."""
-    text = CASE.replace("until = 1.0", f"until = {until}").replace("every = 0.01", "" if every is None else f"every = {every}")
+    """Outputs at multiples of `every` to rounding, the run ends when it is to; half the step limit or a little less is
+    the step.
+    """
+    text = CASE.replace("until = 1.0", f"until = {until}").replace(
+        "every = 0.01", "" if every is None else f"every = {every}"
+    )
     case = Case(text + ("" if probe_every is None else f"probe_every = {probe_every}\n"))
     times = [0.0]
     sim = case.simulation(observe=[lambda sim: times.append(sim.time)])
@@ -87,9 +99,17 @@ def test_outputs_of_a_case_are_even(until, every, probe_every):
 @pytest.mark.parametrize(
     "old, new, said",
     [
-        ("until = 1.0", "until = 1.0\ndt = 0.015", "run.dt.*output.every is not a whole number.*remedy: dt = 0.01, or output.every = 0.015 or 0.03"),
+        (
+            "until = 1.0",
+            "until = 1.0\ndt = 0.015",
+            "run.dt.*output.every is not a whole number.*remedy: dt = 0.01, or output.every = 0.015 or 0.03",
+        ),
         ("until = 1.0", "until = 1.003\ndt = 0.01", "run.dt.*run.until.*run.until = 1 or 1.01"),
-        ("every = 0.01", "every = 0.33", "no time step divides both output.every and run.until.*remedy: run.until = 0.99 or 1.32"),
+        (
+            "every = 0.01",
+            "every = 0.33",
+            "no time step divides both output.every and run.until.*remedy: run.until = 0.99 or 1.32",
+        ),
         ("every = 0.01", "probe_every = -1", "output.probe_every: must be positive"),
     ],
 )

@@ -15,7 +15,9 @@ def pulse(x, y):
 
 @pytest.mark.parametrize("edge", ["fixed edge", "free edge"])
 def test_the_edge_of_a_disc_is_its_outline(edge):
-    """The echo of a pulse in the middle comes back along the diagonal as soon as along the axes: the box's corners play no part."""
+    """The echo of a pulse in the middle comes back along the diagonal as soon as along the axes: the box's corners play
+    no part.
+    """
     lattice = fh.Lattice(0.25, window=fh.Disc(5.0))
     result = compare({"lattice": lattice, "model": fh.Wave(KERNEL), "initial": {"u": pulse}}, 7.5, shown=7.5)
     assert "outline of the window" in result.table()
@@ -29,7 +31,9 @@ def test_the_edge_of_a_disc_is_its_outline(edge):
 
 
 def test_fields_are_kept_while_there_is_something_to_see():
-    """Neither before the echo nor after the pulse has left: the medium and the worst error are both large at the moment shown."""
+    """Neither before the echo nor after the pulse has left: the medium and the worst error are both large at the moment
+    shown.
+    """
     setup = {"lattice": fh.Lattice(0.25, (-3, -3), (3, 3)), "model": fh.Wave(KERNEL), "initial": {"u": pulse}}
     result = compare(setup, 20.0)
     number = result.times.index(result.shown_time)
@@ -41,18 +45,34 @@ def test_fields_are_kept_while_there_is_something_to_see():
 
 def test_the_edge_of_a_box_is_where_its_layers_were():
     lattice = fh.Lattice(0.25, (-3, -3), (3, 3))
-    result = compare({"lattice": lattice, "model": fh.Wave(KERNEL), "initial": {"u": pulse}, "boundary": fh.LatticePML(nodes=12)}, 4.0)
+    result = compare(
+        {"lattice": lattice, "model": fh.Wave(KERNEL), "initial": {"u": pulse}, "boundary": fh.LatticePML(nodes=12)},
+        4.0,
+    )
     same = fh.Simulation(lattice, fh.Wave(KERNEL), fh.Fixed(), {"u": pulse})
     same.run(result.shown_time - 1e-9)
     np.testing.assert_array_equal(result.fields["fixed edge"], same.fields["u"])
     assert "absorbing sides" in result.table()
-    assert "edge" not in compare({"lattice": lattice, "model": fh.Wave(KERNEL), "initial": {"u": pulse}}, 1.0, beside=False).table()
+    assert (
+        "edge"
+        not in compare(
+            {"lattice": lattice, "model": fh.Wave(KERNEL), "initial": {"u": pulse}}, 1.0, beside=False
+        ).table()
+    )
 
 
 def test_exact_ends_and_layers_stand_beside_each_other():
     """In one dimension, where both serve, and where the kernel of the exact ends is soon made."""
-    setup = {"lattice": fh.Lattice(0.25, -4, 4), "model": fh.Wave(KERNEL), "initial": {"u": lambda x: np.exp(-8 * x**2)}}
-    for boundary, first in ((fh.Exact(), "exact"), (fh.LatticePML(), "lattice PML"), ({"x-": fh.Exact(), "x+": fh.Free()}, "exact")):
+    setup = {
+        "lattice": fh.Lattice(0.25, -4, 4),
+        "model": fh.Wave(KERNEL),
+        "initial": {"u": lambda x: np.exp(-8 * x**2)},
+    }
+    for boundary, first in (
+        (fh.Exact(), "exact"),
+        (fh.LatticePML(), "lattice PML"),
+        ({"x-": fh.Exact(), "x+": fh.Free()}, "exact"),
+    ):
         result = compare({**setup, "boundary": boundary}, 10.0)
         assert next(iter(result.curves)) == first and {"exact", "lattice PML"} <= set(result.curves)
         assert result.curves["exact"]["error_max_over_run"] < 1e-11
@@ -66,7 +86,13 @@ def test_prescribed_nodes():
     lattice = fh.Lattice(0.25, -4, 4)
     for where in ([0.5], np.arange(33) == 18):
         result = compare(
-            {"lattice": lattice, "model": fh.Wave(KERNEL), "boundary": fh.Exact(), "constraints": [fh.Prescribed(where, np.sin, 4.0)]}, 10.0
+            {
+                "lattice": lattice,
+                "model": fh.Wave(KERNEL),
+                "boundary": fh.Exact(),
+                "constraints": [fh.Prescribed(where, np.sin, 4.0)],
+            },
+            10.0,
         )
         assert result.curves["exact"]["error_max_over_run"] < 1e-11 and result.scale == "largest value of the run"
 
@@ -83,7 +109,8 @@ def test_growth_rate_of_an_exponential():
 def test_growth_is_measured_with_backward_waves_only():
     setup = {"lattice": fh.Lattice(0.25, -3, 3), "initial": {"u": lambda x: np.exp(-8 * x**2)}}
     undamped = {"boundary": fh.LatticePML(nodes=12, profile={"sigma": np.linspace(0.5, 12, 13), "alpha": 0.004})}
-    with_them = compare({**setup, **undamped, "model": fh.Wave(fh.Kernel(0.75, 0))}, 24.0)  # four crossings: the fastest growing mode alone is left
+    # four crossings: the fastest growing mode alone is left
+    with_them = compare({**setup, **undamped, "model": fh.Wave(fh.Kernel(0.75, 0))}, 24.0)
     assert with_them.growth["lattice PML"] < with_them.growth_bound and "backward waves grow" in with_them.table()
     assert compare({**setup, **undamped, "model": fh.Wave(fh.Kernel(0.75, 2))}, 8.0).growth == {}
     assert compare({**setup, "model": fh.Wave(fh.Kernel(0.75, 0))}, 8.0).growth == {}  # damped
@@ -91,7 +118,11 @@ def test_growth_is_measured_with_backward_waves_only():
 
 def test_exact_ends_that_are_left_out_are_named(monkeypatch):
     """Beside a layer in one dimension exact ends are run, or the table says why not."""
-    setup = {"lattice": fh.Lattice(0.25, -3, 3), "model": fh.Wave(KERNEL), "initial": {"u": lambda x: np.exp(-8 * x**2)}}
+    setup = {
+        "lattice": fh.Lattice(0.25, -3, 3),
+        "model": fh.Wave(KERNEL),
+        "initial": {"u": lambda x: np.exp(-8 * x**2)},
+    }
     assert "left out" not in compare(setup, 1.0).table()
     monkeypatch.setattr("farhorizon.studies.compare._KERNEL", 1.0)
     result = compare(setup, 1.0)
@@ -99,7 +130,9 @@ def test_exact_ends_that_are_left_out_are_named(monkeypatch):
 
 
 def test_a_body_given_as_arrays_is_compared_as_one_given_by_functions():
-    """Initial data, forces and the material go on into the larger body; the fixed edge is exact until the wave comes back from it."""
+    """Initial data, forces and the material go on into the larger body; the fixed edge is exact until the wave comes
+    back from it.
+    """
     lattice = fh.Lattice(1.0, (-12.0, -9.0), (12.0, 9.0))
     x, y = lattice.coordinates()
 
@@ -111,11 +144,20 @@ def test_a_body_given_as_arrays_is_compared_as_one_given_by_functions():
 
     def setup(bump, young):
         return {
-            "lattice": lattice, "operator": fh.Kernel(3.0, 0, "gaussian"), "young": young, "poisson": 0.25, "initial": {"u": [bump, 0.0]},
-            "boundary": {"x": fh.NonlocalPML(8), "y-": fh.Free(), "y+": fh.Fixed()}, "loads": [fh.BodyForce([bump, 0.0])], "drag": 0.1,
-        }  # fmt: skip
+            "lattice": lattice,
+            "operator": fh.Kernel(3.0, 0, "gaussian"),
+            "young": young,
+            "poisson": 0.25,
+            "initial": {"u": [bump, 0.0]},
+            "boundary": {"x": fh.NonlocalPML(8), "y-": fh.Free(), "y+": fh.Fixed()},
+            "loads": [fh.BodyForce([bump, 0.0])],
+            "drag": 0.1,
+        }
 
-    one, other = (compare(setup(*given), 30.0, [3.0, 30.0], kind=fh.Body).curves for given in ((bump, young), (bump(x, y), young(x, y))))
+    one, other = (
+        compare(setup(*given), 30.0, [3.0, 30.0], kind=fh.Body).curves
+        for given in ((bump, young), (bump(x, y), young(x, y)))
+    )
     for name, curve in one.items():
         assert curve["error"] == pytest.approx(other[name]["error"], rel=1e-9, abs=1e-14)
     assert one["nonlocal PML"]["error"][1] < 0.1 * one["fixed edge"]["error"][1]
@@ -127,5 +169,13 @@ def test_bodies_in_split_form_are_not_compared():
     boundary = fh.NonlocalPML(8, form="split")
     with pytest.raises(fh.InputError, match="split form is not compared"):
         compare(
-            {"lattice": lattice, "operator": fh.Kernel(2.0, 0, "gaussian"), "young": 1.0, "poisson": 0.25, "boundary": boundary}, 5.0, kind=fh.Body
+            {
+                "lattice": lattice,
+                "operator": fh.Kernel(2.0, 0, "gaussian"),
+                "young": 1.0,
+                "poisson": 0.25,
+                "boundary": boundary,
+            },
+            5.0,
+            kind=fh.Body,
         )

@@ -10,9 +10,10 @@ from farhorizon.studies.tuning import flat_reflection
 
 WAVENUMBERS = (0.15, 0.3, 0.6, 1.0, 1.5, 2.0)
 MEDIA = {
-    "horizon 3 spacings": fh.Wave(fh.Kernel(0.75, 2), damping=0.0125), "horizon 6 spacings": fh.Wave(fh.Kernel(1.5, 2), damping=0.0125),
+    "horizon 3 spacings": fh.Wave(fh.Kernel(0.75, 2), damping=0.0125),
+    "horizon 6 spacings": fh.Wave(fh.Kernel(1.5, 2), damping=0.0125),
     "finite differences": fh.Wave(fh.Stencil.finite_difference(2)),
-}  # fmt: skip
+}
 
 
 def disc(boundary, model=MEDIA["horizon 3 spacings"], radius=7.37, **options):
@@ -20,12 +21,18 @@ def disc(boundary, model=MEDIA["horizon 3 spacings"], radius=7.37, **options):
     return fh.Simulation(fh.Lattice(0.25, window=fh.Disc(radius)), model, boundary, dt=0.05, **options)
 
 
-@pytest.mark.parametrize("boundary, found", [
-    (fh.PlaneWave(), (0.0017, 0.0025)), (hermann2023.published(0.75, normals="lattice"), (0.0029, 0.024)),
-    (fh.Higdon((0, 45), 0.02), (0.0064, 0.059)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "boundary, found",
+    [
+        (fh.PlaneWave(), (0.0017, 0.0025)),
+        (hermann2023.published(0.75, normals="lattice"), (0.0029, 0.024)),
+        (fh.Higdon((0, 45), 0.02), (0.0064, 0.059)),
+    ],
+)
 def test_flat_reflection_by_other_programs(boundary, found):
-    """Largest reflection of the wavenumbers above at 0 and 60 degrees, as an independent program found it for a kernel that is not calibrated."""
+    """Largest reflection of the wavenumbers above at 0 and 60 degrees, as an independent program found it for a kernel
+    that is not calibrated.
+    """
     sim = disc(boundary, fh.Wave(fh.Kernel(0.75, 2, calibrate=False), damping=0.0125))
     bands = [(2 * np.pi / k, 2 * np.pi / k * (1 + 1e-9)) for k in WAVENUMBERS]
     head_on = max(flat_reflection(sim, boundary, 0.0, band) for band in bands)
@@ -36,11 +43,15 @@ def test_flat_reflection_by_other_programs(boundary, found):
 
 @pytest.mark.parametrize("angles", [(0.0,), (0.0, 45.0), (30.0, 60.0)])
 def test_flat_reflection_of_long_waves_by_higdon(angles):
-    """The product of (cos a - cos b)/(cos a + cos b) over his angles a at incidence b; here head-on and at most 20 degrees."""
+    """The product of (cos a - cos b)/(cos a + cos b) over his angles a at incidence b; here head-on and at most 20
+    degrees.
+    """
     boundary = fh.Higdon(angles, 0.0)
     sim = disc(boundary, MEDIA["finite differences"])
     at = np.cos(np.radians(np.linspace(0, 20, 5)))
-    exact = max(np.prod([(np.cos(np.radians(a)) - c) / (np.cos(np.radians(a)) + c) for a in angles]).__abs__() for c in at)
+    exact = max(
+        np.prod([(np.cos(np.radians(a)) - c) / (np.cos(np.radians(a)) + c) for a in angles]).__abs__() for c in at
+    )
     assert flat_reflection(sim, boundary, 20.0, (100.0, 200.0)) == pytest.approx(exact, rel=0.01)
 
 
@@ -55,7 +66,9 @@ def test_the_fit_does_not_depend_on_a_small_regularization(name):
 
 
 def test_tuned():
-    """In the damped medium the best setting of a small disc is certified and sends back no more than the default, which is certified, too."""
+    """In the damped medium the best setting of a small disc is certified and sends back no more than the default, which
+    is certified, too.
+    """
     sim = disc(fh.PlaneWave(), radius=5.12)
     found = fh.tuned(sim, band=(3.0, 30.0))
     assert found.certificate.verdict == "certified"
@@ -66,7 +79,9 @@ def test_tuned():
 
 def test_undamped_media():
     """Without damping clouds of 3 spacings grow, which the page says, and what to do."""
-    sim = disc(fh.PlaneWave(), fh.Wave(fh.Kernel(0.75, 2)), radius=5.12, initial={"u": lambda x, y: np.exp(-4 * (x**2 + y**2))})
+    sim = disc(
+        fh.PlaneWave(), fh.Wave(fh.Kernel(0.75, 2)), radius=5.12, initial={"u": lambda x, y: np.exp(-4 * (x**2 + y**2))}
+    )
     report = sim.check()
     assert report.certificate.verdict == "not certified"
     assert "Higdon(angles=(0, 45))" in report.warnings[0] and "--tune" in report.warnings[0]
@@ -75,7 +90,10 @@ def test_undamped_media():
 
 def test_what_is_not_tuned():
     """Layers, and diffusion."""
-    for sim in (disc(fh.LatticePML(nodes=8)), fh.Simulation(fh.Lattice(0.25, window=fh.Disc(3.0)), fh.Diffusion(fh.Kernel(0.5)), fh.PlaneWave())):
+    for sim in (
+        disc(fh.LatticePML(nodes=8)),
+        fh.Simulation(fh.Lattice(0.25, window=fh.Disc(3.0)), fh.Diffusion(fh.Kernel(0.5)), fh.PlaneWave()),
+    ):
         with pytest.raises(fh.InputError, match="PlaneWave or Higdon"):
             fh.tuned(sim)
 

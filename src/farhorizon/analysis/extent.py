@@ -1,11 +1,12 @@
 """How far away a fixed edge must be for nothing to return: the extent of a domain that stands for the infinite medium.
 
-A fixed edge sends back the mirror image of what reaches it. So what returns from an edge of N nodes beyond a side is what
-the infinite lattice would have 2N nodes farther out than the side, and the question is how far data have come by the end of
-a run. Along the normal that is computed exactly, for the scheme and the lattice as they are: precursors that the dispersion
-sends ahead of the front of a wave, and the tail of what diffuses, included. Along the side each line of nodes counts for
-itself, as if it were the profile of a plane wave: what spreads in the plane or in space is less, and travels no faster. So
-the extent is a little larger than the least, by the nodes in which the front falls as much as spreading would take.
+A fixed edge sends back the mirror image of what reaches it. So what returns from an edge of N nodes beyond a side is
+what the infinite lattice would have 2N nodes farther out than the side, and the question is how far data have come by
+the end of a run. Along the normal that is computed exactly, for the scheme and the lattice as they are: precursors that
+the dispersion sends ahead of the front of a wave, and the tail of what diffuses, included. Along the side each line of
+nodes counts for itself, as if it were the profile of a plane wave: what spreads in the plane or in space is less, and
+travels no faster. So the extent is a little larger than the least, by the nodes in which the front falls as much as
+spreading would take.
 """
 
 from __future__ import annotations
@@ -47,7 +48,11 @@ class Extent:
     predicted: float = np.nan
 
     def __str__(self) -> str:
-        known = "" if np.isnan(self.predicted) else f", of which {self.predicted:.1g} of the largest value comes back up to t = {self.until:.6g}"
+        known = (
+            ""
+            if np.isnan(self.predicted)
+            else f", of which {self.predicted:.1g} of the largest value comes back up to t = {self.until:.6g}"
+        )
         return f"{self.nodes} nodes{known}"
 
 
@@ -97,7 +102,9 @@ class Waves:
         return np.unique(np.ceil(self.steps * np.arange(1, _TIMES + 1) / _TIMES).astype(int))
 
     def responses(self, eigenvalue: np.ndarray, datum: Datum) -> np.ndarray:
-        """What becomes of a unit datum in modes of given eigenvalues (1/time for diffusion, 1/time^2 for waves); shape (moments, modes)."""
+        """What becomes of a unit datum in modes of given eigenvalues (1/time for diffusion, 1/time^2 for waves); shape
+        (moments, modes).
+        """
         moments, scheme = self.moments(), self.integrator
         if not isinstance(scheme, Verlet):
             return np.array([scheme.growth(eigenvalue, self.dt) ** n for n in moments])
@@ -123,7 +130,8 @@ def extent(medium: Waves, data: Sequence[Datum], sizes: Sequence[float], mirror:
     data : sequence of Datum
         The first axis is the normal, towards the side.
     sizes : sequence of float
-        The largest value that each datum makes, to which its error is relative; in diffusion it is that of the same time.
+        The largest value that each datum makes, to which its error is relative; in diffusion it is that of the same
+        time.
     mirror : int
         What the opposite side is: 1 free, -1 fixed, 0 open.
     wanted : float
@@ -182,8 +190,8 @@ def _profiles(lines: np.ndarray, wanted: float) -> tuple[np.ndarray, np.ndarray]
 def largest(medium: Waves, datum: Datum) -> float:
     """About the largest value that a datum makes where it is largest, from below.
 
-    A source is looked at while it is strongest, a velocity from the start, for as long as waves take to leave; the support of the
-    datum stands for the medium, and its long waves for all.
+    A source is looked at while it is strongest, a velocity from the start, for as long as waves take to leave; the
+    support of the datum stands for the medium, and its long waves for all.
     """
     values = np.abs(datum.values)
     if datum.kind == "u" or not values.any():
@@ -196,10 +204,15 @@ def largest(medium: Waves, datum: Datum) -> float:
     box = [2 * n + 2 for n in part.shape]
     place = np.unravel_index(int(np.argmax(np.abs(part))), part.shape)
     angles = np.meshgrid(*(2 * np.pi * np.fft.fftfreq(n) for n in box), indexing="ij")
-    squared = float(medium.stencil.branches(1e-3, *[0.0] * (medium.stencil.dim - 1)).max()) * 1e6 * medium.rate / stride**2
+    squared = (
+        float(medium.stencil.branches(1e-3, *[0.0] * (medium.stencil.dim - 1)).max()) * 1e6 * medium.rate / stride**2
+    )
     eigenvalue = squared * sum(4 * np.sin(angle / 2) ** 2 for angle in angles)
-    weights = (fft.fftn(part, box) * np.exp(1j * sum(int(p) * angle for p, angle in zip(place, angles, strict=True)))).real / np.prod(box)
-    finer = int(np.ceil(medium.dt * np.sqrt(4 * part.ndim * squared)))  # a wide stencil's own step is too long for nearest neighbours
+    weights = (
+        fft.fftn(part, box) * np.exp(1j * sum(int(p) * angle for p, angle in zip(place, angles, strict=True)))
+    ).real / np.prod(box)
+    # a wide stencil's own step is too long for nearest neighbours
+    finer = int(np.ceil(medium.dt * np.sqrt(4 * part.ndim * squared)))
     dt = medium.dt / finer
     leave = max(1, int(min(box) / 2 / (np.sqrt(squared) * dt)))
     strengths = np.zeros(leave) if datum.kind == "v" else np.repeat(datum.time, finer)

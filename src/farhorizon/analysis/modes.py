@@ -1,9 +1,10 @@
 """Plane waves that leave: their wavevectors, frequencies and factors in time, and conditions fitted to them.
 
-A mode is ``exp(i k.x)`` times a factor for each step, lambda. Waves have real wavevectors k along directions that point outwards; diffusion has
-``k = i kappa n``, modes ``exp(-kappa n.x)`` that decay outwards and grow in time (Shojaei et al. 2020, eqs 13 to 28; Hermann et al. 2023, eqs
-10 to 35). With the symbol S(k) of the medium the factor solves ``(1 + d dt) lambda^2 - (2 - dt^2 S) lambda + 1 - d dt = 0`` for velocity
-Verlet, and is ``1 - dt S`` for forward Euler; in continuous time it is the exponential.
+A mode is ``exp(i k.x)`` times a factor for each step, lambda. Waves have real wavevectors k along directions that point
+outwards; diffusion has ``k = i kappa n``, modes ``exp(-kappa n.x)`` that decay outwards and grow in time (Shojaei et
+al. 2020, eqs 13 to 28; Hermann et al. 2023, eqs 10 to 35). With the symbol S(k) of the medium the factor solves ``(1 +
+d dt) lambda^2 - (2 - dt^2 S) lambda + 1 - d dt = 0`` for velocity Verlet, and is ``1 - dt S`` for forward Euler; in
+continuous time it is the exponential.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ import numpy as np
 
 from farhorizon.errors import InputError
 
-_OVERFLOW = 300.0  # largest exponent of a mode within a cloud or a step: beyond 709 it is infinite, beyond this its square is
+# largest exponent of a mode within a cloud or a step: beyond 709 it is infinite, beyond this its square is
+_OVERFLOW = 300.0
 _NODES = 1_000_000  # products of modes and offsets held at once
 
 
@@ -25,10 +27,12 @@ def outward(dim: int, largest: float, count: int, balanced: bool = True) -> np.n
     largest : float
         Largest angle to the normal (radians).
     count : int
-        Angles from -largest to largest, both included. In 3D the normal and rings of 6, 12, 18, .. directions at the positive ones.
+        Angles from -largest to largest, both included. In 3D the normal and rings of 6, 12, 18, .. directions at the
+        positive ones.
     balanced : bool
-        False, in 3D: the grid of Shojaei et al. (2020), appendix A, `count` by `count` angles over the octant about (1, 1, 1), turned so that
-        this becomes the normal; it repeats one direction and favours one side. `largest` has no effect.
+        False, in 3D: the grid of Shojaei et al. (2020), appendix A, `count` by `count` angles over the octant about (1,
+        1, 1), turned so that this becomes the normal; it repeats one direction and favours one side. `largest` has no
+        effect.
 
     Returns
     -------
@@ -45,9 +49,14 @@ def outward(dim: int, largest: float, count: int, balanced: bool = True) -> np.n
         return octant @ frame(np.ones(3) / np.sqrt(3)).T
     rings = [(0.0, np.zeros(1))]
     rings += [(largest * r / (count // 2), 2 * np.pi * np.arange(6 * r) / (6 * r)) for r in range(1, count // 2 + 1)]
-    return np.concatenate([
-        np.stack([np.full(turn.size, np.cos(polar)), np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn)], axis=1) for polar, turn in rings
-    ])  # fmt: skip
+    return np.concatenate(
+        [
+            np.stack(
+                [np.full(turn.size, np.cos(polar)), np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn)], axis=1
+            )
+            for polar, turn in rings
+        ]
+    )
 
 
 def frame(normal: np.ndarray) -> np.ndarray:
@@ -82,11 +91,14 @@ def discrete_symbol(k: np.ndarray, offsets: np.ndarray, weights: np.ndarray) -> 
     """
     rows = max(1, _NODES // len(weights))
     with np.errstate(over="ignore", invalid="ignore"):
-        return np.concatenate([2 * np.sin(k[i : i + rows] @ offsets.T / 2) ** 2 @ weights for i in range(0, len(k), rows)])
+        return np.concatenate(
+            [2 * np.sin(k[i : i + rows] @ offsets.T / 2) ** 2 @ weights for i in range(0, len(k), rows)]
+        )
 
 
 def series_symbol(k: np.ndarray, coefficient: float, horizon: float, terms: np.ndarray) -> np.ndarray:
-    """``coefficient k^2 (1 + terms[0] z^2 + terms[1] z^4 + ..)``, z = |k| horizon; `Kernel.series` has the terms, none are the local equation's.
+    """``coefficient k^2 (1 + terms[0] z^2 + terms[1] z^4 + ..)``, z = |k| horizon; `Kernel.series` has the terms, none
+    are the local equation's.
 
     Real or imaginary wavevectors k, shape (M, dim); returns shape (M,).
     """
@@ -122,9 +134,13 @@ def factors(symbol: np.ndarray, dt: float, order: int, damping: float = 0.0, dis
     """
     largest = float(np.abs(dt**order * symbol).max())
     if not largest < (_OVERFLOW if order == 1 else 4.0):
-        raise InputError("modes overflow within a time step" if order == 1 else "modes are too short for the time step", value=f"{largest:.3g}",
-                         limit=f"{_OVERFLOW:g} (rate times step)" if order == 1 else "4 (squared frequency times squared step)",
-                         key="boundary.wavenumber", remedy="a smaller largest wavenumber, or a smaller step")  # fmt: skip
+        raise InputError(
+            "modes overflow within a time step" if order == 1 else "modes are too short for the time step",
+            value=f"{largest:.3g}",
+            limit=f"{_OVERFLOW:g} (rate times step)" if order == 1 else "4 (squared frequency times squared step)",
+            key="boundary.wavenumber",
+            remedy="a smaller largest wavenumber, or a smaller step",
+        )
     if order == 1:
         return 1 - dt * symbol if discrete else np.exp(-dt * symbol)
     share = damping * dt
@@ -147,17 +163,23 @@ def phases(k: np.ndarray, places: np.ndarray) -> np.ndarray:
     exponent = 1j * (k @ places.T)
     largest = float(np.abs(exponent.real).max(initial=0))
     if not largest < _OVERFLOW:
-        raise InputError("modes overflow within a cloud", value=f"exponent {largest:.3g}", limit=_OVERFLOW, key="boundary.wavenumber",
-                         remedy="a smaller largest wavenumber, or smaller clouds")  # fmt: skip
+        raise InputError(
+            "modes overflow within a cloud",
+            value=f"exponent {largest:.3g}",
+            limit=_OVERFLOW,
+            key="boundary.wavenumber",
+            remedy="a smaller largest wavenumber, or smaller clouds",
+        )
     return np.exp(exponent)
 
 
 def fit(
     modes: np.ndarray, factor: np.ndarray, levels: int, *, regularization: float | None = None, rcond: float = 1e-15
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Next value of a cloud's centre from its values at the present step and before, as the modes have it.
 
-    The least-squares fit of the factor of one step over all modes, of least norm (Shojaei et al. 2020, eq 44; Hermann et al. 2023, eq 50).
+    The least-squares fit of the factor of one step over all modes, of least norm (Shojaei et al. 2020, eq 44; Hermann
+    et al. 2023, eq 50).
 
     Parameters
     ----------
@@ -167,7 +189,8 @@ def fit(
     levels : int
         Time levels that are read.
     regularization : float, optional
-        Of Tikhonov's method, relative to the largest singular value; else singular values below `rcond` of it are cut off.
+        Of Tikhonov's method, relative to the largest singular value; else singular values below `rcond` of it are cut
+        off.
 
     Returns
     -------
@@ -178,12 +201,20 @@ def fit(
 
 
 def fit_operator(
-    modes: np.ndarray, factor: np.ndarray, symbol: np.ndarray, centre: int, dt: float, order: int, rate: float, regularization: float
-) -> np.ndarray:  # fmt: skip
-    """As `fit`, but of the acceleration (waves, two levels) or rate (diffusion, one level) at the centre, which has a limit as dt goes to 0.
+    modes: np.ndarray,
+    factor: np.ndarray,
+    symbol: np.ndarray,
+    centre: int,
+    dt: float,
+    order: int,
+    rate: float,
+    regularization: float,
+) -> np.ndarray:
+    """As `fit`, but of the acceleration (waves, two levels) or rate (diffusion, one level) at the centre, which has a
+    limit as dt goes to 0.
 
-    ``(u+ - 2u + u-)/dt^2 = sum_j a_j u_j + b_j (u_j - u_j^-)/dt``: the reflection of a mode is about its residual over S, so that each weighs
-    ``(S/rate + 1e-4)^-1.5`` and long waves count.
+    ``(u+ - 2u + u-)/dt^2 = sum_j a_j u_j + b_j (u_j - u_j^-)/dt``: the reflection of a mode is about its residual over
+    S, so that each weighs ``(S/rate + 1e-4)^-1.5`` and long waves count.
 
     Parameters
     ----------
@@ -222,7 +253,9 @@ def fit_operator(
 _LOWEST = 1e-4  # S/rate of waves that are so long that they weigh no more than others
 
 
-def _solve(matrix: np.ndarray, wanted: np.ndarray, regularization: float | None, rcond: float, absolute: bool = False) -> np.ndarray:
+def _solve(
+    matrix: np.ndarray, wanted: np.ndarray, regularization: float | None, rcond: float, absolute: bool = False
+) -> np.ndarray:
     """Real least-squares solution of complex equations, by singular values: cut off at `rcond`, or regularized."""
     real = np.concatenate([matrix.real, matrix.imag])
     left, values, right = np.linalg.svd(real, full_matrices=False)

@@ -1,8 +1,10 @@
-"""Stability of a linear one-step map: the spectral radius of the complete update, by dense eigenvalues or by Krylov spaces of its powers.
+"""Stability of a linear one-step map: the spectral radius of the complete update, by dense eigenvalues or by Krylov
+spaces of its powers.
 
-A map is stable if no eigenvalue lies outside the unit circle by more than `TOLERANCE` per unit of time. That unit is the crossing time of the set-up
-(`Run.crossing`), so that a verdict depends on no unit of measurement; ``dt`` is the step in it. Every number comes with a bound of what rounding
-and unfinished iterations may hide: where that bound reaches across the tolerance, nothing is claimed.
+A map is stable if no eigenvalue lies outside the unit circle by more than `TOLERANCE` per unit of time. That unit is
+the crossing time of the set-up (`Run.crossing`), so that a verdict depends on no unit of measurement; ``dt`` is the
+step in it. Every number comes with a bound of what rounding and unfinished iterations may hide: where that bound
+reaches across the tolerance, nothing is claimed.
 """
 
 from __future__ import annotations
@@ -19,13 +21,16 @@ TOLERANCE = 1e-10
 SHORT = 10  # crossing times of white noise that come before all else
 _NOISE = 20  # the same before Krylov spaces
 _LONG = 120  # crossing times of noise where Krylov spaces do not tell
-_LEAST = 12  # Krylov vectors of the first power, at least: a mode that grows slowly may hide behind one that decays slowly
+# Krylov vectors of the first power, at least: a mode that grows slowly may hide behind one that decays slowly
+_LEAST = 12
 _RAISE = 8  # factor from one power of the map to the next
 _POWERS = 2  # powers that are tried
 _CLEAR = 1e-6  # a factor so far inside the unit circle needs a condition of a thousand million to be doubtful
 _RISES = 2.0  # over the last third of a short run: more than what rises as fast as time
 _VECTORS = 16  # of a Krylov space
-_SURE = 0.5  # largest error over rate of what a short run refuses: the error is of first order, and modes that are nearly alike make it larger
+# largest error over rate of what a short run refuses: the error is of first order, and modes that are nearly alike make
+# it larger
+_SURE = 0.5
 DENSE = 700  # numbers in a state up to which all eigenvalues are computed: a second
 _EXPLODED = 1e6  # growth of white noise over a run that is no transient any more
 
@@ -86,7 +91,8 @@ def dense_growth(matrix: np.ndarray, dt: float) -> Growth:
     Returns
     -------
     Growth
-        The error is that of rounding, ``4 eps |G| / |y . x|`` with the eigenvectors x and y of the map and its transpose.
+        The error is that of rounding, ``4 eps |G| / |y . x|`` with the eigenvectors x and y of the map and its
+        transpose.
     """
     if np.iscomplexobj(matrix) and np.abs(matrix.imag).max(initial=0) <= 1e-15 * np.abs(matrix).max(initial=0):
         matrix = matrix.real
@@ -94,7 +100,8 @@ def dense_growth(matrix: np.ndarray, dt: float) -> Growth:
     order = np.argsort(-np.abs(factors))
     size = np.linalg.norm(matrix)
     found: list[Growth] = []
-    for factor in factors[order[: min(4, len(order))]]:  # of some that are as close to 1, an ill-conditioned one decides
+    # of some that are as close to 1, an ill-conditioned one decides
+    for factor in factors[order[: min(4, len(order))]]:
         if found and abs(factor) < 1 - _CLEAR:
             break
         right, left = _eigenvectors(matrix, factor)
@@ -118,13 +125,20 @@ def _eigenvectors(matrix: np.ndarray, factor: complex) -> tuple[np.ndarray, np.n
 
 
 def krylov_growth(
-    advance: Callable[[np.ndarray, int], np.ndarray], size: int, dt: float, crossing: int, budget: float, seed: int = 0, subspace: int = _VECTORS
+    advance: Callable[[np.ndarray, int], np.ndarray],
+    size: int,
+    dt: float,
+    crossing: int,
+    budget: float,
+    seed: int = 0,
+    subspace: int = _VECTORS,
 ) -> Growth:
     """Fastest mode of a map that can only be applied, from white noise.
 
-    Noise runs for 20 crossing times; then Krylov spaces of powers of the map are built, of ever higher powers: in a high power what decays has died
-    out, and few vectors tell the rest apart. Near the factor 1, modes that decay slowly may lie too close to each other for that. Then noise runs on
-    to 120 crossing times, and if its size falls over the last third of them that is what is known.
+    Noise runs for 20 crossing times; then Krylov spaces of powers of the map are built, of ever higher powers: in a
+    high power what decays has died out, and few vectors tell the rest apart. Near the factor 1, modes that decay slowly
+    may lie too close to each other for that. Then noise runs on to 120 crossing times, and if its size falls over the
+    last third of them that is what is known.
 
     Parameters
     ----------
@@ -135,7 +149,8 @@ def krylov_growth(
     dt : float
         Time step in crossings.
     crossing : int
-        Steps in which the fastest wave, or a good part of what diffuses, crosses all that the map moves, the layers included.
+        Steps in which the fastest wave, or a good part of what diffuses, crosses all that the map moves, the layers
+        included.
     budget : float
         Seconds after which it gives up.
     seed : int
@@ -146,7 +161,8 @@ def krylov_growth(
     Returns
     -------
     Growth
-        The error is that of the eigenvalue problem's residual, 0 with `hidden` set where a long run decides, and infinite if time ran out.
+        The error is that of the eigenvalue problem's residual, 0 with `hidden` set where a long run decides, and
+        infinite if time ran out.
     """
     begin = time.monotonic()
     end, unknown = begin + budget, Growth(0.0, np.inf, 1.0, np.zeros(0))
@@ -173,23 +189,32 @@ def krylov_growth(
 
 
 def noise_growth(
-    advance: Callable[[np.ndarray, int], np.ndarray], size: int, dt: float, crossing: int, budget: float, crossings: float = np.inf, seed: int = 0
+    advance: Callable[[np.ndarray, int], np.ndarray],
+    size: int,
+    dt: float,
+    crossing: int,
+    budget: float,
+    crossings: float = np.inf,
+    seed: int = 0,
 ) -> tuple[Growth | None, float]:
-    """What a short run from white noise tells of a map that can only be applied: cheap, before anything else is examined.
+    """What a short run from white noise tells of a map that can only be applied: cheap, before anything else is
+    examined.
 
     Parameters
     ----------
     advance, size, dt, crossing, budget, seed
         As of `krylov_growth`.
     crossings : float
-        Length of the run for which this is asked, in crossing times of what the map moves; noise runs for as long, ten crossing times at most. If it
-        is finite that takes what it takes, which is less than the run, and the budget is for what follows where noise rises.
+        Length of the run for which this is asked, in crossing times of what the map moves; noise runs for as long, ten
+        crossing times at most. If it is finite that takes what it takes, which is less than the run, and the budget is
+        for what follows where noise rises.
 
     Returns
     -------
     Growth or None
-        Noise that rises over the last third of the run is run on, and a Krylov space of the map tells growth from a transient. What is still twice
-        as large at the end as at two thirds when time is up counts as growth. None if none is seen.
+        Noise that rises over the last third of the run is run on, and a Krylov space of the map tells growth from a
+        transient. What is still twice as large at the end as at two thirds when time is up counts as growth. None if
+        none is seen.
     float
         Crossing times for which noise ran: fewer than asked for if there was no time.
     """
@@ -202,8 +227,10 @@ def noise_growth(
     if noise.explosion() is not None:
         return noise.explosion(), 0.0
     length = len(noise.sizes) - 1
-    least = 1.0 if whole and share == 1 else _RISES  # soon after the start noise may rise as fast as time: its velocities are those of short waves
-    if size <= DENSE and noise.rise() > least:  # few vectors cannot tell modes apart that are nearly alike, as those of a drift are
+    # soon after the start noise may rise as fast as time: its velocities are those of short waves
+    least = 1.0 if whole and share == 1 else _RISES
+    # few vectors cannot tell modes apart that are nearly alike, as those of a drift are
+    if size <= DENSE and noise.rise() > least:
         found = dense_growth(np.stack([advance(unit, 1) for unit in np.eye(size)], axis=1), dt)
         if found.stable is not None:
             return (None if found.stable else found), length * share
@@ -221,7 +248,9 @@ def noise_growth(
 class _Noise:
     """A run from white noise and the size of its state after each crossing time."""
 
-    def __init__(self, advance: Callable[[np.ndarray, int], np.ndarray], size: int, dt: float, crossing: int, seed: int) -> None:
+    def __init__(
+        self, advance: Callable[[np.ndarray, int], np.ndarray], size: int, dt: float, crossing: int, seed: int
+    ) -> None:
         self.advance, self.dt, self.crossing = advance, dt, crossing
         self.state = np.random.default_rng(seed).standard_normal(size)
         self.sizes = [float(np.linalg.norm(self.state))]
@@ -243,7 +272,12 @@ class _Noise:
         late = finite[len(finite) // 2 :] if len(finite) > 3 else finite
         rate = np.log(late[-1] / late[0]) / ((len(late) - 1) * self.crossing * self.dt) if len(late) > 1 else np.inf
         mode = self.state / self.sizes[-1] if np.isfinite(self.sizes[-1]) else np.zeros(0)
-        return Growth(float(rate), 0.0 if np.isinf(rate) else 0.1 * abs(float(rate)), complex(np.exp(min(rate, 1e3) * self.dt)), mode.astype(complex))
+        return Growth(
+            float(rate),
+            0.0 if np.isinf(rate) else 0.1 * abs(float(rate)),
+            complex(np.exp(min(rate, 1e3) * self.dt)),
+            mode.astype(complex),
+        )
 
     def rise(self) -> float:
         """Size of the state over that at two thirds of the run."""
@@ -262,7 +296,9 @@ class _Noise:
 def _arnoldi(
     apply: Callable[[np.ndarray], np.ndarray], start: np.ndarray, power: int, dt: float, least: int, subspace: int
 ) -> tuple[Growth, np.ndarray]:
-    """Leading eigenvalue of a power of a map in a Krylov space, which ends as soon as it is settled; and the vector to go on with."""
+    """Leading eigenvalue of a power of a map in a Krylov space, which ends as soon as it is settled; and the vector to
+    go on with.
+    """
     length = float(np.linalg.norm(start))
     if length < 1e-200:  # noise has died out altogether
         return Growth(-1 / (power * dt), 0.0, 0.0, np.zeros(0)), start
@@ -287,7 +323,8 @@ def _arnoldi(
 
 
 def _leading(projected: np.ndarray, rest: float, basis: Sequence[np.ndarray], power: int, dt: float) -> Growth:
-    """The largest eigenvalue of a map's power in a Krylov space; ten times its residual and condition make the error."""
+    """The largest eigenvalue of a map's power in a Krylov space; ten times its residual and condition make the
+    error."""
     values, left, right = linalg.eig(projected, left=True, right=True)
     i = int(np.argmax(np.abs(values)))
     size, x, y = max(float(np.abs(values[i])), 1e-300), right[:, i], left[:, i]

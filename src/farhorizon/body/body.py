@@ -1,7 +1,8 @@
-"""Linear correspondence elasticity with damage, in the plane and in space: a body with its layers, its cracks, its loads and its energies.
+"""Linear correspondence elasticity with damage, in the plane and in space: a body with its layers, its cracks, its
+loads and its energies.
 
-Silling, Epton, Weckner, Xu and Askari (2007) with the layer of Wildman and Gazonas (2012). The loops are in `body.body_loops`; here the
-box of nodes is laid out, data are checked, and results are taken off.
+Silling, Epton, Weckner, Xu and Askari (2007) with the layer of Wildman and Gazonas (2012). The loops are in
+`body.body_loops`; here the box of nodes is laid out, data are checked, and results are taken off.
 """
 
 from __future__ import annotations
@@ -49,7 +50,8 @@ Side = tuple[int, int]
 
 
 def lame_constants(young: Any, poisson: Any, dim: int, plane: str = "strain") -> tuple[Any, Any]:
-    """Lame's lambda and the shear modulus, numbers or arrays as what is given, for plane stress those of the plane problem.
+    """Lame's lambda and the shear modulus, numbers or arrays as what is given, for plane stress those of the plane
+    problem.
 
     Raises
     ------
@@ -62,8 +64,13 @@ def lame_constants(young: Any, poisson: Any, dim: int, plane: str = "strain") ->
     most = 1.0 if in_stress else 0.5
     wrong = [value for value in (float(np.min(poisson)), float(np.max(poisson))) if not -1 < value < most]
     if wrong:
-        raise InputError("Poisson's ratio is out of range", value=wrong[0], limit=f"above -1, below {most}", key="model.poisson",
-                         remedy="0.49 for a nearly incompressible body" if wrong[0] >= most else "")  # fmt: skip
+        raise InputError(
+            "Poisson's ratio is out of range",
+            value=wrong[0],
+            limit=f"above -1, below {most}",
+            key="model.poisson",
+            remedy="0.49 for a nearly incompressible body" if wrong[0] >= most else "",
+        )
     shear = young / (2 * (1 + poisson))
     lame = 2 * shear * poisson / (1 - 2 * poisson) if not in_stress else 2 * shear * poisson / (1 - poisson)
     return lame, shear
@@ -78,7 +85,8 @@ def _all_positive(value: Any, name: str, key: str) -> None:
 class Body(Run):
     r"""A linear correspondence solid: its near field, what closes it, and its state.
 
-    The deformation gradient and the force density of a node (Silling et al. 2007; Wildman and Gazonas 2012, eqs 2-6 to 2-14) are
+    The deformation gradient and the force density of a node (Silling et al. 2007; Wildman and Gazonas 2012, eqs 2-6 to
+    2-14) are
 
     .. math::
 
@@ -92,35 +100,38 @@ class Body(Run):
     operator : Kernel or Stencil
         Influence function times volume; its scale does not matter.
     young, poisson, density : float, ndarray or callable
-        Numbers, or of a body of several materials arrays of the lattice's shape or functions of the coordinates: the stress of a node is that of its
-        own constants. Beyond the near field the medium goes on along the normals as it is at the edge; within one reach of a layer, and in it,
-        it must not vary along the normal.
+        Numbers, or of a body of several materials arrays of the lattice's shape or functions of the coordinates: the
+        stress of a node is that of its own constants. Beyond the near field the medium goes on along the normals as it
+        is at the edge; within one reach of a layer, and in it, it must not vary along the normal.
     plane : {"strain", "stress"}
         In 2D.
     boundary : Fixed, Free, Sponge, NonlocalPML, or a mapping of sides to them
-        Beyond `Fixed` (value 0) and beyond the layers the medium goes on and does not move; beyond `Free` there is nothing. A layer ends fixed.
+        Beyond `Fixed` (value 0) and beyond the layers the medium goes on and does not move; beyond `Free` there is
+        nothing. A layer ends fixed.
     initial : mapping of "u", "v" to sequences of (ndarray, callable or float)
         One component an axis. Functions of the coordinates go on into the layers; arrays are zero there.
     loads : sequence of BodyForce and Traction
     cracks : sequence
         Cuts: shapes, points of a polyline (2D), corners of a polygon (3D).
     critical_stretch : float, optional
-        Bonds whose length has grown by more than this part break for good (Silling and Askari 2005), except in the layers, within one reach of
-        them, and of a fixed side. Without it none break.
+        Bonds whose length has grown by more than this part break for good (Silling and Askari 2005), except in the
+        layers, within one reach of them, and of a fixed side. Without it none break.
     shape_tensor : {"recomputed", "kept"}
-        K of a node that loses bonds: from those that are left (0 where its determinant is below a thousandth of an intact one), or that of the body
-        without cracks, which softens gradually.
+        K of a node that loses bonds: from those that are left (0 where its determinant is below a thousandth of an
+        intact one), or that of the body without cracks, which softens gradually.
     drag : float
-        Rate D/dt (1/time) at which a velocity moves towards the mean of its neighbours (Wildman and Gazonas 2012, eq. 3-4). It is the rate that is a
-        property of the body: D itself goes with the step.
+        Rate D/dt (1/time) at which a velocity moves towards the mean of its neighbours (Wildman and Gazonas 2012, eq.
+        3-4). It is the rate that is a property of the body: D itself goes with the step.
     stabilisation : float
-        0 to 1: part that is put back of the energy of displacements which the gradient does not see (Silling 2017); 1 makes longitudinal waves
-        those of the bond-based operator of the same influence function. It stiffens fracture: calibrate it with the critical stretch.
+        0 to 1: part that is put back of the energy of displacements which the gradient does not see (Silling 2017); 1
+        makes longitudinal waves those of the bond-based operator of the same influence function. It stiffens fracture:
+        calibrate it with the critical stretch.
     balance : bool
-        Record what leaves the near field, too, bond by bond, so that the `energies` add up; it takes time where sides are large.
+        Record what leaves the near field, too, bond by bond, so that the `energies` add up; it takes time where sides
+        are large.
     dt : float or callable, optional
-        Half of the stable limit unless given; a function of that default gives another one: `WholeSteps`. The limit is that of the body at its
-        start: nodes that have lost nearly all their bonds lower it.
+        Half of the stable limit unless given; a function of that default gives another one: `WholeSteps`. The limit is
+        that of the body at its start: nodes that have lost nearly all their bonds lower it.
     threads : int, optional
     observe : sequence of callable
         Called with the body every so often, see `run`.
@@ -145,10 +156,10 @@ class Body(Run):
     Raises
     ------
     InputError
-        A number out of range, a boundary that does not serve, sides that disagree on the form, a step above the limit, initial data
-        that would break bonds at once, a material that varies along the normal of a layer, a load that would shatter what it meets, a traction
-        beyond the near field or on a side that is not free, missing bonds in a layer that are not parallel to its normal, damage, loads,
-        stabilisation or several materials with split fields.
+        A number out of range, a boundary that does not serve, sides that disagree on the form, a step above the limit,
+        initial data that would break bonds at once, a material that varies along the normal of a layer, a load that
+        would shatter what it meets, a traction beyond the near field or on a side that is not free, missing bonds in a
+        layer that are not parallel to its normal, damage, loads, stabilisation or several materials with split fields.
     """
 
     def __init__(
@@ -173,19 +184,34 @@ class Body(Run):
         threads: int | None = None,
         observe: Sequence[Callable[[Body], None]] = (),
     ) -> None:
-        self._setup = {name: value for name, value in locals().items() if name not in ("self", "initial", "observe", "__class__")}
+        self._setup = {
+            name: value for name, value in locals().items() if name not in ("self", "initial", "observe", "__class__")
+        }
         kinds.instance(lattice, "lattice", Lattice, "a Lattice")
-        kinds.instance(operator, "model.kernel", (Kernel, Stencil), "a Kernel or a Stencil", remedy="Kernel(horizon=3*spacing)")
+        kinds.instance(
+            operator, "model.kernel", (Kernel, Stencil), "a Kernel or a Stencil", remedy="Kernel(horizon=3*spacing)"
+        )
         loads, cracks = kinds.sequence(loads, "loads"), kinds.sequence(cracks, "cracks")
         if lattice.dim not in (2, 3) or lattice.window is not None:
-            raise InputError("correspondence elasticity needs a lattice of two or three dimensions with bounds", value=repr(lattice), key="lattice")
+            raise InputError(
+                "correspondence elasticity needs a lattice of two or three dimensions with bounds",
+                value=repr(lattice),
+                key="lattice",
+            )
         self.lattice, self.dim = lattice, lattice.dim
         self._notes: list[str] = []
-        critical_stretch = None if critical_stretch is None else kinds.number(critical_stretch, "model.critical_stretch", above=0)
+        critical_stretch = (
+            None if critical_stretch is None else kinds.number(critical_stretch, "model.critical_stretch", above=0)
+        )
         kinds.one_of(shape_tensor, "model.shape_tensor", SHAPE_TENSORS, "unknown shape tensor")
-        drag, stabilisation = kinds.number(drag, "model.drag", least=0), kinds.number(stabilisation, "model.stabilisation", least=0, most=1)
+        drag, stabilisation = (
+            kinds.number(drag, "model.drag", least=0),
+            kinds.number(stabilisation, "model.stabilisation", least=0, most=1),
+        )
         kinds.flag(balance, "balance")
-        self.stencil = Stencil.from_kernel(operator, lattice.spacing, self.dim) if isinstance(operator, Kernel) else operator
+        self.stencil = (
+            Stencil.from_kernel(operator, lattice.spacing, self.dim) if isinstance(operator, Kernel) else operator
+        )
         self._set_sides(boundary)
         self._critical, self._balance, self._stabilisation = critical_stretch, balance, stabilisation
         self._lay_out(threads)
@@ -207,21 +233,27 @@ class Body(Run):
         self._push = 0.0  # largest acceleration by the loads so far
         self._first = self.energies() if balance else {}
 
-    # --- set-up ------------------------------------------------------------------------------------------------------------------------
+    # --- set-up
+    # ------------------------------------------------------------------------------------------------------------------
 
     def _set_sides(self, boundary: Any) -> None:
         self.sides: dict[Side, Any] = sides(boundary, self.dim, Fixed | Free | Sponge | NonlocalPML, COMBINATIONS)
         layers = [b for b in self.sides.values() if isinstance(b, NonlocalPML)]
         if len({b.form for b in layers}) > 1 or len({b.cross for b in layers}) > 1:
-            raise InputError("the layers of a body need one form and one cross-damping", value=sorted({(b.form, b.cross) for b in layers}),
-                             key="boundary")  # fmt: skip
+            raise InputError(
+                "the layers of a body need one form and one cross-damping",
+                value=sorted({(b.form, b.cross) for b in layers}),
+                key="boundary",
+            )
         if any(isinstance(b, Fixed) and b.value for b in self.sides.values()):
             raise InputError("a fixed side holds displacements at zero", limit=0, key="boundary.value")
         self.split = any(b.form == "split" for b in layers)
         self._cross = layers[0].cross if layers else 0.0
 
     def _lay_out(self, threads: int | None) -> None:
-        """Box of the near field and its layers, with a halo of one reach; three axes, of which the first has one node in 2D."""
+        """Box of the near field and its layers, with a halo of one reach; three axes, of which the first has one node
+        in 2D.
+        """
         lead = 3 - self.dim
         depth = {side: b.nodes if isinstance(b, NonlocalPML | Sponge) else 0 for side, b in self.sides.items()}
         self._before = np.array([0] * lead + [depth[a, -1] for a in range(self.dim)])
@@ -236,7 +268,11 @@ class Body(Run):
         self._origin = self._margin + int(self._reach @ self._strides)
         xi, w = bond_weights(self.stencil, self.lattice.spacing)
         self._triples = np.pad(self.stencil.offsets, ((0, 0), (lead, 0))).astype(np.int64)
-        self._bonds = (self._triples @ self._strides, np.ascontiguousarray(np.column_stack([w[:, None] * xi, w])), np.ascontiguousarray(xi))
+        self._bonds = (
+            self._triples @ self._strides,
+            np.ascontiguousarray(np.column_stack([w[:, None] * xi, w])),
+            np.ascontiguousarray(xi),
+        )
         half = self._bonds[0] > 0
         self._pairs = (self._bonds[0][half], np.ascontiguousarray(w[half, None] * xi[half]))
         nodes = int(np.prod(self._box))
@@ -260,7 +296,10 @@ class Body(Run):
     def _coordinates(self) -> list[np.ndarray]:
         """Coordinates of the box, one array (three axes) an axis of the lattice."""
         lead = 3 - self.dim
-        axes = [self.lattice.lower[a] + self.lattice.spacing * (np.arange(self._box[lead + a]) - self._before[lead + a]) for a in range(self.dim)]
+        axes = [
+            self.lattice.lower[a] + self.lattice.spacing * (np.arange(self._box[lead + a]) - self._before[lead + a])
+            for a in range(self.dim)
+        ]
         grid = np.meshgrid(*axes, indexing="ij")
         return [g.reshape(tuple(self._box)) for g in grid]
 
@@ -288,7 +327,9 @@ class Body(Run):
         self._medium = (constants, int(self.varied), self._stabilisation > 0)
 
     def _on_nodes(self, value: Any, key: str) -> Any:
-        """A constant of the material: a number if it is the same on all nodes, else an array of the lattice's shape; missing nodes have one, too."""
+        """A constant of the material: a number if it is the same on all nodes, else an array of the lattice's shape;
+        missing nodes have one, too.
+        """
         lattice = self.lattice
         value = as_given(value, lattice.dim, key, time=False)
         values = checked(value(*lattice.coordinates()) if callable(value) else value, lattice, key)
@@ -306,20 +347,31 @@ class Body(Run):
             n = min(self.stencil.reach[axis] + 1, values.shape[axis])
             last = np.take(values, np.arange(n) if side < 0 else np.arange(-n, 0), axis)
             if (np.ptp(last, axis=axis) > 0).any():
-                raise InputError(f"the material varies along {AXES[axis]} within one reach of an absorbing side", key=key,
-                                 limit=f"constant over the last {n} nodes", remedy="enlarge the near field")  # fmt: skip
+                raise InputError(
+                    f"the material varies along {AXES[axis]} within one reach of an absorbing side",
+                    key=key,
+                    limit=f"constant over the last {n} nodes",
+                    remedy="enlarge the near field",
+                )
         if not callable(value):  # what a function is beyond is known, see below
             self._notes += gradients(values, key, depth, self.stencil.reach)
         if callable(value) and depth:
             pads = [(depth.get((a, -1), 0), depth.get((a, 1), 0)) for a in range(self.dim)]
             beyond = np.asarray(value(*self.lattice.extended(depth).coordinates()), float)
-            there = np.pad(np.ones(values.shape, bool) if self.lattice.mask is None else self.lattice.mask, pads, mode="edge")
+            there = np.pad(
+                np.ones(values.shape, bool) if self.lattice.mask is None else self.lattice.mask, pads, mode="edge"
+            )
             if (there & (beyond != np.pad(values, pads, mode="edge"))).any():
-                raise InputError("the material beyond an absorbing side is not that at the edge of the near field", key=key,
-                                 remedy="enlarge the near field, or give an array, which goes on as it is at the edge")  # fmt: skip
+                raise InputError(
+                    "the material beyond an absorbing side is not that at the edge of the near field",
+                    key=key,
+                    remedy="enlarge the near field, or give an array, which goes on as it is at the edge",
+                )
 
     def _spread(self, values: np.ndarray) -> np.ndarray:
-        """Values on the near field as a flat array of the box and its halo, constant along the normals from the edges on."""
+        """Values on the near field as a flat array of the box and its halo, constant along the normals from the edges
+        on.
+        """
         ends = self._box - self._before - self._near
         pads = [(b + r, e + r) for b, e, r in zip(self._before, ends, self._reach, strict=True)]
         padded = np.pad(values.reshape(tuple(self._near)), pads, mode="edge")
@@ -342,14 +394,25 @@ class Body(Run):
             self._times.append(load.time or steady)
         self._loads = np.zeros((len(values), self.dim, self._size))
         for flat, value in zip(self._loads, values, strict=True):
-            self._view(flat)[(slice(None), *self._near_slices)] = value[(slice(None), *self._near_slices)] / self._reference
+            self._view(flat)[(slice(None), *self._near_slices)] = (
+                value[(slice(None), *self._near_slices)] / self._reference
+            )
 
     def _components(self, values: Sequence[Any] | np.ndarray, key: str, beyond: bool) -> np.ndarray:
         """A vector field on the box, shape (dim, three axes); functions reach into the layers if `beyond`."""
-        entries = len(values) if isinstance(values, list | tuple) or (isinstance(values, np.ndarray) and values.ndim) else None
+        entries = (
+            len(values)
+            if isinstance(values, list | tuple) or (isinstance(values, np.ndarray) and values.ndim)
+            else None
+        )
         if entries != self.dim:
-            raise InputError("a vector field needs one entry a component", value="one for all" if entries is None else f"{entries} entries",
-                             limit=f"a list of {self.dim}", key=key, remedy=LISTED[self.dim])  # fmt: skip
+            raise InputError(
+                "a vector field needs one entry a component",
+                value="one for all" if entries is None else f"{entries} entries",
+                limit=f"a list of {self.dim}",
+                key=key,
+                remedy=LISTED[self.dim],
+            )
         values = as_given(values, self.dim, key, time=False)
         out = np.zeros((self.dim, *self._box))
         near = self._near_slices
@@ -359,13 +422,19 @@ class Body(Run):
                 part = ... if beyond else near
                 found = kinds.array(value(*[x[part] for x in at]), f"{key}[{a}]", finite=False)
                 if found.shape not in ((), out[a][part].shape):
-                    raise InputError("a function returns one value a point", value=f"shape {found.shape}", limit=out[a][part].shape,
-                                     key=f"{key}[{a}]")  # fmt: skip
+                    raise InputError(
+                        "a function returns one value a point",
+                        value=f"shape {found.shape}",
+                        limit=out[a][part].shape,
+                        key=f"{key}[{a}]",
+                    )
                 out[a][part] = found
             else:
                 array = kinds.array(value, f"{key}[{a}]", finite=False)
                 if array.ndim and array.shape != self.lattice.shape:
-                    raise InputError("an array must have the lattice's shape", value=array.shape, limit=self.lattice.shape, key=key)
+                    raise InputError(
+                        "an array must have the lattice's shape", value=array.shape, limit=self.lattice.shape, key=key
+                    )
                 out[a][near] = np.broadcast_to(array, self.lattice.shape).reshape(tuple(self._near))
         if not np.isfinite(out).all():
             raise InputError("values must be finite", value=f"{int((~np.isfinite(out)).sum())} nan or inf", key=key)
@@ -381,7 +450,8 @@ class Body(Run):
         return np.pad(self.lattice.mask.reshape(tuple(self._near)), pads, mode="edge")
 
     def _set_bonds(self, cracks: Sequence[Any]) -> np.ndarray | None:
-        """Bits of the bonds that are there, shape (words, three axes of the box); None if all are and none can break."""
+        """Bits of the bonds that are there, shape (words, three axes of the box); None if all are and none can
+        break."""
         lead, m = 3 - self.dim, self._reach
         there = np.pad(self._exists(), [(r, r) for r in m], mode="edge")
         for (axis, side), b in self.sides.items():
@@ -401,7 +471,9 @@ class Body(Run):
         self._uncut = whole.copy()
         lower = self.lattice.lower - self.lattice.spacing * self._before[lead:]
         for crack in cracks:
-            nodes, bonds = cut_bonds(as_cut(crack, self.dim), lower, self.lattice.spacing, tuple(self._box[lead:]), self.stencil.offsets)
+            nodes, bonds = cut_bonds(
+                as_cut(crack, self.dim), lower, self.lattice.spacing, tuple(self._box[lead:]), self.stencil.offsets
+            )
             grown = np.pad(nodes, ((0, 0), (lead, 0)))
             np.bitwise_and.at(whole, (bonds >> 6, *grown.T), ~(np.uint64(1) << (bonds & 63).astype(np.uint64)))
         alone = int(((whole == 0).all(0) & self._present).sum()) if len(cracks) else 0
@@ -423,7 +495,11 @@ class Body(Run):
                 low[row] += self._reach[row]
             elif not isinstance(b, Free):
                 high[row] -= self._reach[row]
-        loaded = (self._view(np.abs(self._loads).sum((0, 1))[None])[0] > 0) if len(self._loads) else np.zeros(tuple(self._box), bool)
+        loaded = (
+            (self._view(np.abs(self._loads).sum((0, 1))[None])[0] > 0)
+            if len(self._loads)
+            else np.zeros(tuple(self._box), bool)
+        )
         cuts = [(0, self._before[2]), (self._before[2], end[2]), (end[2], self._box[2])]
         stretches = [(a, min(a + engine.TILE, b)) for first, b in cuts for a in range(first, b, engine.TILE)]
         tiles, layer, slot = [], 0, 0
@@ -438,7 +514,10 @@ class Body(Run):
                     kind |= (engine.ODD if odd[here].any() else 0) | (engine.LOADED if loaded[here].any() else 0)
                     start = self._origin + int(np.array([i0, i1, first]) @ self._strides)
                     count = int(last - first)
-                    places = [layer if kind & engine.LAYER else -1, slot if kind & (engine.ODD | engine.BREAKABLE) else -1]
+                    places = [
+                        layer if kind & engine.LAYER else -1,
+                        slot if kind & (engine.ODD | engine.BREAKABLE) else -1,
+                    ]
                     layer, slot = layer + count * (places[0] >= 0), slot + count * (places[1] >= 0)
                     tiles.append([start, count, kind, *places, i0, i1, first])
         self._tiles = np.array(tiles, np.int64)
@@ -469,10 +548,17 @@ class Body(Run):
         places = self._origin + np.tensordot(self._strides, np.indices(tuple(self._box)), 1)
         crossing = min(self.stencil.reach) * self.lattice.spacing / self.fast
         return rim_of(
-            shape, tuple(slice(a, b) for a, b in zip((low - self._before)[lead:], (high - self._before)[lead:], strict=True)),
-            places[near].reshape(shape), self.stencil.offsets, whole[(slice(None), *near)].reshape(-1, *shape), self._bonds[0], self._bonds[2],
-            (1 + self._critical) ** 2 - 1, True, max(1, int(crossing / self.dt)),
-        )  # fmt: skip
+            shape,
+            tuple(slice(a, b) for a, b in zip((low - self._before)[lead:], (high - self._before)[lead:], strict=True)),
+            places[near].reshape(shape),
+            self.stencil.offsets,
+            whole[(slice(None), *near)].reshape(-1, *shape),
+            self._bonds[0],
+            self._bonds[2],
+            (1 + self._critical) ** 2 - 1,
+            True,
+            max(1, int(crossing / self.dt)),
+        )
 
     def _fill_bits(self, bits: np.ndarray) -> None:
         for _, count, _, _, slot, i0, i1, first in self._tiles:
@@ -483,9 +569,16 @@ class Body(Run):
         """A derivative along an axis must not see bonds along another: K is diagonal in the layers."""
         off = [a * self.dim + b for a in range(self.dim) for b in range(self.dim) if a != b]
         for tile in self._tiles:
-            if tile[2] & engine.LAYER and tile[4] >= 0 and np.abs(self._slots[1][off, tile[4] : tile[4] + tile[1]]).max() > 1e-9:
-                raise InputError("missing bonds in a layer must be those of a plane along its normal", key="boundary",
-                                 remedy="keep cracks, corners and holes in the near field, one reach away from the layers")  # fmt: skip
+            if (
+                tile[2] & engine.LAYER
+                and tile[4] >= 0
+                and np.abs(self._slots[1][off, tile[4] : tile[4] + tile[1]]).max() > 1e-9
+            ):
+                raise InputError(
+                    "missing bonds in a layer must be those of a plane along its normal",
+                    key="boundary",
+                    remedy="keep cracks, corners and holes in the near field, one reach away from the layers",
+                )
 
     def _count_bonds(self, bits: np.ndarray) -> np.ndarray:
         """Bonds of each node of the box."""
@@ -501,9 +594,13 @@ class Body(Run):
         kept = np.maximum(self._near - np.abs(self._triples), 0).prod(1, dtype=float)
         needed = 16.0 * float((self._near.prod(dtype=float) - kept).sum())
         if needed > available_memory():
-            raise InputError("the balance needs a table of the bonds that leave the near field, which does not fit into memory",
-                             value=f"about {needed / 2**30:.3g} GiB", limit=f"{available_memory() / 2**30:.3g} GiB available", key="output.balance",
-                             remedy="leave it out, or a smaller horizon")  # fmt: skip
+            raise InputError(
+                "the balance needs a table of the bonds that leave the near field, which does not fit into memory",
+                value=f"about {needed / 2**30:.3g} GiB",
+                limit=f"{available_memory() / 2**30:.3g} GiB available",
+                key="output.balance",
+                remedy="leave it out, or a smaller horizon",
+            )
         for start, count, kind, layer, slot, i0, i1, first in self._tiles:
             if layer >= 0:
                 continue
@@ -520,7 +617,8 @@ class Body(Run):
         return np.concatenate(found)
 
     def _set_step(self, dt: float | Callable[[float], float] | None, drag: float) -> None:
-        """A mode of frequency w that drag leaves a factor s >= 1 - 2 D of its velocity needs ``(w dt)^2 < 2 (1 + s)``."""
+        """A mode of frequency w that drag leaves a factor s >= 1 - 2 D of its velocity needs ``(w dt)^2 < 2 (1 +
+        s)``."""
         self.largest_frequency = self._largest_frequency()
         limit = 2 / (drag + np.sqrt(drag**2 + self.largest_frequency**2))
         self.step_limit = float(limit)
@@ -528,17 +626,28 @@ class Body(Run):
         given = kinds.function(dt, "run.dt", "the default step")(default) if callable(dt) else dt
         self.dt = default if given is None else kinds.number(given, "run.dt", above=0)
         if not 0 < self.dt <= limit:
-            raise InputError("the step is out of range", value=self.dt, limit=f"{limit:.6g}", key="run.dt", remedy=f"dt = {0.5 * limit:.3g}")
+            raise InputError(
+                "the step is out of range",
+                value=self.dt,
+                limit=f"{limit:.6g}",
+                key="run.dt",
+                remedy=f"dt = {0.5 * limit:.3g}",
+            )
         self._drag = drag * self.dt
 
     def _largest_frequency(self) -> float:
-        """From the symbol, or where bonds are missing, which makes K smaller and the body stiffer, or materials meet, by power iteration."""
+        """From the symbol, or where bonds are missing, which makes K smaller and the body stiffer, or materials meet,
+        by power iteration.
+        """
         most = largest_frequency(self.stencil, self.lattice.spacing, self.fast, self.slow, self._stabilisation)
         odd = bool((self._tiles[:, 2] & engine.ODD).any())
         if not odd and not self.varied:
             return most
         mass = self._constant(engine.MASS)
-        u, out, force, p = np.zeros((self.dim, self._size)), *(np.zeros((n, self._size)) for n in (self.dim, self.dim, self.dim**2))
+        u, out, force, p = (
+            np.zeros((self.dim, self._size)),
+            *(np.zeros((n, self._size)) for n in (self.dim, self.dim, self.dim**2)),
+        )
         self._view(u)[...] = np.random.default_rng(1).standard_normal((self.dim, *self._box)) * self._present
         value = 0.0
         for _ in range(_ITERATIONS):
@@ -552,12 +661,19 @@ class Body(Run):
         return found if odd else min(found, self._frequency_bound())
 
     def _frequency_bound(self) -> float:
-        """That of a lighter and stiffer medium without missing bonds, in which every strain takes more energy at every node."""
+        """That of a lighter and stiffer medium without missing bonds, in which every strain takes more energy at every
+        node.
+        """
         bulk, shear, dim = np.max(self.lame + 2 * self.shear / self.dim), np.max(self.shear), self.dim
         p_modulus, least = bulk + 2 * shear * (1 - 1 / dim), np.min(self.density)
         pull = self._stabilisation * np.max(self.lame + 2 * self.shear)
-        return largest_frequency(self.stencil, self.lattice.spacing, float(np.sqrt(p_modulus / least)), float(np.sqrt(shear / least)),
-                                 float(pull / p_modulus))  # fmt: skip
+        return largest_frequency(
+            self.stencil,
+            self.lattice.spacing,
+            float(np.sqrt(p_modulus / least)),
+            float(np.sqrt(shear / least)),
+            float(pull / p_modulus),
+        )
 
     def _set_layers(self) -> None:
         """Stretch, shift and damping of the layers' nodes, as recursions in their slots."""
@@ -567,7 +683,11 @@ class Body(Run):
             if not isinstance(b, NonlocalPML | Sponge):
                 continue
             fast = float(np.take(self._fast, 0 if side < 0 else -1, axis).max())
-            outwards = b.stretch(self.lattice.spacing, fast) if isinstance(b, NonlocalPML) else b.damping(2, fast**2, self.lattice.spacing)
+            outwards = (
+                b.stretch(self.lattice.spacing, fast)
+                if isinstance(b, NonlocalPML)
+                else b.damping(2, fast**2, self.lattice.spacing)
+            )
             line = [1, 1, 1]
             line[lead + axis] = b.nodes
             part = [slice(None)] * 3
@@ -583,16 +703,27 @@ class Body(Run):
         keep = np.exp(-rate * self.dt)
         gain = -0.5 * np.where(rate > 0, phi / np.where(rate > 0, rate, 1.0), 0.0) * (1 - keep)
         count = self._layer_count
-        self._layers = (np.zeros((2 * self.dim**2, count)), *(np.zeros((self.dim, count)) for _ in range(2)), np.zeros(count))
+        self._layers = (
+            np.zeros((2 * self.dim**2, count)),
+            *(np.zeros((self.dim, count)) for _ in range(2)),
+            np.zeros(count),
+        )
         self._phi = np.zeros((self.dim, count))
         for _, count, _, slot, _, i0, i1, first in self._tiles:
             if slot >= 0:
                 here = (slice(None), i0, i1, slice(first, first + count))
-                for to, values in ((self._layers[1], keep), (self._layers[2], gain), (self._phi, phi), (self._layers[3][None], damping[None])):
+                for to, values in (
+                    (self._layers[1], keep),
+                    (self._layers[2], gain),
+                    (self._phi, phi),
+                    (self._layers[3][None], damping[None]),
+                ):
                     to[:, slot : slot + count] = values[here]
 
     def _set_fields(self, initial: Mapping[str, Sequence[Any]]) -> None:
-        unknown = set(kinds.instance(initial, "initial", Mapping, "a mapping of fields to their values", remedy='{"u": [...]}')) - {"u", "v"}
+        unknown = set(
+            kinds.instance(initial, "initial", Mapping, "a mapping of fields to their values", remedy='{"u": [...]}')
+        ) - {"u", "v"}
         if unknown:
             raise InputError("unknown initial field", value=sorted(map(str, unknown)), limit="u, v", key="initial")
         nothing = np.zeros((self.dim, 0))
@@ -609,37 +740,62 @@ class Body(Run):
             self._parts = np.repeat(self._u[None], self.dim, 0) / self.dim
             self._histories = np.zeros((self.dim, self.dim**2, self._size))
         if self._critical is not None:
-            stretch = engine.largest_stretch(self._u, self._tiles, self._bonds, self._triples, self._slots, self._fracture)
+            stretch = engine.largest_stretch(
+                self._u, self._tiles, self._bonds, self._triples, self._slots, self._fracture
+            )
             if stretch > self._critical:
-                raise InputError("the initial displacements stretch bonds beyond the critical stretch", value=self._critical,
-                                 limit=f"> {stretch:.4g}", key="model.critical_stretch", remedy="a smaller start, or cracks")  # fmt: skip
+                raise InputError(
+                    "the initial displacements stretch bonds beyond the critical stretch",
+                    value=self._critical,
+                    limit=f"> {stretch:.4g}",
+                    key="model.critical_stretch",
+                    remedy="a smaller start, or cracks",
+                )
 
     def _check_load_strain(self) -> None:
         """A load that is put on at once sends a wave of the strain traction / (lambda + 2 mu)."""
         if self._critical is None or not len(self._loads):
             return
-        force = np.sum([np.abs(load) * abs(time(0.0)) for load, time in zip(self._loads, self._times, strict=True)], axis=0)
+        force = np.sum(
+            [np.abs(load) * abs(time(0.0)) for load, time in zip(self._loads, self._times, strict=True)], axis=0
+        )
         modulus = self._constant(engine.LAME) + 2 * self._constant(engine.SHEAR)
         strain = float((self._view(force) / modulus).max()) * self.lattice.spacing
         if strain > _SHATTERS * self._critical:
-            raise InputError("the critical stretch is far below the first strain of the load, which would shatter what it meets",
-                             value=self._critical, limit=f">= {strain / _SHATTERS:.3g}", key="model.critical_stretch",
-                             remedy="a smaller load, or one that rises in time")  # fmt: skip
+            raise InputError(
+                "the critical stretch is far below the first strain of the load, which would shatter what it meets",
+                value=self._critical,
+                limit=f">= {strain / _SHATTERS:.3g}",
+                key="model.critical_stretch",
+                remedy="a smaller load, or one that rises in time",
+            )
         if strain > self._critical:
             self._notes.append(
-                f"the load's first strain, about {strain:.3g}, is above the critical stretch {self._critical:.3g}: bonds break at once"
+                f"the load's first strain, about {strain:.3g}, is above the critical stretch {self._critical:.3g}: "
+                "bonds break at once"
             )
 
     def _refuse_in_split_form(self, cracks: Sequence[Any], loads: Sequence[Any], drag: float) -> None:
-        asked = {"critical_stretch": self._critical is not None, "loads": bool(len(loads)), "drag": bool(drag), "cracks": bool(len(cracks)),
-                 "stabilisation": bool(self._stabilisation), "several materials": self.varied,
-                 "sponge": any(isinstance(b, Sponge) for b in self.sides.values()),
-                 "initial v": bool(self._v.any())}  # fmt: skip
+        asked = {
+            "critical_stretch": self._critical is not None,
+            "loads": bool(len(loads)),
+            "drag": bool(drag),
+            "cracks": bool(len(cracks)),
+            "stabilisation": bool(self._stabilisation),
+            "several materials": self.varied,
+            "sponge": any(isinstance(b, Sponge) for b in self.sides.values()),
+            "initial v": bool(self._v.any()),
+        }
         if self.split and any(asked.values()):
-            raise InputError("split fields carry the whole history of the stress, which knows no damage, loads or drag", key="boundary.form",
-                             value=", ".join(name for name, given in asked.items() if given), remedy='form = "displacement"')  # fmt: skip
+            raise InputError(
+                "split fields carry the whole history of the stress, which knows no damage, loads or drag",
+                key="boundary.form",
+                value=", ".join(name for name, given in asked.items() if given),
+                remedy='form = "displacement"',
+            )
 
-    # --- the run -----------------------------------------------------------------------------------------------------------------------
+    # --- the run
+    # ------------------------------------------------------------------------------------------------------------------
 
     def step(self, count: int = 1) -> None:
         """Advance by a number of steps.
@@ -665,42 +821,95 @@ class Body(Run):
         """Advance the state by `count` steps after `done` of them."""
         self._seen = np.zeros((count, self.dim, self._watched.size))
         if self.split:
-            state: tuple[Any, ...] = (self.dt, self._u, self._parts, self._histories, self._p, self._tiles, self._medium, self._pairs, self._bonds,
-                                      self._slots, self._phi, self._watched, self._seen)  # fmt: skip
-            side_by_side(lambda lane, lanes, sync: engine.advance_split(lane, lanes, sync, count, *state), self._threads)
+            state: tuple[Any, ...] = (
+                self.dt,
+                self._u,
+                self._parts,
+                self._histories,
+                self._p,
+                self._tiles,
+                self._medium,
+                self._pairs,
+                self._bonds,
+                self._slots,
+                self._phi,
+                self._watched,
+                self._seen,
+            )
+            side_by_side(
+                lambda lane, lanes, sync: engine.advance_split(lane, lanes, sync, count, *state), self._threads
+            )
             return
         moments = (done + np.arange(count)) * self.dt
         factors = np.array([[time(t) for time in self._times] for t in moments], float).reshape(count, len(self._times))
         if not np.isfinite(factors).all():
-            raise InputError("a load is not finite", value=f"t = {moments[np.argmin(np.isfinite(factors).all(1))]:g}", key="load.time")
+            raise InputError(
+                "a load is not finite",
+                value=f"t = {moments[np.argmin(np.isfinite(factors).all(1))]:g}",
+                key="load.time",
+            )
         if factors.size:
             self._push = max(self._push, float(np.abs(factors).max(0) @ np.abs(self._loads).max((1, 2))))
-        state = (done, self.dt, self._drag, self._u, self._v, self._spare, self._p, self._force, self._tiles, self._medium, self._pairs,
-                 self._bonds, self._triples, self._slots, self._fracture, self._layers, self._loads, factors, self._crossing,
-                 self._books, self._watched, self._seen)  # fmt: skip
+        state = (
+            done,
+            self.dt,
+            self._drag,
+            self._u,
+            self._v,
+            self._spare,
+            self._p,
+            self._force,
+            self._tiles,
+            self._medium,
+            self._pairs,
+            self._bonds,
+            self._triples,
+            self._slots,
+            self._fracture,
+            self._layers,
+            self._loads,
+            factors,
+            self._crossing,
+            self._books,
+            self._watched,
+            self._seen,
+        )
         side_by_side(lambda lane, lanes, sync: engine.advance(lane, lanes, sync, count, *state), self._threads)
 
     def _watch(self, nodes: np.ndarray) -> None:
-        self._watched = self._origin + (np.stack(np.unravel_index(nodes, tuple(self._near)), -1) + self._before) @ self._strides
+        self._watched = (
+            self._origin + (np.stack(np.unravel_index(nodes, tuple(self._near)), -1) + self._before) @ self._strides
+        )
 
     def _guard(self) -> None:
         def cause() -> str:
             if self.split:
-                return 'forward Euler on split fields grows by half of frequency^2 dt: a smaller dt, or form = "displacement"'
+                return (
+                    "forward Euler on split fields grows by half of frequency^2 dt: a smaller dt, or form = "
+                    '"displacement"'
+                )
             if self.broken_bonds:
-                return 'nodes that have lost nearly all their bonds, which lowers the stable step: a smaller dt, or shape_tensor = "kept"'
+                return (
+                    "nodes that have lost nearly all their bonds, which lowers the stable step: a smaller dt, or "
+                    'shape_tensor = "kept"'
+                )
             return "a layer that grows (cross-damping stops it), or the loads"
 
         displacement, velocity = self._start
         scale = max(displacement + velocity * self.time + self._push * self.time**2 / 2, 1e-300)
-        self._refuse_explosion(self._view(self._u)[(slice(None), *self._near_slices)].reshape(self.dim, *self.lattice.shape),
-                               np.asarray(self.lattice.lower, float), scale, cause)  # fmt: skip
+        self._refuse_explosion(
+            self._view(self._u)[(slice(None), *self._near_slices)].reshape(self.dim, *self.lattice.shape),
+            np.asarray(self.lattice.lower, float),
+            scale,
+            cause,
+        )
 
     def linear_map(self) -> tuple[int, Callable[[np.ndarray, int], np.ndarray]]:
-        """The update of displacements, velocities and the layers' memory as a map of vectors, for a body without loads whose bonds do not break.
+        """The update of displacements, velocities and the layers' memory as a map of vectors, for a body without loads
+        whose bonds do not break.
 
-        All numbers of a vector are displacements, so that its norm depends on no unit: velocities times the step, remembered gradients times
-        the spacing, remembered accelerations times the step squared.
+        All numbers of a vector are displacements, so that its norm depends on no unit: velocities times the step,
+        remembered gradients times the spacing, remembered accelerations times the step squared.
 
         Returns
         -------
@@ -714,7 +923,9 @@ class Body(Run):
         memory, gain = self._layers[0], self._layers[2]
         kept = np.tile(gain != 0, (2 * self.dim, 1))  # a derivative's row follows its direction
         count, remembered = int(there.sum()), int(kept.sum())
-        scales = np.repeat([1.0, self.dt, self.lattice.spacing, self.dt**2], [count, count, remembered // 2, remembered // 2])
+        scales = np.repeat(
+            [1.0, self.dt, self.lattice.spacing, self.dt**2], [count, count, remembered // 2, remembered // 2]
+        )
 
         def advance(vector: np.ndarray, steps: int) -> np.ndarray:
             values = vector / scales
@@ -739,7 +950,8 @@ class Body(Run):
                 array[...] = kept[name]
             self._push = push
 
-    # --- results -----------------------------------------------------------------------------------------------------------------------
+    # --- results
+    # ------------------------------------------------------------------------------------------------------------------
 
     def displacements(self, layers: bool = False) -> np.ndarray:
         """Displacements of the near field, shape (dim, *lattice.shape), or with the `layers` of the whole box."""
@@ -750,7 +962,11 @@ class Body(Run):
     def fields(self) -> dict[str, np.ndarray]:
         """Copies of the near field."""
         found = {"u": self.u, "v": self.v, "damage": self.damage()}
-        return found if self.lattice.mask is None else {name: np.where(self.lattice.mask, field, np.nan) for name, field in found.items()}
+        return (
+            found
+            if self.lattice.mask is None
+            else {name: np.where(self.lattice.mask, field, np.nan) for name, field in found.items()}
+        )
 
     @property
     def notes(self) -> list[str]:
@@ -780,28 +996,45 @@ class Body(Run):
         return self._shown(self._gradient).reshape(self.dim, self.dim, *self.lattice.shape)
 
     def strain_energy(self, layers: bool = False) -> float:
-        """Strain energy of the present displacements, of the near field, or with the `layers` (stabilisation left out)."""
+        """Strain energy of the present displacements, of the near field, or with the `layers` (stabilisation left
+        out)."""
         e = self._gradient if layers else self._gradient[(slice(None), *self._near_slices)]
         trace = sum(e[a * self.dim + a] for a in range(self.dim))
-        mixed = sum(e[a * self.dim + b] * (e[a * self.dim + b] + e[b * self.dim + a]) for a in range(self.dim) for b in range(self.dim))
+        mixed = sum(
+            e[a * self.dim + b] * (e[a * self.dim + b] + e[b * self.dim + a])
+            for a in range(self.dim)
+            for b in range(self.dim)
+        )
         part = (...,) if layers else self._near_slices
-        density = 0.5 * self._reference * (self._constant(engine.LAME, part) * trace**2 + self._constant(engine.SHEAR, part) * mixed)
+        density = (
+            0.5
+            * self._reference
+            * (self._constant(engine.LAME, part) * trace**2 + self._constant(engine.SHEAR, part) * mixed)
+        )
         return float(density.sum()) * self.lattice.spacing**self.dim
 
     def energies(self) -> dict[str, float]:
-        """Energies of the near field, one step ago (at the start those of the start), and what became of them since the start.
+        """Energies of the near field, one step ago (at the start those of the start), and what became of them since the
+        start.
 
         Returns
         -------
         dict of str to float
-            "kinetic", "strain" (with what the stabilisation stores); since the start "work" of the loads, "broken" (dissipated by breaking),
-            "drag" (dissipated by drag, and carried by it), and with `balance` "outflow" (into layers and sides). The sum of the first two changes by
-            the work less the other three, to rounding: with velocities half a step before and after, the kinetic energy is ``v_before . v_after / 2``
-            per mass, which velocity Verlet conserves together with the strain energy. Of split fields "strain" alone is known.
+            "kinetic", "strain" (with what the stabilisation stores); since the start "work" of the loads, "broken"
+            (dissipated by breaking), "drag" (dissipated by drag, and carried by it), and with `balance` "outflow" (into
+            layers and sides). The sum of the first two changes by the work less the other three, to rounding: with
+            velocities half a step before and after, the kinetic energy is ``v_before . v_after / 2`` per mass, which
+            velocity Verlet conserves together with the strain energy. Of split fields "strain" alone is known.
         """
         if self.split:
             return {"strain": self.strain_energy()}
-        names = {"kinetic": engine.KINETIC, "strain": engine.STRAIN, "work": engine.WORK, "broken": engine.BROKEN, "drag": engine.DRAG}
+        names = {
+            "kinetic": engine.KINETIC,
+            "strain": engine.STRAIN,
+            "work": engine.WORK,
+            "broken": engine.BROKEN,
+            "drag": engine.DRAG,
+        }
         if self._balance:
             names["outflow"] = engine.OUTFLOW
         if self.step_count == 0:  # the books of the first step tell of its beginning
@@ -825,8 +1058,8 @@ class Body(Run):
         Returns
         -------
         dict of str to float
-            Gains of "kinetic" and "strain" energy, "work", "broken", "drag", "outflow" as of `energies`, and the "residual": the work less
-            all others, which is rounding.
+            Gains of "kinetic" and "strain" energy, "work", "broken", "drag", "outflow" as of `energies`, and the
+            "residual": the work less all others, which is rounding.
 
         Raises
         ------
@@ -851,18 +1084,33 @@ class Body(Run):
         left = self._families.astype(float)
         for _, count, _, _, slot, i0, i1, first in self._tiles:
             if slot >= 0:
-                left[i0, i1, first : first + count] = self._count_bonds(np.ascontiguousarray(self._slots[0][:, slot : slot + count]))
+                left[i0, i1, first : first + count] = self._count_bonds(
+                    np.ascontiguousarray(self._slots[0][:, slot : slot + count])
+                )
         lost = 1 - left / np.maximum(self._families, 1)
         return self._shown(lost[None])[0]
 
     @property
     def nbytes(self) -> int:
         """Bytes of the state."""
-        arrays = [self._u, self._v, self._spare, self._force, self._p, self._tiles, *self._slots, *self._layers, self._phi, self._loads]
+        arrays = [
+            self._u,
+            self._v,
+            self._spare,
+            self._force,
+            self._p,
+            self._tiles,
+            *self._slots,
+            *self._layers,
+            self._phi,
+            self._loads,
+        ]
         return sum(a.nbytes for a in arrays)
 
     def remade(self, lattice: Lattice) -> Body:
-        """The intact body on another lattice, at rest: without loads and cracks, and no bond breaks; of several materials the fastest."""
+        """The intact body on another lattice, at rest: without loads and cracks, and no bond breaks; of several
+        materials the fastest.
+        """
         nothing = {"loads": (), "cracks": (), "critical_stretch": None, "balance": False, "threads": 1}
         return Body(**{**self._setup, **nothing, **self.fastest, "lattice": lattice})
 
@@ -871,7 +1119,8 @@ class Body(Run):
         """Nodes of the near field with its layers along each axis."""
         return tuple(int(n) for n in self._box[3 - self.dim :])
 
-    # --- before a run ------------------------------------------------------------------------------------------------------------------
+    # --- before a run
+    # ------------------------------------------------------------------------------------------------------------------
 
     @property
     def crossing(self) -> float:
@@ -900,35 +1149,66 @@ class Body(Run):
         until : float, optional
             End of the run, for its estimated time.
         budget : float, optional
-            Seconds for the certificate. Unless given about those of the run to `until`, from 2 to 30; 30 without `until`.
+            Seconds for the certificate. Unless given about those of the run to `until`, from 2 to 30; 30 without
+            `until`.
         """
         return body_report.report(self, until, budget)
 
-    # --- state -------------------------------------------------------------------------------------------------------------------------
+    # --- state
+    # ------------------------------------------------------------------------------------------------------------------
 
     def _state(self) -> dict[str, np.ndarray]:
         """All arrays that a step reads before it writes them."""
-        found = {"u": self._u, "v": self._v, "tiles": self._tiles, "bonds": self._slots[0], "inverses": self._slots[1], "memory": self._layers[0],
-                 "books": self._books}  # fmt: skip
+        found = {
+            "u": self._u,
+            "v": self._v,
+            "tiles": self._tiles,
+            "bonds": self._slots[0],
+            "inverses": self._slots[1],
+            "memory": self._layers[0],
+            "books": self._books,
+        }
         return found | ({"parts": self._parts, "histories": self._histories} if self.split else {})
 
     def _fingerprint(self) -> dict[str, Any]:
         _, low, high, kept = self._fracture
         return {
-            "run": "Body", "shape": list(self.lattice.shape), "spacing": self.lattice.spacing, "lower": self.lattice.lower.tolist(),
-            "box": self._box.tolist(), "dt": self.dt, "drag": self._drag, "medium": self._medium[0].sum(1).tolist(),
-            "density": self._reference, "split": self.split,
-            "neighbours": len(self._triples), "weights": float(self._bonds[1].sum()), "critical_stretch": self._critical, "kept": bool(kept),
-            "bonds": self._first_bonds, "loads": [float(np.abs(load).sum()) for load in self._loads], "stretch": float(self._phi.sum()),
-            "memory": float(self._layers[1].sum()), "damping": float(self._layers[3].sum()), "balance": self._balance,
+            "run": "Body",
+            "shape": list(self.lattice.shape),
+            "spacing": self.lattice.spacing,
+            "lower": self.lattice.lower.tolist(),
+            "box": self._box.tolist(),
+            "dt": self.dt,
+            "drag": self._drag,
+            "medium": self._medium[0].sum(1).tolist(),
+            "density": self._reference,
+            "split": self.split,
+            "neighbours": len(self._triples),
+            "weights": float(self._bonds[1].sum()),
+            "critical_stretch": self._critical,
+            "kept": bool(kept),
+            "bonds": self._first_bonds,
+            "loads": [float(np.abs(load).sum()) for load in self._loads],
+            "stretch": float(self._phi.sum()),
+            "memory": float(self._layers[1].sum()),
+            "damping": float(self._layers[3].sum()),
+            "balance": self._balance,
             "breakable": [low.tolist(), high.tolist()],
-        }  # fmt: skip
+        }
 
     def save(self, path: str | Path, **extra: Any) -> None:
-        """Write the complete state, bonds and the memory of the layers included, under a temporary name and rename it."""
+        """Write the complete state, bonds and the memory of the layers included, under a temporary name and rename
+        it."""
         arrays = self._state()
-        meta = {"fingerprint": self._fingerprint(), "step": self.step_count, "push": self._push, "start": list(self._start), "first": self._first,
-                "cautions": self.cautions, "extra": extra}  # fmt: skip
+        meta = {
+            "fingerprint": self._fingerprint(),
+            "step": self.step_count,
+            "push": self._push,
+            "start": list(self._start),
+            "first": self._first,
+            "cautions": self.cautions,
+            "extra": extra,
+        }
         write_checkpoint(path, arrays, {**meta, "setup": describe(self._setup, arrays)})
 
     def load(self, path: str | Path) -> dict[str, Any]:

@@ -1,16 +1,20 @@
-"""Linear correspondence elasticity on a box of nodes: deformation gradient, stress, divergence, memory of the layers, bonds that break.
+"""Linear correspondence elasticity on a box of nodes: deformation gradient, stress, divergence, memory of the layers,
+bonds that break.
 
-Fields are flat arrays, one row a component, over the box with a halo of one reach on every side; what stands in the halo is zero. Along the last
-axis rows are cut into *tiles* of at most `TILE` nodes, each wholly inside or wholly outside the layers. Tiles whose nodes have all their bonds
-share one shape tensor, and are summed over pairs of opposite bonds in registers; of *odd* tiles the bonds are kept as bits, with the inverse
-shape tensors, and where a node lacks some its sums are done anew, bond by bond. Nodes in layers have memory. Both are arrays over such nodes only.
+Fields are flat arrays, one row a component, over the box with a halo of one reach on every side; what stands in the
+halo is zero. Along the last axis rows are cut into *tiles* of at most `TILE` nodes, each wholly inside or wholly
+outside the layers. Tiles whose nodes have all their bonds share one shape tensor, and are summed over pairs of opposite
+bonds in registers; of *odd* tiles the bonds are kept as bits, with the inverse shape tensors, and where a node lacks
+some its sums are done anew, bond by bond. Nodes in layers have memory. Both are arrays over such nodes only.
 
-The constants of the material stand in rows, one value a node, or, where all nodes are alike, one tile of values that serves all of them.
+The constants of the material stand in rows, one value a node, or, where all nodes are alike, one tile of values that
+serves all of them.
 
-A step has two parts, between which threads meet: from displacements to stresses (where bonds break), and from stresses to displacements.
-With bonds xi and weights w (influence function times volume, scaled so that the shape tensor K = sum w xi xi of an intact node is 1), the
-deformation gradient less 1 is e = (sum w (u_j - u_i) xi) K^-1 and the acceleration sum w (P_i + P_j) xi, P = stress K^-1 / density: minus the
-transpose of the gradient (Silling et al. 2007; Wildman and Gazonas 2012, eqs 2-6 to 2-14).
+A step has two parts, between which threads meet: from displacements to stresses (where bonds break), and from stresses
+to displacements. With bonds xi and weights w (influence function times volume, scaled so that the shape tensor K = sum
+w xi xi of an intact node is 1), the deformation gradient less 1 is e = (sum w (u_j - u_i) xi) K^-1 and the acceleration
+sum w (P_i + P_j) xi, P = stress K^-1 / density: minus the transpose of the gradient (Silling et al. 2007; Wildman and
+Gazonas 2012, eqs 2-6 to 2-14).
 """
 
 from __future__ import annotations
@@ -30,10 +34,12 @@ from farhorizon.engine.threads import barrier
 TILE = 256
 #: Kinds of a tile, to be added: bonds missing, in a layer, may break, under load.
 ODD, LAYER, BREAKABLE, LOADED = 1, 2, 4, 8
-#: Rows of the constants: Lame's, the shear modulus and the stabilisation of a bond, all over the reference density; this over the
+#: Rows of the constants: Lame's, the shear modulus and the stabilisation of a bond, all over the reference density;
+#: this over the
 #: node's density, and the inverse.
 LAME, SHEAR, PULL, LIGHTNESS, MASS = range(5)
-#: What is added up over time, by lane: of the last whole step the kinetic and the strain energy; since the start the rest.
+#: What is added up over time, by lane: of the last whole step the kinetic and the strain energy; since the start the
+#: rest.
 KINETIC, STRAIN, WORK, BROKEN, DRAG, OUTFLOW, PENDING_WORK, PENDING_OUTFLOW, BONDS, BOOKS = range(10)
 _UNROLLED = 2  # vectors of sums that go through the bonds together
 CHUNK = _UNROLLED * 8  # nodes that are summed at a time: rows are read so far beyond their end
@@ -46,9 +52,10 @@ _I64 = ir.IntType(64)
 def _pair_sums(fields: int, outputs: int) -> Any:
     """Intrinsic that adds up differences over pairs of opposite bonds, ``out_g += w_kg (src(i + o_k) - src(i - o_k))``.
 
-    One field and several sums with weights of their own (a gradient), or several fields, each with weights of its own, and one sum (a divergence).
-    Takes byte addresses of the first node in `src`, of the distances (int64) and the weights, and of `out`, the distance of fields in bytes, how many
-    weights a bond has, the number of pairs and of nodes, which is rounded up to `CHUNK`; the sums stand `TILE` apart.
+    One field and several sums with weights of their own (a gradient), or several fields, each with weights of its own,
+    and one sum (a divergence). Takes byte addresses of the first node in `src`, of the distances (int64) and the
+    weights, and of `out`, the distance of fields in bytes, how many weights a bond has, the number of pairs and of
+    nodes, which is rounded up to `CHUNK`; the sums stand `TILE` apart.
     """
 
     @intrinsic
@@ -65,14 +72,21 @@ def _pair_sums(fields: int, outputs: int) -> Any:
                     for vector in total:
                         builder.store(zero, vector)
                 with cgutils.for_range(builder, pairs) as loop:
-                    ahead = builder.mul(builder.load(vectors.pointer(vectors.shifted(offsets, (1, loop.index)), _I64)), _I64(vectors.size))
-                    factors = vectors.splat_all(vectors.shifted(weights, (1, builder.mul(loop.index, row))), max(fields, outputs))
+                    ahead = builder.mul(
+                        builder.load(vectors.pointer(vectors.shifted(offsets, (1, loop.index)), _I64)),
+                        _I64(vectors.size),
+                    )
+                    factors = vectors.splat_all(
+                        vectors.shifted(weights, (1, builder.mul(loop.index, row))), max(fields, outputs)
+                    )
                     for field in range(fields):
                         here = builder.add(builder.add(src, builder.mul(apart, _I64(field))), at)
                         plus, minus = builder.add(here, ahead), builder.sub(here, ahead)
                         for number in range(_UNROLLED):
                             move = _I64(number * wide)
-                            difference = builder.fsub(vectors.load(builder.add(plus, move)), vectors.load(builder.add(minus, move)))
+                            difference = builder.fsub(
+                                vectors.load(builder.add(plus, move)), vectors.load(builder.add(minus, move))
+                            )
                             for output in range(outputs):
                                 total = totals[output][number]
                                 factor = factors[max(field, output)]
@@ -95,10 +109,15 @@ _divergence_2, _divergence_3 = _pair_sums(2, 1), _pair_sums(3, 1)
 
 @njit(error_model="numpy", cache=True)
 def gradient(u, start, count, pairs, weights, out):
-    """Sums ``w_kb (u_a(i + o_k) - u_a(i - o_k))`` of `count` nodes from `start` on: row ``a dim + b`` of `out`, shape (dim^2, TILE)."""
+    """Sums ``w_kb (u_a(i + o_k) - u_a(i - o_k))`` of `count` nodes from `start` on: row ``a dim + b`` of `out`, shape
+    (dim^2, TILE).
+    """
     dim = weights.shape[1]
     for a in range(dim):
-        here, to = np.int64(u.ctypes.data) + 8 * (a * u.shape[1] + start), np.int64(out.ctypes.data) + 8 * a * dim * TILE
+        here, to = (
+            np.int64(u.ctypes.data) + 8 * (a * u.shape[1] + start),
+            np.int64(out.ctypes.data) + 8 * a * dim * TILE,
+        )
         distances, factors = np.int64(pairs.ctypes.data), np.int64(weights.ctypes.data)
         if dim == 2:
             _gradient_2(here, 0, distances, factors, dim, pairs.size, to, count)
@@ -111,7 +130,10 @@ def divergence(p, start, count, pairs, weights, out):
     """Sums ``w_kb (P_ab(i + o_k) - P_ab(i - o_k))`` over k and b: row a of `out`, shape (dim, TILE)."""
     dim = weights.shape[1]
     for a in range(dim):
-        here, to = np.int64(p.ctypes.data) + 8 * (a * dim * p.shape[1] + start), np.int64(out.ctypes.data) + 8 * a * TILE
+        here, to = (
+            np.int64(p.ctypes.data) + 8 * (a * dim * p.shape[1] + start),
+            np.int64(out.ctypes.data) + 8 * a * TILE,
+        )
         distances, factors = np.int64(pairs.ctypes.data), np.int64(weights.ctypes.data)
         if dim == 2:
             _divergence_2(here, 8 * p.shape[1], distances, factors, dim, pairs.size, to, count)
@@ -124,8 +146,20 @@ def split_divergence(p, start, count, pairs, weights, out):
     """The same with the directions b apart: row ``a dim + b`` of `out`."""
     dim = weights.shape[1]
     for number in range(dim * dim):
-        here, to = np.int64(p.ctypes.data) + 8 * (number * p.shape[1] + start), np.int64(out.ctypes.data) + 8 * number * TILE
-        _sum_1(here, 0, np.int64(pairs.ctypes.data), np.int64(weights.ctypes.data) + 8 * (number % dim), dim, pairs.size, to, count)
+        here, to = (
+            np.int64(p.ctypes.data) + 8 * (number * p.shape[1] + start),
+            np.int64(out.ctypes.data) + 8 * number * TILE,
+        )
+        _sum_1(
+            here,
+            0,
+            np.int64(pairs.ctypes.data),
+            np.int64(weights.ctypes.data) + 8 * (number % dim),
+            dim,
+            pairs.size,
+            to,
+            count,
+        )
 
 
 @njit(error_model="numpy", inline="always")
@@ -145,7 +179,9 @@ def _complete(bits, node, full):
 
 @njit(error_model="numpy", cache=True)
 def odd_gradient(u, i, node, bonds, weights, bits, inverse, total, out):
-    """Gradient of u at node i, which is `node` among those of odd tiles, over the bonds that are there: ``out[a dim + b]``."""
+    """Gradient of u at node i, which is `node` among those of odd tiles, over the bonds that are there: ``out[a dim +
+    b]``.
+    """
     dim = weights.shape[1] - 1
     total[: dim * dim] = 0
     for k in range(bonds.size):
@@ -163,7 +199,9 @@ def odd_gradient(u, i, node, bonds, weights, bits, inverse, total, out):
 
 @njit(error_model="numpy", cache=True)
 def odd_divergence(p, i, node, bonds, weights, bits, out):
-    """Sums ``w_kb (P_ab(i) + P_ab(i + o_k))`` at node i, `node` among those of odd tiles, over the bonds that are there: ``out[a dim + b]``."""
+    """Sums ``w_kb (P_ab(i) + P_ab(i + o_k))`` at node i, `node` among those of odd tiles, over the bonds that are
+    there: ``out[a dim + b]``.
+    """
     dim = weights.shape[1] - 1
     for number in range(dim * dim):
         total = 0.0
@@ -175,7 +213,9 @@ def odd_divergence(p, i, node, bonds, weights, bits, out):
 
 @njit(error_model="numpy", cache=True)
 def shape_inverse(node, weights, steps, bits, inverse):
-    """Inverse shape tensor of a node from the bonds that are there; zero where its determinant is below a thousandth of that of an intact one."""
+    """Inverse shape tensor of a node from the bonds that are there; zero where its determinant is below a thousandth of
+    that of an intact one.
+    """
     dim = weights.shape[1] - 1
     k00, k01, k02, k11, k12, k22 = 0.0, 0.0, 0.0, 0.0, 0.0, 1.0
     if dim == 3:
@@ -214,7 +254,9 @@ def shape_inverses(tiles, weights, steps, bits, inverse):
 
 @njit(error_model="numpy", cache=True)
 def _node_energy(u, v, dt, i, node, medium, bonds, bits, inverse, total, e, rate):
-    """Strain energy of node i, `node` among those of odd tiles, less half a step of its power: what breaking takes from it."""
+    """Strain energy of node i, `node` among those of odd tiles, less half a step of its power: what breaking takes from
+    it.
+    """
     distances, weights, steps = bonds
     dim = weights.shape[1] - 1
     at = medium[1] * i
@@ -271,7 +313,9 @@ def largest_stretch(u, tiles, bonds, triples, slots, fracture):
         if tile[2] & BREAKABLE:
             for node in range(tile[1]):
                 for k in range(distances.size):
-                    if _whole(slots[0], tile[4] + node, k) and _inside(tile, node, triples[k], fracture[1], fracture[2]):
+                    if _whole(slots[0], tile[4] + node, k) and _inside(
+                        tile, node, triples[k], fracture[1], fracture[2]
+                    ):
                         ratio = _length(u, tile[0] + node, distances[k], steps[k]) / np.sum(steps[k] ** 2)
                         largest = max(largest, ratio)
     return np.sqrt(largest) - 1
@@ -279,7 +323,9 @@ def largest_stretch(u, tiles, bonds, triples, slots, fracture):
 
 @njit(error_model="numpy", cache=True)
 def _any_beyond(u, start, count, distances, steps, limits, work):
-    """Whether a bond of these nodes is longer than its limit; without branches, for it is asked of every tile that may break, in every step."""
+    """Whether a bond of these nodes is longer than its limit; without branches, for it is asked of every tile that may
+    break, in every step.
+    """
     dim = steps.shape[1]
     found = 0
     for k in range(distances.size):
@@ -299,7 +345,8 @@ def _any_beyond(u, start, count, distances, steps, limits, work):
 def _break_bonds(u, v, dt, tile, medium, bonds, triples, bits, inverse, fracture, books, work):
     """Break the bonds of a tile's nodes that are longer than their limit; whether any did.
 
-    A bond is looked at from both ends, which see the same length to the last bit. It breaks only if both lie where bonds may break.
+    A bond is looked at from both ends, which see the same length to the last bit. It breaks only if both lie where
+    bonds may break.
     """
     distances, weights, steps = bonds
     limits, low, high, kept = fracture
@@ -313,7 +360,9 @@ def _break_bonds(u, v, dt, tile, medium, bonds, triples, bits, inverse, fracture
         for k in range(distances.size):
             if not _whole(bits, place, k):
                 continue
-            if not _length(u, start + node, distances[k], steps[k]) > limits[k] or not _inside(tile, node, triples[k], low, high):
+            if not _length(u, start + node, distances[k], steps[k]) > limits[k] or not _inside(
+                tile, node, triples[k], low, high
+            ):
                 continue
             if lost == 0:
                 before = _node_energy(u, v, dt, start + node, place, medium, bonds, bits, inverse, total, e, rate)
@@ -324,7 +373,9 @@ def _break_bonds(u, v, dt, tile, medium, bonds, triples, bits, inverse, fracture
             if not kept:
                 shape_inverse(place, weights, steps, bits, inverse)
             books[BONDS] += lost
-            books[BROKEN] += before - _node_energy(u, v, dt, start + node, place, medium, bonds, bits, inverse, total, e, rate)
+            books[BROKEN] += before - _node_energy(
+                u, v, dt, start + node, place, medium, bonds, bits, inverse, total, e, rate
+            )
     return any_broken
 
 
@@ -354,7 +405,9 @@ def _smooth(v, out, tile, distances, bits, full, drag, work):
 
 @njit(error_model="numpy", cache=True)
 def _plain_strain(u, tile, pairs, bonds, slots, work):
-    """Gradient of the displacements of a tile into ``work[:dim^2]``: as of intact nodes, then anew where bonds are missing."""
+    """Gradient of the displacements of a tile into ``work[:dim^2]``: as of intact nodes, then anew where bonds are
+    missing.
+    """
     gradient(u, tile[0], tile[1], pairs[0], pairs[1], work)
     if tile[2] & ODD:
         bits, inverse, full = slots
@@ -368,9 +421,11 @@ def _plain_strain(u, tile, pairs, bonds, slots, work):
 
 @njit(error_model="numpy", cache=True)
 def _stretch(tile, rows, first_row, layers, first, work):
-    """Stretch the derivatives in ``work[:rows]``, direction ``row % dim``: m <- keep m + gain (new + old) is added to each (the trapezoidal rule).
+    """Stretch the derivatives in ``work[:rows]``, direction ``row % dim``: m <- keep m + gain (new + old) is added to
+    each (the trapezoidal rule).
 
-    One number a derivative is remembered, keep m + gain old, ready for the next step. At the first step there is no memory yet.
+    One number a derivative is remembered, keep m + gain old, ready for the next step. At the first step there is no
+    memory yet.
     """
     memory, keep, gain, _ = layers
     slot, dim = tile[3], keep.shape[0]
@@ -388,7 +443,9 @@ def _stretch(tile, rows, first_row, layers, first, work):
 
 @njit(error_model="numpy", fastmath=_ANY_ORDER, cache=True)
 def _stress(tile, dim, medium, work):
-    """Stress over the reference density into ``work[2 dim^2:]`` from the gradient in ``work[:dim^2]``; the strain energy of the nodes."""
+    """Stress over the reference density into ``work[2 dim^2:]`` from the gradient in ``work[:dim^2]``; the strain
+    energy of the nodes.
+    """
     rows, count, at = dim * dim, tile[1], medium[1] * tile[0]
     lame, shear = medium[0][LAME, at : at + count], medium[0][SHEAR, at : at + count]
     energy = 0.0
@@ -428,7 +485,8 @@ def _push(p, tile, dim, inverse, work):
 
 @njit(error_model="numpy", fastmath=_ANY_ORDER, cache=True)
 def _stabilise(u, tile, medium, bonds, bits, p, force, work):
-    """Add what resists zero-energy modes, ``w (pull_i (u_j - u_i - e_i xi) + pull_j (u_j - u_i - e_j xi))`` a bond (Silling 2017).
+    """Add what resists zero-energy modes, ``w (pull_i (u_j - u_i - e_i xi) + pull_j (u_j - u_i - e_j xi))`` a bond
+    (Silling 2017).
 
     The part of e_i, which stands in ``work[dim^2:]``, goes into P, the rest into `force`, shape (dim, size).
     """
@@ -475,7 +533,9 @@ def _stabilisation_energy(u, tile, medium, bonds, bits, work):
 
 @njit(error_model="numpy", cache=True)
 def _split_divergence(p, tile, pairs, bonds, slots, work):
-    """Force on a tile's nodes by the direction of the derivative, ``work[a dim + b]``: of intact nodes, then anew where bonds are missing."""
+    """Force on a tile's nodes by the direction of the derivative, ``work[a dim + b]``: of intact nodes, then anew where
+    bonds are missing.
+    """
     split_divergence(p, tile[0], tile[1], pairs[0], pairs[1], work)
     if tile[2] & ODD:
         parts = np.zeros(9)
@@ -548,7 +608,9 @@ def _move(u, v, smoothed, tile, dt, kick, force, outside, damping, medium, book)
         if tile[2] & LAYER:
             damped = damping[tile[3] : tile[3] + count]
             for i in range(count):
-                new[i] = ((1 - damped[i] * dt) * old[i] + kick * lightness[i] * (gained[i] + load[i])) / (1 + damped[i] * dt)
+                new[i] = ((1 - damped[i] * dt) * old[i] + kick * lightness[i] * (gained[i] + load[i])) / (
+                    1 + damped[i] * dt
+                )
                 moved[i] += dt * new[i]
         else:
             for i in range(count):
@@ -567,8 +629,34 @@ def _move(u, v, smoothed, tile, dt, kick, force, outside, damping, medium, book)
 
 
 @njit(error_model="numpy", nogil=True, cache=True)
-def advance(lane, lanes, sync, steps_to_do, done, dt, drag, u, v, spare, p, force, tiles, medium, pairs, bonds, triples, slots, fracture, layers,
-            loads, factors, crossing, books, watched, seen):  # fmt: skip
+def advance(
+    lane,
+    lanes,
+    sync,
+    steps_to_do,
+    done,
+    dt,
+    drag,
+    u,
+    v,
+    spare,
+    p,
+    force,
+    tiles,
+    medium,
+    pairs,
+    bonds,
+    triples,
+    slots,
+    fracture,
+    layers,
+    loads,
+    factors,
+    crossing,
+    books,
+    watched,
+    seen,
+):
     """Displacement Verlet; one lane's share of the tiles.
 
     Parameters
@@ -584,10 +672,11 @@ def advance(lane, lanes, sync, steps_to_do, done, dt, drag, u, v, spare, p, forc
     p, force : ndarray, shapes (dim^2, size) and (dim, size)
         Stresses, and the force of the stabilisation (without use if there is none).
     tiles : ndarray of int, shape (N, 8)
-        First node, number of nodes, kind, first place among the nodes of layers and of odd tiles (-1: none), place along the three axes.
+        First node, number of nodes, kind, first place among the nodes of layers and of odd tiles (-1: none), place
+        along the three axes.
     medium : tuple
-        The constants of the material, shape (5, size), or (5, TILE) where all nodes are alike; 1 or 0, by which a node's number is multiplied to find
-        its own; whether there is a stabilisation.
+        The constants of the material, shape (5, size), or (5, TILE) where all nodes are alike; 1 or 0, by which a
+        node's number is multiplied to find its own; whether there is a stabilisation.
     pairs : tuple
         Distances (int64) and weights ``w xi`` of one of each two opposite bonds.
     bonds : tuple
@@ -595,11 +684,14 @@ def advance(lane, lanes, sync, steps_to_do, done, dt, drag, u, v, spare, p, forc
     triples : ndarray of int, shape (K, 3)
         The bonds in nodes.
     slots : tuple
-        Bits of the bonds of nodes in odd tiles, shape (words, M), their inverse shape tensors, shape (dim^2, M), bits of a complete node.
+        Bits of the bonds of nodes in odd tiles, shape (words, M), their inverse shape tensors, shape (dim^2, M), bits
+        of a complete node.
     fracture : tuple
-        Squared lengths at which bonds break, first and last + 1 node along each axis between which they may, whether K is kept.
+        Squared lengths at which bonds break, first and last + 1 node along each axis between which they may, whether K
+        is kept.
     layers : tuple
-        Memory of the layers' nodes, shape (2 dim^2, L), `keep` and `gain` of its recursion, shape (dim, L), damping, shape (L,).
+        Memory of the layers' nodes, shape (2 dim^2, L), `keep` and `gain` of its recursion, shape (dim, L), damping,
+        shape (L,).
     loads, factors : ndarray, shapes (L, dim, size) and (steps, L)
         Forces from outside over the reference density, and their factors in each step.
     crossing : ndarray of int, shape (C, 2)
@@ -621,7 +713,9 @@ def advance(lane, lanes, sync, steps_to_do, done, dt, drag, u, v, spare, p, forc
         book[STRAIN] = 0
         for number in range(first_tile, last_tile):
             tile = tiles[number]
-            if tile[2] & BREAKABLE and _break_bonds(u, v, dt, tile, medium, bonds, triples, bits, inverse, fracture, book, work):
+            if tile[2] & BREAKABLE and _break_bonds(
+                u, v, dt, tile, medium, bonds, triples, bits, inverse, fracture, book, work
+            ):
                 tile[2] |= ODD
             _plain_strain(u, tile, pairs, bonds, slots, work)
             if medium[2]:
@@ -640,7 +734,9 @@ def advance(lane, lanes, sync, steps_to_do, done, dt, drag, u, v, spare, p, forc
                 _smooth(v, spare, tile, bonds[0], bits, full, drag, work)
         barrier(sync, lanes)
         if not first:
-            book[OUTFLOW] -= book[PENDING_OUTFLOW] + dt / 2 * _outflow(v, p, u, 0.0, medium, crossing, bonds, lane, lanes)
+            book[OUTFLOW] -= book[PENDING_OUTFLOW] + dt / 2 * _outflow(
+                v, p, u, 0.0, medium, crossing, bonds, lane, lanes
+            )
             book[WORK] += book[PENDING_WORK]
             barrier(sync, lanes)
         book[KINETIC] = book[PENDING_WORK] = 0
@@ -670,8 +766,11 @@ def _see(lane, lanes, u, watched, seen):
 
 
 @njit(error_model="numpy", nogil=True, cache=True)
-def advance_split(lane, lanes, sync, steps_to_do, dt, u, parts, histories, p, tiles, medium, pairs, bonds, slots, phi, watched, seen):
-    """The published scheme: forward Euler on split fields (Wildman and Gazonas 2012, eqs 2-30 and 2-31, which are the same two steps at a time).
+def advance_split(
+    lane, lanes, sync, steps_to_do, dt, u, parts, histories, p, tiles, medium, pairs, bonds, slots, phi, watched, seen
+):
+    """The published scheme: forward Euler on split fields (Wildman and Gazonas 2012, eqs 2-30 and 2-31, which are the
+    same two steps at a time).
 
     Parameters
     ----------
@@ -745,7 +844,9 @@ def strains(u, tiles, pairs, bonds, slots, out):
 
 @njit(error_model="numpy", cache=True)
 def accelerations(u, p, force, tiles, medium, pairs, bonds, slots, out):
-    """Accelerations without layers, loads and damping into `out`, shape (dim, size); p and force are room, as of `advance`."""
+    """Accelerations without layers, loads and damping into `out`, shape (dim, size); p and force are room, as of
+    `advance`.
+    """
     dim = u.shape[0]
     rows = dim * dim
     work = np.zeros((3 * rows + 1, TILE))

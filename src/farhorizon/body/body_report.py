@@ -31,9 +31,9 @@ _MARGIN = 1 - 1e-9  # at the step limit itself the shortest wave grows linearly
 def certify(body: Any, budget: float = BUDGET, until: float = np.inf) -> Certificate:
     """Whether the linear form of a body can grow: without loads, and before any bond breaks.
 
-    Without layers a proof holds: the forces have a potential that is never negative, drag and sponges take energy. Layers of `NonlocalPML` are
-    examined by white noise and by Krylov spaces of the one-step map of a body with the same sides on a small near field, without cracks and holes.
-    Forward Euler on split fields grows.
+    Without layers a proof holds: the forces have a potential that is never negative, drag and sponges take energy.
+    Layers of `NonlocalPML` are examined by white noise and by Krylov spaces of the one-step map of a body with the same
+    sides on a small near field, without cracks and holes. Forward Euler on split fields grows.
 
     Parameters
     ----------
@@ -47,11 +47,15 @@ def certify(body: Any, budget: float = BUDGET, until: float = np.inf) -> Certifi
     if body.split:
         rate = body.largest_frequency**2 * body.dt / 2
         fast = told(rate * body.crossing, body.crossing)
-        reason = f"forward Euler on split fields grows everywhere, by half of frequency^2 dt, the shortest wave by {fast}"
+        reason = (
+            f"forward Euler on split fields grows everywhere, by half of frequency^2 dt, the shortest wave by {fast}"
+        )
         return Certificate(NOT_CERTIFIED, reason, rate, crossing=body.crossing, seconds=time.monotonic() - begin)
     if not any(isinstance(b, NonlocalPML) for b in body.sides.values()):
         if body.dt <= _MARGIN * body.step_limit:
-            reason = "until bonds break: the forces have a potential that is never negative and the step is below the limit"
+            reason = (
+                "until bonds break: the forces have a potential that is never negative and the step is below the limit"
+            )
             return Certificate(CERTIFIED, reason, seconds=time.monotonic() - begin)
         return Certificate(UNDECIDED, "the step is the limit itself", seconds=time.monotonic() - begin)
     lattice, reach = body.lattice, np.array(body.stencil.reach)
@@ -62,7 +66,9 @@ def certify(body: Any, budget: float = BUDGET, until: float = np.inf) -> Certifi
     pace, span, asked = body.dt / body.crossing, crossing * body.dt, until / (crossing * body.dt)
     seen, crossings = noise_growth(advance, size, pace, crossing, budget / 3 if np.isinf(until) else PATIENCE, asked)
     quiet = 0.0 if seen is not None else until if asked <= crossings * (1 + 1e-9) else crossings * span
-    name = f"all sides, a near field of {' x '.join(map(str, count))} nodes without cracks and holes, before bonds break"
+    name = (
+        f"all sides, a near field of {' x '.join(map(str, count))} nodes without cracks and holes, before bonds break"
+    )
     name += ", of the fastest material alone" if body.varied else ""
     if seen is None and until > quiet:
         growth = krylov_growth(advance, size, pace, crossing, budget - (time.monotonic() - begin))
@@ -77,10 +83,20 @@ def report(body: Any, until: float | None = None, budget: float | None = None) -
     found = Report(until=np.inf if until is None else until)
     lattice, stencil = body.lattice, body.stencil
     say = found.rows.append
-    say(("near field", f"{' x '.join(map(str, lattice.shape))} nodes, {lattice.nodes} shown, spacing {lattice.spacing:g}"))
+    say(
+        (
+            "near field",
+            f"{' x '.join(map(str, lattice.shape))} nodes, {lattice.nodes} shown, spacing {lattice.spacing:g}",
+        )
+    )
     say(("kernel", f"{len(stencil.weights)} neighbours, reach {' x '.join(map(str, stencil.reach))} nodes"))
     say(("time step", f"{body.dt:.6g}, {body.dt / body.step_limit:.3g} of the stable limit {body.step_limit:.6g}"))
-    say(("wave speeds", f"{body.fast:.6g} longitudinal, {body.slow:.6g} transverse" + (", the largest" if body.varied else "")))
+    say(
+        (
+            "wave speeds",
+            f"{body.fast:.6g} longitudinal, {body.slow:.6g} transverse" + (", the largest" if body.varied else ""),
+        )
+    )
     sides: dict[str, list[str]] = {}
     for (axis, side), boundary in body.sides.items():
         sides.setdefault(options_shown(boundary), []).append(AXES[axis] + "-+"[side > 0])

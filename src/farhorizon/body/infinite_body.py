@@ -32,8 +32,12 @@ def bond_weights(stencil: Stencil, spacing: float) -> tuple[np.ndarray, np.ndarr
     xi = stencil.offsets * spacing
     tensor = np.einsum("k,ka,kb->ab", stencil.weights, xi, xi)
     if np.abs(tensor - tensor[0, 0] * np.eye(stencil.dim)).max() > 1e-9 * tensor[0, 0]:
-        raise InputError("the shape tensor of an intact node must be isotropic", value=tensor.tolist(), key="model.kernel",
-                         remedy="a stencil that is the same along all axes")  # fmt: skip
+        raise InputError(
+            "the shape tensor of an intact node must be isotropic",
+            value=tensor.tolist(),
+            key="model.kernel",
+            remedy="a stencil that is the same along all axes",
+        )
     return xi, stencil.weights / tensor[0, 0]
 
 
@@ -83,10 +87,12 @@ def largest_frequency(stencil: Stencil, spacing: float, fast: float, slow: float
 
 
 class InfiniteBody:
-    """Displacements of correspondence elasticity by velocity Verlet on the infinite lattice, from data that vanish outside a box.
+    """Displacements of correspondence elasticity by velocity Verlet on the infinite lattice, from data that vanish
+    outside a box.
 
-    A plane wave splits into a part along the gradient's symbol g, of frequency fast |g|, and a part across it, of frequency slow |g|; the step
-    turns each by its discrete frequency. The periodic box is made so large that nothing that wraps around is back in time.
+    A plane wave splits into a part along the gradient's symbol g, of frequency fast |g|, and a part across it, of
+    frequency slow |g|; the step turns each by its discrete frequency. The periodic box is made so large that nothing
+    that wraps around is back in time.
 
     Parameters
     ----------
@@ -106,7 +112,9 @@ class InfiniteBody:
         A step above the limit, a time so late that the box does not fit into memory.
     """
 
-    def __init__(self, stencil: Stencil, spacing: float, fast: float, slow: float, dt: float, last: int, u: np.ndarray) -> None:
+    def __init__(
+        self, stencil: Stencil, spacing: float, fast: float, slow: float, dt: float, last: int, u: np.ndarray
+    ) -> None:
         self.shape, self.last, dim = u.shape[1:], last, stencil.dim
         zone = [a / spacing for a in stencil._zone()]
         sizes = np.sqrt((gradient_symbol(stencil, spacing, *zone) ** 2).sum(0))
@@ -116,20 +124,31 @@ class InfiniteBody:
         travel += 20 * max(stencil.reach) + 10 * np.cbrt(travel)  # the front has an Airy tail ahead of it
         self.box = [fft.next_fast_len(int(n + travel) + 1, real=True) for n in self.shape]
         if (8 + 4 * dim) * 8 * float(np.prod(self.box)) > available_memory():
-            raise InputError("the infinite lattice at so late a time does not fit into memory", value=f"{self.box} nodes", key="run.until",
-                             remedy="an earlier time or a coarser lattice")  # fmt: skip
-        k = [2 * np.pi * np.fft.fftfreq(n) / spacing for n in self.box[:-1]] + [2 * np.pi * np.fft.rfftfreq(self.box[-1]) / spacing]
+            raise InputError(
+                "the infinite lattice at so late a time does not fit into memory",
+                value=f"{self.box} nodes",
+                key="run.until",
+                remedy="an earlier time or a coarser lattice",
+            )
+        k = [2 * np.pi * np.fft.fftfreq(n) / spacing for n in self.box[:-1]] + [
+            2 * np.pi * np.fft.rfftfreq(self.box[-1]) / spacing
+        ]
         g = gradient_symbol(stencil, spacing, *np.ix_(*k))
         size = np.sqrt((g**2).sum(0))
         if fast * dt * size.max() >= 2:
             raise InputError("the step is above the limit", value=dt, limit=2 / (fast * float(size.max())), key="dt")
         start = np.stack([fft.rfftn(component, self.box) for component in u])
         along = (g * start).sum(0) / np.where(size > 0, size**2, 1.0) * g
-        self._parts = ((2 * np.arcsin(fast * dt * size / 2), along), (2 * np.arcsin(slow * dt * size / 2), start - along))
+        self._parts = (
+            (2 * np.arcsin(fast * dt * size / 2), along),
+            (2 * np.arcsin(slow * dt * size / 2), start - along),
+        )
 
     def after(self, steps: int) -> np.ndarray:
         """Displacements after a number of steps, shape of the data."""
         if steps > self.last:
             raise InputError("later than the box was made for", value=steps, limit=self.last)
         state = sum(np.cos(steps * turn) * part for turn, part in self._parts)
-        return np.stack([fft.irfftn(component, self.box)[tuple(slice(n) for n in self.shape)] for component in np.asarray(state)])
+        return np.stack(
+            [fft.irfftn(component, self.box)[tuple(slice(n) for n in self.shape)] for component in np.asarray(state)]
+        )

@@ -21,9 +21,27 @@ from farhorizon.geometry.lattice import AXES
 from farhorizon.kinds import said
 
 __all__ = [
-    "Absorbing", "Auto", "Boundary", "Closing", "Closure", "Exact", "ExactEnds", "Extended", "FirstOrder", "Fixed", "Free", "Higdon", "LatticePML",
-    "Margin", "NonlocalPML", "Outline", "Periodic", "PlaneWave", "Sponge", "sides",
-]  # fmt: skip
+    "Absorbing",
+    "Auto",
+    "Boundary",
+    "Closing",
+    "Closure",
+    "Exact",
+    "ExactEnds",
+    "Extended",
+    "FirstOrder",
+    "Fixed",
+    "Free",
+    "Higdon",
+    "LatticePML",
+    "Margin",
+    "NonlocalPML",
+    "Outline",
+    "Periodic",
+    "PlaneWave",
+    "Sponge",
+    "sides",
+]
 
 #: Sides beyond which nodes of the medium itself are computed.
 Margin = Sponge | Extended | PlaneWave | Higdon | FirstOrder
@@ -32,7 +50,9 @@ Absorbing = LatticePML | Exact | Margin
 Boundary = Absorbing | Fixed | Free | Periodic | Auto
 
 
-def sides(boundary: Any | Mapping[str, Any], dim: int, kinds: Any = Boundary, remedy: str = "") -> dict[tuple[int, int], Any]:
+def sides(
+    boundary: Any | Mapping[str, Any], dim: int, kinds: Any = Boundary, remedy: str = ""
+) -> dict[tuple[int, int], Any]:
     """One boundary for each (axis, side), side = -1 or +1.
 
     Parameters
@@ -48,8 +68,8 @@ def sides(boundary: Any | Mapping[str, Any], dim: int, kinds: Any = Boundary, re
     Raises
     ------
     InputError
-        An unknown or superfluous key, a side without a boundary, Periodic on one side of an axis only, Exact in more than one dimension, conditions
-        along an outline beside layers.
+        An unknown or superfluous key, a side without a boundary, Periodic on one side of an axis only, Exact in more
+        than one dimension, conditions along an outline beside layers.
     """
     given: Mapping[str, Any] = boundary if isinstance(boundary, Mapping) else {"all": boundary}
     names = ["all"] + [AXES[a] + s for a in range(dim) for s in ("", "-", "+")]
@@ -58,18 +78,32 @@ def sides(boundary: Any | Mapping[str, Any], dim: int, kinds: Any = Boundary, re
             raise InputError("unknown side", value=said(key), limit=", ".join(names), key="boundary")
         if not isinstance(value, kinds):
             known = ", ".join(sorted(kind.__name__ for kind in get_args(kinds) or (kinds,)))
-            raise InputError("not a boundary that serves here", value=said(value), key=f"boundary.{key}", limit=known, remedy=remedy)
+            raise InputError(
+                "not a boundary that serves here", value=said(value), key=f"boundary.{key}", limit=known, remedy=remedy
+            )
     found: dict[tuple[int, int], Any] = {}
     for axis in range(dim):
         for side, sign in ((-1, "-"), (1, "+")):
             keys = [k for k in (AXES[axis] + sign, AXES[axis], "all") if k in given]
             if not keys:
-                raise InputError("no boundary given for a side", value=AXES[axis] + sign, key="boundary", remedy='add it, or "all"')
+                raise InputError(
+                    "no boundary given for a side", value=AXES[axis] + sign, key="boundary", remedy='add it, or "all"'
+                )
             found[axis, side] = given[keys[0]]
             if isinstance(found[axis, side], Exact) and dim > 1:
-                raise InputError("the exact boundary is for one dimension", value=f"{dim} dimensions", key=f"boundary.{keys[0]}", remedy="LatticePML")
+                raise InputError(
+                    "the exact boundary is for one dimension",
+                    value=f"{dim} dimensions",
+                    key=f"boundary.{keys[0]}",
+                    remedy="LatticePML",
+                )
         if isinstance(found[axis, -1], Periodic) != isinstance(found[axis, 1], Periodic):
-            raise InputError("Periodic needs both sides of an axis", value=AXES[axis], key="boundary", remedy=f'"{AXES[axis]}" = Periodic')
+            raise InputError(
+                "Periodic needs both sides of an axis",
+                value=AXES[axis],
+                key="boundary",
+                remedy=f'"{AXES[axis]}" = Periodic',
+            )
     _check_closing(found)
     return found
 
@@ -79,8 +113,12 @@ def _check_closing(found: Mapping[tuple[int, int], Boundary]) -> None:
     closing = [b for b in found.values() if isinstance(b, Closing)]
     others = {type(b).__name__ for b in found.values() if isinstance(b, LatticePML | Exact | Sponge | Extended)}
     if closing and others:
-        raise InputError(f"{type(closing[0]).__name__} and {', '.join(sorted(others))} do not stand beside each other", key="boundary",
-                         limit="Fixed, Free, Periodic", remedy="the same absorber on all open sides")  # fmt: skip
+        raise InputError(
+            f"{type(closing[0]).__name__} and {', '.join(sorted(others))} do not stand beside each other",
+            key="boundary",
+            limit="Fixed, Free, Periodic",
+            remedy="the same absorber on all open sides",
+        )
     layers = {b.layer for b in closing}
     if len(layers) > 1:
         raise InputError("sides of one box need one layer", value=sorted(map(str, layers)), key="boundary.layer")

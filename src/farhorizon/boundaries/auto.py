@@ -11,10 +11,11 @@ from farhorizon.boundaries.lattice_pml import LatticePML
 
 @dataclass(frozen=True)
 class Auto:
-    """Side beyond which the medium goes on, by a `LatticePML` or by an `Extended` domain of the same target: a run takes what is faster.
+    """Side beyond which the medium goes on, by a `LatticePML` or by an `Extended` domain of the same target: a run
+    takes what is faster.
 
-    Both are timed on this machine when the run is prepared, so that no run takes longer than one on a domain from whose end nothing
-    comes back. All sides of a set-up that are `Auto` become the same; a note says which, and why.
+    Both are timed on this machine when the run is prepared, so that no run takes longer than one on a domain from whose
+    end nothing comes back. All sides of a set-up that are `Auto` become the same; a note says which, and why.
 
     Parameters
     ----------
@@ -36,7 +37,9 @@ class Auto:
         kinds.settle(self, target=self.extended(None).target, until=self.extended(None).until)
 
     def layer(self, until: float | None, default: float) -> LatticePML:
-        """A layer for a run of a length, as far as it is known here or from the side, that keeps the target or that of the model."""
+        """A layer for a run of a length, as far as it is known here or from the side, that keeps the target or that of
+        the model.
+        """
         return LatticePML(target=self.extended(None).wanted(default), until=self._longer(until))
 
     def extended(self, until: float | None) -> Extended:

@@ -1,8 +1,8 @@
 """The exact boundary in one dimension: the half-infinite chain beyond an end, fully discrete in time.
 
-The chain takes the same steps as the near field, so that nothing is left over: see `farhorizon.analysis.exact.chain`. What it does to
-the K nodes next to it (K the reach of the stencil) depends on their whole past; a sum of exponentials makes the cost
-of a step the same at all times.
+The chain takes the same steps as the near field, so that nothing is left over: see `farhorizon.analysis.exact.chain`.
+What it does to the K nodes next to it (K the reach of the stencil) depends on their whole past; a sum of exponentials
+makes the cost of a step the same at all times.
 """
 
 from __future__ import annotations
@@ -37,16 +37,17 @@ _SLOW = 1e6  # steps times reach squared from which on making a kernel takes sec
 class Exact:
     """End of a bar beyond which the medium goes on without end, exactly; one dimension only.
 
-    Serves every symmetric stencil, waves with and without damping and diffusion by forward Euler. Beyond the end everything is zero
-    (the background) at the start, the bonds are those of the last nodes, and there are no sources.
+    Serves every symmetric stencil, waves with and without damping and diffusion by forward Euler. Beyond the end
+    everything is zero (the background) at the start, the bonds are those of the last nodes, and there are no sources.
 
     Parameters
     ----------
     compress : float or None
-        Bound of the error of the force on the last nodes over all histories, relative to the same of the force itself, within which the
-        past is compressed to a sum of exponentials. The error of the field is of the same size for smooth data; noise that fills the near
-        field adds up to some times as much. None, and where no sum meets the bound: the past is kept and convolved, exact to rounding, at
-        a cost of a step that grows with its number's logarithm squared.
+        Bound of the error of the force on the last nodes over all histories, relative to the same of the force itself,
+        within which the past is compressed to a sum of exponentials. The error of the field is of the same size for
+        smooth data; noise that fills the near field adds up to some times as much. None, and where no sum meets the
+        bound: the past is kept and convolved, exact to rounding, at a cost of a step that grows with its number's
+        logarithm squared.
 
     Raises
     ------
@@ -58,7 +59,9 @@ class Exact:
 
     def __post_init__(self) -> None:
         none = self.compress is None or self.compress is False  # a case file has no None
-        kinds.settle(self, compress=None if none else kinds.number(self.compress, "boundary.compress", least=1e-15, most=0.1))
+        kinds.settle(
+            self, compress=None if none else kinds.number(self.compress, "boundary.compress", least=1e-15, most=0.1)
+        )
 
     def wanted(self, default: float) -> float:
         """What may be missed beyond the end, as a part of the largest value."""
@@ -66,7 +69,8 @@ class Exact:
 
 
 def _steps_of_kernel(steps: int) -> int:
-    """Steps that a kernel for `steps` steps is made for: powers of the root of two, so that it serves other runs, too."""
+    """Steps that a kernel for `steps` steps is made for: powers of the root of two, so that it serves other runs,
+    too."""
     return max(_SHORTEST, int(np.ceil(2 ** (np.ceil(2 * np.log2(max(steps, 1))) / 2))))
 
 
@@ -76,8 +80,13 @@ def _make_kernel(weights: tuple[float, ...], recursion: Recursion, steps: int) -
     a = np.array(weights)
     need = 6 * 8.0 * (steps + 1) * a.size**2  # F, M, and what transforms and convolutions hold beside them
     if need > available_memory():
-        raise InputError("the kernel of so many steps does not fit into memory", value=f"about {need / 2**30:.3g} GiB for {steps} steps",
-                         limit=f"{available_memory() / 2**30:.3g} GiB available", key="boundary", remedy="a shorter run or LatticePML")  # fmt: skip
+        raise InputError(
+            "the kernel of so many steps does not fit into memory",
+            value=f"about {need / 2**30:.3g} GiB for {steps} steps",
+            limit=f"{available_memory() / 2**30:.3g} GiB available",
+            key="boundary",
+            remedy="a shorter run or LatticePML",
+        )
     if steps * a.size**2 > _SLOW and sys.stderr.isatty():
         print(f"exact boundary: kernel of {steps} steps ...", file=sys.stderr)
     return chain.force_form(chain.ghost_kernel(a, recursion, steps), a)
@@ -98,7 +107,9 @@ def _compressed(weights: tuple[float, ...], recursion: Recursion, steps: int, to
     found = kept(path)
     if found is not None:
         return ExponentialSum(found["poles"], found["inputs"], found["outputs"], steps, float(found["error"]))
-    made = exponential_sum.compress(_make_kernel(weights, recursion, steps), tolerance, chain.largest_angle(a, recursion))
+    made = exponential_sum.compress(
+        _make_kernel(weights, recursion, steps), tolerance, chain.largest_angle(a, recursion)
+    )
     keep(path, poles=made.poles, inputs=made.inputs, outputs=made.outputs, error=made.error)
     return made
 
@@ -129,7 +140,13 @@ class ExactEnds:
         recursion: Recursion,
         nodes: np.ndarray,
     ) -> None:
-        self.engine, self.names, self.boundaries, self.weights, self.nodes = engine, list(names), list(boundaries), list(weights), nodes
+        self.engine, self.names, self.boundaries, self.weights, self.nodes = (
+            engine,
+            list(names),
+            list(boundaries),
+            list(weights),
+            nodes,
+        )
         self.recursion, self.steps = recursion, 0
         engine.set_ends(nodes, recursion.first)
         self.sums: list[ExponentialSum | None] = [None] * len(self.names)
@@ -143,7 +160,10 @@ class ExactEnds:
     @property
     def convolved(self) -> bool:
         """Whether the past is kept whole at every end."""
-        return all(b.compress is None or (self.steps > 0 and s is None) for b, s in zip(self.boundaries, self.sums, strict=True))
+        return all(
+            b.compress is None or (self.steps > 0 and s is None)
+            for b, s in zip(self.boundaries, self.sums, strict=True)
+        )
 
     def cover(self, last: int) -> None:
         """Make the ends good for `last` steps; a run under way goes on from its drivers' history.
@@ -161,7 +181,9 @@ class ExactEnds:
         _make_kernel.cache_clear()
 
     def _sum_of(self, end: int, steps: int) -> ExponentialSum | None:
-        """The sum of an end, or None if it is to be convolved: because it is wanted, or because no sum meets the tolerance."""
+        """The sum of an end, or None if it is to be convolved: because it is wanted, or because no sum meets the
+        tolerance.
+        """
         tolerance = self.boundaries[end].compress
         if tolerance is None:
             return None
@@ -169,11 +191,17 @@ class ExactEnds:
         return found if found.error <= tolerance else None
 
     def _take(self, sums: list[ExponentialSum | None], steps: int, history: np.ndarray | None = None) -> None:
-        """Go on with these sums, and with convolutions where there is none, from a history (ends, n, K), the engine's own unless given."""
+        """Go on with these sums, and with convolutions where there is none, from a history (ends, n, K), the engine's
+        own unless given.
+        """
         engine = self.engine
         history, forces = engine.history[:, : self.step] if history is None else history, engine.forces
         count = history.shape[1]
-        kernels = {w.tobytes(): _make_kernel(tuple(w.tolist()), self.recursion, steps) for w, s in zip(self.weights, sums, strict=True) if s is None}
+        kernels = {
+            w.tobytes(): _make_kernel(tuple(w.tolist()), self.recursion, steps)
+            for w, s in zip(self.weights, sums, strict=True)
+            if s is None
+        }
         poles = [None if s is None else (s.poles, s.inputs, s.outputs) for s in sums]
         engine.set_ends(self.nodes, self.recursion.first, poles, BLOCK if kernels else 0)
         engine.clock[0], engine.history, engine.forces[...] = count, np.array(history), forces
@@ -184,7 +212,10 @@ class ExactEnds:
             else:
                 self.convolutions[end] = None
                 state, half = found.replay(history[end]), engine.states.shape[1] // 2
-                engine.states[end, : found.modes], engine.states[end, half : half + found.modes] = state.real, state.imag
+                engine.states[end, : found.modes], engine.states[end, half : half + found.modes] = (
+                    state.real,
+                    state.imag,
+                )
 
     def _convolution(self, end: int, kernel: np.ndarray) -> BlockConvolution:
         """A convolution that has seen the history but for the current block, which the engine holds."""
@@ -223,9 +254,15 @@ class ExactEnds:
     def notes(self) -> list[str]:
         """Where no sum meets the tolerance."""
         missed = [
-            (name, b.compress) for name, b, s in zip(self.names, self.boundaries, self.sums, strict=True) if b.compress is not None and s is None
+            (name, b.compress)
+            for name, b, s in zip(self.names, self.boundaries, self.sums, strict=True)
+            if b.compress is not None and s is None
         ]
-        return [f"no sum of exponentials meets {c:g} at {name}: the past is convolved there" for name, c in missed if self.steps]
+        return [
+            f"no sum of exponentials meets {c:g} at {name}: the past is convolved there"
+            for name, c in missed
+            if self.steps
+        ]
 
     def forces(self) -> np.ndarray:
         """Force of each chain on its drivers at the present step, as an acceleration; shape (ends, K)."""
@@ -234,13 +271,17 @@ class ExactEnds:
         for end, (found, convolution) in enumerate(zip(self.sums, self.convolutions, strict=True)):
             half = engine.states.shape[1] // 2
             if found is not None:
-                out[end] = found.force(engine.states[end, : found.modes] + 1j * engine.states[end, half : half + found.modes])
+                out[end] = found.force(
+                    engine.states[end, : found.modes] + 1j * engine.states[end, half : half + found.modes]
+                )
             elif convolution is not None:
                 out[end] = np.einsum("aim,am->i", convolution.kernel[1 : step + 1], engine.history[end, :step][::-1])
         return out
 
     def fill(self, level: np.ndarray, older: np.ndarray) -> None:
-        """Values of the chains' first nodes, from their forces, in the halos of the present level and of the one before."""
+        """Values of the chains' first nodes, from their forces, in the halos of the present level and of the one
+        before.
+        """
         reach = self.nodes.shape[1]
         for values, forces in ((level, self.forces()), (older, self.engine.forces[:, :reach])):
             for weights, nodes, force, name in zip(self.weights, self.nodes, forces, self.names, strict=True):
@@ -251,7 +292,11 @@ class ExactEnds:
 
     def save(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays and numbers of a checkpoint."""
-        arrays = {"exact_history": self.engine.history[:, : self.step], "exact_states": self.engine.states, "exact_forces": self.engine.forces}
+        arrays = {
+            "exact_history": self.engine.history[:, : self.step],
+            "exact_states": self.engine.states,
+            "exact_forces": self.engine.forces,
+        }
         meta: dict[str, Any] = {"steps": self.steps, "errors": [None if s is None else s.error for s in self.sums]}
         for end, found in enumerate(self.sums):
             if found is not None:
@@ -263,7 +308,9 @@ class ExactEnds:
         steps = int(meta["steps"])
         sums: list[ExponentialSum | None] = []
         for end, error in enumerate(meta["errors"]):
-            poles, inputs, outputs = (arrays.get(f"exact{end}_{name}", np.zeros(0)) for name in ("poles", "inputs", "outputs"))
+            poles, inputs, outputs = (
+                arrays.get(f"exact{end}_{name}", np.zeros(0)) for name in ("poles", "inputs", "outputs")
+            )
             sums.append(None if error is None else ExponentialSum(poles, inputs, outputs, steps, error))
         if steps:
             self._take(sums, steps, arrays["exact_history"])

@@ -1,4 +1,6 @@
-"""The extended domain: more of the same medium, with a fixed end so far out that nothing comes back before the end of the run."""
+"""The extended domain: more of the same medium, with a fixed end so far out that nothing comes back before the end of
+the run.
+"""
 
 from __future__ import annotations
 
@@ -11,15 +13,16 @@ from farhorizon import kinds
 class Extended:
     """Side beyond which the program computes as much of the medium as the run needs, and shows none of it.
 
-    What a user would do without absorbing layers, with the distance chosen for him: the largest speed of waves on the lattice, the place of the
-    data and the length of the run decide it. It serves everything that a lattice of nodes serves, cracks that cross the side as they are
-    given among them, and is exact to the target; its price grows with the length of the run, to the power of the dimension.
+    What a user would do without absorbing layers, with the distance chosen for him: the largest speed of waves on the
+    lattice, the place of the data and the length of the run decide it. It serves everything that a lattice of nodes
+    serves, cracks that cross the side as they are given among them, and is exact to the target; its price grows with
+    the length of the run, to the power of the dimension.
 
     Parameters
     ----------
     target : float, optional
-        Wanted error, of waves relative to the largest value, of diffusion to the largest value at the same time; unless given that of the
-        model, 1e-5, of elasticity 1e-4.
+        Wanted error, of waves relative to the largest value, of diffusion to the largest value at the same time; unless
+        given that of the model, 1e-5, of elasticity 1e-4.
     nodes : int, optional
         Fixes the nodes beyond the side.
     until : float, optional

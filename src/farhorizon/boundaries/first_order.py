@@ -1,8 +1,9 @@
 """The conventional first-order condition, u_t + c u_n + d u = 0, on the outermost nodes.
 
-Appendix A of Hermann, Shojaei, Seleson, Cyron and Silling (2023), eq A13, as the boundary term of linear finite elements with lumped masses: the
-elements of an outermost node lie inside only, which doubles the bonds inwards, and its damping and stiffness gain d + c/spacing and
-2 c d/spacing for each side that it lies on. Both are positive, so the condition never grows.
+Appendix A of Hermann, Shojaei, Seleson, Cyron and Silling (2023), eq A13, as the boundary term of linear finite
+elements with lumped masses: the elements of an outermost node lie inside only, which doubles the bonds inwards, and its
+damping and stiffness gain d + c/spacing and 2 c d/spacing for each side that it lies on. Both are positive, so the
+condition never grows.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ class FirstOrder(Closing):
     """Flat side at which waves along the normal pass; for classical waves only: stencils that reach one node."""
 
     def wanted(self, default: float) -> float:
-        """What may be missed beyond the side, as a part of the largest value: much less than the condition's own error."""
+        """What may be missed beyond the side, as a part of the largest value: much less than the condition's own
+        error."""
         return 1e-6
 
     def depth(self, medium: Medium, spacing: float, extent: float) -> float:
@@ -37,20 +39,38 @@ class FirstOrder(Closing):
             Diffusion, a stencil that reaches further than one node, a curved outline.
         """
         if medium.order != 2:
-            raise InputError("the first-order condition is for waves", value="diffusion", key="boundary", remedy="PlaneWave or LatticePML")
+            raise InputError(
+                "the first-order condition is for waves",
+                value="diffusion",
+                key="boundary",
+                remedy="PlaneWave or LatticePML",
+            )
         offsets = np.round(medium.offsets / fringe.spacing).astype(int)
         if np.abs(offsets).max() > 1:
-            raise InputError("the first-order condition is for classical equations", value=f"reach {np.abs(offsets).max()}", limit="1 node",
-                             key="boundary", remedy="Higdon, PlaneWave or LatticePML")  # fmt: skip
+            raise InputError(
+                "the first-order condition is for classical equations",
+                value=f"reach {np.abs(offsets).max()}",
+                limit="1 node",
+                key="boundary",
+                remedy="Higdon, PlaneWave or LatticePML",
+            )
         if fringe.faces is None:
-            raise InputError("the first-order condition needs flat sides", key="boundary", remedy="lower and upper in place of a window, or Higdon")
+            raise InputError(
+                "the first-order condition needs flat sides",
+                key="boundary",
+                remedy="lower and upper in place of a window, or Higdon",
+            )
         size, faces = len(fringe.points), fringe.faces[halo]
         speed, dt = float(np.sqrt(medium.coefficient)), medium.dt
         rate = medium.damping + np.abs(faces).sum(1) * speed / fringe.spacing
         stiffness = 2 * speed * medium.damping / fringe.spacing * np.abs(faces).sum(1)
         after, scale = 1 + rate * dt, dt**2 / (1 + rate * dt)
         own = np.arange(len(halo))
-        rows, columns, data = [own, own], [size + halo, 2 * size + halo], [2 / after - scale * stiffness, -(1 - rate * dt) / after]
+        rows, columns, data = (
+            [own, own],
+            [size + halo, 2 * size + halo],
+            [2 / after - scale * stiffness, -(1 - rate * dt) / after],
+        )
         for offset, weight in zip(offsets, medium.weights, strict=True):
             folded = np.where(faces * offset > 0, -offset, offset)
             there, bond = fringe.at(fringe.index[halo] + folded), fringe.bonded(fringe.index[halo] + folded)
@@ -58,4 +78,6 @@ class FirstOrder(Closing):
             rows += [own[known], own[bond]]
             columns += [size + there[known], size + halo[bond]]
             data += [weight * scale[known], -weight * scale[bond]]
-        return sparse.csr_array((np.concatenate(data), (np.concatenate(rows), np.concatenate(columns))), shape=(len(halo), 3 * size))
+        return sparse.csr_array(
+            (np.concatenate(data), (np.concatenate(rows), np.concatenate(columns))), shape=(len(halo), 3 * size)
+        )

@@ -1,7 +1,8 @@
 """Higdon's conditions: a product of one-way wave operators along a grid axis.
 
-R. L. Higdon (1986), Math. Comp. 47: ``prod_j (cos a_j d_t + c d_n + eps) u = 0`` lets plane waves at the angles a_j pass. The box scheme over one
-spacing and one step gives each halo node from nodes further in at the new step and before.
+R. L. Higdon (1986), Math. Comp. 47: ``prod_j (cos a_j d_t + c d_n + eps) u = 0`` lets plane waves at the angles a_j
+pass. The box scheme over one spacing and one step gives each halo node from nodes further in at the new step and
+before.
 """
 
 from __future__ import annotations
@@ -21,16 +22,16 @@ from farhorizon.errors import InputError
 class Higdon(Closing):
     """Side or outline at which waves pass that arrive at given angles; for waves only.
 
-    Along a curved outline each node takes the grid axis nearest to its normal. Two angles are stable in all that was measured; three reflect less
-    at a flat side, but grow at some curved ones.
+    Along a curved outline each node takes the grid axis nearest to its normal. Two angles are stable in all that was
+    measured; three reflect less at a flat side, but grow at some curved ones.
 
     Parameters
     ----------
     angles : sequence of float
         In degrees, one a factor.
     shift : float, optional
-        eps in ``cos a d_t + c d_n + eps`` (1/time), which keeps slow fields from drifting; unless given the damping d of ``2 d u_t``, or half the
-        speed over half the extent of the near field if that is more.
+        eps in ``cos a d_t + c d_n + eps`` (1/time), which keeps slow fields from drifting; unless given the damping d
+        of ``2 d u_t``, or half the speed over half the extent of the near field if that is more.
 
     Raises
     ------
@@ -49,12 +50,18 @@ class Higdon(Closing):
             shift=None if self.shift is None else kinds.number(self.shift, "boundary.shift", least=0),
         )
         if not 1 <= len(self.angles) <= 4:
-            raise InputError("a Higdon condition has one to four angles", value=list(self.angles), key="boundary.angles")
+            raise InputError(
+                "a Higdon condition has one to four angles", value=list(self.angles), key="boundary.angles"
+            )
         if not all(0 <= abs(a) < 90 for a in self.angles):
-            raise InputError("waves arrive at less than 90 degrees", value=list(self.angles), limit="below 90", key="boundary.angles")
+            raise InputError(
+                "waves arrive at less than 90 degrees", value=list(self.angles), limit="below 90", key="boundary.angles"
+            )
 
     def wanted(self, default: float) -> float:
-        """What may be missed beyond the outline, as a part of the largest value: much less than the condition's own error."""
+        """What may be missed beyond the outline, as a part of the largest value: much less than the condition's own
+        error.
+        """
         return 1e-6
 
     def depth(self, medium: Medium, spacing: float, extent: float) -> float:
@@ -62,7 +69,9 @@ class Higdon(Closing):
         return len(self.angles) * spacing
 
     def stencil(self, speed: float, spacing: float, dt: float, shift: float) -> np.ndarray:
-        """Weights of earlier steps (rows) and nodes further in (columns), shape (J + 1, J + 1); the node itself at the new step has 0."""
+        """Weights of earlier steps (rows) and nodes further in (columns), shape (J + 1, J + 1); the node itself at the
+        new step has 0.
+        """
         factors = []
         for angle in self.angles:
             time, space = np.cos(np.radians(angle)) / (2 * dt), speed / (2 * spacing)
@@ -89,7 +98,9 @@ class Higdon(Closing):
             Diffusion; an outline whose normal changes within the nodes that are read.
         """
         if medium.order != 2:
-            raise InputError("Higdon's condition is for waves", value="diffusion", key="boundary", remedy="PlaneWave or LatticePML")
+            raise InputError(
+                "Higdon's condition is for waves", value="diffusion", key="boundary", remedy="PlaneWave or LatticePML"
+            )
         speed = float(np.sqrt(medium.coefficient))
         shift = max(medium.damping, 0.5 * speed / fringe.extent) if self.shift is None else self.shift
         weights = self.stencil(speed, fringe.spacing, medium.dt, shift)
@@ -99,8 +110,13 @@ class Higdon(Closing):
             places = fringe.at(fringe.index[halo] - steps * fringe.axes[halo])
             if (places < 0).any():
                 where = fringe.points[halo[np.argmax(places < 0)]].tolist()
-                raise InputError("Higdon's condition needs nodes straight inwards of each halo node", value=where, limit=f"{size - 1} nodes",
-                                 key="boundary", remedy="a larger or smoother window, fewer angles, or LatticePML")  # fmt: skip
+                raise InputError(
+                    "Higdon's condition needs nodes straight inwards of each halo node",
+                    value=where,
+                    limit=f"{size - 1} nodes",
+                    key="boundary",
+                    remedy="a larger or smoother window, fewer angles, or LatticePML",
+                )
             columns[:, :, steps] = np.arange(size) * len(fringe.points) + places[:, None]
         rows = np.repeat(np.arange(len(halo)), size**2)
         data = np.broadcast_to(weights, columns.shape).ravel()

@@ -2,12 +2,13 @@
 
 Along a side's normal every shift of the stencil is replaced by a stretched shift with memory. A wave that gains the
 factor (1 + z)/(1 - z) over one node in the medium, z = tanh(spacing * lambda / 2), gains (1 + g z)/(1 - g z) over one
-layer node, with the stretch g(s) = kappa + sigma/(s + alpha). The relation between a node's field and its continuation by
-k real nodes is then bilinear and holds for every wave that the lattice carries, so nothing is reflected at the
+layer node, with the stretch g(s) = kappa + sigma/(s + alpha). The relation between a node's field and its continuation
+by k real nodes is then bilinear and holds for every wave that the lattice carries, so nothing is reflected at the
 entrance; what returns from the outer end is the product over the nodes of ((1 - g z)/(1 + g z))^2.
 
 It extends the reflectionless discrete layer of Chern (2019, J. Comput. Phys. 381) for the 5-point wave equation and
-that of Du, Li and Zhang (2025, arXiv 2502.03713) for peridynamic waves in 2D to any stencil, order in time and dimension.
+that of Du, Li and Zhang (2025, arXiv 2502.03713) for peridynamic waves in 2D to any stencil, order in time and
+dimension.
 """
 
 from __future__ import annotations
@@ -26,10 +27,14 @@ from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.medium.stencil import Stencil
 
-_CREST = 1.26  # largest sigma beside backward waves, over twice the largest frequency of the stencil: measured, reach 6 is stable at it
-_GAIN = 6.2  # logarithm of what a mode may gain in a layer that damps strong backward waves: measured, reach 10 and 12 grow at 7
+# largest sigma beside backward waves, over twice the largest frequency of the stencil: measured, reach 6 is stable at
+# it
+_CREST = 1.26
+# logarithm of what a mode may gain in a layer that damps strong backward waves: measured, reach 10 and 12 grow at 7
+_GAIN = 6.2
 _GAIN_ALONE = 7.5  # in a layer without or with weak damping: measured, reach 8 to 12 grow from 8.3 on
-_FEEDBACK = 0.15  # of layers of vectors: logarithm of a mode's gain times the growth of backward waves over sigma; measured, 0.18 grows
+# of layers of vectors: logarithm of a mode's gain times the growth of backward waves over sigma; measured, 0.18 grows
+_FEEDBACK = 0.15
 _FEEDBACK_SHIFTED = 0.3  # where alpha rises towards the outer end: measured, 0.38 grows at 0.95 of the step limit
 _SHIFTS = (0.3, 0.5, 0.8, 1.2, 1.8, 2.5, 3.5, 5.0)  # of alpha, see `Profile`
 _STEEPEST = 60  # power of a ramp: all in the last column
@@ -38,7 +43,8 @@ _LEAST = 1.95  # sum of sigma over the edges: a long wave comes back with 2 perc
 BY_TARGET = "target=...: the layer follows from the error that is wanted, the data and the length of the run"
 _MOST_NODES = 1000  # of a layer: what predicts its echo is dense algebra of that size
 
-_DIFFUSIVE, _THIN, _STRONG = 12, 12, 16  # nodes where nothing is known: for diffusion, for waves, beside strong backward waves
+# nodes where nothing is known: for diffusion, for waves, beside strong backward waves
+_DIFFUSIVE, _THIN, _STRONG = 12, 12, 16
 
 
 @dataclass(frozen=True)
@@ -48,26 +54,28 @@ class LatticePML:
     Parameters
     ----------
     target : float, optional
-        Wanted error, of waves relative to the largest value, of diffusion to the largest value at the same time. The layer is
-        the thinnest that is predicted to keep it for the data, the shape of the near field and the length of the run; a target that
-        none keeps is refused. Without it scalar waves without backward waves have a layer that a formula in the length of the run and
-        the distance of the data designs for 1e-5, and diffusion one that is chosen for 1e-5; others have a fixed number of nodes.
+        Wanted error, of waves relative to the largest value, of diffusion to the largest value at the same time. The
+        layer is the thinnest that is predicted to keep it for the data, the shape of the near field and the length of
+        the run; a target that none keeps is refused. Without it scalar waves without backward waves have a layer that a
+        formula in the length of the run and the distance of the data designs for 1e-5, and diffusion one that is chosen
+        for 1e-5; others have a fixed number of nodes.
     nodes : int, optional
         Fixes the thickness in nodes; with a target, a note tells where they do not keep it.
     profile : mapping or Layer, optional
         Stretch by hand: "kappa" (>= 1), "sigma" (1/time), "alpha" (1/time), each a number or an array of
-        ``nodes + 1`` values from the near field outwards; names left out keep 1, 0 and 0. Needs nodes. Or a whole `Layer`.
+        ``nodes + 1`` values from the near field outwards; names left out keep 1, 0 and 0. Needs nodes. Or a whole
+        `Layer`.
     until : float, optional
-        Length of the run that a target is to hold for: in a case file the end of the run, else 20 crossings of the near field,
-        in diffusion 10 R^2/diffusivity.
+        Length of the run that a target is to hold for: in a case file the end of the run, else 20 crossings of the near
+        field, in diffusion 10 R^2/diffusivity.
     angle, wavelengths
         Refused: layers were once chosen by the angle of plane waves.
 
     Raises
     ------
     InputError
-        A target outside 1e-14..0.1, a thickness below 1, a profile with unknown names or impossible values; an angle or wavelengths, by which
-        layers were chosen once.
+        A target outside 1e-14..0.1, a thickness below 1, a profile with unknown names or impossible values; an angle or
+        wavelengths, by which layers were chosen once.
     """
 
     target: float | None = None
@@ -80,20 +88,31 @@ class LatticePML:
     def __post_init__(self, angle: object, wavelengths: object) -> None:
         for name, given in (("angle", angle), ("wavelengths", wavelengths)):
             if given is not None:
-                raise InputError("layers are no longer chosen by angle", value=given, key=f"boundary.{name}", remedy=BY_TARGET)
+                raise InputError(
+                    "layers are no longer chosen by angle", value=given, key=f"boundary.{name}", remedy=BY_TARGET
+                )
         kinds.settle(
             self,
             target=None if self.target is None else kinds.number(self.target, "boundary.target", least=1e-14, most=0.1),
-            nodes=None if self.nodes is None else kinds.integer(self.nodes, "boundary.nodes", least=1, most=_MOST_NODES),
+            nodes=None
+            if self.nodes is None
+            else kinds.integer(self.nodes, "boundary.nodes", least=1, most=_MOST_NODES),
             until=None if self.until is None else kinds.number(self.until, "boundary.until", above=0),
         )
         if self.profile is not None:
-            kinds.instance(self.profile, "boundary.profile", (Mapping, Layer), "a mapping of kappa, sigma and alpha to numbers")
+            kinds.instance(
+                self.profile, "boundary.profile", (Mapping, Layer), "a mapping of kappa, sigma and alpha to numbers"
+            )
             if self.nodes is None:
                 raise InputError("a profile by hand needs nodes", key="boundary.profile", remedy="give nodes=...")
             unknown = set() if isinstance(self.profile, Layer) else set(self.profile) - {"kappa", "sigma", "alpha"}
             if unknown:
-                raise InputError("unknown profile", value=sorted(map(str, unknown)), limit="kappa, sigma, alpha", key="boundary.profile")
+                raise InputError(
+                    "unknown profile",
+                    value=sorted(map(str, unknown)),
+                    limit="kappa, sigma, alpha",
+                    key="boundary.profile",
+                )
 
     @property
     def chooses(self) -> bool:
@@ -126,12 +145,21 @@ class LatticePML:
             for name, default in (("kappa", 1.0), ("sigma", 0.0), ("alpha", 0.0)):
                 given = kinds.array(self.profile.get(name, default), f"boundary.profile.{name}")
                 if given.shape not in ((), (1,), (self.nodes + 1,)):
-                    raise InputError("a profile needs nodes + 1 values", value=f"shape {given.shape}", limit=self.nodes + 1,
-                                     key=f"boundary.profile.{name}")  # fmt: skip
+                    raise InputError(
+                        "a profile needs nodes + 1 values",
+                        value=f"shape {given.shape}",
+                        limit=self.nodes + 1,
+                        key=f"boundary.profile.{name}",
+                    )
                 values[name] = np.broadcast_to(given, (self.nodes + 1,)).copy()
                 low = 1.0 if name == "kappa" else 0.0
                 if not (values[name] >= low).all():
-                    raise InputError("profile out of range", value=values[name].min(), limit=f">= {low:g}", key=f"boundary.profile.{name}")
+                    raise InputError(
+                        "profile out of range",
+                        value=values[name].min(),
+                        limit=f">= {low:g}",
+                        key=f"boundary.profile.{name}",
+                    )
             if order == 1 and np.any(values["sigma"]):
                 raise InputError("diffusion takes kappa only", key="boundary.profile.sigma", remedy="leave sigma out")
             return Layer(values["kappa"], values["sigma"], values["alpha"])
@@ -143,7 +171,9 @@ class LatticePML:
 
 
 def _wave_nodes(reach: int, damped: HighPass | None) -> int:
-    """Thickness for waves of which nothing is known: 12 nodes keep 1e-8 in short runs in 2D; where strong backward waves are damped 16 keep 1e-6."""
+    """Thickness for waves of which nothing is known: 12 nodes keep 1e-8 in short runs in 2D; where strong backward
+    waves are damped 16 keep 1e-6.
+    """
     least, wide = (_THIN, 3) if weak(damped) else (_STRONG, 4)
     return max(least, wide * reach if reach > 3 else 0)
 
@@ -151,41 +181,51 @@ def _wave_nodes(reach: int, damped: HighPass | None) -> int:
 def _wave_profile(nodes: int, stencil: Stencil, damped: HighPass | None) -> Profile:
     """Member of the family for waves of all angles.
 
-    In two and three dimensions the waves that come back are those along the side, near cut-off: sigma/s turns their decay by a right angle
-    into none, sigma/(s + alpha) turns it by less. An alpha that rises towards the outer end alone leaves the long waves to the columns
-    before it. A strong entrance makes stencils grow, the wider the more: beyond a reach of 3 nodes they have a higher power of the ramp.
-    Where short waves are damped as strongly as backward waves may take, sigma follows the smooth ramp of the damping; wide kernels take a weaker
-    and shorter one.
+    In two and three dimensions the waves that come back are those along the side, near cut-off: sigma/s turns their
+    decay by a right angle into none, sigma/(s + alpha) turns it by less. An alpha that rises towards the outer end
+    alone leaves the long waves to the columns before it. A strong entrance makes stencils grow, the wider the more:
+    beyond a reach of 3 nodes they have a higher power of the ramp. Where short waves are damped as strongly as backward
+    waves may take, sigma follows the smooth ramp of the damping; wide kernels take a weaker and shorter one.
     """
     reach, dim = stencil.reach[0], stencil.dim
     if damped is not None and damped.whole:
         return Profile(0.3, 1.0, 4, smooth=True) if damped.still else Profile(0.6, 1.0, 5, smooth=True)
     if not weak(damped):
-        if stencil.components > 1:  # shear waves are slower and feel more; between thin layers long waves along them would grow without alpha
+        # shear waves are slower and feel more; between thin layers long waves along them would grow without alpha
+        if stencil.components > 1:
             thick = Profile(0.6, 1.0, 5, smooth=reach < 5)
-            return _drained(thick if nodes >= 25 else Profile(0.7, 1.0, 4, 0.1 if nodes < 16 else 0.0, smooth=reach < 5), nodes, stencil)
+            return _drained(
+                thick if nodes >= 25 else Profile(0.7, 1.0, 4, 0.1 if nodes < 16 else 0.0, smooth=reach < 5),
+                nodes,
+                stencil,
+            )
         if reach < 5:
             return _bounded(Profile(1.0, 1.0, 5, smooth=True), nodes, stencil)
         if dim > 1:  # nearly as strong as `_bounded` lets them be
             return _bounded(Profile(0.8 if reach < 6 else 0.7, 1.0, 4), nodes, stencil)
-        return _bounded(Profile(0.7, 1.0, 5, smooth=reach < 7 and nodes < 40), nodes, stencil)  # elsewhere the smooth ramp is too steep, and grows
+        # elsewhere the smooth ramp is too steep, and grows
+        return _bounded(Profile(0.7, 1.0, 5, smooth=reach < 7 and nodes < 40), nodes, stencil)
     if reach > 3:
         profile = Profile(0.5 if reach > 7 and stencil.components > 1 else 1.0, 1.0, 2 if reach < 6 else 3)
-        return profile if stencil.components > 1 else _shortened(profile, nodes, stencil, _GAIN_ALONE)  # the gain is known of scalars
+        # the gain is known of scalars
+        return profile if stencil.components > 1 else _shortened(profile, nodes, stencil, _GAIN_ALONE)
     if dim == 1:
         return Profile(1.5, 1.0, 1)
     thin = 12 / nodes
     strength = 1.0 if dim == 3 and reach > 1 else 2.6 * thin**0.85 if reach < 3 else 1.9 * thin**0.6
-    return Profile(strength, 1.0, 1, 0.7 if dim == 2 else 1.5)  # edges of three layers hold slow waves that alpha alone drives out
+    # edges of three layers hold slow waves that alpha alone drives out
+    return Profile(strength, 1.0, 1, 0.7 if dim == 2 else 1.5)
 
 
 def _bounded(profile: Profile, nodes: int, stencil: Stencil) -> Profile:
-    """The profile, or a gentler one where what is known of waves to first order in sigma over their frequency would not hold.
+    """The profile, or a gentler one where what is known of waves to first order in sigma over their frequency would not
+    hold.
 
-    A wide kernel's waves are slow: its largest frequency is about that of a wave as long as the horizon. Where waves run backward, sigma stays
-    below a multiple of that frequency, and then twice the rate of first order damps them. And the ramp is so short that no mode that dies out in the
-    medium gains more on its way through the layer than what comes back from the outer end loses again. What would absorb next to nothing is no layer:
-    then the profile stays, and its certificate tells.
+    A wide kernel's waves are slow: its largest frequency is about that of a wave as long as the horizon. Where waves
+    run backward, sigma stays below a multiple of that frequency, and then twice the rate of first order damps them. And
+    the ramp is so short that no mode that dies out in the medium gains more on its way through the layer than what
+    comes back from the outer end loses again. What would absorb next to nothing is no layer: then the profile stays,
+    and its certificate tells.
     """
     most, gentle = _CREST * float(np.sqrt(stencil.symbol_maximum)), profile
     if profile.strength > most and stencil.backward_waves():
@@ -195,11 +235,13 @@ def _bounded(profile: Profile, nodes: int, stencil: Stencil) -> Profile:
 
 
 def _drained(profile: Profile, nodes: int, stencil: Stencil) -> Profile:
-    """The profile of a layer of vectors, or one whose alpha rises towards the outer end until modes no longer keep themselves alive in the layer.
+    """The profile of a layer of vectors, or one whose alpha rises towards the outer end until modes no longer keep
+    themselves alive in the layer.
 
-    What dies out in the medium gains in the layer and meets backward waves at the end of it; the more these grow, the less of that gain is
-    stable. The product of both ordered all materials and thicknesses that were run from noise (exponents 0 and 1, reach 3 to 8, 16 to 32 nodes).
-    A larger alpha takes the gain and costs absorption, so it is the least of a few. Stencils with a reach below 4 stay below the bound by themselves.
+    What dies out in the medium gains in the layer and meets backward waves at the end of it; the more these grow, the
+    less of that gain is stable. The product of both ordered all materials and thicknesses that were run from noise
+    (exponents 0 and 1, reach 3 to 8, 16 to 32 nodes). A larger alpha takes the gain and costs absorption, so it is the
+    least of a few. Stencils with a reach below 4 stay below the bound by themselves.
     """
     growth = stencil.backward_waves().growth
 

@@ -1,7 +1,8 @@
-"""Conditions that close a near field along its outline: the fringe of nodes that they read and fill, and their sparse update on the engine.
+"""Conditions that close a near field along its outline: the fringe of nodes that they read and fill, and their sparse
+update on the engine.
 
-The near field is a window on the medium, or a box. Its halo, the nodes beyond the outline that the operator reads, gets its values after each
-step from nodes of the fringe at this step and before. Copies of those are the conditions' memory.
+The near field is a window on the medium, or a box. Its halo, the nodes beyond the outline that the operator reads, gets
+its values after each step from nodes of the fringe at this step and before. Copies of those are the conditions' memory.
 """
 
 from __future__ import annotations
@@ -54,7 +55,9 @@ class Medium:
 
     @cached_property
     def _long(self) -> float:
-        """Coefficient of long waves on the lattice, if there is one: that of a kernel that is not calibrated differs from the model's."""
+        """Coefficient of long waves on the lattice, if there is one: that of a kernel that is not calibrated differs
+        from the model's.
+        """
         return float(self.weights @ self.offsets[:, 0] ** 2) / 2 if len(self.weights) else self.coefficient
 
     def symbol(self, k: np.ndarray, dispersion: str) -> np.ndarray:
@@ -68,13 +71,21 @@ class Medium:
         if dispersion == "discrete":
             if not len(self.weights):
                 raise InputError(
-                    "the medium has no stencil", value=dispersion, limit="local", key="boundary.dispersion", remedy="Medium(offsets=...)"
+                    "the medium has no stencil",
+                    value=dispersion,
+                    limit="local",
+                    key="boundary.dispersion",
+                    remedy="Medium(offsets=...)",
                 )
             return modes.discrete_symbol(k, self.offsets, self.weights)
         terms = {"local": 0, "taylor": 1, "continuum": SERIES}[dispersion]
         if terms and not self.series:
-            raise InputError("only a kernel with constant or linear influence has a series", value=dispersion, limit="discrete, local",
-                             key="boundary.dispersion")  # fmt: skip
+            raise InputError(
+                "only a kernel with constant or linear influence has a series",
+                value=dispersion,
+                limit="discrete, local",
+                key="boundary.dispersion",
+            )
         return modes.series_symbol(k, self._long, self.horizon, np.array(self.series[:terms]))
 
 
@@ -130,7 +141,9 @@ class Outline:
     offsets: np.ndarray
 
     def halo(self) -> np.ndarray:
-        """Nodes beyond the outline whose values conditions give, over the grid: those that the stencil reads, or a layer of given thickness."""
+        """Nodes beyond the outline whose values conditions give, over the grid: those that the stencil reads, or a
+        layer of given thickness.
+        """
         layer = next((b.layer for b in self.sides.values() if b.layer is not None), None)
         if layer is None:
             found = np.zeros_like(self.near)
@@ -159,14 +172,18 @@ class Outline:
         return found.min(0), found.max(0)
 
     def normals(self, index: np.ndarray) -> np.ndarray:
-        """Outward unit normals at nodes (N, dim) beyond the outline: of a disc or ball radial, of a box away from its nearest point."""
+        """Outward unit normals at nodes (N, dim) beyond the outline: of a disc or ball radial, of a box away from its
+        nearest point.
+        """
         if isinstance(self.window, Disc | Ball):
             away = self.origin + self.spacing * index - self.window.centre
         elif self.flat:
             away = self.faces(index).astype(float)
         else:
             smooth = ndimage.gaussian_filter(self.near.astype(float), _SMOOTHING, mode="constant")
-            away = -np.stack([g[tuple(index.T)] for g in np.atleast_2d(np.gradient(smooth))], axis=-1).reshape(index.shape)
+            away = -np.stack([g[tuple(index.T)] for g in np.atleast_2d(np.gradient(smooth))], axis=-1).reshape(
+                index.shape
+            )
         length = np.linalg.norm(away, axis=1, keepdims=True)
         return np.asarray(away / np.where(length > 0, length, 1.0))
 
@@ -249,7 +266,8 @@ class Fringe:
         return ~np.any(absent, axis=0) if absent else np.ones(len(index), bool)
 
     def with_images(self, distance: float) -> tuple[np.ndarray, np.ndarray]:
-        """All points, then their images within a distance beyond periodic sides, and the place in the fringe of each."""
+        """All points, then their images within a distance beyond periodic sides, and the place in the fringe of
+        each."""
         points, places = self.points, np.arange(len(self.points))
         for axis in sorted(self.outline.periodic):
             n = self._places.shape[axis]
@@ -257,7 +275,10 @@ class Fringe:
             period, last = n * self.spacing, first + (n - 1) * self.spacing
             high, low = points[:, axis] - first < distance, last - points[:, axis] < distance
             shift = period * np.eye(points.shape[1])[axis]
-            points, places = np.concatenate([points, points[high] + shift, points[low] - shift]), np.concatenate([places, places[high], places[low]])
+            points, places = (
+                np.concatenate([points, points[high] + shift, points[low] - shift]),
+                np.concatenate([places, places[high], places[low]]),
+            )
         return points, places
 
     def owners(self) -> dict[tuple[int, int], np.ndarray]:
@@ -299,11 +320,17 @@ class Closure:
         self.outside = ~outline.near & ~self.halo
         low, high = outline.bounds()
         extent = max(float((high - low).max()) / 2, 1.0) * outline.spacing
-        self.fringe = Fringe(outline, self.halo, max(b.depth(medium, outline.spacing, extent) for b in outline.sides.values()))
-        parts = {key: outline.sides[key].update(self.fringe, places, medium) for key, places in self.fringe.owners().items()}
+        self.fringe = Fringe(
+            outline, self.halo, max(b.depth(medium, outline.spacing, extent) for b in outline.sides.values())
+        )
+        parts = {
+            key: outline.sides[key].update(self.fringe, places, medium) for key, places in self.fringe.owners().items()
+        }
         self.levels = max(part.shape[1] for part in parts.values()) // len(self.fringe.points)
         rows = np.concatenate([self.fringe.owners()[key] for key in parts])
-        found = sparse.vstack([_widened(part, self.levels * len(self.fringe.points)) for part in parts.values()]).tocsr()
+        found = sparse.vstack(
+            [_widened(part, self.levels * len(self.fringe.points)) for part in parts.values()]
+        ).tocsr()
         self._order, self._fronts = ordered_fronts(found, rows, len(self.fringe.points))
         self.rows, self.update = rows[self._order], found[self._order]
 
@@ -311,8 +338,16 @@ class Closure:
         """Give the engine the sparse update; `indices` are the places of the grid's nodes in a level."""
         self.engine, self.nodes = engine, indices[tuple(self.fringe.index.T)]
         self.unmoved = np.concatenate([indices[self.halo], indices[self.outside]])
-        engine.set_fringe(self.nodes, self.levels, self._fronts, self.rows, self.update.indptr, self.update.indices, self.update.data,
-                         indices[self.outside])  # fmt: skip
+        engine.set_fringe(
+            self.nodes,
+            self.levels,
+            self._fronts,
+            self.rows,
+            self.update.indptr,
+            self.update.indices,
+            self.update.data,
+            indices[self.outside],
+        )
 
     def start(self) -> None:
         """The memory holds the state one step ago; before that all was at rest."""
@@ -339,7 +374,8 @@ def _widened(part: sparse.csr_array, columns: int) -> sparse.csr_array:
 
 
 def ordered_fronts(update: sparse.csr_array, rows: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Order in which rows can be computed, and the bounds of the fronts in it: a front reads new values of earlier ones only.
+    """Order in which rows can be computed, and the bounds of the fronts in it: a front reads new values of earlier ones
+    only.
 
     Parameters
     ----------
@@ -368,7 +404,10 @@ def ordered_fronts(update: sparse.csr_array, rows: np.ndarray, size: int) -> tup
             break
         front = later
     else:
-        raise InputError("halo nodes wait for each other: the outline is too narrow for this condition", key="boundary",
-                         remedy="a larger or smoother window, or LatticePML")  # fmt: skip
+        raise InputError(
+            "halo nodes wait for each other: the outline is too narrow for this condition",
+            key="boundary",
+            remedy="a larger or smoother window, or LatticePML",
+        )
     order = np.argsort(front, kind="stable")
     return order, np.searchsorted(front[order], np.arange(front.max(initial=-1) + 2))

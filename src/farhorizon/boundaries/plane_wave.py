@@ -1,7 +1,9 @@
-"""The Dirichlet-type condition from plane waves: halo values fitted to modes that leave, from a cloud of near nodes at the last steps.
+"""The Dirichlet-type condition from plane waves: halo values fitted to modes that leave, from a cloud of near nodes at
+the last steps.
 
-Shojaei, Hermann, Seleson and Cyron (2020) for diffusion, Hermann, Shojaei, Seleson, Cyron and Silling (2023) for waves. `update_matrix` needs
-nodes, normals and the medium only, so that it closes any cloud of points, a finite-element mesh as well as a lattice.
+Shojaei, Hermann, Seleson and Cyron (2020) for diffusion, Hermann, Shojaei, Seleson, Cyron and Silling (2023) for waves.
+`update_matrix` needs nodes, normals and the medium only, so that it closes any cloud of points, a finite-element mesh
+as well as a lattice.
 """
 
 from __future__ import annotations
@@ -24,9 +26,11 @@ if TYPE_CHECKING:
     from farhorizon.models import LatticeModel
 
 _CHOICES = {
-    "fit": ("operator", "collocation"), "dispersion": ("discrete", "continuum", "taylor", "local"), "time": ("discrete", "continuous"),
+    "fit": ("operator", "collocation"),
+    "dispersion": ("discrete", "continuum", "taylor", "local"),
+    "time": ("discrete", "continuous"),
     "normals": ("lattice", "free"),
-}  # fmt: skip
+}
 _MOST = 1000  # modes along one direction, directions, nodes of a cloud's grid: far beyond use, and soon computed
 
 
@@ -53,9 +57,10 @@ class Recipe:
 class PlaneWave(Closing):
     """Side or outline at which the halo follows modes that leave, fitted to the nodes of a cloud.
 
-    The condition is local in space and time: it holds as well as the far field is a sum of its modes near a node, 1e-3 or so for waves, a few
-    per cent for diffusion. Nothing proves it stable; the spectral radius must be measured for every set-up. Left out, options take what has
-    been found best: for waves the operator fit, for diffusion the published collocation with wavenumbers of the size of the near field.
+    The condition is local in space and time: it holds as well as the far field is a sum of its modes near a node, 1e-3
+    or so for waves, a few per cent for diffusion. Nothing proves it stable; the spectral radius must be measured for
+    every set-up. Left out, options take what has been found best: for waves the operator fit, for diffusion the
+    published collocation with wavenumbers of the size of the near field.
 
     Parameters
     ----------
@@ -66,31 +71,34 @@ class PlaneWave(Closing):
     time : {"discrete", "continuous"}, optional
         Factor of a step: the scheme's own, or the exponential.
     layer : float, optional
-        Thickness of the fringe of fitted nodes; as much as the stencil reads unless given. Beyond a thinner one bonds are absent.
+        Thickness of the fringe of fitted nodes; as much as the stencil reads unless given. Beyond a thinner one bonds
+        are absent.
     radius : float, optional
-        Of a cloud. Waves: the reach of the stencil, at least three spacings. One spacing for diffusion and for waves on a line by wide
-        stencils, one and a half among points without a lattice: wider clouds grow there.
+        Of a cloud. Waves: the reach of the stencil, at least three spacings. One spacing for diffusion and for waves on
+        a line by wide stencils, one and a half among points without a lattice: wider clouds grow there.
     cone : float, optional
         Half the opening of a cloud about the inward normal, in degrees: 45 for waves, 180 (a whole ball) for diffusion.
     thin : int, optional
-        Take the nodes nearest to a grid of `thin` spacings along normal and tangents only. Waves: such that three are left along the normal.
+        Take the nodes nearest to a grid of `thin` spacings along normal and tangents only. Waves: such that three are
+        left along the normal.
     normals : {"lattice", "free"}, optional
-        Turn clouds to the nearest direction between lattice nodes (multiples of 45 degrees), which makes all of one direction alike and
-        symmetric, or leave them. Waves on a lattice "lattice", others "free".
+        Turn clouds to the nearest direction between lattice nodes (multiples of 45 degrees), which makes all of one
+        direction alike and symmetric, or leave them. Waves on a lattice "lattice", others "free".
     angle : float, optional
         Largest angle between modes and normal, in degrees: 60 (operator fit), else 45.
     angles : int
         Directions from -angle to angle; in 3D rings about the normal.
     wavenumber : float, optional
-        Largest wavenumber: 1/2 over the spacing for the operator fit, 1/4 for other waves; diffusion: 6 over half the extent of the nodes, at
-        most 1/10 over the spacing.
+        Largest wavenumber: 1/2 over the spacing for the operator fit, 1/4 for other waves; diffusion: 6 over half the
+        extent of the nodes, at most 1/10 over the spacing.
     wavenumbers : int, optional
         Their number, evenly from `smallest` on: 10 for the operator fit, else 5.
     smallest : float, optional
         Smallest wavenumber; a fortieth of the largest for the operator fit, else their distance.
     regularization : float, optional
-        Tikhonov's; a collocation takes the pseudo-inverse unless given. The operator fit takes 4e-5, one of the values up to 1e-4 that
-        keep rounding out and change its reflection by less than a thousandth; from 1e-3 on they damp the fit itself.
+        Tikhonov's; a collocation takes the pseudo-inverse unless given. The operator fit takes 4e-5, one of the values
+        up to 1e-4 that keep rounding out and change its reflection by less than a thousandth; from 1e-3 on they damp
+        the fit itself.
     rcond : float
         Singular values below this part of the largest are cut off by the pseudo-inverse.
     balanced : bool
@@ -127,11 +135,17 @@ class PlaneWave(Closing):
         takes |= dict.fromkeys(("thin", "wavenumbers"), partial(kinds.integer, least=1, most=_MOST))
         takes |= {"angle": partial(kinds.number, least=0, below=90), "regularization": partial(kinds.number, least=0)}
         given = {name: take for name, take in takes.items() if getattr(self, name) is not None}
-        given |= {"angles": partial(kinds.integer, least=1, most=_MOST), "rcond": partial(kinds.number, least=0, below=1), "balanced": kinds.flag}
+        given |= {
+            "angles": partial(kinds.integer, least=1, most=_MOST),
+            "rcond": partial(kinds.number, least=0, below=1),
+            "balanced": kinds.flag,
+        }
         kinds.settle(self, **{name: take(getattr(self, name), f"boundary.{name}") for name, take in given.items()})
 
     def wanted(self, default: float) -> float:
-        """What may be missed beyond the outline, as a part of the largest value: much less than the condition's own error."""
+        """What may be missed beyond the outline, as a part of the largest value: much less than the condition's own
+        error.
+        """
         return 1e-6
 
     def recipe(self, medium: Medium, spacing: float, extent: float) -> Recipe:
@@ -142,22 +156,31 @@ class PlaneWave(Closing):
         flat = lattice and medium.offsets.shape[1] == 1
         narrow = not waves or (flat and reach > 1.5 * spacing)
         radius = self.radius or (spacing if narrow else max(reach, 3 * spacing) if lattice else 1.5 * spacing)
-        largest = self.wavenumber or (0.5 / spacing if operator else 0.25 / spacing if waves else min(6 / extent, 0.1 / spacing))
+        largest = self.wavenumber or (
+            0.5 / spacing if operator else 0.25 / spacing if waves else min(6 / extent, 0.1 / spacing)
+        )
         count = self.wavenumbers or (10 if operator else 5)
         smallest = self.smallest or (largest / 40 if operator else largest / count)
         return Recipe(
-            operator=operator, dispersion=self.dispersion or ("discrete" if waves and lattice else "local"),
-            discrete=(self.time or ("discrete" if waves else "continuous")) == "discrete", radius=radius,
+            operator=operator,
+            dispersion=self.dispersion or ("discrete" if waves and lattice else "local"),
+            discrete=(self.time or ("discrete" if waves else "continuous")) == "discrete",
+            radius=radius,
             cone=np.radians(self.cone or (45.0 if waves else 180.0)),
             thin=self.thin or (max(1, int(np.ceil(radius / spacing / 3 - 1e-9))) if waves and not flat else 1),
             snapped=(self.normals or ("lattice" if waves and lattice else "free")) == "lattice",
-            angle=np.radians((60.0 if operator else 45.0) if self.angle is None else self.angle), angles=self.angles, balanced=self.balanced,
+            angle=np.radians((60.0 if operator else 45.0) if self.angle is None else self.angle),
+            angles=self.angles,
+            balanced=self.balanced,
             wavenumbers=np.linspace(smallest, largest, count),
-            regularization=4e-5 if operator and self.regularization is None else self.regularization, rcond=self.rcond,
-        )  # fmt: skip
+            regularization=4e-5 if operator and self.regularization is None else self.regularization,
+            rcond=self.rcond,
+        )
 
     def step_limit(self, model: LatticeModel, spacing: float, dim: int) -> float:
-        """Step up to which fitted values are safe in diffusion: they act like a stencil over one spacing, whatever the model's own reaches."""
+        """Step up to which fitted values are safe in diffusion: they act like a stencil over one spacing, whatever the
+        model's own reaches.
+        """
         return float("inf") if model.order == 2 else 0.75 * spacing**2 / (2 * dim * model.coefficient)
 
     def depth(self, medium: Medium, spacing: float, extent: float) -> float:
@@ -165,18 +188,38 @@ class PlaneWave(Closing):
         return self.recipe(medium, spacing, extent).radius
 
     def update(self, fringe: Fringe, halo: np.ndarray, medium: Medium) -> sparse.csr_array:
-        """Rows of halo nodes (places in the fringe) over the new level and those before, shape (H, 3 S) for waves, (H, 2 S) for diffusion."""
+        """Rows of halo nodes (places in the fringe) over the new level and those before, shape (H, 3 S) for waves, (H,
+        2 S) for diffusion.
+        """
         points, places = fringe.with_images(self.depth(medium, fringe.spacing, fringe.extent))
-        found = update_matrix(points, halo, fringe.normals[halo], medium, self, spacing=fringe.spacing, extent=fringe.extent, enclosing=False).tocoo()
+        found = update_matrix(
+            points,
+            halo,
+            fringe.normals[halo],
+            medium,
+            self,
+            spacing=fringe.spacing,
+            extent=fringe.extent,
+            enclosing=False,
+        ).tocoo()
         level, column = np.divmod(found.col, len(points))
         shape = (len(halo), (medium.order + 1) * len(fringe.points))
-        return sparse.csr_array((found.data, (found.row, (level + 1) * len(fringe.points) + places[column])), shape=shape)
+        return sparse.csr_array(
+            (found.data, (found.row, (level + 1) * len(fringe.points) + places[column])), shape=shape
+        )
 
 
 def update_matrix(
-    points: np.ndarray, absorbing: np.ndarray, normals: np.ndarray, medium: Medium, condition: PlaneWave | None = None, *,
-    spacing: float | None = None, extent: float | None = None, enclosing: bool = True,
-) -> sparse.csr_array:  # fmt: skip
+    points: np.ndarray,
+    absorbing: np.ndarray,
+    normals: np.ndarray,
+    medium: Medium,
+    condition: PlaneWave | None = None,
+    *,
+    spacing: float | None = None,
+    extent: float | None = None,
+    enclosing: bool = True,
+) -> sparse.csr_array:
     """Next values of absorbing nodes from those of all nodes at the present step and, for waves, at the one before.
 
     Parameters
@@ -204,7 +247,8 @@ def update_matrix(
     Raises
     ------
     InputError
-        Points and normals that do not fit together, a cloud without neighbours, absorbing nodes that do not enclose the others, modes that overflow.
+        Points and normals that do not fit together, a cloud without neighbours, absorbing nodes that do not enclose the
+        others, modes that overflow.
     """
     points, absorbing, normals = np.asarray(points, float), np.asarray(absorbing, int), np.asarray(normals, float)
     _check_points(points, absorbing, normals)
@@ -225,11 +269,17 @@ def update_matrix(
     rows, columns, weights = [], [], []
     for number, (centre, normal, found) in enumerate(zip(absorbing, units, near, strict=True)):
         members = np.array(found)
-        steps = np.round((points[members] - points[centre]) / spacing, 6) + 0.0  # + 0: no negative zeros, clouds are known by their bytes
+        # + 0: no negative zeros, clouds are known by their bytes
+        steps = np.round((points[members] - points[centre]) / spacing, 6) + 0.0
         chosen = cloud(spacing * steps, normal, spacing, recipe)
         if chosen.size < 2:
-            raise InputError("a cloud has no neighbours", value=points[centre].tolist(), limit="at least one node besides its centre",
-                             key="boundary.radius", remedy=f"a radius above {recipe.radius:g}, or a wider cone")  # fmt: skip
+            raise InputError(
+                "a cloud has no neighbours",
+                value=points[centre].tolist(),
+                limit="at least one node besides its centre",
+                key="boundary.radius",
+                remedy=f"a radius above {recipe.radius:g}, or a wider cone",
+            )
         chosen = chosen[np.lexsort(steps[chosen].T)]
         key = normal.tobytes(), steps[chosen].tobytes()
         if key not in known:
@@ -243,7 +293,8 @@ def update_matrix(
 
 
 def cloud(places: np.ndarray, normal: np.ndarray, spacing: float, recipe: Recipe) -> np.ndarray:
-    """Numbers of the places in a cloud about the origin: within radius and cone (closed), thinned to those nearest to a coarser grid.
+    """Numbers of the places in a cloud about the origin: within radius and cone (closed), thinned to those nearest to a
+    coarser grid.
 
     Hermann et al. 2023, eq 54 and figure 7. The paper's cone is open, which leaves out the diagonals; they matter.
 
@@ -272,8 +323,11 @@ def cloud(places: np.ndarray, normal: np.ndarray, spacing: float, recipe: Recipe
 
 
 def wavevectors(recipe: Recipe, dim: int, order: int) -> np.ndarray:
-    """Wavevectors where the outward normal is the first axis, real for waves, imaginary for diffusion; shape (M, dim)."""
-    k = (recipe.wavenumbers[:, None, None] * modes.outward(dim, recipe.angle, recipe.angles, recipe.balanced)).reshape(-1, dim)
+    """Wavevectors where the outward normal is the first axis, real for waves, imaginary for diffusion; shape (M,
+    dim)."""
+    k = (recipe.wavenumbers[:, None, None] * modes.outward(dim, recipe.angle, recipe.angles, recipe.balanced)).reshape(
+        -1, dim
+    )
     return k if order == 2 else 1j * k
 
 
@@ -286,7 +340,9 @@ def _fitted(recipe: Recipe, medium: Medium, spacing: float, k: np.ndarray, place
         return modes.fit(shape, factor, medium.order, regularization=recipe.regularization, rcond=recipe.rcond)
     centre = int(np.argmin(np.abs(places).sum(1)))
     rate = medium.coefficient / spacing**2
-    return modes.fit_operator(shape, factor, symbol, centre, medium.dt, medium.order, rate, recipe.regularization or 0.0)
+    return modes.fit_operator(
+        shape, factor, symbol, centre, medium.dt, medium.order, rate, recipe.regularization or 0.0
+    )
 
 
 def _snapped(normals: np.ndarray) -> np.ndarray:
@@ -302,10 +358,19 @@ def _check_points(points: np.ndarray, absorbing: np.ndarray, normals: np.ndarray
     if points.ndim != 2 or not 1 <= points.shape[1] <= 3 or not np.isfinite(points).all():
         raise InputError("points must be finite, of 1 to 3 coordinates each", value=points.shape, key="points")
     if not absorbing.size or absorbing.min() < 0 or absorbing.max() >= len(points):
-        raise InputError("absorbing nodes are numbers of points", value=absorbing.tolist()[:5], limit=f"0 to {len(points) - 1}", key="absorbing")
+        raise InputError(
+            "absorbing nodes are numbers of points",
+            value=absorbing.tolist()[:5],
+            limit=f"0 to {len(points) - 1}",
+            key="absorbing",
+        )
     if normals.shape != (absorbing.size, points.shape[1]) or not (np.linalg.norm(normals, axis=1) > 0).all():
-        raise InputError("each absorbing node needs a normal of some length", value=normals.shape, limit=(absorbing.size, points.shape[1]),
-                         key="normals")  # fmt: skip
+        raise InputError(
+            "each absorbing node needs a normal of some length",
+            value=normals.shape,
+            limit=(absorbing.size, points.shape[1]),
+            key="normals",
+        )
 
 
 def _check_enclosing(points: np.ndarray, absorbing: np.ndarray) -> None:
@@ -325,11 +390,17 @@ def _check_enclosing(points: np.ndarray, absorbing: np.ndarray) -> None:
             beyond = (others @ faces[:, :-1].T + faces[:, -1]).max(1)
     worst = int(np.argmax(beyond))
     if beyond[worst] > 1e-6 * size:
-        raise InputError("the absorbing nodes do not enclose the near field", value=others[worst].tolist(), key="absorbing",
-                         limit="points within their convex hull",
-                         remedy="absorbing nodes all along the outline, or enclosing=False where others close it")  # fmt: skip
+        raise InputError(
+            "the absorbing nodes do not enclose the near field",
+            value=others[worst].tolist(),
+            key="absorbing",
+            limit="points within their convex hull",
+            remedy="absorbing nodes all along the outline, or enclosing=False where others close it",
+        )
 
 
 def largest_update(matrix: Any) -> float:
-    """Largest sum of the magnitudes of a row of weights; with forward Euler at most 1 here and in the near field no value ever grows."""
+    """Largest sum of the magnitudes of a row of weights; with forward Euler at most 1 here and in the near field no
+    value ever grows.
+    """
     return float(np.abs(matrix).sum(axis=1).max())

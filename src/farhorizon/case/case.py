@@ -299,15 +299,34 @@ class FirstOrderPart(_Part):
 
 
 AnyBoundary = (
-    LatticePMLPart | ExtendedPart | AutoPart | ExactPart | FixedPart | FreePart | PeriodicPart | SpongePart | NonlocalPMLPart | PlaneWavePart
-    | HigdonPart | FirstOrderPart
+    LatticePMLPart
+    | ExtendedPart
+    | AutoPart
+    | ExactPart
+    | FixedPart
+    | FreePart
+    | PeriodicPart
+    | SpongePart
+    | NonlocalPMLPart
+    | PlaneWavePart
+    | HigdonPart
+    | FirstOrderPart
 )
 BoundaryPart = Annotated[AnyBoundary, Field(discriminator="type")]
 _BOUNDARIES = {
-    "lattice-pml": fh.LatticePML, "extended": fh.Extended, "auto": fh.Auto, "exact": fh.Exact, "fixed": fh.Fixed, "free": fh.Free,
-    "periodic": fh.Periodic, "sponge": fh.Sponge,
-    "nonlocal-pml": fh.NonlocalPML, "plane-wave": fh.PlaneWave, "higdon": fh.Higdon, "first-order": fh.FirstOrder,
-}  # fmt: skip
+    "lattice-pml": fh.LatticePML,
+    "extended": fh.Extended,
+    "auto": fh.Auto,
+    "exact": fh.Exact,
+    "fixed": fh.Fixed,
+    "free": fh.Free,
+    "periodic": fh.Periodic,
+    "sponge": fh.Sponge,
+    "nonlocal-pml": fh.NonlocalPML,
+    "plane-wave": fh.PlaneWave,
+    "higdon": fh.Higdon,
+    "first-order": fh.FirstOrder,
+}
 
 
 class CrackPart(_Part):
@@ -421,7 +440,8 @@ class CasePart(_Part):
 
 
 def schema() -> dict[str, Any]:
-    """JSON Schema of case files: keys, kinds of values and defaults; what else must hold is told when a case is read."""
+    """JSON Schema of case files: keys, kinds of values and defaults; what else must hold is told when a case is
+    read."""
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         **CasePart.model_json_schema(),
@@ -487,7 +507,9 @@ class Case:
         return self.path.stem
 
     def every(self, dt: float) -> float:
-        """Time between two outputs with a time step; a fortieth of the run, or the number of steps next to it, unless given."""
+        """Time between two outputs with a time step; a fortieth of the run, or the number of steps next to it, unless
+        given.
+        """
         if self.parts.output.every is not None:
             return self.parts.output.every
         return dt * max(1, round(self.parts.run.until / _OUTPUTS / dt))
@@ -500,7 +522,9 @@ class Case:
         return WholeSteps(**{name: interval for name, interval in asked.items() if interval is not None})
 
     def _step(self, default: float) -> float:
-        """The time step in place of the default one: it divides what is asked for, and a fortieth of the run if that comes for free."""
+        """The time step in place of the default one: it divides what is asked for, and a fortieth of the run if that
+        comes for free.
+        """
         between = self.parts.run.until / _OUTPUTS
         if self.parts.output.every is None and between >= default:
             try:
@@ -519,7 +543,9 @@ class Case:
         said = f"every {every:.6g} = {whole_steps(every, dt)} steps"
         if self.parts.output.probes:
             between = self.parts.output.probe_every
-            said += "; probes " + ("every step" if between is None else f"every {between:.6g} = {whole_steps(between, dt)} steps")
+            said += "; probes " + (
+                "every step" if between is None else f"every {between:.6g} = {whole_steps(between, dt)} steps"
+            )
         return said
 
     @property
@@ -529,7 +555,9 @@ class Case:
     @property
     def fields(self) -> tuple[str, ...]:
         """What is written: u unless given, of a corrosion the times of dissolution too, of what breaks the damage."""
-        more = {"corrosion": ["dissolved"], "correspondence": ["damage"]}.get(self.parts.model.type, ["damage"] if self._bondwise else [])
+        more = {"corrosion": ["dissolved"], "correspondence": ["damage"]}.get(
+            self.parts.model.type, ["damage"] if self._bondwise else []
+        )
         default = ["u", *more]
         return tuple(default if self.parts.output.fields is None else self.parts.output.fields)
 
@@ -556,8 +584,12 @@ class Case:
     def must_be_simulation(self) -> None:
         """Refuse a body where only a `Simulation` serves."""
         if self.kind is not fh.Simulation:
-            raise InputError("a body is run, checked, compared and drawn, but nothing of it is tuned", value=self.parts.model.type,
-                             key="model.type", remedy='type = "elastic", material = "correspondence"')  # fmt: skip
+            raise InputError(
+                "a body is run, checked, compared and drawn, but nothing of it is tuned",
+                value=self.parts.model.type,
+                key="model.type",
+                remedy='type = "elastic", material = "correspondence"',
+            )
 
     @contextmanager
     def naming(self) -> Iterator[None]:
@@ -595,7 +627,12 @@ class Case:
             options = part.model_dump(include={"saturation", "interface", "limited", "integrator"})
             return fh.Corrosion(operator, part.diffusivity, **options)
         if part.stages is not None and part.integrator != "rkc":
-            raise InputError("only Runge-Kutta-Chebyshev has stages to choose", value=part.integrator, limit="rkc", key="model.stages")
+            raise InputError(
+                "only Runge-Kutta-Chebyshev has stages to choose",
+                value=part.integrator,
+                limit="rkc",
+                key="model.stages",
+            )
         integrator = part.integrator if part.stages is None else fh.RungeKuttaChebyshev(part.stages)
         return fh.Heat(operator, part.density, part.specific_heat, part.conductivity, integrator, part.self_term)
 
@@ -639,31 +676,58 @@ class Case:
         allowed = ["all"] + [AXES[a] + s for a in range(self.lattice.dim) for s in ("", "-", "+")]
         for side in boundary:
             if side not in allowed:
-                raise InputError("unknown side", value=side, limit=", ".join(allowed), key="boundary", remedy=_nearest(side, allowed))
+                raise InputError(
+                    "unknown side", value=side, limit=", ".join(allowed), key="boundary", remedy=_nearest(side, allowed)
+                )
         return boundary
 
     def _setup(self) -> dict[str, Any]:
         parts = self.parts
         if parts.load and not self.vector:
-            raise InputError("loads act on an elastic medium", value=parts.model.type, key="load", limit="elastic, correspondence",
-                             remedy="[[source]]")  # fmt: skip
+            raise InputError(
+                "loads act on an elastic medium",
+                value=parts.model.type,
+                key="load",
+                limit="elastic, correspondence",
+                remedy="[[source]]",
+            )
         if parts.material:
-            raise InputError("a body has materials by region", value=parts.model.type, key="material", limit="correspondence", remedy="coefficient")
+            raise InputError(
+                "a body has materials by region",
+                value=parts.model.type,
+                key="material",
+                limit="correspondence",
+                remedy="coefficient",
+            )
         coefficient = None
         if parts.coefficient is not None:
             expression = self._expression(parts.coefficient, "coefficient")
-            coefficient = np.broadcast_to(expression(*self.lattice.coordinates()) if callable(expression) else expression, self.lattice.shape)
+            coefficient = np.broadcast_to(
+                expression(*self.lattice.coordinates()) if callable(expression) else expression, self.lattice.shape
+            )
         return {
-            "lattice": self.lattice, "model": self.model, "initial": self._initial(),
+            "lattice": self.lattice,
+            "model": self.model,
+            "initial": self._initial(),
             "boundary": self._boundary() or fh.LatticePML(until=parts.run.until),
-            "sources": [self._expression(s.value, "source.value") for s in parts.source] + [self._incident(w) for w in parts.incident],
-            "specimens": [fh.Specimen(s.region.build(f"specimen[{i}].region"), s.concentration) for i, s in enumerate(parts.specimen)],
+            "sources": [self._expression(s.value, "source.value") for s in parts.source]
+            + [self._incident(w) for w in parts.incident],
+            "specimens": [
+                fh.Specimen(s.region.build(f"specimen[{i}].region"), s.concentration)
+                for i, s in enumerate(parts.specimen)
+            ],
             "cracks": [self._crack(c) for c in parts.crack],
             "constraints": [self._constraint(c, f"constraint[{i}]") for i, c in enumerate(parts.constraint)],
-            "coefficient": coefficient, "rule": parts.rule, "rim": parts.rim, "background": parts.background,
+            "coefficient": coefficient,
+            "rule": parts.rule,
+            "rim": parts.rim,
+            "background": parts.background,
             "loads": [self._load(load, f"load[{i}]") for i, load in enumerate(parts.load)],
-            "balance": parts.output.balance, "dt": self._given_step, "dtype": parts.run.dtype, "threads": parts.run.threads,
-        }  # fmt: skip
+            "balance": parts.output.balance,
+            "dt": self._given_step,
+            "dtype": parts.run.dtype,
+            "threads": parts.run.threads,
+        }
 
     def _incident(self, part: IncidentPart) -> fh.IncidentWave:
         signal = self._of_time(part.signal, "incident.signal")
@@ -674,22 +738,40 @@ class Case:
         parts = self.parts
         for name in ("specimen", "source", "incident", "constraint", "coefficient", "rule", "rim", "background"):
             if name in parts.model_fields_set:
-                raise InputError("a body has no such key", key=name, remedy="forces on a body are [[load]]s" if name == "source" else "leave it out")
+                raise InputError(
+                    "a body has no such key",
+                    key=name,
+                    remedy="forces on a body are [[load]]s" if name == "source" else "leave it out",
+                )
         if parts.run.dtype != "float64":
-            raise InputError("a body computes in double precision", value=parts.run.dtype, limit="float64", key="run.dtype")
+            raise InputError(
+                "a body computes in double precision", value=parts.run.dtype, limit="float64", key="run.dtype"
+            )
         if any(c.factor or c.opens for c in parts.crack):
-            raise InputError("cracks of a body are there from the start and carry nothing", key="crack", remedy="leave factor and opens out")
+            raise InputError(
+                "cracks of a body are there from the start and carry nothing",
+                key="crack",
+                remedy="leave factor and opens out",
+            )
         return {
-            "lattice": self.lattice, "operator": fh.Kernel(**model.kernel.model_dump()), **model.model_dump(exclude={"type", "kernel"}),
+            "lattice": self.lattice,
+            "operator": fh.Kernel(**model.kernel.model_dump()),
+            **model.model_dump(exclude={"type", "kernel"}),
             **{name: self._constant(name, getattr(model, name)) for name in ("young", "poisson", "density")},
-            "boundary": self._boundary() or fh.Fixed(), "initial": self._initial(), "cracks": [self._crack(c) for c in parts.crack],
+            "boundary": self._boundary() or fh.Fixed(),
+            "initial": self._initial(),
+            "cracks": [self._crack(c) for c in parts.crack],
             "loads": [self._load(load, f"load[{i}]") for i, load in enumerate(parts.load)],
-            "balance": parts.output.balance, "dt": self._given_step, "threads": parts.run.threads,
-        }  # fmt: skip
+            "balance": parts.output.balance,
+            "dt": self._given_step,
+            "threads": parts.run.threads,
+        }
 
     def _constant(self, name: str, value: str | float) -> Any:
         """A constant of the material, with what regions have in its place, later ones before earlier ones."""
-        given = [(part, f"material[{i}].") for i, part in enumerate(self.parts.material) if getattr(part, name) is not None]
+        given = [
+            (part, f"material[{i}].") for i, part in enumerate(self.parts.material) if getattr(part, name) is not None
+        ]
         found = self._steady(value, f"model.{name}")
         if not given:
             return found
@@ -730,9 +812,12 @@ class Case:
         cut: Any = part.points
         try:
             if part.points is None:
-                cut = fh.Rectangle(**part.rectangle) if part.rectangle is not None else fh.DiscCut(**part.disc)  # type: ignore[arg-type]
+                given_as, cls = (part.disc, fh.DiscCut) if part.rectangle is None else (part.rectangle, fh.Rectangle)
+                cut = cls(**given_as)  # type: ignore[arg-type]
         except TypeError:
-            raise InputError("a rectangle needs corner, edge1 and edge2; a disc needs centre, normal and radius", key="crack") from None
+            raise InputError(
+                "a rectangle needs corner, edge1 and edge2; a disc needs centre, normal and radius", key="crack"
+            ) from None
         return fh.Crack(cut, part.factor, part.opens) if part.factor or part.opens else cut
 
     def _constraint(self, part: ConstraintPart | PrescribedPart, key: str) -> Any:
@@ -742,11 +827,21 @@ class Case:
         if (part.side is None) == (part.region is None):
             raise InputError("give either a side or a region", key=key)
         options: dict[str, Any] = {}
-        takes = {"temperature": {"value", "kind"}, "flux": {"value", "kind"}, "insulated": {"kind"}, "convection": {"value", "transfer"}}[part.type]
+        takes = {
+            "temperature": {"value", "kind"},
+            "flux": {"value", "kind"},
+            "insulated": {"kind"},
+            "convection": {"value", "transfer"},
+        }[part.type]
         for name in ("value", "kind", "transfer"):
             value = getattr(part, name)
             if value is not None and name not in takes:
-                raise InputError(f"a condition of type {part.type} has no such key", value=value, limit=", ".join(sorted(takes)), key=f"{key}.{name}")
+                raise InputError(
+                    f"a condition of type {part.type} has no such key",
+                    value=value,
+                    limit=", ".join(sorted(takes)),
+                    key=f"{key}.{name}",
+                )
             if value is None and name in takes and name != "kind":
                 raise InputError(f"a condition of type {part.type} needs it", key=f"{key}.{name}")
             if value is not None:
@@ -756,7 +851,9 @@ class Case:
         if part.within is not None:
             options["within"] = part.within.build(f"{key}.within")
         where: Any = part.side if part.region is None else part.region.build(f"{key}.region")
-        make = {"temperature": fh.Temperature, "flux": fh.Flux, "insulated": fh.Insulated, "convection": fh.Convection}[part.type]
+        make = {"temperature": fh.Temperature, "flux": fh.Flux, "insulated": fh.Insulated, "convection": fh.Convection}[
+            part.type
+        ]
         try:
             return make(where, **options)
         except InputError as error:
@@ -764,21 +861,37 @@ class Case:
 
     def _check_times(self) -> None:
         out = self.parts.output
-        for name, value in (("output.every", out.every), ("output.probe_every", out.probe_every), ("run.until", self.parts.run.until)):
+        for name, value in (
+            ("output.every", out.every),
+            ("output.probe_every", out.probe_every),
+            ("run.until", self.parts.run.until),
+        ):
             if value is not None and value <= 0:
                 raise InputError("must be positive", value=value, key=name)
         if self.parts.run.until > _MOST_OUTPUTS * (out.every or self.parts.run.until):
-            raise InputError("so many outputs cannot be written", value=out.every, limit=f">= {self.parts.run.until / _MOST_OUTPUTS:.3g}",
-                             key="output.every", remedy="fewer outputs; probes record every step")  # fmt: skip
+            raise InputError(
+                "so many outputs cannot be written",
+                value=out.every,
+                limit=f">= {self.parts.run.until / _MOST_OUTPUTS:.3g}",
+                key="output.every",
+                remedy="fewer outputs; probes record every step",
+            )
 
     def _check_output(self) -> None:
         out = self.parts.output
-        known = {"correspondence": ["u", "v", "damage"], "corrosion": ["u", "solid", "dissolved"]}.get(self.parts.model.type, ["u"])
+        known = {"correspondence": ["u", "v", "damage"], "corrosion": ["u", "solid", "dissolved"]}.get(
+            self.parts.model.type, ["u"]
+        )
         if self.kind is fh.Simulation and self.model.order == 2:
             known = [*known, "v", *(["damage"] if self._bondwise else [])]
         for name in self.fields:
             if name not in known:
-                raise InputError(f"a {self.parts.model.type} has no such field", value=name, limit=", ".join(known), key="output.fields")
+                raise InputError(
+                    f"a {self.parts.model.type} has no such field",
+                    value=name,
+                    limit=", ".join(known),
+                    key="output.fields",
+                )
         for point in out.probes:
             try:
                 self.lattice.index(point)
@@ -787,7 +900,9 @@ class Case:
 
 
 def _under(place: str, key: str) -> str:
-    """The key that an error has in Python, at its place in the case: the last part of it, unless it has the place already."""
+    """The key that an error has in Python, at its place in the case: the last part of it, unless it has the place
+    already.
+    """
     if not key:
         return place
     return key if key.startswith(place) else f"{place}.{key.rpartition('.')[2]}"
@@ -799,19 +914,54 @@ def _nearest(word: str, words: list[str]) -> str:
 
 
 _PARTS: dict[str, type[_Part]] = {
-    "lattice": LatticePart, "window": RegionPart, "body": RegionPart, "without": RegionPart, "region": RegionPart, "within": RegionPart,
-    "box": BoxPart, "ball": DiscPart, "polygon": PolygonPart, "text": TextPart, "image": ImagePart,
-    "wave": WavePart, "beam": BeamPart, "diffusion": DiffusionPart, "heat": HeatPart,
-    "corrosion": CorrosionPart, "elastic": ElasticPart, "correspondence": BodyPart,
-    "material": MaterialPart, "load": TractionPart, "traction": TractionPart, "body-force": BodyForcePart,
-    "nonlocal-pml": NonlocalPMLPart, "specimen": SpecimenPart,
-    "kernel": KernelPart, "lattice-pml": LatticePMLPart, "extended": ExtendedPart, "auto": AutoPart, "exact": ExactPart, "fixed": FixedPart,
-    "free": FreePart, "periodic": PeriodicPart,
-    "sponge": SpongePart, "plane-wave": PlaneWavePart, "higdon": HigdonPart, "first-order": FirstOrderPart,
-    "crack": CrackPart, "source": SourcePart, "incident": IncidentPart, "constraint": ConstraintPart,
-    "temperature": ConstraintPart, "flux": ConstraintPart, "insulated": ConstraintPart, "convection": ConstraintPart, "prescribed": PrescribedPart,
-    "run": RunPart, "output": OutputPart,
-}  # fmt: skip
+    "lattice": LatticePart,
+    "window": RegionPart,
+    "body": RegionPart,
+    "without": RegionPart,
+    "region": RegionPart,
+    "within": RegionPart,
+    "box": BoxPart,
+    "ball": DiscPart,
+    "polygon": PolygonPart,
+    "text": TextPart,
+    "image": ImagePart,
+    "wave": WavePart,
+    "beam": BeamPart,
+    "diffusion": DiffusionPart,
+    "heat": HeatPart,
+    "corrosion": CorrosionPart,
+    "elastic": ElasticPart,
+    "correspondence": BodyPart,
+    "material": MaterialPart,
+    "load": TractionPart,
+    "traction": TractionPart,
+    "body-force": BodyForcePart,
+    "nonlocal-pml": NonlocalPMLPart,
+    "specimen": SpecimenPart,
+    "kernel": KernelPart,
+    "lattice-pml": LatticePMLPart,
+    "extended": ExtendedPart,
+    "auto": AutoPart,
+    "exact": ExactPart,
+    "fixed": FixedPart,
+    "free": FreePart,
+    "periodic": PeriodicPart,
+    "sponge": SpongePart,
+    "plane-wave": PlaneWavePart,
+    "higdon": HigdonPart,
+    "first-order": FirstOrderPart,
+    "crack": CrackPart,
+    "source": SourcePart,
+    "incident": IncidentPart,
+    "constraint": ConstraintPart,
+    "temperature": ConstraintPart,
+    "flux": ConstraintPart,
+    "insulated": ConstraintPart,
+    "convection": ConstraintPart,
+    "prescribed": PrescribedPart,
+    "run": RunPart,
+    "output": OutputPart,
+}
 
 
 def _known(location: tuple[Any, ...]) -> list[str]:
@@ -827,11 +977,21 @@ def _known(location: tuple[Any, ...]) -> list[str]:
 
 # What pydantic wants, in words, by the types of its errors.
 _WANTED = {
-    "float_type": "a number", "float_parsing": "a number", "finite_number": "a finite number", "int_type": "a whole number",
-    "int_parsing": "a whole number", "int_from_float": "a whole number", "string_type": "a text", "bool_type": "true or false",
-    "bool_parsing": "true or false", "list_type": "a list", "tuple_type": "a list", "dict_type": "a table", "model_type": "a table",
+    "float_type": "a number",
+    "float_parsing": "a number",
+    "finite_number": "a finite number",
+    "int_type": "a whole number",
+    "int_parsing": "a whole number",
+    "int_from_float": "a whole number",
+    "string_type": "a text",
+    "bool_type": "true or false",
+    "bool_parsing": "true or false",
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "dict_type": "a table",
+    "model_type": "a table",
     "model_attributes_type": "a table",
-}  # fmt: skip
+}
 
 
 def _types(table: str) -> list[str]:
@@ -842,7 +1002,8 @@ def _types(table: str) -> list[str]:
 
 def _explain(error: ValidationError, data: dict[str, Any]) -> str:
     """The first problems in one line: key, value, what is wrong, the nearest known key."""
-    problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")  # a misspelt key is why another is missing
+    # a misspelt key is why another is missing
+    problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
     by_key: dict[str, list[Any]] = {}
     for problem in problems:
         by_key.setdefault(_key(data, tuple(problem["loc"]), problem["type"] == "missing"), []).append(problem)
@@ -850,7 +1011,9 @@ def _explain(error: ValidationError, data: dict[str, Any]) -> str:
 
 
 def _key(data: Any, location: tuple[Any, ...], missing: bool) -> str:
-    """The path of a problem as it stands in the case: pydantic's has names of types in between, which are nowhere in the data."""
+    """The path of a problem as it stands in the case: pydantic's has names of types in between, which are nowhere in
+    the data.
+    """
     found = ""
     for number, step in enumerate(location):
         if isinstance(data, list) and isinstance(step, int) and step < len(data):
@@ -866,7 +1029,9 @@ def _problem(key: str, same: list[Any]) -> str:
     location, context = tuple(first["loc"]), first.get("ctx", {})
     match first["type"]:
         case "extra_forbidden" if "lattice-pml" in location and location[-1] in ("angle", "wavelengths"):
-            return str(InputError("layers are no longer chosen by angle", key=key, remedy=BY_TARGET.replace("=...", " = ...")))
+            return str(
+                InputError("layers are no longer chosen by angle", key=key, remedy=BY_TARGET.replace("=...", " = ..."))
+            )
         case "extra_forbidden":
             return f"unknown key {key}; {_nearest(str(location[-1]), _known(location[:-1]))}"
         case "missing":
@@ -874,8 +1039,18 @@ def _problem(key: str, same: list[Any]) -> str:
         case "union_tag_not_found" | "union_tag_invalid":
             types = _types(re.split(r"\W", key)[0])
             message = "unknown type" if "tag" in context else "the type is missing"
-            return str(InputError(message, value=context.get("tag"), limit=", ".join(types), key=f"{key}.type", remedy=f'type = "{types[0]}"'))
-    words = [_WANTED.get(p["type"], f"one of {p['ctx']['expected']}" if p["type"] == "literal_error" else "") for p in same]
+            return str(
+                InputError(
+                    message,
+                    value=context.get("tag"),
+                    limit=", ".join(types),
+                    key=f"{key}.type",
+                    remedy=f'type = "{types[0]}"',
+                )
+            )
+    words = [
+        _WANTED.get(p["type"], f"one of {p['ctx']['expected']}" if p["type"] == "literal_error" else "") for p in same
+    ]
     message = f"must be {' or '.join(dict.fromkeys(words))}" if all(words) else first["msg"]
     value = first["input"]
     return str(InputError(message, value=f"the text {value!r}" if isinstance(value, str) else value, key=key))

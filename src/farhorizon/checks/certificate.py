@@ -1,4 +1,6 @@
-"""Whether a set-up is stable: proofs where they hold, else the spectral radius of the complete update, sides first, then corners."""
+"""Whether a set-up is stable: proofs where they hold, else the spectral radius of the complete update, sides first,
+then corners.
+"""
 
 from __future__ import annotations
 
@@ -90,7 +92,8 @@ class Certificate:
     seconds : float
         What it cost.
     quiet : float
-        Time over which white noise did not grow in a first run; 0 where there was none, as for proofs and eigenvalues of the whole.
+        Time over which white noise did not grow in a first run; 0 where there was none, as for proofs and eigenvalues
+        of the whole.
     """
 
     verdict: str
@@ -118,17 +121,30 @@ class Certificate:
         return f"{self.verdict}: {self.reason}" + "".join(f"; not examined: {s}" for s in self.skipped)
 
     def grows_within(self, until: float) -> bool:
-        """Whether what is known to grow grows tenfold in a run of a length: less cannot matter, since what grows begins with rounding or leaks."""
+        """Whether what is known to grow grows tenfold in a run of a length: less cannot matter, since what grows begins
+        with rounding or leaks.
+        """
         return self.verdict == NOT_CERTIFIED and not self.rate * until < np.log(_MATTERS)
 
     def remark(self, until: float) -> str:
         """What is to be known before a run of a length; empty where nothing is to be done."""
         if self.verdict == NOT_CERTIFIED:
-            so = f"{np.exp(min(self.rate * until, 700)):.2g}-fold in this run" if np.isfinite(self.rate) else "in this run"
+            so = (
+                f"{np.exp(min(self.rate * until, 700)):.2g}-fold in this run"
+                if np.isfinite(self.rate)
+                else "in this run"
+            )
             return f"not stable, {so}: {self.reason}"
         if self.verdict == UNDECIDED and self.quiet < until:
-            seen = f"white noise did not grow for t = {self.quiet:.3g}, the run takes longer" if self.quiet else "nothing is known yet"
-            return f"stability is undecided, {seen}: farhorizon check --budget 60 (certificate(60.0) in Python) examines it"
+            seen = (
+                f"white noise did not grow for t = {self.quiet:.3g}, the run takes longer"
+                if self.quiet
+                else "nothing is known yet"
+            )
+            return (
+                f"stability is undecided, {seen}: farhorizon check --budget 60 (certificate(60.0) in Python) "
+                "examines it"
+            )
         return ""
 
     def as_json(self) -> dict[str, Any]:
@@ -138,24 +154,41 @@ class Certificate:
             return float(value) if np.isfinite(value) else None
 
         rows = [
-            {"what": p.name, "rate": known(p.growth.rate), "error": known(p.growth.error), "angle": p.growth.angle, "hidden": p.growth.hidden}
+            {
+                "what": p.name,
+                "rate": known(p.growth.rate),
+                "error": known(p.growth.error),
+                "angle": p.growth.angle,
+                "hidden": p.growth.hidden,
+            }
             for p in self.parts
         ]
-        return {"verdict": self.verdict, "reason": self.reason, "rate": known(self.rate), "error": known(self.error),
-                "crossing": known(self.crossing), "rate_per_crossing": known(self.rate_per_crossing), "parts": rows,
-                "skipped": list(self.skipped), "seconds": self.seconds, "quiet": self.quiet}  # fmt: skip
+        return {
+            "verdict": self.verdict,
+            "reason": self.reason,
+            "rate": known(self.rate),
+            "error": known(self.error),
+            "crossing": known(self.crossing),
+            "rate_per_crossing": known(self.rate_per_crossing),
+            "parts": rows,
+            "skipped": list(self.skipped),
+            "seconds": self.seconds,
+            "quiet": self.quiet,
+        }
 
 
 @one_blas_thread()
 def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf) -> Certificate:
     """Examine the one-step map of a simulation.
 
-    Where no proof holds, a state of up to 700 numbers is examined as it is. Otherwise white noise runs for ten crossing times of a small copy of the
-    near field, and what grows there is refused. Then each pair of absorbing sides is examined by itself, the medium
-    between them without end along the other axes: its map is a chain for each tangential wavenumber, all of whose eigenvalues are computed. Corners,
-    edges and faces that run into a layer are examined on a small copy of the near field by Krylov spaces of powers of the map; where layers are
-    all around and those of both sides of an axis are the same, that copy has one of them, and the other side is held fixed: all corners are alike.
-    What grows between two sides so slowly that the others may take it before (long surface waves do) is examined on the near field as it is.
+    Where no proof holds, a state of up to 700 numbers is examined as it is. Otherwise white noise runs for ten crossing
+    times of a small copy of the near field, and what grows there is refused. Then each pair of absorbing sides is
+    examined by itself, the medium between them without end along the other axes: its map is a chain for each tangential
+    wavenumber, all of whose eigenvalues are computed. Corners, edges and faces that run into a layer are examined on a
+    small copy of the near field by Krylov spaces of powers of the map; where layers are all around and those of both
+    sides of an axis are the same, that copy has one of them, and the other side is held fixed: all corners are alike.
+    What grows between two sides so slowly that the others may take it before (long surface waves do) is examined on the
+    near field as it is.
 
     Parameters
     ----------
@@ -163,8 +196,8 @@ def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf) -> Cer
     budget : float
         Seconds; what would take longer is skipped, and said so.
     until : float
-        Length of the run for which this is asked: where it is shorter than the run from noise, that takes as long as the run, whatever `budget`
-        says, and modes are not examined.
+        Length of the run for which this is asked: where it is shorter than the run from noise, that takes as long as
+        the run, whatever `budget` says, and modes are not examined.
 
     Returns
     -------
@@ -174,7 +207,10 @@ def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf) -> Cer
         found = certify(sim.remade(model=sim.model.linearised, balance=False), budget, until)
         return replace(found, reason=f"{found.reason}; that of the linear form, in which no bond breaks")
     if any(isinstance(b, Extended) for b in sim.sides.values()):
-        sides = {AXES[a] + "-+"[s > 0]: Fixed(sim.background) if isinstance(b, Extended) else b for (a, s), b in sim.sides.items()}
+        sides = {
+            AXES[a] + "-+"[s > 0]: Fixed(sim.background) if isinstance(b, Extended) else b
+            for (a, s), b in sim.sides.items()
+        }
         found = certify(sim.remade(boundary=sides), budget, until)
         return replace(found, reason=f"{found.reason}; nodes of the medium beyond the sides change nothing")
     begin = time.monotonic()
@@ -258,39 +294,69 @@ def judge(parts: list[Part], skipped: list[str], crossing: float, seconds: float
     growth = fastest(growths) if any(g.stable is not True for g in growths) else max(growths, key=lambda g: g.rate)
     part = next(p for p in parts if p.growth is growth)
     found: tuple[float, float, float, tuple[Part, ...], tuple[str, ...], float, float] = (
-        growth.rate / crossing, growth.error / crossing, crossing, tuple(parts), tuple(skipped), seconds, quiet,
-    )  # fmt: skip
+        growth.rate / crossing,
+        growth.error / crossing,
+        crossing,
+        tuple(parts),
+        tuple(skipped),
+        seconds,
+        quiet,
+    )
     if growth.stable is False:
-        how = f"a mode grows by {told(growth.rate, crossing)}, tenfold in {np.log(10) * crossing / growth.rate:.3g} ({part.name})"
+        how = (
+            f"a mode grows by {told(growth.rate, crossing)}, tenfold in {np.log(10) * crossing / growth.rate:.3g} "
+            f"({part.name})"
+        )
         return Certificate(NOT_CERTIFIED, part.name if part.drifts else how, *found)
     unclear = [p.name for p in parts if p.growth.stable is None]
     if unclear:
-        return Certificate(UNDECIDED, f"the fastest mode could not be told from a growing one ({', '.join(unclear)})", *found)
+        return Certificate(
+            UNDECIDED, f"the fastest mode could not be told from a growing one ({', '.join(unclear)})", *found
+        )
     looked = ", ".join(p.name for p in parts)
     noisy = [p for p in parts if p.growth.hidden]
     if noisy and not skipped:
         rest = ", ".join(p.name for p in parts if p not in noisy)
-        known = ", ".join(f"{p.name}, where growth below {p.growth.hidden:.1g} per crossing would not show" for p in noisy)
-        return Certificate(CERTIFIED, f"no mode grows ({rest}); white noise decays ({known})" if rest else f"white noise decays ({known})", *found)
+        known = ", ".join(
+            f"{p.name}, where growth below {p.growth.hidden:.1g} per crossing would not show" for p in noisy
+        )
+        return Certificate(
+            CERTIFIED,
+            f"no mode grows ({rest}); white noise decays ({known})" if rest else f"white noise decays ({known})",
+            *found,
+        )
     if skipped:
         return Certificate(UNDECIDED, f"nothing grows as far as was examined ({looked})", *found)
-    return Certificate(CERTIFIED, f"the slowest mode decays by {told(-growth.rate, crossing)} ({looked})" if growth.rate < 0 else
-                       f"no mode grows by more than {growth.rate + growth.error:.1g} per crossing ({looked})", *found)  # fmt: skip
+    return Certificate(
+        CERTIFIED,
+        f"the slowest mode decays by {told(-growth.rate, crossing)} ({looked})"
+        if growth.rate < 0
+        else f"no mode grows by more than {growth.rate + growth.error:.1g} per crossing ({looked})",
+        *found,
+    )
 
 
 def _short_lived(sim: Examined, found: Certificate) -> Certificate:
-    """Exact ends follow the infinite chain, whose energy does not grow, for as many steps as their sums are made for: a slower growth is none."""
+    """Exact ends follow the infinite chain, whose energy does not grow, for as many steps as their sums are made for: a
+    slower growth is none.
+    """
     ends = sim.exact_ends
     if ends is None or sim.engine.layers or found.verdict == CERTIFIED or not found.rate * ends.steps * sim.dt < 1:
         return found
     gain = f"until then their fastest mode gains a factor {np.exp(found.rate * ends.steps * sim.dt):.3g}"
-    return replace(found, verdict=CERTIFIED, reason=f"the ends follow the infinite chain for {ends.steps} steps and are made anew then; {gain}")
+    return replace(
+        found,
+        verdict=CERTIFIED,
+        reason=f"the ends follow the infinite chain for {ends.steps} steps and are made anew then; {gain}",
+    )
 
 
 # --- what is known from before ---------------------------------------------------------------------------------
 
 
-_PROGRAM = b"".join(Path(str(file)).read_bytes() for file in (__file__, stability.__file__, state.__file__, strips.__file__))
+_PROGRAM = b"".join(
+    Path(str(file)).read_bytes() for file in (__file__, stability.__file__, state.__file__, strips.__file__)
+)
 
 
 def _cache_file(sim: Examined) -> Path:
@@ -307,20 +373,51 @@ def _recall(path: Path) -> Certificate | None:
         return None
     words = json.loads(str(arrays["words"]))
     parts = [
-        Part(p["name"], Growth(p["rate"], p["error"], complex(*p["factor"]), np.zeros(0), p["hidden"]), arrays[f"field{i}"], p["drifts"])
+        Part(
+            p["name"],
+            Growth(p["rate"], p["error"], complex(*p["factor"]), np.zeros(0), p["hidden"]),
+            arrays[f"field{i}"],
+            p["drifts"],
+        )
         for i, p in enumerate(words["parts"])
     ]
-    return Certificate(words["verdict"], words["reason"], words["rate"], words["error"], words["crossing"], tuple(parts), (), words["seconds"],
-                       words["quiet"])  # fmt: skip
+    return Certificate(
+        words["verdict"],
+        words["reason"],
+        words["rate"],
+        words["error"],
+        words["crossing"],
+        tuple(parts),
+        (),
+        words["seconds"],
+        words["quiet"],
+    )
 
 
 def _keep(path: Path, found: Certificate) -> None:
     rows = []
     for p in found.parts:
         factor = [p.growth.factor.real, p.growth.factor.imag]
-        rows.append({"name": p.name, "rate": p.growth.rate, "error": p.growth.error, "factor": factor, "hidden": p.growth.hidden, "drifts": p.drifts})
-    words = {"verdict": found.verdict, "reason": found.reason, "rate": found.rate, "error": found.error, "crossing": found.crossing,
-             "quiet": found.quiet, "seconds": found.seconds, "parts": rows}  # fmt: skip
+        rows.append(
+            {
+                "name": p.name,
+                "rate": p.growth.rate,
+                "error": p.growth.error,
+                "factor": factor,
+                "hidden": p.growth.hidden,
+                "drifts": p.drifts,
+            }
+        )
+    words = {
+        "verdict": found.verdict,
+        "reason": found.reason,
+        "rate": found.rate,
+        "error": found.error,
+        "crossing": found.crossing,
+        "quiet": found.quiet,
+        "seconds": found.seconds,
+        "parts": rows,
+    }
     keep(path, words=json.dumps(words), **{f"field{i}": p.field for i, p in enumerate(found.parts)})
 
 
@@ -332,49 +429,75 @@ def _proof(sim: Examined) -> str:
     model, sides = sim.model, sim.sides.values()
     ends = sim.exact_ends
     if ends is not None and ends.convolved and not any(isinstance(b, LatticePML) for b in sides):
-        return "the past beyond the ends is kept whole: the run is a part of one on the infinite chain, whose energy does not grow"
+        return (
+            "the past beyond the ends is kept whole: the run is a part of one on the infinite chain, whose energy "
+            "does not grow"
+        )
     positive = sim.stencil.positive
     if sim.closure is not None:
         return _outline_proof(sim, positive)
     if not all(isinstance(b, Fixed | Free | Periodic | Sponge) for b in sides):
         return ""
-    damped = max((b.damping(1, model.coefficient, sim.lattice.spacing).max() for b in sides if isinstance(b, Sponge)), default=0.0)
+    damped = max(
+        (b.damping(1, model.coefficient, sim.lattice.spacing).max() for b in sides if isinstance(b, Sponge)),
+        default=0.0,
+    )
     if sim.conditions.nodes.size:
-        rows = np.add.reduceat(np.abs(np.append(sim.conditions.weights, 0.0)), sim.conditions.starts[:-1]) * (np.diff(sim.conditions.starts) > 0)
+        rows = np.add.reduceat(np.abs(np.append(sim.conditions.weights, 0.0)), sim.conditions.starts[:-1]) * (
+            np.diff(sim.conditions.starts) > 0
+        )
         bonds = sim.strongest * float(sim.engine.weights.sum())
         share = sim.dt * (bonds + float(sim.leak().max(initial=0)) + damped)
         if model.integrator.name == "forward Euler" and positive and share <= 1 and rows.max(initial=0) <= 1 + 1e-12:
-            return "each new value is a mean of old ones with weights that are not negative, or plus or minus such a mean: the maximum cannot grow"
+            return (
+                "each new value is a mean of old ones with weights that are not negative, or plus or minus such a "
+                "mean: the maximum cannot grow"
+            )
         return ""
     whole = not (any(isinstance(b, Free) for b in sides) or sim.engine.absent_bonds or sim.varied)
     limit = sim.step_limit if model.order == 2 else model.integrator.step_limit(sim.rate_limit + damped)
     if (positive or whole) and sim.dt <= limit * (_MARGIN if model.order == 2 else 1 + 1e-12):
-        return "bonds act alike in both directions and the step is below the limit: the energy of the scheme cannot grow"
+        return (
+            "bonds act alike in both directions and the step is below the limit: the energy of the scheme cannot grow"
+        )
     return ""
 
 
 def _outline_proof(sim: Examined, positive: bool) -> str:
     """Why a condition along an outline cannot make anything grow."""
     closure, model = sim.closure, sim.model
-    if closure is None or sim.conditions.nodes.size or sim.conditions.leaks or not all(
-        isinstance(b, Closing | Fixed | Free | Periodic) for b in sim.sides.values()
-    ):  # fmt: skip
+    if (
+        closure is None
+        or sim.conditions.nodes.size
+        or sim.conditions.leaks
+        or not all(isinstance(b, Closing | Fixed | Free | Periodic) for b in sim.sides.values())
+    ):
         return ""
     if model.order == 1:
         share = sim.dt * sim.strongest * float(sim.engine.weights.sum())
-        if positive and share <= 1 and largest_update(closure.update) <= 1 + stability.TOLERANCE * sim.dt / sim.crossing:
+        if (
+            positive
+            and share <= 1
+            and largest_update(closure.update) <= 1 + stability.TOLERANCE * sim.dt / sim.crossing
+        ):
             return "each new value is a mean of old ones, or less, fitted ones included: the maximum cannot grow"
         return ""
     if not all(isinstance(b, FirstOrder | Fixed | Free | Periodic) for b in sim.sides.values()):
         return ""
-    held = 2 * float(np.sqrt(model.coefficient)) * model.damping * sim.lattice.dim / sim.lattice.spacing  # stiffness that the sides add
+    # stiffness that the sides add
+    held = 2 * float(np.sqrt(model.coefficient)) * model.damping * sim.lattice.dim / sim.lattice.spacing
     if (positive or not sim.engine.absent_bonds) and sim.dt <= _MARGIN * 2 / np.sqrt(sim.rate_limit + held):
-        return "bonds act alike in both directions, the sides add damping and stiffness that are not negative, and the step is below the limit"
+        return (
+            "bonds act alike in both directions, the sides add damping and stiffness that are not negative, and "
+            "the step is below the limit"
+        )
     return ""
 
 
 def _escapes(sim: Examined, part: Part) -> bool:
-    """Whether a mode between two sides grows so slowly that an absorbing side along them may take it before it has grown."""
+    """Whether a mode between two sides grows so slowly that an absorbing side along them may take it before it has
+    grown.
+    """
     axis = AXES.index(part.name[len("sides ")]) if part.name.startswith("sides ") else None
     along = [] if axis is None else [a for a in range(sim.lattice.dim) if a != axis]
     if not any(isinstance(sim.sides[a, s], LatticePML | Sponge) for a in along for s in (-1, 1)):
@@ -382,10 +505,15 @@ def _escapes(sim: Examined, part: Part) -> bool:
     return part.growth.rate < _ESCAPES
 
 
-def _with_whole(sim: Examined, slow: list[Part], parts: list[Part], skipped: list[str], left: float) -> tuple[list[Part], list[str]]:
+def _with_whole(
+    sim: Examined, slow: list[Part], parts: list[Part], skipped: list[str], left: float
+) -> tuple[list[Part], list[str]]:
     """Parts and what is left out, with the complete update in place of what grows slowly between two sides."""
     worst = max(slow, key=lambda p: p.growth.rate)
-    name = f"the complete update, for without end along its sides a mode would grow by {told(worst.growth.rate, sim.crossing)} ({worst.name})"
+    name = (
+        "the complete update, for without end along its sides a mode would grow by "
+        f"{told(worst.growth.rate, sim.crossing)} ({worst.name})"
+    )
     if left > 0:
         whole = _krylov_part(name, plain_twin(sim), sim.crossing, left)
         if not (whole.growth.rate == 0 and np.isinf(whole.growth.error)):
@@ -403,15 +531,21 @@ def _examinations(sim: Examined) -> Iterator[tuple[str, Callable[[float], tuple[
     if int(np.prod(sim.engine.layout.box.nodes)) <= DENSE and State(sim.engine).size <= DENSE:
         yield "the complete update", lambda _: (_dense_part("the complete update", plain_twin(sim)), [])
         return
-    layered = [axis for axis in range(sim.lattice.dim) if any(isinstance(sim.sides[axis, s], LatticePML) for s in (-1, 1))]
+    layered = [
+        axis for axis in range(sim.lattice.dim) if any(isinstance(sim.sides[axis, s], LatticePML) for s in (-1, 1))
+    ]
     for axis in layered:
         if not any(_same_sides(sim, axis, other) for other in layered[: layered.index(axis)]):
             yield f"sides {AXES[axis]}", lambda left, axis=axis: _side_part(sim, axis, left)  # type: ignore[misc]
     others = [b for (axis, _), b in sim.sides.items() if axis not in layered[:1]]
     if layered and all(isinstance(b, Periodic) for b in others) and not sim.conditions.nodes.size:
         return
-    if sim.conditions.nodes.size or sim.conditions.leaks or sim.closure is not None:  # how an outline runs decides whether its condition grows
-        yield "the complete update", lambda left: (_krylov_part("the complete update", plain_twin(sim), sim.crossing, left), [])
+    # how an outline runs decides whether its condition grows
+    if sim.conditions.nodes.size or sim.conditions.leaks or sim.closure is not None:
+        yield (
+            "the complete update",
+            lambda left: (_krylov_part("the complete update", plain_twin(sim), sim.crossing, left), []),
+        )
         return
     small = small_lattice(sim)
     kind = f"{'corners' if len(layered) > 1 else 'faces'} on a copy of {' x '.join(map(str, small.shape))} nodes"
@@ -421,7 +555,8 @@ def _examinations(sim: Examined) -> Iterator[tuple[str, Callable[[float], tuple[
 def _noise_part(sim: Examined, budget: float, until: float) -> tuple[Part | None, float]:
     """What grows in a short run from white noise, None if nothing does; and the time for which noise ran.
 
-    It runs in the set-up itself where this is small, or where cracks, conditions or an outline make a copy another problem, else on a small copy.
+    It runs in the set-up itself where this is small, or where cracks, conditions or an outline make a copy another
+    problem, else on a small copy.
     """
     ends = sim.exact_ends
     if ends is not None and (ends.convolved or not ends.steps):
@@ -437,7 +572,9 @@ def _noise_part(sim: Examined, budget: float, until: float) -> tuple[Part | None
     if growth is None:
         return None, quiet
     where = "the complete update" if whole else f"a copy of {' x '.join(map(str, small.shape))} nodes"
-    return Part(f"white noise, {where}", growth, state.portrait(growth.mode) if growth.mode.size else np.zeros(0)), quiet
+    return Part(
+        f"white noise, {where}", growth, state.portrait(growth.mode) if growth.mode.size else np.zeros(0)
+    ), quiet
 
 
 def _dense_part(name: str, sim: Examined) -> Part:
@@ -455,8 +592,9 @@ def _dense_part(name: str, sim: Examined) -> Part:
 def _with_noise(growth: Growth, matrix: np.ndarray, crossing: int, dt: float) -> tuple[Growth, str]:
     """What a run from noise adds to eigenvalues that do not grow, and what it does instead of decaying.
 
-    The run takes 24 crossing times or, as modes that are nearly alike add up first, twice as many until it decays over its last third. What still
-    grows as fast as time itself belongs to a double factor 1: no eigenvalue grows, or rounding hides it, but the state does.
+    The run takes 24 crossing times or, as modes that are nearly alike add up first, twice as many until it decays over
+    its last third. What still grows as fast as time itself belongs to a double factor 1: no eigenvalue grows, or
+    rounding hides it, but the state does.
     """
     third, length, sizes = np.linalg.matrix_power(matrix, 8 * crossing), 24, [0.0, 0.0]
     noise = np.random.default_rng(0).standard_normal(len(matrix))
@@ -478,7 +616,8 @@ def _krylov_part(name: str, sim: Examined, crossing: float, budget: float) -> Pa
     complete = State(sim.engine)
     growth = krylov_growth(complete.after, complete.size, sim.dt / crossing, crossing_steps(sim), budget)
     if growth.hidden and any((layer.sigma[layer.alpha == 0] > 0).any() for layer in sim.engine.layers.values()):
-        growth = replace(growth, error=np.inf)  # every static field is at rest in such a layer: a double factor 1, slower than any run shows
+        # every static field is at rest in such a layer: a double factor 1, slower than any run shows
+        growth = replace(growth, error=np.inf)
         name = f"layers with alpha = 0, which let fields of zero frequency drift: {name}"
     return Part(name, growth, complete.portrait(growth.mode) if growth.mode.size else np.zeros(0))
 
@@ -500,20 +639,28 @@ def _side_part(sim: Examined, axis: int, budget: float) -> tuple[Part, list[str]
         longest = max(longest, time.monotonic() - begin)
         if time.monotonic() + longest > end:  # the next one would not be done in time
             break
-    missed = [f"sides {AXES[axis]} at {len(sample) - len(found)} of {len(sample)} tangential wavenumbers"] if len(found) < len(sample) else []
+    missed = (
+        [f"sides {AXES[axis]} at {len(sample) - len(found)} of {len(sample)} tangential wavenumbers"]
+        if len(found) < len(sample)
+        else []
+    )
     for angles in sorted(found, key=lambda a: -found[a].rate)[:2]:
         if found[angles].stable and time.monotonic() < end:
             _climb(strip, angles, found, end)
     worst = fastest(list(found.values()))
-    if worst.stable is False and strip.width < real and strip.size < _WIDE:  # a wider near field can be stable where a narrow one is not
+    # a wider near field can be stable where a narrow one is not
+    if worst.stable is False and strip.width < real and strip.size < _WIDE:
         strip = Strip(sim, axis, min(real, strip.width + (_WIDE - strip.size) // 2))
         found |= {angles: strip.growth(*angles) for angles, growth in found.items() if growth.stable is False}
         worst = fastest(list(found.values()))
         name = f"sides {AXES[axis]}, near field of {strip.width} nodes"
     angles = next(a for a, g in found.items() if g is worst)
     if angles:
-        name += f", tangential wavenumber times spacing {', '.join(f'{a:.3g}' for a in angles)}" if worst.stable is not True else (
-            f", {len(found)} tangential wavenumber{'s' * (len(found) > 1)}")  # fmt: skip
+        name += (
+            f", tangential wavenumber times spacing {', '.join(f'{a:.3g}' for a in angles)}"
+            if worst.stable is not True
+            else (f", {len(found)} tangential wavenumber{'s' * (len(found) > 1)}")
+        )
     return Part(name, worst, strip.profile(worst.mode) if worst.stable is False else np.zeros(0)), missed
 
 
@@ -524,7 +671,11 @@ def _climb(strip: Strip, angles: tuple[float, ...], found: dict[tuple[float, ...
         while step > np.pi / strip.coarse / 10 and time.monotonic() < end:
             here = angles
             for shift in (-step, step):
-                moved = (*here[:number], float(np.clip(here[number] + shift, strip.longest, np.pi)), *here[number + 1 :])
+                moved = (
+                    *here[:number],
+                    float(np.clip(here[number] + shift, strip.longest, np.pi)),
+                    *here[number + 1 :],
+                )
                 if moved not in found:
                     found[moved] = strip.growth(*moved)
                 if found[moved].rate > found[angles].rate:

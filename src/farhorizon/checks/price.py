@@ -44,7 +44,11 @@ class Price:
 
 def price(sim: Examined, seconds: float | None = None) -> Price:
     """Of a simulation as it is; a step takes so many seconds, if that is known."""
-    return Price(float(np.prod(sim.engine.layout.box.nodes)), sim.seconds_per_step() if seconds is None else seconds, float(sim.engine.nbytes))
+    return Price(
+        float(np.prod(sim.engine.layout.box.nodes)),
+        sim.seconds_per_step() if seconds is None else seconds,
+        float(sim.engine.nbytes),
+    )
 
 
 def extended_price(sim: Examined, until: float, sides: Sequence[tuple[int, int]]) -> Price:
@@ -56,8 +60,12 @@ def extended_price(sim: Examined, until: float, sides: Sequence[tuple[int, int]]
     try:
         more = {key: found.nodes for key, found in sim.extents_for(wanted, until).items()}
     except InputError:
-        more = dict.fromkeys(wanted, undisturbed(sim.stencil, sim.rate_limit / sim.stencil.symbol_maximum, sim.model.order, until))
-    nodes = float(np.prod([float(n + more.get((a, -1), 0) + more.get((a, 1), 0)) for a, n in enumerate(sim.lattice.shape)]))
+        more = dict.fromkeys(
+            wanted, undisturbed(sim.stencil, sim.rate_limit / sim.stencil.symbol_maximum, sim.model.order, until)
+        )
+    nodes = float(
+        np.prod([float(n + more.get((a, -1), 0) + more.get((a, 1), 0)) for a, n in enumerate(sim.lattice.shape)])
+    )
     lattice = sim.lattice
     shrunk = max(1.0, (np.prod(lattice.shape) / _PROBED) ** (1 / lattice.dim))
     count = [max(int(n / shrunk), 2 * m + 1) for n, m in zip(lattice.shape, sim.stencil.reach, strict=True)]
@@ -76,7 +84,9 @@ def layered(sim: Examined, until: float) -> Examined:
         No layer keeps the target.
     """
     sides: Mapping[str, object] = {
-        AXES[axis] + "-+"[side > 0]: LatticePML(target=b.wanted(sim.model.target), until=until) if isinstance(b, Extended) else b
+        AXES[axis] + "-+"[side > 0]: LatticePML(target=b.wanted(sim.model.target), until=until)
+        if isinstance(b, Extended)
+        else b
         for (axis, side), b in sim.sides.items()
     }
     return sim.remade(boundary=sides)

@@ -89,9 +89,13 @@ class Reflections:
         return found.reshape(-1, len(angles))
 
     def rows(self) -> Iterator[tuple[tuple[str, str], float, np.ndarray]]:
-        """Pair, wavelength and amplitudes over the angles; without pairs that never occur, such as SH to P in a plane of symmetry."""
+        """Pair, wavelength and amplitudes over the angles; without pairs that never occur, such as SH to P in a plane
+        of symmetry.
+        """
         for number, pair in enumerate(self.pairs):
-            if len(self.pairs) == 1 or any(np.nanmax(np.append(table[number], 0.0)) > _EXACT for table in self.tables.values()):
+            if len(self.pairs) == 1 or any(
+                np.nanmax(np.append(table[number], 0.0)) > _EXACT for table in self.tables.values()
+            ):
                 for wavelength in sorted(self.tables, reverse=True):
                     yield pair, wavelength, self.tables[wavelength][number]
 
@@ -118,9 +122,9 @@ class Report:
     reflections : list of Reflections
         Of each kind of absorbing side.
     numbers : dict of str to float
-        Those of the rows that a program may want: "dt", "step_limit", "seconds", "steps", "memory"; of the extended domain over this run
-        "extended_nodes", "extended_cost", "extended_memory", or of layers over this run on an extended domain "layer_nodes", "layer_cost",
-        "layer_memory".
+        Those of the rows that a program may want: "dt", "step_limit", "seconds", "steps", "memory"; of the extended
+        domain over this run "extended_nodes", "extended_cost", "extended_memory", or of layers over this run on an
+        extended domain "layer_nodes", "layer_cost", "layer_memory".
     until : float
         End of the run; infinite if it is not known.
     """
@@ -164,7 +168,9 @@ class Report:
             found = Reflections(names, side)
             for wavelength in wavelengths:
                 if found.tables and time.monotonic() > end:
-                    self.notes.append(f"no time to predict the reflection of waves of length {wavelength:.3g} by {names}")
+                    self.notes.append(
+                        f"no time to predict the reflection of waves of length {wavelength:.3g} by {names}"
+                    )
                 else:
                     found.tables[wavelength] = found.amplitudes(wavelength, found.angles)
             self.reflections.append(found)
@@ -189,12 +195,22 @@ class Report:
     def _describe(self, sim: Examined, waves: Band | None) -> None:
         """Sizes, step, layers and memory."""
         lattice, stencil, engine, say = sim.lattice, sim.stencil, sim.engine, self._say
-        say("near field", f"{' x '.join(map(str, lattice.shape))} nodes, {lattice.nodes} shown, spacing {lattice.spacing:g}")
+        say(
+            "near field",
+            f"{' x '.join(map(str, lattice.shape))} nodes, {lattice.nodes} shown, spacing {lattice.spacing:g}",
+        )
         say("stencil", f"{len(stencil.weights)} neighbours, reach {' x '.join(map(str, stencil.reach))} nodes")
-        say("time step", f"{sim.dt:.6g}, {sim.dt / sim.step_limit:.3g} of the stable limit {sim.step_limit:.6g} ({sim.model.integrator.name})")
+        say(
+            "time step",
+            f"{sim.dt:.6g}, {sim.dt / sim.step_limit:.3g} of the stable limit {sim.step_limit:.6g} "
+            f"({sim.model.integrator.name})",
+        )
         if waves is not None:
-            say("wavelengths", f"{waves.shortest:.3g} to {waves.longest:.3g}, half of the energy below {waves.typical:.3g} = "
-                f"{waves.typical / lattice.spacing:.3g} nodes")  # fmt: skip
+            say(
+                "wavelengths",
+                f"{waves.shortest:.3g} to {waves.longest:.3g}, half of the energy below {waves.typical:.3g} = "
+                f"{waves.typical / lattice.spacing:.3g} nodes",
+            )
         layers: dict[str, list[str]] = {}
         for (axis, side), layer in engine.layers.items():
             boundary = sim.sides[axis - 3 + lattice.dim, side]
@@ -218,7 +234,9 @@ class Report:
         for text, names in extents.items():
             say(f"extended {', '.join(names)}", text)
         for (axis, side), boundary in sim.sides.items():
-            if not isinstance(boundary, LatticePML | Exact | Extended) and not (isinstance(boundary, Closing) and lattice.window is not None):
+            if not isinstance(boundary, LatticePML | Exact | Extended) and not (
+                isinstance(boundary, Closing) and lattice.window is not None
+            ):
                 say(f"side {AXES[axis]}{'-+'[side > 0]}", options_shown(boundary))
         if sim.closure is not None:
             if lattice.window is not None:
@@ -228,23 +246,41 @@ class Report:
             say(f"exact end {name}", serves)
         if isinstance(sim.model, Corrosion):
             metal = int(np.nansum(sim.fields["solid"]))
-            say("metal", f"{metal} solid nodes shown, saturation {sim.model.saturation:g}, interface {sim.model.interface:g} of the liquid")
+            say(
+                "metal",
+                f"{metal} solid nodes shown, saturation {sim.model.saturation:g}, interface {sim.model.interface:g} "
+                "of the liquid",
+            )
             if metal:
                 whole = float(np.nanmax(sim.fields["u"]))
                 speed = sim.model.speed(lattice.spacing, lattice.dim, whole, sim.background)
-                say("front", f"speed {speed:.4g} under activation control{' (limited by saturation)' if sim.model.limited else ''}; "
-                    f"for another speed v: interface = {sim.model.interface / speed:.4g} v")  # fmt: skip
+                say(
+                    "front",
+                    f"speed {speed:.4g} under activation "
+                    f"control{' (limited by saturation)' if sim.model.limited else ''}; "
+                    f"for another speed v: interface = {sim.model.interface / speed:.4g} v",
+                )
         total = int(np.prod(engine.core.nodes))
         extra = int(np.prod(engine.layout.box.nodes)) - int(np.prod(lattice.shape))
         say("nodes computed", f"{total} in the core, {extra} beyond the near field")
-        say("memory", f"{engine.nbytes / 2**20:.3g} MiB = {engine.nbytes / (np.prod(sim.field_shape) * engine.dtype.itemsize):.3g} near fields")
+        say(
+            "memory",
+            f"{engine.nbytes / 2**20:.3g} MiB = "
+            f"{engine.nbytes / (np.prod(sim.field_shape) * engine.dtype.itemsize):.3g} near fields",
+        )
         say("absent bonds", str(engine.absent_bonds))
         if isinstance(sim.model, Elastic) and sim.model.bondwise:
             stretch = sim.model.critical_stretch_on(lattice.spacing, lattice.dim)
             breaking = (
-                f"break at a stretch of {stretch:.4g}, except within one reach of sides that are not free" if np.isfinite(stretch) else "none breaks"
+                f"break at a stretch of {stretch:.4g}, except within one reach of sides that are not free"
+                if np.isfinite(stretch)
+                else "none breaks"
             )
-            say("bonds", f"{'nonlinear' if sim.model.nonlinear else 'linear'}, {breaking}; what is predicted is the linear form, whole")
+            say(
+                "bonds",
+                f"{'nonlinear' if sim.model.nonlinear else 'linear'}, {breaking}; what is predicted is the linear "
+                "form, whole",
+            )
         self.numbers |= {"dt": sim.dt, "step_limit": sim.step_limit, "memory": float(engine.nbytes)}
 
     def _estimate(self, sim: Examined, until: float) -> None:
@@ -257,9 +293,16 @@ class Report:
         if not sim.targets:
             return
         far = extended_price(sim, until, list(sim.targets))
-        self._say("extended domain", f"{far.nodes:.3g} nodes until nothing returns, {far.nodes / np.prod(sim.lattice.shape):.3g} near fields: "
-                  f"{far.over(mine)} of this run")  # fmt: skip
-        self.numbers |= {"extended_nodes": far.nodes, "extended_cost": far.seconds / mine.seconds, "extended_memory": far.memory / mine.memory}
+        self._say(
+            "extended domain",
+            f"{far.nodes:.3g} nodes until nothing returns, {far.nodes / np.prod(sim.lattice.shape):.3g} near fields: "
+            f"{far.over(mine)} of this run",
+        )
+        self.numbers |= {
+            "extended_nodes": far.nodes,
+            "extended_cost": far.seconds / mine.seconds,
+            "extended_memory": far.memory / mine.memory,
+        }
         if far.seconds < mine.seconds:
             self.notes.append('the extended domain would be faster than this run: type = "extended"')
 
@@ -273,7 +316,11 @@ class Report:
         other = price(twin)
         thickest = max(layer.columns for layer in twin.engine.layers.values())
         self._say("layers instead", f"of {thickest} nodes: {other.over(mine)} of this run")
-        self.numbers |= {"layer_nodes": float(thickest), "layer_cost": other.seconds / mine.seconds, "layer_memory": other.memory / mine.memory}
+        self.numbers |= {
+            "layer_nodes": float(thickest),
+            "layer_cost": other.seconds / mine.seconds,
+            "layer_memory": other.memory / mine.memory,
+        }
         if other.seconds < mine.seconds:
             self.notes.append('layers would be faster than this run: type = "lattice-pml"')
 
@@ -283,14 +330,21 @@ class Report:
         self._say("time", f"about {seconds(duration)} for {steps} steps to t = {until:g}")
         self.numbers |= {"steps": float(steps), "seconds": duration}
         if duration > _LONG:
-            self.warnings.append(f"the run would take about {seconds(duration)}: compare until = {until:g} with dt = {run.dt:.3g}, and look at the "
-                                 "units of speed, spacing and time")  # fmt: skip
+            self.warnings.append(
+                f"the run would take about {seconds(duration)}: compare until = {until:g} with dt = {run.dt:.3g}, and "
+                "look at the "
+                "units of speed, spacing and time"
+            )
         return duration
 
     def _backward(self, sim: Examined) -> BackwardWaves:
         backward = sim.stencil.backward_waves()
-        self._say("backward waves", f"{100 * backward.fraction:.3g} % of the Brillouin zone from |k| spacing = {backward.first_wavenumber:.3g}"
-                  if backward else "none")  # fmt: skip
+        self._say(
+            "backward waves",
+            f"{100 * backward.fraction:.3g} % of the Brillouin zone from |k| spacing = {backward.first_wavenumber:.3g}"
+            if backward
+            else "none",
+        )
         return backward
 
     def _certify(self, sim: Examined, backward: BackwardWaves, budget: float) -> None:
@@ -304,27 +358,46 @@ class Report:
     def as_json(self) -> dict[str, Any]:
         """Facts, numbers, warnings, notes, the certificate and the reflections as plain data."""
         rows = [
-            {"sides": found.sides, **({"incoming": pair[0], "sent": pair[1]} if pair[0] else {}), "wavelength": wavelength, "angle": angle,
-             "amplitude": float(value) if np.isfinite(value) else None}
+            {
+                "sides": found.sides,
+                **({"incoming": pair[0], "sent": pair[1]} if pair[0] else {}),
+                "wavelength": wavelength,
+                "angle": angle,
+                "amplitude": float(value) if np.isfinite(value) else None,
+            }
             for found in self.reflections
             for pair, wavelength, amplitudes in found.rows()
             for angle, value in zip(found.angles, amplitudes, strict=True)
-        ]  # fmt: skip
+        ]
         certificate = {} if self.certificate is None else self.certificate.as_json()
-        return {"facts": dict(self.rows), "numbers": self.numbers, "warnings": self.warnings, "notes": self.notes, "certificate": certificate,
-                "reflection": rows}  # fmt: skip
+        return {
+            "facts": dict(self.rows),
+            "numbers": self.numbers,
+            "warnings": self.warnings,
+            "notes": self.notes,
+            "certificate": certificate,
+            "reflection": rows,
+        }
 
     def draw(self, folder: Path, name: str, spacing: float) -> list[Path]:
-        """Pictures into a folder: NAME-growing-mode.png where a mode grows, NAME-reflection.png where sides absorb waves."""
+        """Pictures into a folder: NAME-growing-mode.png where a mode grows, NAME-reflection.png where sides absorb
+        waves.
+        """
         from farhorizon.pictures.plot import mode_picture, reflection_picture
 
         made = []
         worst = None if self.certificate is None else self.certificate.worst
         if self.certificate is not None and worst is not None and worst.field.size:
             made.append(folder / f"{name}-growing-mode.png")
-            mode_picture(worst.field, spacing, f"grows by {told(worst.growth.rate, self.certificate.crossing)}", made[-1])
+            mode_picture(
+                worst.field, spacing, f"grows by {told(worst.growth.rate, self.certificate.crossing)}", made[-1]
+            )
         curves = [
-            (", ".join([*_named_pair(pair), f"wavelength {wavelength:.3g}"]) + f", {found.sides}" * (len(self.reflections) > 1), amplitudes)
+            (
+                ", ".join([*_named_pair(pair), f"wavelength {wavelength:.3g}"])
+                + f", {found.sides}" * (len(self.reflections) > 1),
+                amplitudes,
+            )
             for found in self.reflections
             if len(found.angles) > 1
             for wavelength in found.drawn
@@ -334,7 +407,9 @@ class Report:
         if curves:
             made.append(folder / f"{name}-reflection.png")
             kind = "diffusion waves" if self.reflections[0].diffusive else "plane waves"
-            title = f"{kind} sent back by {'an absorbing side' if len(self.reflections) > 1 else self.reflections[0].sides}"
+            title = (
+                f"{kind} sent back by {'an absorbing side' if len(self.reflections) > 1 else self.reflections[0].sides}"
+            )
             reflection_picture(np.array(_FINE), curves, title, made[-1])
         return made
 
@@ -352,11 +427,17 @@ class Report:
     def __str__(self) -> str:
         width = max(len(name) for name, _ in self.rows)
         lines = [f"{name:<{width}}  {value}" for name, value in self.rows]
-        return "\n".join(lines + self._reflection_lines() + [f"warning: {w}" for w in self.warnings] + [f"note: {n}" for n in self.notes])
+        return "\n".join(
+            lines
+            + self._reflection_lines()
+            + [f"warning: {w}" for w in self.warnings]
+            + [f"note: {n}" for n in self.notes]
+        )
 
 
 def content(sim: Examined, until: float | None = None) -> Band | None:
-    """Wavelengths in initial data and in what sources add, as far as these split into space and time; None if there is nothing.
+    """Wavelengths in initial data and in what sources add, as far as these split into space and time; None if there is
+    nothing.
 
     With the end of the run the frequencies of the sources count, too.
     """
@@ -376,10 +457,11 @@ def content(sim: Examined, until: float | None = None) -> Band | None:
 
 
 def _wavelengths(sim: Examined, waves: Band | None, until: float | None) -> tuple[float, ...]:
-    """Wavelengths for which reflection is predicted, the typical one first; of diffusion waves, whose period is ``length^2 / (4 pi diffusivity)``.
+    """Wavelengths for which reflection is predicted, the typical one first; of diffusion waves, whose period is
+    ``length^2 / (4 pi diffusivity)``.
 
-    What diffuses is as slow as the run is long. So these have the period of the run, ten times that in which the near field empties if it is not
-    known, the latter, and a tenth of it.
+    What diffuses is as slow as the run is long. So these have the period of the run, ten times that in which the near
+    field empties if it is not known, the latter, and a tenth of it.
     """
     if sim.model.order == 2:
         return () if waves is None else tuple(dict.fromkeys((waves.typical, waves.shortest, waves.longest)))
@@ -395,13 +477,20 @@ def _sides(sim: Examined) -> list[tuple[str, LayerSide | Strip]]:
     for (axis, side), boundary in sim.sides.items():
         if isinstance(boundary, LatticePML) or (isinstance(boundary, Sponge) and sim.model.order == 2):
             layer = sim.engine.layers.get((3 - sim.lattice.dim + axis, side))
-            kind = (boundary if layer is None else (layer.kappa.tolist(), layer.sigma.tolist(), layer.alpha.tolist()), sim.stencil.reach[axis])
+            kind = (
+                boundary if layer is None else (layer.kappa.tolist(), layer.sigma.tolist(), layer.alpha.tolist()),
+                sim.stencil.reach[axis],
+            )
             for names, other, _ in found:
                 if other == kind:
                     names.append(AXES[axis] + "-+"[side > 0])
                     break
             else:
-                alone = _layer_side(sim, axis, layer) if layer else Strip(sim, axis, 2 * sim.stencil.reach[axis] + 2, (Fixed(), boundary))
+                alone = (
+                    _layer_side(sim, axis, layer)
+                    if layer
+                    else Strip(sim, axis, 2 * sim.stencil.reach[axis] + 2, (Fixed(), boundary))
+                )
                 found.append(([AXES[axis] + "-+"[side > 0]], kind, alone))
     return [(", ".join(names), alone) for names, _, alone in found]
 
@@ -409,20 +498,35 @@ def _sides(sim: Examined) -> list[tuple[str, LayerSide | Strip]]:
 def _layer_side(sim: Examined, axis: int, layer: Layer) -> LayerSide:
     waves = sim.model.order == 2
     recursion = Recursion.of(sim.model.integrator, sim.dt, sim.model.damping) if waves else Recursion(0.0, sim.dt, 1.0)
-    return LayerSide(LatticeMedium(sim.stencil.along(axis), sim.model.coefficient, sim.lattice.spacing, recursion, sim.dt), layer, not waves)
+    return LayerSide(
+        LatticeMedium(sim.stencil.along(axis), sim.model.coefficient, sim.lattice.spacing, recursion, sim.dt),
+        layer,
+        not waves,
+    )
 
 
 def _remedy(sim: Examined, backward: BackwardWaves) -> str:
     """What to do about growth in a layer."""
     if sim.closure is not None:
-        few = " A window whose radius is no whole number of spacings has no single nodes at its poles, which grow." if sim.lattice.window else ""
+        few = (
+            " A window whose radius is no whole number of spacings has no single nodes at its poles, which grow."
+            if sim.lattice.window
+            else ""
+        )
         return f"Use Higdon(angles=(0, 45)), settings that 'check --tune' finds, or a LatticePML.{few}"
     other = "Exact ends, or " if sim.lattice.dim == 1 else ""
     if not backward:
         return f"Use {other}a thicker layer or one with a gentler profile, a smaller step, or a Sponge."
-    kernel = "exponent 2 with a reach of at most 3 nodes" if sim.lattice.dim < 3 else "exponent 2 with the linear influence function"
-    return (f"The stencil has backward waves, which grow in the layer, by up to {backward.growth:.2g} sigma per unit time, from rounding or noise. "
-            f"Use {other}a Sponge of several wavelengths, or {kernel}; or keep the data smooth and the run short.")  # fmt: skip
+    kernel = (
+        "exponent 2 with a reach of at most 3 nodes"
+        if sim.lattice.dim < 3
+        else "exponent 2 with the linear influence function"
+    )
+    return (
+        f"The stencil has backward waves, which grow in the layer, by up to {backward.growth:.2g} sigma per unit "
+        "time, from rounding or noise. "
+        f"Use {other}a Sponge of several wavelengths, or {kernel}; or keep the data smooth and the run short."
+    )
 
 
 def _named_pair(pair: tuple[str, str]) -> list[str]:

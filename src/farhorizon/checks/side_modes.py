@@ -1,4 +1,6 @@
-"""Copies of a set-up on which its stability and its reflection are examined: bare, small, and one pair of sides by itself."""
+"""Copies of a set-up on which its stability and its reflection are examined: bare, small, and one pair of sides by
+itself.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +50,9 @@ def _undamped(boundary: Boundary) -> Boundary:
 
 
 def like_sides(sim: Examined, one: tuple[int, int], other: tuple[int, int]) -> bool:
-    """Whether two sides, each (axis, side), have like boundaries: layers of the same stretch and damping, or equal conditions."""
+    """Whether two sides, each (axis, side), have like boundaries: layers of the same stretch and damping, or equal
+    conditions.
+    """
     lead = 3 - sim.lattice.dim
     first, second = (sim.engine.layers.get((lead + axis, side)) for axis, side in (one, other))
     if first is None or second is None:
@@ -57,9 +61,11 @@ def like_sides(sim: Examined, one: tuple[int, int], other: tuple[int, int]) -> b
 
 
 def one_corner(sim: Examined) -> dict[tuple[int, int], Boundary]:
-    """The sides; where layers or periodic sides are all around, those that mirror the layer on the other side held fixed.
+    """The sides; where layers or periodic sides are all around, those that mirror the layer on the other side held
+    fixed.
 
-    All corners are then like the one that is left, and all edges and faces. Between reflecting faces a layer and its mirror image can feed one mode.
+    All corners are then like the one that is left, and all edges and faces. Between reflecting faces a layer and its
+    mirror image can feed one mode.
     """
     found = pinned(sim)
     if all(isinstance(b, LatticePML | Periodic) for b in found.values()):
@@ -70,10 +76,17 @@ def one_corner(sim: Examined) -> dict[tuple[int, int], Boundary]:
     return found
 
 
-def plain_twin(sim: Examined, lattice: Lattice | None = None, sides: Mapping[tuple[int, int], Boundary] | None = None) -> Examined:
-    """The same set-up in double precision with nothing in it, or a smaller copy of it without cracks, conditions and changes of the material."""
-    level = Fixed(sim.background)  # conditions that run into layers hold the surroundings' value, so the background stays
-    named = {AXES[a] + "-+"[s > 0]: level if isinstance(b, Fixed) else b for (a, s), b in (sides or pinned(sim)).items()}
+def plain_twin(
+    sim: Examined, lattice: Lattice | None = None, sides: Mapping[tuple[int, int], Boundary] | None = None
+) -> Examined:
+    """The same set-up in double precision with nothing in it, or a smaller copy of it without cracks, conditions and
+    changes of the material.
+    """
+    # conditions that run into layers hold the surroundings' value, so the background stays
+    level = Fixed(sim.background)
+    named = {
+        AXES[a] + "-+"[s > 0]: level if isinstance(b, Fixed) else b for (a, s), b in (sides or pinned(sim)).items()
+    }
     changes: dict[str, Any] = {
         "boundary": named,
         "sources": (),
@@ -91,7 +104,9 @@ def plain_twin(sim: Examined, lattice: Lattice | None = None, sides: Mapping[tup
 
 
 def small_lattice(sim: Examined) -> Lattice:
-    """A box of as few nodes as corners and faces need; with conditions along an outline a box or a round window twice as wide as they read."""
+    """A box of as few nodes as corners and faces need; with conditions along an outline a box or a round window twice
+    as wide as they read.
+    """
     lattice, spacing = sim.lattice, sim.lattice.spacing
     depth = 0.0 if sim.closure is None else sim.closure.fringe.depth
     if lattice.window is not None and sim.closure is not None:
@@ -104,14 +119,20 @@ def small_lattice(sim: Examined) -> Lattice:
 
 
 def crossing_steps(sim: Examined) -> int:
-    """Steps in which a wave crosses the core and its layers, or in which what diffuses spreads over a good part of them."""
-    nodes = max(n + sum(layer.columns for (a, _), layer in sim.engine.layers.items() if a == axis) for axis, n in enumerate(sim.engine.core.nodes))
+    """Steps in which a wave crosses the core and its layers, or in which what diffuses spreads over a good part of
+    them.
+    """
+    nodes = max(
+        n + sum(layer.columns for (a, _), layer in sim.engine.layers.items() if a == axis)
+        for axis, n in enumerate(sim.engine.core.nodes)
+    )
     duration = sim.model.crossing(nodes * sim.lattice.spacing)
     return max(1, int(np.ceil(duration / (1 if sim.model.order == 2 else _SPREADS) / sim.dt)))
 
 
 class Strip:
-    """The sides of one axis with the medium between them, without end along the other axes: a matrix for each tangential wavenumber.
+    """The sides of one axis with the medium between them, without end along the other axes: a matrix for each
+    tangential wavenumber.
 
     Parameters
     ----------
@@ -143,7 +164,14 @@ class Strip:
         Time step in crossings of the near field.
     """
 
-    def __init__(self, sim: Examined, axis: int, width: int, sides: tuple[Boundary, Boundary] | None = None, budget: float = np.inf) -> None:
+    def __init__(
+        self,
+        sim: Examined,
+        axis: int,
+        width: int,
+        sides: tuple[Boundary, Boundary] | None = None,
+        budget: float = np.inf,
+    ) -> None:
         dim, spacing = sim.lattice.dim, sim.lattice.spacing
         order = [axis, *(a for a in range(dim) if a != axis)]
         stages = max(1, len(sim.engine.stages.numbers) * (sim.model.order == 1))
@@ -158,19 +186,32 @@ class Strip:
             ends = tuple(_undamped(b) for b in ends)  # type: ignore[assignment]
             boundary |= {"x-": ends[0], "x+": ends[1]}
         self.sim = sim.remade(
-            lattice=lattice, model=sim.model.with_stencil(sim.stencil.along(axis)), boundary=boundary, dtype="float64", threads=1, background=0.0,
-        )  # fmt: skip
+            lattice=lattice,
+            model=sim.model.with_stencil(sim.stencil.along(axis)),
+            boundary=boundary,
+            dtype="float64",
+            threads=1,
+            background=0.0,
+        )
         self.width, self.dt, self.pace = width, sim.dt, sim.dt / sim.crossing
         self.state = State(self.sim.engine)
         rows = self.state.rows()
-        self.place, self._images, self._signs, self.near, self._layers = rows.place, rows.images, rows.signs, rows.near, rows.layers
+        self.place, self._images, self._signs, self.near, self._layers = (
+            rows.place,
+            rows.images,
+            rows.signs,
+            rows.near,
+            rows.layers,
+        )
         self.size = len(self.place)
-        # with the components along the sides a quarter of a period apart the map of a stencil that mirrors is real: a few times as fast
+        # with the components along the sides a quarter of a period apart the map of a stencil that mirrors is real: a
+        # few times as fast
         self._turns = np.where(self._signs > 0, 1j, 1.0) if self.sim.stencil.components > 1 else np.ones(self.size)
         self.coarse = 11 if dim == 2 else 6
         endless = all(isinstance(b, Periodic | Free) for (a, _), b in sim.sides.items() if a != axis)
         self.longest = 0.0 if endless else 0.01
-        responses = np.empty((self.size, *self.place.shape))  # by the unit that is answered to: what is written then lies side by side
+        # by the unit that is answered to: what is written then lies side by side
+        responses = np.empty((self.size, *self.place.shape))
         begin = time.monotonic()
         for number in range(self.size):
             if number == 1:  # the first makes the program ready
@@ -185,7 +226,10 @@ class Strip:
         images = self._images
         if images is not None:
             some = self._summed(*np.linspace(0.7, 1.9, dim - 1))
-            if np.abs(np.outer(self._signs, self._signs) * some[np.ix_(images, images)] - some).max() > 1e-14 * np.abs(some).max():
+            if (
+                np.abs(np.outer(self._signs, self._signs) * some[np.ix_(images, images)] - some).max()
+                > 1e-14 * np.abs(some).max()
+            ):
                 self._images = None
 
     def matrix(self, *angles: float) -> np.ndarray:
@@ -211,7 +255,10 @@ class Strip:
                 damping = line_damping(layer.damping, layer.taps, self.dt, angles)
                 for new, old in zip(*self._layers[side], strict=True):  # component by component
                     if layer.whole:
-                        matrix[new], matrix[old] = matrix[new] - damping @ matrix[new], matrix[old] - damping @ matrix[old]
+                        matrix[new], matrix[old] = (
+                            matrix[new] - damping @ matrix[new],
+                            matrix[old] - damping @ matrix[old],
+                        )
                     else:
                         matrix[new] -= damping @ (matrix[new] - matrix[old])
         return matrix
@@ -239,7 +286,9 @@ class Strip:
         return fastest(found)
 
     def sample(self) -> Iterator[tuple[float, ...]]:
-        """Tangential wavenumbers times spacing: a grid up to pi, and very long waves; of those that are mirror images one."""
+        """Tangential wavenumbers times spacing: a grid up to pi, and very long waves; of those that are mirror images
+        one.
+        """
         line = [self.longest, *np.linspace(0, np.pi, self.coarse + 1)[1:].tolist()]
         if self.sim.lattice.dim < 3:
             yield from ((a,) for a in (*line, 0.005, 0.05)) if self.sim.lattice.dim == 2 else ((),)
@@ -265,12 +314,17 @@ class Strip:
         return TYPES[self.sim.stencil.components]
 
     def reflection(self, wavelength: float, angle: float, azimuth: float = 0.0) -> complex:
-        """Amplitude of the wave that the high side sends back for a plane wave of amplitude 1, of a scalar field; see `reflections`."""
+        """Amplitude of the wave that the high side sends back for a plane wave of amplitude 1, of a scalar field; see
+        `reflections`.
+        """
         return self.reflections(wavelength, angle, azimuth)[""]
 
     @one_blas_thread()
-    def reflections(self, wavelength: float, angle: float, azimuth: float = 0.0, incoming: str | None = None) -> dict[str, complex]:
-        """Amplitudes by type of the waves that the high side sends back for a plane wave of amplitude 1; second order in time.
+    def reflections(
+        self, wavelength: float, angle: float, azimuth: float = 0.0, incoming: str | None = None
+    ) -> dict[str, complex]:
+        """Amplitudes by type of the waves that the high side sends back for a plane wave of amplitude 1; second order
+        in time.
 
         Parameters
         ----------
@@ -291,10 +345,13 @@ class Strip:
         Raises
         ------
         InputError
-            No such wave comes to the side: it is shorter than the lattice carries; or an integrator with several stages.
+            No such wave comes to the side: it is shorter than the lattice carries; or an integrator with several
+            stages.
         """
         sim = self.sim
-        wave = self.medium.plane_wave(wavelength / sim.lattice.spacing, angle, azimuth, self.types.index(incoming or self.types[0]))
+        wave = self.medium.plane_wave(
+            wavelength / sim.lattice.spacing, angle, azimuth, self.types.index(incoming or self.types[0])
+        )
         near = self.near.reshape(-1, len(self.types), self.near.shape[-1])
         levels = (1.0, 1 - 1 / wave.factor if sim.engine.stages.increments else 1 / wave.factor)[: len(near)]
         amplitudes = reflection(self.matrix(*wave.along), near, levels, wave.factor, wave.modes, sim.stencil.reach[0])

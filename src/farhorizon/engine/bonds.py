@@ -1,13 +1,14 @@
 """Bonds that follow a law of their own stretch and break, in a zone of the core, a box of nodes.
 
-A bond whose ends both lie in the zone follows the law and may break; the others are those of the linear stencil. Nodes of the zone are swept tile by
-tile, `LANES` nodes of up to `ROWS` rows. Each bond of each node of the core has a bit, set while the bond is there. A *plain* tile has all its
-bonds, none of which leaves the zone, and is swept without bits until one of them is about to break; from then on, as others from the
-start, it is swept with them. A bond's two ends find out by themselves, and in the same step, that it breaks, so no thread writes what another
-reads. Nodes outside the zone are swept by the plain stencil, their absent bonds taken back one by one as everywhere.
+A bond whose ends both lie in the zone follows the law and may break; the others are those of the linear stencil. Nodes
+of the zone are swept tile by tile, `LANES` nodes of up to `ROWS` rows. Each bond of each node of the core has a bit,
+set while the bond is there. A *plain* tile has all its bonds, none of which leaves the zone, and is swept without bits
+until one of them is about to break; from then on, as others from the start, it is swept with them. A bond's two ends
+find out by themselves, and in the same step, that it breaks, so no thread writes what another reads. Nodes outside the
+zone are swept by the plain stencil, their absent bonds taken back one by one as everywhere.
 
-When a bond breaks it had the energy ``1/2 c d(n) d(n-1)``, d its elongation: with velocities half a step late that is what the linear scheme
-loses, to rounding. So the level before the present one must outlive the sweep.
+When a bond breaks it had the energy ``1/2 c d(n) d(n-1)``, d its elongation: with velocities half a step late that is
+what the linear scheme loses, to rounding. So the level before the present one must outlive the sweep.
 """
 
 from __future__ import annotations
@@ -21,11 +22,13 @@ from farhorizon.engine.rows.bond_sweeps import LANES, PLACES, ROWS, call_bonds, 
 from farhorizon.engine.rows.compiled import njit
 
 PLAIN, ODD = 0, 1
-#: Entries of the table of the zone, each for the three axes: where bonds follow the law (first node, extent), and its nodes (first, end).
+#: Entries of the table of the zone, each for the three axes: where bonds follow the law (first node, extent), and its
+#: nodes (first, end).
 LAW_FIRST, LAW_EXTENT, FIRST, END = 0, 3, 6, 9
 #: Rule of `bond_factor` for solid and liquid nodes.
 PHASES = 3
-#: Rows, and most nodes of a row, of the pieces of the zone that the stencil sweeps where nothing can break: whole tiles, the same for all threads.
+#: Rows, and most nodes of a row, of the pieces of the zone that the stencil sweeps where nothing can break: whole
+#: tiles, the same for all threads.
 CALM_ROWS, CALM_NODES = 16, 8 * LANES
 #: Sources whose work is added up by one thread at a time, in their order.
 CHUNK = 1024
@@ -71,8 +74,17 @@ class Bonds(NamedTuple):
 def no_bonds(dtype: np.dtype) -> Bonds:
     """None: the stencil serves everywhere."""
     places, bits, kinds = np.zeros((0, PLACES), np.int64), np.zeros((0, 0), np.uint64), np.zeros((0, 0, 0), np.uint8)
-    return Bonds(np.zeros(3, np.int64), np.zeros((0, 1), dtype), places, bits, kinds, np.zeros(12, np.int64), np.zeros(2, dtype), False,
-                 np.zeros((0, 0, 2)))  # fmt: skip
+    return Bonds(
+        np.zeros(3, np.int64),
+        np.zeros((0, 1), dtype),
+        places,
+        bits,
+        kinds,
+        np.zeros(12, np.int64),
+        np.zeros(2, dtype),
+        False,
+        np.zeros((0, 0, 2)),
+    )
 
 
 def all_bits(count: int) -> np.ndarray:
@@ -109,10 +121,11 @@ class Zone:
 
 
 @njit(error_model="numpy", inline="always")
-def bond_factor(rule, mine, other):  # type: ignore[no-untyped-def]
+def bond_factor(rule, mine, other):
     """Coefficient of a bond from those of its ends: 0 both (min), 1 arithmetic, 2 harmonic, 3 phases.
 
-    Phases: 1 between two liquid nodes, the solid's between it and a liquid one, 0 between two solid ones (see `engine.phases`).
+    Phases: 1 between two liquid nodes, the solid's between it and a liquid one, 0 between two solid ones (see
+    `engine.phases`).
     """
     if rule == PHASES:
         return max(mine, other, 0 * mine) * abs(min(mine, other))
@@ -125,7 +138,7 @@ def bond_factor(rule, mine, other):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy", inline="always")
-def bond_gap(rule, mine, other, here, there, ceiling):  # type: ignore[no-untyped-def]
+def bond_gap(rule, mine, other, here, there, ceiling):
     """Difference of the values at the ends of a bond; between two phases none counts for more than the ceiling."""
     if rule == PHASES and mine * other < 0:
         return min(there, ceiling) - min(here, ceiling)
@@ -133,7 +146,7 @@ def bond_gap(rule, mine, other, here, there, ceiling):  # type: ignore[no-untype
 
 
 @njit(error_model="numpy", inline="always")
-def follows_law(zone, i0, i1, i2):  # type: ignore[no-untyped-def]
+def follows_law(zone, i0, i1, i2):
     """Whether bonds between this node of the core, or of its halo, and the zone follow the law."""
     return (
         0 <= i0 - zone[LAW_FIRST] < zone[LAW_EXTENT]
@@ -143,7 +156,7 @@ def follows_law(zone, i0, i1, i2):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy", inline="always")
-def strain_of(level, node, distance, xi, components, nonlinear):  # type: ignore[no-untyped-def]
+def strain_of(level, node, distance, xi, components, nonlinear):
     """``|xi + eta|^2 / |xi|^2 - 1`` of one bond, linearised unless `nonlinear`."""
     apart = level.size // components
     total, length = 0.0, 0.0
@@ -155,13 +168,13 @@ def strain_of(level, node, distance, xi, components, nonlinear):  # type: ignore
 
 
 @njit(error_model="numpy", inline="always")
-def elongation(e, nonlinear):  # type: ignore[no-untyped-def]
+def elongation(e, nonlinear):
     """Stretch of a bond: ``|xi + eta| / |xi| - 1``, linearised e/2."""
     return e / (1 + np.sqrt(1 + e)) if nonlinear else e / 2
 
 
 @njit(error_model="numpy", inline="always")
-def bond_energy(u, old, node, bond, table, places, components, nonlinear, coefficient, rule):  # type: ignore[no-untyped-def]
+def bond_energy(u, old, node, bond, table, places, components, nonlinear, coefficient, rule):
     """``c d d' / 2`` of one bond from its elongations now and a step ago."""
     xi = table[bond]
     length = 0.0
@@ -176,8 +189,12 @@ def bond_energy(u, old, node, bond, table, places, components, nonlinear, coeffi
 
 
 @njit(error_model="numpy", cache=True)
-def book_broken(u, old, alive, kept, node, step, count, n, table, places, components, nonlinear, coefficient, rule, book):  # type: ignore[no-untyped-def]
-    """Add half the energy, and half the number, of the bonds that have broken now: those of a tile whose bits are `kept` but no longer `alive`."""
+def book_broken(
+    u, old, alive, kept, node, step, count, n, table, places, components, nonlinear, coefficient, rule, book
+):
+    """Add half the energy, and half the number, of the bonds that have broken now: those of a tile whose bits are
+    `kept` but no longer `alive`.
+    """
     for row in range(count):
         for i in range(n):
             for word in range(alive.shape[0]):
@@ -186,16 +203,19 @@ def book_broken(u, old, alive, kept, node, step, count, n, table, places, compon
                 while gone != 0:
                     if gone & np.uint64(1) != 0:
                         place = node + row * step + i
-                        book[0] += 0.5 * bond_energy(u, old, place, bond, table, places, components, nonlinear, coefficient, rule)
+                        book[0] += 0.5 * bond_energy(
+                            u, old, place, bond, table, places, components, nonlinear, coefficient, rule
+                        )
                         book[1] += 0.5
                     gone >>= np.uint64(1)
                     bond += 1
 
 
 @njit(error_model="numpy", cache=True)
-def next_piece(src, block, reach, i0, first, last, begin, components, varied, bonds):  # type: ignore[no-untyped-def]
-    """Where a piece of the rows `first` to `last` of a plane ends that begins at a node, and whether it is calm: it has all its bonds, and none may
-    break, so that the stencil serves, too (for a `varied` material it takes longer than the bonds one by one)."""
+def next_piece(src, block, reach, i0, first, last, begin, components, varied, bonds):
+    """Where a piece of the rows `first` to `last` of a plane ends that begins at a node, and whether it is calm: it has
+    all its bonds, and none may break, so that the stencil serves, too (for a `varied` material it takes longer than the
+    bonds one by one)."""
     high, start, end = _ROWS_3 if components == 3 else _ROWS_2, bonds.zone[FIRST + 2], bonds.zone[END + 2]
     if bonds.nonlinear or varied:
         return end, False
@@ -213,13 +233,21 @@ def next_piece(src, block, reach, i0, first, last, begin, components, varied, bo
     if not whole:
         return stop, False
     node = block[0] + (i0 - reach[0]) * block[4] + (first - reach[1]) * block[5] + begin - reach[2]
-    steep = call_steepness(bonds.functions[2], src.ctypes.data + node * src.itemsize, 2 * reach[0] + 1, last - first + 2 * reach[1],
-                           stop - begin + 2 * reach[2], block[4], block[5], src.size // components)  # fmt: skip
+    steep = call_steepness(
+        bonds.functions[2],
+        src.ctypes.data + node * src.itemsize,
+        2 * reach[0] + 1,
+        last - first + 2 * reach[1],
+        stop - begin + 2 * reach[2],
+        block[4],
+        block[5],
+        src.size // components,
+    )
     return stop, steep < bonds.limit[1]
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_tiles(src, base, out, block, i0, first, last, begin, end, a, b, components, coefficient, rule, bonds):  # type: ignore[no-untyped-def]
+def sweep_tiles(src, base, out, block, i0, first, last, begin, end, a, b, components, coefficient, rule, bonds):
     """Nodes `begin` to `end` of the rows `first` to `last` of a plane of the zone; they end where tiles end."""
     functions, table, places, alive, kinds, zone, limit, nonlinear, book = bonds
     size, apart, high = src.itemsize, src.size // components, _ROWS_3 if components == 3 else _ROWS_2
@@ -241,10 +269,28 @@ def sweep_tiles(src, base, out, block, i0, first, last, begin, end, a, b, compon
                         for i in range(n):
                             kept[word, j, i] = alive[word, node + j * block[5] + i]
             found = call_bonds(
-                functions[kind], src.ctypes.data + node * size, base.ctypes.data + node * size, out.ctypes.data + node * size,
-                coefficient.ctypes.data + node * size, alive.ctypes.data + 8 * node, table.ctypes.data, places.ctypes.data, places.shape[0],
-                zone.ctypes.data, alive.shape[1], n, count, block[5], apart, i0, row, i2, a, b, limit[0],
-            )  # fmt: skip
+                functions[kind],
+                src.ctypes.data + node * size,
+                base.ctypes.data + node * size,
+                out.ctypes.data + node * size,
+                coefficient.ctypes.data + node * size,
+                alive.ctypes.data + 8 * node,
+                table.ctypes.data,
+                places.ctypes.data,
+                places.shape[0],
+                zone.ctypes.data,
+                alive.shape[1],
+                n,
+                count,
+                block[5],
+                apart,
+                i0,
+                row,
+                i2,
+                a,
+                b,
+                limit[0],
+            )
             if kind == PLAIN:
                 number += found
                 if number < stop:
@@ -252,12 +298,27 @@ def sweep_tiles(src, base, out, block, i0, first, last, begin, end, a, b, compon
             else:
                 number += 1
                 if found:
-                    book_broken(src, base, alive, kept, node, block[5], count, n, table, places, components, nonlinear, coefficient, rule,
-                                book[i0, tile_row])  # fmt: skip
+                    book_broken(
+                        src,
+                        base,
+                        alive,
+                        kept,
+                        node,
+                        block[5],
+                        count,
+                        n,
+                        table,
+                        places,
+                        components,
+                        nonlinear,
+                        coefficient,
+                        rule,
+                        book[i0, tile_row],
+                    )
 
 
 @njit(error_model="numpy", cache=True)
-def book_work(lane, lanes, work, base, out, nodes, fields, times):  # type: ignore[no-untyped-def]
+def book_work(lane, lanes, work, base, out, nodes, fields, times):
     """Add the work of sources over one step, ``f . (u(n+1) - u(n-1)) / 2``."""
     for chunk in range(lane, (nodes.size + CHUNK - 1) // CHUNK, lanes):
         for j in range(fields.shape[0]):
@@ -266,7 +327,7 @@ def book_work(lane, lanes, work, base, out, nodes, fields, times):  # type: igno
 
 
 @njit(error_model="numpy", cache=True)
-def strains(found, level, node, distance, xi, components, nonlinear):  # type: ignore[no-untyped-def]
+def strains(found, level, node, distance, xi, components, nonlinear):
     """`strain_of` one bond of neighbouring nodes, in vectors."""
     apart = level.size // components
     length = 0.0
@@ -288,9 +349,12 @@ def strains(found, level, node, distance, xi, components, nonlinear):  # type: i
 
 
 @njit(error_model="numpy", inline="always")
-def curved_part(zone, i0, i1, offset, first, end):  # type: ignore[no-untyped-def]
+def curved_part(zone, i0, i1, offset, first, end):
     """Which of the nodes `first` to `end` of a row have a bond that follows the law: from where to where."""
-    if not (follows_law(zone, i0, i1, zone[LAW_FIRST + 2]) and follows_law(zone, i0 + offset[1], i1 + offset[2], zone[LAW_FIRST + 2])):
+    if not (
+        follows_law(zone, i0, i1, zone[LAW_FIRST + 2])
+        and follows_law(zone, i0 + offset[1], i1 + offset[2], zone[LAW_FIRST + 2])
+    ):
         return first, first
     low, high = zone[LAW_FIRST + 2], zone[LAW_FIRST + 2] + zone[LAW_EXTENT + 2]
     start = min(max(first, low, low - offset[3]), end)
@@ -298,8 +362,10 @@ def curved_part(zone, i0, i1, offset, first, end):  # type: ignore[no-untyped-de
 
 
 @njit(error_model="numpy", cache=True)
-def strain_energy(u, old, block, first, end, nodes, whole, components, coefficient, rule, bonds):  # type: ignore[no-untyped-def]
-    """Energy of all bonds of the nodes `first` to `end` of the core, in units of c; bonds to other nodes count half, across sides `whole` fully."""
+def strain_energy(u, old, block, first, end, nodes, whole, components, coefficient, rule, bonds):
+    """Energy of all bonds of the nodes `first` to `end` of the core, in units of c; bonds to other nodes count half,
+    across sides `whole` fully.
+    """
     table, places, alive, zone = bonds.table, bonds.places, bonds.alive, bonds.zone
     width = end[2] - first[2]
     now, before, energy = np.empty(width), np.empty(width), np.empty(width)
@@ -311,12 +377,18 @@ def strain_energy(u, old, block, first, end, nodes, whole, components, coefficie
             for bond in range(places.shape[0]):
                 offset, xi, bits = places[bond], table[bond], alive[bond >> 6, node + first[2] :]
                 outside = (
-                    (i0 + offset[1] < first[0] and whole[0, 0]) or (i0 + offset[1] >= end[0] and whole[0, 1])
-                    or (i1 + offset[2] < first[1] and whole[1, 0]) or (i1 + offset[2] >= end[1] and whole[1, 1])
-                )  # fmt: skip
+                    (i0 + offset[1] < first[0] and whole[0, 0])
+                    or (i0 + offset[1] >= end[0] and whole[0, 1])
+                    or (i1 + offset[2] < first[1] and whole[1, 0])
+                    or (i1 + offset[2] >= end[1] and whole[1, 1])
+                )
                 mask = np.uint64(1) << np.uint64(bond & 63)
                 start, stop = curved_part(zone, i0, i1, offset, first[2], end[2])
-                for begin, last, curved in ((first[2], start, False), (start, stop, bonds.nonlinear), (stop, end[2], False)):
+                for begin, last, curved in (
+                    (first[2], start, False),
+                    (start, stop, bonds.nonlinear),
+                    (stop, end[2], False),
+                ):
                     if begin >= last:
                         continue
                     part = slice(begin - first[2], last - first[2])
@@ -327,14 +399,20 @@ def strain_energy(u, old, block, first, end, nodes, whole, components, coefficie
                     for i in range(last - begin):
                         gain = factor * elongation(one[i], curved) * elongation(two[i], curved)
                         if coefficient.size > 1:
-                            gain *= bond_factor(rule, coefficient[node + begin + i], coefficient[node + begin + i + offset[0]])
+                            gain *= bond_factor(
+                                rule, coefficient[node + begin + i], coefficient[node + begin + i + offset[0]]
+                            )
                         sums[i] += gain if there[i] & mask != 0 else 0.0
                 if (whole[2, 0] or whole[2, 1]) and not outside:  # bonds that leave along the row
                     for i2 in range(first[2], end[2]):
-                        leaves = (i2 + offset[3] < first[2] and whole[2, 0]) or (i2 + offset[3] >= end[2] and whole[2, 1])
+                        leaves = (i2 + offset[3] < first[2] and whole[2, 0]) or (
+                            i2 + offset[3] >= end[2] and whole[2, 1]
+                        )
                         if leaves and bits[i2 - first[2]] & mask != 0:
                             curved = bonds.nonlinear and start <= i2 < stop
-                            energy[i2 - first[2]] += 0.5 * bond_energy(u, old, node + i2, bond, table, places, components, curved, coefficient, rule)
+                            energy[i2 - first[2]] += 0.5 * bond_energy(
+                                u, old, node + i2, bond, table, places, components, curved, coefficient, rule
+                            )
             line = 0.0
             for i2 in range(width):
                 if nodes[i0 - first[0], i1 - first[1], i2]:
@@ -344,7 +422,7 @@ def strain_energy(u, old, block, first, end, nodes, whole, components, coefficie
 
 
 @njit(error_model="numpy", cache=True)
-def largest_strain(u, block, components, bonds):  # type: ignore[no-untyped-def]
+def largest_strain(u, block, components, bonds):
     """Largest e of a bond that may break."""
     table, places, alive, zone, nonlinear = bonds.table, bonds.places, bonds.alive, bonds.zone, bonds.nonlinear
     found = np.empty(max(zone[END + 2] - zone[FIRST + 2], 0))
@@ -364,7 +442,7 @@ def largest_strain(u, block, components, bonds):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy", cache=True)
-def steepest(level, nodes, bits, distances, xi, nonlinear):  # type: ignore[no-untyped-def]
+def steepest(level, nodes, bits, distances, xi, nonlinear):
     """Which of the nodes has the bond with the largest e, and that e; -1 without bonds."""
     components, apart = xi.shape[1], level.size // xi.shape[1]
     worst, largest = -1, -1.0
@@ -373,7 +451,9 @@ def steepest(level, nodes, bits, distances, xi, nonlinear):  # type: ignore[no-u
             if bits[k >> 6, i] & (np.uint64(1) << np.uint64(k & 63)) != 0:
                 total, length = 0.0, 0.0
                 for c in range(components):
-                    eta = np.float64(level[nodes[i] + distances[k] + c * apart]) - np.float64(level[nodes[i] + c * apart])
+                    eta = np.float64(level[nodes[i] + distances[k] + c * apart]) - np.float64(
+                        level[nodes[i] + c * apart]
+                    )
                     total += eta * (2 * xi[k, c] + (eta if nonlinear else 0.0))
                     length += xi[k, c] * xi[k, c]
                 if total > largest * length:

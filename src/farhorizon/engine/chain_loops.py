@@ -1,7 +1,7 @@
 """Compiled loops of the exact one-dimensional boundary on plain arrays: a chain, a bar with a history at its ends.
 
-Every scheme here is the recursion ``d <- keep d + scale A u, u <- u + d`` in increments (`farhorizon.analysis.exact.chain.Recursion`), with the
-operator in differences, so that rounding does not drift.
+Every scheme here is the recursion ``d <- keep d + scale A u, u <- u + d`` in increments
+(`farhorizon.analysis.exact.chain.Recursion`), with the operator in differences, so that rounding does not drift.
 """
 
 from __future__ import annotations
@@ -15,7 +15,9 @@ _CHUNK = 512  # nodes whose increments stay in the nearest cache while the bonds
 
 @njit(cache=True, error_model="numpy")
 def _chain_increment(u: np.ndarray, d: np.ndarray, scaled: np.ndarray, keep: float, first: int, last: int) -> None:
-    """``d <- keep d + sum over k of scaled[k - 1] (u[i - k] - 2 u[i] + u[i + k])`` for nodes first .. last - 1, four bonds a sweep."""
+    """``d <- keep d + sum over k of scaled[k - 1] (u[i - k] - 2 u[i] + u[i + k])`` for nodes first .. last - 1, four
+    bonds a sweep.
+    """
     # Views, whose indices start at 0, so that the compiler need not care for negative ones and can vectorise.
     reach, count = scaled.size, last - first
     here, out = u[first:last], d[first:last]
@@ -77,11 +79,25 @@ def bar_acceleration(u: np.ndarray, bonds: np.ndarray, out: np.ndarray) -> None:
 
 @njit(cache=True, error_model="numpy")
 def bar_steps(
-    u: np.ndarray, d: np.ndarray, bonds: np.ndarray, keep: float, scale: float, held: np.ndarray, held_values: np.ndarray,
-    grounds: np.ndarray, heads: np.ndarray, past: np.ndarray, samples: np.ndarray, first: float,
-    poles: np.ndarray, inputs: np.ndarray, outputs: np.ndarray, states: np.ndarray,
-    offset: int, count: int,
-) -> None:  # fmt: skip
+    u: np.ndarray,
+    d: np.ndarray,
+    bonds: np.ndarray,
+    keep: float,
+    scale: float,
+    held: np.ndarray,
+    held_values: np.ndarray,
+    grounds: np.ndarray,
+    heads: np.ndarray,
+    past: np.ndarray,
+    samples: np.ndarray,
+    first: float,
+    poles: np.ndarray,
+    inputs: np.ndarray,
+    outputs: np.ndarray,
+    states: np.ndarray,
+    offset: int,
+    count: int,
+) -> None:
     """Advance a bar by `count` steps, from step `offset` of a block on.
 
     Side 0 is the left end, side 1 the right, node m of a side the m-th from its end.
@@ -119,7 +135,10 @@ def bar_steps(
                 samples[side, step, m] = share * u[node]
                 total = past[side, step, m] - grounds[side, m] * u[node]
                 for p in range(poles.shape[1]):
-                    total += outputs[side, p, m].real * states[side, p].real - outputs[side, p, m].imag * states[side, p].imag
+                    total += (
+                        outputs[side, p, m].real * states[side, p].real
+                        - outputs[side, p, m].imag * states[side, p].imag
+                    )
                 force[node] += total
             if heads.shape[1] > 1:
                 for lag in range(1, step + 1):
@@ -143,7 +162,9 @@ def bar_steps(
 
 @njit(cache=True, error_model="numpy")
 def _recursion_slope(state: np.ndarray, weights: np.ndarray, t: float, g: np.ndarray, out: np.ndarray) -> None:
-    """Time derivative of (g_0 .. g_(2K-1), their derivatives), closed by Ji et al. (2021), eq 27, at both ends; g is work space of 3K."""
+    """Time derivative of (g_0 .. g_(2K-1), their derivatives), closed by Ji et al. (2021), eq 27, at both ends; g is
+    work space of 3K.
+    """
     reach = weights.size
     size = 2 * reach
     last = reach * weights[reach - 1]
@@ -163,7 +184,9 @@ def _recursion_slope(state: np.ndarray, weights: np.ndarray, t: float, g: np.nda
 
 @njit(cache=True, error_model="numpy")
 def recursive_impulse(weights: np.ndarray, dt: float, steps: int) -> np.ndarray:
-    """g_0 .. g_(2K-1) at 0, dt, .. by Runge-Kutta 4 and the recursion of Ji et al. (2021), eqs 23 to 27; shape (steps + 1, 2K)."""
+    """g_0 .. g_(2K-1) at 0, dt, .. by Runge-Kutta 4 and the recursion of Ji et al. (2021), eqs 23 to 27; shape (steps +
+    1, 2K).
+    """
     size = 2 * weights.size
     g = np.zeros((steps + 1, size))
     state, trial, work = np.zeros((2, size)), np.zeros((2, size)), np.zeros(3 * weights.size)

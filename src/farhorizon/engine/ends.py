@@ -1,7 +1,8 @@
-"""The exact ends of a bar in the compiled loop: what the half-infinite chains beyond do to the nodes next to them, the drivers.
+"""The exact ends of a bar in the compiled loop: what the half-infinite chains beyond do to the nodes next to them, the
+drivers.
 
-An end is a sum of exponentials (states of which each step costs the same) or a convolution in blocks (the past of earlier blocks is known, the
-block's own samples act here). See `farhorizon.analysis.exact.chain` for the kernels.
+An end is a sum of exponentials (states of which each step costs the same) or a convolution in blocks (the past of
+earlier blocks is known, the block's own samples act here). See `farhorizon.analysis.exact.chain` for the kernels.
 """
 
 from farhorizon.engine.rows.compiled import njit
@@ -55,7 +56,25 @@ def convolve(step, heads, past, history, force):
 
 
 @njit(error_model="numpy", cache=True)
-def exact_ends(src, base, out, scale, increments, clock, first, nodes, poles, inputs, outputs, states, sample, forces, heads, past, history):
+def exact_ends(
+    src,
+    base,
+    out,
+    scale,
+    increments,
+    clock,
+    first,
+    nodes,
+    poles,
+    inputs,
+    outputs,
+    states,
+    sample,
+    forces,
+    heads,
+    past,
+    history,
+):
     """Add to one step, from the state `src`, the forces of all chains beyond.
 
     K4 is K rounded up to whole fours; what is beyond K there is zero.
@@ -76,7 +95,8 @@ def exact_ends(src, base, out, scale, increments, clock, first, nodes, poles, in
     poles : ndarray, shape (ends, 2, P)
         Real and imaginary parts.
     inputs, outputs : ndarray, shape (ends, K4, 2 P)
-        Real parts, then imaginary ones, of c_p, and of b_p with the sign of the latter turned, so that the force is a product with the states.
+        Real parts, then imaginary ones, of c_p, and of b_p with the sign of the latter turned, so that the force is a
+        product with the states.
     states : ndarray, shape (ends, 2 P)
     sample : ndarray, shape (K4,)
         Work space.

@@ -33,7 +33,8 @@ _ALONE = np.zeros(1, np.int64)  # what threads share when there is one
 RULES = ("both", "arithmetic", "harmonic", "phases")
 _SECOND_CACHE = 600_000  # bytes of the second cache that a part of the box may take
 _SET_BITS = np.array([number.bit_count() for number in range(256)], np.uint8)
-_PARALLEL_NUMBERS = 40_000  # of the field, and a quarter of the layers' memory: fewer are through before a second thread is there
+# of the field, and a quarter of the layers' memory: fewer are through before a second thread is there
+_PARALLEL_NUMBERS = 40_000
 
 
 Poles = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -104,7 +105,8 @@ class Engine:
     core : tuple of int
         Nodes of the core, three axes (leading axes have one node in 1D and 2D).
     offsets, weights : ndarray, shapes (K, 3) and (K,), or (K, d, d)
-        Stencil in units of the operator (1/time or 1/time^2). Matrices act on fields of d components (2 or 3), those along the last d axes.
+        Stencil in units of the operator (1/time or 1/time^2). Matrices act on fields of d components (2 or 3), those
+        along the last d axes.
     stages : Stages
         Integrator (see `farhorizon.medium.integrators`).
     dt : float
@@ -128,8 +130,21 @@ class Engine:
         Places in a level whose values after each step of an `advance` are in `seen`, shape (steps, n).
     """
 
-    def __init__(self, core, offsets, weights, stages, dt, *, layers: Mapping[tuple[int, int], Layer], periodic=frozenset(),  # type: ignore[no-untyped-def]
-                 real="float64", threads=1, coefficient=None, rule="both") -> None:  # fmt: skip
+    def __init__(  # type: ignore[no-untyped-def]
+        self,
+        core,
+        offsets,
+        weights,
+        stages,
+        dt,
+        *,
+        layers: Mapping[tuple[int, int], Layer],
+        periodic=frozenset(),
+        real="float64",
+        threads=1,
+        coefficient=None,
+        rule="both",
+    ) -> None:
         self.dtype = np.dtype(real)
         self.stages, self.dt = stages, dt
         self.offsets, self.weights = np.asarray(offsets, np.int64), np.asarray(weights, float)
@@ -141,7 +156,9 @@ class Engine:
         self.remember = any(np.any(layer.sigma) for layer in self.layers.values())
         recursion = {name: layer.recursion(dt) for name, layer in self.layers.items()}
         matrices = self.weights.reshape(len(self.weights), self.components, self.components)
-        self._tables = LayerTables(self.layout, self.offsets, matrices, recursion, self.dtype, self.remember, coefficient is None)
+        self._tables = LayerTables(
+            self.layout, self.offsets, matrices, recursion, self.dtype, self.remember, coefficient is None
+        )
         self._layers = self._tables.layers
         self.levels = _zeros(self.components * self.layout.size, self.dtype, stages.levels)
         self.slots = _zeros(self._tables.slots, self.dtype)
@@ -159,7 +176,9 @@ class Engine:
         self._bonds, self._work_done = no_bonds(self.dtype), np.zeros(0)
         self.set_cuts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, *self.weights.shape[1:])))
         self.set_damping(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros(0))
-        self._set_tiles(np.zeros((0, 0), np.int64), np.zeros((0, 0), np.int64), np.zeros(0, np.int64), (1.0, np.inf), 0.0)
+        self._set_tiles(
+            np.zeros((0, 0), np.int64), np.zeros((0, 0), np.int64), np.zeros(0, np.int64), (1.0, np.inf), 0.0
+        )
         self.set_ends(np.zeros((0, 0), np.int64), 1.0)
         self.hold(np.zeros(0, np.int64))
         self.set_tied(np.zeros(0, np.int64), np.zeros(1, np.int64), np.zeros(0, np.int64), np.zeros(0))
@@ -172,14 +191,26 @@ class Engine:
     # --- tables of the compiled loop ---------------------------------------------------------------------------
 
     def _collect_sweep(self, heterogeneous: bool) -> None:
-        """What the sweep of the box takes: its row, compiled rows or 0, how many at a time, their weights, offsets, weights of the general sweep."""
-        function, row = (0, np.zeros(1)) if heterogeneous else compiled_rows(self.offsets, self.weights, self.dtype.name, self.stages.increments)
+        """What the sweep of the box takes: its row, compiled rows or 0, how many at a time, their weights, offsets,
+        weights of the general sweep.
+        """
+        function, row = (
+            (0, np.zeros(1))
+            if heterogeneous
+            else compiled_rows(self.offsets, self.weights, self.dtype.name, self.stages.increments)
+        )
         scale = np.array([n[2] for n in self.stages.numbers])
         self._box = [
-            self.layout.table(), function, self._depth(), (scale[:, None] * row).astype(self.dtype), self.offsets @ np.array(self.layout.box.stride),
+            self.layout.table(),
+            function,
+            self._depth(),
+            (scale[:, None] * row).astype(self.dtype),
+            self.offsets @ np.array(self.layout.box.stride),
             (scale[:, None] * self.weights.ravel()).astype(self.dtype),
-        ]  # fmt: skip
-        self._numbers = np.array([(a + s * self._centre, a, b, s, g) for a, b, s, g in self.stages.numbers]).astype(self.dtype)
+        ]
+        self._numbers = np.array([(a + s * self._centre, a, b, s, g) for a, b, s, g in self.stages.numbers]).astype(
+            self.dtype
+        )
         self._rotation = np.array(self.stages.rotation, np.int64)
 
     @property
@@ -188,19 +219,28 @@ class Engine:
         return -float(self.weights.sum()) if self.components == 1 else 0.0
 
     def _depth(self) -> int:
-        """Rows to sweep at a time: few enough that each thread gets some and that, in 3D, the planes they read stay in the second cache."""
+        """Rows to sweep at a time: few enough that each thread gets some and that, in 3D, the planes they read stay in
+        the second cache.
+        """
         box, reach = self.layout.box, self.layout.reach
         rows, planes = box.nodes[1], 2 * reach[0] + 1
         most = min(64, -(-box.nodes[0] * rows // (8 * self.threads)))
         if planes > 1:
-            most = min(most, _SECOND_CACHE // (self.components * box.stride[1] * self.dtype.itemsize * planes) - 2 * reach[0])
+            most = min(
+                most, _SECOND_CACHE // (self.components * box.stride[1] * self.dtype.itemsize * planes) - 2 * reach[0]
+            )
         return -(-rows // -(-rows // max(most, 8)))
 
     def _collect_filter(self) -> None:
-        """Tables of the filter that damps short waves in the layers; all layers share the longest one, and what it is applied to."""
+        """Tables of the filter that damps short waves in the layers; all layers share the longest one, and what it is
+        applied to.
+        """
         layers = self.layers.values()
         taps = max((layer.taps for layer in layers), key=len, default=np.zeros(1))
-        rates = {name: layer.damping if layer.damping.size else np.zeros(layer.columns) for name, layer in self.layers.items()}
+        rates = {
+            name: layer.damping if layer.damping.size else np.zeros(layer.columns)
+            for name, layer in self.layers.items()
+        }
         tables = filter_tables(self.layout, rates, taps, self.dt)
         self._filter = tuple(a.astype(self.dtype) if a.dtype == np.float64 else a for a in tables)
         self._whole = any(layer.whole for layer in layers)
@@ -214,7 +254,8 @@ class Engine:
         for axis, m in enumerate(layout.reach):
             mode = "wrap" if axis in layout.periodic else "edge"
             widths = layout.low[axis] + m, layout.high[axis] + m
-            padded = np.pad(padded, [widths if a == axis else (0, 0) for a in range(3)], mode=mode)  # type: ignore[call-overload]
+            margins = [widths if a == axis else (0, 0) for a in range(3)]
+            padded = np.pad(padded, margins, mode=mode)  # type: ignore[call-overload]
             for side, width in zip((-1, 1), widths, strict=True):
                 if beyond is not None and (axis, side) in beyond:
                     strip = slice(0, width) if side < 0 else slice(padded.shape[axis] - width, None)
@@ -227,7 +268,7 @@ class Engine:
 
     def set_cuts(
         self, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray, exists: np.ndarray | None = None
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Bonds that are absent.
 
         Parameters
@@ -246,7 +287,11 @@ class Engine:
         self.absent_bonds = len(nodes)
         self._open_rim()
         swept = self._clear(nodes, neighbours) if self.has_bonds else np.zeros(len(nodes), bool)
-        nodes, neighbours, weights = nodes[~swept].astype(np.int64), neighbours[~swept].astype(np.int64), weights[~swept]
+        nodes, neighbours, weights = (
+            nodes[~swept].astype(np.int64),
+            neighbours[~swept].astype(np.int64),
+            weights[~swept],
+        )
         order = np.lexsort((neighbours, nodes))
         self._cuts = nodes[order], neighbours[order], weights[order].astype(self.dtype).ravel()
         self._layers = self._tables.cut(*self._cuts[:2], weights[order])
@@ -258,7 +303,8 @@ class Engine:
         bare = np.zeros((len(self.offsets), 0), bool)
         if not exists.all():
             self.levels.reshape(len(self.levels), self.components, -1)[..., ~exists] = 0
-            self._filter[3][np.flatnonzero(~exists[damped_nodes(self._filter[4])])] = 0  # nothing passes the layers' filter from or to there
+            # nothing passes the layers' filter from or to there
+            self._filter[3][np.flatnonzero(~exists[damped_nodes(self._filter[4])])] = 0
             at, bare = bare_bonds(box, self.offsets, exists)
         flat = np.asarray(box.origin + sum(i * s for i, s in zip(at, box.stride, strict=True)))
         self.absent_bonds += int(bare.sum())
@@ -287,7 +333,8 @@ class Engine:
         return total
 
     def set_bonds(self, stiffness: np.ndarray, spacing: float, zone: Zone, nonlinear: bool, limit: float) -> None:
-        """Bonds that follow a law of their own stretch and may break, where both ends lie in a zone of the core; see `engine.bonds`.
+        """Bonds that follow a law of their own stretch and may break, where both ends lie in a zone of the core; see
+        `engine.bonds`.
 
         Parameters
         ----------
@@ -299,13 +346,18 @@ class Engine:
             Of the core.
         nonlinear : bool
         limit : float
-            Largest ``|xi + eta|^2 / |xi|^2 - 1`` of a bond (linearised: ``2 xi . eta / |xi|^2``) that does not break; may be infinite.
+            Largest ``|xi + eta|^2 / |xi|^2 - 1`` of a bond (linearised: ``2 xi . eta / |xi|^2``) that does not break;
+            may be infinite.
         """
         block, components, high = self.layout.box, self.components, ROWS[self.components]
         xi = spacing * self.offsets[:, 3 - components :].astype(float)
-        table = np.column_stack([xi, 1 / (xi**2).sum(1), self.stages.numbers[0][2] * np.asarray(stiffness)]).astype(self.dtype)
+        table = np.column_stack([xi, 1 / (xi**2).sum(1), self.stages.numbers[0][2] * np.asarray(stiffness)]).astype(
+            self.dtype
+        )
         places = np.column_stack([self.offsets @ np.array(block.stride), self.offsets]).astype(np.int64)
-        alive = np.zeros((len(all_bits(len(places))), block.origin + block.nodes[0] * block.stride[0] + LANES), np.uint64)
+        alive = np.zeros(
+            (len(all_bits(len(places))), block.origin + block.nodes[0] * block.stride[0] + LANES), np.uint64
+        )
         alive[:, block.node_indices()] = all_bits(len(places))[:, None, None, None]
         zone = zone.moved(self.layout.low)
         rows = block.nodes[0], -(-block.nodes[1] // high)
@@ -313,7 +365,17 @@ class Engine:
         rule = RULES[self._rule] if self._coefficient.size > 1 else None
         functions = np.array(load_bonds(components, nonlinear, self.dtype.name, rule), np.int64)
         limits = np.array([limit, (limit / 2 * spacing) ** 2], self.dtype)
-        self._bonds = Bonds(functions, table, places, alive, kinds, zone.table(self.layout.reach), limits, nonlinear, np.zeros((*rows, 2)))
+        self._bonds = Bonds(
+            functions,
+            table,
+            places,
+            alive,
+            kinds,
+            zone.table(self.layout.reach),
+            limits,
+            nonlinear,
+            np.zeros((*rows, 2)),
+        )
         self._sweep_in_pieces(bond_laws.CALM_ROWS)
         self._find_kinds()
 
@@ -332,7 +394,8 @@ class Engine:
         return len(self._bonds.places) > 0
 
     def _clear(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
-        """Clear the bits of bonds of the core; says which of them have their node in the zone, where bits alone count."""
+        """Clear the bits of bonds of the core; says which of them have their node in the zone, where bits alone
+        count."""
         block, places = self.layout.box, self._bonds.places
         number = np.full(self._bonds.alive.shape[1], -1)
         number[block.node_indices().ravel()] = np.arange(int(np.prod(block.nodes)))
@@ -352,7 +415,8 @@ class Engine:
             self._bonds.alive[bond >> 6, nodes[which]] &= ~(np.uint64(1) << np.uint64(bond & 63))
 
     def _in_zone(self, at: np.ndarray) -> np.ndarray:
-        """Which nodes of the core, shape (N, 3), are in the zone of bonds with their own law: bits alone count there."""
+        """Which nodes of the core, shape (N, 3), are in the zone of bonds with their own law: bits alone count
+        there."""
         zone = self._bonds.zone
         return np.asarray(((at >= zone[FIRST:END]) & (at < zone[END:])).all(1))
 
@@ -363,11 +427,15 @@ class Engine:
         odd = (self._bonds.alive[:, block.node_indices()] != full).any(0)
         for axis, m in enumerate(self.layout.reach):
             i = np.arange(block.nodes[axis])
-            odd |= ((i - m < zone[axis]) | (i + m >= zone[axis] + zone[3 + axis])).reshape([-1 if a == axis else 1 for a in range(3)])
+            odd |= ((i - m < zone[axis]) | (i + m >= zone[axis] + zone[3 + axis])).reshape(
+                [-1 if a == axis else 1 for a in range(3)]
+            )
         first, end = zone[FIRST:END], zone[END:]
         odd[:, : first[1]] = odd[:, end[1] :] = False  # rows of tiles that are not in the zone
         odd = odd[:, :, first[2] : end[2]]
-        missing = [(0, count * size - n) for n, count, size in zip(odd.shape, kinds.shape, (1, high, LANES), strict=True)]
+        missing = [
+            (0, count * size - n) for n, count, size in zip(odd.shape, kinds.shape, (1, high, LANES), strict=True)
+        ]
         tiles = np.pad(odd, missing).reshape(kinds.shape[0], kinds.shape[1], high, kinds.shape[2], LANES)
         kinds[...] = np.where(tiles.any((2, 4)), ODD, PLAIN)
 
@@ -379,8 +447,14 @@ class Engine:
 
     @property
     def bond_state(self) -> dict[str, np.ndarray]:
-        """What a checkpoint holds of the bonds: bits, kinds of tiles, and what has been added up of broken bonds and of work; they share memory."""
-        bonds = {"bonds": self._bonds.alive, "kinds": self._bonds.kinds, "broken": self._bonds.book} if self.has_bonds else {}
+        """What a checkpoint holds of the bonds: bits, kinds of tiles, and what has been added up of broken bonds and of
+        work; they share memory.
+        """
+        bonds = (
+            {"bonds": self._bonds.alive, "kinds": self._bonds.kinds, "broken": self._bonds.book}
+            if self.has_bonds
+            else {}
+        )
         return bonds | ({"work": self._work_done} if self._work_done.size else {})
 
     @property
@@ -401,14 +475,24 @@ class Engine:
     def bond_energy(self, first: tuple[int, ...], end: tuple[int, ...], nodes: np.ndarray, whole: np.ndarray) -> float:
         """Energy of the bonds of some nodes from the elongations now and a step ago, for a unit of mass a node.
 
-        `nodes`, of the box from `first` to `end` of the core, says which; bonds to nodes beyond the box count half, across sides that are `whole`,
-        shape (3, 2), fully.
+        `nodes`, of the box from `first` to `end` of the core, says which; bonds to nodes beyond the box count half,
+        across sides that are `whole`, shape (3, 2), fully.
         """
         self.complete(self.current)
         low = np.array(self.layout.low)
         bounds = np.array(first, np.int64) + low, np.array(end, np.int64) + low
-        total = bond_laws.strain_energy(self.current, self.older, self._box[0], *bounds, nodes, whole, self.components,
-                                        self._coefficient, self._rule, self._bonds)  # fmt: skip
+        total = bond_laws.strain_energy(
+            self.current,
+            self.older,
+            self._box[0],
+            *bounds,
+            nodes,
+            whole,
+            self.components,
+            self._coefficient,
+            self._rule,
+            self._bonds,
+        )
         return float(total) / self.stages.numbers[0][2]
 
     def largest_strain(self) -> float:
@@ -417,7 +501,9 @@ class Engine:
         return float(bond_laws.largest_strain(self.current, self._box[0], self.components, self._bonds))
 
     def present_bonds(self, nodes: tuple[slice, ...]) -> np.ndarray:
-        """Bits of the bonds that are there and carry something, of the nodes in a part of the core; shape (words, *part)."""
+        """Bits of the bonds that are there and carry something, of the nodes in a part of the core; shape (words,
+        *part).
+        """
         places = self.core.node_indices()[nodes]
         bits = self._bonds.alive[:, places]
         for k, distance in enumerate(self._bonds.places[:, 0] if self._coefficient.size > 1 else ()):
@@ -437,11 +523,17 @@ class Engine:
         """
         if nodes.size:
             self._filter[3][np.flatnonzero(np.isin(damped_nodes(self._filter[4]), nodes[after == 0]))] = 0
-        self._damping = (nodes.astype(np.int64), before.astype(self.dtype), after.astype(self.dtype), leak.astype(self.dtype))
+        self._damping = (
+            nodes.astype(np.int64),
+            before.astype(self.dtype),
+            after.astype(self.dtype),
+            leak.astype(self.dtype),
+        )
 
     def set_phases(self, dissolved: np.ndarray, interface: float, saturation: float, limited: bool = False) -> None:
-        """Two phases: bonds between solid nodes carry nothing, those between phases `interface` times their weight, and a solid node
-        becomes liquid once its value is below `saturation`. All beyond the core is liquid, beyond a periodic side what it repeats.
+        """Two phases: bonds between solid nodes carry nothing, those between phases `interface` times their weight, and
+        a solid node becomes liquid once its value is below `saturation`. All beyond the core is liquid, beyond a
+        periodic side what it repeats.
 
         Parameters
         ----------
@@ -464,8 +556,13 @@ class Engine:
         return count_solid(self.layout.box.all(self._coefficient) < 0, self.layout.reach, (1, TILE_ROWS, TILE))
 
     def _set_tiles(
-        self, solids: np.ndarray, volumes: np.ndarray, dissolved: np.ndarray, interface: tuple[float, float], saturation: float
-    ) -> None:  # fmt: skip
+        self,
+        solids: np.ndarray,
+        volumes: np.ndarray,
+        dissolved: np.ndarray,
+        interface: tuple[float, float],
+        saturation: float,
+    ) -> None:
         period = np.array([n if a in self.layout.periodic else 0 for a, n in enumerate(self.layout.box.nodes)])
         changed, runs = np.ones(len(solids), bool), np.zeros((*solids.shape, 2), np.int32)
         if len(solids):
@@ -476,7 +573,9 @@ class Engine:
 
     @property
     def dissolved(self) -> np.ndarray:
-        """Step at which each node of the core became liquid, `NEVER` for solid ones, where there are phases; shares memory."""
+        """Step at which each node of the core became liquid, `NEVER` for solid ones, where there are phases; shares
+        memory.
+        """
         return self.core.view(self._dissolution[0])
 
     def hold(self, nodes: np.ndarray) -> None:
@@ -484,7 +583,8 @@ class Engine:
         self.held = nodes.astype(np.int64)
 
     def set_ends(self, nodes: np.ndarray, first: float, sums: Sequence[Poles | None] = (), block: int = 0) -> None:
-        """Exact ends of a bar, their states zero: `states`, `forces`, `heads`, `past` and `history` are theirs to read and to fill.
+        """Exact ends of a bar, their states zero: `states`, `forces`, `heads`, `past` and `history` are theirs to read
+        and to fill.
 
         Parameters
         ----------
@@ -501,7 +601,11 @@ class Engine:
         rows = -(-reach // 4) * 4
         most = max((len(s[0]) for s in sums if s is not None), default=0)
         count = -(-most // _MODES) * _MODES
-        poles, inputs, outputs = np.zeros((ends, 2, count)), np.zeros((ends, rows, 2 * count)), np.zeros((ends, rows, 2 * count))
+        poles, inputs, outputs = (
+            np.zeros((ends, 2, count)),
+            np.zeros((ends, rows, 2 * count)),
+            np.zeros((ends, rows, 2 * count)),
+        )
         for end, found in enumerate(sums):
             if found is not None:
                 z, c, b = found
@@ -511,8 +615,22 @@ class Engine:
                 outputs[end, :reach, used], outputs[end, :reach, imaginary] = b.real.T, -b.imag.T
         self.clock, self.poles = np.zeros(1, np.int64), poles
         self.states, self.forces = np.zeros((ends, 2 * count)), np.zeros((ends, rows))
-        self.heads, self.past, self.history = np.zeros((ends, block, reach, reach)), np.zeros((ends, block, reach)), np.zeros((ends, 0, reach))
-        self._ends = self.clock, float(first), nodes.astype(np.int64), poles, inputs, outputs, self.states, np.zeros(rows), self.forces
+        self.heads, self.past, self.history = (
+            np.zeros((ends, block, reach, reach)),
+            np.zeros((ends, block, reach)),
+            np.zeros((ends, 0, reach)),
+        )
+        self._ends = (
+            self.clock,
+            float(first),
+            nodes.astype(np.int64),
+            poles,
+            inputs,
+            outputs,
+            self.states,
+            np.zeros(rows),
+            self.forces,
+        )
 
     def _lengthen_history(self, steps: int) -> None:
         """Room for the drivers' values of some steps more."""
@@ -522,37 +640,66 @@ class Engine:
             self.history = np.concatenate([self.history, np.zeros((ends, more, reach))], axis=1)
 
     def set_tied(self, nodes: np.ndarray, starts: np.ndarray, sources: np.ndarray, weights: np.ndarray) -> None:
-        """Nodes with prescribed values: node i is the sum of weights[k] times node sources[k], k from starts[i] to starts[i + 1], plus what
-        `advance` is told. They are set in this order after each stage."""
-        self._tied = nodes.astype(np.int64), starts.astype(np.int64), sources.astype(np.int64), weights.astype(self.dtype)
+        """Nodes with prescribed values: node i is the sum of weights[k] times node sources[k], k from starts[i] to
+        starts[i + 1], plus what `advance` is told. They are set in this order after each stage."""
+        self._tied = (
+            nodes.astype(np.int64),
+            starts.astype(np.int64),
+            sources.astype(np.int64),
+            weights.astype(self.dtype),
+        )
 
     def set_fringe(
-        self, nodes: np.ndarray, levels: int, fronts: np.ndarray, rows: np.ndarray, starts: np.ndarray, columns: np.ndarray, weights: np.ndarray,
+        self,
+        nodes: np.ndarray,
+        levels: int,
+        fronts: np.ndarray,
+        rows: np.ndarray,
+        starts: np.ndarray,
+        columns: np.ndarray,
+        weights: np.ndarray,
         outside: np.ndarray,
-    ) -> None:  # fmt: skip
-        """Halo nodes along an outline that are sums over a fringe of `nodes`, as `fringe.split_sums` has it; `rows`: places of the halo nodes there.
+    ) -> None:
+        """Halo nodes along an outline that are sums over a fringe of `nodes`, as `fringe.split_sums` has it; `rows`:
+        places of the halo nodes there.
 
-        The rows of `fringe_history`, shape (levels - 1, S), are the fringe's values one step ago, two and so on; a step forgets the last.
+        The rows of `fringe_history`, shape (levels - 1, S), are the fringe's values one step ago, two and so on; a step
+        forgets the last.
         """
         count = nodes.size * (levels - 1)
-        history = _zeros(count + WINDOW, np.dtype(float))[:count].reshape(nodes.size, levels - 1)  # the last windows reach beyond it
+        # the last windows reach beyond it
+        history = _zeros(count + WINDOW, np.dtype(float))[:count].reshape(nodes.size, levels - 1)
         self.fringe_history = history.T
         edges = np.flatnonzero(np.diff(np.sort(outside), prepend=-2, append=-2) != 1)
-        runs = np.stack([np.sort(outside)[edges[:-1]], np.sort(outside)[edges[1:] - 1] + 1], axis=1) if outside.size else np.zeros((0, 2))
+        runs = (
+            np.stack([np.sort(outside)[edges[:-1]], np.sort(outside)[edges[1:] - 1] + 1], axis=1)
+            if outside.size
+            else np.zeros((0, 2))
+        )
         self._fringe = (
-            nodes.astype(np.uint32), history, *split_sums(fronts, rows, starts, columns, np.asarray(weights, float), nodes, levels),
+            nodes.astype(np.uint32),
+            history,
+            *split_sums(fronts, rows, starts, columns, np.asarray(weights, float), nodes, levels),
             runs.astype(np.int64),
-        )  # fmt: skip
+        )
 
     def set_books(
-        self, books: np.ndarray, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray, effects: np.ndarray, count: int,
-        ends: np.ndarray = _NO_ENDS, sides: Mapping[tuple[int, int], tuple[int, np.ndarray]] | None = None,
-    ) -> None:  # fmt: skip
-        """Bonds whose flow into their node is summed over time, in `count` books, and what each stage's flow adds to a step's.
+        self,
+        books: np.ndarray,
+        nodes: np.ndarray,
+        neighbours: np.ndarray,
+        weights: np.ndarray,
+        effects: np.ndarray,
+        count: int,
+        ends: np.ndarray = _NO_ENDS,
+        sides: Mapping[tuple[int, int], tuple[int, np.ndarray]] | None = None,
+    ) -> None:
+        """Bonds whose flow into their node is summed over time, in `count` books, and what each stage's flow adds to a
+        step's.
 
-        Places in a level, weights without coefficients; a neighbour below 0 is at zero. `ends`, shape (ends, K): the books of
-        the drivers of exact ends, -1 for none. `sides`: the book of a layer (axis, side), and the nodes next to it into which what it adds to these
-        flows is counted. First-order equations only.
+        Places in a level, weights without coefficients; a neighbour below 0 is at zero. `ends`, shape (ends, K): the
+        books of the drivers of exact ends, -1 for none. `sides`: the book of a layer (axis, side), and the nodes next
+        to it into which what it adds to these flows is counted. First-order equations only.
         """
         self.flows = np.zeros((2, count))
         near, rows = [np.zeros(0, np.int64)], []
@@ -561,14 +708,25 @@ class Engine:
             rows.append((axis, number, first, first + len(at)))
             near.append(at)
         self._books = (
-            books.astype(np.int64), nodes.astype(np.int64), neighbours.astype(np.int64), weights.astype(float), effects.astype(float), ends,
-            np.array(rows, np.int64).reshape(-1, 4), np.concatenate(near), np.zeros(self.layout.size if rows else 0, self.dtype),
-        )  # fmt: skip
+            books.astype(np.int64),
+            nodes.astype(np.int64),
+            neighbours.astype(np.int64),
+            weights.astype(float),
+            effects.astype(float),
+            ends,
+            np.array(rows, np.int64).reshape(-1, 4),
+            np.concatenate(near),
+            np.zeros(self.layout.size if rows else 0, self.dtype),
+        )
 
     def tie(self, values: np.ndarray) -> None:
-        """Set the prescribed nodes of the current level; `values` has what is added to the combinations, one a prescribed node."""
+        """Set the prescribed nodes of the current level; `values` has what is added to the combinations, one a
+        prescribed node.
+        """
         level = self.current
-        self._driver.tie(level, level, level, False, *self._tied, np.asarray(values, self.dtype)[None], np.ones(1, self.dtype))
+        self._driver.tie(
+            level, level, level, False, *self._tied, np.asarray(values, self.dtype)[None], np.ones(1, self.dtype)
+        )
 
     def bond_factors(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
         """Factor of each bond from the coefficients of its ends (flat indices)."""
@@ -600,7 +758,9 @@ class Engine:
     def _driver(self) -> ModuleType:
         """The compiled loop that has what this run needs."""
         fringe, work = self._fringe[0], self._work_done
-        return load_driver(bool(self._runs[0].size or self.has_bonds or work.size or self.history.shape[0] or fringe.size))
+        return load_driver(
+            bool(self._runs[0].size or self.has_bonds or work.size or self.history.shape[0] or fringe.size)
+        )
 
     @property
     def current(self) -> np.ndarray:
@@ -614,7 +774,8 @@ class Engine:
         return self.levels[rotation[2 if self.stages.increments else 1]]
 
     def all_components(self, nodes: np.ndarray) -> np.ndarray:
-        """Indices in a level of all components of nodes that are given by those of the first, component by component."""
+        """Indices in a level of all components of nodes that are given by those of the first, component by
+        component."""
         return (nodes.ravel() + self.layout.size * np.arange(self.components)[:, None]).ravel()
 
     def complete(self, level: np.ndarray) -> None:
@@ -632,18 +793,55 @@ class Engine:
     def _stage(self, level: np.ndarray, memory: np.ndarray) -> np.ndarray:
         out, base, numbers = self._plain(level)
         self._driver.stage(
-            0, 1, _ALONE, level, base, out, numbers, self.stages.increments, False, self.slots, memory, self._work, self.components, self._first_box,
-            self._layers, self._copies, self._coefficient, self._rule, self._cuts, self._rim, *self._runs, self._lasting_bonds, self._reach,
-        )  # fmt: skip
+            0,
+            1,
+            _ALONE,
+            level,
+            base,
+            out,
+            numbers,
+            self.stages.increments,
+            False,
+            self.slots,
+            memory,
+            self._work,
+            self.components,
+            self._first_box,
+            self._layers,
+            self._copies,
+            self._coefficient,
+            self._rule,
+            self._cuts,
+            self._rim,
+            *self._runs,
+            self._lasting_bonds,
+            self._reach,
+        )
         return (base if self.stages.increments else out) / numbers[3]
 
     def apply_core(self, level: np.ndarray) -> np.ndarray:
         """The operator L on a level with whatever its halo holds, with plain shifts everywhere."""
         out, base, numbers = self._plain(level)
         self._driver.sweep_box(
-            0, 1, _ALONE, level, base, out, numbers, self.stages.increments, False, self.components, self._first_box, self._coefficient, self._rule,
-            self._cuts, self._rim, *self._runs, self._lasting_bonds, self._reach,
-        )  # fmt: skip
+            0,
+            1,
+            _ALONE,
+            level,
+            base,
+            out,
+            numbers,
+            self.stages.increments,
+            False,
+            self.components,
+            self._first_box,
+            self._coefficient,
+            self._rule,
+            self._cuts,
+            self._rim,
+            *self._runs,
+            self._lasting_bonds,
+            self._reach,
+        )
         return (base if self.stages.increments else out) / numbers[3]
 
     def _plain(self, level: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -670,9 +868,15 @@ class Engine:
         self._box[2] = -(-self._box[2] // rows) * rows
 
     def advance(
-        self, steps: int, source_nodes: np.ndarray, source_fields: np.ndarray, source_times: np.ndarray, held_values: np.ndarray | None = None,
-        tied_fields: np.ndarray | None = None, tied_times: np.ndarray | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        steps: int,
+        source_nodes: np.ndarray,
+        source_fields: np.ndarray,
+        source_times: np.ndarray,
+        held_values: np.ndarray | None = None,
+        tied_fields: np.ndarray | None = None,
+        tied_times: np.ndarray | None = None,
+    ) -> None:
         """Run steps without returning to Python; sources, held and tied values as in `program.run`.
 
         Raises
@@ -683,17 +887,53 @@ class Engine:
         self._lengthen_history(steps)
         self.seen = np.zeros((steps, self.watched.size))
         if tied_fields is None or tied_times is None:
-            tied_fields, tied_times = np.zeros((0, len(self._tied[0])), self.dtype), np.zeros((steps, len(self.stages.numbers), 0), self.dtype)
+            tied_fields, tied_times = (
+                np.zeros((0, len(self._tied[0])), self.dtype),
+                np.zeros((steps, len(self.stages.numbers), 0), self.dtype),
+            )
         held_values = np.zeros((0, 0)) if held_values is None else held_values
         self._check_room(steps, source_nodes, source_fields, source_times, held_values, tied_fields, tied_times)
         state = (
-            self.phase, self.levels, self._rotation, self._numbers, self.stages.increments, self.slots, self.memory, self._work,
-            self.components, *self._box, self._layers, self._copies, self._coefficient, self._rule, self._cuts, self._rim, *self._runs, self._bonds,
-            self._reach, self._work_done, *self._tiles, *self._dissolution, self.steps_done, *self._damping,
-            (*self._ends, self.heads, self.past, self.history), *self._tied, *self._books, self.flows, self._fringe, (*self._filter, self._whole),
-            source_nodes, source_fields, source_times,
-            self.held, held_values, tied_fields, tied_times, self.watched, self.seen,
-        )  # fmt: skip
+            self.phase,
+            self.levels,
+            self._rotation,
+            self._numbers,
+            self.stages.increments,
+            self.slots,
+            self.memory,
+            self._work,
+            self.components,
+            *self._box,
+            self._layers,
+            self._copies,
+            self._coefficient,
+            self._rule,
+            self._cuts,
+            self._rim,
+            *self._runs,
+            self._bonds,
+            self._reach,
+            self._work_done,
+            *self._tiles,
+            *self._dissolution,
+            self.steps_done,
+            *self._damping,
+            (*self._ends, self.heads, self.past, self.history),
+            *self._tied,
+            *self._books,
+            self.flows,
+            self._fringe,
+            (*self._filter, self._whole),
+            source_nodes,
+            source_fields,
+            source_times,
+            self.held,
+            held_values,
+            tied_fields,
+            tied_times,
+            self.watched,
+            self.seen,
+        )
         from farhorizon.engine.threads import side_by_side
 
         side_by_side(lambda lane, lanes, sync: self._driver.run(lane, lanes, sync, steps, *state), self.threads)
@@ -701,10 +941,18 @@ class Engine:
         self.steps_done += steps
 
     def _check_room(
-        self, steps: int, source_nodes: np.ndarray, source_fields: np.ndarray, source_times: np.ndarray, held_values: np.ndarray,
-        tied_fields: np.ndarray, tied_times: np.ndarray,
-    ) -> None:  # fmt: skip
-        """Every table that the compiled loop indexes by step and stage is large enough; exact ends count their clock once a stage."""
+        self,
+        steps: int,
+        source_nodes: np.ndarray,
+        source_fields: np.ndarray,
+        source_times: np.ndarray,
+        held_values: np.ndarray,
+        tied_fields: np.ndarray,
+        tied_times: np.ndarray,
+    ) -> None:
+        """Every table that the compiled loop indexes by step and stage is large enough; exact ends count their clock
+        once a stage.
+        """
         stages, ends = len(self.stages.numbers), len(self.history)
         for name, shape, least in (
             ("history", self.history.shape[1:2], (int(self.clock[0]) + steps * stages if ends else 0,)),
@@ -715,25 +963,58 @@ class Engine:
             ("tied_fields", tied_fields.shape[1:], (len(self._tied[0]),)),
         ):
             if len(shape) != len(least) or any(have < want for have, want in zip(shape, least, strict=True)):
-                raise IndexError(f"the table {name} of the compiled loop has the shape {shape}, less than {least} for {steps} steps")
+                raise IndexError(
+                    f"the table {name} of the compiled loop has the shape {shape}, less than {least} for {steps} steps"
+                )
 
     def digest(self) -> str:
         """Hash of all that decides the map of a step: engines of one digest have one map."""
-        mark = hashlib.sha256(repr((self.dt, self.stages, self.core.nodes, sorted(self.layout.periodic), self._rule, self.dtype.name)).encode())
-        layers = [a for _, layer in sorted(self.layers.items()) for a in (layer.kappa, layer.sigma, layer.alpha, layer.damping, layer.taps)]
+        mark = hashlib.sha256(
+            repr(
+                (self.dt, self.stages, self.core.nodes, sorted(self.layout.periodic), self._rule, self.dtype.name)
+            ).encode()
+        )
+        layers = [
+            a
+            for _, layer in sorted(self.layers.items())
+            for a in (layer.kappa, layer.sigma, layer.alpha, layer.damping, layer.taps)
+        ]
         mark.update(repr([(name, layer.columns, layer.whole) for name, layer in sorted(self.layers.items())]).encode())
         ends = [np.asarray(a) for a in self._ends[2:6]]
         fringe = [a for a in self._fringe if a is not self._fringe[1]]
-        for array in (self.offsets, self.weights, *layers, self._coefficient, *self._cuts, *self._rim, *self._damping,
-                      *self._tied, self.held, *ends, *fringe):  # fmt: skip
+        for array in (
+            self.offsets,
+            self.weights,
+            *layers,
+            self._coefficient,
+            *self._cuts,
+            *self._rim,
+            *self._damping,
+            *self._tied,
+            self.held,
+            *ends,
+            *fringe,
+        ):
             mark.update(np.ascontiguousarray(array).tobytes())
         return mark.hexdigest()
 
     @contextmanager
     def as_before(self) -> Iterator[None]:
         """Whatever runs inside leaves no trace."""
-        arrays = [self.levels, self.memory, self.states, self.forces, self.clock, self.flows, self.fringe_history, self._coefficient, self._runs[0],
-                  *self._tiles, *self._dissolution[:2], *self.bond_state.values()]  # fmt: skip
+        arrays = [
+            self.levels,
+            self.memory,
+            self.states,
+            self.forces,
+            self.clock,
+            self.flows,
+            self.fringe_history,
+            self._coefficient,
+            self._runs[0],
+            *self._tiles,
+            *self._dissolution[:2],
+            *self.bond_state.values(),
+        ]
         kept, phase, steps = [a.copy() for a in arrays], self.phase, self.steps_done
         try:
             yield
@@ -745,18 +1026,36 @@ class Engine:
     def advance_alone(self, steps: int) -> None:
         """Run steps with nothing from outside: no sources, and prescribed values that are zero."""
         held = np.zeros((steps, len(self.held)), self.dtype) if len(self.held) else None
-        self.advance(steps, np.zeros(0, np.int64), np.zeros((0, 0), self.dtype), np.zeros((steps, len(self.stages.numbers), 0), self.dtype), held)
+        self.advance(
+            steps,
+            np.zeros(0, np.int64),
+            np.zeros((0, 0), self.dtype),
+            np.zeros((steps, len(self.stages.numbers), 0), self.dtype),
+            held,
+        )
 
     @property
     def layer_memory(self) -> list[tuple[tuple[int, int], np.ndarray]]:
-        """Places of the memory that is ever used: (axis, side) of a layer, and an array by component, number, and line; see `LayerTables.cells`."""
+        """Places of the memory that is ever used: (axis, side) of a layer, and an array by component, number, and line;
+        see `LayerTables.cells`.
+        """
         return self._tables.cells(self._layers.f != 0) if self.remember else []
 
     @property
     def nbytes(self) -> int:
         """Bytes of all time levels, slots, layer memory, phases, exact ends, fringes, the filter and absent bonds."""
-        ends = self.heads.nbytes + self.past.nbytes + self.history.nbytes + sum(np.asarray(a).nbytes for a in self._ends)
+        ends = (
+            self.heads.nbytes + self.past.nbytes + self.history.nbytes + sum(np.asarray(a).nbytes for a in self._ends)
+        )
         phases = sum(np.asarray(a).nbytes for a in (*self._runs, *self._tiles, *self._dissolution))
         phases += sum(np.asarray(a).nbytes for a in self._bonds)
         sparse = sum(np.asarray(a).nbytes for a in (*self._fringe, *self._filter, *self._cuts, *self._rim))
-        return self.levels.nbytes + self.slots.nbytes + self.memory.nbytes + self._coefficient.nbytes + ends + phases + sparse
+        return (
+            self.levels.nbytes
+            + self.slots.nbytes
+            + self.memory.nbytes
+            + self._coefficient.nbytes
+            + ends
+            + phases
+            + sparse
+        )

@@ -1,11 +1,13 @@
 """Damping of short waves in the layers: each step takes from the increments there what a high-pass filter passes.
 
-With the increment d of a step and the layers' nodal strengths D, zero outside, ``d <- d - D F D d``, where F is the sum over the axes of one
-symmetric filter along each of them. F is positive semi-definite and D F D at most 1, so this takes energy and never gives any, at every time step.
-Waves that hardly move, as those of a material with zero-energy modes, keep their displacement that way. There both levels of the field are filtered
-(`whole`), which makes a wave that passes decay by itself: s becomes ``s + rate``.
+With the increment d of a step and the layers' nodal strengths D, zero outside, ``d <- d - D F D d``, where F is the sum
+over the axes of one symmetric filter along each of them. F is positive semi-definite and D F D at most 1, so this takes
+energy and never gives any, at every time step. Waves that hardly move, as those of a material with zero-energy modes,
+keep their displacement that way. There both levels of the field are filtered (`whole`), which makes a wave that passes
+decay by itself: s becomes ``s + rate``.
 
-The increments are put into a *box*, an array of all nodes in their natural order with margins as wide as the filter, in which the layers are a frame.
+The increments are put into a *box*, an array of all nodes in their natural order with margins as wide as the filter, in
+which the layers are a frame.
 """
 
 from __future__ import annotations
@@ -22,7 +24,9 @@ from farhorizon.engine.threads import barrier
 _PIECE = 256  # nodes of a run that one lane takes at a time
 
 
-def filter_tables(layout: Layout, rates: Mapping[tuple[int, int], np.ndarray], taps: np.ndarray, dt: float) -> tuple[np.ndarray, ...]:
+def filter_tables(
+    layout: Layout, rates: Mapping[tuple[int, int], np.ndarray], taps: np.ndarray, dt: float
+) -> tuple[np.ndarray, ...]:
     """What `damp_short_waves` reads, for float64; empty runs where nothing is damped.
 
     Parameters
@@ -56,9 +60,13 @@ def filter_tables(layout: Layout, rates: Mapping[tuple[int, int], np.ndarray], t
     places = np.add.outer(np.add.outer(parts[0], parts[1]), parts[2])
     damped = strengths > 0
     return (
-        np.asarray(taps, float), step[axes], np.zeros(int(np.prod(extent)) + SLACK), np.append(strengths[damped], np.zeros(SLACK)),
-        _runs(places[damped], layout.box.node_indices()[damped]), _wrapped(places[damped], layout, step, pads, extent),
-    )  # fmt: skip
+        np.asarray(taps, float),
+        step[axes],
+        np.zeros(int(np.prod(extent)) + SLACK),
+        np.append(strengths[damped], np.zeros(SLACK)),
+        _runs(places[damped], layout.box.node_indices()[damped]),
+        _wrapped(places[damped], layout, step, pads, extent),
+    )
 
 
 def line_damping(rates: np.ndarray, taps: np.ndarray, dt: float, across: np.ndarray) -> np.ndarray:
@@ -81,7 +89,9 @@ def line_damping(rates: np.ndarray, taps: np.ndarray, dt: float, across: np.ndar
     row[: len(taps)] = taps
     places = np.arange(len(rates))
     passed = row[np.abs(places[:, None] - places)]
-    passed += np.diag(np.full(len(rates), (taps[0] + 2 * np.cos(np.outer(across, np.arange(1, len(taps)))) @ taps[1:]).sum()))
+    passed += np.diag(
+        np.full(len(rates), (taps[0] + 2 * np.cos(np.outer(across, np.arange(1, len(taps)))) @ taps[1:]).sum())
+    )
     return strengths[:, None] * passed * strengths
 
 
@@ -100,7 +110,8 @@ def damped_nodes(runs: np.ndarray) -> np.ndarray:
 
 
 def _wrapped(places: np.ndarray, layout: Layout, step: np.ndarray, pads: list[int], extent: list[int]) -> np.ndarray:
-    """Margins of the box that repeat what lies on the other side of a periodic axis: places to and from, shape (2, C)."""
+    """Margins of the box that repeat what lies on the other side of a periodic axis: places to and from, shape (2,
+    C)."""
     found = [np.zeros((2, 0), np.int64)]
     for axis in layout.periodic:
         count, margin = layout.core[axis], pads[axis]
@@ -113,15 +124,19 @@ def _wrapped(places: np.ndarray, layout: Layout, step: np.ndarray, pads: list[in
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def _damp(lane, lanes, sync, level, before, share, other, twice, taps, steps, box, strengths, runs, copies):  # type: ignore[no-untyped-def]
-    """Take ``D F D (level - share before)`` from `level`, and if `twice` from `other`, too; the rest as of `damp_short_waves`."""
+def _damp(lane, lanes, sync, level, before, share, other, twice, taps, steps, box, strengths, runs, copies):
+    """Take ``D F D (level - share before)`` from `level`, and if `twice` from `other`, too; the rest as of
+    `damp_short_waves`.
+    """
     size, like = level.itemsize, level[0]
     levels, befores, others = level.ctypes.data, before.ctypes.data, other.ctypes.data
     places, weights, filtered = box.ctypes.data, strengths.ctypes.data, taps.ctypes.data
     own = lane * runs.shape[0] // lanes, (lane + 1) * runs.shape[0] // lanes
     for piece in range(own[0], own[1]):
         place, node, first, count = runs[piece]
-        weigh_change(places + place * size, levels + node * size, befores + node * size, share, weights + first * size, count)
+        weigh_change(
+            places + place * size, levels + node * size, befores + node * size, share, weights + first * size, count
+        )
     barrier(sync, lanes)
     if copies.shape[1]:
         for i in range(lane, copies.shape[1], lanes):
@@ -130,14 +145,26 @@ def _damp(lane, lanes, sync, level, before, share, other, twice, taps, steps, bo
     for piece in range(own[0], own[1]):
         place, node, first, count = runs[piece]
         here, strength = places + place * size, weights + first * size
-        take_passed(here, steps.ctypes.data, steps.size, filtered, taps.size - 1, strength, levels + node * size, like, count)
+        take_passed(
+            here, steps.ctypes.data, steps.size, filtered, taps.size - 1, strength, levels + node * size, like, count
+        )
         if twice:
-            take_passed(here, steps.ctypes.data, steps.size, filtered, taps.size - 1, strength, others + node * size, like, count)
+            take_passed(
+                here,
+                steps.ctypes.data,
+                steps.size,
+                filtered,
+                taps.size - 1,
+                strength,
+                others + node * size,
+                like,
+                count,
+            )
     barrier(sync, lanes)
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def damp_short_waves(lane, lanes, sync, src, base, out, increments, taps, steps, box, strengths, runs, copies, whole):  # type: ignore[no-untyped-def]
+def damp_short_waves(lane, lanes, sync, src, base, out, increments, taps, steps, box, strengths, runs, copies, whole):
     """Filter the increments of a step, ``out - src`` or `base`, or both levels; one lane's share.
 
     Parameters

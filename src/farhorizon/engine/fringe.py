@@ -1,8 +1,9 @@
-"""The fringe along an outline in the compiled loop: halo nodes whose values are sums over near nodes at this and at earlier steps.
+"""The fringe along an outline in the compiled loop: halo nodes whose values are sums over near nodes at this and at
+earlier steps.
 
-The fringe's earlier values lie node by node, the present one first. Nodes that are neighbours along the fastest axis are neighbours there, too,
-so a sum over a cloud of nodes at two or three steps is one over a few *windows*, stretches of `WINDOW` values from any place on. Sums over equally
-many windows are taken in bundles.
+The fringe's earlier values lie node by node, the present one first. Nodes that are neighbours along the fastest axis
+are neighbours there, too, so a sum over a cloud of nodes at two or three steps is one over a few *windows*, stretches
+of `WINDOW` values from any place on. Sums over equally many windows are taken in bundles.
 """
 
 from __future__ import annotations
@@ -17,9 +18,16 @@ from farhorizon.engine.threads import barrier
 
 
 def split_sums(
-    fronts: np.ndarray, rows: np.ndarray, starts: np.ndarray, columns: np.ndarray, weights: np.ndarray, nodes: np.ndarray, levels: int
-) -> tuple[np.ndarray, ...]:  # fmt: skip
-    """Sums over values at several steps in the form that the compiled loop wants: bundles of sums over windows, and new values apart.
+    fronts: np.ndarray,
+    rows: np.ndarray,
+    starts: np.ndarray,
+    columns: np.ndarray,
+    weights: np.ndarray,
+    nodes: np.ndarray,
+    levels: int,
+) -> tuple[np.ndarray, ...]:
+    """Sums over values at several steps in the form that the compiled loop wants: bundles of sums over windows, and new
+    values apart.
 
     Parameters
     ----------
@@ -28,7 +36,8 @@ def split_sums(
     rows : ndarray of int, shape (R,)
         Place in the fringe of the node that a sum is for.
     starts, columns, weights : ndarray
-        Compressed rows; column ``level * S + place`` is the value of a place of the fringe `level` steps before the new one.
+        Compressed rows; column ``level * S + place`` is the value of a place of the fringe `level` steps before the new
+        one.
     nodes : ndarray of int, shape (S,)
         Nodes of the fringe in a level.
     levels : int
@@ -52,22 +61,32 @@ def split_sums(
     owner = np.repeat(np.arange(len(rows)), np.diff(starts))
     level, place = np.divmod(columns.astype(np.int64), max(nodes.size, 1))
     known = level > 0
-    first, windows, table = _windows(owner[known], place[known] * (levels - 1) + level[known] - 1, weights[known], len(rows))
+    first, windows, table = _windows(
+        owner[known], place[known] * (levels - 1) + level[known] - 1, weights[known], len(rows)
+    )
     new_first = np.searchsorted(owner[~known], np.arange(len(rows) + 1))
     kinds, table = _shared_rows(first, table)
     bundles, ends = _bundled(fronts, np.diff(first))
     sums, places = bundles.ravel(), _gathered(first, bundles)
     fresh = _gathered(new_first, sums[:, None])[:, 0]
     unsigned = (
-        nodes[rows[bundles]], _starts(np.diff(first)[bundles[:, 0]]), 8 * windows[places], kinds[bundles], _starts(np.diff(new_first)[sums]),
+        nodes[rows[bundles]],
+        _starts(np.diff(first)[bundles[:, 0]]),
+        8 * windows[places],
+        kinds[bundles],
+        _starts(np.diff(new_first)[sums]),
         nodes[place[~known]][fresh],
-    )  # fmt: skip
+    )
     owners, starts, places, kinds, new_starts, new_nodes = (a.astype(np.uint32) for a in unsigned)
     return ends, owners, starts, places, kinds, table, new_starts, new_nodes, weights[~known][fresh]
 
 
-def _windows(owner: np.ndarray, columns: np.ndarray, weights: np.ndarray, rows: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Compressed rows of windows that hold all columns: where the rows start, the first column of each window, and the weights, shape (W, WINDOW)."""
+def _windows(
+    owner: np.ndarray, columns: np.ndarray, weights: np.ndarray, rows: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Compressed rows of windows that hold all columns: where the rows start, the first column of each window, and the
+    weights, shape (W, WINDOW).
+    """
     order = np.lexsort((columns, owner))
     owner, columns, weights = owner[order], columns[order], weights[order]
     opens, row, begin = np.zeros(len(owner), bool), -1, 0
@@ -119,8 +138,27 @@ def _gathered(starts: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 
 @njit(error_model="numpy", cache=True)
-def close_fringe(lane, lanes, sync, src, base, out, increments, nodes, history, fronts, owners, starts, places, kinds, table,
-                 new_starts, new_nodes, new_weights, outside):  # fmt: skip
+def close_fringe(
+    lane,
+    lanes,
+    sync,
+    src,
+    base,
+    out,
+    increments,
+    nodes,
+    history,
+    fronts,
+    owners,
+    starts,
+    places,
+    kinds,
+    table,
+    new_starts,
+    new_nodes,
+    new_weights,
+    outside,
+):
     """Give the halo nodes of a step's new level `out` their values; one lane's share.
 
     Parameters
@@ -141,7 +179,8 @@ def close_fringe(lane, lanes, sync, src, base, out, increments, nodes, history, 
     """
     first, last = lane * nodes.size // lanes, (lane + 1) * nodes.size // lanes
     present, read = history[first:last, 0], nodes[first:last]
-    if last > first and history.shape[1] > 1:  # all at once: the last value of a place makes room for the present one of the next
+    # all at once: the last value of a place makes room for the present one of the next
+    if last > first and history.shape[1] > 1:
         move_up(present.ctypes.data, (last - first) * history.shape[1] - 1)
     for i in range(last - first):
         present[i] = src[read[i]]
@@ -158,9 +197,16 @@ def close_fringe(lane, lanes, sync, src, base, out, increments, nodes, history, 
         first, count = fronts[front], fronts[front + 1] - fronts[front]
         for bundle in range(first + lane * count // lanes, first + (lane + 1) * count // lanes):
             start, stop = np.int64(starts[bundle]), np.int64(starts[bundle + 1])
-            window_sums(sums, stop - start, first_place + 4 * BUNDLE * start, memory, first_weight + width * np.int64(kinds[bundle, 0]),
-                        first_weight + width * np.int64(kinds[bundle, 1]), first_weight + width * np.int64(kinds[bundle, 2]),
-                        first_weight + width * np.int64(kinds[bundle, 3]))  # fmt: skip
+            window_sums(
+                sums,
+                stop - start,
+                first_place + 4 * BUNDLE * start,
+                memory,
+                first_weight + width * np.int64(kinds[bundle, 0]),
+                first_weight + width * np.int64(kinds[bundle, 1]),
+                first_weight + width * np.int64(kinds[bundle, 2]),
+                first_weight + width * np.int64(kinds[bundle, 3]),
+            )
             if new_weights.size:
                 for i in range(BUNDLE):
                     for k in range(new_starts[BUNDLE * bundle + i], new_starts[BUNDLE * bundle + i + 1]):

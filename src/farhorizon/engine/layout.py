@@ -1,7 +1,7 @@
 """Where every value lives: one box of nodes, the core with its layers around it, in their natural order.
 
-A *level* is one flat array: all nodes and a halo around them that is zero, or repeats what lies across a periodic axis. A field of several
-components has one such level for each, one after the other.
+A *level* is one flat array: all nodes and a halo around them that is zero, or repeats what lies across a periodic axis.
+A field of several components has one such level for each, one after the other.
 """
 
 from __future__ import annotations
@@ -17,8 +17,26 @@ SLACK = 64
 ALIGN = 16
 
 #: Columns of the row that describes a box to the compiled driver.
-BOX_FIELDS = ("origin", "n0", "n1", "n2", "step0", "step1", "stride0", "stride1", "stride2", "out", "out_step0", "out_step1",
-              "read0", "read1", "read2", "written0", "written1", "written2")  # fmt: skip
+BOX_FIELDS = (
+    "origin",
+    "n0",
+    "n1",
+    "n2",
+    "step0",
+    "step1",
+    "stride0",
+    "stride1",
+    "stride2",
+    "out",
+    "out_step0",
+    "out_step1",
+    "read0",
+    "read1",
+    "read2",
+    "written0",
+    "written1",
+    "written2",
+)
 
 
 @dataclass(frozen=True)
@@ -48,8 +66,11 @@ class Block:
 
     def view(self, level: np.ndarray) -> np.ndarray:
         """Nodes of this block in one level, indexed by axis, or by component and axis; shares memory."""
-        shape, steps = ((self.nodes, self.stride) if self.components == 1 else
-                        ((self.components, *self.nodes), (self.distance, *self.stride)))  # fmt: skip
+        shape, steps = (
+            (self.nodes, self.stride)
+            if self.components == 1
+            else ((self.components, *self.nodes), (self.distance, *self.stride))
+        )
         return np.lib.stride_tricks.as_strided(level[self.origin :], shape, [s * level.itemsize for s in steps])
 
     def all(self, level: np.ndarray) -> np.ndarray:
@@ -114,7 +135,8 @@ class Layout:
         self.reach = x, y, z
         self.low, self.high = (tuple(self.columns.get((a, side), 0) for a in range(3)) for side in (-1, 1))
         n0, n1, n2 = (low + n + high for low, n, high in zip(self.low, self.core, self.high, strict=True))
-        # Rows are odd multiples of `ALIGN` and planes odd multiples of rows, so that neighbouring ones do not compete for the same part of a cache.
+        # Rows are odd multiples of `ALIGN` and planes odd multiples of rows, so that neighbouring ones do not compete
+        # for the same part of a cache.
         parts = aligned(n2 + 2 * z) // ALIGN
         row = (parts + 1 - parts % 2) * ALIGN if y else n2 + 2 * z
         plane = row * ((n1 + 2 * y) | 1 if x else n1 + 2 * y)
@@ -130,16 +152,24 @@ class Layout:
         box, lead = self.box, 3 - self.components
         number = [a - lead for a in range(lead, 3)] + [0] * lead if self.components > 1 else [0] * 3
         apart = [c * self.size for c in number]
-        return np.array([box.origin, *box.nodes, *box.stride[:2], *box.stride, box.origin, *box.stride[:2], *apart, *apart], np.int64)
+        return np.array(
+            [box.origin, *box.nodes, *box.stride[:2], *box.stride, box.origin, *box.stride[:2], *apart, *apart],
+            np.int64,
+        )
 
     def copies(self) -> np.ndarray:
-        """Places of the halo that repeat what lies across a periodic axis and where that is, axis by axis: (to, from), shape (2, n)."""
+        """Places of the halo that repeat what lies across a periodic axis and where that is, axis by axis: (to, from),
+        shape (2, n).
+        """
         found = [np.zeros((2, 0), np.int64)]
         for axis in sorted(self.periodic):
             n, m = self.box.nodes[axis], self.reach[axis]
             halo = np.r_[-m:0, n : n + m]
             # Later axes are copied after this one, earlier ones with their halo.
-            lines = [np.arange(-r, k + r) if a < axis else np.arange(k) for a, (k, r) in enumerate(zip(self.box.nodes, self.reach, strict=True))]
+            lines = [
+                np.arange(-r, k + r) if a < axis else np.arange(k)
+                for a, (k, r) in enumerate(zip(self.box.nodes, self.reach, strict=True))
+            ]
             places = []
             for along in (halo, halo % n):
                 lines[axis] = along

@@ -4,17 +4,20 @@ A stencil is a sum of products of shifts. Where an axis has layers its shift by 
 
     v(p) = q(p+1) + c(p),   c(p) = r (q(p) - v(p+1)) - N(p),   N <- e N + f (q(p) - v(p+1)),
 
-on the edge between the columns p and p+1 of a layer, where column 0 is the last one of the core; inwards likewise. On all other edges c is zero.
-So the stencil is swept over all nodes, those of the layers included, with plain shifts, and the layers add sums over c, as follows.
+on the edge between the columns p and p+1 of a layer, where column 0 is the last one of the core; inwards likewise. On
+all other edges c is zero. So the stencil is swept over all nodes, those of the layers included, with plain shifts, and
+the layers add sums over c, as follows.
 
-- Along the first two axes in nested (Horner) form: ``sum_k V^k B_k = V (B_1 + V (B_2 + ...))`` takes one c, with one N, for each k, direction and
-  edge, whatever the B_k, the parts of the stencil that reach k columns outwards, or inwards. Those are wanted on the columns of the layer and on the
-  last reach + 1 of the core. Where faces of both axes meet, in an edge, the B_k of the first axis contain what the layers of the second add to them.
-- Along the last axis, whose nodes are neighbours in memory, the fields ``V^k u`` are continued instead, line by line: ``slots`` holds what they
-  have more than plain shifts, on a *band*: the columns of the layer and as many of the core as the stencil reaches. All sums across that axis
-  read them as further lines.
+- Along the first two axes in nested (Horner) form: ``sum_k V^k B_k = V (B_1 + V (B_2 + ...))`` takes one c, with one N,
+  for each k, direction and edge, whatever the B_k, the parts of the stencil that reach k columns outwards, or inwards.
+  Those are wanted on the columns of the layer and on the last reach + 1 of the core. Where faces of both axes meet, in
+  an edge, the B_k of the first axis contain what the layers of the second add to them.
+- Along the last axis, whose nodes are neighbours in memory, the fields ``V^k u`` are continued instead, line by line:
+  ``slots`` holds what they have more than plain shifts, on a *band*: the columns of the layer and as many of the core
+  as the stencil reaches. All sums across that axis read them as further lines.
 
-Lines along the last axis are cut into *tiles* of up to `LINES` nodes, whose values go through side by side. Bands are tiles of their own.
+Lines along the last axis are cut into *tiles* of up to `LINES` nodes, whose values go through side by side. Bands are
+tiles of their own.
 """
 
 from __future__ import annotations
@@ -58,21 +61,23 @@ class Layers(NamedTuple):
     edges : ndarray of int, shape (E, 8)
         Where two faces meet.
     kinds : ndarray of int, shape (n, 6)
-        Of an edge, for each set and k of the first face: how far those parts reach along the second, the first column where they are wanted,
-        the cells of memory before them, and the functions that they take.
+        Of an edge, for each set and k of the first face: how far those parts reach along the second, the first column
+        where they are wanted, the cells of memory before them, and the functions that they take.
     tiles : ndarray of int, shape (T, 6)
     items : ndarray of int, shape (n, 5)
         Pieces of work: face, first row, last row + 1, tile, edge or -1.
     item_ranges : ndarray of int, shape (3,)
         Items of the second axis, then of the first.
     ends : ndarray of int, shape (3 S, reach + 1)
-        Sums: three rows each, for terms in the level, in the low and in the high band, of the ends of their groups of terms, see
-        `vectors.weighted_parts`.
+        Sums: three rows each, for terms in the level, in the low and in the high band, of the ends of their groups of
+        terms, see `vectors.weighted_parts`.
     places, materials : ndarray of int
-        Of each term, the distance from a node to what it is taken of, in bytes, and to the coefficient there, in elements.
+        Of each term, the distance from a node to what it is taken of, in bytes, and to the coefficient there, in
+        elements.
     weights : ndarray, shape (terms, reach)
     cuts : ndarray of int, shape (n, 6)
-        Absent bonds: node of the tile, set, k - 1, distances to the neighbour, to its place in the band, to its coefficient.
+        Absent bonds: node of the tile, set, k - 1, distances to the neighbour, to its place in the band, to its
+        coefficient.
     cut_weights : ndarray
     cut_ranges : ndarray of int
         Cuts of each component, row and tile of a face, from its `CUTS` on.
@@ -83,12 +88,13 @@ class Layers(NamedTuple):
         Of the slots, where an axis is periodic.
     r, e, f : ndarray, shape (layers, columns + 1)
     mirrored : ndarray of int, shape (3, 2, 2)
-        Of stencils that go over into themselves in mirrors, for each axis, for terms in the level and in the bands: the function that sums all
-        parts at once, or 0, and the first of its weights.
+        Of stencils that go over into themselves in mirrors, for each axis, for terms in the level and in the bands: the
+        function that sums all parts at once, or 0, and the first of its weights.
     mirrored_weights : ndarray
     sizes : ndarray of int, shape (10,)
-        Lines along the first two axes, of a band with their halo, and to the first one; the first sum of the bands; rows of work space
-        of the parts of a face; lanes of all tiles and of a group of lines; the place of the first node; rows of work space of an edge.
+        Lines along the first two axes, of a band with their halo, and to the first one; the first sum of the bands;
+        rows of work space of the parts of a face; lanes of all tiles and of a group of lines; the place of the first
+        node; rows of work space of an edge.
     cell : int
         1 where layers have memory, else 0.
     unit : float
@@ -144,10 +150,25 @@ class LayerTables:
         Numbers of the layers' memory, of the slots, and of the work space of each thread.
     """
 
-    def __init__(self, layout: Layout, offsets: np.ndarray, weights: np.ndarray, recursion: Mapping[tuple[int, int], tuple[np.ndarray, ...]],
-                 dtype: np.dtype, remember: bool, alike: bool = True) -> None:  # fmt: skip
-        self.unit = float(np.abs(weights).sum()) or 1.0  # so that parts and their memory are as large as the field, in all units
-        self.layout, self.offsets, self.weights, self.dtype, self.remember = layout, offsets, weights / self.unit, dtype, remember
+    def __init__(
+        self,
+        layout: Layout,
+        offsets: np.ndarray,
+        weights: np.ndarray,
+        recursion: Mapping[tuple[int, int], tuple[np.ndarray, ...]],
+        dtype: np.dtype,
+        remember: bool,
+        alike: bool = True,
+    ) -> None:
+        # so that parts and their memory are as large as the field, in all units
+        self.unit = float(np.abs(weights).sum()) or 1.0
+        self.layout, self.offsets, self.weights, self.dtype, self.remember = (
+            layout,
+            offsets,
+            weights / self.unit,
+            dtype,
+            remember,
+        )
         self.lanes, self.components = 64 // dtype.itemsize, layout.components
         names = list(recursion)
         self._profiles = {name: i for i, name in enumerate(names)}
@@ -180,12 +201,31 @@ class LayerTables:
             tables[1:] = 0
         none = np.zeros(0, np.int64)
         self.layers = Layers(
-            self.faces, self.bands, edges, kinds, self.tiles, items, ranges, np.array(self._ends, np.int64),
-            np.array(self._places, np.int64), np.array(self._materials, np.int64),
-            np.array(self._weights, dtype).reshape(-1, max(layout.reach)), none.reshape(0, 6),
-            np.zeros(0, dtype), none, none.reshape(0, 5), np.zeros(0, dtype), self._copies(), tables[0], tables[1],
-            tables[2], *self._mirrored(alike), self._sizes(), int(remember), dtype.type(self.unit),
-        )  # fmt: skip
+            self.faces,
+            self.bands,
+            edges,
+            kinds,
+            self.tiles,
+            items,
+            ranges,
+            np.array(self._ends, np.int64),
+            np.array(self._places, np.int64),
+            np.array(self._materials, np.int64),
+            np.array(self._weights, dtype).reshape(-1, max(layout.reach)),
+            none.reshape(0, 6),
+            np.zeros(0, dtype),
+            none,
+            none.reshape(0, 5),
+            np.zeros(0, dtype),
+            self._copies(),
+            tables[0],
+            tables[1],
+            tables[2],
+            *self._mirrored(alike),
+            self._sizes(),
+            int(remember),
+            dtype.type(self.unit),
+        )
 
     def _mirrors(self, axis: int) -> bool:
         """Whether the stencil looks alike along an axis and against it."""
@@ -205,9 +245,21 @@ class LayerTables:
             columns = layout.columns[2, side]
             first = layout.low[2] if side < 0 else layout.low[2] + layout.core[2] - 1
             width = -(-(columns + m) // self.lanes) * self.lanes
-            table[number] = (2, self._profiles[2, side], columns, m, self.sets[2], layout.box.origin + first, side,
-                             *load_shifts(m, False, self.dtype.name), width, size, self.memory,
-                             *layout.box.stride[:2], self.grid[0])  # fmt: skip
+            table[number] = (
+                2,
+                self._profiles[2, side],
+                columns,
+                m,
+                self.sets[2],
+                layout.box.origin + first,
+                side,
+                *load_shifts(m, False, self.dtype.name),
+                width,
+                size,
+                self.memory,
+                *layout.box.stride[:2],
+                self.grid[0],
+            )
             size += self.components * self.sets[2] * m * self.lines * width
             self.memory += self.components * groups * self._group_lanes() * (2 * columns + 1) * m
         return table, size + SLACK
@@ -245,11 +297,26 @@ class LayerTables:
             for row, own in itertools.product(range(self.components), range(self.sets[axis])):
                 self._add_sums(row, [{axis: side * k * (1 - 2 * own)} for k in range(1, m + 1)], [other, 2])
             count = layout.box.nodes[other]
-            rows.append((
-                axis, self._profiles[axis, side], columns, m, self.sets[axis], layout.box.origin + first * stride[axis], side * stride[axis],
-                *load_shifts(m, True, self.dtype.name), count, stride[other], self._first_line + first * self.grid[axis], side * self.grid[axis],
-                self.grid[other], sums, self.memory, 0,
-            ))  # fmt: skip
+            rows.append(
+                (
+                    axis,
+                    self._profiles[axis, side],
+                    columns,
+                    m,
+                    self.sets[axis],
+                    layout.box.origin + first * stride[axis],
+                    side * stride[axis],
+                    *load_shifts(m, True, self.dtype.name),
+                    count,
+                    stride[other],
+                    self._first_line + first * self.grid[axis],
+                    side * self.grid[axis],
+                    self.grid[other],
+                    sums,
+                    self.memory,
+                    0,
+                )
+            )
             self.memory += self.components * count * self._tile_lanes * (2 * columns + 1) * m
         return np.array(rows, np.int64).reshape(-1, CUTS + 1)
 
@@ -268,10 +335,14 @@ class LayerTables:
                     start = -a if own == self.sets[0] - 1 else 0  # parts outwards are wanted from column 0 on
                     kinds.append((far, start, cells, *(load_shifts(far, True, self.dtype.name) if far else (0, 0, 0))))
                     cells += (int(face[COLUMNS]) + 1 - start) * (2 * int(other[COLUMNS]) + 1) * far
-                kinds_of = itertools.product(range(self.components), range(self.sets[0]), range(1, m[0] + 1), range(self.sets[1]))
+                kinds_of = itertools.product(
+                    range(self.components), range(self.sets[0]), range(1, m[0] + 1), range(self.sets[1])
+                )
                 for row, own, a, inward in kinds_of:
                     x, y = sides[0] * a * (1 - 2 * own), sides[1] * (1 - 2 * inward)
-                    self._add_sums(row, [{0: x, 1: y * b} for b in range(1, kinds[first_kind + own * m[0] + a - 1][0] + 1)], [2])
+                    self._add_sums(
+                        row, [{0: x, 1: y * b} for b in range(1, kinds[first_kind + own * m[0] + a - 1][0] + 1)], [2]
+                    )
                 wide = int(other[COLUMNS]) + m[1]
                 first = 0 if sides[1] < 0 else layout.box.nodes[1] - wide
                 rows.append((number, other_number, sums, self.memory, cells, first, first + wide, first_kind))
@@ -287,7 +358,9 @@ class LayerTables:
             last = min((start for start, _, _ in ends if start > 0), default=int(face[ROWS]))
             step = max(1, -(-(last - first) // 32))
             pieces = [(i, min(i + step, last), -1) for i in range(first, last, step)] + ends
-            found[int(face[AXIS])] += [(number, *piece[:2], tile, piece[2]) for piece in pieces for tile in range(len(self.tiles))]
+            found[int(face[AXIS])] += [
+                (number, *piece[:2], tile, piece[2]) for piece in pieces for tile in range(len(self.tiles))
+            ]
         items = np.array(found[1] + found[0], np.int64).reshape(-1, 5)
         return items, np.array([0, len(found[1]), len(items)], np.int64)
 
@@ -301,12 +374,19 @@ class LayerTables:
             halo = np.r_[-m[axis] : 0, n[axis] : n[axis] + m[axis]]
             pairs = []
             for along in (halo, halo % n[axis]):
-                parts = [along if a == axis else np.arange(-m[a], n[a] + m[a]) if a < axis else np.arange(n[a]) for a in (0, 1)]
+                parts = [
+                    along if a == axis else np.arange(-m[a], n[a] + m[a]) if a < axis else np.arange(n[a])
+                    for a in (0, 1)
+                ]
                 pairs.append(self._first_line + np.add.outer(parts[0] * self.grid[0], parts[1]).ravel())
             for band in self.bands:
                 if band[COLUMNS]:
                     fields = np.arange(self.components * self.sets[2] * layout.reach[2]) * self.lines
-                    whole = [np.add.outer(np.add.outer(fields, at) * band[WIDTH], np.arange(band[WIDTH])).ravel() + band[BASE] for at in pairs]
+                    whole = [
+                        np.add.outer(np.add.outer(fields, at) * band[WIDTH], np.arange(band[WIDTH])).ravel()
+                        + band[BASE]
+                        for at in pairs
+                    ]
                     found.append(np.array(whole))
         return np.concatenate(found, axis=1)
 
@@ -319,10 +399,26 @@ class LayerTables:
         edge = 0
         for e in self.edges:
             face, other = self.faces[e[EDGE_FACE]], self.faces[e[EDGE_OTHER]]
-            edge = max(edge, int(face[SETS] * face[REACH] * (face[COLUMNS] + face[REACH] + 1) * (other[COLUMNS] + other[REACH] + 1)))
+            edge = max(
+                edge,
+                int(face[SETS] * face[REACH] * (face[COLUMNS] + face[REACH] + 1) * (other[COLUMNS] + other[REACH] + 1)),
+            )
         self.scratch = ((self.components + 2) * parts + self.components * edge) * LINES + SLACK
-        return np.array([n0, n1, self.lines, self._first_line, self.band_sums, parts, self._tile_lanes, self._group_lanes(),
-                         self.layout.box.origin, edge], np.int64)  # fmt: skip
+        return np.array(
+            [
+                n0,
+                n1,
+                self.lines,
+                self._first_line,
+                self.band_sums,
+                parts,
+                self._tile_lanes,
+                self._group_lanes(),
+                self.layout.box.origin,
+                edge,
+            ],
+            np.int64,
+        )
 
     def _mirrored(self, alike: bool) -> tuple[np.ndarray, np.ndarray]:
         """What `Layers.mirrored` and `mirrored_weights` hold."""
@@ -330,13 +426,28 @@ class LayerTables:
         shape, matrices = mirrored(dict(zip(map(tuple, self.offsets.tolist()), self.weights, strict=True)))
         in_bands = bool(self.bands[:, COLUMNS].any())
         used = [in_bands if axis == 2 else bool((self.faces[:, AXIS] == axis).any()) for axis in range(3)]
-        for axis, apart in itertools.product(range(3), (False, True)) if alike and self.layout.reach[2] <= self.lanes else ():
+        for axis, apart in (
+            itertools.product(range(3), (False, True)) if alike and self.layout.reach[2] <= self.lanes else ()
+        ):
             chosen = [i for i, o in enumerate(shape) if (axis == 2 or o[axis] > 0) and (o[2] > 0 or not apart)]
             products = np.count_nonzero(matrices[chosen])
-            if not used[axis] or not 0 < products <= UNROLLED_LIMIT or (apart and not in_bands) or (axis == 2 and not apart):
+            if (
+                not used[axis]
+                or not 0 < products <= UNROLLED_LIMIT
+                or (apart and not in_bands)
+                or (axis == 2 and not apart)
+            ):
                 continue
             pattern = tuple(tuple(row) for row in (matrices[chosen].reshape(-1, size) != 0).tolist())
-            parts = load_parts(tuple(shape[i] for i in chosen), pattern, axis, self.sets[axis] == 2, apart, self.sets[2] == 2, self.dtype.name)
+            parts = load_parts(
+                tuple(shape[i] for i in chosen),
+                pattern,
+                axis,
+                self.sets[axis] == 2,
+                apart,
+                self.sets[2] == 2,
+                self.dtype.name,
+            )
             functions[axis, int(apart)] = parts, sum(map(len, rows))
             rows.append(matrices[chosen].ravel())
         return functions, np.concatenate(rows).astype(self.dtype)
@@ -370,10 +481,13 @@ class LayerTables:
         table = np.array([row[1:7] for row in face_rows], np.int64).reshape(-1, 6)
         ranges = np.searchsorted([row[0] for row in face_rows], np.arange(start + 1))
         return self.layers._replace(
-            faces=faces, cuts=table, cut_weights=np.array([row[7] for row in face_rows], self.dtype), cut_ranges=ranges,
+            faces=faces,
+            cuts=table,
+            cut_weights=np.array([row[7] for row in face_rows], self.dtype),
+            cut_ranges=ranges,
             band_cuts=np.array([row[:5] for row in band_rows], np.int64).reshape(-1, 5),
             band_cut_weights=np.array([row[5] for row in band_rows], self.dtype),
-        )  # fmt: skip
+        )
 
     def _coordinates(self, places: np.ndarray) -> list[np.ndarray]:
         """Numbers of nodes along the axes, counted from the first of the box, of places in a level."""
@@ -384,7 +498,7 @@ class LayerTables:
             left = left % stride
         return found
 
-    def _face_cuts(self, face, here, offset, matrix, axis: int, side: int) -> list[tuple[Any, ...]]:  # type: ignore[no-untyped-def]
+    def _face_cuts(self, face, here, offset, matrix, axis: int, side: int) -> list[tuple[Any, ...]]:
         """Of one bond: its key, and the entries of `Layers.cuts` and `cut_weights`."""
         own = int(offset[axis] * side < 0)
         if own >= face[SETS]:
@@ -398,19 +512,23 @@ class LayerTables:
         for row, column in np.argwhere(matrix != 0):
             far = -1
             if place is not None:
-                line = (column * self.sets[2] * self.layout.reach[2] + place) * self.lines + offset[other] * self.grid[other]
+                line = (column * self.sets[2] * self.layout.reach[2] + place) * self.lines + offset[other] * self.grid[
+                    other
+                ]
                 far = line * self.bands[band, WIDTH]
             key = int(face[CUTS] + (row * face[ROWS] + here[other]) * len(self.tiles) + t)
             rows.append((key, lane, own, k - 1, across + column * self.layout.size, far, across, matrix[row, column]))
         return rows
 
-    def _band_cuts(self, number: int, node: int, here, offset, matrix) -> list[tuple[Any, ...]]:  # type: ignore[no-untyped-def]
+    def _band_cuts(self, number: int, node: int, here, offset, matrix) -> list[tuple[Any, ...]]:
         """Of one bond: the entries of `Layers.band_cuts` and `band_cut_weights`."""
         place, band, box = self._slot_of(number, int(offset[2])), self.bands[number], self.layout.box
         rows = []
         for row, column in np.argwhere(matrix != 0) if place is not None else ():
             line = self._first_line + (here[0] + offset[0]) * self.grid[0] + here[1] + offset[1]
-            slot = band[BASE] + ((column * self.sets[2] * self.layout.reach[2] + place) * self.lines + line) * band[WIDTH]
+            slot = (
+                band[BASE] + ((column * self.sets[2] * self.layout.reach[2] + place) * self.lines + line) * band[WIDTH]
+            )
             first = node - here[2] + (0 if band[STEP] < 0 else box.nodes[2] - band[COLUMNS] - band[REACH])
             there = node + offset[0] * box.stride[0] + offset[1] * box.stride[1]
             rows.append((first + row * self.layout.size, slot, node, there, matrix[row, column]))
@@ -419,8 +537,9 @@ class LayerTables:
     # --- the memory --------------------------------------------------------------------------------------------
 
     def cells(self, driven: np.ndarray) -> list[tuple[tuple[int, int], np.ndarray]]:
-        """Places of the memory that is ever used: of each layer, and then of each edge, its axis and side, and places by component, number of the
-        application, and line; `driven`, shape (layers, columns + 1), says of which edges between columns.
+        """Places of the memory that is ever used: of each layer, and then of each edge, its axis and side, and places
+        by component, number of the application, and line; `driven`, shape (layers, columns + 1), says of which edges
+        between columns.
         """
         found = []
         for number, band in enumerate(self.bands):
@@ -429,7 +548,10 @@ class LayerTables:
                 size, cells = self._group_lanes(), int(2 * band[COLUMNS] + 1) * int(band[REACH])
                 each, y = -(-n1 // size), np.arange(n1)
                 group = (np.arange(n0)[:, None] * each + y // size).ravel()
-                first = [band[KEPT] + (c * n0 * each + group) * size * cells + np.tile(y % size, n0) for c in range(self.components)]
+                first = [
+                    band[KEPT] + (c * n0 * each + group) * size * cells + np.tile(y % size, n0)
+                    for c in range(self.components)
+                ]
                 used = self._used(band, driven)
                 found.append(((2, 2 * number - 1), np.array([used[:, None] * size + at for at in first])))
         tile = np.repeat(np.arange(len(self.tiles)), self.tiles[:, TILE_COUNT])
@@ -439,7 +561,11 @@ class LayerTables:
             cells, rows = int(2 * face[COLUMNS] + 1) * int(face[REACH]), np.arange(face[ROWS])[:, None]
             used, places = self._used(face, driven), []
             for c in range(self.components):
-                first = face[MEMORY] + ((c * face[ROWS] + rows) * self._tile_lanes + self.tiles[tile, TILE_PLACE]) * cells + lane
+                first = (
+                    face[MEMORY]
+                    + ((c * face[ROWS] + rows) * self._tile_lanes + self.tiles[tile, TILE_PLACE]) * cells
+                    + lane
+                )
                 places.append((first + used[:, None, None] * size).reshape(len(used), -1))
             found.append(((int(face[AXIS]), int(np.sign(face[STEP]))), np.array(places)))
         for edge in self.edges:
@@ -454,13 +580,18 @@ class LayerTables:
                     end += int(2 * other[COLUMNS] + 1) * int(most)
             of_all = np.concatenate(ever)
             place = self.tiles[tile, TILE_PLACE]
-            first = [edge[EDGE_MEMORY] + (c * self._tile_lanes + place) * edge[EDGE_CELLS] + lane for c in range(self.components)]
+            first = [
+                edge[EDGE_MEMORY] + (c * self._tile_lanes + place) * edge[EDGE_CELLS] + lane
+                for c in range(self.components)
+            ]
             found.append(((1, int(np.sign(other[STEP]))), np.array([at + of_all[:, None] * size for at in first])))
         return found
 
     @staticmethod
     def _used(layer: np.ndarray, driven: np.ndarray, most: int | None = None) -> np.ndarray:
-        """Numbers of the cells of one line whose edges are driven: those outwards from the outer end inwards, then those inwards."""
+        """Numbers of the cells of one line whose edges are driven: those outwards from the outer end inwards, then
+        those inwards.
+        """
         columns, most = int(layer[COLUMNS]), int(layer[REACH]) if most is None else most
         edges = np.concatenate([np.repeat(np.arange(columns, -1, -1), most), np.repeat(np.arange(columns), most)])
         return np.flatnonzero(driven[layer[PROFILE], edges])
@@ -468,7 +599,8 @@ class LayerTables:
     # --- sums --------------------------------------------------------------------------------------------------
 
     def _add_sums(self, row: int, fixed: list[dict[int, int]], across: list[int]) -> None:
-        """Sums for one component of the result, each with given offsets along some axes, of terms at offsets along the others.
+        """Sums for one component of the result, each with given offsets along some axes, of terms at offsets along the
+        others.
 
         Without given offsets, those of bands alone.
         """
@@ -482,7 +614,11 @@ class LayerTables:
                 for o, w in zip(self.offsets[at].tolist(), self.weights[at], strict=True):
                     for column in columns if band is not None or given else ():
                         material = sum(o[a] * stride[a] for a in across)
-                        place = material + column * self.layout.size if band is None else self._band_place(band, o, column, across)
+                        place = (
+                            material + column * self.layout.size
+                            if band is None
+                            else self._band_place(band, o, column, across)
+                        )
                         if place is not None and w[row, column] != 0:
                             terms.setdefault((place, material), np.zeros(max(self.layout.reach)))[k] += w[row, column]
             self._add_terms(terms, len(fixed))
@@ -491,11 +627,15 @@ class LayerTables:
         """Where the slots of a band serve an offset, counted from the line of a node; None where they do not."""
         if not self.bands[number, COLUMNS] or (place := self._slot_of(number, offset[2])) is None:
             return None
-        line = (column * self.sets[2] * self.layout.reach[2] + place) * self.lines + sum(offset[a] * self.grid[a] for a in across if a != 2)
+        line = (column * self.sets[2] * self.layout.reach[2] + place) * self.lines + sum(
+            offset[a] * self.grid[a] for a in across if a != 2
+        )
         return int(line * self.bands[number, WIDTH])
 
     def _slot_of(self, number: int, offset: int) -> int | None:
-        """Which field of a band's slots serves an offset along the last axis; those of mirror images are added up and come once."""
+        """Which field of a band's slots serves an offset along the last axis; those of mirror images are added up and
+        come once.
+        """
         if offset == 0 or (self.sets[2] == 1 and offset < 0):
             return None
         inwards = self.sets[2] == 2 and offset * int(self.bands[number, STEP]) < 0
@@ -514,37 +654,52 @@ class LayerTables:
 
 
 # --- the compiled part ---------------------------------------------------------------------------------------------
-# Where a function is called for every column there are addresses only: Numba counts the references to arrays that it passes on, which takes longer
-# than the work. A thread's work space has rows of `LINES` values: parts of a face, parts of an edge, what is found, what an edge adds.
+# Where a function is called for every column there are addresses only: Numba counts the references to arrays that it
+# passes on, which takes longer
+# than the work. A thread's work space has rows of `LINES` values: parts of a face, parts of an edge, what is found,
+# what an edge adds.
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def address(array):  # type: ignore[no-untyped-def]
+def address(array):
     """Byte address of an array."""
     return np.int64(array.ctypes.data)
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def weigh(tables, function, number, node, slot, band, to, step, vectors, least):  # type: ignore[no-untyped-def]
-    """The sums `number` from k = `least` on, for a tile whose first node is at `node` in the level, and at `slot` where it lies in a band.
+def weigh(tables, function, number, node, slot, band, to, step, vectors, least):
+    """The sums `number` from k = `least` on, for a tile whose first node is at `node` in the level, and at `slot` where
+    it lies in a band.
 
     All are addresses; tables: of `Layers.ends`, of its rows their length, of the places, the weights and theirs.
     """
     ends, row, places, weights, weight_step = tables
     call_parts(function, to, step, node, ends + 3 * number * row, places, weights, weight_step, vectors, least, 0)
     if band >= 0:
-        call_parts(function, to, step, slot, ends + (3 * number + 1 + band) * row, places, weights, weight_step, vectors, least, 1)
+        call_parts(
+            function,
+            to,
+            step,
+            slot,
+            ends + (3 * number + 1 + band) * row,
+            places,
+            weights,
+            weight_step,
+            vectors,
+            least,
+            1,
+        )
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def tables_of(layers):  # type: ignore[no-untyped-def]
+def tables_of(layers):
     """What `weigh` takes."""
     rows, size = layers.ends.shape[1] * 8, layers.weights.itemsize
     return address(layers.ends), rows, address(layers.places), address(layers.weights), layers.weights.shape[1] * size
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def weigh_bonds(layers, number, sums, src, node, slots, slot, band, work, to, count, coefficient, rule):  # type: ignore[no-untyped-def]
+def weigh_bonds(layers, number, sums, src, node, slots, slot, band, work, to, count, coefficient, rule):
     """The same, of so many sums, where bonds have coefficients; places in arrays, `to` a row of the work space."""
     work[to * LINES : (to + sums) * LINES] = 0
     for part in range(1 if band < 0 else 2):
@@ -556,11 +711,13 @@ def weigh_bonds(layers, number, sums, src, node, slots, slot, band, work, to, co
                 row, w = work[(to + k) * LINES : (to + k + 1) * LINES], layers.weights[term, k]
                 if w != 0:
                     for i in range(count):
-                        row[i] += w * bond_factor(rule, coefficient[node + i], coefficient[other + i]) * source[there + i]
+                        row[i] += (
+                            w * bond_factor(rule, coefficient[node + i], coefficient[other + i]) * source[there + i]
+                        )
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def continue_band(lane, lanes, number, src, layers, slots, memory, work, components):  # type: ignore[no-untyped-def]
+def continue_band(lane, lanes, number, src, layers, slots, memory, work, components):
     """Fill the slots of a band: continue the field of all its lines, side by side, and advance the memory."""
     band, sizes = layers.bands[number], layers.sizes
     columns, m, sets, step, width = band[COLUMNS], band[REACH], band[SETS], band[STEP], band[WIDTH]
@@ -568,7 +725,8 @@ def continue_band(lane, lanes, number, src, layers, slots, memory, work, compone
     each = (sizes[1] + group - 1) // group
     groups, vectors, row, sign = sizes[0] * each, group * size // 64, LINES * size, 1 if step > 0 else -1
     start = address(work)
-    # Columns in their order in memory: those of the field from `first`, of the slots from the same one or the next of them on.
+    # Columns in their order in memory: those of the field from `first`, of the slots from the same one or the next of
+    # them on.
     first, zero = (band[ORIGIN] - m, start + m * row) if step > 0 else (band[ORIGIN] - columns, start + columns * row)
     middle = (m - 1 if step > 0 else columns) * m * row
     found, far = start + sizes[5] * row, (sets - 1) * (sizes[5] // 2) * row
@@ -586,26 +744,71 @@ def continue_band(lane, lanes, number, src, layers, slots, memory, work, compone
                 fetch(at + (i * band[ROW] + column) * size)
         for i in range(0, count, TURNED):
             for column in range(0, columns + m + 1, TURNED):
-                turn(at + (i * band[ROW] + column) * size, band[ROW] * size, min(count - i, TURNED) - 1, start + column * row + i * size, row,
-                     TURNED - 1, like)  # fmt: skip
+                turn(
+                    at + (i * band[ROW] + column) * size,
+                    band[ROW] * size,
+                    min(count - i, TURNED) - 1,
+                    start + column * row + i * size,
+                    row,
+                    TURNED - 1,
+                    like,
+                )
         if sets == 2:
             clear(found + far, (columns + m) * m * LINES, like)
         kept = address(memory) + layers.cell * (band[KEPT] + item * group * cells) * size
-        call_shifts(band[OUTWARDS], zero, sign * row, 0, found + middle, sign * m * row, row, kept, cell, r, e, f, columns, vectors)
-        call_shifts(band[INWARDS], zero, sign * row, 0, found + far + middle, sign * m * row, row, kept + (columns + 1) * m * cell, cell, r, e, f,
-                    columns, vectors)  # fmt: skip
+        call_shifts(
+            band[OUTWARDS],
+            zero,
+            sign * row,
+            0,
+            found + middle,
+            sign * m * row,
+            row,
+            kept,
+            cell,
+            r,
+            e,
+            f,
+            columns,
+            vectors,
+        )
+        call_shifts(
+            band[INWARDS],
+            zero,
+            sign * row,
+            0,
+            found + far + middle,
+            sign * m * row,
+            row,
+            kept + (columns + 1) * m * cell,
+            cell,
+            r,
+            e,
+            f,
+            columns,
+            vectors,
+        )
         for k in range(m * sets):
             here = band[BASE] + ((c * sets * m + k) * sizes[2] + sizes[3] + x * band[LINE] + y) * width
             source = found + (k // m) * far + k % m * row
             for i in range(0, count, TURNED):
                 for column in range(0, width, TURNED):
-                    turn(source + column * m * row + i * size, m * row, TURNED - 1, address(slots) + (here + i * width + column) * size, width * size,
-                         min(count - i, TURNED) - 1, like)  # fmt: skip
+                    turn(
+                        source + column * m * row + i * size,
+                        m * row,
+                        TURNED - 1,
+                        address(slots) + (here + i * width + column) * size,
+                        width * size,
+                        min(count - i, TURNED) - 1,
+                        like,
+                    )
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def slot_steps(layers, number, size):  # type: ignore[no-untyped-def]
-    """Of a band's slots, in bytes: the distances of fields and of components, and how far those lie that serve neighbours ahead and behind."""
+def slot_steps(layers, number, size):
+    """Of a band's slots, in bytes: the distances of fields and of components, and how far those lie that serve
+    neighbours ahead and behind.
+    """
     if number < 0:
         return 0, 0, 0, 0
     band = layers.bands[number]
@@ -615,7 +818,7 @@ def slot_steps(layers, number, size):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def add_bands(lane, lanes, src, base, out, scale, increments, layers, slots, work, components, coefficient, rule):  # type: ignore[no-untyped-def]
+def add_bands(lane, lanes, src, base, out, scale, increments, layers, slots, work, components, coefficient, rule):
     """Add what the layers along the last axis contribute to all nodes in their bands."""
     sizes, size = layers.sizes, src.itemsize
     apart, to = src.size // components, address(work)
@@ -631,7 +834,8 @@ def add_bands(lane, lanes, src, base, out, scale, increments, layers, slots, wor
         band = layers.bands[number]
         step, shift, ahead, behind = slot_steps(layers, number, size)
         width = band[WIDTH]
-        # Narrow bands, whose lines are neighbours, go through several lines at a time: the same ones with any number of lanes, as sums depend on it.
+        # Narrow bands, whose lines are neighbours, go through several lines at a time: the same ones with any number of
+        # lanes, as sums depend on it.
         several = LINES // width if width <= LINES and coefficient.size == 1 else 1
         each = (sizes[1] + several - 1) // several
         for group in range(lane * sizes[0] * each // lanes, (lane + 1) * sizes[0] * each // lanes):
@@ -644,15 +848,32 @@ def add_bands(lane, lanes, src, base, out, scale, increments, layers, slots, wor
                 fetch(news + (node + i * band[ROW]) * size)
                 fetch(news + (node + i * band[ROW] + count - 1) * size)
             if sums:
-                call_mirrored(function, to, to, LINES * size, LINES * size, extra + slot * size + ahead, extra + slot * size + behind,
-                              band[LINE] * width * size, width * size, shift, step, weights, vectors)  # fmt: skip
+                call_mirrored(
+                    function,
+                    to,
+                    to,
+                    LINES * size,
+                    LINES * size,
+                    extra + slot * size + ahead,
+                    extra + slot * size + behind,
+                    band[LINE] * width * size,
+                    width * size,
+                    shift,
+                    step,
+                    weights,
+                    vectors,
+                )
             for c in range(components):
                 here = to + (c * LINES * size if sums else 0)
                 if coefficient.size > 1:
-                    weigh_bonds(layers, sizes[4] + c, 1, src, node, slots, slot, number, work, 0, count, coefficient, rule)
+                    weigh_bonds(
+                        layers, sizes[4] + c, 1, src, node, slots, slot, number, work, 0, count, coefficient, rule
+                    )
                 elif not sums:
                     ends = tables[0] + (3 * (sizes[4] + c) + 1 + number) * tables[1]
-                    call_parts(band[PARTS], to, 0, extra + slot * size, ends, tables[2], tables[3], tables[4], vectors, 1, 0)
+                    call_parts(
+                        band[PARTS], to, 0, extra + slot * size, ends, tables[2], tables[3], tables[4], vectors, 1, 0
+                    )
                 for i in range(together):
                     place = (node + c * apart + i * band[ROW]) * size
                     add_lines(here + i * width * size, news + place, scale, count)
@@ -661,10 +882,12 @@ def add_bands(lane, lanes, src, base, out, scale, increments, layers, slots, wor
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def stretch_edge(number, c, t, apart, src, layers, slots, memory, work, coefficient, rule):  # type: ignore[no-untyped-def]
-    """What the second axis' layer adds to the parts of the first one's, for the rows of an edge and one tile; into the last rows of the work space.
+def stretch_edge(number, c, t, apart, src, layers, slots, memory, work, coefficient, rule):
+    """What the second axis' layer adds to the parts of the first one's, for the rows of an edge and one tile; into the
+    last rows of the work space.
 
-    Row ((set * reach + k - 1) * columns + column of the first axis) * columns + column of the second, both counted from -reach.
+    Row ((set * reach + k - 1) * columns + column of the first axis) * columns + column of the second, both counted from
+    -reach.
     """
     edge, tile, sizes = layers.edges[number], layers.tiles[t], layers.sizes
     face, other = layers.faces[edge[EDGE_FACE]], layers.faces[edge[EDGE_OTHER]]
@@ -702,22 +925,65 @@ def stretch_edge(number, c, t, apart, src, layers, slots, memory, work, coeffici
                         slot = line + (p * face[SLOT_STEP] + q * other[SLOT_STEP]) * width
                         place = parts + inward * half + (q + n) * n
                         if coefficient.size > 1:
-                            weigh_bonds(layers, sums, most, src, node, slots, slot, band, work, place, count, coefficient, rule)
+                            weigh_bonds(
+                                layers, sums, most, src, node, slots, slot, band, work, place, count, coefficient, rule
+                            )
                         else:
-                            weigh(tables, kind[KIND_PARTS], sums, field + node * size, extra + slot * size, band, start + place * row, row, vectors,
-                                  max(1, -q))  # fmt: skip
+                            weigh(
+                                tables,
+                                kind[KIND_PARTS],
+                                sums,
+                                field + node * size,
+                                extra + slot * size,
+                                band,
+                                start + place * row,
+                                row,
+                                vectors,
+                                max(1, -q),
+                            )
                 memo = address(memory) + layers.cell * past * size
                 zero, there = start + (parts + n * n) * row, start + to * row
-                call_shifts(kind[KIND_OUTWARDS], zero, n * row, row, there, row, row, memo, cell, r, e, f, other[COLUMNS], vectors)
-                call_shifts(kind[KIND_INWARDS], zero + (other[SETS] - 1) * half * row, n * row, row, there, row, row,
-                            memo + (other[COLUMNS] + 1) * most * cell, cell, r, e, f, other[COLUMNS], vectors)  # fmt: skip
+                call_shifts(
+                    kind[KIND_OUTWARDS],
+                    zero,
+                    n * row,
+                    row,
+                    there,
+                    row,
+                    row,
+                    memo,
+                    cell,
+                    r,
+                    e,
+                    f,
+                    other[COLUMNS],
+                    vectors,
+                )
+                call_shifts(
+                    kind[KIND_INWARDS],
+                    zero + (other[SETS] - 1) * half * row,
+                    n * row,
+                    row,
+                    there,
+                    row,
+                    row,
+                    memo + (other[COLUMNS] + 1) * most * cell,
+                    cell,
+                    r,
+                    e,
+                    f,
+                    other[COLUMNS],
+                    vectors,
+                )
                 clear(start + (to + 1 - n) * row, (n - most) * LINES, like)
                 past += (2 * other[COLUMNS] + 1) * most * lanes
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def stretch_face(item, src, base, out, scale, increments, layers, slots, memory, work, components, coefficient, rule):  # type: ignore[no-untyped-def]
-    """Add what a face's layer contributes to some rows of one tile, on its columns and on those of the core next to it; advances its memory."""
+def stretch_face(item, src, base, out, scale, increments, layers, slots, memory, work, components, coefficient, rule):
+    """Add what a face's layer contributes to some rows of one tile, on its columns and on those of the core next to it;
+    advances its memory.
+    """
     face, tile, sizes = layers.faces[item[0]], layers.tiles[item[3]], layers.sizes
     columns, m, sets = face[COLUMNS], face[REACH], face[SETS]
     band, count, vectors = tile[TILE_BAND], tile[TILE_COUNT], tile[TILE_VECTORS]
@@ -747,13 +1013,44 @@ def stretch_face(item, src, base, out, scale, increments, layers, slots, memory,
     for row in range(item[1], item[2]):
         first = face[ORIGIN] + row * face[ROW_STEP] + tile[TILE_FIRST]
         for p in range(-m, columns + 1):
-            node, slot, to = first + p * face[STEP], line + (p * face[SLOT_STEP] + row * face[SLOT_ROW]) * width, (p + m) * m
+            node, slot, to = (
+                first + p * face[STEP],
+                line + (p * face[SLOT_STEP] + row * face[SLOT_ROW]) * width,
+                (p + m) * m,
+            )
             if sums:
                 plus, minus, here = start + to * wide + on, start + to * wide + back, extra + slot * size
-                call_mirrored(function, plus, minus, wide, sizes[5] * wide, field + node * size, 0, across, across, apart * size, 0, weights, vectors)
+                call_mirrored(
+                    function,
+                    plus,
+                    minus,
+                    wide,
+                    sizes[5] * wide,
+                    field + node * size,
+                    0,
+                    across,
+                    across,
+                    apart * size,
+                    0,
+                    weights,
+                    vectors,
+                )
                 if band_function != 0:
-                    call_mirrored(band_function, plus, minus, wide, sizes[5] * wide, here + ahead, here + behind, slots_across, slots_across, shift,
-                                  step, band_weights, vectors)  # fmt: skip
+                    call_mirrored(
+                        band_function,
+                        plus,
+                        minus,
+                        wide,
+                        sizes[5] * wide,
+                        here + ahead,
+                        here + behind,
+                        slots_across,
+                        slots_across,
+                        shift,
+                        step,
+                        band_weights,
+                        vectors,
+                    )
             for part in range(0 if sums and edge < 0 and layers.cuts.shape[0] == 0 else components * sets):
                 c, own = part // sets, part % sets
                 if p < 0 and own < sets - 1:
@@ -762,20 +1059,51 @@ def stretch_face(item, src, base, out, scale, increments, layers, slots, memory,
                 if coefficient.size > 1:
                     weigh_bonds(layers, number, m, src, node, slots, slot, band, work, here, count, coefficient, rule)
                 elif not sums:
-                    weigh(tables, face[PARTS], number, field + node * size, extra + slot * size, band, start + here * wide, wide, vectors,
-                          max(1, -p))  # fmt: skip
+                    weigh(
+                        tables,
+                        face[PARTS],
+                        number,
+                        field + node * size,
+                        extra + slot * size,
+                        band,
+                        start + here * wide,
+                        wide,
+                        vectors,
+                        max(1, -p),
+                    )
                 for k in range(max(0, -p - 1), m if edge >= 0 else 0):
-                    far = c * sizes[9] + ((own * m + k) * (columns + m + 1) + p + m) * high + (row - corner) * side + other[REACH]
+                    far = (
+                        c * sizes[9]
+                        + ((own * m + k) * (columns + m + 1) + p + m) * high
+                        + (row - corner) * side
+                        + other[REACH]
+                    )
                     add_lines(start + (added + far) * wide, start + (here + k) * wide, work.dtype.type(1), LINES)
                 if layers.cuts.shape[0]:
-                    take_cuts(face, c, row, item[3], own, p, node, slot, src, layers, slots, work, here, coefficient, rule)
+                    take_cuts(
+                        face, c, row, item[3], own, p, node, slot, src, layers, slots, work, here, coefficient, rule
+                    )
         for c in range(components):
             kept = face[MEMORY] + ((c * face[ROWS] + row) * sizes[6] + tile[TILE_PLACE]) * cells
             memo = address(memory) + layers.cell * kept * size
             zero, there = start + (c * sizes[5] + m * m) * wide, start + (found + m) * wide
             call_shifts(face[OUTWARDS], zero, m * wide, wide, there, wide, wide, memo, cell, r, e, f, columns, vectors)
-            call_shifts(face[INWARDS], zero + (sets - 1) * half * wide, m * wide, wide, there, wide, wide, memo + (columns + 1) * m * cell, cell,
-                        r, e, f, columns, vectors)  # fmt: skip
+            call_shifts(
+                face[INWARDS],
+                zero + (sets - 1) * half * wide,
+                m * wide,
+                wide,
+                there,
+                wide,
+                wide,
+                memo + (columns + 1) * m * cell,
+                cell,
+                r,
+                e,
+                f,
+                columns,
+                vectors,
+            )
             for p in range(1 - m, columns + 1):
                 place = (first + p * face[STEP] + c * apart) * size
                 add_lines(there + p * wide, news + place, scale, count)
@@ -784,7 +1112,7 @@ def stretch_face(item, src, base, out, scale, increments, layers, slots, memory,
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def take_cuts(face, c, row, t, own, p, node, slot, src, layers, slots, work, parts, coefficient, rule):  # type: ignore[no-untyped-def]
+def take_cuts(face, c, row, t, own, p, node, slot, src, layers, slots, work, parts, coefficient, rule):
     """Take the absent bonds of a row of a face from the parts on one column."""
     start = face[CUTS] + (c * face[ROWS] + row) * layers.tiles.shape[0] + t
     band = layers.tiles[t, TILE_BAND]
@@ -802,7 +1130,7 @@ def take_cuts(face, c, row, t, own, p, node, slot, src, layers, slots, work, par
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def take_band_cuts(base, out, scale, increments, layers, slots, coefficient, rule):  # type: ignore[no-untyped-def]
+def take_band_cuts(base, out, scale, increments, layers, slots, coefficient, rule):
     """Take the absent bonds of the lines of bands from what these have added."""
     for i in range(layers.band_cuts.shape[0]):
         number, node, slot, here, there = layers.band_cuts[i]
@@ -816,7 +1144,7 @@ def take_band_cuts(base, out, scale, increments, layers, slots, coefficient, rul
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def continue_lines(lane, lanes, sync, src, layers, slots, memory, work, components):  # type: ignore[no-untyped-def]
+def continue_lines(lane, lanes, sync, src, layers, slots, memory, work, components):
     """Fill the slots from a level whose halo is complete, and advance the memory of the last axis."""
     for number in range(2):
         if layers.bands[number, COLUMNS]:
@@ -829,15 +1157,35 @@ def continue_lines(lane, lanes, sync, src, layers, slots, memory, work, componen
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def add_layers(lane, lanes, sync, axis, src, base, out, scale, increments, layers, slots, memory, work, components, coefficient, rule):  # type: ignore[no-untyped-def]
-    """Add what the layers along one axis contribute to ``out``, and to ``base`` where that holds increments; `continue_lines` comes before.
+def add_layers(
+    lane,
+    lanes,
+    sync,
+    axis,
+    src,
+    base,
+    out,
+    scale,
+    increments,
+    layers,
+    slots,
+    memory,
+    work,
+    components,
+    coefficient,
+    rule,
+):
+    """Add what the layers along one axis contribute to ``out``, and to ``base`` where that holds increments;
+    `continue_lines` comes before.
 
     Lanes write the same nodes along different axes, so they meet after each.
     """
     scale = scale * layers.unit
     if axis == 2:
         if layers.bands[0, COLUMNS] or layers.bands[1, COLUMNS]:
-            add_bands(lane, lanes, src, base, out, scale, increments, layers, slots, work, components, coefficient, rule)
+            add_bands(
+                lane, lanes, src, base, out, scale, increments, layers, slots, work, components, coefficient, rule
+            )
             if layers.band_cuts.shape[0]:
                 barrier(sync, lanes)
                 if lane == 0:
@@ -847,5 +1195,19 @@ def add_layers(lane, lanes, sync, axis, src, base, out, scale, increments, layer
     first, last = layers.item_ranges[1 - axis], layers.item_ranges[2 - axis]
     if first < last:
         for i in range(first + lane, last, lanes):
-            stretch_face(layers.items[i], src, base, out, scale, increments, layers, slots, memory, work, components, coefficient, rule)
+            stretch_face(
+                layers.items[i],
+                src,
+                base,
+                out,
+                scale,
+                increments,
+                layers,
+                slots,
+                memory,
+                work,
+                components,
+                coefficient,
+                rule,
+            )
         barrier(sync, lanes)

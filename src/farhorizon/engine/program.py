@@ -1,12 +1,12 @@
 """The compiled time loop.
 
-`run` goes through many steps without returning to Python. A step is one or more *stages*; a stage sweeps the box of all nodes
-(``out = a*in + b*base + weights * neighbours``) and then adds what the layers contribute (see `engine.nested`).
-Arrays named ``levels[l]`` are flat time levels laid out by `engine.layout`. Of a field of several components each level holds as many copies of
-the layout, one after the other.
+`run` goes through many steps without returning to Python. A step is one or more *stages*; a stage sweeps the box of all
+nodes (``out = a*in + b*base + weights * neighbours``) and then adds what the layers contribute (see `engine.nested`).
+Arrays named ``levels[l]`` are flat time levels laid out by `engine.layout`. Of a field of several components each level
+holds as many copies of the layout, one after the other.
 
-This text is a template: `engine.rows.build` writes it out with and without the kernels of what few runs have (`RARE`: phases, bonds
-that break, exact ends, outlines), which take as long to compile as all others.
+This text is a template: `engine.rows.build` writes it out with and without the kernels of what few runs have (`RARE`:
+phases, bonds that break, exact ends, outlines), which take as long to compile as all others.
 
 Several threads go through the same loop, each with its share (`lane` of `lanes`) of every part, and meet at barriers.
 """
@@ -101,7 +101,8 @@ def sweep_general_matrix(src, base, out, start, to, count, offsets, weights, a, 
                 new[i] = a * here[i] + b * old[i] + acc[row, i]
 
 
-# What all rows of a stage share: law = (weights of the general sweep, a, a for differences, b, increments, rule, components, ceiling).
+# What all rows of a stage share: law = (weights of the general sweep, a, a for differences, b, increments, rule,
+# components, ceiling).
 
 
 @njit(error_model="numpy", cache=True, counted=False)
@@ -117,28 +118,88 @@ def sweep_rows(src, base, out, block, i0, i1, count, first, last, function, weig
     start, to = block[0] + i0 * block[4] + i1 * block[5] + first, block[9] + i0 * block[10] + i1 * block[11] + first
     if function != 0:
         size = src.itemsize
-        call_sweep(function, src.ctypes.data + start * size, base.ctypes.data + to * size, out.ctypes.data + to * size, weights.ctypes.data,
-                   a, b, last - first, count, block[6], block[7], block[8], block[5], block[11], block.ctypes.data + 8 * SHIFTS)  # fmt: skip
+        call_sweep(
+            function,
+            src.ctypes.data + start * size,
+            base.ctypes.data + to * size,
+            out.ctypes.data + to * size,
+            weights.ctypes.data,
+            a,
+            b,
+            last - first,
+            count,
+            block[6],
+            block[7],
+            block[8],
+            block[5],
+            block[11],
+            block.ctypes.data + 8 * SHIFTS,
+        )
     elif components == 1:
         for row in range(count):
-            sweep_general(src, base, out, start + row * block[5], to + row * block[11], last - first, offsets, general, a_difference, b,
-                          increments, coefficient, rule)  # fmt: skip
+            sweep_general(
+                src,
+                base,
+                out,
+                start + row * block[5],
+                to + row * block[11],
+                last - first,
+                offsets,
+                general,
+                a_difference,
+                b,
+                increments,
+                coefficient,
+                rule,
+            )
     else:
         for row in range(count):
-            sweep_general_matrix(src, base, out, start + row * block[5], to + row * block[11], last - first, offsets, general, a_difference, b,
-                                 coefficient, rule, components)  # fmt: skip
+            sweep_general_matrix(
+                src,
+                base,
+                out,
+                start + row * block[5],
+                to + row * block[11],
+                last - first,
+                offsets,
+                general,
+                a_difference,
+                b,
+                coefficient,
+                rule,
+                components,
+            )
 
 
 @njit(error_model="numpy", cache=True, counted=False)
 def sweep_part(src, base, out, block, number, depth, first, last, function, weights, offsets, coefficient, law):
-    """Nodes `first` to `last` of the rows of one part of a block: bundles one after the other along the slowest axis share most of what they read."""
+    """Nodes `first` to `last` of the rows of one part of a block: bundles one after the other along the slowest axis
+    share most of what they read.
+    """
     i0, i1 = number % block[1], (number // block[1]) * depth
-    sweep_rows(src, base, out, block, i0, i1, min(depth, block[2] - i1), first, last, function, weights, offsets, coefficient, law)
+    sweep_rows(
+        src,
+        base,
+        out,
+        block,
+        i0,
+        i1,
+        min(depth, block[2] - i1),
+        first,
+        last,
+        function,
+        weights,
+        offsets,
+        coefficient,
+        law,
+    )
 
 
 @njit(error_model="numpy", cache=True, counted=False)
 def sweep_bonds(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, bonds, reach):
-    """A part of the core with a zone of bonds that follow a law of their own: there tile by tile, around it, and where it is calm, by the stencil."""
+    """A part of the core with a zone of bonds that follow a law of their own: there tile by tile, around it, and where
+    it is calm, by the stencil.
+    """
     zone = bonds.zone
     i0, first = number % block[1], (number // block[1]) * depth
     last = min(first + depth, block[2])
@@ -152,7 +213,9 @@ def sweep_bonds(src, base, out, block, number, depth, function, weights, offsets
         (low, high, zone[END + 2], block[3]),
     ):
         if i1 < end and start < stop:
-            sweep_rows(src, base, out, block, i0, i1, end - i1, start, stop, function, weights, offsets, coefficient, law)
+            sweep_rows(
+                src, base, out, block, i0, i1, end - i1, start, stop, function, weights, offsets, coefficient, law
+            )
     for row in range(low // CALM_ROWS, (high + CALM_ROWS - 1) // CALM_ROWS if low < high else 0):
         i1, end = max(row * CALM_ROWS, low), min((row + 1) * CALM_ROWS, high)
         stop = zone[FIRST + 2]
@@ -160,16 +223,24 @@ def sweep_bonds(src, base, out, block, number, depth, function, weights, offsets
             start = stop
             stop, calm = next_piece(src, block, reach, i0, i1, end, start, law[6], coefficient.size > 1, bonds)
             if calm:
-                sweep_rows(src, base, out, block, i0, i1, end - i1, start, stop, function, weights, offsets, coefficient, law)
+                sweep_rows(
+                    src, base, out, block, i0, i1, end - i1, start, stop, function, weights, offsets, coefficient, law
+                )
             else:
-                sweep_tiles(src, base, out, block, i0, i1, end, start, stop, law[2], law[3], law[6], coefficient, law[5], bonds)
+                sweep_tiles(
+                    src, base, out, block, i0, i1, end, start, stop, law[2], law[3], law[6], coefficient, law[5], bonds
+                )
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def sweep_two_phases(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, runs, interface):
-    """A part of the core in two phases: runs of liquid tiles by the compiled rows, of mixed ones bond by bond, of solid ones not at all.
+def sweep_two_phases(
+    src, base, out, block, number, depth, function, weights, offsets, coefficient, law, runs, interface
+):
+    """A part of the core in two phases: runs of liquid tiles by the compiled rows, of mixed ones bond by bond, of solid
+    ones not at all.
 
-    Between runs there are addresses only: Numba counts the references to an array that it passes on, which takes longer than a tile.
+    Between runs there are addresses only: Numba counts the references to an array that it passes on, which takes longer
+    than a tile.
     """
     i0, first = number % block[1], (number // block[1]) * depth // TILE_ROWS
     last = min(first + depth // TILE_ROWS, (block[2] + TILE_ROWS - 1) // TILE_ROWS)
@@ -194,11 +265,41 @@ def sweep_two_phases(src, base, out, block, number, depth, function, weights, of
             run += 1
             here, there = at + start * size, to + start * size
             if kind == LIQUID and function != 0:
-                call_sweep(function, places[0] + here, places[2] + there, places[3] + there, plain, a, b, stop - start, count,
-                           block[6], block[7], block[8], block[5], block[11], block.ctypes.data + 8 * SHIFTS)  # fmt: skip
+                call_sweep(
+                    function,
+                    places[0] + here,
+                    places[2] + there,
+                    places[3] + there,
+                    plain,
+                    a,
+                    b,
+                    stop - start,
+                    count,
+                    block[6],
+                    block[7],
+                    block[8],
+                    block[5],
+                    block[11],
+                    block.ctypes.data + 8 * SHIFTS,
+                )
             elif kind != SOLID:
-                sweep_phases(places[0] + here, places[1] + here, places[2] + there, places[3] + there, apart, between, bonds,
-                             a_difference, b, interface[0], interface[1], stop - start, count, block[5], block[11])  # fmt: skip
+                sweep_phases(
+                    places[0] + here,
+                    places[1] + here,
+                    places[2] + there,
+                    places[3] + there,
+                    apart,
+                    between,
+                    bonds,
+                    a_difference,
+                    b,
+                    interface[0],
+                    interface[1],
+                    stop - start,
+                    count,
+                    block[5],
+                    block[11],
+                )
 
 
 @njit(error_model="numpy", cache=True, counted=False)
@@ -234,12 +335,33 @@ def release(src, base, out, block, number, depth, begin, end, law, scale, coeffi
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def sweep_core(lane, lanes, sync, src, base, out, block, function, depth, backward, weights, offsets, coefficient, law,
-               scale, rim, runs, interface, bonds, reach):  # fmt: skip
+def sweep_core(
+    lane,
+    lanes,
+    sync,
+    src,
+    base,
+    out,
+    block,
+    function,
+    depth,
+    backward,
+    weights,
+    offsets,
+    coefficient,
+    law,
+    scale,
+    rim,
+    runs,
+    interface,
+    bonds,
+    reach,
+):
     """All parts of the core; in every other stage the last first: it meets what the last stage left in the cache.
 
-    Each lane has a share of its own, the same in all steps, for the threads' caches may lie far apart. It claims some parts as it goes, and when it
-    is through some of the others', so that one whose processor is busy otherwise does less.
+    Each lane has a share of its own, the same in all steps, for the threads' caches may lie far apart. It claims some
+    parts as it goes, and when it is through some of the others', so that one whose processor is busy otherwise does
+    less.
     """
     count = count_parts(block, depth)
     for shift in range(lanes):
@@ -252,11 +374,41 @@ def sweep_core(lane, lanes, sync, src, base, out, block, function, depth, backwa
             for i in range(claimed * size, min(share, (claimed + 1) * size)):
                 number = first + (share - 1 - i if backward else i)
                 if RARE and runs.size:
-                    sweep_two_phases(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, runs, interface)
+                    sweep_two_phases(
+                        src,
+                        base,
+                        out,
+                        block,
+                        number,
+                        depth,
+                        function,
+                        weights,
+                        offsets,
+                        coefficient,
+                        law,
+                        runs,
+                        interface,
+                    )
                 elif RARE and bonds.places.shape[0]:
-                    sweep_bonds(src, base, out, block, number, depth, function, weights, offsets, coefficient, law, bonds, reach)
+                    sweep_bonds(
+                        src, base, out, block, number, depth, function, weights, offsets, coefficient, law, bonds, reach
+                    )
                 else:
-                    sweep_part(src, base, out, block, number, depth, NONE, block[3], function, weights, offsets, coefficient, law)
+                    sweep_part(
+                        src,
+                        base,
+                        out,
+                        block,
+                        number,
+                        depth,
+                        NONE,
+                        block[3],
+                        function,
+                        weights,
+                        offsets,
+                        coefficient,
+                        law,
+                    )
                 if rim[1].size:
                     release(src, base, out, block, number, depth, NONE, block[3], law, scale, coefficient, rim)
             claimed = claim(sync, owner) if lanes > 1 else 1
@@ -286,7 +438,23 @@ def run_start(nodes, i):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def cut(lane, lanes, sync, src, base, out, scale, components, nodes, neighbours, weights, increments, coefficient, rule, ceiling):
+def cut(
+    lane,
+    lanes,
+    sync,
+    src,
+    base,
+    out,
+    scale,
+    components,
+    nodes,
+    neighbours,
+    weights,
+    increments,
+    coefficient,
+    rule,
+    ceiling,
+):
     """Take back the absent bonds from `nodes` to `neighbours`; all those of a node belong to one lane."""
     if nodes.size == 0:
         return
@@ -298,7 +466,9 @@ def cut(lane, lanes, sync, src, base, out, scale, components, nodes, neighbours,
             mine, other = coefficient[nodes[i]], coefficient[neighbours[i]]
             factor *= bond_factor(rule, mine, other)
         for column in range(components):
-            difference = factor * bond_gap(rule, mine, other, src[nodes[i] + column * apart], src[neighbours[i] + column * apart], ceiling)
+            difference = factor * bond_gap(
+                rule, mine, other, src[nodes[i] + column * apart], src[neighbours[i] + column * apart], ceiling
+            )
             for row in range(components):
                 lost = weights[(i * components + row) * components + column] * difference
                 out[nodes[i] + row * apart] -= lost
@@ -308,22 +478,101 @@ def cut(lane, lanes, sync, src, base, out, scale, components, nodes, neighbours,
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def sweep_box(lane, lanes, sync, src, base, out, numbers, increments, backward, components, box, coefficient, rule, cuts, rim, runs, interface, bonds,
-              reach):  # fmt: skip
+def sweep_box(
+    lane,
+    lanes,
+    sync,
+    src,
+    base,
+    out,
+    numbers,
+    increments,
+    backward,
+    components,
+    box,
+    coefficient,
+    rule,
+    cuts,
+    rim,
+    runs,
+    interface,
+    bonds,
+    reach,
+):
     """``out = a*src + b*base + scale*L(src)`` on all nodes, with plain shifts; `box`: see `Engine`."""
     block, function, depth, weights, offsets, general = box
     law = (general, numbers[0], numbers[1], numbers[2], increments, rule, components, interface[1])
-    sweep_core(lane, lanes, sync, src, base, out, block, function, depth, backward, weights, offsets, coefficient, law, numbers[3], rim, runs,
-               interface, bonds, reach)  # fmt: skip
+    sweep_core(
+        lane,
+        lanes,
+        sync,
+        src,
+        base,
+        out,
+        block,
+        function,
+        depth,
+        backward,
+        weights,
+        offsets,
+        coefficient,
+        law,
+        numbers[3],
+        rim,
+        runs,
+        interface,
+        bonds,
+        reach,
+    )
     barrier(sync, lanes)
-    cut(lane, lanes, sync, src, base, out, numbers[3], components, cuts[0], cuts[1], cuts[2], increments, coefficient, rule,
-        interface[1])  # fmt: skip
+    cut(
+        lane,
+        lanes,
+        sync,
+        src,
+        base,
+        out,
+        numbers[3],
+        components,
+        cuts[0],
+        cuts[1],
+        cuts[2],
+        increments,
+        coefficient,
+        rule,
+        interface[1],
+    )
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slots, memory, scratch, components, box, layers, copies, coefficient,
-          rule, cuts, rim, runs, interface, bonds, reach):  # fmt: skip
-    """``out = a*src + b*base + scale*L(src)`` everywhere; fills the halo of `src` and advances the layers' memory to its time.
+def stage(
+    lane,
+    lanes,
+    sync,
+    src,
+    base,
+    out,
+    numbers,
+    increments,
+    backward,
+    slots,
+    memory,
+    scratch,
+    components,
+    box,
+    layers,
+    copies,
+    coefficient,
+    rule,
+    cuts,
+    rim,
+    runs,
+    interface,
+    bonds,
+    reach,
+):
+    """``out = a*src + b*base + scale*L(src)`` everywhere; fills the halo of `src` and advances the layers' memory to
+    its time.
 
     numbers = (a, a for differences, b, scale, source scale).
     """
@@ -332,16 +581,53 @@ def stage(lane, lanes, sync, src, base, out, numbers, increments, backward, slot
             copy(src, copies, components)
         barrier(sync, lanes)
     continue_lines(lane, lanes, sync, src, layers, slots, memory, scratch[lane], components)
-    sweep_box(lane, lanes, sync, src, base, out, numbers, increments, backward, components, box, coefficient, rule, cuts, rim, runs, interface, bonds,
-              reach)  # fmt: skip
+    sweep_box(
+        lane,
+        lanes,
+        sync,
+        src,
+        base,
+        out,
+        numbers,
+        increments,
+        backward,
+        components,
+        box,
+        coefficient,
+        rule,
+        cuts,
+        rim,
+        runs,
+        interface,
+        bonds,
+        reach,
+    )
     material = coefficient if rule != PHASES else coefficient[:1]  # all is liquid in and beside layers
     for axis in range(2, -1, -1):
-        add_layers(lane, lanes, sync, axis, src, base, out, numbers[3], increments, layers, slots, memory, scratch[lane], components, material, rule)
+        add_layers(
+            lane,
+            lanes,
+            sync,
+            axis,
+            src,
+            base,
+            out,
+            numbers[3],
+            increments,
+            layers,
+            slots,
+            memory,
+            scratch[lane],
+            components,
+            material,
+            rule,
+        )
 
 
 @njit(error_model="numpy", cache=True, counted=False)
 def tie(src, base, out, increments, tied, starts, sources, weights, fields, times):
-    """Prescribed nodes: a combination of other nodes, those from `starts` on, plus fields times amplitudes; in order."""
+    """Prescribed nodes: a combination of other nodes, those from `starts` on, plus fields times amplitudes; in
+    order."""
     for i in range(tied.size):
         total = out[tied[i]] * 0
         for k in range(starts[i], starts[i + 1]):
@@ -357,7 +643,9 @@ def tie(src, base, out, increments, tied, starts, sources, weights, fields, time
 def add_to(flows, row, gain):
     """Add to flows[0, row]; flows[1] holds the rounding of the sums (Neumaier)."""
     total = flows[0, row] + gain
-    flows[1, row] += (flows[0, row] - total) + gain if abs(flows[0, row]) >= abs(gain) else (gain - total) + flows[0, row]
+    flows[1, row] += (
+        (flows[0, row] - total) + gain if abs(flows[0, row]) >= abs(gain) else (gain - total) + flows[0, row]
+    )
     flows[0, row] = total
 
 
@@ -372,13 +660,21 @@ def book(src, books, nodes, neighbours, weights, effect, flows, coefficient, rul
             if coefficient.size > 1:
                 mine, other = coefficient[nodes[i]], coefficient[neighbours[i]]
                 factor = bond_factor(rule, mine, other)
-            gain = effect * weights[i] * bond_gap(rule, mine, other, here, np.float64(src[neighbours[i]]), np.float64(ceiling)) * factor
+            gain = (
+                effect
+                * weights[i]
+                * bond_gap(rule, mine, other, here, np.float64(src[neighbours[i]]), np.float64(ceiling))
+                * factor
+            )
         add_to(flows, books[i], gain)
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def book_layers(lane, lanes, sync, src, sides, nodes, inflow, effect, flows, layers, slots, memory, scratch, coefficient, rule):
-    """Add what layers without memory bring to the nodes of the core next to them; sides[i] = (axis, book, first node, last node + 1).
+def book_layers(
+    lane, lanes, sync, src, sides, nodes, inflow, effect, flows, layers, slots, memory, scratch, coefficient, rule
+):
+    """Add what layers without memory bring to the nodes of the core next to them; sides[i] = (axis, book, first node,
+    last node + 1).
 
     `inflow` is a level to work in. The slots are those of `src`.
     """
@@ -386,7 +682,24 @@ def book_layers(lane, lanes, sync, src, sides, nodes, inflow, effect, flows, lay
         if lane == 0:
             inflow[:] = 0
         barrier(sync, lanes)
-        add_layers(lane, lanes, sync, axis, src, inflow, inflow, inflow.dtype.type(1), False, layers, slots, memory, scratch, 1, coefficient, rule)
+        add_layers(
+            lane,
+            lanes,
+            sync,
+            axis,
+            src,
+            inflow,
+            inflow,
+            inflow.dtype.type(1),
+            False,
+            layers,
+            slots,
+            memory,
+            scratch,
+            1,
+            coefficient,
+            rule,
+        )
         if lane == 0:
             for i in range(sides.shape[0]):
                 if sides[i, 0] == axis:
@@ -405,19 +718,84 @@ def book_ends(books, forces, effect, flows):
 
 
 @njit(error_model="numpy", nogil=True, cache=True, counted=False)
-def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, slots, memory, scratch, components, block, function, depth,
-        weights, offsets, general, layers, copies, coefficient, rule, cuts, rim, runs, interface, bonds, reach, work, solids, volumes, changed,
-        dissolved, total, saturation, period, steps_before, damped, damp_before, damp_after, damp_leak, ends,
-        tied, tied_starts, tied_sources, tied_weights, books, book_nodes, book_neighbours, book_weights, book_effects, end_books, layer_books,
-        layer_nodes, inflow, flows, fringe, short_waves, source_nodes, source_fields, source_times, held, held_times, tied_fields, tied_times,
-        watched, seen):  # fmt: skip
+def run(
+    lane,
+    lanes,
+    sync,
+    steps,
+    phase,
+    levels,
+    stages,
+    numbers,
+    increments,
+    slots,
+    memory,
+    scratch,
+    components,
+    block,
+    function,
+    depth,
+    weights,
+    offsets,
+    general,
+    layers,
+    copies,
+    coefficient,
+    rule,
+    cuts,
+    rim,
+    runs,
+    interface,
+    bonds,
+    reach,
+    work,
+    solids,
+    volumes,
+    changed,
+    dissolved,
+    total,
+    saturation,
+    period,
+    steps_before,
+    damped,
+    damp_before,
+    damp_after,
+    damp_leak,
+    ends,
+    tied,
+    tied_starts,
+    tied_sources,
+    tied_weights,
+    books,
+    book_nodes,
+    book_neighbours,
+    book_weights,
+    book_effects,
+    end_books,
+    layer_books,
+    layer_nodes,
+    inflow,
+    flows,
+    fringe,
+    short_waves,
+    source_nodes,
+    source_fields,
+    source_times,
+    held,
+    held_times,
+    tied_fields,
+    tied_times,
+    watched,
+    seen,
+):
     """One lane's share of `steps` steps from the rotation `phase`.
 
-    After them the level ``stages[(phase + steps) % rotations, 0, 0]`` holds the state, where stages[phase, stage] = (in, base, out)
-    are level numbers; numbers[stage] as in `stage`. source_times[step, stage, j] multiplies source_fields[j] on source_nodes. `ends`: the last
-    arguments of `ends.exact_ends`; `fringe`: those of `fringe.close_fringe`; `short_waves`: those of `filter.damp_short_waves`. After each step the
-    nodes `held` have the values ``held_times[step]``, and those of the nodes `watched` are copied to ``seen[step]``.
-    From solids to steps_before, and `runs` and `interface`: see `engine.phases`; `bonds`: see `engine.bonds`; `work` is where that of
+    After them the level ``stages[(phase + steps) % rotations, 0, 0]`` holds the state, where stages[phase, stage] =
+    (in, base, out) are level numbers; numbers[stage] as in `stage`. source_times[step, stage, j] multiplies
+    source_fields[j] on source_nodes. `ends`: the last arguments of `ends.exact_ends`; `fringe`: those of
+    `fringe.close_fringe`; `short_waves`: those of `filter.damp_short_waves`. After each step the nodes `held` have the
+    values ``held_times[step]``, and those of the nodes `watched` are copied to ``seen[step]``. From solids to
+    steps_before, and `runs` and `interface`: see `engine.phases`; `bonds`: see `engine.bonds`; `work` is where that of
     sources is added up, where it is wanted.
     """
     per_step = stages.shape[1]
@@ -438,8 +816,32 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
                         base[node] = src[node] - (src[node] - base[node]) * damp_before[i]
                 barrier(sync, lanes)
             box = (block, function, depth, weights[part], offsets, general[part])
-            stage(lane, lanes, sync, src, base, out, numbers[part], increments, (phase + part) % 2 == 1, slots, memory, scratch, components, box,
-                  layers, copies, coefficient, rule, cuts, rim, runs, interface, bonds, reach)  # fmt: skip
+            stage(
+                lane,
+                lanes,
+                sync,
+                src,
+                base,
+                out,
+                numbers[part],
+                increments,
+                (phase + part) % 2 == 1,
+                slots,
+                memory,
+                scratch,
+                components,
+                box,
+                layers,
+                copies,
+                coefficient,
+                rule,
+                cuts,
+                rim,
+                runs,
+                interface,
+                bonds,
+                reach,
+            )
             if RARE and bounded:
                 if lane == 0:
                     exact_ends(src, base, out, scale, increments, *ends)
@@ -465,8 +867,16 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
             if short_waves[4].size:
                 size = src.size // components
                 for c in range(components):
-                    damp_short_waves(lane, lanes, sync, src[c * size : (c + 1) * size], base[c * size : (c + 1) * size],
-                                     out[c * size : (c + 1) * size], increments, *short_waves)  # fmt: skip
+                    damp_short_waves(
+                        lane,
+                        lanes,
+                        sync,
+                        src[c * size : (c + 1) * size],
+                        base[c * size : (c + 1) * size],
+                        out[c * size : (c + 1) * size],
+                        increments,
+                        *short_waves,
+                    )
             if held.size:
                 for i in range(lane, held.size, lanes):
                     node = held[i]
@@ -477,21 +887,71 @@ def run(lane, lanes, sync, steps, phase, levels, stages, numbers, increments, sl
             if RARE and work.size and source_fields.shape[0]:
                 book_work(lane, lanes, work, base, out, source_nodes, source_fields, source_times[step, part])
             if inflow.size and book_effects[part] != 0:
-                book_layers(lane, lanes, sync, src, layer_books, layer_nodes, inflow, book_effects[part], flows, layers, slots, memory, scratch[lane],
-                            coefficient if rule != PHASES else coefficient[:1], rule)  # fmt: skip
+                book_layers(
+                    lane,
+                    lanes,
+                    sync,
+                    src,
+                    layer_books,
+                    layer_nodes,
+                    inflow,
+                    book_effects[part],
+                    flows,
+                    layers,
+                    slots,
+                    memory,
+                    scratch[lane],
+                    coefficient if rule != PHASES else coefficient[:1],
+                    rule,
+                )
             if books.size or tied.size:
                 if lane == 0:
                     if books.size and book_effects[part] != 0:
-                        book(src, books, book_nodes, book_neighbours, book_weights, book_effects[part], flows, coefficient, rule,
-                             interface[1])  # fmt: skip
+                        book(
+                            src,
+                            books,
+                            book_nodes,
+                            book_neighbours,
+                            book_weights,
+                            book_effects[part],
+                            flows,
+                            coefficient,
+                            rule,
+                            interface[1],
+                        )
                     if tied.size:
-                        tie(src, base, out, increments, tied, tied_starts, tied_sources, tied_weights, tied_fields, tied_times[step, part])
+                        tie(
+                            src,
+                            base,
+                            out,
+                            increments,
+                            tied,
+                            tied_starts,
+                            tied_sources,
+                            tied_weights,
+                            tied_fields,
+                            tied_times[step, part],
+                        )
                 barrier(sync, lanes)
             if RARE and fringe[0].size:
                 close_fringe(lane, lanes, sync, src, base, out, increments, *fringe)
         if RARE and runs.size:
-            dissolve(lane, lanes, levels[stages[phase, per_step - 1, 2]], coefficient, dissolved, total, steps_before + step + 1, block,
-                     solids, changed, saturation, period, runs, reach)  # fmt: skip
+            dissolve(
+                lane,
+                lanes,
+                levels[stages[phase, per_step - 1, 2]],
+                coefficient,
+                dissolved,
+                total,
+                steps_before + step + 1,
+                block,
+                solids,
+                changed,
+                saturation,
+                period,
+                runs,
+                reach,
+            )
             barrier(sync, lanes)
             if total[0] != known:
                 known = total[0]

@@ -12,7 +12,8 @@ from farhorizon.engine.engine import Engine
 
 
 class State:
-    """Reads and writes the state of an engine, with everything that comes from outside (sources, prescribed values, a fixed halo) at zero.
+    """Reads and writes the state of an engine, with everything that comes from outside (sources, prescribed values, a
+    fixed halo) at zero.
 
     Parameters
     ----------
@@ -36,7 +37,9 @@ class State:
         self.size = len(self.read())
 
     def _levels(self, phase: int) -> list[int]:
-        """Levels that a step reads before it writes them: that of the field, and for second order its past or its increment."""
+        """Levels that a step reads before it writes them: that of the field, and for second order its past or its
+        increment.
+        """
         source, base, _ = self.engine.stages.rotation[phase][0]
         return [source] if base == source or self.engine.stages.numbers[0][1] == 0 else [source, base]
 
@@ -51,13 +54,16 @@ class State:
         engine.memory[self._memory] = values[end : end + len(self._memory)]
         start, end = end + len(self._memory), end + len(self._memory) + len(self._modes[0])
         engine.states[self._modes] = values[start:end]
-        engine.fringe_history[:-1] = values[end:].reshape(engine.fringe_history[:-1].shape)  # a step forgets the last row
+        # a step forgets the last row
+        engine.fringe_history[:-1] = values[end:].reshape(engine.fringe_history[:-1].shape)
 
     def read(self) -> np.ndarray:
         """The state that the engine is in."""
         engine = self.engine
         levels = [engine.levels[level, self._nodes] for level in self._levels(engine.phase)]
-        return np.concatenate([*levels, engine.memory[self._memory], engine.states[self._modes], engine.fringe_history[:-1].ravel()])
+        return np.concatenate(
+            [*levels, engine.memory[self._memory], engine.states[self._modes], engine.fringe_history[:-1].ravel()]
+        )
 
     def after(self, values: np.ndarray, steps: int = 1) -> np.ndarray:
         """The state that follows a number of steps later, shape (size,); a complex one is advanced by its parts."""
@@ -68,29 +74,44 @@ class State:
         return self.read()
 
     def field(self, values: np.ndarray) -> np.ndarray:
-        """The field of a state on the core, shape of the core, after the components if there are several; complex for complex states."""
+        """The field of a state on the core, shape of the core, after the components if there are several; complex for
+        complex states.
+        """
         level = np.zeros(self.engine.levels.shape[1], values.dtype)
         level[self._nodes] = values[: len(self._nodes)]
         return self.engine.core.view(level).copy()
 
     def portrait(self, values: np.ndarray) -> np.ndarray:
-        """What a picture shows of the field of a state: of vectors the component that is largest somewhere, shape of the core."""
+        """What a picture shows of the field of a state: of vectors the component that is largest somewhere, shape of
+        the core.
+        """
         found = self.field(values)
-        return found if self.engine.components == 1 else found[np.unravel_index(np.argmax(np.abs(found)), found.shape)[0]]
+        return (
+            found if self.engine.components == 1 else found[np.unravel_index(np.argmax(np.abs(found)), found.shape)[0]]
+        )
 
     def rows(self) -> Rows:
-        """Places of the state by (entry of one row along the normal, row), for an engine whose layers all lie on its first axis.
+        """Places of the state by (entry of one row along the normal, row), for an engine whose layers all lie on its
+        first axis.
 
         The rows are its translations along the other axes, the last axis fastest.
         """
         axis = next(a for a in range(3) if self.engine.layout.reach[a])
         layout, components = self.engine.layout, self.engine.components
         low, inside, high = layout.low[axis], layout.core[axis], layout.high[axis]
-        columns = [(-1, low - 1 - i, low) for i in range(low)] + [(0, i, inside) for i in range(inside)] + [(1, i, high) for i in range(high)]
+        columns = (
+            [(-1, low - 1 - i, low) for i in range(low)]
+            + [(0, i, inside) for i in range(inside)]
+            + [(1, i, high) for i in range(high)]
+        )
         place, names, start = [], [], 0
         for level, c in itertools.product(range(len(self._levels(0))), range(components)):
             count = int(np.prod(layout.box.nodes))
-            place.append(np.moveaxis(np.arange(start, start + count).reshape(layout.box.nodes), axis, 0).reshape(len(columns), -1))
+            place.append(
+                np.moveaxis(np.arange(start, start + count).reshape(layout.box.nodes), axis, 0).reshape(
+                    len(columns), -1
+                )
+            )
             names += [(level, c, *column) for column in columns]  # a layer's nodes are counted outwards
             start += count
         for (_, side), cells in self.engine.layer_memory:
@@ -100,13 +121,16 @@ class State:
                 start += found.size
         number = {name: i for i, name in enumerate(names)}
         images = [number.get((level, c, -side, p if side else n - 1 - p, n)) for level, c, side, p, n in names]
-        signs = np.array([-1 if components > 1 and c == 0 else 1 for _, c, *_ in names])  # the first component is that along the normal
+        # the first component is that along the normal
+        signs = np.array([-1 if components > 1 and c == 0 else 1 for _, c, *_ in names])
         kinds = sorted({(level, c, n) for level, c, side, _, n in names if side == 0})
         near = np.array([[number[level, c, 0, p, n] for p in range(n)] for level, c, n in kinds])
         layers = {}
         for side, n in {side: n for level, _, side, _, n in names if level == 0 and side}.items():
             levels = range(len(self._levels(0)))
-            layers[side] = np.array([[[number[level, c, side, p, n] for p in range(n)] for c in range(components)] for level in levels])
+            layers[side] = np.array(
+                [[[number[level, c, side, p, n] for p in range(n)] for c in range(components)] for level in levels]
+            )
         return Rows(np.concatenate(place), None if None in images else np.array(images), signs, near, layers)
 
 

@@ -23,14 +23,19 @@ from farhorizon.engine.rows.compiled import njit
 _LINE = 16  # elements from one shared word to the next: each has cache lines of its own
 _ARRIVED, _ROUND, _CLAIMED = range(0, 3 * _LINE, _LINE)  # the last one for lane 0, those of the others follow
 
-_SPINS = 2000  # some ten microseconds; then the thread sleeps, which on a busy machine brings the others on sooner than yielding
+# some ten microseconds; then the thread sleeps, which on a busy machine brings the others on sooner than yielding
+_SPINS = 2000
 _I64 = ir.IntType(64)
 
-_sleep = types.ExternalFunction("Sleep", types.void(types.int32)) if os.name == "nt" else types.ExternalFunction("usleep", types.int32(types.int32))
+_sleep = (
+    types.ExternalFunction("Sleep", types.void(types.int32))
+    if os.name == "nt"
+    else types.ExternalFunction("usleep", types.int32(types.int32))
+)
 
 
 @intrinsic
-def add(typingctx, address, value):  # type: ignore[no-untyped-def]
+def add(typingctx, address, value):
     """Add to a word, return what it was."""
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
@@ -40,12 +45,14 @@ def add(typingctx, address, value):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def _read(typingctx, address):  # type: ignore[no-untyped-def]
+def _read(typingctx, address):
     """A word as other threads left it."""
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
         if platform.machine() in ("x86_64", "AMD64"):
-            pause = cgutils.get_or_insert_function(builder.module, ir.FunctionType(ir.VoidType(), []), "llvm.x86.sse2.pause")
+            pause = cgutils.get_or_insert_function(
+                builder.module, ir.FunctionType(ir.VoidType(), []), "llvm.x86.sse2.pause"
+            )
             builder.call(pause, [])
         return builder.load_atomic(builder.inttoptr(args[0], _I64.as_pointer()), "acquire", 8)
 
@@ -53,7 +60,7 @@ def _read(typingctx, address):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def barrier(sync, lanes):  # type: ignore[no-untyped-def]
+def barrier(sync, lanes):
     """Wait until all lanes are here and take back all claims; `sync` is the int64 array that they share."""
     if lanes == 1:
         return
@@ -72,7 +79,7 @@ def barrier(sync, lanes):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def claim(sync, owner):  # type: ignore[no-untyped-def]
+def claim(sync, owner):
     """Number of the next piece of a lane's share that nobody has claimed since the last barrier."""
     return add(np.int64(sync.ctypes.data) + 8 * (_CLAIMED + owner * _LINE), 1)
 

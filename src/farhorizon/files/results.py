@@ -1,15 +1,17 @@
 """The results file and the checkpoint.
 
-A results file is a VTKHDF ``ImageData`` file [1]_ with a temporal ``Steps`` group, so that ParaView opens it as it is: ``/VTKHDF`` holds
-the fields as point data, one chunked record an output, in VTK's order (x fastest), on a lattice padded to three dimensions.
-``/farhorizon`` holds what VTK does not know: case text, program, lattice, step numbers, the history of energy and balance, and, with times of their
-own, the records of the probes. Its attribute ``outputs``, and ``rows`` of the history and of the records, say how many are valid, ``finished``
-whether the run came to its end.  Every dataset has a check sum a chunk (Fletcher 32), and so has, in HDF5's format 1.10, all that HDF5 notes
-about it.
+A results file is a VTKHDF ``ImageData`` file [1]_ with a temporal ``Steps`` group, so that ParaView opens it as it is:
+``/VTKHDF`` holds the fields as point data, one chunked record an output, in VTK's order (x fastest), on a lattice
+padded to three dimensions. ``/farhorizon`` holds what VTK does not know: case text, program, lattice, step numbers, the
+history of energy and balance, and, with times of their own, the records of the probes. Its attribute ``outputs``, and
+``rows`` of the history and of the records, say how many are valid, ``finished`` whether the run came to its end.  Every
+dataset has a check sum a chunk (Fletcher 32), and so has, in HDF5's format 1.10, all that HDF5 notes about it.
 
-A checkpoint is its own HDF5 file: an index (JSON, with the SHA-256 of every array), the arrays, and a flag that is written last.
+A checkpoint is its own HDF5 file: an index (JSON, with the SHA-256 of every array), the arrays, and a flag that is
+written last.
 
-Both are written by `farhorizon.files.storage`: a process that is killed, or a disk that is full, leaves the file as it was before.
+Both are written by `farhorizon.files.storage`: a process that is killed, or a disk that is full, leaves the file as it
+was before.
 
 References
 ----------
@@ -42,7 +44,22 @@ VERSION = 1  # of a checkpoint
 RESULTS_VERSION = 2
 # Names that the Dataset of `Results.to_xarray` and the pictures of `farhorizon.pictures.plot` use for something else.
 RESERVED = frozenset(
-    {"time", "step", "x", "y", "z", "energy", "history_time", "probe", "probe_time", "probe_x", "probe_y", "probe_z", "probe_values", "probes"}
+    {
+        "time",
+        "step",
+        "x",
+        "y",
+        "z",
+        "energy",
+        "history_time",
+        "probe",
+        "probe_time",
+        "probe_x",
+        "probe_y",
+        "probe_z",
+        "probe_values",
+        "probes",
+    }
     | {"balance", "account", "component"}
 )
 _CHUNK_BYTES = 2**26
@@ -65,7 +82,9 @@ def _opened(path: Path, mode: str, what: str) -> Iterator[Any]:
         raise InputError(f"{path}: no such file", remedy=f"give the path of a {what}")
     try:
         if not h5py.is_hdf5(path):
-            raise FileFormatError(f"{path} is not an HDF5 file, or its beginning is damaged", remedy=f"give the path of a {what}")
+            raise FileFormatError(
+                f"{path} is not an HDF5 file, or its beginning is damaged", remedy=f"give the path of a {what}"
+            )
         with (read if mode == "r" else changed)(path) as draft, _hdf5(path if draft is None else draft, mode) as file:
             yield file
     except FarhorizonError:
@@ -76,16 +95,23 @@ def _opened(path: Path, mode: str, what: str) -> Iterator[Any]:
         # Python's own system errors (disk full, ...) carry an errno and say nothing about the file's format.
         if isinstance(error, OSError) and error.errno is not None and mode != "r":
             raise
-        raise FileFormatError(f"{path} is truncated or damaged ({error})", remedy=f"use another {what}, or compute it again") from error
+        raise FileFormatError(
+            f"{path} is truncated or damaged ({error})", remedy=f"use another {what}, or compute it again"
+        ) from error
 
 
 def _refuse_other_files(group: Any, path: Path, depth: int = 0) -> None:
-    """FileFormatError if something that a file seems to hold stands elsewhere: ours have no links, and another file's content may be secret."""
+    """FileFormatError if something that a file seems to hold stands elsewhere: ours have no links, and another file's
+    content may be secret.
+    """
     for name in group:
         item = group[name] if isinstance(group.get(name, getlink=True), h5py.HardLink) and depth < _DEPTH else None
         if item is None or (isinstance(item, h5py.Dataset) and (item.external or item.is_virtual)):
-            raise FileFormatError(f"{path}: {group.name.rstrip('/')}/{name} refers to another place or file, as nothing that we write does",
-                                  remedy="use a file of a known origin")  # fmt: skip
+            raise FileFormatError(
+                f"{path}: {group.name.rstrip('/')}/{name} refers to another place or file, as nothing that we write "
+                "does",
+                remedy="use a file of a known origin",
+            )
         if isinstance(item, h5py.Group):
             _refuse_other_files(item, path, depth + 1)
 
@@ -118,16 +144,24 @@ def _directory_of(path: Path) -> Path:
 
 
 def _check_format(file: Any, path: Path) -> Any:
-    """Return the group ``/farhorizon`` of a results file; FileFormatError if the file is another program's or a later version's."""
+    """Return the group ``/farhorizon`` of a results file; FileFormatError if the file is another program's or a later
+    version's.
+    """
     _refuse_other_files(file, path)
     if "farhorizon" not in file or _word(file["farhorizon"].attrs, "format") != FORMAT or "VTKHDF" not in file:
-        raise FileFormatError(f"{path} is an HDF5 file, but not a farhorizon results file", remedy="give a file written by farhorizon run")
+        raise FileFormatError(
+            f"{path} is an HDF5 file, but not a farhorizon results file", remedy="give a file written by farhorizon run"
+        )
     group = file["farhorizon"]
     version = int(group.attrs["version"])
     if version != RESULTS_VERSION:
         older = version < RESULTS_VERSION
-        raise FileFormatError(f"{path} has {'an older' if older else 'a newer'} format", value=version, limit=RESULTS_VERSION,
-                              remedy="run the case again" if older else "update farhorizon")  # fmt: skip
+        raise FileFormatError(
+            f"{path} has {'an older' if older else 'a newer'} format",
+            value=version,
+            limit=RESULTS_VERSION,
+            remedy="run the case again" if older else "update farhorizon",
+        )
     return group
 
 
@@ -150,21 +184,35 @@ class Counts(NamedTuple):
 def _counts(file: Any, path: Path) -> Counts:
     """Return the numbers of valid outputs, history rows and records: of what is counted as much as all datasets hold.
 
-    The last output, and its history rows and records, may be missing from some of them, for other programs that write such files are killed too.
+    The last output, and its history rows and records, may be missing from some of them, for other programs that write
+    such files are killed too.
     """
     group, vtk = file["farhorizon"], file["VTKHDF"]
 
     def held(counted: int, least: int, datasets: Sequence[Any]) -> int:
         shortest = min(datasets, key=len)
         if not least <= min(counted, len(shortest)):
-            raise FileFormatError(f"{path} is damaged: {shortest.name} is too short", value=len(shortest), limit=least, remedy="compute it again")
+            raise FileFormatError(
+                f"{path} is damaged: {shortest.name} is too short",
+                value=len(shortest),
+                limit=least,
+                remedy="compute it again",
+            )
         return min(counted, len(shortest))
 
     outputs = int(group.attrs["outputs"])
-    per_output = (vtk["Steps/Values"], group["steps"], group["history_rows"], group["record_rows"], *vtk["PointData"].values())
+    per_output = (
+        vtk["Steps/Values"],
+        group["steps"],
+        group["history_rows"],
+        group["record_rows"],
+        *vtk["PointData"].values(),
+    )
     outputs = held(outputs, max(outputs - 1, 0), per_output)
     rows, records = (
-        held(int(group[name].attrs["rows"]), int(group[noted][outputs - 1]) if outputs else 0, list(group[name].values()))
+        held(
+            int(group[name].attrs["rows"]), int(group[noted][outputs - 1]) if outputs else 0, list(group[name].values())
+        )
         for name, noted in (("history", "history_rows"), ("records", "record_rows"))
     )
     return Counts(outputs, rows, records)
@@ -173,7 +221,8 @@ def _counts(file: Any, path: Path) -> Counts:
 def _set_outputs(file: Any, outputs: int) -> None:
     """Make the first `outputs` outputs the valid ones.
 
-    A single output is listed twice among VTK's steps: vtkHDFReader takes a file of one step for a file without time, and fails.
+    A single output is listed twice among VTK's steps: vtkHDFReader takes a file of one step for a file without time,
+    and fails.
     """
     steps, listed = file["VTKHDF/Steps"], 2 if outputs == 1 else outputs
     for dataset in (steps["Values"], *steps["PointDataOffsets"].values()):
@@ -185,7 +234,9 @@ def _set_outputs(file: Any, outputs: int) -> None:
 
 
 def _vtk_shape(shape: tuple[int, ...], components: int) -> tuple[int, ...]:
-    """Shape of one stored output: z, y, x, without the slow axes that have a single node, for vtkHDFReader expects them left out; vectors last."""
+    """Shape of one stored output: z, y, x, without the slow axes that have a single node, for vtkHDFReader expects them
+    left out; vectors last.
+    """
     while len(shape) > 1 and shape[-1] == 1:
         shape = shape[:-1]
     return shape[::-1] + ((3,) if components > 1 else ())
@@ -219,7 +270,9 @@ def _word(attributes: Any, name: str) -> str:
 
 
 def _put_word(attributes: Any, name: str, word: str) -> None:
-    """Keep a text of fixed length among attributes: damage where HDF5 keeps those of variable length makes it hang or crash."""
+    """Keep a text of fixed length among attributes: damage where HDF5 keeps those of variable length makes it hang or
+    crash.
+    """
     encoded = word.encode()
     attributes.create(name, encoded, dtype=h5py.string_dtype("utf-8", max(1, len(encoded))))
 
@@ -233,7 +286,9 @@ def _put_fixed(group: Any, name: str, values: np.ndarray) -> None:
 def _components(group: Any) -> dict[str, int]:
     """Components of each field of a results file; 1 in files that do not say."""
     names = _words(group, "fields")
-    return dict(zip(names, (int(n) for n in np.broadcast_to(group.attrs.get("components", 1), len(names))), strict=True))
+    return dict(
+        zip(names, (int(n) for n in np.broadcast_to(group.attrs.get("components", 1), len(names))), strict=True)
+    )
 
 
 def _probe_components(group: Any) -> int:
@@ -271,13 +326,16 @@ def check_replaceable(path: Path) -> None:
             _check_format(file, path)
     except FileFormatError as error:
         remedy = "move or delete it, or choose another path"
-        raise InputError(f"{path} exists, is not a whole results file of ours, and is not overwritten", remedy=remedy) from error
+        raise InputError(
+            f"{path} exists, is not a whole results file of ours, and is not overwritten", remedy=remedy
+        ) from error
 
 
 class ResultsWriter:
     """Appends outputs to a results file; the file is closed between the calls.
 
-    Use `create` or `resume`.  Every call opens the file, appends and closes it; a killed process leaves a file with or without what was appended.
+    Use `create` or `resume`.  Every call opens the file, appends and closes it; a killed process leaves a file with or
+    without what was appended.
 
     Parameters
     ----------
@@ -373,16 +431,23 @@ class ResultsWriter:
         check_replaceable(path)
         dtype = np.dtype(dtype)
         if dtype not in (np.dtype("float32"), np.dtype("float64")):
-            raise InputError("results are stored in single or double precision", value=dtype, remedy="use float32 or float64")
+            raise InputError(
+                "results are stored in single or double precision", value=dtype, remedy="use float32 or float64"
+            )
         shape, origin = tuple(int(n) for n in shape), tuple(float(v) for v in lower)
         if dim not in (1, 2, 3) or len(shape) != dim or len(origin) != dim or min(shape) < 1:
-            raise InputError("dim is 1, 2 or 3, and shape and lower have dim entries", value=f"dim {dim}, shape {shape}, lower {origin}")
+            raise InputError(
+                "dim is 1, 2 or 3, and shape and lower have dim entries",
+                value=f"dim {dim}, shape {shape}, lower {origin}",
+            )
         if not np.isfinite(spacing) or spacing <= 0:
             raise InputError("the spacing is a positive number", value=spacing)
         for name in fields:
             if not name or name in RESERVED or "/" in name or name.startswith("."):
                 remedy = f"use a name without '/', not beginning with '.', and none of {', '.join(sorted(RESERVED))}"
-                raise InputError("this name cannot be used for a field in a results file", value=repr(name), remedy=remedy)
+                raise InputError(
+                    "this name cannot be used for a field in a results file", value=repr(name), remedy=remedy
+                )
         if not fields or len(set(fields)) != len(fields):
             raise InputError("fields are one or more different names", value=fields)
         places = np.zeros((0, dim)) if probes is None else np.asarray(probes, dtype=float)
@@ -417,7 +482,12 @@ class ResultsWriter:
             for name, word in (("format", FORMAT), ("program", program), ("cautions", "[]")):
                 _put_word(group.attrs, name, word)
             group.attrs["version"], group.attrs["finished"] = RESULTS_VERSION, False
-            group.attrs["dim"], group.attrs["shape"], group.attrs["spacing"], group.attrs["lower"] = dim, shape, float(spacing), origin
+            group.attrs["dim"], group.attrs["shape"], group.attrs["spacing"], group.attrs["lower"] = (
+                dim,
+                shape,
+                float(spacing),
+                origin,
+            )
             group.attrs["components"], group.attrs["probe_components"] = [width[name] for name in fields], probed_width
             group.attrs["outputs"] = 0
             _put_words(group, "case", [case])
@@ -435,17 +505,32 @@ class ResultsWriter:
             _growing(records, "times", "f8")
             if len(places):
                 probed = () if probed_width == 1 else (probed_width,)
-                records.create_dataset("values", (0, len(places), *probed), "f8", maxshape=(None, len(places), *probed),
-                                       chunks=(_CHUNK_ROWS, min(len(places), 64), *probed), fletcher32=True)  # fmt: skip
+                records.create_dataset(
+                    "values",
+                    (0, len(places), *probed),
+                    "f8",
+                    maxshape=(None, len(places), *probed),
+                    chunks=(_CHUNK_ROWS, min(len(places), 64), *probed),
+                    fletcher32=True,
+                )
             if accounts:
                 _put_words(group, "accounts", accounts)
-                history.create_dataset("balance", (0, len(accounts)), "f8", maxshape=(None, len(accounts)), chunks=(_CHUNK_ROWS, len(accounts)),
-                                       fletcher32=True)  # fmt: skip
+                history.create_dataset(
+                    "balance",
+                    (0, len(accounts)),
+                    "f8",
+                    maxshape=(None, len(accounts)),
+                    chunks=(_CHUNK_ROWS, len(accounts)),
+                    fletcher32=True,
+                )
         return cls(path)
 
     @classmethod
-    def resume(cls, path: str | Path, outputs: int, rows: int | None = None, records: int | None = None) -> ResultsWriter:
-        """Take up a results file after its first `outputs` outputs; later ones, their history and their records, are cut off.
+    def resume(
+        cls, path: str | Path, outputs: int, rows: int | None = None, records: int | None = None
+    ) -> ResultsWriter:
+        """Take up a results file after its first `outputs` outputs; later ones, their history and their records, are
+        cut off.
 
         Parameters
         ----------
@@ -453,7 +538,8 @@ class ResultsWriter:
         outputs : int
             Outputs to keep, as the checkpoint recorded them.
         rows, records : int, optional
-            History rows and records of the probes to keep; as many as there were when the last kept output was appended, unless given.
+            History rows and records of the probes to keep; as many as there were when the last kept output was
+            appended, unless given.
 
         Returns
         -------
@@ -468,8 +554,13 @@ class ResultsWriter:
         """
         path = Path(path)
         if min(outputs, rows or 0, records or 0) < 0:
-            raise InputError("the numbers of outputs, history rows and records to keep are not negative", value=(outputs, rows, records), limit=0)
-        with _opened(path, "r", "results file") as file:  # HDF5 crashes where it meets damage of an index that it changes
+            raise InputError(
+                "the numbers of outputs, history rows and records to keep are not negative",
+                value=(outputs, rows, records),
+                limit=0,
+            )
+        # HDF5 crashes where it meets damage of an index that it changes
+        with _opened(path, "r", "results file") as file:
             _read_indices(_check_format(file, path).parent)
         with _opened(path, "r+", "results file") as file:
             group = _check_format(file, path)
@@ -477,15 +568,26 @@ class ResultsWriter:
             if outputs <= held.outputs:
                 rows = (int(group["history_rows"][outputs - 1]) if outputs else 0) if rows is None else rows
                 records = (int(group["record_rows"][outputs - 1]) if outputs else 0) if records is None else records
-            for what, there, wanted in zip(("outputs", "history rows", "records"), held, (outputs, rows, records), strict=True):
+            for what, there, wanted in zip(
+                ("outputs", "history rows", "records"), held, (outputs, rows, records), strict=True
+            ):
                 if wanted is not None and wanted > there:
-                    raise FileFormatError(f"{path} holds fewer {what} than the checkpoint counts", value=there, limit=wanted,
-                                          remedy="use the results file that belongs to the checkpoint, or start the run anew")  # fmt: skip
+                    raise FileFormatError(
+                        f"{path} holds fewer {what} than the checkpoint counts",
+                        value=there,
+                        limit=wanted,
+                        remedy="use the results file that belongs to the checkpoint, or start the run anew",
+                    )
             _set_outputs(file, outputs)
             group["history"].attrs.modify("rows", rows)
             group["records"].attrs.modify("rows", records)
             group.attrs["finished"] = False
-            for dataset in (group["steps"], group["history_rows"], group["record_rows"], *file["VTKHDF/PointData"].values()):
+            for dataset in (
+                group["steps"],
+                group["history_rows"],
+                group["record_rows"],
+                *file["VTKHDF/PointData"].values(),
+            ):
                 dataset.resize(outputs, axis=0)
             for dataset in group["history"].values():
                 dataset.resize(rows, axis=0)
@@ -527,14 +629,25 @@ class ResultsWriter:
             The file has been damaged since the last call.
         """
         if set(fields) != set(self.fields):
-            raise InputError(f"{self.path}: an output has every field of the file, no other", value=sorted(fields), limit=sorted(self.fields))
+            raise InputError(
+                f"{self.path}: an output has every field of the file, no other",
+                value=sorted(fields),
+                limit=sorted(self.fields),
+            )
         for name, values in fields.items():
             wanted = self.shape if self.components[name] == 1 else (self.components[name], *self.shape)
             if np.shape(values) != wanted:
-                raise InputError(f"{self.path}: field {name!r} has not the lattice shape", value=np.shape(values), limit=wanted)
+                raise InputError(
+                    f"{self.path}: field {name!r} has not the lattice shape", value=np.shape(values), limit=wanted
+                )
         if self._last_step is not None and step <= self._last_step:
             remedy = "append each step once; ResultsWriter.resume goes back"
-            raise InputError(f"{self.path}: step numbers grow from output to output", value=step, limit=f"> {self._last_step}", remedy=remedy)
+            raise InputError(
+                f"{self.path}: step numbers grow from output to output",
+                value=step,
+                limit=f"> {self._last_step}",
+                remedy=remedy,
+            )
         history = None
         if energy is not None or balance is not None:
             entries = [np.nan if balance is None else balance[name] for name in self.accounts]
@@ -584,8 +697,11 @@ class ResultsWriter:
         """
         times, values = np.asarray(times, dtype=float), np.asarray(values, dtype=float)
         if times.ndim != 1 or values.shape != (times.size, *self._probes):
-            raise InputError(f"{self.path}: times and values of the probes do not match", value=f"{times.shape}, {values.shape}",
-                             limit=f"(n,), (n, {str(self._probes)[1:-1]})")  # fmt: skip
+            raise InputError(
+                f"{self.path}: times and values of the probes do not match",
+                value=f"{times.shape}, {values.shape}",
+                limit=f"(n,), (n, {str(self._probes)[1:-1]})",
+            )
         if times.size == 0:
             return
         with _opened(self.path, "r+", "results file") as file:
@@ -627,7 +743,8 @@ class Results:
     InputError
         There is no such file.
     FileFormatError
-        The file is truncated, damaged or not a farhorizon results file.  Any access may raise this, and names the dataset that fails its check sum.
+        The file is truncated, damaged or not a farhorizon results file.  Any access may raise this, and names the
+        dataset that fails its check sum.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -649,10 +766,16 @@ class Results:
             for name in self.field_names:
                 stored = file["VTKHDF/PointData"][name].shape[1:]
                 if stored != _vtk_shape(self.shape, self.components[name]):
-                    raise FileFormatError(f"{self.path} is damaged: field {name!r} has not the lattice shape", value=stored, limit=self.shape)
+                    raise FileFormatError(
+                        f"{self.path} is damaged: field {name!r} has not the lattice shape",
+                        value=stored,
+                        limit=self.shape,
+                    )
 
     def __repr__(self) -> str:
-        return f"Results({str(self.path)!r}: {len(self.times)} outputs of {', '.join(self.field_names)} on {self.shape})"
+        return (
+            f"Results({str(self.path)!r}: {len(self.times)} outputs of {', '.join(self.field_names)} on {self.shape})"
+        )
 
     def _output_rows(self, name: str) -> np.ndarray:
         with _opened(self.path, "r", "results file") as file:
@@ -694,7 +817,9 @@ class Results:
 
     @property
     def probe_times(self) -> np.ndarray:
-        """Times at which the probes were recorded, shape (records,): those of every step unless the case says otherwise."""
+        """Times at which the probes were recorded, shape (records,): those of every step unless the case says
+        otherwise.
+        """
         return self._records("times")
 
     @property
@@ -743,7 +868,8 @@ class Results:
         return self._lattice_first(name, stored[np.newaxis])[0]
 
     def _lattice_first(self, name: str, stored: np.ndarray) -> np.ndarray:
-        """Outputs in our order of axes, of vectors without what only VTK has: (outputs[, components], nx[, ny[, nz]])."""
+        """Outputs in our order of axes, of vectors without what only VTK has: (outputs[, components], nx[, ny[,
+        nz]])."""
         components = self.components[name]
         width = () if components == 1 else (3,)
         values = stored.reshape(len(stored), *self.shape[::-1], *width)
@@ -756,8 +882,9 @@ class Results:
         Returns
         -------
         xarray.Dataset
-            Fields with the dimensions time, [component, ]x[, y[, z]]; ``energy`` (history_time), ``probe_values`` (probe_time, probe), ``balance``
-            (history_time, account) if one was recorded; case, program and lattice as attributes.
+            Fields with the dimensions time, [component, ]x[, y[, z]]; ``energy`` (history_time), ``probe_values``
+            (probe_time, probe), ``balance`` (history_time, account) if one was recorded; case, program and lattice as
+            attributes.
 
         Raises
         ------
@@ -784,9 +911,16 @@ class Results:
         data["probe_values"] = (("probe_time", "probe", *probed), self.probe_values[: probe_times.size])
         balance = self.balance
         if balance:
-            data["balance"] = (("history_time", "account"), np.stack([values[:rows] for values in balance.values()], axis=1))
-        coords: dict[str, Any] = {"time": times, "step": ("time", self.steps[: times.size]), "history_time": self.history_times[:rows],
-                                  "probe_time": probe_times}  # fmt: skip
+            data["balance"] = (
+                ("history_time", "account"),
+                np.stack([values[:rows] for values in balance.values()], axis=1),
+            )
+        coords: dict[str, Any] = {
+            "time": times,
+            "step": ("time", self.steps[: times.size]),
+            "history_time": self.history_times[:rows],
+            "probe_time": probe_times,
+        }
         for axis, name in enumerate(names):
             coords[name] = self.axes[axis]
             coords[f"probe_{name}"] = ("probe", self.probes[:, axis])
@@ -794,8 +928,14 @@ class Results:
             coords["account"] = list(balance)
         if probed or any(component.values()):
             coords["component"] = list(names)
-        attributes = {"program": self.program, "case": self.case, "dim": self.dim, "spacing": self.spacing, "lower": list(self.lower),
-                      "cautions": [caution.text for caution in self.cautions]}  # fmt: skip
+        attributes = {
+            "program": self.program,
+            "case": self.case,
+            "dim": self.dim,
+            "spacing": self.spacing,
+            "lower": list(self.lower),
+            "cautions": [caution.text for caution in self.cautions],
+        }
         return xarray.Dataset(data, coords, attributes)
 
 
@@ -847,12 +987,19 @@ def write_checkpoint(path: str | Path, arrays: Mapping[str, np.ndarray], meta: M
     stored = {name: np.asarray(array, order="C") for name, array in arrays.items()}
     for name, array in stored.items():
         if array.dtype.kind not in "biufc":
-            raise InputError(f"{path}: array {name!r} does not hold numbers", value=array.dtype, remedy="put it into meta")
-    entries = [{"name": name, "dtype": array.dtype.str, "shape": array.shape, "sha256": _digest(array)} for name, array in stored.items()]
+            raise InputError(
+                f"{path}: array {name!r} does not hold numbers", value=array.dtype, remedy="put it into meta"
+            )
+    entries = [
+        {"name": name, "dtype": array.dtype.str, "shape": array.shape, "sha256": _digest(array)}
+        for name, array in stored.items()
+    ]
     try:
         index = json.dumps({"meta": dict(meta), "arrays": entries}).encode()
     except (TypeError, ValueError) as error:
-        raise InputError(f"{path}: meta is not JSON ({error})", remedy="use numbers, strings, lists, dicts, bool and None") from error
+        raise InputError(
+            f"{path}: meta is not JSON ({error})", remedy="use numbers, strings, lists, dicts, bool and None"
+        ) from error
     with created(path) as draft, _hdf5(draft, "w") as file:
         file.attrs["version"], file.attrs["complete"] = VERSION, False
         for name, word in (("format", CHECKPOINT_FORMAT), ("sha256", _digest(index))):
@@ -887,10 +1034,15 @@ def read_checkpoint(path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, 
     with _opened(path, "r", "checkpoint") as file:
         _refuse_other_files(file, path)
         if _word(file.attrs, "format") != CHECKPOINT_FORMAT:
-            raise FileFormatError(f"{path} is an HDF5 file, but not a farhorizon checkpoint", remedy="give a file written by Simulation.save")
+            raise FileFormatError(
+                f"{path} is an HDF5 file, but not a farhorizon checkpoint",
+                remedy="give a file written by Simulation.save",
+            )
         version = int(file.attrs["version"])
         if version > VERSION:
-            raise FileFormatError(f"{path} has a newer format", value=version, limit=VERSION, remedy="update farhorizon")
+            raise FileFormatError(
+                f"{path} has a newer format", value=version, limit=VERSION, remedy="update farhorizon"
+            )
         if not file.attrs["complete"]:
             raise FileFormatError(f"{path} is incomplete: its writing was interrupted", remedy=remedy)
         text = file["index"][:].tobytes()

@@ -285,7 +285,8 @@ def _apply(path: Path, changes: list[Change], size: int) -> None:
 
 
 def _read_journal(path: Path) -> tuple[list[Change], int] | None:
-    """Changes and size of the file after them; None without a journal, or with one that is damaged or of another file."""
+    """Changes and size of the file after them; None without a journal, or with one that is damaged or of another
+    file."""
     try:
         raw = _journal_of(path).read_bytes()
         size = os.path.getsize(path)

@@ -56,14 +56,21 @@ class Lattice:
         self.window, self.body = window, body
         if window is not None:
             if lower is not None or upper is not None or body is not None:
-                raise InputError("a window replaces lower, upper and body", key="lattice.window", remedy="give the window alone")
+                raise InputError(
+                    "a window replaces lower, upper and body", key="lattice.window", remedy="give the window alone"
+                )
             low, high = window.bounds()
             first = np.ceil(np.asarray(low) / spacing - 1e-9)
             last = np.floor(np.asarray(high) / spacing + 1e-9)
         elif lower is None or upper is None:
-            raise InputError("a lattice needs lower and upper, or a window", key="lattice", remedy="give lower=(...), upper=(...)")
+            raise InputError(
+                "a lattice needs lower and upper, or a window", key="lattice", remedy="give lower=(...), upper=(...)"
+            )
         else:
-            lower, upper = (np.atleast_1d(kinds.array(bound, f"lattice.{name}")) for name, bound in (("lower", lower), ("upper", upper)))
+            lower, upper = (
+                np.atleast_1d(kinds.array(bound, f"lattice.{name}"))
+                for name, bound in (("lower", lower), ("upper", upper))
+            )
             first, last = self._whole_spacings(lower, upper)
         region = window if window is not None else body
         if region is not None or np.prod(last - first + 1) > _COUNTED:
@@ -71,26 +78,46 @@ class Lattice:
         self.shape: tuple[int, ...] = tuple(int(n) for n in last - first + 1)
         self.dim = len(self.shape)
         if min(self.shape) < 1:
-            raise InputError("the lattice holds no node", value=self.shape, key="lattice", remedy="a smaller spacing or a larger window")
+            raise InputError(
+                "the lattice holds no node",
+                value=self.shape,
+                key="lattice",
+                remedy="a smaller spacing or a larger window",
+            )
         self.lower = np.asarray(first * self.spacing if lower is None else lower)
         self.upper = self.lower + (np.array(self.shape) - 1) * self.spacing
         self.mask: np.ndarray | None = None
         if region is not None:
             if region.dim != self.dim:
-                raise InputError("shape and lattice differ in dimension", value=region.dim, limit=self.dim, key="lattice")
+                raise InputError(
+                    "shape and lattice differ in dimension", value=region.dim, limit=self.dim, key="lattice"
+                )
             inside = kinds.function(region.contains, "lattice", "points")(np.stack(self.coordinates(), axis=-1))
             if not isinstance(inside, np.ndarray) or inside.dtype != bool or inside.shape != self.shape:
-                raise InputError("contains(points) of a shape tells true or false for each point", value=kinds.said(inside), key="lattice",
-                                 limit=f"an array of bool of shape {self.shape} for points of shape {(*self.shape, self.dim)}")  # fmt: skip
+                raise InputError(
+                    "contains(points) of a shape tells true or false for each point",
+                    value=kinds.said(inside),
+                    key="lattice",
+                    limit=f"an array of bool of shape {self.shape} for points of shape {(*self.shape, self.dim)}",
+                )
             self.mask = inside
             if not self.mask.any():
-                raise InputError("no node lies in the window or body", key="lattice", remedy="a smaller spacing or a larger shape")
+                raise InputError(
+                    "no node lies in the window or body", key="lattice", remedy="a smaller spacing or a larger shape"
+                )
 
     def _whole_spacings(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if lower.shape != upper.shape or lower.ndim != 1 or not 1 <= len(lower) <= 3:
-            raise InputError("lower and upper need the same length, 1 to 3", value=(lower.tolist(), upper.tolist()), key="lattice")
+            raise InputError(
+                "lower and upper need the same length, 1 to 3", value=(lower.tolist(), upper.tolist()), key="lattice"
+            )
         if not (upper >= lower).all():
-            raise InputError("upper lies below lower", value=(lower.tolist(), upper.tolist()), limit="upper >= lower", key="lattice.upper")
+            raise InputError(
+                "upper lies below lower",
+                value=(lower.tolist(), upper.tolist()),
+                limit="upper >= lower",
+                key="lattice.upper",
+            )
         steps = (upper - lower) / self.spacing
         whole = np.round(steps)
         if np.any(np.abs(steps - whole) > 1e-9 * np.maximum(1.0, whole)):
@@ -110,7 +137,9 @@ class Lattice:
         return [self.lower[a] + self.spacing * np.arange(n) for a, n in enumerate(self.shape)]
 
     def coordinates(self) -> list[np.ndarray]:
-        """Coordinates of all nodes, one array of the lattice's shape an axis; InputError if they do not fit into memory."""
+        """Coordinates of all nodes, one array of the lattice's shape an axis; InputError if they do not fit into
+        memory.
+        """
         _check_size(np.array(self.shape), self.dim)
         return list(np.meshgrid(*self.axes, indexing="ij"))
 
@@ -118,7 +147,9 @@ class Lattice:
         """Index of the node nearest to a point; InputError beyond the near field or outside the window."""
         at = kinds.array(point, "point")
         if at.shape != (self.dim,):
-            raise InputError("a point needs one coordinate an axis", value=at, limit=f"{self.dim} coordinates", key="point")
+            raise InputError(
+                "a point needs one coordinate an axis", value=at, limit=f"{self.dim} coordinates", key="point"
+            )
         with np.errstate(over="ignore"):  # so far away is outside, too
             place = np.round((at - self.lower) / self.spacing)
         inside = bool(((place >= 0) & (place < self.shape)).all())
@@ -133,7 +164,9 @@ class Lattice:
         return node
 
     def extended(self, nodes: dict[tuple[int, int], int]) -> Lattice:
-        """The lattice with more nodes beyond its sides (axis, side); a body continues along the normal, a window is dropped."""
+        """The lattice with more nodes beyond its sides (axis, side); a body continues along the normal, a window is
+        dropped.
+        """
         pads = [(nodes.get((a, -1), 0), nodes.get((a, 1), 0)) for a in range(self.dim)]
         low, high = (np.array([p[i] for p in pads]) * self.spacing for i in range(2))
         grown = Lattice(self.spacing, self.lower - low, self.upper + high)
@@ -147,7 +180,10 @@ class Lattice:
         return int(np.prod(self.shape)) if self.mask is None else int(self.mask.sum())
 
     def __repr__(self) -> str:
-        return f"Lattice(spacing={self.spacing}, lower={self.lower.tolist()}, upper={self.upper.tolist()}, nodes={self.nodes})"
+        return (
+            f"Lattice(spacing={self.spacing}, lower={self.lower.tolist()}, upper={self.upper.tolist()}, "
+            f"nodes={self.nodes})"
+        )
 
 
 def _check_size(count: np.ndarray, fields: int) -> None:
@@ -155,6 +191,10 @@ def _check_size(count: np.ndarray, fields: int) -> None:
     need = 8.0 * fields * float(np.prod(np.maximum(count, 1.0)))
     if need > _LARGE and need > available_memory():
         size = " x ".join(shown(n) for n in count)
-        raise InputError("the lattice does not fit into memory", value=f"about {need / 2**30:.3g} GiB for {size} nodes",
-                         limit=f"{available_memory() / 2**30:.3g} GiB available", key="lattice.spacing",
-                         remedy="a larger spacing or a smaller extent")  # fmt: skip
+        raise InputError(
+            "the lattice does not fit into memory",
+            value=f"about {need / 2**30:.3g} GiB for {size} nodes",
+            limit=f"{available_memory() / 2**30:.3g} GiB available",
+            key="lattice.spacing",
+            remedy="a larger spacing or a smaller extent",
+        )

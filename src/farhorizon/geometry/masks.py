@@ -34,13 +34,16 @@ class Text(Shape):
     Raises
     ------
     InputError
-        Nothing to draw, several lines, a letter or a font that is not there, values that are not positive or not finite.
+        Nothing to draw, several lines, a letter or a font that is not there, values that are not positive or not
+        finite.
     """
 
     dim = 2
     _shown = ("text", "height", "centre", "font", "bold")
 
-    def __init__(self, text: str, height: float, centre: ArrayLike | None = None, font: str = "DejaVu Sans", bold: bool = False) -> None:
+    def __init__(
+        self, text: str, height: float, centre: ArrayLike | None = None, font: str = "DejaVu Sans", bold: bool = False
+    ) -> None:
         from matplotlib.font_manager import FontProperties, findfont, get_font
         from matplotlib.textpath import TextPath
 
@@ -51,11 +54,18 @@ class Text(Shape):
         try:
             known = get_font(findfont(look, fallback_to_default=False)).get_charmap()
         except ValueError:
-            raise InputError("no such font", value=font, key="font", remedy="DejaVu Sans, or a family that matplotlib finds") from None
+            raise InputError(
+                "no such font", value=font, key="font", remedy="DejaVu Sans, or a family that matplotlib finds"
+            ) from None
         missing = sorted({letter for letter in text if ord(letter) not in known})
         if missing or not text.strip():
-            raise InputError("the font cannot draw this", value=text, limit="one line of letters of the font", key="text",
-                             remedy=f"leave out {missing}" if missing else "give a text")  # fmt: skip
+            raise InputError(
+                "the font cannot draw this",
+                value=text,
+                limit="one line of letters of the font",
+                key="text",
+                remedy=f"leave out {missing}" if missing else "give a text",
+            )
         capital = TextPath((0, 0), "H", size=_FONT_SIZE, prop=look).get_extents().height
         plain = text.replace("$", r"\$")  # matplotlib takes what is between dollar signs for mathematics
         loops = TextPath((0, 0), plain, size=_FONT_SIZE, prop=look).to_polygons(closed_only=True)
@@ -64,7 +74,9 @@ class Text(Shape):
         self._loops = [loop - middle + self.centre for loop in drawn]
 
     def bounds(self) -> tuple[Array, Array]:
-        return np.min([loop.min(0) for loop in self._loops], axis=0), np.max([loop.max(0) for loop in self._loops], axis=0)
+        return np.min([loop.min(0) for loop in self._loops], axis=0), np.max(
+            [loop.max(0) for loop in self._loops], axis=0
+        )
 
     def _contains(self, points: Array) -> Mask:
         lower, upper = self.bounds()
@@ -84,8 +96,8 @@ class ImageMask(Shape):
     Parameters
     ----------
     image : str, Path or ndarray of bool, shape (rows, columns)
-        A file (PNG, JPEG), of which the pixels darker than `threshold` are taken, transparent ones being white; or those pixels themselves, the
-        top row first.
+        A file (PNG, JPEG), of which the pixels darker than `threshold` are taken, transparent ones being white; or
+        those pixels themselves, the top row first.
     width : float
         Of the whole image; pixels are squares.
     centre : array_like, shape (2,), optional
@@ -107,7 +119,9 @@ class ImageMask(Shape):
     dim = 2
     _shown = ("width", "centre", "threshold")
 
-    def __init__(self, image: str | Path | np.ndarray, width: float, centre: ArrayLike | None = None, threshold: float = 0.5) -> None:
+    def __init__(
+        self, image: str | Path | np.ndarray, width: float, centre: ArrayLike | None = None, threshold: float = 0.5
+    ) -> None:
         self.threshold = threshold = kinds.number(threshold, "threshold", above=0, below=1)
         self.width = kinds.number(width, "width", above=0)
         self.centre = constant("centre", np.zeros(2) if centre is None else centre, (2,))
@@ -115,9 +129,15 @@ class ImageMask(Shape):
             raise InputError("an image is a file or a table of bool", value=kinds.said(image), key="image")
         self.image = image if isinstance(image, np.ndarray) else _brightness(Path(image)) < threshold
         if self.image.ndim != 2 or self.image.dtype != bool:
-            raise InputError("an image is a file or a table of bool", value=f"{self.image.dtype}, shape {self.image.shape}", key="image")
+            raise InputError(
+                "an image is a file or a table of bool",
+                value=f"{self.image.dtype}, shape {self.image.shape}",
+                key="image",
+            )
         if not self.image.any():
-            raise InputError("the image has no dark pixel", limit=f"below {threshold:g}", key="image", remedy="a higher threshold")
+            raise InputError(
+                "the image has no dark pixel", limit=f"below {threshold:g}", key="image", remedy="a higher threshold"
+            )
 
     @property
     def _pixel(self) -> float:
@@ -134,7 +154,9 @@ class ImageMask(Shape):
         return self._corner + self._pixel * low, self._corner + self._pixel * high
 
     def _contains(self, points: Array) -> Mask:
-        column, row = (np.floor((points - self._corner)[..., axis] * sign / self._pixel) for axis, sign in ((0, 1), (1, -1)))
+        column, row = (
+            np.floor((points - self._corner)[..., axis] * sign / self._pixel) for axis, sign in ((0, 1), (1, -1))
+        )
         there = (column >= 0) & (column < self.image.shape[1]) & (row >= 0) & (row < self.image.shape[0])
         found = np.zeros(points.shape[:-1], bool)
         found[there] = self.image[row[there].astype(int), column[there].astype(int)]

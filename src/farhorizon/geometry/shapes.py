@@ -1,13 +1,13 @@
 """Regions of space that select nodes, and flat cuts that sever bonds.
 
-**Regions.** A node within 1e-9 of a shape's size of its surface counts as inside, so that a disc through lattice nodes holds them all
-whatever the rounding.
+**Regions.** A node within 1e-9 of a shape's size of its surface counts as inside, so that a disc through lattice nodes
+holds them all whatever the rounding.
 
-**Cuts.** Every cut is flat (a point on a line, a segment in the plane, a rectangle or a disc in space) and its plane has a side that
-its normal points to. A bond is cut if its ends lie on different sides and it meets the closed flat region, to 1e-9 of the bond's
-length: a bond that grazes a tip or an edge is cut. A node on the plane, to the same tolerance, lies on the normal's side, as if the cut
-were shifted by an infinitesimal amount against its normal: a crack through nodes cuts their bonds to one side only, and bonds in the
-plane of the crack stay whole.
+**Cuts.** Every cut is flat (a point on a line, a segment in the plane, a rectangle or a disc in space) and its plane
+has a side that its normal points to. A bond is cut if its ends lie on different sides and it meets the closed flat
+region, to 1e-9 of the bond's length: a bond that grazes a tip or an edge is cut. A node on the plane, to the same
+tolerance, lies on the normal's side, as if the cut were shifted by an infinitesimal amount against its normal: a crack
+through nodes cuts their bonds to one side only, and bonds in the plane of the crack stay whole.
 """
 
 from __future__ import annotations
@@ -48,7 +48,13 @@ def constant(name: str, value: ArrayLike, shape: tuple[int | None, ...] | None =
     """Finite coordinates that nobody changes afterwards."""
     array = np.array(kinds.array(value, name, shape=shape))
     if (np.abs(array) > kinds.LARGEST).any():
-        raise InputError("is beyond what can be computed with", value=value, limit=f"{kinds.LARGEST:g} in magnitude", key=name, remedy="other units")
+        raise InputError(
+            "is beyond what can be computed with",
+            value=value,
+            limit=f"{kinds.LARGEST:g} in magnitude",
+            key=name,
+            remedy="other units",
+        )
     array.setflags(write=False)
     return array
 
@@ -56,7 +62,9 @@ def constant(name: str, value: ArrayLike, shape: tuple[int | None, ...] | None =
 def _points(name: str, value: ArrayLike, least: int, dim: int = 2) -> Array:
     array = constant(name, value)
     if array.ndim != 2 or array.shape[1] != dim or len(array) < least:
-        raise InputError(f"needs at least {least} points of {dim} coordinates", value=value, limit=f"shape (n, {dim})", key=name)
+        raise InputError(
+            f"needs at least {least} points of {dim} coordinates", value=value, limit=f"shape (n, {dim})", key=name
+        )
     return array
 
 
@@ -68,7 +76,8 @@ def _trailing(name: str, value: ArrayLike, dim: int) -> Array:
 
 
 def _dot(a: Array, b: Array) -> Array:
-    # Term by term: a matrix product may round the same row differently from place to place, and a bond must not depend on its place.
+    # Term by term: a matrix product may round the same row differently from place to place, and a bond must not depend
+    # on its place.
     return np.asarray(sum(a[..., i] * b[..., i] for i in range(a.shape[-1])))
 
 
@@ -230,8 +239,8 @@ class Box(Shape):
 class Polygon(Shape):
     """A closed polygon in the plane; its size is the longer edge of its bounding box.
 
-    Inside is what a ray leaves through an odd number of edges (where the polygon crosses itself, doubly enclosed parts are outside). A
-    point within 1e-9 of the size of an edge or corner lies inside, whichever edge it is.
+    Inside is what a ray leaves through an odd number of edges (where the polygon crosses itself, doubly enclosed parts
+    are outside). A point within 1e-9 of the size of an edge or corner lies inside, whichever edge it is.
 
     Parameters
     ----------
@@ -290,7 +299,8 @@ def polygon_side(points: Array, corners: Array, slack: float) -> tuple[Mask, Mas
             continue
         nearest = np.clip(_dot(points - a, edge) / _dot(edge, edge), 0.0, 1.0)
         on_edge |= _norm(points - a - nearest[..., None] * edge) <= slack
-        # Half-open in y, so that a ray through a corner meets one of its two edges, or both or none where it only touches.
+        # Half-open in y, so that a ray through a corner meets one of its two edges, or both or none where it only
+        # touches.
         spans = (a[1] > y) != (b[1] > y)
         if edge[1]:
             odd ^= spans & (x < a[0] + (y - a[1]) * (edge[0] / edge[1]))
@@ -304,7 +314,9 @@ class _Pair(Shape):
         for name, shape in (("first", first), ("second", second)):
             kinds.instance(shape, name, Shape, "a shape")
         if first.dim != second.dim:
-            raise InputError("shapes of different dimensions cannot be combined", value=f"{first.dim}D and {second.dim}D")
+            raise InputError(
+                "shapes of different dimensions cannot be combined", value=f"{first.dim}D and {second.dim}D"
+            )
         self.first, self.second, self.dim = first, second, first.dim
 
 
@@ -366,7 +378,8 @@ class Difference(_Pair):
         return self.first._contains(points) & ~self.second._contains(points)
 
 
-# Tells, for crossing points of bonds with the plane of a cut, which lie in its flat region: takes the points relative to the origin of the
+# Tells, for crossing points of bonds with the plane of a cut, which lie in its flat region: takes the points relative
+# to the origin of the
 # cut, how far each would move if the plane were shifted by one unit against its normal, and the tolerance of each bond.
 _Region = Callable[[Array, Array, Array], Mask]
 
@@ -464,15 +477,21 @@ class PointCut(Cut):
         return np.array([self.x]), np.array([self.x])
 
     def _cuts(self, start: Array, end: Array) -> Mask:
-        return _planar_cut(start, end, np.array([self.x]), np.array([-1.0]), lambda crossing, shift, slack: np.ones(len(slack), dtype=bool))
+        return _planar_cut(
+            start,
+            end,
+            np.array([self.x]),
+            np.array([-1.0]),
+            lambda crossing, shift, slack: np.ones(len(slack), dtype=bool),
+        )
 
 
 class Polyline(Cut):
     """A crack in the plane made of successive straight segments.
 
-    A node on it lies on its left, seen along the points: as if the whole curve, joints included, were shifted by an infinitesimal
-    amount to its right. A bond that touches a joint is therefore cut if it crosses the curve so shifted; one that touches a free tip
-    always is, unless it runs along the segment or comes from the left and ends on the tip.
+    A node on it lies on its left, seen along the points: as if the whole curve, joints included, were shifted by an
+    infinitesimal amount to its right. A bond that touches a joint is therefore cut if it crosses the curve so shifted;
+    one that touches a free tip always is, unless it runs along the segment or comes from the left and ends on the tip.
 
     Parameters
     ----------
@@ -496,7 +515,8 @@ class Polyline(Cut):
             raise InputError("two successive points of the crack are equal", value=points)
         self._tangents = steps / self._lengths[:, None]
         self._normals = np.stack([-self._tangents[:, 1], self._tangents[:, 0]], axis=1)
-        # How far the first and last point of each segment move along it per unit of shift to the right, to where the shifted segments meet.
+        # How far the first and last point of each segment move along it per unit of shift to the right, to where the
+        # shifted segments meet.
         # A free tip takes every bond that touches it.
         before, after = np.roll(self._normals, 1, axis=0), np.roll(self._normals, -1, axis=0)
         self._first_moves = _mitre(self._normals, self._tangents, before, -np.inf)
@@ -537,8 +557,8 @@ def _mitre(normals: Array, tangents: Array, neighbours: Array, tip: float) -> Ar
 def segments_cross(a0: ArrayLike, a1: ArrayLike, b0: ArrayLike, b1: ArrayLike) -> Mask:
     """Tell which bonds a straight crack in the plane cuts.
 
-    A bond is cut if it meets the closed segment, to 1e-9 of the bond's length, with nodes on the crack's line counted as lying on its
-    left; see the head of this module. Bonds along the crack are not cut, bonds that graze a tip are.
+    A bond is cut if it meets the closed segment, to 1e-9 of the bond's length, with nodes on the crack's line counted
+    as lying on its left; see the head of this module. Bonds along the crack are not cut, bonds that graze a tip are.
 
     Parameters
     ----------
@@ -563,7 +583,8 @@ def segments_cross(a0: ArrayLike, a1: ArrayLike, b0: ArrayLike, b1: ArrayLike) -
 class Rectangle(Cut):
     """A rectangular crack in space.
 
-    A node in its plane lies on the side of edge2 x edge1. With edge2 along z this is the left of edge1, as of a crack in the x-y plane.
+    A node in its plane lies on the side of edge2 x edge1. With edge2 along z this is the left of edge1, as of a crack
+    in the x-y plane.
 
     Parameters
     ----------
@@ -582,10 +603,17 @@ class Rectangle(Cut):
     _shown = ("corner", "edge1", "edge2")
 
     def __init__(self, corner: ArrayLike, edge1: ArrayLike, edge2: ArrayLike) -> None:
-        self.corner, self.edge1, self.edge2 = constant("corner", corner, (3,)), constant("edge1", edge1, (3,)), constant("edge2", edge2, (3,))
+        self.corner, self.edge1, self.edge2 = (
+            constant("corner", corner, (3,)),
+            constant("edge1", edge1, (3,)),
+            constant("edge2", edge2, (3,)),
+        )
         self._lengths = (float(_norm(self.edge1)), float(_norm(self.edge2)))
         if not min(self._lengths) > 0:
-            raise InputError("an edge of the rectangle has no length", value=f"edge1 {self.edge1.tolist()}, edge2 {self.edge2.tolist()}")
+            raise InputError(
+                "an edge of the rectangle has no length",
+                value=f"edge1 {self.edge1.tolist()}, edge2 {self.edge2.tolist()}",
+            )
         self._tangents = (self.edge1 / self._lengths[0], self.edge2 / self._lengths[1])
         cosine = float(_dot(*self._tangents))
         if abs(cosine) > TOLERANCE:
@@ -657,17 +685,20 @@ class DiscCut(Cut):
 class PolygonCut(Cut):
     """A crack in space whose outline is a polygon in a plane.
 
-    A node in its plane lies on the side from which the corners run anticlockwise; for a polygon that crosses itself, which way is open.
+    A node in its plane lies on the side from which the corners run anticlockwise; for a polygon that crosses itself,
+    which way is open.
 
     Parameters
     ----------
     points : array_like, shape (n, 3)
-        The corners in order, n >= 3, in one plane to 1e-9 of the size; the last may repeat the first. Inside as of `Polygon`.
+        The corners in order, n >= 3, in one plane to 1e-9 of the size; the last may repeat the first. Inside as of
+        `Polygon`.
 
     Raises
     ------
     InputError
-        For fewer than 3 corners, corners on one line or not in one plane, or values that are not finite or of the wrong length.
+        For fewer than 3 corners, corners on one line or not in one plane, or values that are not finite or of the wrong
+        length.
     """
 
     dim = 3
@@ -680,7 +711,11 @@ class PolygonCut(Cut):
         arms = self.points - self._origin
         _, sizes, axes = np.linalg.svd(arms, full_matrices=False)
         if len(sizes) == 3 and sizes[2] > TOLERANCE * sizes[0]:
-            raise InputError("the corners of the polygon do not lie in one plane", value=f"{sizes[2]:.3g} off", limit=f"{TOLERANCE * sizes[0]:.3g}")
+            raise InputError(
+                "the corners of the polygon do not lie in one plane",
+                value=f"{sizes[2]:.3g} off",
+                limit=f"{TOLERANCE * sizes[0]:.3g}",
+            )
         turn = np.cross(arms, np.roll(arms, -1, axis=0)).sum(axis=0)  # twice the area, along the normal
         normal = np.cross(axes[0], axes[1])
         self._normal = -normal if _dot(turn, normal) < 0 else normal

@@ -1,10 +1,12 @@
 """Conditions on nodes of a body: prescribed temperature, prescribed flux, convection, insulation.
 
-A condition on a side ("x-", "y+", ..) concerns the outermost nodes of the body along that axis. It is imposed in one of these ways:
+A condition on a side ("x-", "y+", ..) concerns the outermost nodes of the body along that axis. It is imposed in one of
+these ways:
 
 - on one layer of nodes, or on as many as the stencil reaches (a volume layer): they take the value;
-- by a layer of nodes *beyond the wall*, which belong to the lattice but not to the body proper: as many nodes as the stencil reaches take
-  values that follow from those inside (mirror images, or the paper's eq. 22); the wall lies half a spacing inside the last of them;
+- by a layer of nodes *beyond the wall*, which belong to the lattice but not to the body proper: as many nodes as the
+  stencil reaches take values that follow from those inside (mirror images, or the paper's eq. 22); the wall lies half a
+  spacing inside the last of them;
 - as a source in the outermost cells, which need no nodes of their own.
 
 Which nodes follow from which is a table of numbers (`Conditions`); the engine applies it after every stage of a step.
@@ -37,13 +39,14 @@ class Temperature:
     where : str, Shape or ndarray of bool
         A side ("x-", ..); or the nodes in a shape or mask, all of which take the value.
     value : float, ndarray, callable, Expression or Source
-        As of a source: a number, an array (of the lattice's shape or, on a side, of its face), a callable of the coordinates and t, an
-        expression, or a `Source` of a function of space and one of time. On a side the coordinate along the normal is that of the wall.
+        As of a source: a number, an array (of the lattice's shape or, on a side, of its face), a callable of the
+        coordinates and t, an expression, or a `Source` of a function of space and one of time. On a side the coordinate
+        along the normal is that of the wall.
     kind : {"node", "volume", "mirror"}
-        On a side: the outermost node layer takes the value (Bobaru and Duangpanya 2010, section 3.1; it has no limit as the nodes in the
-        horizon become many: a point has no capacity); as many layers as the stencil reaches take it; or those layers are mirror images
-        ``2 value - T`` of the nodes inside, which is of second order. The wall is the middle of the outermost cells, the inner edge of the
-        volume layer, and likewise of the mirror layer.
+        On a side: the outermost node layer takes the value (Bobaru and Duangpanya 2010, section 3.1; it has no limit as
+        the nodes in the horizon become many: a point has no capacity); as many layers as the stencil reaches take it;
+        or those layers are mirror images ``2 value - T`` of the nodes inside, which is of second order. The wall is the
+        middle of the outermost cells, the inner edge of the volume layer, and likewise of the mirror layer.
     within : Shape, optional
         Only nodes in it.
     """
@@ -70,8 +73,9 @@ class Flux:
         Power per area; as in `Temperature`.
     kind : {"source", "layer", "mirror"}
         A source in the outermost cells; as many layers of nodes beyond the wall as the stencil reaches with
-        ``T_j = T + value * distance / conductivity``, where T is that of the body's outermost node and the distance that to it
-        (eq. 22); or ``T_j = T_mirror + value * distance / conductivity`` with the mirror image, which is of second order.
+        ``T_j = T + value * distance / conductivity``, where T is that of the body's outermost node and the distance
+        that to it (eq. 22); or ``T_j = T_mirror + value * distance / conductivity`` with the mirror image, which is of
+        second order.
     within : Shape, optional
     """
 
@@ -152,10 +156,20 @@ def _check_place(where: Where, within: Any, anywhere: bool = False) -> None:
     if within is not None:
         kinds.instance(within, "constraint.within", Shape, "a shape")
     if isinstance(where, str):
-        kinds.one_of(where, "constraint.where", [axis + sign for axis in AXES for sign in "-+"], "a condition is on a side, a shape or a mask")
+        kinds.one_of(
+            where,
+            "constraint.where",
+            [axis + sign for axis in AXES for sign in "-+"],
+            "a condition is on a side, a shape or a mask",
+        )
     elif not anywhere:
-        raise InputError("this condition needs a side", value=where, limit="x-, x+, y-, y+, z-, z+", key="constraint.where",
-                         remedy="a side, a Temperature, or a Source in the shape")  # fmt: skip
+        raise InputError(
+            "this condition needs a side",
+            value=where,
+            limit="x-, x+, y-, y+, z-, z+",
+            key="constraint.where",
+            remedy="a side, a Temperature, or a Source in the shape",
+        )
     elif not isinstance(where, Shape):
         kinds.mask(where, "constraint.where", "a condition is on a side, a shape or a mask")
 
@@ -205,7 +219,9 @@ class Conditions:
 
     @property
     def images(self) -> np.ndarray:
-        """Flat indices of the nodes that follow from others: they lie beyond the wall, and their values are no temperatures of the body."""
+        """Flat indices of the nodes that follow from others: they lie beyond the wall, and their values are no
+        temperatures of the body.
+        """
         return self.nodes[np.diff(self.starts) > 0]
 
 
@@ -231,8 +247,9 @@ def resolve(
     Raises
     ------
     InputError
-        Not a condition, a side or a shape of another dimension, no node, two conditions on one node that contradict each other, a body too
-        thin for a layer, a flux into a part one node wide, values of a wrong shape or not finite.
+        Not a condition, a side or a shape of another dimension, no node, two conditions on one node that contradict
+        each other, a body too thin for a layer, a flux into a part one node wide, values of a wrong shape or not
+        finite.
     """
     found: list[_Held] = []
     fed: list[tuple[int, _Face]] = []  # sides that take heat as a source
@@ -247,7 +264,9 @@ def resolve(
         key = f"constraint[{number}]"
         given = "ambient" if isinstance(constraint, Convection) else "value"
         if hasattr(constraint, given):
-            constraint = replace(constraint, **{given: as_source(getattr(constraint, given), lattice.dim, f"{key}.value")})
+            constraint = replace(
+                constraint, **{given: as_source(getattr(constraint, given), lattice.dim, f"{key}.value")}
+            )
         if isinstance(constraint.where, str):
             face = _Face(constraint.where, lattice, constraint.within, key)
             if isinstance(constraint, Convection) or (isinstance(constraint, Flux) and constraint.kind == "source"):
@@ -262,12 +281,17 @@ def resolve(
     for number, face in fed:
         one = constraints[number]
         if isinstance(one, Convection) and one.within is not None:
-            covered = np.concatenate([out.nodes, *(other.nodes(0) for _, other in fed if (other.axis, other.side) == (face.axis, face.side))])
+            covered = np.concatenate(
+                [out.nodes, *(other.nodes(0) for _, other in fed if (other.axis, other.side) == (face.axis, face.side))]
+            )
             whole = _Face(one.where, lattice, None, f"constraint[{number}]").nodes(0)
             rest = int((~np.isin(whole, covered)).sum())
             if rest:
-                out.notes.append(f"constraint[{number}]: outside `within` {rest} of the {len(whole)} nodes of side {one.where} are insulated: "
-                                 "no heat passes there")  # fmt: skip
+                out.notes.append(
+                    f"constraint[{number}]: outside `within` {rest} of the {len(whole)} nodes of side {one.where} are "
+                    "insulated: "
+                    "no heat passes there"
+                )
     return out
 
 
@@ -285,12 +309,16 @@ class _Held:
 
 
 class _Face:
-    """The outermost nodes of a body on one side: for each line along the axis its first node, how far the body goes on, and where the wall is."""
+    """The outermost nodes of a body on one side: for each line along the axis its first node, how far the body goes on,
+    and where the wall is.
+    """
 
     def __init__(self, name: str, lattice: Lattice, within: Shape | None, key: str) -> None:
         self.axis, self.side, self.key = AXES.index(name[0]), 1 if name[1] == "+" else -1, key
         if self.axis >= lattice.dim:
-            raise InputError("the lattice has no such side", value=name, limit=", ".join(AXES[: lattice.dim]), key=f"{key}.where")
+            raise InputError(
+                "the lattice has no such side", value=name, limit=", ".join(AXES[: lattice.dim]), key=f"{key}.where"
+            )
         self.lattice = lattice
         exists = np.ones(lattice.shape, bool) if lattice.mask is None or lattice.body is None else lattice.mask
         inward = np.moveaxis(exists, self.axis, 0)[:: -self.side]
@@ -301,11 +329,15 @@ class _Face:
         used = inward.any(axis=0)
         if within is not None:
             if within.dim != lattice.dim:
-                raise InputError("shape and lattice differ in dimension", value=within.dim, limit=lattice.dim, key=f"{key}.within")
+                raise InputError(
+                    "shape and lattice differ in dimension", value=within.dim, limit=lattice.dim, key=f"{key}.within"
+                )
             allowed = np.moveaxis(within.contains(np.stack(lattice.coordinates(), -1)), self.axis, 0)[:: -self.side]
             used &= np.take_along_axis(allowed, first[None], 0)[0]
         if not used.any():
-            raise InputError("no node lies on that side within the shape", key=f"{key}.within", remedy="enlarge the shape")
+            raise InputError(
+                "no node lies on that side within the shape", key=f"{key}.within", remedy="enlarge the shape"
+            )
         self.lines = np.nonzero(used) if used.ndim else ()  # a bar has one line along its axis
         self.first = np.atleast_1d(first[self.lines])
         self.thickness = np.atleast_1d(self.thickness[self.lines])
@@ -321,8 +353,13 @@ class _Face:
     def need(self, least: int, what: str) -> None:
         """InputError unless the body is `least` nodes thick along all lines."""
         if self.thickness.min() < least:
-            raise InputError(what, value=f"{int(self.thickness.min())} node(s) along {AXES[self.axis]}", limit=f">= {least}", key=self.key,
-                             remedy="refine the lattice, enlarge the body, or restrict the condition by `within`")  # fmt: skip
+            raise InputError(
+                what,
+                value=f"{int(self.thickness.min())} node(s) along {AXES[self.axis]}",
+                limit=f">= {least}",
+                key=self.key,
+                remedy="refine the lattice, enlarge the body, or restrict the condition by `within`",
+            )
 
     def coordinates(self, depth: float) -> list[np.ndarray]:
         """Coordinates of the wall, `depth` spacings from the outermost nodes, one array an axis."""
@@ -347,7 +384,9 @@ class _Face:
             elif space.shape == face:
                 space = space[self.lines]
             elif space.shape != at[0].shape:
-                raise InputError("an array has the shape of the side or of the lattice", value=space.shape, limit=face, key=self.key)
+                raise InputError(
+                    "an array has the shape of the side or of the lattice", value=space.shape, limit=face, key=self.key
+                )
         return _finite(space, len(at[0]), self.key), time
 
 
@@ -366,7 +405,15 @@ def _scaled(drive: Drive, factor: np.ndarray | float, put: Callable[[np.ndarray]
     return put(factor * space), time
 
 
-def _add_source(out: Conditions, number: int, constraint: Flux | Convection, face: _Face, lattice: Lattice, background: float, key: str) -> None:
+def _add_source(
+    out: Conditions,
+    number: int,
+    constraint: Flux | Convection,
+    face: _Face,
+    lattice: Lattice,
+    background: float,
+    key: str,
+) -> None:
     face.need(2, "heat through a side needs a part at least two nodes wide")
     nodes = face.nodes(0)
 
@@ -385,9 +432,15 @@ def _add_source(out: Conditions, number: int, constraint: Flux | Convection, fac
 
 
 def _on_face(
-    number: int, constraint: Temperature | Flux | Insulated, face: _Face, lattice: Lattice, reach: Sequence[int], conductivity: np.ndarray | float,
-    background: float, key: str,
-) -> _Held:  # fmt: skip
+    number: int,
+    constraint: Temperature | Flux | Insulated,
+    face: _Face,
+    lattice: Lattice,
+    reach: Sequence[int],
+    conductivity: np.ndarray | float,
+    background: float,
+    key: str,
+) -> _Held:
     """The layer of prescribed nodes on a side: `depth` counts from the outermost node, the wall is behind the layer."""
     kind = constraint.kind
     layers = 1 if kind == "node" else reach[face.axis]
@@ -407,14 +460,24 @@ def _on_face(
             drives.append((np.full(len(nodes), -(1 - weight) * background), parts(0.0)[1]))
         plain = constraint.value if not mirror and np.isscalar(constraint.value) else None
         return _Held(number, nodes, np.concatenate(inner), weight, drives, plain, face.axis)
-    distance = np.array([2 * (layers - depth) - 1 if mirror else layers - depth for depth in range(layers)]) * lattice.spacing
+    distance = (
+        np.array([2 * (layers - depth) - 1 if mirror else layers - depth for depth in range(layers)]) * lattice.spacing
+    )
     references = np.concatenate(inner)
     drives = []  # an insulated layer follows from the inside alone
     if isinstance(constraint, Flux):
         material = np.broadcast_to(conductivity, lattice.shape).ravel()[references]
         if (material <= 0).any():
-            raise InputError("a flux needs a conductivity above 0 on its side", value=float(material.min()), limit="> 0", key=key)
-        drives = [_scaled(face.values(constraint.value, layers - 0.5), 1.0, lambda v: repeat(v) * np.repeat(distance, len(v)) / material)]
+            raise InputError(
+                "a flux needs a conductivity above 0 on its side", value=float(material.min()), limit="> 0", key=key
+            )
+        drives = [
+            _scaled(
+                face.values(constraint.value, layers - 0.5),
+                1.0,
+                lambda v: repeat(v) * np.repeat(distance, len(v)) / material,
+            )
+        ]
     return _Held(number, nodes, references, 1.0, drives, None, face.axis)
 
 
@@ -424,10 +487,17 @@ def _in_region(number: int, constraint: Constraint, lattice: Lattice, background
     grid = np.stack(lattice.coordinates(), -1)
     for shape in (where, constraint.within):
         if isinstance(shape, Shape) and shape.dim != lattice.dim:
-            raise InputError("shape and lattice differ in dimension", value=shape.dim, limit=lattice.dim, key=f"{key}.where")
+            raise InputError(
+                "shape and lattice differ in dimension", value=shape.dim, limit=lattice.dim, key=f"{key}.where"
+            )
     mask = where.contains(grid) if isinstance(where, Shape) else np.asarray(where)
     if mask.shape != lattice.shape or mask.dtype != bool:
-        raise InputError("a mask holds true or false for each node", value=(mask.shape, str(mask.dtype)), limit=lattice.shape, key=f"{key}.where")
+        raise InputError(
+            "a mask holds true or false for each node",
+            value=(mask.shape, str(mask.dtype)),
+            limit=lattice.shape,
+            key=f"{key}.where",
+        )
     if constraint.within is not None:
         mask = mask & constraint.within.contains(grid)
     if lattice.mask is not None:
@@ -456,13 +526,17 @@ def _contradiction(one: int, other: int, node: int, lattice: Lattice) -> InputEr
     at = np.array(np.unravel_index(node, lattice.shape))
     return InputError(
         "two conditions on one node contradict each other",
-        value=f"constraint[{min(one, other)}] and constraint[{max(one, other)}] near {(lattice.lower + at * lattice.spacing).tolist()}",
-        key="constraints", remedy="restrict one of them by `within`",
-    )  # fmt: skip
+        value=f"constraint[{min(one, other)}] and constraint[{max(one, other)}] near "
+        f"{(lattice.lower + at * lattice.spacing).tolist()}",
+        key="constraints",
+        remedy="restrict one of them by `within`",
+    )
 
 
 def _refuse_fed(out: Conditions, found: Sequence[_Held], fed: Sequence[tuple[int, _Face]], lattice: Lattice) -> None:
-    """Heat into nodes whose value is prescribed would be lost. At an edge of the body, where two sides meet, it goes into the wall."""
+    """Heat into nodes whose value is prescribed would be lost. At an edge of the body, where two sides meet, it goes
+    into the wall.
+    """
     axes = {held.number: held.axis for held in found}
     for number, face in fed:
         same = np.isin(out.owner, [n for n, axis in axes.items() if axis in (None, face.axis)])
@@ -474,8 +548,9 @@ def _refuse_fed(out: Conditions, found: Sequence[_Held], fed: Sequence[tuple[int
 def _join(out: Conditions, found: Sequence[_Held], lattice: Lattice) -> None:
     """One table of all: plain values first, then what follows from others, axis by axis.
 
-    A node with two conditions must have the same number from both. Only in the edges and corners where layers of different axes meet, one
-    wins: a plain value, else the layer of the later axis, which reads that of the earlier one (the mirror image of a mirror image).
+    A node with two conditions must have the same number from both. Only in the edges and corners where layers of
+    different axes meet, one wins: a plain value, else the layer of the later axis, which reads that of the earlier one
+    (the mirror image of a mirror image).
     """
     shape = lattice.shape
     owner = np.full(int(np.prod(shape)), -1)
@@ -500,8 +575,12 @@ def _join(out: Conditions, found: Sequence[_Held], lattice: Lattice) -> None:
         if held.weight and (place[held.references[keep]] < 0).any():
             loose = held.references[keep][place[held.references[keep]] < 0]
             if (owner[loose] >= 0).any():
-                raise InputError("a condition follows from nodes that a later one prescribes", value=f"constraint[{held.number}]", key="constraints",
-                                 remedy="restrict one of them by `within`")  # fmt: skip
+                raise InputError(
+                    "a condition follows from nodes that a later one prescribes",
+                    value=f"constraint[{held.number}]",
+                    key="constraints",
+                    remedy="restrict one of them by `within`",
+                )
     sizes = [int(keep.sum()) for _, keep in kept]
     total, start = sum(sizes), 0
     if not total:

@@ -68,14 +68,20 @@ def as_cut(crack: Any, dim: int) -> Cut:
     elif (points := kinds.array(crack, "crack")).ndim == 2 and len(points) >= 3:
         cut = PolygonCut(points)
     else:
-        raise InputError("a crack in 3D is a surface", value=crack, key="crack",
-                         remedy="use Rectangle(...), DiscCut(...) or the corners of a polygon")  # fmt: skip
+        raise InputError(
+            "a crack in 3D is a surface",
+            value=crack,
+            key="crack",
+            remedy="use Rectangle(...), DiscCut(...) or the corners of a polygon",
+        )
     if cut.dim != dim:
         raise InputError("crack and lattice differ in dimension", value=cut.dim, limit=dim, key="crack")
     return cut
 
 
-def cut_bonds(cut: Cut, lower: np.ndarray, spacing: float, shape: tuple[int, ...], offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def cut_bonds(
+    cut: Cut, lower: np.ndarray, spacing: float, shape: tuple[int, ...], offsets: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Bonds of a lattice that a crack cuts.
 
     Parameters
@@ -100,7 +106,9 @@ def cut_bonds(cut: Cut, lower: np.ndarray, spacing: float, shape: tuple[int, ...
     last = np.minimum(np.ceil((high - lower) / spacing).astype(int) + reach + 1, np.array(shape) - 1)
     if (last < first).any():
         return np.zeros((0, len(shape)), int), np.zeros(0, int)
-    grid = np.stack(np.meshgrid(*[np.arange(a, b + 1) for a, b in zip(first, last, strict=True)], indexing="ij"), -1).reshape(-1, len(shape))
+    grid = np.stack(
+        np.meshgrid(*[np.arange(a, b + 1) for a, b in zip(first, last, strict=True)], indexing="ij"), -1
+    ).reshape(-1, len(shape))
     start = lower + spacing * grid
     nodes, bonds = [], []
     for number, offset in enumerate(offsets):

@@ -1,8 +1,8 @@
 """Arithmetic expressions of x, y, z and t, as they stand in case files.
 
-A case file is data: the text is parsed by `ast`, checked against a list of what is allowed, and evaluated by walking the tree. Nothing
-is compiled or run as Python. Every number is a double, so that a tower of powers overflows to infinity at once instead of growing an
-integer.
+A case file is data: the text is parsed by `ast`, checked against a list of what is allowed, and evaluated by walking
+the tree. Nothing is compiled or run as Python. Every number is a double, so that a tower of powers overflows to
+infinity at once instead of growing an integer.
 """
 
 from __future__ import annotations
@@ -28,7 +28,9 @@ __all__ = ["CONSTANTS", "FUNCTIONS", "MAX_LENGTH", "MAX_NESTING", "Expression", 
 MAX_LENGTH = 10_000
 """Longest text of an expression, in characters."""
 MAX_NESTING = 100
-"""Deepest nesting; each further term of a sum or a product is one level. Keeps the walk far from Python's recursion limit."""
+"""Deepest nesting; each further term of a sum or a product is one level. Keeps the walk far from Python's recursion
+limit.
+"""
 
 COORDINATES = ("x", "y", "z")
 CONSTANTS: dict[str, np.float64] = {"pi": np.float64(np.pi), "e": np.float64(np.e)}
@@ -125,17 +127,18 @@ _FORBIDDEN: dict[type[ast.AST], tuple[str, str]] = {
 class Expression:
     """An arithmetic expression of the coordinates and the time.
 
-    Operators ``+ - * / ** %`` with Python's precedence, comparisons ``< <= > >= == !=`` (chained too) that give 0 or 1, the constants
-    ``pi`` and ``e`` and the functions in `FUNCTIONS`; ``log`` is the natural logarithm, ``heaviside(x)`` is 1 for x >= 0 and 0 below,
-    ``where(c, a, b)`` is a wherever c is not zero, ``min`` and ``max`` work element by element.
+    Operators ``+ - * / ** %`` with Python's precedence, comparisons ``< <= > >= == !=`` (chained too) that give 0 or 1,
+    the constants ``pi`` and ``e`` and the functions in `FUNCTIONS`; ``log`` is the natural logarithm, ``heaviside(x)``
+    is 1 for x >= 0 and 0 below, ``where(c, a, b)`` is a wherever c is not zero, ``min`` and ``max`` work element by
+    element.
 
     Parameters
     ----------
     text : str
         The expression; line breaks count as spaces.
     dim : int, optional
-        Number of coordinates, 0 to 3: the names allowed are the first `dim` of x, y, z, and t. Unless given the expression has as many as where it
-        is used, on a lattice those of the lattice; see `on`.
+        Number of coordinates, 0 to 3: the names allowed are the first `dim` of x, y, z, and t. Unless given the
+        expression has as many as where it is used, on a lattice those of the lattice; see `on`.
 
     Attributes
     ----------
@@ -149,9 +152,9 @@ class Expression:
     Raises
     ------
     InputError
-        For a syntax error (with its position), an unknown name or function (with the nearest known one and the whole list), any
-        construct that is not arithmetic, a wrong number of arguments, a number beyond the double range, and a text that is too long or
-        too deeply nested.
+        For a syntax error (with its position), an unknown name or function (with the nearest known one and the whole
+        list), any construct that is not arithmetic, a wrong number of arguments, a number beyond the double range, and
+        a text that is too long or too deeply nested.
 
     Examples
     --------
@@ -171,11 +174,16 @@ class Expression:
         try:
             _check(tree, len(COORDINATES) if dim is None else dim)
         except InputError as error:
-            raise error if error.value is not None else InputError(error.message, value=text, limit=error.limit, remedy=error.remedy) from None
+            raise (
+                error
+                if error.value is not None
+                else InputError(error.message, value=text, limit=error.limit, remedy=error.remedy)
+            ) from None
         self._set(text, tree, dim)
 
     def on(self, dim: int) -> Expression:
-        """The expression of so many coordinates: itself, or if it was made without a number of them, or for fewer, its text read anew.
+        """The expression of so many coordinates: itself, or if it was made without a number of them, or for fewer, its
+        text read anew.
 
         Raises
         ------
@@ -199,15 +207,16 @@ class Expression:
         Parameters
         ----------
         *coordinates : array_like
-            The `dim` coordinates, of shapes that broadcast. An expression of t alone, ``dim=0``, may also be called with t.
+            The `dim` coordinates, of shapes that broadcast. An expression of t alone, ``dim=0``, may also be called
+            with t.
         t : array_like, optional
             The time.
 
         Returns
         -------
         ndarray of float64
-            A new array of the common shape of all coordinates and t, also of those that the expression does not use. An undefined
-            operation gives nan or inf, without a warning: the part that `where` discards may be undefined.
+            A new array of the common shape of all coordinates and t, also of those that the expression does not use. An
+            undefined operation gives nan or inf, without a warning: the part that `where` discards may be undefined.
 
         Raises
         ------
@@ -224,7 +233,9 @@ class Expression:
         try:
             shape = np.broadcast_shapes(*(a.shape for a in arrays))
         except ValueError:
-            raise InputError("the shapes of the coordinates and t do not broadcast", value=[a.shape for a in arrays]) from None
+            raise InputError(
+                "the shapes of the coordinates and t do not broadcast", value=[a.shape for a in arrays]
+            ) from None
         values: dict[str, Any] = {**CONSTANTS, **dict(zip((*COORDINATES[: self.dim], "t"), arrays, strict=True))}
         result = np.empty(shape)
         with np.errstate(all="ignore"):
@@ -234,14 +245,15 @@ class Expression:
     def separate(self) -> tuple[Expression, Expression] | None:
         """Split into a factor of space times a factor of time.
 
-        Looks through products, quotients and signs, and no deeper: ``exp(-x**2)*sin(t)`` splits, ``exp(x + t)`` does not.
+        Looks through products, quotients and signs, and no deeper: ``exp(-x**2)*sin(t)`` splits, ``exp(x + t)`` does
+        not.
 
         Returns
         -------
         space, time : Expression
-            ``space(*coordinates) * time(t=t)`` is the expression, to rounding. `time` has ``dim=0``: it takes no coordinates and gives
-            one number for one t. Constant factors belong to `space`. An expression without t has the time factor 1, one without
-            coordinates a constant `space`.
+            ``space(*coordinates) * time(t=t)`` is the expression, to rounding. `time` has ``dim=0``: it takes no
+            coordinates and gives one number for one t. Constant factors belong to `space`. An expression without t has
+            the time factor 1, one without coordinates a constant `space`.
         None
             If the expression does not split.
         """
@@ -258,7 +270,8 @@ class Expression:
 
 
 def as_given(value: Any, dim: int, key: str, *, time: bool = True) -> Any:
-    """What a user gives for a function of space and time, with every text in it as an `Expression` of the lattice's coordinates.
+    """What a user gives for a function of space and time, with every text in it as an `Expression` of the lattice's
+    coordinates.
 
     Parameters
     ----------
@@ -274,8 +287,8 @@ def as_given(value: Any, dim: int, key: str, *, time: bool = True) -> Any:
     Raises
     ------
     InputError
-        A text that is no expression of these coordinates, one of t where it may not be, and there a function of other arguments than the
-        coordinates; what holds no real numbers.
+        A text that is no expression of these coordinates, one of t where it may not be, and there a function of other
+        arguments than the coordinates; what holds no real numbers.
     """
     if isinstance(value, list | tuple) and not all(isinstance(part, Real) for part in value):
         entries = [as_given(part, dim, f"{key}[{i}]", time=time) for i, part in enumerate(value)]
@@ -296,7 +309,8 @@ def as_given(value: Any, dim: int, key: str, *, time: bool = True) -> Any:
 
 
 def as_signal(value: Any, key: str) -> Any:
-    """What a user gives for a function of t alone: a text, an expression or a number as an `Expression`, a callable as it is.
+    """What a user gives for a function of t alone: a text, an expression or a number as an `Expression`, a callable as
+    it is.
 
     Raises
     ------
@@ -331,7 +345,8 @@ class _Product:
             self.text = f"{self.text or '1'}{'/' if inverse else '*'}{text}"
 
     def expression(self, dim: int | None) -> Expression:
-        # Past the constructor: its limits are for what users write, and the reordered product may be a little longer than what passed them.
+        # Past the constructor: its limits are for what users write, and the reordered product may be a little longer
+        # than what passed them.
         result = Expression.__new__(Expression)
         result._set(self.text or "1", self.tree, dim)
         return result
@@ -383,7 +398,9 @@ def _parse(text: str) -> ast.expr:
 
 def _too_deep() -> InputError:
     limit = f"{MAX_NESTING} levels"
-    return InputError("the expression is too deeply nested", limit=limit, remedy="bracket the terms of a long sum in groups")
+    return InputError(
+        "the expression is too deeply nested", limit=limit, remedy="bracket the terms of a long sum in groups"
+    )
 
 
 def _check(node: ast.expr, dim: int) -> None:
@@ -409,7 +426,9 @@ def _check(node: ast.expr, dim: int) -> None:
             for part in args:
                 _check(part, dim)
         case ast.Call(func=ast.Name()):
-            raise InputError("named arguments are not allowed in an expression", remedy="give the arguments in their order")
+            raise InputError(
+                "named arguments are not allowed in an expression", remedy="give the arguments in their order"
+            )
         case ast.Call(func=ast.Attribute() as function):
             raise _forbidden(function)
         case ast.Call():
@@ -460,7 +479,9 @@ def _check_call(name: str, count: int, dim: int) -> None:
         raise InputError(f"unknown function {name!r} in the expression", remedy=_suggest(name, list(FUNCTIONS)))
     _, least, most = FUNCTIONS[name]
     if count < least or (most is not None and count > most):
-        raise InputError(f"wrong number of arguments of {name}", value=count, limit=least if most == least else f"at least {least}")
+        raise InputError(
+            f"wrong number of arguments of {name}", value=count, limit=least if most == least else f"at least {least}"
+        )
 
 
 def _suggest(name: str, known: list[str]) -> str:

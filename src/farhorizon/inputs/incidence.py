@@ -23,8 +23,9 @@ _POLARISATIONS = ("P", "S")
 class IncidentWave:
     r"""A plane wave that falls on whatever is inside a box, exact on the lattice.
 
-    Inside the box `within` the field is the total one, outside it only what is scattered, which the absorbing sides take. On the box's faces the
-    two are joined by the sources :math:`\chi L u_i - L (\chi u_i)` with the incident wave :math:`u_i`, a sum of the lattice's own plane waves, and
+    Inside the box `within` the field is the total one, outside it only what is scattered, which the absorbing sides
+    take. On the box's faces the two are joined by the sources :math:`\chi L u_i - L (\chi u_i)` with the incident wave
+    :math:`u_i`, a sum of the lattice's own plane waves, and
     :math:`\chi` 1 inside and 0 outside: without a scatterer nothing leaves the box but rounding.
 
     Parameters
@@ -36,14 +37,17 @@ class IncidentWave:
     duration : float
         The signal is zero before 0 and after it.
     polarisation : "P", "S" or sequence of float
-        Of elastic waves. In three dimensions an S wave needs its displacement's direction, at right angles to `direction`.
+        Of elastic waves. In three dimensions an S wave needs its displacement's direction, at right angles to
+        `direction`.
     within : Box, optional
-        The near field less two reaches of the stencil unless given. It contains all that scatters, two reaches inside its faces.
+        The near field less two reaches of the stencil unless given. It contains all that scatters, two reaches inside
+        its faces.
 
     Raises
     ------
     InputError
-        A direction without length, a duration that is not positive, a signal that is no function of t, an unknown polarisation.
+        A direction without length, a duration that is not positive, a signal that is no function of t, an unknown
+        polarisation.
     """
 
     direction: Sequence[float]
@@ -54,9 +58,17 @@ class IncidentWave:
 
     def __post_init__(self) -> None:
         if not kinds.array(self.direction, "incident.direction", shape=(None,)).any():
-            raise InputError("an incident wave needs a direction", value=self.direction, limit="one component an axis, not all zero",
-                             key="incident.direction")  # fmt: skip
-        kinds.settle(self, duration=kinds.number(self.duration, "incident.duration", above=0), signal=as_signal(self.signal, "incident.signal"))
+            raise InputError(
+                "an incident wave needs a direction",
+                value=self.direction,
+                limit="one component an axis, not all zero",
+                key="incident.direction",
+            )
+        kinds.settle(
+            self,
+            duration=kinds.number(self.duration, "incident.duration", above=0),
+            signal=as_signal(self.signal, "incident.signal"),
+        )
         if isinstance(self.polarisation, str):
             kinds.one_of(self.polarisation, "incident.polarisation", _POLARISATIONS, "unknown polarisation")
         else:
@@ -81,33 +93,59 @@ class IncidentWave:
         Raises
         ------
         InputError
-            A box that is not inside the near field by one reach, or reaches a side at which the medium ends, or is so small that its faces'
-            neighbourhoods meet.
+            A box that is not inside the near field by one reach, or reaches a side at which the medium ends, or is so
+            small that its faces' neighbourhoods meet.
         """
         more = lattice.spacing * np.array(reach)
         box = self.within or Box(tuple(lattice.lower + 2 * more), tuple(lattice.upper - 2 * more))
         lower, upper = (np.asarray(b, float) for b in box.bounds())
         if lower.size != lattice.dim or np.size(self.direction) != lattice.dim:
-            raise InputError("an incident wave and the lattice differ in dimension", value=np.size(self.direction), limit=lattice.dim, key="incident")
+            raise InputError(
+                "an incident wave and the lattice differ in dimension",
+                value=np.size(self.direction),
+                limit=lattice.dim,
+                key="incident",
+            )
         close = 1e-6 * lattice.spacing
         outside = (lower - more < lattice.lower - close) | (upper + more > lattice.upper + close)
         past = {-1: lower - more < lattice.lower - close, 1: upper + more > lattice.upper + close}
         beyond = [(axis, side) for axis, side in walls if past[side][axis]]
         if beyond:
             names = ", ".join(AXES[axis] + "-+"[side > 0] for axis, side in beyond)
-            raise InputError("an incident wave is the wave of the open medium, which does not know the surface that it would fall on", value=names,
-                             key="incident.within", limit="one reach away from sides at which the medium ends",
-                             remedy="a source below the surface, or initial data in the form of the wave")  # fmt: skip
+            raise InputError(
+                "an incident wave is the wave of the open medium, which does not know the surface that it would fall "
+                "on",
+                value=names,
+                key="incident.within",
+                limit="one reach away from sides at which the medium ends",
+                remedy="a source below the surface, or initial data in the form of the wave",
+            )
         if outside.any():
             axis = int(np.argmax(outside))
             limits = shown((lattice.lower + more)[axis]), shown((lattice.upper - more)[axis])
-            raise InputError(f"the box of an incident wave reaches too far along {AXES[axis]}: one reach of the near field must be left around it",
-                             value=f"{shown(lower[axis])} to {shown(upper[axis])}", key="incident.within",
-                             limit=f"within {limits[0]} to {limits[1]}", remedy="a smaller box, or a larger near field")  # fmt: skip
+            raise InputError(
+                f"the box of an incident wave reaches too far along {AXES[axis]}: one reach of the near field must be "
+                "left around it",
+                value=f"{shown(lower[axis])} to {shown(upper[axis])}",
+                key="incident.within",
+                limit=f"within {limits[0]} to {limits[1]}",
+                remedy="a smaller box, or a larger near field",
+            )
         if (upper - lower < 4 * more - close).any():
-            raise InputError("the box of an incident wave is too small", value=(upper - lower).tolist(), limit=f"sides of {(4 * more).tolist()}",
-                             key="incident.within", remedy="enlarge the near field")  # fmt: skip
-        return IncidentWave(self.direction, self.signal, self.duration, self.polarisation, Box(tuple(lower.tolist()), tuple(upper.tolist())))
+            raise InputError(
+                "the box of an incident wave is too small",
+                value=(upper - lower).tolist(),
+                limit=f"sides of {(4 * more).tolist()}",
+                key="incident.within",
+                remedy="enlarge the near field",
+            )
+        return IncidentWave(
+            self.direction,
+            self.signal,
+            self.duration,
+            self.polarisation,
+            Box(tuple(lower.tolist()), tuple(upper.tolist())),
+        )
 
     def vector(self, components: int) -> np.ndarray | None:
         """Unit vector of the displacement; None for scalar fields.
@@ -124,17 +162,29 @@ class IncidentWave:
             return along
         if self.polarisation == "S":
             if components == 3:
-                raise InputError("an S wave in three dimensions needs the direction of its displacement", value="S", key="incident.polarisation",
-                                 limit="a vector at right angles to the direction")  # fmt: skip
+                raise InputError(
+                    "an S wave in three dimensions needs the direction of its displacement",
+                    value="S",
+                    key="incident.polarisation",
+                    limit="a vector at right angles to the direction",
+                )
             return np.array([-along[1], along[0]])
         vector = np.asarray(self.polarisation, float)
         length = float(np.linalg.norm(vector))
         if vector.shape != along.shape or not length > 0:
-            raise InputError("a polarisation has one component an axis, not all zero", value=self.polarisation, key="incident.polarisation")
+            raise InputError(
+                "a polarisation has one component an axis, not all zero",
+                value=self.polarisation,
+                key="incident.polarisation",
+            )
         vector = vector / length
         if 1e-6 < abs(vector @ along) < 1 - 1e-6:
-            raise InputError("a wave's displacement is along its direction (P) or at right angles to it (S)", value=self.polarisation,
-                             limit=f"direction {along.tolist()}", key="incident.polarisation")  # fmt: skip
+            raise InputError(
+                "a wave's displacement is along its direction (P) or at right angles to it (S)",
+                value=self.polarisation,
+                limit=f"direction {along.tolist()}",
+                key="incident.polarisation",
+            )
         return vector
 
 
@@ -176,9 +226,16 @@ class Incidence:
         start = float(along[box].min())
         self._along = along - start
         self.pulse = PlanePulse(
-            stencil, coefficient, lattice.spacing, dt, direction, wave.vector(stencil.components), wave.at, wave.duration,
+            stencil,
+            coefficient,
+            lattice.spacing,
+            dt,
+            direction,
+            wave.vector(stencil.components),
+            wave.at,
+            wave.duration,
             float(self._along[box].max()),
-        )  # fmt: skip
+        )
         reach = np.array(stencil.reach)
         self._inside = self._mask(lattice, box, self._slices(lattice, -2 * reach))
         self._outside_in = self._mask(lattice, self._slices(lattice, reach), self._slices(lattice, -reach))
@@ -201,7 +258,9 @@ class Incidence:
         return mask
 
     def source(self, t: float) -> np.ndarray:
-        """``chi a - L (chi u)`` on the lattice, of displacement u and acceleration a of the wave; zero once it has passed."""
+        """``chi a - L (chi u)`` on the lattice, of displacement u and acceleration a of the wave; zero once it has
+        passed.
+        """
         force = np.zeros(self._shape)
         if t < self.pulse.period:
             displacement = np.zeros(self._shape)
@@ -226,7 +285,9 @@ class Incidence:
         return self._shape if self._shape[0] > 1 else self._shape[1:]
 
 
-def check_scatterers(wave: IncidentWave, lattice: Lattice, reach: Sequence[int], cuts: Sequence[Cut], material: np.ndarray) -> None:
+def check_scatterers(
+    wave: IncidentWave, lattice: Lattice, reach: Sequence[int], cuts: Sequence[Cut], material: np.ndarray
+) -> None:
     """Cracks, holes and other materials must be inside the box, two reaches from its faces.
 
     Parameters
@@ -251,13 +312,22 @@ def check_scatterers(wave: IncidentWave, lattice: Lattice, reach: Sequence[int],
     for cut in cuts:
         low, high = (np.asarray(b, float) for b in cut.bounds())
         if (low < lower - 1e-9).any() or (high > upper + 1e-9).any():
-            raise InputError("a crack reaches to the faces of an incident wave's box", value=[low.tolist(), high.tolist()], limit=limit, key="crack",
-                             remedy="shorten it, or enlarge the near field")  # fmt: skip
+            raise InputError(
+                "a crack reaches to the faces of an incident wave's box",
+                value=[low.tolist(), high.tolist()],
+                limit=limit,
+                key="crack",
+                remedy="shorten it, or enlarge the near field",
+            )
     inner = np.ones(lattice.shape, bool)
     for axis, places in enumerate(lattice.axes):
         within = (places >= lower[axis] - 1e-9) & (places <= upper[axis] + 1e-9)
         inner &= within.reshape([-1 if a == axis else 1 for a in range(lattice.dim)])
     outside: Any = material[~inner]
     if outside.size and not np.ptp(outside) == 0:
-        raise InputError("the medium is not uniform near the faces of an incident wave's box, or beyond", limit=limit, key="incident.within",
-                         remedy="enlarge the near field")  # fmt: skip
+        raise InputError(
+            "the medium is not uniform near the faces of an incident wave's box, or beyond",
+            limit=limit,
+            key="incident.within",
+            remedy="enlarge the near field",
+        )

@@ -22,7 +22,8 @@ class BodyForce:
     Parameters
     ----------
     value : sequence of (ndarray, callable, str, Expression or float)
-        One component an axis: an array of the lattice's shape, a function or an expression of the coordinates, or a number.
+        One component an axis: an array of the lattice's shape, a function or an expression of the coordinates, or a
+        number.
     time : callable, str, Expression or float, optional
         Factor of t; 1 unless given.
 
@@ -52,7 +53,8 @@ class Traction:
     value : sequence of float
         One component an axis.
     between : sequence of (float, float), optional
-        Where it acts, along each of the other axes in their order; the whole side unless given. Nodes on either end count.
+        Where it acts, along each of the other axes in their order; the whole side unless given. Nodes on either end
+        count.
     time : callable, str, Expression or float, optional
         Factor of t; 1 unless given.
 
@@ -75,12 +77,20 @@ class Traction:
         kinds.settle(self, time=None if self.time is None else as_signal(self.time, "load.time"))
 
     def bounded(self, lattice: Lattice) -> Traction:
-        """The same with the ends of the whole side named, if that is where it acts: on a larger lattice it stays where it is."""
-        ends = [(float(a), float(b)) for name, a, b in zip(AXES, lattice.lower, lattice.upper, strict=False) if name != self.side[:1]]
+        """The same with the ends of the whole side named, if that is where it acts: on a larger lattice it stays where
+        it is.
+        """
+        ends = [
+            (float(a), float(b))
+            for name, a, b in zip(AXES, lattice.lower, lattice.upper, strict=False)
+            if name != self.side[:1]
+        ]
         return self if self.between is not None else replace(self, between=ends)
 
 
-def force_density(load: Traction, lattice: Lattice, sides: Mapping[tuple[int, int], Any], key: str = "load") -> np.ndarray:
+def force_density(
+    load: Traction, lattice: Lattice, sides: Mapping[tuple[int, int], Any], key: str = "load"
+) -> np.ndarray:
     """The force per volume that a traction is on the nodes of a lattice, less its factor of time.
 
     Parameters
@@ -98,29 +108,49 @@ def force_density(load: Traction, lattice: Lattice, sides: Mapping[tuple[int, in
     Raises
     ------
     InputError
-        An unknown side or one that is not free, components that are missing or not finite, a part beyond the near field, or none on its nodes.
+        An unknown side or one that is not free, components that are missing or not finite, a part beyond the near
+        field, or none on its nodes.
     """
     names = {AXES[a] + sign: (a, s) for a in range(lattice.dim) for sign, s in (("-", -1), ("+", 1))}
     if load.side not in names:
         raise InputError("unknown side", value=load.side, limit=", ".join(names), key=f"{key}.side")
     axis, side = names[load.side]
     if not isinstance(sides[axis, side], Free):
-        raise InputError("a traction acts on a free side", value=type(sides[axis, side]).__name__, key=f"{key}.side {load.side}", remedy="Free()")
+        raise InputError(
+            "a traction acts on a free side",
+            value=type(sides[axis, side]).__name__,
+            key=f"{key}.side {load.side}",
+            remedy="Free()",
+        )
     if len(load.value) != lattice.dim:
-        raise InputError("a traction needs one component an axis", value=list(load.value), limit=f"a list of {lattice.dim}", key=f"{key}.value")
+        raise InputError(
+            "a traction needs one component an axis",
+            value=list(load.value),
+            limit=f"a list of {lattice.dim}",
+            key=f"{key}.value",
+        )
     at = lattice.coordinates()
     place = lattice.lower[axis] if side < 0 else lattice.upper[axis]
     loaded = np.abs(at[axis] - place) < 0.5 * lattice.spacing
     others = [a for a in range(lattice.dim) if a != axis]
     slack = 1e-9 * lattice.spacing
     if load.between is not None and np.shape(load.between) != (len(others), 2):
-        raise InputError("a part of a side is given by two ends along each other axis", value=load.between, limit=f"{len(others)} pairs",
-                         key=f"{key}.between")  # fmt: skip
+        raise InputError(
+            "a part of a side is given by two ends along each other axis",
+            value=load.between,
+            limit=f"{len(others)} pairs",
+            key=f"{key}.between",
+        )
     for a, (low, high) in zip(others, load.between or (), strict=load.between is not None):
         first, last = lattice.lower[a], lattice.upper[a]
         if not first - slack <= low <= high <= last + slack:
-            raise InputError("the traction reaches beyond the near field", value=(low, high), limit=(float(first), float(last)),
-                             key=f"{key}.between ({AXES[a]})", remedy="a wider lattice or a narrower load")  # fmt: skip
+            raise InputError(
+                "the traction reaches beyond the near field",
+                value=(low, high),
+                limit=(float(first), float(last)),
+                key=f"{key}.between ({AXES[a]})",
+                remedy="a wider lattice or a narrower load",
+            )
         loaded &= (at[a] >= low - slack) & (at[a] <= high + slack)
     if lattice.mask is not None:
         loaded &= lattice.mask

@@ -1,4 +1,6 @@
-"""What lies beyond the sides that absorb: data, sources and cracks there belong to the medium, but a truncated run misses them."""
+"""What lies beyond the sides that absorb: data, sources and cracks there belong to the medium, but a truncated run
+misses them.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,8 @@ from farhorizon.geometry.shapes import Cut
 _FAR_NODES = 1_000_000  # nodes of the box in which data are sought that vanish in the near field, at most
 _REACHES = 4  # over which a material is looked at in front of a side
 _FLAT = 1e-4  # part by which it may change there without a note
-_FARTHER = (2, 4, 8, 16, 32)  # times the extent of the near field, in which the largest value of data that lie outside is sought
+# times the extent of the near field, in which the largest value of data that lie outside is sought
+_FARTHER = (2, 4, 8, 16, 32)
 _ROUNDING = float(np.finfo(float).eps)  # less than this of the largest value is zero
 
 Function = Callable[..., Any]
@@ -44,23 +47,34 @@ class Beyond:
     """
 
     def __init__(
-        self, lattice: Lattice, sides: dict[tuple[int, int], Boundary], wanted: float, depth: dict[tuple[int, int], int],
+        self,
+        lattice: Lattice,
+        sides: dict[tuple[int, int], Boundary],
+        wanted: float,
+        depth: dict[tuple[int, int], int],
         near: np.ndarray | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.lattice, self.depth, self.near = lattice, depth, near
         absorbing = {key: b for key, b in sides.items() if isinstance(b, Absorbing)}
         self.targets = {key: b.wanted(wanted) for key, b in absorbing.items()}
         self.notes: list[str] = []
 
     def check_values(self, values: np.ndarray, key: str) -> None:
-        """Note values at an absorbing edge: what an array would be beyond it cannot be known. Refuse values around a closed window."""
+        """Note values at an absorbing edge: what an array would be beyond it cannot be known. Refuse values around a
+        closed window.
+        """
         peak = float(np.abs(values).max(initial=0))
         found = {}
         if self.near is not None:
             missed = float(np.abs(np.where(self.near, 0.0, values)).max(initial=0))
             if missed > max(self.targets.values()) * peak:
-                raise InputError("not zero beyond the outline of the window, where the run would miss it", value=f"{missed:.3g}",
-                                 limit=f"{max(self.targets.values()) * peak:.3g}", key=key, remedy="a larger window, or zeros there")  # fmt: skip
+                raise InputError(
+                    "not zero beyond the outline of the window, where the run would miss it",
+                    value=f"{missed:.3g}",
+                    limit=f"{max(self.targets.values()) * peak:.3g}",
+                    key=key,
+                    remedy="a larger window, or zeros there",
+                )
             return
         for (axis, side), target in self.targets.items():
             edge = float(np.abs(np.take(values, 0 if side < 0 else -1, axis)).max(initial=0))
@@ -68,11 +82,14 @@ class Beyond:
                 found[_name(axis, side)] = edge / peak
         if found:
             self.notes.append(
-                f"{key} is an array with {max(found.values()):.2g} of its largest value at an absorbing edge ({', '.join(found)}): it is taken to be "
+                f"{key} is an array with {max(found.values()):.2g} of its largest value at an absorbing edge "
+                f"({', '.join(found)}): it is taken to be "
                 "zero beyond, which cannot be checked"
             )
 
-    def check_function(self, function: Function, peak: float, key: str, level: float = 0.0, missed: str = "value") -> None:
+    def check_function(
+        self, function: Function, peak: float, key: str, level: float = 0.0, missed: str = "value"
+    ) -> None:
         """Look at a function of the coordinates just beyond the absorbing sides.
 
         Parameters
@@ -105,16 +122,21 @@ class Beyond:
                 where = shown([float(c[np.unravel_index(int(np.argmax(beyond)), beyond.shape)]) for c in coordinates])
                 edge = "outline" if name == "outline" else f"side {name}"
                 raise InputError(
-                    f"not zero beyond the absorbing {edge}; the run would miss it: an error of about {share:.2g} of the largest "
-                    f"{missed}", value=f"{worst:.3g} at {where}", limit=f"{target * max(peak, worst):.3g} ({target:g} of the largest)", key=key,
+                    f"not zero beyond the absorbing {edge}; the run would miss it: an error of about {share:.2g} of "
+                    "the largest "
+                    f"{missed}",
+                    value=f"{worst:.3g} at {where}",
+                    limit=f"{target * max(peak, worst):.3g} ({target:g} of the largest)",
+                    key=key,
                     remedy="enlarge the near field, narrow or move what is given"
                     + (", set background to its value far away" if missed == "initial value" else ""),
-                )  # fmt: skip
+                )
             if share > _ROUNDING:
                 found[name] = share
         if found:
             self.notes.append(
-                f"{key}: {max(found.values()):.2g} of the largest {missed} lies beyond {', '.join(found)} and is missed; below the target"
+                f"{key}: {max(found.values()):.2g} of the largest {missed} lies beyond {', '.join(found)} and is "
+                "missed; below the target"
             )
         if peak == 0 and self.targets:
             self._seek(function, key, level)
@@ -123,8 +145,13 @@ class Beyond:
         """Refuse what vanishes on every node of the near field, but not farther out."""
         most, where = self._largest(function, level)
         if most > 0:
-            raise InputError("zero on every node of the near field, and not beyond", value=f"{most:.3g} near {where}",
-                             limit=_extent(self.lattice), key=key, remedy="move it inside or enlarge the near field")  # fmt: skip
+            raise InputError(
+                "zero on every node of the near field, and not beyond",
+                value=f"{most:.3g} near {where}",
+                limit=_extent(self.lattice),
+                key=key,
+                remedy="move it inside or enlarge the near field",
+            )
         self.notes.append(f"{key} is zero on every node of the near field")
 
     def _refuse_outside(self, function: Function, key: str, level: float, missed: str) -> None:
@@ -135,11 +162,18 @@ class Beyond:
             if not farther > most:
                 break
             most, where = farther, place
-        raise InputError(f"lies outside the near field: the largest {missed} is found beyond the absorbing sides", value=f"{most:.3g} near {where}",
-                         limit=_extent(self.lattice), key=key, remedy="move it inside or enlarge the near field")  # fmt: skip
+        raise InputError(
+            f"lies outside the near field: the largest {missed} is found beyond the absorbing sides",
+            value=f"{most:.3g} near {where}",
+            limit=_extent(self.lattice),
+            key=key,
+            remedy="move it inside or enlarge the near field",
+        )
 
     def _largest(self, function: Function, level: float, times: int = 1) -> tuple[float, str]:
-        """The largest magnitude less the level and its place, on a sample of the near field and of `times` as much beyond each absorbing side."""
+        """The largest magnitude less the level and its place, on a sample of the near field and of `times` as much
+        beyond each absorbing side.
+        """
         lattice = self.lattice
         more = {key: times * lattice.shape[key[0]] for key in self.targets}
         lower, count = lattice.lower.copy(), np.array(lattice.shape)
@@ -150,7 +184,9 @@ class Beyond:
         axes = [first + lattice.spacing * np.arange(0, n, stride) for first, n in zip(lower, count, strict=True)]
         coordinates = np.meshgrid(*axes, indexing="ij")
         with np.errstate(all="ignore"):
-            found = np.nan_to_num(np.abs(np.asarray(function(*coordinates), float) - level) + np.zeros(coordinates[0].shape), nan=0.0)
+            found = np.nan_to_num(
+                np.abs(np.asarray(function(*coordinates), float) - level) + np.zeros(coordinates[0].shape), nan=0.0
+            )
         top = np.unravel_index(int(np.argmax(found)), found.shape)
         return float(found[top]), shown([float(c[top]) for c in coordinates])
 
@@ -194,8 +230,13 @@ class Beyond:
         for cut in cuts:
             low, high = cut.bounds()
             if np.any(low > self.lattice.upper + slack) or np.any(high < self.lattice.lower - slack):
-                raise InputError("the crack lies beyond the near field and cuts none of its bonds", value=[b.tolist() for b in (low, high)],
-                                 limit=_extent(self.lattice), key="crack", remedy="move it inside or enlarge the near field")  # fmt: skip
+                raise InputError(
+                    "the crack lies beyond the near field and cuts none of its bonds",
+                    value=[b.tolist() for b in (low, high)],
+                    limit=_extent(self.lattice),
+                    key="crack",
+                    remedy="move it inside or enlarge the near field",
+                )
 
     def _around(self) -> Iterator[tuple[str, float, list[np.ndarray], np.ndarray]]:
         """Name, target, coordinates and existing nodes of each part of the medium that is looked at."""
@@ -205,10 +246,15 @@ class Beyond:
             yield "outline", max(self.targets.values()), self.lattice.coordinates(), ~self.near
 
     def strip(self, axis: int, side: int) -> tuple[list[np.ndarray], np.ndarray]:
-        """Coordinates of the nodes beyond a side, corners included, and which of them exist (a body goes on along the normal)."""
+        """Coordinates of the nodes beyond a side, corners included, and which of them exist (a body goes on along the
+        normal).
+        """
         lattice, dx = self.lattice, self.lattice.spacing
         pads = [(self.depth.get((a, -1), 0), self.depth.get((a, 1), 0)) for a in range(lattice.dim)]
-        axes = [lattice.lower[a] + dx * np.arange(-low, n + high) for a, (n, (low, high)) in enumerate(zip(lattice.shape, pads, strict=True))]
+        axes = [
+            lattice.lower[a] + dx * np.arange(-low, n + high)
+            for a, (n, (low, high)) in enumerate(zip(lattice.shape, pads, strict=True))
+        ]
         steps = dx * np.arange(1, self.depth[axis, side] + 1)
         axes[axis] = lattice.upper[axis] + steps if side > 0 else lattice.lower[axis] - steps
         coordinates = list(np.meshgrid(*axes, indexing="ij"))
@@ -220,9 +266,11 @@ class Beyond:
 
 
 def gradients(values: np.ndarray, what: str, sides: Iterable[tuple[int, int]], reach: Sequence[int]) -> list[str]:
-    """Notes on a material that varies gradually along the normal in front of absorbing sides, beyond which it goes on as at the edge.
+    """Notes on a material that varies gradually along the normal in front of absorbing sides, beyond which it goes on
+    as at the edge.
 
-    Gradually: it changes between more neighbours than one reach holds, of the last `_REACHES` reaches. An interface is not a gradient.
+    Gradually: it changes between more neighbours than one reach holds, of the last `_REACHES` reaches. An interface is
+    not a gradient.
 
     Parameters
     ----------
@@ -241,8 +289,10 @@ def gradients(values: np.ndarray, what: str, sides: Iterable[tuple[int, int]], r
         change = np.divide(np.ptp(lines, axis=0), size, out=np.zeros(size.shape), where=gradual & (size > 0)).max()
         if change > _FLAT:
             notes.append(
-                f"{what} changes by {100 * change:.2g} % along the normal over the last {len(lines) - 1} nodes in front of {_name(axis, side)}, and "
-                "goes on beyond as it is at the edge: what a medium that goes on changing sends back is missed; a wider near field misses less"
+                f"{what} changes by {100 * change:.2g} % along the normal over the last {len(lines) - 1} nodes in "
+                f"front of {_name(axis, side)}, and "
+                "goes on beyond as it is at the edge: what a medium that goes on changing sends back is missed; a "
+                "wider near field misses less"
             )
     return notes
 

@@ -22,7 +22,8 @@ class Prescribed:
     Parameters
     ----------
     where : array_like or Shape
-        Points, each of which stands for the node nearest to it (shape (n, dim), or (n,) in 1D), a shape, or a mask of the lattice's shape.
+        Points, each of which stands for the node nearest to it (shape (n, dim), or (n,) in 1D), a shape, or a mask of
+        the lattice's shape.
     value : float, callable, str or Expression
         Value as a function of t.
     until : float, optional
@@ -45,12 +46,15 @@ class Prescribed:
         for name in ("value", "rate"):
             given = getattr(self, name)
             if isinstance(given, Expression) and given.uses_space:
-                raise InputError("a prescribed value is a function of t only", value=given.text, key=f"constraint.{name}")
+                raise InputError(
+                    "a prescribed value is a function of t only", value=given.text, key=f"constraint.{name}"
+                )
         kinds.settle(
-            self, value=as_signal(self.value, "constraint.value"),
+            self,
+            value=as_signal(self.value, "constraint.value"),
             rate=None if self.rate is None else as_signal(self.rate, "constraint.rate"),
             until=None if self.until is None else kinds.number(self.until, "constraint.until", least=0),
-        )  # fmt: skip
+        )
 
     def at(self, t: float) -> float:
         """The value at a time; InputError if it is not finite."""
@@ -64,10 +68,19 @@ class Prescribed:
         if isinstance(self.where, Shape):
             mask = self.where.contains(np.stack(lattice.coordinates(), axis=-1))
         else:
-            given = np.asarray(self.where) if isinstance(self.where, np.ndarray) else kinds.array(self.where, "constraint.where")
+            given = (
+                np.asarray(self.where)
+                if isinstance(self.where, np.ndarray)
+                else kinds.array(self.where, "constraint.where")
+            )
             if given.dtype == bool:
                 if given.shape != lattice.shape:
-                    raise InputError("a mask must have the lattice's shape", value=given.shape, limit=lattice.shape, key="constraint.where")
+                    raise InputError(
+                        "a mask must have the lattice's shape",
+                        value=given.shape,
+                        limit=lattice.shape,
+                        key="constraint.where",
+                    )
                 mask = given
             else:
                 mask = np.zeros(lattice.shape, bool)
@@ -110,12 +123,24 @@ class Holds:
         Runge-Kutta, two constraints on one node, or what `Prescribed.nodes` refuses.
     """
 
-    def __init__(self, constraints: tuple[Prescribed, ...], lattice: Lattice, integrator: Integrator, dt: float, background: float) -> None:
+    def __init__(
+        self,
+        constraints: tuple[Prescribed, ...],
+        lattice: Lattice,
+        integrator: Integrator,
+        dt: float,
+        background: float,
+    ) -> None:
         for constraint in constraints:
             if not isinstance(constraint, Prescribed):
                 raise InputError("not a constraint", value=repr(constraint), limit="Prescribed", key="constraint")
         if constraints and isinstance(integrator, RungeKutta4):
-            raise InputError("a prescribed value needs a scheme of one stage", value=integrator.name, key="constraint", remedy="integrator = euler")
+            raise InputError(
+                "a prescribed value needs a scheme of one stage",
+                value=integrator.name,
+                key="constraint",
+                remedy="integrator = euler",
+            )
         self.constraints, self.dt, self.background = constraints, dt, background
         self.nodes = [c.nodes(lattice) for c in constraints]
         self.last = [c.last_step(dt) for c in constraints]
@@ -141,10 +166,17 @@ class Holds:
         return np.concatenate([np.zeros(0, np.int64), *(self.nodes[i] for i in self.active(step))])
 
     def table(self, step: int, count: int) -> np.ndarray:
-        """Values of the held nodes after each of `count` steps from `step` on, less the background; shape (count, nodes)."""
+        """Values of the held nodes after each of `count` steps from `step` on, less the background; shape (count,
+        nodes).
+        """
         active = self.active(step)
-        values = [[self.constraints[i].at(self.dt * (step + n)) - self.background for i in active] for n in range(1, count + 1)]
-        return np.repeat(np.array(values, float).reshape(count, len(active)), [len(self.nodes[i]) for i in active], axis=1)
+        values = [
+            [self.constraints[i].at(self.dt * (step + n)) - self.background for i in active]
+            for n in range(1, count + 1)
+        ]
+        return np.repeat(
+            np.array(values, float).reshape(count, len(active)), [len(self.nodes[i]) for i in active], axis=1
+        )
 
     def allow(self, step: int, wanted: int) -> int:
         """How many of the `wanted` steps may be run before nodes are let go."""

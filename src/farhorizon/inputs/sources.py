@@ -24,8 +24,8 @@ class Source:
     ----------
     value : ndarray, callable, str, Expression or float, or a list of one a component
         An array of the lattice's shape, a callable of the coordinates (with `time`) or of the coordinates and t
-        (without), an expression of x, y, z, t, or a number. Of a vector field, a body force: arrays and what callables return have the
-        components first.
+        (without), an expression of x, y, z, t, or a number. Of a vector field, a body force: arrays and what callables
+        return have the components first.
     time : callable, str, Expression or float, optional
         Factor of t. A source that is a product of space and time runs without returning to Python.
 
@@ -54,8 +54,8 @@ def as_source(source: Any, dim: int, key: str) -> Any:
     Raises
     ------
     InputError
-        A text that is no expression, a function of other arguments than the coordinates and t, or than the coordinates where there is a factor
-        of time.
+        A text that is no expression, a function of other arguments than the coordinates and t, or than the coordinates
+        where there is a factor of time.
     """
     value, timed = (source.value, source.time is not None) if isinstance(source, Source) else (source, False)
     found = as_given(value, dim, key)
@@ -66,7 +66,9 @@ def as_source(source: Any, dim: int, key: str) -> Any:
 
 
 def parts(source: Any) -> tuple[Any, Callable[..., Any]]:
-    """(space, time) with ``s = space * time(t)``, space a callable of the coordinates, an array or a number; or (None, s(*coordinates, t))."""
+    """(space, time) with ``s = space * time(t)``, space a callable of the coordinates, an array or a number; or (None,
+    s(*coordinates, t)).
+    """
     if not isinstance(source, Source):
         source = Source(source)
     value, time = source.value, source.time
@@ -97,13 +99,20 @@ def split(source: Any, lattice: Lattice, components: int = 1) -> tuple[np.ndarra
 
 
 def by_component(source: Any, lattice: Lattice, components: int) -> list[tuple[Any, Any]]:
-    """A source as (scalar source, unit), whose products make up that of a vector field, or as (source, 1) where it is given whole."""
+    """A source as (scalar source, unit), whose products make up that of a vector field, or as (source, 1) where it is
+    given whole.
+    """
     value, time = (source.value, source.time) if isinstance(source, Source) else (source, None)
     if components == 1 or not isinstance(value, list | tuple):
         return [(source, 1.0)]
     if len(value) != components:
-        raise InputError("a source of a vector field needs one entry a component", value=f"{len(value)} entries", limit=f"a list of {components}",
-                         key="source", remedy="0 for a component that is not driven")  # fmt: skip
+        raise InputError(
+            "a source of a vector field needs one entry a component",
+            value=f"{len(value)} entries",
+            limit=f"a list of {components}",
+            key="source",
+            remedy="0 for a component that is not driven",
+        )
     units = np.eye(components).reshape(components, components, *[1] * lattice.dim)
     found = [(Source(part, time), unit) for part, unit in zip(value, units, strict=True)]
     return [pair for pair in found if not _is_zero(pair[0].value)] or found
@@ -117,7 +126,8 @@ def _is_zero(value: Any) -> bool:
 
 
 def field(value: Any, lattice: Lattice, components: int, key: str = "source") -> np.ndarray:
-    """Values on the nodes, shape of the lattice, of vectors with the components first, from an array, a callable or a number, or one a component.
+    """Values on the nodes, shape of the lattice, of vectors with the components first, from an array, a callable or a
+    number, or one a component.
 
     Raises
     ------
@@ -127,14 +137,26 @@ def field(value: Any, lattice: Lattice, components: int, key: str = "source") ->
     found = value(*lattice.coordinates()) if callable(value) else value
     if components == 1:
         return checked(found, lattice, key)
-    entries = len(found) if isinstance(found, list | tuple) or (isinstance(found, np.ndarray) and found.ndim > lattice.dim) else None
+    entries = (
+        len(found)
+        if isinstance(found, list | tuple) or (isinstance(found, np.ndarray) and found.ndim > lattice.dim)
+        else None
+    )
     if entries != components:
-        raise InputError("a vector field needs one entry a component", value="one for all" if entries is None else f"{entries} entries",
-                         limit=f"a list of {components}", key=key, remedy=LISTED[components])  # fmt: skip
+        raise InputError(
+            "a vector field needs one entry a component",
+            value="one for all" if entries is None else f"{entries} entries",
+            limit=f"a list of {components}",
+            key=key,
+            remedy=LISTED[components],
+        )
     return np.stack([field(part, lattice, 1, f"{key}[{i}]") for i, part in enumerate(found)])
 
 
-LISTED = {2: '["exp(-x**2 - y**2)", 0.0] for a field along x', 3: '["exp(-x**2 - y**2 - z**2)", 0.0, 0.0] for a field along x'}
+LISTED = {
+    2: '["exp(-x**2 - y**2)", 0.0] for a field along x',
+    3: '["exp(-x**2 - y**2 - z**2)", 0.0, 0.0] for a field along x',
+}
 
 
 def largest_component(value: Any) -> Callable[..., np.ndarray]:
@@ -142,16 +164,22 @@ def largest_component(value: Any) -> Callable[..., np.ndarray]:
 
     def largest(*at: Any) -> np.ndarray:
         found = value(*at) if callable(value) else value
-        entries = [entry(*at) if callable(entry) else entry for entry in (found if isinstance(found, list | tuple) else [found])]
+        entries = [
+            entry(*at) if callable(entry) else entry
+            for entry in (found if isinstance(found, list | tuple) else [found])
+        ]
         sizes = [np.abs(np.asarray(entry, float)) for entry in entries]
-        sizes = [size.max(0) if size.ndim > np.ndim(at[0]) else np.broadcast_to(size, np.shape(at[0])) for size in sizes]
+        sizes = [
+            size.max(0) if size.ndim > np.ndim(at[0]) else np.broadcast_to(size, np.shape(at[0])) for size in sizes
+        ]
         return np.asarray(np.max(sizes, axis=0))
 
     return largest
 
 
 def checked(value: Any, lattice: Lattice, key: str = "source") -> np.ndarray:
-    """The values as a float array of the lattice's shape; zero outside a body, and outside a window where not finite."""
+    """The values as a float array of the lattice's shape; zero outside a body, and outside a window where not
+    finite."""
     values = kinds.array(value, key, finite=False)
     if values.ndim and values.shape != lattice.shape:
         raise InputError("an array must have the lattice's shape", value=values.shape, limit=lattice.shape, key=key)
@@ -160,12 +188,21 @@ def checked(value: Any, lattice: Lattice, key: str = "source") -> np.ndarray:
     if bad.any():
         first = np.unravel_index(int(np.argmax(bad)), bad.shape)
         place = lattice.lower + lattice.spacing * np.array(first)
-        raise InputError("values must be finite", value=f"{values[first]:g} at {shown(place)}, and on {int(bad.sum())} of {bad.size} nodes in all",
-                         key=key, remedy="where(condition, a, b) in an expression keeps to where it is defined")  # fmt: skip
+        raise InputError(
+            "values must be finite",
+            value=f"{values[first]:g} at {shown(place)}, and on {int(bad.sum())} of {bad.size} nodes in all",
+            key=key,
+            remedy="where(condition, a, b) in an expression keeps to where it is defined",
+        )
     largest = float(np.abs(values).max(initial=0, where=np.isfinite(values)))
     if largest > _LARGEST:
-        raise InputError("values are beyond what can be computed with: their squares, as in an energy, overflow", value=largest,
-                         limit=f"{_LARGEST:g}", key=key, remedy="other units")  # fmt: skip
+        raise InputError(
+            "values are beyond what can be computed with: their squares, as in an energy, overflow",
+            value=largest,
+            limit=f"{_LARGEST:g}",
+            key=key,
+            remedy="other units",
+        )
     if lattice.mask is None:
         return values
     return np.where(lattice.mask if lattice.body is not None else np.isfinite(values), values, 0.0)

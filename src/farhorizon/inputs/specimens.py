@@ -20,8 +20,8 @@ class Specimen:
     Parameters
     ----------
     where : Shape or ndarray of bool
-        A shape (`Text` and `ImageMask` among them), or a mask of the lattice's shape. An initial defect is a shape taken out of it; a film that
-        protects a part of its surface is a crack along it.
+        A shape (`Text` and `ImageMask` among them), or a mask of the lattice's shape. An initial defect is a shape
+        taken out of it; a film that protects a part of its surface is a crack along it.
     concentration : float
         Of the intact metal.
 
@@ -40,23 +40,35 @@ class Specimen:
         kinds.settle(self, concentration=kinds.number(self.concentration, "specimen.concentration"))
 
     def nodes(self, lattice: Lattice, key: str = "specimen") -> np.ndarray:
-        """Which nodes of a lattice it holds, mask of the lattice's shape; InputError if there are none, or shape and lattice do not fit."""
+        """Which nodes of a lattice it holds, mask of the lattice's shape; InputError if there are none, or shape and
+        lattice do not fit.
+        """
         if isinstance(self.where, Shape):
             if self.where.dim != lattice.dim:
-                raise InputError("shape and lattice differ in dimension", value=self.where.dim, limit=lattice.dim, key=f"{key}.where")
+                raise InputError(
+                    "shape and lattice differ in dimension", value=self.where.dim, limit=lattice.dim, key=f"{key}.where"
+                )
             found = self.where.contains(np.stack(lattice.coordinates(), axis=-1))
         else:
             found = np.asarray(self.where)
             if found.shape != lattice.shape:
-                raise InputError("a mask must have the lattice's shape", value=found.shape, limit=lattice.shape, key=f"{key}.where")
+                raise InputError(
+                    "a mask must have the lattice's shape", value=found.shape, limit=lattice.shape, key=f"{key}.where"
+                )
         if lattice.body is not None and lattice.mask is not None:
             found = found & lattice.mask
         if not found.any():
-            raise InputError("a specimen holds no node", key=f"{key}.where", remedy="move it into the near field, enlarge it or refine the lattice")
+            raise InputError(
+                "a specimen holds no node",
+                key=f"{key}.where",
+                remedy="move it into the near field, enlarge it or refine the lattice",
+            )
         return found
 
 
-def place(specimens: Sequence[Specimen], lattice: Lattice, saturation: float, background: float) -> tuple[np.ndarray, np.ndarray]:
+def place(
+    specimens: Sequence[Specimen], lattice: Lattice, saturation: float, background: float
+) -> tuple[np.ndarray, np.ndarray]:
     """The solid nodes, and the concentration on them.
 
     Parameters
@@ -83,15 +95,28 @@ def place(specimens: Sequence[Specimen], lattice: Lattice, saturation: float, ba
     for number, specimen in enumerate(specimens):
         key = f"specimen[{number}]"
         if not isinstance(specimen, Specimen):
-            raise InputError("not a specimen", value=kinds.said(specimen), limit="Specimen", key=key, remedy="Specimen(shape, concentration)")
+            raise InputError(
+                "not a specimen",
+                value=kinds.said(specimen),
+                limit="Specimen",
+                key=key,
+                remedy="Specimen(shape, concentration)",
+            )
         if not background < saturation < specimen.concentration:
-            raise InputError("the saturation lies outside the range of the data: the metal would dissolve at once, or never", value=saturation,
-                             limit=f"above {background:g} (background), below {specimen.concentration:g} ({key}.concentration)",
-                             key="model.saturation")  # fmt: skip
+            raise InputError(
+                "the saturation lies outside the range of the data: the metal would dissolve at once, or never",
+                value=saturation,
+                limit=f"above {background:g} (background), below {specimen.concentration:g} ({key}.concentration)",
+                key="model.saturation",
+            )
         nodes = specimen.nodes(lattice, key)
         if (concentration[nodes & solid] != specimen.concentration).any():
-            raise InputError("two specimens of different concentration share nodes", value=int((nodes & solid).sum()), key=f"{key}.where",
-                             remedy="take one out of the other: first - second")  # fmt: skip
+            raise InputError(
+                "two specimens of different concentration share nodes",
+                value=int((nodes & solid).sum()),
+                key=f"{key}.where",
+                remedy="take one out of the other: first - second",
+            )
         solid |= nodes
         concentration[nodes] = specimen.concentration
     return solid, concentration

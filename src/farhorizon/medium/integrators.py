@@ -73,12 +73,17 @@ class Verlet:
 
     @staticmethod
     def tied_samples(dt: float) -> tuple[tuple[float, ...], np.ndarray]:
-        """Times within a step, and their weights in the value that a prescribed node takes after each stage, shape (stages, times)."""
+        """Times within a step, and their weights in the value that a prescribed node takes after each stage, shape
+        (stages, times).
+        """
         return (dt,), np.ones((1, 1))
 
     @staticmethod
-    def propagate(symbol: np.ndarray, dt: float, steps: int, u: np.ndarray, v: np.ndarray, damping: float = 0.0) -> np.ndarray:
-        """Exact result of `steps` steps for each eigenvalue -symbol, from Fourier coefficients of u and u_t at t = 0."""
+    def propagate(
+        symbol: np.ndarray, dt: float, steps: int, u: np.ndarray, v: np.ndarray, damping: float = 0.0
+    ) -> np.ndarray:
+        """Exact result of `steps` steps for each eigenvalue -symbol, from Fourier coefficients of u and u_t at t =
+        0."""
         # u(n) = ratio^n (u cos(n angle) + rest sin(n angle)): no difference of nearly equal powers, so that
         # rounding grows like n only. Overdamped modes have an imaginary angle.
         share = damping * dt
@@ -116,7 +121,9 @@ class Euler:
 
     @staticmethod
     def tied_samples(dt: float) -> tuple[tuple[float, ...], np.ndarray]:
-        """Times within a step, and their weights in the value that a prescribed node takes after each stage, shape (stages, times)."""
+        """Times within a step, and their weights in the value that a prescribed node takes after each stage, shape
+        (stages, times).
+        """
         return (dt,), np.ones((1, 1))
 
     @staticmethod
@@ -153,10 +160,11 @@ class RungeKutta4:
 
     @staticmethod
     def tied_samples(dt: float) -> tuple[tuple[float, ...], np.ndarray]:
-        """Times within a step, and their weights in the value that a prescribed node takes after each stage, shape (stages, times).
+        """Times within a step, and their weights in the value that a prescribed node takes after each stage, shape
+        (stages, times).
 
-        Stage j multiplies its operator by dt/j, so that these are j times the weights of a source: a prescribed node acts on its
-        neighbours as the source that it is to them.
+        Stage j multiplies its operator by dt/j, so that these are j times the weights of a source: a prescribed node
+        acts on its neighbours as the source that it is to them.
         """
         return (0.0, dt / 2, dt), np.array([[1 / 2, 1 / 2, 0], [1 / 3, 2 / 3, 0], [1 / 6, 4 / 6, 1 / 6], [0, 0, 1]])
 
@@ -171,15 +179,16 @@ class RungeKutta4:
 class RungeKuttaChebyshev:
     """Stabilised explicit method of second order: its stable step grows with the square of the number of stages.
 
-    One step is the polynomial ``a + b T_s(w0 + w1 z)`` of z = dt L with Verwer's damping 2/13 (Sommeijer, Shampine and Verwer 1998,
-    J. Comput. Appl. Math. 88, section 2). For a linear operator the Chebyshev polynomials need three terms only,
-    ``Y_j = mu Y_(j-1) + nu Y_(j-2) + mu' (L Y_(j-1) + s)`` with mu + nu = 1, and the last of them is mixed with the start
-    by a stage without operator: stages as the engine knows them, and three levels.
+    One step is the polynomial ``a + b T_s(w0 + w1 z)`` of z = dt L with Verwer's damping 2/13 (Sommeijer, Shampine and
+    Verwer 1998, J. Comput. Appl. Math. 88, section 2). For a linear operator the Chebyshev polynomials need three terms
+    only, ``Y_j = mu Y_(j-1) + nu Y_(j-2) + mu' (L Y_(j-1) + s)`` with mu + nu = 1, and the last of them is mixed with
+    the start by a stage without operator: stages as the engine knows them, and three levels.
 
     Parameters
     ----------
     chebyshev : int
-        Stages s of a step, >= 2: the limit is about ``0.65 s^2 / largest eigenvalue``, against 2.8 for the four of Runge-Kutta 4.
+        Stages s of a step, >= 2: the limit is about ``0.65 s^2 / largest eigenvalue``, against 2.8 for the four of
+        Runge-Kutta 4.
 
     Raises
     ------
@@ -226,7 +235,9 @@ class RungeKuttaChebyshev:
         return float((1 + w0) / w1 / largest)
 
     def stages(self, dt: float, damping: float = 0.0, increments: bool = False) -> Stages:
-        """Stages of one step: the Chebyshev polynomials in levels 1 and 2, the start in level 0, which takes the mixture."""
+        """Stages of one step: the Chebyshev polynomials in levels 1 and 2, the start in level 0, which takes the
+        mixture.
+        """
         w0, w1, values, _ = self._shift()
         rotation, numbers = [(0, 0, 1)], [(0.0, 1.0, w1 / w0 * dt, w1 / w0 * dt)]
         for j in range(2, self.chebyshev + 1):
@@ -240,21 +251,25 @@ class RungeKuttaChebyshev:
         return Stages(3, (tuple(rotation),), tuple(numbers))
 
     def _times(self) -> np.ndarray:
-        """Time of each Chebyshev stage in steps, from the start (0) to the last (about 3, before it is mixed with the start); shape (s + 1,)."""
+        """Time of each Chebyshev stage in steps, from the start (0) to the last (about 3, before it is mixed with the
+        start); shape (s + 1,).
+        """
         _, w1, values, slopes = self._shift()
         return w1 * slopes / values
 
     def source_samples(self, dt: float) -> tuple[tuple[float, ...], np.ndarray]:
         """Times within a step at which a source is read, and its weight in each stage, shape (stages, times).
 
-        The stages lie outside the step; what varies in time is continued to them on the straight line through both its ends, which is
-        as good as the method.
+        The stages lie outside the step; what varies in time is continued to them on the straight line through both its
+        ends, which is as good as the method.
         """
         times = np.append(self._times()[:-1], 0.0)
         return (0.0, dt), np.stack([1 - times, times], axis=1)
 
     def tied_samples(self, dt: float) -> tuple[tuple[float, ...], np.ndarray]:
-        """Times within a step, and their weights in the value that a prescribed node takes after each stage, shape (stages, times)."""
+        """Times within a step, and their weights in the value that a prescribed node takes after each stage, shape
+        (stages, times).
+        """
         times = np.append(self._times()[1:], 1.0)
         return (0.0, dt), np.stack([1 - times, times], axis=1)
 
@@ -272,9 +287,11 @@ Integrator = Verlet | Euler | RungeKutta4 | RungeKuttaChebyshev
 
 
 def stage_effects(stages: Stages) -> np.ndarray:
-    """What one unit added to the output of each stage adds to the state after the step, if the operator does not see it; shape (stages,).
+    """What one unit added to the output of each stage adds to the state after the step, if the operator does not see
+    it; shape (stages,).
 
-    So a conserved quantity changes in a step by the sum over the stages of effect times scale times the flow into the input of the stage.
+    So a conserved quantity changes in a step by the sum over the stages of effect times scale times the flow into the
+    input of the stage.
     """
     rotation = stages.rotation[0]
     effects = np.zeros(len(rotation))

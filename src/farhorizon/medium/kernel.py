@@ -55,16 +55,22 @@ class Kernel:
 
     def __post_init__(self) -> None:
         kinds.settle(
-            self, horizon=kinds.number(self.horizon, "kernel.horizon", above=0),
+            self,
+            horizon=kinds.number(self.horizon, "kernel.horizon", above=0),
             exponent=kinds.integer(self.exponent, "kernel.exponent", least=0, most=3),
             influence=kinds.one_of(self.influence, "kernel.influence", INFLUENCES, "unknown influence function"),
             width=None if self.width is None else kinds.number(self.width, "kernel.width", above=0),
             volume=kinds.one_of(self.volume, "kernel.volume", ("ramp", "full"), "unknown volume rule"),
             calibrate=kinds.flag(self.calibrate, "kernel.calibrate"),
-        )  # fmt: skip
+        )
         if self.width is not None and self.influence != "gaussian":
-            raise InputError("only a gaussian influence has a width", value=self.influence, limit="gaussian", key="kernel.width",
-                             remedy="leave it out")  # fmt: skip
+            raise InputError(
+                "only a gaussian influence has a width",
+                value=self.influence,
+                limit="gaussian",
+                key="kernel.width",
+                remedy="leave it out",
+            )
 
     @property
     def gaussian_width(self) -> float:
@@ -82,7 +88,9 @@ class Kernel:
 
     def _check_dim(self, dim: int) -> None:
         if dim == 1 and self.exponent == 3:
-            raise InputError("in 1D the second moment diverges for exponent 3", value=3, limit="<= 2", key="kernel.exponent")
+            raise InputError(
+                "in 1D the second moment diverges for exponent 3", value=3, limit="<= 2", key="kernel.exponent"
+            )
 
     def scaling_constant(self, dim: int, coefficient: float = 1.0) -> float:
         """Constant c for a diffusivity or squared speed `coefficient`, ``c = 2 dim coefficient / (|S| I)``.
@@ -99,9 +107,11 @@ class Kernel:
         return float(2 * dim * coefficient / (_SPHERE[dim] * moment))
 
     def series(self, dim: int, terms: int) -> np.ndarray:
-        """Terms a_1, a_2, .. of the continuum symbol ``S(k) = coefficient k^2 (1 + a_1 z^2 + a_2 z^4 + ..)``, z = k horizon.
+        """Terms a_1, a_2, .. of the continuum symbol ``S(k) = coefficient k^2 (1 + a_1 z^2 + a_2 z^4 + ..)``, z = k
+        horizon.
 
-        The numbers of Shojaei et al. (2020), eq 26, with the signs of diffusion's growing modes turned, and of Hermann et al. (2023), eqs 24 and 29.
+        The numbers of Shojaei et al. (2020), eq 26, with the signs of diffusion's growing modes turned, and of Hermann
+        et al. (2023), eqs 24 and 29.
 
         Parameters
         ----------
@@ -117,7 +127,9 @@ class Kernel:
         if self.influence == "gaussian":
             return np.zeros(0)
         j = np.arange(1, terms + 2)
-        mean = {1: special.gamma(2 * j + 1.0), 2: 4.0**j * special.gamma(j + 1.0) ** 2, 3: special.gamma(2 * j + 2.0)}[dim]
+        mean = {1: special.gamma(2 * j + 1.0), 2: 4.0**j * special.gamma(j + 1.0) ** 2, 3: special.gamma(2 * j + 2.0)}[
+            dim
+        ]
         n = 2 * j + dim - self.exponent
         a = (-1.0) ** (j + 1) / mean * (1 / n if self.influence == "constant" else 1 / n - 1 / (n + 1))
         return np.asarray(a[1:] / a[0])

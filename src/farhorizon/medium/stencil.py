@@ -52,19 +52,29 @@ class Stencil:
     Raises
     ------
     InputError
-        Repeated or zero offsets, weights that are not finite, a stencil that is not symmetric, ``w_(-k) = w_k`` (of matrices the transpose).
+        Repeated or zero offsets, weights that are not finite, a stencil that is not symmetric, ``w_(-k) = w_k`` (of
+        matrices the transpose).
     """
 
     def __init__(self, offsets: np.ndarray, weights: np.ndarray) -> None:
         given = np.atleast_2d(kinds.array(offsets, "stencil.offsets"))
-        weights, offsets = kinds.array(weights, "stencil.weights"), np.round(np.clip(given, -_FARTHEST, _FARTHEST)).astype(int)
+        weights, offsets = (
+            kinds.array(weights, "stencil.weights"),
+            np.round(np.clip(given, -_FARTHEST, _FARTHEST)).astype(int),
+        )
         if given.ndim != 2 or (given != offsets).any():
-            raise InputError("offsets are whole numbers of nodes", value=given, limit=f"at most {_FARTHEST} in magnitude, shape (K, dim)",
-                             key="stencil.offsets")  # fmt: skip
+            raise InputError(
+                "offsets are whole numbers of nodes",
+                value=given,
+                limit=f"at most {_FARTHEST} in magnitude, shape (K, dim)",
+                key="stencil.offsets",
+            )
         count, dim = offsets.shape
         if weights.shape not in ((count,), (count, dim, dim)) or not 1 <= dim <= 3 or (weights.ndim == 3 and dim == 1):
-            raise InputError("a stencil needs one weight an offset in 1 to 3 dimensions, or one dim x dim matrix in 2 or 3",
-                             value=(offsets.shape, weights.shape))  # fmt: skip
+            raise InputError(
+                "a stencil needs one weight an offset in 1 to 3 dimensions, or one dim x dim matrix in 2 or 3",
+                value=(offsets.shape, weights.shape),
+            )
         if len(np.unique(offsets, axis=0)) != count or not offsets.any(1).all():
             raise InputError("stencil offsets must be distinct and not zero", value=offsets.tolist())
         order = np.lexsort(offsets.T[::-1])
@@ -72,10 +82,18 @@ class Stencil:
         self.dim = dim
         unlike = self._unlike(-self.offsets, np.swapaxes(self.weights, 1, 2) if weights.ndim == 3 else self.weights)
         if unlike is not None:
-            raise InputError("a stencil must have equal weights at k and -k, of matrices the transpose", value=unlike, remedy="symmetrise the table")
+            raise InputError(
+                "a stencil must have equal weights at k and -k, of matrices the transpose",
+                value=unlike,
+                remedy="symmetrise the table",
+            )
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Stencil) and np.array_equal(self.offsets, other.offsets) and np.array_equal(self.weights, other.weights)
+        return (
+            isinstance(other, Stencil)
+            and np.array_equal(self.offsets, other.offsets)
+            and np.array_equal(self.weights, other.weights)
+        )
 
     def __hash__(self) -> int:
         return hash((self.offsets.tobytes(), self.weights.tobytes()))
@@ -95,9 +113,16 @@ class Stencil:
         return None
 
     def even_along(self, axis: int) -> bool:
-        """Whether the stencil goes over into itself in a mirror across an axis, in which the component along it changes its sign."""
+        """Whether the stencil goes over into itself in a mirror across an axis, in which the component along it changes
+        its sign.
+        """
         sign = np.where(np.arange(self.dim) == axis, -1, 1)
-        return self._unlike(self.offsets * sign, self.weights if self.components == 1 else self.weights * np.outer(sign, sign)) is None
+        return (
+            self._unlike(
+                self.offsets * sign, self.weights if self.components == 1 else self.weights * np.outer(sign, sign)
+            )
+            is None
+        )
 
     def same_along(self, axis: int, other: int) -> bool:
         """Whether two axes may be exchanged, and with them the components."""
@@ -125,7 +150,8 @@ class Stencil:
         Raises
         ------
         InputError
-            A horizon below the spacing (no neighbours), or so many spacings wide that the stencil has above 100 000 neighbours.
+            A horizon below the spacing (no neighbours), or so many spacings wide that the stencil has above 100 000
+            neighbours.
         """
         grid, weights = cls.family(kernel, spacing, dim)
         if kernel.calibrate:
@@ -134,7 +160,8 @@ class Stencil:
 
     @staticmethod
     def family(kernel: Kernel, spacing: float, dim: int) -> tuple[np.ndarray, np.ndarray]:
-        """Offsets (K, dim) and weights (K,) of a kernel by one-point quadrature with its volume rule, for unit spacing, not calibrated.
+        """Offsets (K, dim) and weights (K,) of a kernel by one-point quadrature with its volume rule, for unit spacing,
+        not calibrated.
 
         Raises
         ------
@@ -153,8 +180,13 @@ class Stencil:
         reach = int(np.floor(delta + (0.5 if kernel.volume == "ramp" else 0.0) + 1e-9))
         if (2 * reach + 1) ** dim > _MOST_NEIGHBOURS:
             most = int((_MOST_NEIGHBOURS ** (1 / dim) - 1) / 2)
-            raise InputError("the horizon spans too many nodes", value=f"{reach} nodes", limit=f"{most} nodes in {dim}D", key="kernel.horizon",
-                             remedy=f"horizon = {3 * spacing:g} (three spacings) or a coarser lattice")  # fmt: skip
+            raise InputError(
+                "the horizon spans too many nodes",
+                value=f"{reach} nodes",
+                limit=f"{most} nodes in {dim}D",
+                key="kernel.horizon",
+                remedy=f"horizon = {3 * spacing:g} (three spacings) or a coarser lattice",
+            )
         grid = np.array([o for o in itertools.product(range(-reach, reach + 1), repeat=dim) if any(o)])
         r = np.sqrt((grid**2).sum(1))
         share = np.clip(delta + 0.5 - r, 0.0, 1.0) if kernel.volume == "ramp" else (r <= delta + 1e-9).astype(float)
@@ -162,8 +194,12 @@ class Stencil:
         weights = c * kernel.influence_at(r * spacing) * share * r ** -float(kernel.exponent)
         used = weights > 1e-14 * weights.max()
         if not used.any():  # such as a linear influence, which ends at the horizon
-            raise InputError("every neighbour within the horizon has the weight zero", value=kernel.influence, key="kernel.influence",
-                             remedy=f"horizon = {3 * spacing:g} (three spacings)")  # fmt: skip
+            raise InputError(
+                "every neighbour within the horizon has the weight zero",
+                value=kernel.influence,
+                key="kernel.influence",
+                remedy=f"horizon = {3 * spacing:g} (three spacings)",
+            )
         return grid[used], weights[used]
 
     @classmethod
@@ -201,7 +237,8 @@ class Stencil:
         Returns
         -------
         ndarray
-            Real, of the shape of the angles; of matrices Hermitian, two more axes at the end, complex if any weight is not symmetric.
+            Real, of the shape of the angles; of matrices Hermitian, two more axes at the end, complex if any weight is
+            not symmetric.
         """
         return self._sum_up(lambda o, phase: (2 * np.sin(phase / 2) ** 2, np.sin(phase)), *angles)
 
@@ -209,8 +246,12 @@ class Stencil:
         """Derivative of the symbol along one axis."""
         return self._sum_up(lambda o, phase: (o[axis] * np.sin(phase), o[axis] * np.cos(phase)), *angles)
 
-    def _sum_up(self, terms: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]], *angles: np.ndarray | float) -> np.ndarray:
-        """``sum_k w_k (even_k - i odd_k)`` with ``terms(k, k . angle) = (even_k, odd_k)``, even and odd in k; one of k and -k is computed."""
+    def _sum_up(
+        self, terms: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]], *angles: np.ndarray | float
+    ) -> np.ndarray:
+        """``sum_k w_k (even_k - i odd_k)`` with ``terms(k, k . angle) = (even_k, odd_k)``, even and odd in k; one of k
+        and -k is computed.
+        """
         shape = np.broadcast_shapes(*(np.shape(a) for a in angles))
         width = self.weights.shape[1:]
         turned = np.swapaxes(self.weights, 1, 2) if width else self.weights
@@ -219,7 +260,9 @@ class Stencil:
         for o, w, other in zip(self.offsets, self.weights, turned, strict=True):
             if tuple(o) < (0,) * self.dim:
                 continue
-            even, odd = terms(o, sum((int(i) * np.asarray(a, float) for i, a in zip(o, angles, strict=True)), np.zeros(())))
+            even, odd = terms(
+                o, sum((int(i) * np.asarray(a, float) for i, a in zip(o, angles, strict=True)), np.zeros(()))
+            )
             for entry in np.ndindex(width):
                 if w[entry] or other[entry]:
                     total[entry] += (w[entry] + other[entry]) * even
@@ -237,11 +280,16 @@ class Stencil:
         if self.components == 1:
             return self.branches(*angles), [self.symbol_gradient(a, *angles)[..., None] for a in range(self.dim)]
         values, modes = np.linalg.eigh(self.symbol(*angles))
-        slopes = [np.einsum("...ij,...ik,...kj->...j", modes.conj(), self.symbol_gradient(a, *angles), modes).real for a in range(self.dim)]
+        slopes = [
+            np.einsum("...ij,...ik,...kj->...j", modes.conj(), self.symbol_gradient(a, *angles), modes).real
+            for a in range(self.dim)
+        ]
         return values, slopes
 
     def _zone(self) -> list[np.ndarray]:
-        """A sample of the Brillouin zone as open grids: half of it, for eigenvalues are even, or an eighth if the stencil is even along each axis."""
+        """A sample of the Brillouin zone as open grids: half of it, for eigenvalues are even, or an eighth if the
+        stencil is even along each axis.
+        """
         count = {1: 4097, 2: 129, 3: 33}[self.dim]
         half, full = np.linspace(0, np.pi, count), np.linspace(-np.pi, np.pi, 2 * count - 1)
         return list(np.ix_(half, *[half if self.even_along(a) else full for a in range(1, self.dim)]))
@@ -258,10 +306,12 @@ class Stencil:
 
     @property
     def layer_growth(self) -> tuple[list[np.ndarray], np.ndarray]:
-        """Wavenumbers (open grids) and how fast waves grow in a layer, to first order in its strength sigma, per unit of it.
+        """Wavenumbers (open grids) and how fast waves grow in a layer, to first order in its strength sigma, per unit
+        of it.
 
-        Along an axis with wavenumber k (times spacing) a wave of frequency w grows by ``-sin(k) d(w^2)/dk / (2 w^2)``; the largest over the axes
-        counts, and 0 for waves that decay. One more axis at the end has the branches of a field of vectors.
+        Along an axis with wavenumber k (times spacing) a wave of frequency w grows by ``-sin(k) d(w^2)/dk / (2 w^2)``;
+        the largest over the axes counts, and 0 for waves that decay. One more axis at the end has the branches of a
+        field of vectors.
         """
         zone, value, slopes = self.zone_branches
         growth = np.zeros_like(value)
@@ -277,7 +327,9 @@ class Stencil:
         zone, growth = self.layer_growth
         radius = np.sqrt(sum(a**2 for a in zone))
         found = (growth > 0).any(-1)
-        return BackwardWaves(float(growth.max()), float(found.mean()), float(radius[found].min()) if found.any() else np.inf)
+        return BackwardWaves(
+            float(growth.max()), float(found.mean()), float(radius[found].min()) if found.any() else np.inf
+        )
 
     def __repr__(self) -> str:
         return f"Stencil(dim={self.dim}, neighbours={len(self.weights)}, reach={self.reach})"

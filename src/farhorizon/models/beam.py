@@ -12,10 +12,12 @@ from farhorizon.models.model import LatticeModel
 
 
 class Beam(LatticeModel):
-    r"""Semi-discrete Euler-Bernoulli beam, :math:`u_{tt} + 2 d\,u_t = -\beta\,u_{xxxx} + s`, by velocity Verlet; one dimension.
+    r"""Semi-discrete Euler-Bernoulli beam, :math:`u_{tt} + 2 d\,u_t = -\beta\,u_{xxxx} + s`, by velocity Verlet; one
+    dimension.
 
-    The fourth difference is the stencil of reach 2 with the weights 4 and -1 over spacing^4. Its bonds cannot be cut or weakened one by one,
-    and their absence is not the mechanical free end, so that the sides are `Exact`, `Fixed` (clamped) or `Periodic`.
+    The fourth difference is the stencil of reach 2 with the weights 4 and -1 over spacing^4. Its bonds cannot be cut or
+    weakened one by one, and their absence is not the mechanical free end, so that the sides are `Exact`, `Fixed`
+    (clamped) or `Periodic`.
 
     Parameters
     ----------
@@ -39,11 +41,15 @@ class Beam(LatticeModel):
         self.integrator = Verlet()
 
     def crossing(self, length: float, factor: float = 1.0) -> float:
-        """Bending has no largest speed: the time in which waves as long as a length swing, but for a factor, ``length^2/sqrt(stiffness)``."""
+        """Bending has no largest speed: the time in which waves as long as a length swing, but for a factor,
+        ``length^2/sqrt(stiffness)``.
+        """
         return length**2 / float(np.sqrt(factor * self.stiffness))
 
     def stencil(self, spacing: float, dim: int) -> Stencil:
         """The fourth difference, over spacing^2: the other two powers are those of all models."""
         if dim != 1:
-            raise InputError("a beam has one dimension", value=f"{dim} dimensions", key="lattice", remedy="a lattice with one axis")
+            raise InputError(
+                "a beam has one dimension", value=f"{dim} dimensions", key="lattice", remedy="a lattice with one axis"
+            )
         return Stencil(np.array([[1], [-1], [2], [-2]]), np.array([4.0, 4.0, -1.0, -1.0]) / spacing**2)

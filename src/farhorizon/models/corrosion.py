@@ -15,16 +15,18 @@ FARADAY = 96485.33212  # C/mol
 
 
 class Corrosion(LatticeModel):
-    r"""Peridynamic corrosion: metal that dissolves into a liquid in which it diffuses, :math:`u_t = \int c\,(u' - u)\,dV'`.
+    r"""Peridynamic corrosion: metal that dissolves into a liquid in which it diffuses, :math:`u_t = \int c\,(u' -
+    u)\,dV'`.
 
-    The field u is the concentration of the metal. Bonds between liquid nodes have the micro-diffusivity :math:`c` of the operator and the
-    diffusivity, bonds between a solid and a liquid node `interface` times as much (the micro-dissolvability), bonds between solid nodes none.
-    A solid node whose concentration has fallen below `saturation` after a step is liquid from then on and keeps its concentration. `Simulation`
-    takes the solid as `specimens`.
+    The field u is the concentration of the metal. Bonds between liquid nodes have the micro-diffusivity :math:`c` of
+    the operator and the diffusivity, bonds between a solid and a liquid node `interface` times as much (the
+    micro-dissolvability), bonds between solid nodes none. A solid node whose concentration has fallen below
+    `saturation` after a step is liquid from then on and keeps its concentration. `Simulation` takes the solid as
+    `specimens`.
 
-    How fast the metal dissolves into a liquid that carries it away at once (activation control) is set by `interface`: see `speed`,
-    `interface_for` and `speed_of_current`. Where the liquid does not carry it away, it may rise far above the saturation, which `Simulation`
-    warns of, unless the dissolution is `limited`.
+    How fast the metal dissolves into a liquid that carries it away at once (activation control) is set by `interface`:
+    see `speed`, `interface_for` and `speed_of_current`. Where the liquid does not carry it away, it may rise far above
+    the saturation, which `Simulation` warns of, unless the dissolution is `limited`.
 
     Parameters
     ----------
@@ -36,11 +38,13 @@ class Corrosion(LatticeModel):
     interface : float
         Micro-diffusivity of bonds between the phases over that of the liquid; positive.
     limited : bool
-        Bonds between the phases carry ``saturation - u`` in place of ``metal - u``, u the concentration of the liquid, and nothing where that is
-        saturated: no node of the liquid rises above the saturation, and diffusion controls the front where `interface` is not small. The
-        front is then slower under activation control, too (`speed`): take `interface` from `interface_for`.
+        Bonds between the phases carry ``saturation - u`` in place of ``metal - u``, u the concentration of the liquid,
+        and nothing where that is saturated: no node of the liquid rises above the saturation, and diffusion controls
+        the front where `interface` is not small. The front is then slower under activation control, too (`speed`): take
+        `interface` from `interface_for`.
     integrator : {"euler", "rk4", "rkc"} or RungeKuttaChebyshev
-        The phases change at the end of a step only, so that the fronts are of first order in time whatever the integrator.
+        The phases change at the end of a step only, so that the fronts are of first order in time whatever the
+        integrator.
 
     Raises
     ------
@@ -49,30 +53,40 @@ class Corrosion(LatticeModel):
 
     Notes
     -----
-    Shojaei, Hermann, Seleson and Cyron (2020), section 5.2, after Chen and Bobaru (2015, J. Mech. Phys. Solids 78) and Jafarzadeh, Chen, Zhao
-    and Bobaru (2019, Corros. Sci. 150). As the horizon shrinks the concentration at the front tends to the saturation, and the front to that of
-    the Stefan problem.
+    Shojaei, Hermann, Seleson and Cyron (2020), section 5.2, after Chen and Bobaru (2015, J. Mech. Phys. Solids 78) and
+    Jafarzadeh, Chen, Zhao and Bobaru (2019, Corros. Sci. 150). As the horizon shrinks the concentration at the front
+    tends to the saturation, and the front to that of the Stefan problem.
     """
 
     def __init__(
-        self, operator: Kernel | Stencil, diffusivity: float = 1.0, *, saturation: float, interface: float = 0.1,
-        integrator: str | Integrator = "euler", limited: bool = False,
-    ) -> None:  # fmt: skip
+        self,
+        operator: Kernel | Stencil,
+        diffusivity: float = 1.0,
+        *,
+        saturation: float,
+        interface: float = 0.1,
+        integrator: str | Integrator = "euler",
+        limited: bool = False,
+    ) -> None:
         super().__init__(operator)
         self.coefficient = self.diffusivity = kinds.number(diffusivity, "model.diffusivity", above=0)
         self.interface = kinds.number(interface, "model.interface", above=0)
         self.strongest = max(1.0, self.interface)
-        self.saturation, self.limited = kinds.number(saturation, "model.saturation"), kinds.flag(limited, "model.limited")
+        self.saturation, self.limited = (
+            kinds.number(saturation, "model.saturation"),
+            kinds.flag(limited, "model.limited"),
+        )
         self.integrator = first_order(integrator)
 
     def speed(self, spacing: float, dim: int, metal: float, far: float = 0.0) -> float:
-        """Speed of a plane front along an axis under activation control, where the liquid beside it holds what it does far away.
+        """Speed of a plane front along an axis under activation control, where the liquid beside it holds what it does
+        far away.
 
-        A node of the metal loses its surplus from when the front is within its reach until it falls below the saturation, so that in a steady
-        front the time between two layers of nodes follows from all bonds ahead of a node, ``S = sum_(x > 0) w x`` (x in spacings):
-        the speed is ``interface diffusivity S / spacing / ln((metal - far) / (saturation - far))``, limited it is
-        ``interface diffusivity S / spacing * (saturation - far) / (metal - saturation)``. It is proportional to `interface`, and holds while it
-        is far below diffusivity / spacing.
+        A node of the metal loses its surplus from when the front is within its reach until it falls below the
+        saturation, so that in a steady front the time between two layers of nodes follows from all bonds ahead of a
+        node, ``S = sum_(x > 0) w x`` (x in spacings): the speed is ``interface diffusivity S / spacing / ln((metal -
+        far) / (saturation - far))``, limited it is ``interface diffusivity S / spacing * (saturation - far) / (metal -
+        saturation)``. It is proportional to `interface`, and holds while it is far below diffusivity / spacing.
 
         Parameters
         ----------
@@ -95,8 +109,12 @@ class Corrosion(LatticeModel):
         """
         metal, far = kinds.number(metal, "metal"), kinds.number(far, "far")
         if not far < self.saturation < metal:
-            raise InputError("the saturation lies outside the range of the data", value=self.saturation, limit=f"above {far:g}, below {metal:g}",
-                             key="model.saturation")  # fmt: skip
+            raise InputError(
+                "the saturation lies outside the range of the data",
+                value=self.saturation,
+                limit=f"above {far:g}, below {metal:g}",
+                key="model.saturation",
+            )
         stencil = self.stencil(spacing, dim)
         ahead = float((stencil.weights * np.maximum(stencil.offsets[:, 0], 0)).sum())
         whole = self.interface * self.diffusivity * ahead / spacing
@@ -105,7 +123,9 @@ class Corrosion(LatticeModel):
         return whole / float(np.log((metal - far) / (self.saturation - far)))
 
     def interface_for(self, speed: float, spacing: float, dim: int, metal: float, far: float = 0.0) -> float:
-        """The `interface` that gives a plane front a speed (length / time) under activation control; the rest as of `speed`."""
+        """The `interface` that gives a plane front a speed (length / time) under activation control; the rest as of
+        `speed`.
+        """
         return self.interface * kinds.number(speed, "speed", above=0) / self.speed(spacing, dim, metal, far)
 
 
@@ -121,6 +141,9 @@ def speed_of_current(density: float, metal: float, electrons: float) -> float:
     electrons : float
         That an atom gives away.
     """
-    given = (kinds.number(value, name, above=0) for name, value in (("density", density), ("metal", metal), ("electrons", electrons)))
+    given = (
+        kinds.number(value, name, above=0)
+        for name, value in (("density", density), ("metal", metal), ("electrons", electrons))
+    )
     current, concentration, number = given
     return current / (number * FARADAY * concentration)

@@ -18,14 +18,17 @@ class Diffusion(LatticeModel):
     diffusivity : float
         :math:`\chi^2` (length^2 / time) of long waves.
     integrator : {"euler", "rk4", "rkc"} or RungeKuttaChebyshev
-        Forward Euler, the classical Runge-Kutta method of fourth order, or the stabilised one of second order for long runs.
+        Forward Euler, the classical Runge-Kutta method of fourth order, or the stabilised one of second order for long
+        runs.
 
     Notes
     -----
     Shojaei, Hermann, Seleson and Cyron (2020), eqs 1 to 5.
     """
 
-    def __init__(self, operator: Kernel | Stencil, diffusivity: float = 1.0, integrator: str | Integrator = "euler") -> None:
+    def __init__(
+        self, operator: Kernel | Stencil, diffusivity: float = 1.0, integrator: str | Integrator = "euler"
+    ) -> None:
         super().__init__(operator)
         varies = "the largest; coefficient=diffusivity/largest of Simulation varies it"
         self.coefficient = self.diffusivity = kinds.number(diffusivity, "model.diffusivity", above=0, remedy=varies)

@@ -1,7 +1,9 @@
-"""Elasticity on the lattice: bond-based, ordinary state-based, correspondence and finite elements, each as one stencil of matrices.
+"""Elasticity on the lattice: bond-based, ordinary state-based, correspondence and finite elements, each as one stencil
+of matrices.
 
 With Lame's constants of the plane or of space, ``lam`` and ``mu``, every material is built of two pieces. The bonds
-``(dim + 2) mu w(r) n n`` with half second moment 1 make a Cauchy solid, lam = mu; a nonlocal gradient ``g`` makes what derivatives make.
+``(dim + 2) mu w(r) n n`` with half second moment 1 make a Cauchy solid, lam = mu; a nonlocal gradient ``g`` makes what
+derivatives make.
 """
 
 from __future__ import annotations
@@ -24,8 +26,10 @@ _CAUCHY = {"strain": 0.25, "stress": 1 / 3, None: 0.25}  # Poisson's ratio of ce
 _PAIRS = "two of young, poisson, bulk, shear"
 #: For messages; docs/index.md has it as a table.
 COMBINATIONS = (
-    'free sides: material="bond-based" (Poisson\'s ratio 1/4, in plane stress 1/3) with LatticePML or Sponge, or, of any ratio, Body '
-    '(type = "correspondence" in a case file) with NonlocalPML (cross = 0.1) or Sponge; no free sides: every material with LatticePML or Sponge'
+    'free sides: material="bond-based" (Poisson\'s ratio 1/4, in plane stress 1/3) with LatticePML or Sponge, or, of '
+    "any ratio, Body "
+    '(type = "correspondence" in a case file) with NonlocalPML (cross = 0.1) or Sponge; no free sides: every material '
+    "with LatticePML or Sponge"
 )
 _MODULI = "one of young, bulk, shear"
 _CLOSE = 1e-6  # of Poisson's ratio
@@ -34,14 +38,15 @@ Table = tuple[np.ndarray, np.ndarray]
 
 
 class Elastic(LatticeModel):
-    r"""Linear elastic waves, :math:`\rho\,(u_{tt} + 2 d\,u_t) = \int W(\xi)\,(u' - u)\,dV' + b`, by velocity Verlet, in two and three dimensions.
+    r"""Linear elastic waves, :math:`\rho\,(u_{tt} + 2 d\,u_t) = \int W(\xi)\,(u' - u)\,dV' + b`, by velocity Verlet, in
+    two and three dimensions.
 
     Parameters
     ----------
     kernel : Kernel, Stencil or None
-        Influence function ``w(r)/r^p`` of the bonds (exponent 1 and constant influence: the prototype microelastic material), or
-        of the weights of state-based and correspondence materials; None for finite elements. A `Stencil` of matrices,
-        for unit P modulus, replaces the material's.
+        Influence function ``w(r)/r^p`` of the bonds (exponent 1 and constant influence: the prototype microelastic
+        material), or of the weights of state-based and correspondence materials; None for finite elements. A `Stencil`
+        of matrices, for unit P modulus, replaces the material's.
     young, poisson, bulk, shear : float, optional
         Two of the four; bond-based materials, whose Poisson's ratio is fixed, need one.
     density : float
@@ -53,7 +58,8 @@ class Elastic(LatticeModel):
     stabilisation : float
         Correspondence: strength of the force against zero-energy modes, 0 to 1 of the P modulus.
     nonlinear : bool
-        Bond-based: the force ``c (|xi + eta| - |xi|)`` along the deformed bond (the prototype microelastic material), not linearised in eta.
+        Bond-based: the force ``c (|xi + eta| - |xi|)`` along the deformed bond (the prototype microelastic material),
+        not linearised in eta.
     critical_stretch : float, optional
         Bond-based: bonds whose length has grown by more than this part break for good.
     fracture_energy : float, optional
@@ -70,14 +76,16 @@ class Elastic(LatticeModel):
     Raises
     ------
     InputError
-        Constants that are missing, superfluous or impossible: Poisson's ratio outside -1..0.5, bond-based other than 1/4 (1/3 in plane stress).
+        Constants that are missing, superfluous or impossible: Poisson's ratio outside -1..0.5, bond-based other than
+        1/4 (1/3 in plane stress).
 
     Notes
     -----
-    Bonds: Silling (2000), linearised unless `nonlinear`; bonds that break: Silling and Askari (2005). State-based: Silling, Epton,
-    Weckner, Xu and Askari (2007), eq 104, linearised: its dilatation acts with lam - mu. Correspondence: the same, section 18,
-    with the gradient of Wildman and Gazonas (2012), eqs 2-8 to 2-13; the stabilisation is that of Silling (2017), eq 21. Bonds of the last
-    three are no springs: they cannot be cut or weakened one by one.
+    Bonds: Silling (2000), linearised unless `nonlinear`; bonds that break: Silling and Askari (2005). State-based:
+    Silling, Epton, Weckner, Xu and Askari (2007), eq 104, linearised: its dilatation acts with lam - mu.
+    Correspondence: the same, section 18, with the gradient of Wildman and Gazonas (2012), eqs 2-8 to 2-13; the
+    stabilisation is that of Silling (2017), eq 21. Bonds of the last three are no springs: they cannot be cut or
+    weakened one by one.
     """
 
     target = 1e-4  # a tenth of it costs as many nodes again: strong backward waves decide
@@ -103,20 +111,36 @@ class Elastic(LatticeModel):
         if plane is not None:
             kinds.one_of(plane, "model.plane", ("strain", "stress"), "unknown plane state")
         if (kernel is None) != (material == "finite-element") and not isinstance(kernel, Stencil):
-            raise InputError(f"a {material} material takes " + ("a kernel" if kernel is None else "no kernel"), value=kinds.said(kernel),
-                             key="model.kernel", remedy="Kernel(horizon=3*spacing, exponent=1)" if kernel is None else "leave it out")  # fmt: skip
+            raise InputError(
+                f"a {material} material takes " + ("a kernel" if kernel is None else "no kernel"),
+                value=kinds.said(kernel),
+                key="model.kernel",
+                remedy="Kernel(horizon=3*spacing, exponent=1)" if kernel is None else "leave it out",
+            )
         if kernel is not None:
             super().__init__(kernel)
         self.kernel, self.material, self.plane = kernel, material, plane
         self.stabilisation = kinds.number(stabilisation, "model.stabilisation", least=0, most=1)
         if stabilisation and material != "correspondence":
-            raise InputError("stabilisation is for correspondence materials", value=material, limit="correspondence", key="model.stabilisation",
-                             remedy="leave it out")  # fmt: skip
+            raise InputError(
+                "stabilisation is for correspondence materials",
+                value=material,
+                limit="correspondence",
+                key="model.stabilisation",
+                remedy="leave it out",
+            )
         self.bonds = material == "bond-based"
-        self.nonlinear, self.critical_stretch, self.fracture_energy = kinds.flag(nonlinear, "model.nonlinear"), critical_stretch, fracture_energy
+        self.nonlinear, self.critical_stretch, self.fracture_energy = (
+            kinds.flag(nonlinear, "model.nonlinear"),
+            critical_stretch,
+            fracture_energy,
+        )
         self._check_law()
         self.sides = () if self.bonds else ("LatticePML", "Extended", "Fixed", "Periodic", "Sponge")
-        self.density, self.damping = kinds.number(density, "model.density", above=0), kinds.number(damping, "model.damping", least=0)
+        self.density, self.damping = (
+            kinds.number(density, "model.density", above=0),
+            kinds.number(damping, "model.damping", least=0),
+        )
         self._constants(young=young, poisson=poisson, bulk=bulk, shear=shear)
         self.source_factor = 1 / self.density
         self.coefficient = self.p_modulus / self.density
@@ -125,15 +149,29 @@ class Elastic(LatticeModel):
     def _check_law(self) -> None:
         """What bonds that follow a law of their own stretch need."""
         if self.critical_stretch is not None and self.fracture_energy is not None:
-            raise InputError("critical_stretch and fracture_energy are two names of one thing", value=self.fracture_energy,
-                             key="model.fracture_energy", remedy="give one of them")  # fmt: skip
+            raise InputError(
+                "critical_stretch and fracture_energy are two names of one thing",
+                value=self.fracture_energy,
+                key="model.fracture_energy",
+                remedy="give one of them",
+            )
         for name in ("critical_stretch", "fracture_energy"):
             if getattr(self, name) is not None:
                 setattr(self, name, kinds.number(getattr(self, name), f"model.{name}", above=0))
         if self.bondwise and (not self.bonds or not isinstance(self.kernel, Kernel)):
-            key = "nonlinear" if self.nonlinear else "critical_stretch" if self.critical_stretch is not None else "fracture_energy"
-            raise InputError("only bonds of a bond-based material with a kernel are nonlinear or break", value=self.material, key=f"model.{key}",
-                             remedy='material="bond-based", or Body for correspondence with damage')  # fmt: skip
+            key = (
+                "nonlinear"
+                if self.nonlinear
+                else "critical_stretch"
+                if self.critical_stretch is not None
+                else "fracture_energy"
+            )
+            raise InputError(
+                "only bonds of a bond-based material with a kernel are nonlinear or break",
+                value=self.material,
+                key=f"model.{key}",
+                remedy='material="bond-based", or Body for correspondence with damage',
+            )
 
     combinations = COMBINATIONS
 
@@ -159,10 +197,11 @@ class Elastic(LatticeModel):
         return np.asarray(np.trace(stencil.weights, axis1=1, axis2=2) * self.p_modulus / spacing**2)
 
     def critical_stretch_on(self, spacing: float, dim: int) -> float:
-        """The stretch at which bonds break: the one given, or from the fracture energy and the bonds of the lattice; infinite without.
+        """The stretch at which bonds break: the one given, or from the fracture energy and the bonds of the lattice;
+        infinite without.
 
-        The bonds' energy across a plane, averaged over its directions (`medium.fracture.fracture_energy`), is the fracture energy. That of a
-        crack along an axis of the lattice differs by what the lattice is not a continuum.
+        The bonds' energy across a plane, averaged over its directions (`medium.fracture.fracture_energy`), is the
+        fracture energy. That of a crack along an axis of the lattice differs by what the lattice is not a continuum.
         """
         if self.critical_stretch is not None:
             return self.critical_stretch
@@ -174,7 +213,10 @@ class Elastic(LatticeModel):
 
     def _constants(self, **constants: float | None) -> None:
         """Set all elastic constants from those that are given."""
-        varies = "one number; Body takes constants that vary, and the coefficient of a Simulation multiplies the stiffness of bonds"
+        varies = (
+            "one number; Body takes constants that vary, and the coefficient of a Simulation multiplies the "
+            "stiffness of bonds"
+        )
         given = {
             name: kinds.number(value, f"model.{name}", above=None if name == "poisson" else 0, remedy=varies)
             for name, value in constants.items()
@@ -184,28 +226,51 @@ class Elastic(LatticeModel):
         nu = given.get("poisson", _poisson(given, fixed))
         if nu is None or not set(given) - {"poisson"}:
             one = fixed is not None
-            raise InputError(f"a {self.material} material needs {'one modulus' if one else 'two elastic constants'}",
-                             value=f"only {', '.join(sorted(given))}" if given else "none", limit=_MODULI if one else _PAIRS, key="model",
-                             remedy="give young" if one else "give young and poisson")  # fmt: skip
+            raise InputError(
+                f"a {self.material} material needs {'one modulus' if one else 'two elastic constants'}",
+                value=f"only {', '.join(sorted(given))}" if given else "none",
+                limit=_MODULI if one else _PAIRS,
+                key="model",
+                remedy="give young" if one else "give young and poisson",
+            )
         if not -1 < nu < 0.5:
-            raise InputError("Poisson's ratio is out of range", value=nu, limit="above -1, below 0.5", key="model.poisson",
-                             remedy="0.49 for a nearly incompressible material" if nu >= 0.5 else "")  # fmt: skip
+            raise InputError(
+                "Poisson's ratio is out of range",
+                value=nu,
+                limit="above -1, below 0.5",
+                key="model.poisson",
+                remedy="0.49 for a nearly incompressible material" if nu >= 0.5 else "",
+            )
         if fixed is not None and abs(nu - fixed) > _CLOSE:
             state = "plane stress" if self.plane == "stress" else "three dimensions and plane strain"
-            raise InputError(f"bond-based materials have one Poisson's ratio, in {state}", value=nu, limit=fixed, key="model.poisson",
-                             remedy=COMBINATIONS)  # fmt: skip
+            raise InputError(
+                f"bond-based materials have one Poisson's ratio, in {state}",
+                value=nu,
+                limit=fixed,
+                key="model.poisson",
+                remedy=COMBINATIONS,
+            )
         if "shear" in given:
             self.shear = given["shear"]
         else:
-            self.shear = given["young"] / (2 * (1 + nu)) if "young" in given else 3 * given["bulk"] * (1 - 2 * nu) / (2 * (1 + nu))
+            self.shear = (
+                given["young"] / (2 * (1 + nu))
+                if "young" in given
+                else 3 * given["bulk"] * (1 - 2 * nu) / (2 * (1 + nu))
+            )
         self.poisson, self.young = nu, 2 * self.shear * (1 + nu)
         space = 2 * self.shear * nu / (1 - 2 * nu)
         self.bulk = space + 2 * self.shear / 3
         self.lame = 2 * space * self.shear / (space + 2 * self.shear) if self.plane == "stress" else space
         for name, value in given.items():
             if abs(getattr(self, name) - value) > _CLOSE * max(abs(value), 1.0 if name == "poisson" else 0.0):
-                raise InputError("elastic constants do not agree", value=value, limit=f"{getattr(self, name):.6g}", key=f"model.{name}",
-                                 remedy="give two of them")  # fmt: skip
+                raise InputError(
+                    "elastic constants do not agree",
+                    value=value,
+                    limit=f"{getattr(self, name):.6g}",
+                    key=f"model.{name}",
+                    remedy="give two of them",
+                )
 
     @property
     def p_modulus(self) -> float:
@@ -231,9 +296,13 @@ class Elastic(LatticeModel):
     def stencil(self, spacing: float, dim: int) -> Stencil:
         """Stencil for unit P modulus."""
         if dim == 1:
-            raise InputError("elasticity needs two or three dimensions", value=dim, key="lattice", remedy="Wave is the bar")
+            raise InputError(
+                "elasticity needs two or three dimensions", value=dim, key="lattice", remedy="Wave is the bar"
+            )
         if dim == 3 and self.plane is not None:
-            raise InputError("only two dimensions have a plane state", value=self.plane, key="model.plane", remedy="leave it out")
+            raise InputError(
+                "only two dimensions have a plane state", value=self.plane, key="model.plane", remedy="leave it out"
+            )
         if isinstance(self.kernel, Stencil):
             found = super().stencil(spacing, dim)
             if found.components == 1:
@@ -265,10 +334,12 @@ def _poisson(given: dict[str, float], fixed: float | None) -> float | None:
 
 
 def isotropic(offsets: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Weights of bonds made so that the lattice is exactly isotropic for long waves, with half second moment 1 on average.
+    """Weights of bonds made so that the lattice is exactly isotropic for long waves, with half second moment 1 on
+    average.
 
-    The fourth moments of a lattice's family have cubic symmetry only. The factor ``alpha + beta sum_a n_a^4`` gives them the two values
-    that they have in the continuum, ``sum w r^2 n_x^4 / 2 = 3/(dim + 2)`` and ``sum w r^2 n_x^2 n_y^2 / 2 = 1/(dim + 2)``.
+    The fourth moments of a lattice's family have cubic symmetry only. The factor ``alpha + beta sum_a n_a^4`` gives
+    them the two values that they have in the continuum, ``sum w r^2 n_x^4 / 2 = 3/(dim + 2)`` and ``sum w r^2 n_x^2
+    n_y^2 / 2 = 1/(dim + 2)``.
 
     Raises
     ------
@@ -285,8 +356,12 @@ def isotropic(offsets: np.ndarray, weights: np.ndarray) -> np.ndarray:
     except np.linalg.LinAlgError:
         factors = np.zeros(1)
     if factors.min() <= 0:
-        raise InputError("no positive bonds of so small a family are isotropic", value=f"{len(weights)} neighbours", key="model.kernel",
-                         remedy="a larger horizon, or calibrate = false")  # fmt: skip
+        raise InputError(
+            "no positive bonds of so small a family are isotropic",
+            value=f"{len(weights)} neighbours",
+            key="model.kernel",
+            remedy="a larger horizon, or calibrate = false",
+        )
     return weights * factors
 
 
@@ -297,30 +372,41 @@ def central(offsets: np.ndarray, weights: np.ndarray, shear: float) -> Table:
 
 
 def dilatation(offsets: np.ndarray, weights: np.ndarray, lame: float, calibrate: bool = True) -> Table:
-    """The pressure ``lame theta`` of the nonlocal dilatation ``theta = sum_k g_k . (u_k - u)``, g = w xi over half the second moment's trace."""
+    """The pressure ``lame theta`` of the nonlocal dilatation ``theta = sum_k g_k . (u_k - u)``, g = w xi over half the
+    second moment's trace.
+    """
     moment = (weights * offsets[:, 0] ** 2).sum() if calibrate else 2.0
     g = weights[:, None] * offsets / moment
     return _convolution(offsets, g, lambda one: lame * one[:, None] * g[:, None, :])
 
 
-def correspondence(offsets: np.ndarray, weights: np.ndarray, lame: float, shear: float, stabilisation: float = 0.0) -> Table:
+def correspondence(
+    offsets: np.ndarray, weights: np.ndarray, lame: float, shear: float, stabilisation: float = 0.0
+) -> Table:
     """``div (lame tr(e) + 2 shear e)`` with the gradient ``g_k = K^-1 w xi`` and its negative transpose as divergence.
 
-    The stabilisation adds ``c sum_k w_k (2 (u_k - u) - G_k u xi_k)``, c = stabilisation / K (in P moduli), which no linear field feels.
+    The stabilisation adds ``c sum_k w_k (2 (u_k - u) - G_k u xi_k)``, c = stabilisation / K (in P moduli), which no
+    linear field feels.
     """
     moment = (weights * offsets[:, 0] ** 2).sum()
     g = weights[:, None] * offsets / moment
     eye = np.eye(offsets.shape[1])
     push = (lame + shear, shear, -stabilisation)
     made = _convolution(
-        offsets, g, lambda one: push[0] * one[:, None] * g[:, None, :] + (push[1] + push[2]) * eye * (g @ one)[:, None, None]
-    )  # fmt: skip
+        offsets,
+        g,
+        lambda one: push[0] * one[:, None] * g[:, None, :] + (push[1] + push[2]) * eye * (g @ one)[:, None, None],
+    )
     return _sum(made, (offsets, 2 * stabilisation / moment * weights[:, None, None] * eye)) if stabilisation else made
 
 
 def finite_element(lame: float, shear: float, dim: int) -> Table:
     """Bilinear or trilinear elements with lumped mass: products of one-dimensional stiffness, mass and difference."""
-    stiffness, mass, difference = np.array([1.0, -2.0, 1.0]), np.array([1.0, 4.0, 1.0]) / 6, np.array([-1.0, 0.0, 1.0]) / 2
+    stiffness, mass, difference = (
+        np.array([1.0, -2.0, 1.0]),
+        np.array([1.0, 4.0, 1.0]) / 6,
+        np.array([-1.0, 0.0, 1.0]) / 2,
+    )
 
     def product(kinds: list[np.ndarray]) -> np.ndarray:
         return np.einsum(",".join("ijk"[:dim]) + "->" + "ijk"[:dim], *kinds)
@@ -329,7 +415,10 @@ def finite_element(lame: float, shear: float, dim: int) -> Table:
     found = np.zeros((len(offsets), dim, dim))
     for a, b in itertools.product(range(dim), repeat=2):
         if a == b:
-            along = [(lame + 2 * shear if c == a else shear) * product([stiffness if d == c else mass for d in range(dim)]) for c in range(dim)]
+            along = [
+                (lame + 2 * shear if c == a else shear) * product([stiffness if d == c else mass for d in range(dim)])
+                for c in range(dim)
+            ]
             table = np.sum(along, axis=0)
         else:
             table = (lame + shear) * product([difference if c in (a, b) else mass for c in range(dim)])
@@ -338,7 +427,9 @@ def finite_element(lame: float, shear: float, dim: int) -> Table:
 
 
 def _convolution(offsets, g, product) -> Table:  # type: ignore[no-untyped-def]
-    """Stencil whose weight at o is the sum over all k + l = o of ``product(g_k)[l]``, which has the products with all g_l at once."""
+    """Stencil whose weight at o is the sum over all k + l = o of ``product(g_k)[l]``, which has the products with all
+    g_l at once.
+    """
     reach, dim = int(np.abs(offsets).max()), offsets.shape[1]
     table = np.zeros((*[4 * reach + 1] * dim, dim, dim))
     for o, one in zip(offsets, g, strict=True):
@@ -365,7 +456,8 @@ def _sum(one: Table, two: Table) -> Table:
 
 
 def _stencil(table: Table) -> Stencil:
-    """A stencil with all symmetries of the lattice to the last digit: each weight is the mean over its mirror images."""
+    """A stencil with all symmetries of the lattice to the last digit: each weight is the mean over its mirror
+    images."""
     offsets, weights = table
     dim = offsets.shape[1]
     known = dict(zip(map(tuple, offsets.tolist()), weights, strict=True))
@@ -379,6 +471,11 @@ def _checked(stencil: Stencil) -> Stencil:
     """Refuse a stencil that gains energy for some waves."""
     lowest = float(stencil.branches(*stencil._zone()).min())
     if lowest < -1e-9:
-        raise InputError("the lattice material is unstable for short waves", value=lowest, limit=">= 0", key="model.poisson",
-                         remedy="a larger Poisson's ratio, or another kernel")  # fmt: skip
+        raise InputError(
+            "the lattice material is unstable for short waves",
+            value=lowest,
+            limit=">= 0",
+            key="model.poisson",
+            remedy="a larger Poisson's ratio, or another kernel",
+        )
     return stencil

@@ -25,11 +25,12 @@ class Heat(LatticeModel):
     operator : Kernel or Stencil
         The micro-conductivity k: influence "constant" or "linear" (triangular) with exponent 2 are those of the paper.
     density, specific_heat, conductivity : float
-        :math:`\rho`, c and :math:`\kappa`; positive. `Simulation`'s `coefficient` multiplies the conductivity from node to node.
+        :math:`\rho`, c and :math:`\kappa`; positive. `Simulation`'s `coefficient` multiplies the conductivity from node
+        to node.
     integrator : {"euler", "rk4", "rkc"} or RungeKuttaChebyshev
     self_term : {"centre", "neighbour", "none"}
-        What the cell of a node itself contributes to the integral over its family: the micro-conductivity at its "centre", k(0); that at
-        the nearest "neighbour", as the paper prints it; or "none". See `self_weight`.
+        What the cell of a node itself contributes to the integral over its family: the micro-conductivity at its
+        "centre", k(0); that at the nearest "neighbour", as the paper prints it; or "none". See `self_weight`.
 
     Raises
     ------
@@ -38,15 +39,21 @@ class Heat(LatticeModel):
 
     Notes
     -----
-    Bobaru and Duangpanya (2010), eqs 9, 16, 17 and 18. Only the self term with k(0) gives the conductivity asked for, without
-    calibration, whatever the number of nodes in the horizon; printed is the nearest neighbour's (they are the same for a constant k).
-    A kernel with ``calibrate=True`` is rescaled after the self term; give ``calibrate=False`` to see what the other variants do.
+    Bobaru and Duangpanya (2010), eqs 9, 16, 17 and 18. Only the self term with k(0) gives the conductivity asked for,
+    without calibration, whatever the number of nodes in the horizon; printed is the nearest neighbour's (they are the
+    same for a constant k). A kernel with ``calibrate=True`` is rescaled after the self term; give ``calibrate=False``
+    to see what the other variants do.
     """
 
     def __init__(
-        self, operator: Kernel | Stencil, density: float = 1.0, specific_heat: float = 1.0, conductivity: float = 1.0,
-        integrator: str | Integrator = "euler", self_term: str = "centre",
-    ) -> None:  # fmt: skip
+        self,
+        operator: Kernel | Stencil,
+        density: float = 1.0,
+        specific_heat: float = 1.0,
+        conductivity: float = 1.0,
+        integrator: str | Integrator = "euler",
+        self_term: str = "centre",
+    ) -> None:
         super().__init__(operator)
         self.density = kinds.number(density, "model.density", above=0)
         self.specific_heat = kinds.number(specific_heat, "model.specific_heat", above=0)
@@ -79,7 +86,8 @@ def self_weight(kernel: Kernel, spacing: float, dim: int, self_term: str = "cent
     """What the integral over a node's own cell adds to the weight of each nearest neighbour.
 
     In the cell ``T' - T`` is the second derivative times half the squared distance, so that the cell adds
-    ``c w(0) / 2 integral of x^2 r^-p`` to the second moment along each axis; a weight on the nearest neighbours adds itself.
+    ``c w(0) / 2 integral of x^2 r^-p`` to the second moment along each axis; a weight on the nearest neighbours adds
+    itself.
 
     Parameters
     ----------
@@ -92,10 +100,12 @@ def self_weight(kernel: Kernel, spacing: float, dim: int, self_term: str = "cent
     Returns
     -------
     float
-        Dimensionless, for unit conductivity. In 1D with exponent 2, ``k(0) dx / (2 dx^2)`` times dx^2 (Bobaru and Duangpanya 2010, eq 18).
+        Dimensionless, for unit conductivity. In 1D with exponent 2, ``k(0) dx / (2 dx^2)`` times dx^2 (Bobaru and
+        Duangpanya 2010, eq 18).
     """
     influence = float(kernel.influence_at(np.array(0.0 if self_term == "centre" else spacing)))
-    # integral of r^(2 - p) over the unit cube: pyramids from the centre over its faces; each axis has a share of 1 / dim
+    # integral of r^(2 - p) over the unit cube: pyramids from the centre over its faces; each axis has a share of 1 /
+    # dim
     points, gauss = np.polynomial.legendre.leggauss(24)
     grids = np.meshgrid(*[points] * (dim - 1), indexing="ij")
     share = np.ones(())

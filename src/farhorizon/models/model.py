@@ -1,4 +1,5 @@
-"""What the models share: a stencil and the constant in front of it. (Only `Elastic` has a field of several components.)"""
+"""What the models share: a stencil and the constant in front of it. (Only `Elastic` has a field of several
+components.)"""
 
 from __future__ import annotations
 
@@ -35,7 +36,8 @@ class LatticeModel:
     strongest : float
         Largest factor that the model itself puts on bonds.
     target : float
-        Error that sides keep unless they are given one: of waves relative to the largest value, of diffusion to the largest at the same time.
+        Error that sides keep unless they are given one: of waves relative to the largest value, of diffusion to the
+        largest at the same time.
     """
 
     coefficient: float
@@ -49,7 +51,9 @@ class LatticeModel:
     target: float = 1e-5
 
     def __init__(self, operator: Kernel | Stencil) -> None:
-        self.operator = kinds.instance(operator, "model", (Kernel, Stencil), "a Kernel or a Stencil", remedy="Kernel(horizon=3*spacing)")
+        self.operator = kinds.instance(
+            operator, "model", (Kernel, Stencil), "a Kernel or a Stencil", remedy="Kernel(horizon=3*spacing)"
+        )
 
     @property
     def title(self) -> str:
@@ -62,7 +66,8 @@ class LatticeModel:
         return 2 if isinstance(self.integrator, Verlet) else 1
 
     def crossing(self, length: float, factor: float = 1.0) -> float:
-        """Time in which the fastest long wave crosses a length, or in which what diffuses spreads over half of it: ``R^2/D``.
+        """Time in which the fastest long wave crosses a length, or in which what diffuses spreads over half of it:
+        ``R^2/D``.
 
         Parameters
         ----------

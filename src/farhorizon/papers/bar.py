@@ -1,4 +1,5 @@
-"""A bar, the smallest near field there is, on plain arrays: it verifies the exact boundary and computes the published examples.
+"""A bar, the smallest near field there is, on plain arrays: it verifies the exact boundary and computes the published
+examples.
 
 `Bar` advances a row of nodes whose ends are free or continue into a half-infinite chain.
 """
@@ -19,7 +20,8 @@ _CHUNK = 1024  # steps between two returns to Python without a convolution
 
 
 def bonds_of(weights: np.ndarray, nodes: int, coefficient: np.ndarray | None = None) -> np.ndarray:
-    """Bonds of a row of nodes: entry (k - 1, i) joins i and i + k, zero where i + k is beyond the end; shape (K, nodes).
+    """Bonds of a row of nodes: entry (k - 1, i) joins i and i + k, zero where i + k is beyond the end; shape (K,
+    nodes).
 
     Parameters
     ----------
@@ -30,7 +32,9 @@ def bonds_of(weights: np.ndarray, nodes: int, coefficient: np.ndarray | None = N
     """
     bonds = np.zeros((weights.size, nodes))
     for k in range(1, min(weights.size, nodes - 1) + 1):
-        bonds[k - 1, :-k] = weights[k - 1] * (1.0 if coefficient is None else np.minimum(coefficient[:-k], coefficient[k:]))
+        bonds[k - 1, :-k] = weights[k - 1] * (
+            1.0 if coefficient is None else np.minimum(coefficient[:-k], coefficient[k:])
+        )
     return bonds
 
 
@@ -49,7 +53,8 @@ class Bar:
     bonds : ndarray, shape (K, N), optional
         `bonds_of` a homogeneous bar unless given.
     ends : pair, left and right
-        None: free. A force kernel (`chain.force_form`) of shape (steps + 1, K, K): convolution in blocks. An `ExponentialSum`.
+        None: free. A force kernel (`chain.force_form`) of shape (steps + 1, K, K): convolution in blocks. An
+        `ExponentialSum`.
     held : mapping of int to callable, optional
         Nodes with prescribed values and their values as a function of the step; see also `release`.
     first : float, optional
@@ -64,10 +69,18 @@ class Bar:
     """
 
     def __init__(
-        self, weights: np.ndarray, recursion: Recursion, u: np.ndarray, increment: np.ndarray | None = None, *, bonds: np.ndarray | None = None,
-        ends: Sequence[np.ndarray | ExponentialSum | None] = (None, None), held: dict[int, Callable[[int], float]] | None = None,
-        first: float | None = None, block: int | None = 64,
-    ) -> None:  # fmt: skip
+        self,
+        weights: np.ndarray,
+        recursion: Recursion,
+        u: np.ndarray,
+        increment: np.ndarray | None = None,
+        *,
+        bonds: np.ndarray | None = None,
+        ends: Sequence[np.ndarray | ExponentialSum | None] = (None, None),
+        held: dict[int, Callable[[int], float]] | None = None,
+        first: float | None = None,
+        block: int | None = 64,
+    ) -> None:
         reach = weights.size
         if u.size < reach:
             raise InputError("the bar is shorter than its stencil", value=f"{u.size} nodes", limit=f">= {reach}")
@@ -80,7 +93,9 @@ class Bar:
         self._first = recursion.first if first is None else first
         lengths = {h.block for h in self.histories if h is not None}
         self._block = min(lengths, default=_CHUNK)
-        heads = [h.head if h is not None else np.zeros((self._block if lengths else 1, reach, reach)) for h in self.histories]
+        heads = [
+            h.head if h is not None else np.zeros((self._block if lengths else 1, reach, reach)) for h in self.histories
+        ]
         self._heads = np.array(heads)
         self._set_modes()
         self._past, self._samples = np.zeros((2, self._block, reach)), np.zeros((2, self._block, reach))
@@ -97,7 +112,11 @@ class Bar:
         for side, found in enumerate(self.sums):
             if found is not None:
                 used = slice(found.modes)
-                self._poles[side, used], self._inputs[side, used], self._outputs[side, used] = found.poles, found.inputs, found.outputs
+                self._poles[side, used], self._inputs[side, used], self._outputs[side, used] = (
+                    found.poles,
+                    found.inputs,
+                    found.outputs,
+                )
 
     def acceleration(self) -> np.ndarray:
         """A u without the past beyond the ends, shape (N,)."""
@@ -142,9 +161,17 @@ class Bar:
         InputError
             More steps than a kernel or a sum was made for.
         """
-        limit = min([s.steps for s in self.sums if s is not None] + [h.steps for h in self.histories if h is not None], default=None)
+        limit = min(
+            [s.steps for s in self.sums if s is not None] + [h.steps for h in self.histories if h is not None],
+            default=None,
+        )
         if limit is not None and self.step + steps > limit:
-            raise InputError("the run outlives its kernel", value=self.step + steps, limit=f"{limit} steps", remedy="a kernel of more steps")
+            raise InputError(
+                "the run outlives its kernel",
+                value=self.step + steps,
+                limit=f"{limit} steps",
+                remedy="a kernel of more steps",
+            )
         while steps:
             offset = self.step % self._block
             count = min(steps, self._block - offset)
@@ -162,8 +189,26 @@ class Bar:
                     history.next_block()
                 self._past[side] = history.past
         nodes = np.array(sorted(self.held), np.int64)
-        values = np.array([[self.held[node](self.step + n) for node in nodes] for n in range(1, count + 1)]).reshape(count, len(nodes))
+        values = np.array([[self.held[node](self.step + n) for node in nodes] for n in range(1, count + 1)]).reshape(
+            count, len(nodes)
+        )
         bar_steps(
-            self.u, self.d, self.bonds, self.recursion.keep, self.recursion.scale, nodes, values, self.grounds, self._heads, self._past,
-            self._samples, self._first if self.step == 0 else 1.0, self._poles, self._inputs, self._outputs, self._states, offset, count,
-        )  # fmt: skip
+            self.u,
+            self.d,
+            self.bonds,
+            self.recursion.keep,
+            self.recursion.scale,
+            nodes,
+            values,
+            self.grounds,
+            self._heads,
+            self._past,
+            self._samples,
+            self._first if self.step == 0 else 1.0,
+            self._poles,
+            self._inputs,
+            self._outputs,
+            self._states,
+            offset,
+            count,
+        )

@@ -1,18 +1,19 @@
 """Bobaru and Duangpanya (2010): the peridynamic formulation for transient heat conduction, figures 8 to 15.
 
-A bar between two ends, the temperature prescribed on the one node at an end, a flux on nodes beyond it (eq. 22). What the paper leaves open is
-chosen so that its statements come out:
+A bar between two ends, the temperature prescribed on the one node at an end, a flux on nodes beyond it (eq. 22). What
+the paper leaves open is chosen so that its statements come out:
 
-- the self term of the micro-conductivity is k(0), not k of the nearest neighbour as printed under eq. 18, and ``dx = L/N`` with N rounded;
+- the self term of the micro-conductivity is k(0), not k of the nearest neighbour as printed under eq. 18, and ``dx =
+  L/N`` with N rounded;
 - the nodes of eq. 22 lie beyond the bar;
-- what figures 11 and 12 plot is ``1/N sqrt(sum of squared relative differences)``: the 1/N stays outside the root of eq. 45. At the ends
-  of example 1 the relative difference is 1 whatever the grid, hence the rate 1.01; the differences in the bulk are of first order in both
-  examples, and 1.5 is that plus 1/2 from the norm.
+- what figures 11 and 12 plot is ``1/N sqrt(sum of squared relative differences)``: the 1/N stays outside the root of
+  eq. 45. At the ends of example 1 the relative difference is 1 whatever the grid, hence the rate 1.01; the differences
+  in the bulk are of first order in both examples, and 1.5 is that plus 1/2 from the norm.
 - The classical solutions are those of `farhorizon.analysis.references.classical`; eqs 33, 38, 39 and 43 are misprinted.
 
-Figure 10 is read by the paper as m-convergence. There is none for a temperature prescribed on one node: the operator's energy in 1D is that of
-half a derivative, a point has no capacity for it, and as m grows the end is lost, like log m. Given on a layer as wide as the horizon the
-temperature has a limit: `figure10` shows both.
+Figure 10 is read by the paper as m-convergence. There is none for a temperature prescribed on one node: the operator's
+energy in 1D is that of half a derivative, a point has no capacity for it, and as m grows the end is lost, like log m.
+Given on a layer as wide as the horizon the temperature has a limit: `figure10` shows both.
 """
 
 from __future__ import annotations
@@ -44,9 +45,11 @@ KERNELS = {"constant": "constant", "triangular": "linear"}
 STEPS = 400  # of a study until 8 s: the error of the mid temperature is below 1e-5
 #: Slopes of figures 11 and 12, m = 2, 4, 8, 16.
 SLOPES = {
-    (1, "constant"): (1.0104, 1.0132, 1.0109, 1.0104), (1, "triangular"): (1.0095, 1.0102, 1.0082, 1.0055),
-    (2, "constant"): (1.4824, 1.4982, 1.4914, 1.4811), (2, "triangular"): (1.4843, 1.4990, 1.4877, 1.4433),
-}  # fmt: skip
+    (1, "constant"): (1.0104, 1.0132, 1.0109, 1.0104),
+    (1, "triangular"): (1.0095, 1.0102, 1.0082, 1.0055),
+    (2, "constant"): (1.4824, 1.4982, 1.4914, 1.4811),
+    (2, "triangular"): (1.4843, 1.4990, 1.4877, 1.4433),
+}
 
 
 @dataclass(frozen=True)
@@ -83,7 +86,14 @@ class Example:
         return [Temperature("x-", 20.0, kind), Flux("x+", 3 * DIFFUSIVITY, "layer")]
 
     def simulation(
-        self, kernel: str, horizon: float, ratio: int, dt: float, *, integrator: Integrator | None = None, kind: str = "node"
+        self,
+        kernel: str,
+        horizon: float,
+        ratio: int,
+        dt: float,
+        *,
+        integrator: Integrator | None = None,
+        kind: str = "node",
     ) -> tuple[Simulation, slice]:
         """The bar on a grid, and which nodes are its own.
 
@@ -102,8 +112,12 @@ class Example:
         spacing = self.length / nodes
         operator = Kernel(ratio * spacing, influence=KERNELS[kernel], calibrate=False)
         stencil = Heat(operator).stencil(spacing, 1)
-        model = Heat(operator, conductivity=DIFFUSIVITY, integrator=integrator
-                     or RungeKuttaChebyshev.for_step(dt, stencil.symbol_maximum * DIFFUSIVITY / spacing**2))  # fmt: skip
+        model = Heat(
+            operator,
+            conductivity=DIFFUSIVITY,
+            integrator=integrator
+            or RungeKuttaChebyshev.for_step(dt, stencil.symbol_maximum * DIFFUSIVITY / spacing**2),
+        )
         held = self.conditions(kind)
         beyond = [0 if isinstance(c, Temperature) and kind == "node" else stencil.reach[0] for c in held]
         low = spacing * (0.5 - beyond[0])
@@ -161,13 +175,30 @@ def _profiles(folder: Path, name: str, number: int) -> Outcome:
                 curves[t].append(("classical", x, exact))
             curves[t].append((f"{kernel} micro-conductivity", x[:: x.size // 15], u[:: x.size // 15]))
             apart = np.abs(u - exact)
-            rows.append(Row(f"t = {t:g} s, {kernel}, largest difference from the classical solution two horizons inside (C)",
-                            float(apart[2 * RATIO : -2 * RATIO].max()), note="the bulk; the figure prints no number"))  # fmt: skip
-            rows.append(Row(f"t = {t:g} s, {kernel}, the same over the whole bar (C)", float(apart.max()), note=f"at {x[apart.argmax()]:.3g} cm"))
+            rows.append(
+                Row(
+                    f"t = {t:g} s, {kernel}, largest difference from the classical solution two horizons inside (C)",
+                    float(apart[2 * RATIO : -2 * RATIO].max()),
+                    note="the bulk; the figure prints no number",
+                )
+            )
+            rows.append(
+                Row(
+                    f"t = {t:g} s, {kernel}, the same over the whole bar (C)",
+                    float(apart.max()),
+                    note=f"at {x[apart.argmax()]:.3g} cm",
+                )
+            )
             if number == 3 and t == 8.0:
                 printed = {"constant": 3.43e-5, "triangular": 2.84e-5}[kernel]
-                rows.append(Row(f"t = 8 s, {kernel}, difference of eq. 45", difference(u, exact), printed,
-                                note="closer than the paper, whose wall seems misplaced by two cells"))  # fmt: skip
+                rows.append(
+                    Row(
+                        f"t = 8 s, {kernel}, difference of eq. 45",
+                        difference(u, exact),
+                        printed,
+                        note="closer than the paper, whose wall seems misplaced by two cells",
+                    )
+                )
     panels = [(f"$t = {t:g}$ s", curves[t]) for t in TIMES]
     curve_panels(panels, folder / f"{name}.png", xlabel="$x$ (cm)", ylabel="temperature (C)")
     return Outcome(rows, pictures=[folder / f"{name}.png"])
@@ -185,9 +216,12 @@ def figure9(folder: Path) -> Outcome:
     return _profiles(folder, "bobaru2010-fig9", 2)
 
 
-@reproduction("bobaru2010-fig10", PAPER, "m-convergence of the temperature in the middle at 8 s, and that it has no limit")
+@reproduction(
+    "bobaru2010-fig10", PAPER, "m-convergence of the temperature in the middle at 8 s, and that it has no limit"
+)
 def figure10(folder: Path) -> Outcome:
-    """Mid temperatures, where their curves cross, and what becomes of them as m grows: one node held, and a layer held."""
+    """Mid temperatures, where their curves cross, and what becomes of them as m grows: one node held, and a layer
+    held."""
     from farhorizon.pictures.plot import curve_panels
 
     rows, panels = [], []
@@ -199,9 +233,18 @@ def figure10(folder: Path) -> Outcome:
         for kernel in KERNELS:
             study = studies(number, kernel)["middle"]
             for division, values in zip(DIVISIONS, study.values, strict=True):
-                rows += [Row(f"example {number}, {kernel}, horizon 3L/{division}, m = {m}", float(v)) for m, v in zip(RATIOS, values, strict=True)]
+                rows += [
+                    Row(f"example {number}, {kernel}, horizon 3L/{division}, m = {m}", float(v))
+                    for m, v in zip(RATIOS, values, strict=True)
+                ]
             at, value = study.crossing()
-            rows.append(Row(f"example {number}, {kernel}, m where the curves cross", at, note="paper: between 3 and 5, larger for the triangle"))
+            rows.append(
+                Row(
+                    f"example {number}, {kernel}, m where the curves cross",
+                    at,
+                    note="paper: between 3 and 5, larger for the triangle",
+                )
+            )
             rows.append(Row(f"example {number}, {kernel}, value there", value, printed[number]))
             curves = [("classical", np.log2(study.ratios), np.full(len(RATIOS), exact))]
             curves += [(f"$3L/{d}$", np.log2(study.ratios), v) for d, v in zip(DIVISIONS, study.values, strict=True)]
@@ -212,8 +255,10 @@ def figure10(folder: Path) -> Outcome:
             study = limits(kernel, kind=kind)
             curves.append((words, np.log2(study.ratios), study.values[0]))
             note = "does not go to zero: no limit" if kind == "node" else "halves each time: a limit"
-            rows += [Row(f"example 1, {kernel}, 3L/100, {words}, change from m = {m // 2} to {m}", float(v), note=note)
-                     for m, v in zip(study.ratios[1:], study.increments()[0], strict=True)]  # fmt: skip
+            rows += [
+                Row(f"example 1, {kernel}, 3L/100, {words}, change from m = {m // 2} to {m}", float(v), note=note)
+                for m, v in zip(study.ratios[1:], study.increments()[0], strict=True)
+            ]
         panels.append((f"example 1, {kernel}, $3L/100$", curves))
     curve_panels(panels, folder / "bobaru2010-fig10.png", xlabel="$\\log_2 m$", ylabel="temperature in the middle (C)")
     return Outcome(rows, pictures=[folder / "bobaru2010-fig10.png"])
@@ -226,10 +271,21 @@ def _rates(folder: Path, name: str, number: int) -> Outcome:
     for kernel in KERNELS:
         study = studies(number, kernel)["difference"]
         for m, slope, printed in zip(RATIOS, study.rates(3), SLOPES[number, kernel], strict=True):
-            rows.append(Row(f"{kernel}, m = {m}, slope", float(slope), printed, note="four digits cannot be recovered: grid and sum are not stated"))
-        curves = [(f"$m = {m}$", np.log10(study.horizons[1:]), np.log10(study.values[1:, i])) for i, m in enumerate(RATIOS)]
+            rows.append(
+                Row(
+                    f"{kernel}, m = {m}, slope",
+                    float(slope),
+                    printed,
+                    note="four digits cannot be recovered: grid and sum are not stated",
+                )
+            )
+        curves = [
+            (f"$m = {m}$", np.log10(study.horizons[1:]), np.log10(study.values[1:, i])) for i, m in enumerate(RATIOS)
+        ]
         panels.append((kernel, curves))
-    curve_panels(panels, folder / f"{name}.png", xlabel="$\\log_{10}$ horizon", ylabel="$\\log_{10}$ difference", reference="")
+    curve_panels(
+        panels, folder / f"{name}.png", xlabel="$\\log_{10}$ horizon", ylabel="$\\log_{10}$ difference", reference=""
+    )
     return Outcome(rows, pictures=[folder / f"{name}.png"])
 
 
@@ -257,9 +313,27 @@ def _fluxes(folder: Path, name: str, number: int, ratio: int) -> Outcome:
         x, flux = sim.lattice.axes[0][bar], -sim.flux()[0][bar] / DIFFUSIVITY
         exact = example.classical.gradient(x, 8.0)
         error, inside = np.abs(flux - exact), slice(2 * ratio, -2 * ratio)
-        rows.append(Row(f"{kernel}, largest flux over conductivity (C/cm)", float(np.abs(flux).max()), note="the figure prints no number"))
-        rows.append(Row(f"{kernel}, largest difference from the classical flux two horizons inside", float(error[inside].max()), note="first order"))
-        rows.append(Row(f"{kernel}, the same over the whole bar", float(error.max()), note="a held node has a boundary layer one horizon wide"))
+        rows.append(
+            Row(
+                f"{kernel}, largest flux over conductivity (C/cm)",
+                float(np.abs(flux).max()),
+                note="the figure prints no number",
+            )
+        )
+        rows.append(
+            Row(
+                f"{kernel}, largest difference from the classical flux two horizons inside",
+                float(error[inside].max()),
+                note="first order",
+            )
+        )
+        rows.append(
+            Row(
+                f"{kernel}, the same over the whole bar",
+                float(error.max()),
+                note="a held node has a boundary layer one horizon wide",
+            )
+        )
         panels.append((kernel, [("classical", x, exact), ("peridynamic", x, flux)]))
     curve_panels(panels, folder / f"{name}.png", xlabel="$x$ (cm)", ylabel="flux / conductivity (C/cm)")
     return Outcome(rows, pictures=[folder / f"{name}.png"])

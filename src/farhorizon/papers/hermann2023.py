@@ -1,11 +1,14 @@
-"""Hermann, Shojaei, Seleson, Cyron and Silling (2023): Dirichlet-type absorbing conditions for peridynamic scalar waves.
+"""Hermann, Shojaei, Seleson, Cyron and Silling (2023): Dirichlet-type absorbing conditions for peridynamic scalar
+waves.
 
-Each example is run with the published condition in several readings, for the paper leaves some of its options open (the radius of clouds in
-example 1, the thinning elsewhere), with what repairs it, with Higdon's and the first-order condition, and with a lattice PML. The paper prints
-pictures and no errors; ours are the largest differences from the infinite lattice, same step, over the near field.
+Each example is run with the published condition in several readings, for the paper leaves some of its options open (the
+radius of clouds in example 1, the thinning elsewhere), with what repairs it, with Higdon's and the first-order
+condition, and with a lattice PML. The paper prints pictures and no errors; ours are the largest differences from the
+infinite lattice, same step, over the near field.
 
-Read with these corrections: "2 d w" in eqs 13 to 27 is "2 i d w"; the frequency of eq 35 has the sign of the wavenumber, or half of the modes come
-in; the initial data have |x|^2 in the exponent; the cone of eq 54 is closed. The damped relation of one step is that of eq 42 in terms of u alone.
+Read with these corrections: "2 d w" in eqs 13 to 27 is "2 i d w"; the frequency of eq 35 has the sign of the
+wavenumber, or half of the modes come in; the initial data have |x|^2 in the exponent; the cone of eq 54 is closed. The
+damped relation of one step is that of eq 42 in terms of u alone.
 """
 
 from __future__ import annotations
@@ -39,7 +42,8 @@ from farhorizon.papers.registry import Outcome, Row, reproduction
 from farhorizon.simulation.simulation import Simulation
 
 PAPER = (
-    "Hermann, Shojaei, Seleson, Cyron, Silling (2023), Dirichlet-type absorbing boundary conditions for peridynamic scalar waves in "
+    "Hermann, Shojaei, Seleson, Cyron, Silling (2023), Dirichlet-type absorbing boundary conditions for peridynamic "
+    "scalar waves in "
     "two-dimensional viscous media"
 )
 RADIUS, DAMPING = 26.0, 0.0125
@@ -56,9 +60,22 @@ _OPEN = 44.0  # degrees: the open cone of eq 54, without its diagonals
 
 
 def published(radius: float, **options: Any) -> PlaneWave:
-    """The paper's condition: collocation on continuous-time modes, wavenumbers to 1 in five steps, eleven angles to 45 degrees."""
-    return PlaneWave(**{"fit": "collocation", "time": "continuous", "radius": radius, "thin": 1, "wavenumber": 1.0, "wavenumbers": 5,
-                        "angle": 45.0, "normals": "free", **options})  # fmt: skip
+    """The paper's condition: collocation on continuous-time modes, wavenumbers to 1 in five steps, eleven angles to 45
+    degrees.
+    """
+    return PlaneWave(
+        **{
+            "fit": "collocation",
+            "time": "continuous",
+            "radius": radius,
+            "thin": 1,
+            "wavenumber": 1.0,
+            "wavenumbers": 5,
+            "angle": 45.0,
+            "normals": "free",
+            **options,
+        }
+    )
 
 
 def wide_pulse(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -75,7 +92,12 @@ def square(half: float, dt: float) -> dict[str, Any]:
     """Example 1: lumped bilinear elements of edge 0.5 on a square whose outermost nodes are the condition's."""
     spacing = 0.5
     lattice = Lattice(spacing, (spacing - half,) * 2, (half - spacing,) * 2)
-    return {"lattice": lattice, "model": Wave(Stencil.finite_element(2), damping=DAMPING), "initial": {"u": wide_pulse}, "dt": dt}
+    return {
+        "lattice": lattice,
+        "model": Wave(Stencil.finite_element(2), damping=DAMPING),
+        "initial": {"u": wide_pulse},
+        "dt": dt,
+    }
 
 
 def disc(radius: float, reach: int, dt: float) -> dict[str, Any]:
@@ -83,29 +105,51 @@ def disc(radius: float, reach: int, dt: float) -> dict[str, Any]:
     spacing = 0.25
     lattice = Lattice(spacing, window=Disc(radius - reach * spacing))
     kernel = Kernel(reach * spacing, 2, calibrate=False)
-    return {"lattice": lattice, "model": Wave(kernel, damping=DAMPING), "initial": {"u": narrow_pulse if reach == 6 else wide_pulse}, "dt": dt}
+    return {
+        "lattice": lattice,
+        "model": Wave(kernel, damping=DAMPING),
+        "initial": {"u": narrow_pulse if reach == 6 else wide_pulse},
+        "dt": dt,
+    }
 
 
 def _outcome(
-    setup: Mapping[str, Any], small: Mapping[str, Any], conditions: Mapping[str, Boundary], course: Sequence[float], times: Sequence[float],
-) -> tuple[Outcome, dict[str, Measured], list[np.ndarray]]:  # fmt: skip
-    """Rows of an example in a homogeneous medium: errors at the times, and the stability of a small near field; the runs, and the exact fields."""
+    setup: Mapping[str, Any],
+    small: Mapping[str, Any],
+    conditions: Mapping[str, Boundary],
+    course: Sequence[float],
+    times: Sequence[float],
+) -> tuple[Outcome, dict[str, Measured], list[np.ndarray]]:
+    """Rows of an example in a homogeneous medium: errors at the times, and the stability of a small near field; the
+    runs, and the exact fields.
+    """
     exact = infinite(setup, course[-1])
     fields = [exact(round(t / setup["dt"])) for t in times]
-    rows = [Row(f"infinite medium, largest |u| at t = {t:g}", float(np.nanmax(np.abs(f)))) for t, f in zip(times, fields, strict=True)]
+    rows = [
+        Row(f"infinite medium, largest |u| at t = {t:g}", float(np.nanmax(np.abs(f))))
+        for t, f in zip(times, fields, strict=True)
+    ]
     crossing = 2 * float(small["lattice"].upper[0]) / small["model"].speed
     runs = {}
     for label, boundary in conditions.items():
         runs[label] = run(setup, boundary, course, exact, times)
         how = stability_note(small, boundary, _CROSSINGS * crossing)
         errors = [float(runs[label].errors[list(course).index(t)]) for t in times]
-        rows += [Row(f"{label}, t = {t:g}", e, note=how if t == times[0] else "" if np.isfinite(e) else "overflow")
-                 for t, e in zip(times, errors, strict=True)]  # fmt: skip
+        rows += [
+            Row(f"{label}, t = {t:g}", e, note=how if t == times[0] else "" if np.isfinite(e) else "overflow")
+            for t, e in zip(times, errors, strict=True)
+        ]
     peak = float(np.abs(setup["initial"]["u"](*setup["lattice"].coordinates())).max())
     return Outcome(rows, {label: float(found.errors.max()) / peak for label, found in runs.items()}), runs, fields
 
 
-def _fields(path: Path, setup: Mapping[str, Any], times: Sequence[float], first: tuple[str, list[np.ndarray]], runs: Mapping[str, Measured]) -> None:
+def _fields(
+    path: Path,
+    setup: Mapping[str, Any],
+    times: Sequence[float],
+    first: tuple[str, list[np.ndarray]],
+    runs: Mapping[str, Measured],
+) -> None:
     """Fields side by side, the reference first, one row a time."""
     from farhorizon.pictures.plot import field_table
 
@@ -114,23 +158,46 @@ def _fields(path: Path, setup: Mapping[str, Any], times: Sequence[float], first:
     field_table([f"$t = {t:g}$" for t in times], columns, setup["lattice"].axes, path, cracks=cracks)
 
 
-@reproduction("hermann2023-ex1", PAPER, "finite elements on a square, classical waves: fields, differences, errors (figures 8, 9)", full="minutes")
+@reproduction(
+    "hermann2023-ex1",
+    PAPER,
+    "finite elements on a square, classical waves: fields, differences, errors (figures 8, 9)",
+    full="minutes",
+)
 def example_1(folder: Path, full: bool = False) -> Outcome:
     """Square of 105^2 nodes; the step is 20 times the paper's unless `full`."""
     dt = 5e-4 if full else 0.01
     setup = square(RADIUS, dt)
     conditions: dict[str, Boundary] = {
-        "published, 1 spacing": published(0.5), "published, 2 spacings": published(1.0), "published, 3 spacings": published(1.5),
-        "repaired, 3 spacings": PlaneWave(), "repaired, 1 spacing": PlaneWave(radius=0.5),
-        "Higdon (0, 45)": Higdon((0, 45), 0.03), "Higdon (0, 30, 60)": Higdon((0, 30, 60), 0.03), "first order, A13": FirstOrder(),
+        "published, 1 spacing": published(0.5),
+        "published, 2 spacings": published(1.0),
+        "published, 3 spacings": published(1.5),
+        "repaired, 3 spacings": PlaneWave(),
+        "repaired, 1 spacing": PlaneWave(radius=0.5),
+        "Higdon (0, 45)": Higdon((0, 45), 0.03),
+        "Higdon (0, 30, 60)": Higdon((0, 30, 60), 0.03),
+        "first order, A13": FirstOrder(),
         "lattice PML": LatticePML(nodes=30),
-    }  # fmt: skip
+    }
     nodes = int((2 * RADIUS / 0.5 + 1) ** 2)
     counts = [Row("nodes of the square", nodes, 11025), Row("elements", (2 * RADIUS / 0.5) ** 2, 10816)]
     outcome, runs, exact = _outcome(setup, square(_SMALL, 0.05), conditions, COURSE, TIMES)
     paths = [folder / f"hermann2023-{name}.png" for name in ("fig8", "fig9", "ex1-errors")]
-    _fields(paths[0], setup, TIMES, (INFINITE, exact), {name: runs[name] for name in ("published, 2 spacings", "first order, A13", "lattice PML")})
-    apart = ("published, 1 spacing", "published, 2 spacings", "published, 3 spacings", "repaired, 3 spacings", "first order, A13", "lattice PML")
+    _fields(
+        paths[0],
+        setup,
+        TIMES,
+        (INFINITE, exact),
+        {name: runs[name] for name in ("published, 2 spacings", "first order, A13", "lattice PML")},
+    )
+    apart = (
+        "published, 1 spacing",
+        "published, 2 spacings",
+        "published, 3 spacings",
+        "repaired, 3 spacings",
+        "first order, A13",
+        "lattice PML",
+    )
     differences_picture(paths[1], setup["lattice"].axes, TIMES[-1], exact[-1], {name: runs[name] for name in apart})
     errors_picture(paths[2], COURSE, runs)
     return Outcome(counts + outcome.rows, outcome.infinite_error, paths)
@@ -146,7 +213,9 @@ def energy(u: np.ndarray, v: np.ndarray, spacing: float) -> float:
     spacing : float
     """
     across, along = np.diff(u, axis=0), np.diff(u, axis=1)
-    gradient = sum((a**2 + a * b + b**2).sum() / 3 for a, b in ((across[:, :-1], across[:, 1:]), (along[:-1], along[1:])))
+    gradient = sum(
+        (a**2 + a * b + b**2).sum() / 3 for a, b in ((across[:, :-1], across[:, 1:]), (along[:-1], along[1:]))
+    )
     weight = np.ones(u.shape[0])
     weight[[0, -1]] = 0.5
     return float(gradient + spacing**2 * (np.outer(weight, weight) * v**2).sum()) / 2
@@ -167,12 +236,22 @@ class Continuum:
     def __init__(self, lattice: Lattice, until: float) -> None:
         x, y = lattice.coordinates()
         self._shape = x.shape
-        squares, self._place = np.unique(np.round((x**2 + y**2) / lattice.spacing**2).astype(np.int64), return_inverse=True)
+        squares, self._place = np.unique(
+            np.round((x**2 + y**2) / lattice.spacing**2).astype(np.int64), return_inverse=True
+        )
         panels = int(_SHORTEST * (until + 60) / (6 * np.pi)) + 4  # three oscillations in each
         points, gauss = np.polynomial.legendre.leggauss(24)
         self._k = (_SHORTEST * (np.arange(panels)[:, None] + (points + 1) / 2) / panels).ravel()
         width = np.log(2) / 9
-        weight = np.tile(gauss, panels) * _SHORTEST / panels / 2 * self._k * np.exp(-(self._k**2) / (4 * width)) / (2 * width)
+        weight = (
+            np.tile(gauss, panels)
+            * _SHORTEST
+            / panels
+            / 2
+            * self._k
+            * np.exp(-(self._k**2) / (4 * width))
+            / (2 * width)
+        )
         self._waves = special.j0(np.multiply.outer(lattice.spacing * np.sqrt(squares), self._k)) * weight
 
     def state(self, t: float) -> tuple[np.ndarray, np.ndarray]:
@@ -186,17 +265,24 @@ class Continuum:
 
 #: Conditions of figure 10: what the paper calls proposed (for three sizes of cloud) and conventional, and ours.
 LONG: dict[str, Boundary] = {
-    "published, 1 spacing": published(0.5), "published, 2 spacings": published(1.0), "published, 3 spacings": published(1.5),
-    "first order, A13": FirstOrder(), "lattice PML": LatticePML(nodes=30),
-}  # fmt: skip
+    "published, 1 spacing": published(0.5),
+    "published, 2 spacings": published(1.0),
+    "published, 3 spacings": published(1.5),
+    "first order, A13": FirstOrder(),
+    "lattice PML": LatticePML(nodes=30),
+}
 FRONT = 200.0  # by then the wave front has left the near field for long
 
 
 def energies(setup: Mapping[str, Any], boundary: Boundary, times: np.ndarray) -> np.ndarray:
-    """Energy of the near field at some times, nan from an overflow on, over that of the initial data; shape (times,)."""
+    """Energy of the near field at some times, nan from an overflow on, over that of the initial data; shape
+    (times,)."""
     sim = Simulation(**{**setup, "boundary": boundary})
     spacing, found = sim.lattice.spacing, np.full(len(times), np.nan)
-    near = tuple(slice((n - m) // 2, (n + m) // 2) for n, m in zip(sim.lattice.shape, square(RADIUS, sim.dt)["lattice"].shape, strict=True))
+    near = tuple(
+        slice((n - m) // 2, (n + m) // 2)
+        for n, m in zip(sim.lattice.shape, square(RADIUS, sim.dt)["lattice"].shape, strict=True)
+    )
     for number, t in enumerate(times):
         try:
             sim.step(round(t / sim.dt) - 1 - sim.step_count)
@@ -204,7 +290,9 @@ def energies(setup: Mapping[str, Any], boundary: Boundary, times: np.ndarray) ->
             sim.step(2)
         except UnstableError:
             break
-        found[number] = energy((before + sim.fields["u"][near]) / 2, (sim.fields["u"][near] - before) / (2 * sim.dt), spacing)
+        found[number] = energy(
+            (before + sim.fields["u"][near]) / 2, (sim.fields["u"][near] - before) / (2 * sim.dt), spacing
+        )
     return found / _START
 
 
@@ -224,7 +312,13 @@ def exact_energies(setup: Mapping[str, Any], times: np.ndarray) -> np.ndarray:
     return np.array(found) / _START
 
 
-@reproduction("hermann2023-fig10", PAPER, "finite elements on a square: history at (20, 10), and the energy to t = 2500", "a minute", full="minutes")
+@reproduction(
+    "hermann2023-fig10",
+    PAPER,
+    "finite elements on a square: history at (20, 10), and the energy to t = 2500",
+    "a minute",
+    full="minutes",
+)
 def figure_10(folder: Path, full: bool = False) -> Outcome:
     """Left: three models. Right: 1e5 steps of 0.025, with `full` the published 5e6 steps of 5e-4."""
     from farhorizon.pictures.plot import curve_panels, error_history
@@ -238,11 +332,21 @@ def figure_10(folder: Path, full: bool = False) -> Outcome:
     for label, boundary in LONG.items():
         values = run(setup, boundary, course, exact, (), probe).history
         curves.append((label, np.array(course), values))
-        rows.append(Row(f"{label}, largest difference at (20, 10) to t = 60", float(np.abs(values - history).max()),
-                        note=f"largest value {np.abs(history).max():.2g}"))  # fmt: skip
+        rows.append(
+            Row(
+                f"{label}, largest difference at (20, 10) to t = 60",
+                float(np.abs(values - history).max()),
+                note=f"largest value {np.abs(history).max():.2g}",
+            )
+        )
     shown = [c for c in curves if c[0] not in ("published, 1 spacing", "published, 3 spacings")]
     differences = [(name, t, values - history) for name, t, values in shown[1:]]
-    curve_panels([("$u$", shown), ("less that of the infinite medium", differences)], paths[0], xlabel="$t$", ylabel="$u$ at (20, 10)")
+    curve_panels(
+        [("$u$", shown), ("less that of the infinite medium", differences)],
+        paths[0],
+        xlabel="$t$",
+        ylabel="$u$ at (20, 10)",
+    )
 
     setup = square(RADIUS, 5e-4 if full else 0.025)
     times = np.unique(np.round(2 * np.geomspace(5.0, LAST, 100)) / 2)
@@ -251,9 +355,18 @@ def figure_10(folder: Path, full: bool = False) -> Outcome:
     courses |= {label: energies(setup, boundary, times) for label, boundary in LONG.items()}
     for label, values in courses.items():
         ended = not np.isfinite(values[-1])
-        rows.append(Row(f"{label}, energy at t = {LAST:g} / initial", float(values[-1]), note="overflow" if ended else ""))
-    seen = {name: np.where(values < 100, values, np.nan) for name, values in courses.items()}  # what grows leaves the picture
-    error_history({name: (times, values) for name, values in seen.items()}, paths[1], "$E / E_0$ in the near field", "", xlabel="$t$")
+        rows.append(
+            Row(f"{label}, energy at t = {LAST:g} / initial", float(values[-1]), note="overflow" if ended else "")
+        )
+    # what grows leaves the picture
+    seen = {name: np.where(values < 100, values, np.nan) for name, values in courses.items()}
+    error_history(
+        {name: (times, values) for name, values in seen.items()},
+        paths[1],
+        "$E / E_0$ in the near field",
+        "",
+        xlabel="$t$",
+    )
     return Outcome(rows, pictures=paths)
 
 
@@ -262,16 +375,19 @@ def disc_conditions(reach: int) -> dict[str, Boundary]:
     horizon = 0.25 * reach
     thin: dict[str, Any] = {"thin": 2, "cone": 45.0 if reach == 6 else _OPEN}
     readings: dict[str, Boundary] = {
-        "published A, whole cone": published(horizon), "published A, thinned by 2": published(horizon, **thin),
+        "published A, whole cone": published(horizon),
+        "published A, thinned by 2": published(horizon, **thin),
         "published B, thinned by 2": published(horizon, dispersion="local", **thin),
         "published A, lattice normals": published(horizon, thin=-(-reach // 3), normals="lattice"),
-    }  # fmt: skip
+    }
     if reach == 6:
         readings["published A, thinned by 3"] = published(horizon, thin=3)
     return readings | {
-        "repaired": PlaneWave(), "Higdon (0, 0)": Higdon((0, 0), 0.02), "Higdon (0, 45)": Higdon((0, 45), 0.02),
+        "repaired": PlaneWave(),
+        "Higdon (0, 0)": Higdon((0, 0), 0.02),
+        "Higdon (0, 45)": Higdon((0, 45), 0.02),
         "lattice PML": LatticePML(nodes=12 if reach < 4 else 3 * reach),
-    }  # fmt: skip
+    }
 
 
 def _disc_counts(reach: int) -> list[Row]:
@@ -280,18 +396,28 @@ def _disc_counts(reach: int) -> list[Row]:
     square_of_radius = np.add.outer(grid**2, grid**2)
     inside, large = (int((square_of_radius <= (r * 4) ** 2).sum()) for r in (RADIUS, 126))
     fringe = inside - int((square_of_radius <= (RADIUS * 4 - reach) ** 2).sum())
-    return [Row("nodes of the disc", inside, 33949), Row("nodes of the reference", large, 797889), Row("absorbing nodes", fringe)]
+    return [
+        Row("nodes of the disc", inside, 33949),
+        Row("nodes of the reference", large, 797889),
+        Row("absorbing nodes", fringe),
+    ]
 
 
 @reproduction(
-    "hermann2023-ex2", PAPER, "disc, horizon 6 (and 3) spacings: modes of the lattice (A), local ones (B), repairs (figures 11, 12)",
-    "a minute", "minutes",
-)  # fmt: skip
+    "hermann2023-ex2",
+    PAPER,
+    "disc, horizon 6 (and 3) spacings: modes of the lattice (A), local ones (B), repairs (figures 11, 12)",
+    "a minute",
+    "minutes",
+)
 def example_2(folder: Path, full: bool = False) -> Outcome:
     """Disc of radius 26; the step is 500 times the paper's, with `full` 20 times."""
     dt = 2e-3 if full else 0.05
     whole = Outcome(_disc_counts(6))
-    for reach, names in ((6, ("fig11", "fig12", "ex2-errors")), (3, ("ex2-3-fields", "ex2-3-differences", "ex2-3-errors"))):
+    for reach, names in (
+        (6, ("fig11", "fig12", "ex2-errors")),
+        (3, ("ex2-3-fields", "ex2-3-differences", "ex2-3-errors")),
+    ):
         setup = {**disc(RADIUS, reach, dt), "initial": {"u": narrow_pulse}}
         found, runs, exact = _outcome(setup, disc(_SMALL, reach, 0.05), disc_conditions(reach), COURSE, TIMES)
         paths = [folder / f"hermann2023-{name}.png" for name in names]
@@ -335,7 +461,12 @@ def large_domain(setup: Mapping[str, Any], until: float) -> Reference:
     return after
 
 
-@reproduction("hermann2023-ex3", PAPER, "disc with two notches: fields, history at (20, 10) for radius 26 and 42 (figures 13, 14)", full="minutes")
+@reproduction(
+    "hermann2023-ex3",
+    PAPER,
+    "disc with two notches: fields, history at (20, 10) for radius 26 and 42 (figures 13, 14)",
+    full="minutes",
+)
 def example_3(folder: Path, full: bool = False) -> Outcome:
     """Radius 26 and 42 to t = 70; the step is 500 times the paper's, with `full` 50 times."""
     from farhorizon.pictures.plot import curve_panels
@@ -344,11 +475,17 @@ def example_3(folder: Path, full: bool = False) -> Outcome:
     course = tuple(np.arange(0.5, 70.1, 0.5).tolist())
     kept = (*TIMES, 70.0)
     conditions: dict[str, Boundary] = {
-        "published A, thinned by 2": published(0.75, thin=2, cone=_OPEN), "published A, lattice normals": published(0.75, normals="lattice"),
-        "repaired": PlaneWave(), "Higdon (0, 45)": Higdon((0, 45), 0.02), "lattice PML": LatticePML(nodes=12),
-    }  # fmt: skip
+        "published A, thinned by 2": published(0.75, thin=2, cone=_OPEN),
+        "published A, lattice normals": published(0.75, normals="lattice"),
+        "repaired": PlaneWave(),
+        "Higdon (0, 45)": Higdon((0, 45), 0.02),
+        "lattice PML": LatticePML(nodes=12),
+    }
     whole, panels = Outcome([]), []
-    for radius, names in ((RADIUS, ("fig13", "ex3-differences", "ex3-errors")), (42.0, ("ex3-42-fields", "ex3-42-differences", "ex3-42-errors"))):
+    for radius, names in (
+        (RADIUS, ("fig13", "ex3-differences", "ex3-errors")),
+        (42.0, ("ex3-42-fields", "ex3-42-differences", "ex3-42-errors")),
+    ):
         setup = notched(radius, dt)
         exact = large_domain(setup, course[-1])
         probe = setup["lattice"].index(PROBE)
@@ -359,17 +496,24 @@ def example_3(folder: Path, full: bool = False) -> Outcome:
             curves.append((label, np.array(course), found.history))
             apart = float(np.nanmax(np.abs(found.history - at_probe)))
             whole.rows.extend(
-                Row(f"radius {radius:g}, {label}, t = {t:g}", float(found.errors[course.index(t)]),
-                    note=f"at (20, 10) at most {apart:.2g}" * (t == 30))
+                Row(
+                    f"radius {radius:g}, {label}, t = {t:g}",
+                    float(found.errors[course.index(t)]),
+                    note=f"at (20, 10) at most {apart:.2g}" * (t == 30),
+                )
                 for t in (30.0, 40.0, 50.0, 70.0)
-            )  # fmt: skip
+            )
             whole.infinite_error[f"radius {radius:g}, {label}"] = float(found.errors.max())
-        panels.append((f"radius {radius:g}", [c for c in curves if not c[0].startswith(("published A, thin", "Higdon"))]))
+        panels.append(
+            (f"radius {radius:g}", [c for c in curves if not c[0].startswith(("published A, thin", "Higdon"))])
+        )
         paths = [folder / f"hermann2023-{name}.png" for name in names]
         fields = [exact(round(t / dt)) for t in kept]
         shown = ("published A, thinned by 2", "published A, lattice normals", "lattice PML")
         _fields(paths[0], setup, TIMES, ("large domain", fields), {name: runs[name] for name in shown})
-        differences_picture(paths[1], setup["lattice"].axes, kept[-1], fields[-1], runs, [np.array(notch) for notch in NOTCHES])
+        differences_picture(
+            paths[1], setup["lattice"].axes, kept[-1], fields[-1], runs, [np.array(notch) for notch in NOTCHES]
+        )
         errors_picture(paths[2], course, runs)
         whole.pictures.extend(paths)
     for label, boundary in conditions.items():
@@ -380,9 +524,16 @@ def example_3(folder: Path, full: bool = False) -> Outcome:
     return whole
 
 
-@reproduction("hermann2023-appB", PAPER, "highly dispersive pulse on a line, horizon of 25 spacings, to t = 15 (figure B1)", full="minutes")
+@reproduction(
+    "hermann2023-appB",
+    PAPER,
+    "highly dispersive pulse on a line, horizon of 25 spacings, to t = 15 (figure B1)",
+    full="minutes",
+)
 def appendix_b(folder: Path, full: bool = False) -> Outcome:
-    """2001 nodes, 150 000 steps; exact ends, whose kernel takes minutes at this step, at ten times the step unless `full`."""
+    """2001 nodes, 150 000 steps; exact ends, whose kernel takes minutes at this step, at ten times the step unless
+    `full`.
+    """
     from farhorizon.pictures.plot import curve_panels
 
     spacing, dt = 0.01, 1e-4
@@ -395,11 +546,15 @@ def appendix_b(folder: Path, full: bool = False) -> Outcome:
     small = {**setup, "lattice": Lattice(spacing, (-1.0,), (1.0,))}
     line: dict[str, Any] = {"wavenumber": 1.0, "wavenumbers": 10}
     conditions: dict[str, Boundary] = {
-        "published, centre and 25 nodes": published(0.25, **line), "published, centre and 1 node": published(0.01, **line),
-        "published, centre and 3 nodes": published(0.03, **line), "published, wavenumbers to 10": published(0.25, wavenumber=10.0, wavenumbers=10),
-        "repaired, centre and 1 node": PlaneWave(wavenumber=10.0), "Higdon (0, 0)": Higdon((0, 0)),
-        "sponge of 400 nodes": Sponge(400), "lattice PML": LatticePML(nodes=100),
-    }  # fmt: skip
+        "published, centre and 25 nodes": published(0.25, **line),
+        "published, centre and 1 node": published(0.01, **line),
+        "published, centre and 3 nodes": published(0.03, **line),
+        "published, wavenumbers to 10": published(0.25, wavenumber=10.0, wavenumbers=10),
+        "repaired, centre and 1 node": PlaneWave(wavenumber=10.0),
+        "Higdon (0, 0)": Higdon((0, 0)),
+        "sponge of 400 nodes": Sponge(400),
+        "lattice PML": LatticePML(nodes=100),
+    }
     counts = [Row("nodes between the absorbing ones", lattice.nodes, 2001), Row("absorbing nodes at each end", 25, 25)]
     outcome, runs, exact = _outcome(setup, small, conditions, course, times)
     for step in (1e-3, dt) if full else (1e-3,):
@@ -410,9 +565,16 @@ def appendix_b(folder: Path, full: bool = False) -> Outcome:
     paths = [folder / f"hermann2023-{name}.png" for name in ("figB1", "appB-errors")]
     shown = ("published, centre and 25 nodes", "Higdon (0, 0)", "exact ends, dt = 0.001")
     panels = [
-        (f"$t = {t:g}$", [(INFINITE, lattice.axes[0], exact[n]), *((label, lattice.axes[0], runs[label].fields[n]) for label in shown)])
-        for n, t in enumerate(times) if t != 10.0
-    ]  # fmt: skip
+        (
+            f"$t = {t:g}$",
+            [
+                (INFINITE, lattice.axes[0], exact[n]),
+                *((label, lattice.axes[0], runs[label].fields[n]) for label in shown),
+            ],
+        )
+        for n, t in enumerate(times)
+        if t != 10.0
+    ]
     curve_panels(panels, paths[0], xlabel="$x$", ylabel="$u$")
     errors_picture(paths[1], course, runs)
     return Outcome(counts + outcome.rows, outcome.infinite_error, paths)
@@ -420,7 +582,9 @@ def appendix_b(folder: Path, full: bool = False) -> Outcome:
 
 @reproduction("hermann2023-fig6", PAPER, "dispersion: numerical, Taylor and local")
 def figure_6(folder: Path) -> Outcome:
-    """Frequencies at a horizon of 2 without damping, on the lattice with 2 and 8 spacings in it, by series of order 4 and 26, and local."""
+    """Frequencies at a horizon of 2 without damping, on the lattice with 2 and 8 spacings in it, by series of order 4
+    and 26, and local.
+    """
     from farhorizon.pictures.plot import curve_panels
 
     horizon = 2.0
@@ -443,6 +607,12 @@ def figure_6(folder: Path) -> Outcome:
     rows = []
     for at in (1.0, 2.0, 3.0):
         place = int(np.argmin(np.abs(k - at)))
-        rows += [Row(f"frequency at wavenumber {at:g}, {name}", float(y[place]), note="the figure prints no number" * (name == "closed form"))
-                 for name, _, y in curves]  # fmt: skip
+        rows += [
+            Row(
+                f"frequency at wavenumber {at:g}, {name}",
+                float(y[place]),
+                note="the figure prints no number" * (name == "closed form"),
+            )
+            for name, _, y in curves
+        ]
     return Outcome(rows, pictures=[path])

@@ -1,9 +1,11 @@
-"""Ji, Pang, Zhang, Yang and Perdikaris (2021): exact artificial boundary conditions of 1D semi-discretized peridynamics.
+"""Ji, Pang, Zhang, Yang and Perdikaris (2021): exact artificial boundary conditions of 1D semi-discretized
+peridynamics.
 
-The paper's construction is continuous in time: the responses g_m of the infinite chain to an impulse, from them the kernels f of the half-infinite
-chain by an integral equation, and their convolution with the drivers by the trapezoidal rule. `analysis.exact.chain` has the kernels of the
-fully discrete scheme instead; both are run here. Two printed statements do not give the printed numbers and are corrected: the interface's
-soft part is |x| < 4 strictly, and the seismic pulse acts until t = 10, not 5.
+The paper's construction is continuous in time: the responses g_m of the infinite chain to an impulse, from them the
+kernels f of the half-infinite chain by an integral equation, and their convolution with the drivers by the trapezoidal
+rule. `analysis.exact.chain` has the kernels of the fully discrete scheme instead; both are run here. Two printed
+statements do not give the printed numbers and are corrected: the interface's soft part is |x| < 4 strictly, and the
+seismic pulse acts until t = 10, not 5.
 """
 
 from __future__ import annotations
@@ -24,7 +26,9 @@ from farhorizon.medium.integrators import Verlet
 from farhorizon.papers.bar import Bar, bonds_of
 from farhorizon.papers.registry import Outcome, Row, reproduction
 
-PAPER = "Ji, Pang, Zhang, Yang, Perdikaris (2021), Exact artificial boundary conditions of 1D semi-discretized peridynamics"
+PAPER = (
+    "Ji, Pang, Zhang, Yang, Perdikaris (2021), Exact artificial boundary conditions of 1D semi-discretized peridynamics"
+)
 SPACING, WIDTH, HORIZON = 0.1, 0.25, 0.75
 STEPS = (0.001, 0.002, 0.0025, 0.004, 0.005)
 BEAM = np.array([4.0, -1.0])  # Euler-Bernoulli, eq 29
@@ -50,8 +54,8 @@ def bar_weights() -> np.ndarray:
 def impulse_response(weights: np.ndarray, dt: float, steps: int) -> np.ndarray:
     """g_0 .. g_(2K-1) at 0, dt, .. of the infinite chain (eqs 22 to 24), exact in time.
 
-    The integral over wavenumbers by the trapezoidal rule is the response of a periodic chain; it is made so long that what comes round is
-    below rounding.
+    The integral over wavenumbers by the trapezoidal rule is the response of a periodic chain; it is made so long that
+    what comes round is below rounding.
 
     Parameters
     ----------
@@ -73,24 +77,27 @@ def impulse_response(weights: np.ndarray, dt: float, steps: int) -> np.ndarray:
     g = np.empty((steps + 1, 2 * weights.size))
     for start in range(0, steps + 1, 4096):
         t = dt * np.arange(start, min(start + 4096, steps + 1))
-        g[start : start + t.size] = np.sin(np.multiply.outer(t, omega)) @ waves + t[:, None] / nodes  # the rigid motion is g = t / nodes
+        # the rigid motion is g = t / nodes
+        g[start : start + t.size] = np.sin(np.multiply.outer(t, omega)) @ waves + t[:, None] / nodes
     return g
 
 
 def recursive_response(weights: np.ndarray, dt: float, steps: int) -> np.ndarray:
     """g_0 .. g_(2K-1) by the paper's own way, Runge-Kutta 4 closed by the recursion of eq 27; shape (steps + 1, 2K).
 
-    It serves K = 2 (the paper's test). For other stencils the closed system has growing solutions, at the rate ``max |Im w(c)|`` over the complex
-    critical points of the symbol, so that it is of no use beyond short times: 0.41 for the bar.
+    It serves K = 2 (the paper's test). For other stencils the closed system has growing solutions, at the rate ``max
+    |Im w(c)|`` over the complex critical points of the symbol, so that it is of no use beyond short times: 0.41 for the
+    bar.
     """
     return recursive_impulse(weights, dt, steps)
 
 
 def semi_discrete_kernel(weights: np.ndarray, g: np.ndarray, dt: float) -> np.ndarray:
-    """Ghost kernels f of the half-infinite chain by the trapezoidal rule, eq 34, as a quotient of power series in the shift by dt.
+    """Ghost kernels f of the half-infinite chain by the trapezoidal rule, eq 34, as a quotient of power series in the
+    shift by dt.
 
-    With P[a, n, l] = sum over k > l of a_k g_|k + n - l| and R[a, n, m - 1] = sum over k of a_(k + m) g_|k - n|, eq 34 reads
-    ``f + dt P * f = R``: (I + dt P) is inverted by Newton's method on series, each product by FFT.
+    With P[a, n, l] = sum over k > l of a_k g_|k + n - l| and R[a, n, m - 1] = sum over k of a_(k + m) g_|k - n|, eq 34
+    reads ``f + dt P * f = R``: (I + dt P) is inverted by Newton's method on series, each product by FFT.
 
     Parameters
     ----------
@@ -135,7 +142,9 @@ def _inverse(series: np.ndarray) -> np.ndarray:
 
 @cache
 def _paper_kernel(dt: float, steps: int) -> np.ndarray:
-    """Force kernel of the paper's boundary for the bar; its first sample weighs 1/2, the end of the trapezoidal rule (eq 42)."""
+    """Force kernel of the paper's boundary for the bar; its first sample weighs 1/2, the end of the trapezoidal rule
+    (eq 42).
+    """
     weights = bar_weights()
     return dt * force_form(semi_discrete_kernel(weights, impulse_response(weights, dt, steps), dt), weights)
 
@@ -150,9 +159,9 @@ def _discrete_kernel(dt: float, steps: int) -> np.ndarray:
 def beam_kernel(t: float) -> np.ndarray:
     """f of the Euler-Bernoulli beam (K = 2) at one time, exact; shape (2, 2): ghosts 0, -1 and drivers 1, 2.
 
-    The two roots that decay, on the cut s = i w + 0 with w = 4 sin^2(x/2), are exp(-i x) and ``1 + w/2 - sqrt(w + w^2/4)``; the first ghost is
-    (sum of roots, -product of roots), the next one the square of their companion matrix, and f(t) = -2/pi int Im(f~) sin(w t) dw. The
-    one in the corner is ``2 J_1(2t) sin(2t)/t``.
+    The two roots that decay, on the cut s = i w + 0 with w = 4 sin^2(x/2), are exp(-i x) and ``1 + w/2 - sqrt(w +
+    w^2/4)``; the first ghost is (sum of roots, -product of roots), the next one the square of their companion matrix,
+    and f(t) = -2/pi int Im(f~) sin(w t) dw. The one in the corner is ``2 J_1(2t) sin(2t)/t``.
     """
     panels = int(10 + t)
     points, gauss = np.polynomial.legendre.leggauss(20)
@@ -195,7 +204,9 @@ class Example:
         u[np.abs(x) > 10 + 1e-9] = 0
         return u, bonds_of(bar_weights(), x.size, coefficient)
 
-    def run(self, dt: float, times: Sequence[float], kernel: np.ndarray | None, first: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+    def run(
+        self, dt: float, times: Sequence[float], kernel: np.ndarray | None, first: float | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """u and u_t on the near field at some times by velocity Verlet; shapes (times, 201).
 
         `kernel` and `first` belong to the boundary; without a kernel, on a chain so long that nothing returns.
@@ -224,9 +235,11 @@ class Example:
         return np.array([u for u, _ in found]), np.array([v for _, v in found])
 
     def reference(self, times: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-        """u and u_t on the near field, of the chain that is discrete in space and exact in time; shapes (times, 201)."""
+        """u and u_t on the near field, of the chain that is discrete in space and exact in time; shapes (times,
+        201)."""
         weights = bar_weights()
-        pad = int(5.2 * times[-1] + 12 * np.cbrt(times[-1]) + 60)  # the fastest wave passes 10 nodes a time unit, there and back
+        # the fastest wave passes 10 nodes a time unit, there and back
+        pad = int(5.2 * times[-1] + 12 * np.cbrt(times[-1]) + 60)
         u, bonds = self.setup(pad)
         operator = np.zeros((u.size, u.size))
         for k in range(1, weights.size + 1):
@@ -243,10 +256,12 @@ class Example:
         shares, rates = modes.T @ u, modes.T @ v
         for t in times[len(found) :]:
             angle = omega * (t - start)
-            found.append((
-                modes @ (shares * np.cos(angle) + rates * (t - start) * np.sinc(angle / np.pi)),
-                modes @ (rates * np.cos(angle) - shares * omega * np.sin(angle)),
-            ))  # fmt: skip
+            found.append(
+                (
+                    modes @ (shares * np.cos(angle) + rates * (t - start) * np.sinc(angle / np.pi)),
+                    modes @ (rates * np.cos(angle) - shares * omega * np.sin(angle)),
+                )
+            )
         near = slice(pad, pad + 201)
         return np.array([u[near] for u, _ in found]), np.array([v[near] for _, v in found])
 
@@ -293,7 +308,9 @@ def _forced(u: np.ndarray, bonds: np.ndarray, node: int, times: Sequence[float])
 
 
 def solution(x: np.ndarray, t: float) -> State:
-    """u and u_t of the bar of eq 36 in the continuum, eq 37, by Gauss-Legendre; the integrand is below 1e-20 beyond k = 14."""
+    """u and u_t of the bar of eq 36 in the continuum, eq 37, by Gauss-Legendre; the integrand is below 1e-20 beyond k =
+    14.
+    """
     points, gauss = np.polynomial.legendre.leggauss(400)
     k, weight = 7 * (points + 1), 7 * gauss
     omega = 2 / WIDTH * np.sqrt(-np.expm1(-((k * WIDTH) ** 2) / 4))
@@ -309,14 +326,18 @@ def _printed(lines: str) -> np.ndarray:
     return np.array([[float(word) for word in line.split()] for line in lines.strip().splitlines()])
 
 
-def _rows(times: Sequence[float], errors: np.ndarray, printed: np.ndarray, misprints: dict[tuple[int, int], tuple[float, str]]) -> list[Row]:
+def _rows(
+    times: Sequence[float], errors: np.ndarray, printed: np.ndarray, misprints: dict[tuple[int, int], tuple[float, str]]
+) -> list[Row]:
     """Rows of a table of errors, shape (times, steps), and of its convergence rates."""
     rows = []
     for i, t in enumerate(times):
         for j, dt in enumerate(STEPS):
             corrected, note = misprints.get((i, j), (None, ""))
             rows.append(Row(f"t = {t:g}, dt = {dt:g}", float(errors[i, j]), float(printed[i, j]), corrected, note))
-        rows.append(Row(f"t = {t:g}, rate", float(np.polyfit(np.log(STEPS), np.log(errors[i]), 1)[0]), float(printed[i, -1])))
+        rows.append(
+            Row(f"t = {t:g}, rate", float(np.polyfit(np.log(STEPS), np.log(errors[i]), 1)[0]), float(printed[i, -1]))
+        )
     return rows
 
 
@@ -331,22 +352,35 @@ def _errors(example: Example, times: Sequence[float], velocity: bool = False) ->
 
 
 def _table(
-    folder: Path, figure: int, example: Example, times: Sequence[float], lines: str, misprints: dict[tuple[int, int], tuple[float, str]],
+    folder: Path,
+    figure: int,
+    example: Example,
+    times: Sequence[float],
+    lines: str,
+    misprints: dict[tuple[int, int], tuple[float, str]],
     velocity: bool = False,
-) -> Outcome:  # fmt: skip
+) -> Outcome:
     """A table of errors and the figure of its convergence: ours with the printed values."""
     from farhorizon.pictures.plot import log_panels
 
     errors, printed = _errors(example, times, velocity), _printed(lines)
     path = folder / f"ji2021-fig{figure}.png"
     curves = [(f"$t = {t:g}$", np.array(STEPS), values) for t, values in zip(times, errors, strict=True)]
-    log_panels([("", curves)], path, xlabel=r"$\Delta t$", ylabel=r"$\ell_\infty$ error of the " + ("velocity" if velocity else "displacement"),
-               order=2, printed=[list(printed[:, :-1])])  # fmt: skip
+    log_panels(
+        [("", curves)],
+        path,
+        xlabel=r"$\Delta t$",
+        ylabel=r"$\ell_\infty$ error of the " + ("velocity" if velocity else "displacement"),
+        order=2,
+        printed=[list(printed[:, :-1])],
+    )
     return Outcome(_rows(times, errors, printed, misprints), _boundary_errors(example, times), [path])
 
 
 def _boundary_errors(example: Example, times: Sequence[float]) -> dict[str, float]:
-    """Largest error of both boundaries at the largest step, against a chain from which nothing returns and with the same step."""
+    """Largest error of both boundaries at the largest step, against a chain from which nothing returns and with the
+    same step.
+    """
     dt, steps = STEPS[-1], round(times[-1] / STEPS[-1]) + 1
     infinite = example.run(dt, times, None)[0]
     return {
@@ -369,12 +403,17 @@ def _beam_kernels(division: int, last: int) -> np.ndarray:
 def table1(folder: Path) -> Outcome:
     """Error of f by Runge-Kutta 4, recursion and trapezoidal rule, largest over the four kernels.
 
-    The printed errors are differences from the same method at half the smallest step, as the numbers show; both are listed.
+    The printed errors are differences from the same method at half the smallest step, as the numbers show; both are
+    listed.
     """
     from farhorizon.pictures.plot import log_panels
 
-    printed = {3: (9.26e-06, 1.63e-05, 4.79e-05, 7.88e-04, 2.32), 18: (9.31e-07, 1.71e-06, 5.92e-06, 1.11e-05, 2.69),
-               300: (3.80e-08, 8.71e-08, 5.15e-07, 1.24e-06, 3.80), 3000: (8.51e-09, 2.16e-08, 1.52e-07, 3.93e-07, 4.17)}  # fmt: skip
+    printed = {
+        3: (9.26e-06, 1.63e-05, 4.79e-05, 7.88e-04, 2.32),
+        18: (9.31e-07, 1.71e-06, 5.92e-06, 1.11e-05, 2.69),
+        300: (3.80e-08, 8.71e-08, 5.15e-07, 1.24e-06, 3.80),
+        3000: (8.51e-09, 2.16e-08, 1.52e-07, 3.93e-07, 4.17),
+    }
     finest = 2 * _BEAM_DIVISIONS[0]
     fine = _beam_kernels(finest, _BEAM_TIMES[-1])
     references = {
@@ -388,19 +427,25 @@ def table1(folder: Path) -> Outcome:
         own = against != "the exact kernel"
         curves = []
         for t in _BEAM_TIMES:
-            errors = [float(np.abs(found[division][t * division // 3] - reference[t]).max()) for division in _BEAM_DIVISIONS]
+            errors = [
+                float(np.abs(found[division][t * division // 3] - reference[t]).max()) for division in _BEAM_DIVISIONS
+            ]
             for division, error, value in zip(_BEAM_DIVISIONS, errors, printed[t], strict=False):
                 corrected = 7.88e-5 if (t, division) == (3, 200) else None
                 note = "" if own else "true error; the printed one is against a kernel that has an error itself"
                 note = note if corrected is None else "the exponent: the columns fall like dt^2.3"
-                rows.append(Row(f"t = {t} pi, dt = 3 pi / {division}, against {against}", error, value, corrected, note))
+                rows.append(
+                    Row(f"t = {t} pi, dt = 3 pi / {division}, against {against}", error, value, corrected, note)
+                )
             rate = float(-np.polyfit(np.log(_BEAM_DIVISIONS), np.log(errors), 1)[0])
             rows.append(Row(f"t = {t} pi, rate, against {against}", rate, printed[t][-1]))
             curves.append((f"$t = {t}\\pi$", steps, np.array(errors[::-1])))
         panels.append((f"against {against}".replace("pi", "$\\pi$"), curves))
     path = folder / "ji2021-table1.png"
     circles = [np.array(printed[t][-2::-1]) for t in _BEAM_TIMES]
-    log_panels(panels, path, xlabel=r"$\Delta t$", ylabel=r"$\ell_\infty$ error of $f$", order=2, printed=[circles, circles])
+    log_panels(
+        panels, path, xlabel=r"$\Delta t$", ylabel=r"$\ell_\infty$ error of $f$", order=2, printed=[circles, circles]
+    )
     return Outcome(rows, pictures=[path])
 
 
@@ -452,7 +497,9 @@ def table5(folder: Path) -> Outcome:
 
 @reproduction("ji2021-table6", PAPER, "seismic source: error of the displacement (and figure 14: convergence)")
 def table6(folder: Path) -> Outcome:
-    """Displacement of the half-infinite bar after a Ricker pulse at the origin; largest over all nodes, not at the left end as the text says."""
+    """Displacement of the half-infinite bar after a Ricker pulse at the origin; largest over all nodes, not at the left
+    end as the text says.
+    """
     printed = """
         8.46e-07 3.38e-06 5.29e-06 1.35e-05 2.11e-05 2.00
         2.78e-06 1.11e-05 1.74e-05 4.45e-05 6.96e-05 2.00
@@ -483,7 +530,11 @@ def figure2(folder: Path) -> Outcome:
     rows = [
         Row("largest |f_0^1|, analytical", float(np.abs(analytical).max()), note="the figure prints no number"),
         Row("largest |f_0^1|, numerical", float(np.abs(numerical).max())),
-        Row("largest difference, dt = 3 pi / 500", float(np.abs(numerical - analytical).max()), note="table 1 has the four kernels at 3000 pi"),
+        Row(
+            "largest difference, dt = 3 pi / 500",
+            float(np.abs(numerical - analytical).max()),
+            note="table 1 has the four kernels at 3000 pi",
+        ),
     ]
     return Outcome(rows, pictures=[path])
 
@@ -499,13 +550,25 @@ def _snapshots(folder: Path, figure: int, velocity: bool) -> Outcome:
     steps, x = round(_TIMES[-1] / dt) + 1, example.coordinates()
     analytical = [solution(x, t)[field] for t in _TIMES]
     found = {
-        THEIRS: example.run(dt, _TIMES, _paper_kernel(dt, steps), 0.5)[field], OURS: example.run(dt, _TIMES, _discrete_kernel(dt, steps))[field]
-    }  # fmt: skip
+        THEIRS: example.run(dt, _TIMES, _paper_kernel(dt, steps), 0.5)[field],
+        OURS: example.run(dt, _TIMES, _discrete_kernel(dt, steps))[field],
+    }
     panels, rows = [], []
     for n, (t, exact) in enumerate(zip(_TIMES, analytical, strict=True)):
-        panels.append((f"$t = {t:g}$", [("analytical (eq 37)", x, exact), *((name, x, values[n]) for name, values in found.items())]))
-        rows += [Row(f"t = {t:g}, largest difference from eq 37, {name}", float(np.abs(values[n] - exact).max()),
-                     note=f"largest value: {np.abs(exact).max():.1e}") for name, values in found.items()]  # fmt: skip
+        panels.append(
+            (
+                f"$t = {t:g}$",
+                [("analytical (eq 37)", x, exact), *((name, x, values[n]) for name, values in found.items())],
+            )
+        )
+        rows += [
+            Row(
+                f"t = {t:g}, largest difference from eq 37, {name}",
+                float(np.abs(values[n] - exact).max()),
+                note=f"largest value: {np.abs(exact).max():.1e}",
+            )
+            for name, values in found.items()
+        ]
     path = folder / f"ji2021-fig{figure}.png"
     curve_panels(panels, path, xlabel="$x$", ylabel="$u_t$" if velocity else "$u$")
     return Outcome(rows, _boundary_errors(example, _TIMES), [path])
@@ -539,9 +602,13 @@ def histories(example: Example, until: float) -> tuple[np.ndarray, dict[str, np.
 _BETAS, _LONG = (1.0, 0.5, 0.1), 100.0
 
 
-@reproduction("ji2021-fig8", PAPER, "interface: displacement of the origin and of the right end over time, beta = 1, 0.5, 0.1")
+@reproduction(
+    "ji2021-fig8", PAPER, "interface: displacement of the origin and of the right end over time, beta = 1, 0.5, 0.1"
+)
 def figure8(folder: Path) -> Outcome:
-    """To t = 100; the largest hump and hollow beside those of a local bar, in which the soft part reflects (sqrt(beta) - 1)/(sqrt(beta) + 1)."""
+    """To t = 100; the largest hump and hollow beside those of a local bar, in which the soft part reflects (sqrt(beta)
+    - 1)/(sqrt(beta) + 1).
+    """
     from farhorizon.pictures.plot import curve_panels
 
     rows = []
@@ -554,20 +621,44 @@ def figure8(folder: Path) -> Outcome:
         hump, hollow = found[OURS][:, RIGHT], found[OURS][:, ORIGIN]
         note = "the figure prints no number; half of the pulse, transmitted"
         rows += [
-            Row(f"beta = {beta:g}, first hump of the right end", float(hump.max()), note=f"{note}: local bar {(1 + local) / 2:.3f}"),
-            Row(f"beta = {beta:g}, its time", float(times[hump.argmax()]), note=f"local bar {4 / np.sqrt(beta) + 6:.3g}"),
-            Row(f"beta = {beta:g}, first hollow of the origin", float(hollow.min()), note=f"both halves, reflected: local bar {local:.3f}"),
+            Row(
+                f"beta = {beta:g}, first hump of the right end",
+                float(hump.max()),
+                note=f"{note}: local bar {(1 + local) / 2:.3f}",
+            ),
+            Row(
+                f"beta = {beta:g}, its time", float(times[hump.argmax()]), note=f"local bar {4 / np.sqrt(beta) + 6:.3g}"
+            ),
+            Row(
+                f"beta = {beta:g}, first hollow of the origin",
+                float(hollow.min()),
+                note=f"both halves, reflected: local bar {local:.3f}",
+            ),
         ]
         if beta < 1:
-            rows.append(Row(f"beta = {beta:g}, its time", float(times[hollow.argmin()]), note=f"local bar {8 / np.sqrt(beta):.3g}"))
+            rows.append(
+                Row(
+                    f"beta = {beta:g}, its time",
+                    float(times[hollow.argmin()]),
+                    note=f"local bar {8 / np.sqrt(beta):.3g}",
+                )
+            )
     path = folder / "ji2021-fig8.png"
-    curve_panels([("origin", curves[ORIGIN]), ("right end", curves[RIGHT])], path, xlabel="$t$", ylabel="$u$", reference="")
+    curve_panels(
+        [("origin", curves[ORIGIN]), ("right end", curves[RIGHT])], path, xlabel="$t$", ylabel="$u$", reference=""
+    )
     return Outcome(rows, pictures=[path])
 
 
-@reproduction("ji2021-fig9", PAPER, "interface: error of the displacement of the origin and of the right end over time, beta = 1, 0.5, 0.1")
+@reproduction(
+    "ji2021-fig9",
+    PAPER,
+    "interface: error of the displacement of the origin and of the right end over time, beta = 1, 0.5, 0.1",
+)
 def figure9(folder: Path) -> Outcome:
-    """Differences from the chain that is exact in time, at the paper's largest step: its error and that of its boundary, to t = 100."""
+    """Differences from the chain that is exact in time, at the paper's largest step: its error and that of its
+    boundary, to t = 100.
+    """
     from farhorizon.pictures.plot import log_panels
 
     rows, panels = [], []
@@ -578,7 +669,13 @@ def figure9(folder: Path) -> Outcome:
             for name in (THEIRS, OURS):
                 error = np.abs(found[name][:, node] - found["reference"][:, node])
                 curves.append((f"{place}, {name}", times, error))
-                rows.append(Row(f"beta = {beta:g}, {place}, {name}, largest error", float(error.max()), note="the figure prints no number"))
+                rows.append(
+                    Row(
+                        f"beta = {beta:g}, {place}, {name}, largest error",
+                        float(error.max()),
+                        note="the figure prints no number",
+                    )
+                )
                 rows.append(Row(f"beta = {beta:g}, {place}, {name}, error at t = 100", float(error[-1])))
         panels.append((rf"$\beta = {beta:g}$, $\Delta t = {STEPS[-1]:g}$", curves))
     path = folder / "ji2021-fig9.png"
@@ -588,21 +685,38 @@ def figure9(folder: Path) -> Outcome:
 
 @reproduction("ji2021-fig13", PAPER, "seismic source: displacement of the origin, the right and the left end over time")
 def figure13(folder: Path) -> Outcome:
-    """To t = 60, beside the chain that is exact in time; humps beside those of a local bar, whose free end doubles the pulse and sends it back."""
+    """To t = 60, beside the chain that is exact in time; humps beside those of a local bar, whose free end doubles the
+    pulse and sends it back.
+    """
     from farhorizon.pictures.plot import curve_panels
 
     example = Example(seismic=True)
     times, found = histories(example, 60.0)
     rows, panels = [], []
-    for place, node, humps in (("origin", ORIGIN, {5: 1, 25: 1}), ("right end", RIGHT, {15: 2}), ("left end", LEFT, {15: 1, 35: 1})):
+    for place, node, humps in (
+        ("origin", ORIGIN, {5: 1, 25: 1}),
+        ("right end", RIGHT, {15: 2}),
+        ("left end", LEFT, {15: 1, 35: 1}),
+    ):
         panels.append((place, [(name, times, values[:, node]) for name, values in found.items()]))
         for t, height in humps.items():
             near = np.abs(times - t) < 5
             ours, at = found[OURS][near, node], times[near]
-            rows += [Row(f"{place}, hump about t = {t}", float(ours.max()), note=f"local bar {height}; the figure prints no number"),
-                     Row(f"{place}, its time", float(at[ours.argmax()]), note=f"local bar {t}")]  # fmt: skip
-        rows += [Row(f"{place}, largest difference from the reference, {name}", float(np.abs(found[name] - found["reference"])[:, node].max()))
-                 for name in (THEIRS, OURS)]  # fmt: skip
+            rows += [
+                Row(
+                    f"{place}, hump about t = {t}",
+                    float(ours.max()),
+                    note=f"local bar {height}; the figure prints no number",
+                ),
+                Row(f"{place}, its time", float(at[ours.argmax()]), note=f"local bar {t}"),
+            ]
+        rows += [
+            Row(
+                f"{place}, largest difference from the reference, {name}",
+                float(np.abs(found[name] - found["reference"])[:, node].max()),
+            )
+            for name in (THEIRS, OURS)
+        ]
     path = folder / "ji2021-fig13.png"
     curve_panels(panels, path, xlabel="$t$", ylabel="$u$")
     return Outcome(rows, _boundary_errors(example, (60.0,)), [path])

@@ -29,7 +29,8 @@ class Measured:
     Attributes
     ----------
     errors : ndarray, shape (times,)
-        Largest difference from the infinite medium over the near field; infinite from the time on at which the run overflowed.
+        Largest difference from the infinite medium over the near field; infinite from the time on at which the run
+        overflowed.
     fields : list of ndarray
         The near field at the times at which it is kept.
     history : ndarray, shape (times,)
@@ -42,7 +43,8 @@ class Measured:
 
 
 def infinite(setup: Mapping[str, Any], until: float) -> Reference:
-    """The field of a homogeneous set-up after a number of steps, on the infinite lattice by FFT; nan outside a window."""
+    """The field of a homogeneous set-up after a number of steps, on the infinite lattice by FFT; nan outside a
+    window."""
     sim = Simulation(**setup)
     rate = sim.model.coefficient / sim.lattice.spacing**2
     last = round(until / sim.dt) + 1
@@ -52,9 +54,13 @@ def infinite(setup: Mapping[str, Any], until: float) -> Reference:
 
 
 def run(
-    setup: Mapping[str, Any], boundary: Boundary, times: Sequence[float], reference: Reference, kept: Sequence[float] | None = None,
+    setup: Mapping[str, Any],
+    boundary: Boundary,
+    times: Sequence[float],
+    reference: Reference,
+    kept: Sequence[float] | None = None,
     probe: tuple[int, ...] | None = None,
-) -> Measured:  # fmt: skip
+) -> Measured:
     """Run a set-up with a boundary and compare it with the infinite medium.
 
     Parameters
@@ -89,10 +95,11 @@ def run(
 
 
 def growth(setup: Mapping[str, Any], boundary: Boundary, until: float) -> float:
-    """Rate at which the near field grows from white noise: slope of the logarithm of its norm over the last third of the run.
+    """Rate at which the near field grows from white noise: slope of the logarithm of its norm over the last third of
+    the run.
 
-    A measurement, no proof: growth that is slow against the run, or that noise does not excite, goes unseen. A run that overflows is judged by
-    the last third of what there is of it.
+    A measurement, no proof: growth that is slow against the run, or that noise does not excite, goes unseen. A run that
+    overflows is judged by the last third of what there is of it.
     """
     lattice = setup["lattice"]
     noise = np.random.default_rng(1).standard_normal(lattice.shape)
@@ -108,11 +115,16 @@ def growth(setup: Mapping[str, Any], boundary: Boundary, until: float) -> float:
     except UnstableError:
         pass
     late = np.array(times) >= 2 / 3 * times[-1]
-    return float(np.polyfit(np.array(times)[late], np.log(np.maximum(norms, 1e-300))[late], 1)[0]) if late.sum() > 1 else np.inf
+    return (
+        float(np.polyfit(np.array(times)[late], np.log(np.maximum(norms, 1e-300))[late], 1)[0])
+        if late.sum() > 1
+        else np.inf
+    )
 
 
 def stability(setup: Mapping[str, Any], boundary: Boundary, until: float) -> tuple[float, str]:
-    """Spectral radius of the complete step, less 1, and how it is known: from the certificate, or measured where that is undecided within seconds.
+    """Spectral radius of the complete step, less 1, and how it is known: from the certificate, or measured where that
+    is undecided within seconds.
 
     Parameters
     ----------
@@ -134,7 +146,11 @@ def stability(setup: Mapping[str, Any], boundary: Boundary, until: float) -> tup
 def stability_note(setup: Mapping[str, Any], boundary: Boundary, until: float) -> str:
     """The words of `stability` for a row."""
     less_one, how = stability(setup, boundary, until)
-    return f"spectral radius less 1: {less_one:+.1e} ({how})" if np.isfinite(less_one) else f"spectral radius beyond bounds ({how})"
+    return (
+        f"spectral radius less 1: {less_one:+.1e} ({how})"
+        if np.isfinite(less_one)
+        else f"spectral radius beyond bounds ({how})"
+    )
 
 
 def errors_picture(path: Path, times: Sequence[float], runs: Mapping[str, Measured]) -> None:
@@ -142,14 +158,25 @@ def errors_picture(path: Path, times: Sequence[float], runs: Mapping[str, Measur
     from farhorizon.pictures.plot import error_history
 
     ylabel = r"largest $|u - u_\infty|$ in the near field"
-    error_history({label: (np.array(times), found.errors) for label, found in runs.items()}, path, ylabel, "", xlabel="$t$")
+    error_history(
+        {label: (np.array(times), found.errors) for label, found in runs.items()}, path, ylabel, "", xlabel="$t$"
+    )
 
 
 def differences_picture(
-    path: Path, axes: Sequence[np.ndarray], t: float, exact: np.ndarray, runs: Mapping[str, Measured], cracks: Sequence[np.ndarray] = ()
+    path: Path,
+    axes: Sequence[np.ndarray],
+    t: float,
+    exact: np.ndarray,
+    runs: Mapping[str, Measured],
+    cracks: Sequence[np.ndarray] = (),
 ) -> None:
     """How far the fields of those runs that reach the last time are from the infinite medium."""
     from farhorizon.pictures.plot import field_panels
 
-    panels = [(f"{label}, $t = {t:g}$", found.fields[-1] - exact) for label, found in runs.items() if np.isfinite(found.errors[-1])]
+    panels = [
+        (f"{label}, $t = {t:g}$", found.fields[-1] - exact)
+        for label, found in runs.items()
+        if np.isfinite(found.errors[-1])
+    ]
     field_panels(panels, axes, path, shared_scale=False, cracks=cracks, label=r"$u - u_\infty$")

@@ -1,6 +1,7 @@
 """Published tables and figures, computed anew: one module a paper, each result beside the printed one.
 
-A reproduction is a function of a folder (where it may draw a picture) that returns an `Outcome`; `reproduction` enters it under a name.
+A reproduction is a function of a folder (where it may draw a picture) that returns an `Outcome`; `reproduction` enters
+it under a name.
 """
 
 from __future__ import annotations
@@ -60,7 +61,8 @@ class Outcome:
     ----------
     rows : list of Row
     infinite_error : dict of str to float
-        For each boundary, the largest difference from the infinite medium at the same time step, relative to the initial maximum.
+        For each boundary, the largest difference from the infinite medium at the same time step, relative to the
+        initial maximum.
     pictures : list of Path
     """
 
@@ -81,7 +83,8 @@ class Reproduction:
     takes : {"seconds", "a minute"}
         About how long it runs on one core, once what it needs is compiled.
     full : {"", "a minute", "minutes", "an hour"}
-        The same of the published size, where the default is a smaller version or has larger steps; empty if there is one size.
+        The same of the published size, where the default is a smaller version or has larger steps; empty if there is
+        one size.
     """
 
     name: str
@@ -124,7 +127,9 @@ _ENTRIES: dict[str, Reproduction] = {}
 def reproduction(
     name: str, paper: str, title: str, takes: str = "seconds", full: str = ""
 ) -> Callable[[Callable[..., Outcome]], Callable[..., Outcome]]:
-    """Decorator that enters a function of the pictures' folder into the list; one with a `full` size takes `full`, too. See `Reproduction`."""
+    """Decorator that enters a function of the pictures' folder into the list; one with a `full` size takes `full`, too.
+    See `Reproduction`.
+    """
 
     def enter(function: Callable[..., Outcome]) -> Callable[..., Outcome]:
         _ENTRIES[name] = Reproduction(name, paper, title, function, takes, full)
@@ -151,8 +156,13 @@ def find(name: str) -> Reproduction:
     known = reproductions()
     if name not in known:
         near = difflib.get_close_matches(name, known, 1, 0.4)
-        raise InputError("unknown reproduction", value=name, limit=", ".join(known), key="reproduce",
-                         remedy=f"did you mean {near[0]!r}?" if near else "farhorizon reproduce lists them")  # fmt: skip
+        raise InputError(
+            "unknown reproduction",
+            value=name,
+            limit=", ".join(known),
+            key="reproduce",
+            remedy=f"did you mean {near[0]!r}?" if near else "farhorizon reproduce lists them",
+        )
     return known[name]
 
 

@@ -1,15 +1,19 @@
-"""Shojaei, Hermann, Seleson and Cyron (2020): diffusion in unbounded domains, examples 2 and 3: letters and a sphere that corrode.
+"""Shojaei, Hermann, Seleson and Cyron (2020): diffusion in unbounded domains, examples 2 and 3: letters and a sphere
+that corrode.
 
 What the paper leaves open is chosen so that its statements come out:
 
-- The constants c_liq = 7957.7 and c_int = 795.77 are those of the exponent p = 2 with the diffusivity 10 in the plane, not of the declared
-  p = 1. With p = 2 the letters have dissolved long before t = 0.085, when "the concentration level of the near field reaches almost a zero
-  state", and the sphere just before the paper's last step; with p = 1 the letters take six times as long as that.
+- The constants c_liq = 7957.7 and c_int = 795.77 are those of the exponent p = 2 with the diffusivity 10 in the plane,
+  not of the declared p = 1. With p = 2 the letters have dissolved long before t = 0.085, when "the concentration level
+  of the near field reaches almost a zero state", and the sphere just before the paper's last step; with p = 1 the
+  letters take six times as long as that.
 - The letters are DejaVu Sans Bold with capitals of height 1.
-- A solid node dissolves at the end of the step in which it has fallen below the saturation, and keeps its concentration.
+- A solid node dissolves at the end of the step in which it has fallen below the saturation, and keeps its
+  concentration.
 
-The reference of the paper is a larger domain; here it is one from which nothing returns while there is metal and, in the plane, the exact solution
-on the infinite lattice from then on. Each way to close the near field is an entry of `CLOSURES`.
+The reference of the paper is a larger domain; here it is one from which nothing returns while there is metal and, in
+the plane, the exact solution on the infinite lattice from then on. Each way to close the near field is an entry of
+`CLOSURES`.
 """
 
 from __future__ import annotations
@@ -32,25 +36,34 @@ from farhorizon.models import Corrosion
 from farhorizon.papers.registry import Outcome, Row, reproduction
 from farhorizon.simulation.simulation import Simulation
 
-PAPER = "Shojaei, Hermann, Seleson, Cyron (2020), Dirichlet-type absorbing boundary conditions for peridynamic scalar diffusion"
+PAPER = (
+    "Shojaei, Hermann, Seleson, Cyron (2020), Dirichlet-type absorbing boundary conditions for peridynamic scalar "
+    "diffusion"
+)
 LIQUID, INTERFACE, SATURATION = 7957.70, 795.77, 0.8  # micro-diffusivities and u_sat of both examples
 
 
 def _published(spacing: float, region: Shape, wavenumber: float) -> dict[str, Any]:
-    """The paper's condition: clouds of the nearest neighbours, 11 angles and 5 wavenumbers, fitted nodes over two horizons (2D) or one (3D)."""
+    """The paper's condition: clouds of the nearest neighbours, 11 angles and 5 wavenumbers, fitted nodes over two
+    horizons (2D) or one (3D).
+    """
     layer = (4 if region.dim == 2 else 2) * spacing
     boundary = PlaneWave(radius=spacing, layer=layer, wavenumber=wavenumber, wavenumbers=5, angles=11)
     return {"lattice": Lattice(spacing, window=region), "boundary": boundary}
 
 
-#: How the near field is closed: name, and the arguments of `Simulation` for a spacing and a region. The paper gives no wavenumbers.
+#: How the near field is closed: name, and the arguments of `Simulation` for a spacing and a region. The paper gives no
+#: wavenumbers.
 CLOSURES: list[tuple[str, Callable[[float, Shape], dict[str, Any]]]] = [
     ("LatticePML", lambda dx, region: {"lattice": Lattice(dx, window=region), "boundary": LatticePML(target=1e-6)}),
     ("plane waves as published, wavenumbers to 2", lambda dx, region: _published(dx, region, 2.0)),
     ("plane waves as published, wavenumbers to 5", lambda dx, region: _published(dx, region, 5.0)),
     ("plane waves, repaired", lambda dx, region: {"lattice": Lattice(dx, window=region), "boundary": PlaneWave()}),
     ("zero flux at the rim", lambda dx, region: {"lattice": _body(dx, region), "boundary": Free()}),
-    ("zero value at the rim", lambda dx, region: {"lattice": _body(dx, region), "boundary": Fixed(0.0), "rim": "fixed"}),
+    (
+        "zero value at the rim",
+        lambda dx, region: {"lattice": _body(dx, region), "boundary": Fixed(0.0), "rim": "fixed"},
+    ),
 ]
 
 
@@ -101,20 +114,27 @@ class Example:
         diffusivity = LIQUID / kernel.scaling_constant(self.region.dim)
         kernel = replace(kernel, horizon=self.coarser * self.horizon)
         return {
-            "model": Corrosion(kernel, diffusivity, saturation=SATURATION, interface=INTERFACE / LIQUID), "dt": self.dt * self.coarser**2,
-            "specimens": [Specimen(self.metal, self.concentration)], "threads": threads,
-        }  # fmt: skip
+            "model": Corrosion(kernel, diffusivity, saturation=SATURATION, interface=INTERFACE / LIQUID),
+            "dt": self.dt * self.coarser**2,
+            "specimens": [Specimen(self.metal, self.concentration)],
+            "threads": threads,
+        }
 
     def closed(self, most: int | None = None) -> dict[str, Simulation]:
         """The near field with each closure, or with the first `most`."""
         threads = 1 if self.region.dim == 2 else None
-        return {name: Simulation(**self._parts(threads), **closure(self.spacing, self.region), balance=True) for name, closure in CLOSURES[:most]}
+        return {
+            name: Simulation(**self._parts(threads), **closure(self.spacing, self.region), balance=True)
+            for name, closure in CLOSURES[:most]
+        }
 
     def medium(self) -> OpenMedium:
         """The infinite medium."""
         half = self.spacing * np.round(self.far / self.spacing)
         lattice = Lattice(self.spacing, [-half] * self.region.dim, [half] * self.region.dim)
-        return OpenMedium(Simulation(lattice, boundary=Fixed(0.0), **self._parts()), Lattice(self.spacing, window=self.region))
+        return OpenMedium(
+            Simulation(lattice, boundary=Fixed(0.0), **self._parts()), Lattice(self.spacing, window=self.region)
+        )
 
 
 class OpenMedium:
@@ -142,8 +162,14 @@ class OpenMedium:
                 far.step(min(step - far.step_count, 20))
             if far.step_count < step:
                 self._since = far.step_count
-                self._exact = InfiniteLattice(far.stencil, far.model.coefficient / far.lattice.spacing**2, far.model.integrator, far.dt,
-                                              last - self._since, far.fields["u"])  # fmt: skip
+                self._exact = InfiniteLattice(
+                    far.stencil,
+                    far.model.coefficient / far.lattice.spacing**2,
+                    far.model.integrator,
+                    far.dt,
+                    last - self._since,
+                    far.fields["u"],
+                )
         u = far.fields["u"] if self._exact is None else self._exact.after(step - self._since)
         return np.where(self._shown, u[self._near], np.nan)
 
@@ -151,12 +177,14 @@ class OpenMedium:
         return bool(self.far.fields["solid"].any())
 
     def dissolved(self) -> np.ndarray:
-        """Time at which each node of the near field has become liquid so far; nan outside the window and in the metal."""
+        """Time at which each node of the near field has become liquid so far; nan outside the window and in the
+        metal."""
         return np.where(self._shown, self.far.fields["dissolved"][self._near], np.nan)
 
 
 LETTERS = Example(Disc(2.0), Text("HZG", 1.0, bold=True), 2.0, 0.04, 1e-5, 8.0)
-SPHERE = Example(Ball(4.999), Ball(3.33), 1.0, 0.2, 4e-5, 11.0)  # 523 155 nodes: those on the sphere of radius 5 do not count
+# 523 155 nodes: those on the sphere of radius 5 do not count
+SPHERE = Example(Ball(4.999), Ball(3.33), 1.0, 0.2, 4e-5, 11.0)
 
 
 @dataclass
@@ -169,7 +197,8 @@ class Course:
     peak, energy : list of float
         Largest concentration, and integral of its square over the near field (eq. 48), in the infinite medium.
     errors, energies : dict of str to list of float
-        Per closure: the largest difference from the infinite medium over its largest concentration at that time; the integral.
+        Per closure: the largest difference from the infinite medium over its largest concentration at that time; the
+        integral.
     fields : dict of str to list of ndarray
         Kept at the times asked for, those of the infinite medium first.
     shifted : dict of str to (int, int)
@@ -189,7 +218,10 @@ class Course:
 
     def largest_errors(self) -> dict[str, float]:
         """Per closure the largest error of all times, over the largest initial concentration."""
-        return {name: max(e * p for e, p in zip(errors, self.peak, strict=True)) / self.peak[0] for name, errors in self.errors.items()}
+        return {
+            name: max(e * p for e, p in zip(errors, self.peak, strict=True)) / self.peak[0]
+            for name, errors in self.errors.items()
+        }
 
 
 def follow(example: Example, runs: dict[str, Simulation], times: list[float], shown: tuple[float, ...]) -> Course:
@@ -208,7 +240,16 @@ def follow(example: Example, runs: dict[str, Simulation], times: list[float], sh
     medium, cell = example.medium(), example.spacing**example.region.dim
     dt = medium.far.dt
     last = round(times[-1] / dt)
-    course = Course([], [], [], {n: [] for n in runs}, {n: [] for n in runs}, {n: [] for n in ("infinite medium", *runs)}, {}, np.zeros(0))
+    course = Course(
+        [],
+        [],
+        [],
+        {n: [] for n in runs},
+        {n: [] for n in runs},
+        {n: [] for n in ("infinite medium", *runs)},
+        {},
+        np.zeros(0),
+    )
     for time in times:
         step = round(time / dt)
         exact = medium.after(step, last)
@@ -226,7 +267,9 @@ def follow(example: Example, runs: dict[str, Simulation], times: list[float], sh
             course.fields["infinite medium"].append(exact)
     theirs = medium.dissolved()
     for name, sim in runs.items():
-        shift = np.rint((sim.fields["dissolved"] - theirs) / dt)[np.isfinite(theirs) | np.isfinite(sim.fields["dissolved"])]
+        shift = np.rint((sim.fields["dissolved"] - theirs) / dt)[
+            np.isfinite(theirs) | np.isfinite(sim.fields["dissolved"])
+        ]
         late = np.isnan(shift)
         course.shifted[name] = int((shift != 0).sum()), int(np.abs(shift[~late]).max(initial=0))
     course.dissolved = next(iter(runs.values())).fields["dissolved"]
@@ -234,23 +277,43 @@ def follow(example: Example, runs: dict[str, Simulation], times: list[float], sh
 
 
 def _rows(course: Course, runs: dict[str, Simulation], example: Example, shown: tuple[float, ...]) -> list[Row]:
-    """A page: a row for each question and closure, the largest of its values at the times shown; for the first closure a row for each time."""
+    """A page: a row for each question and closure, the largest of its values at the times shown; for the first closure
+    a row for each time.
+    """
     at = [int(np.argmin(np.abs(np.array(course.times) - time))) for time in shown]
 
     def over_time(what: str, values: list[float], note: str = "") -> Row:
         return Row(what, max(values), note=", ".join(f"{v:.2g}" for v in values) + note)
 
     words = ", ".join(f"{time:g}" for time in shown)
-    rows = [over_time("largest concentration", [course.peak[i] for i in at], f" in the infinite medium at t = {words}; so below")]
+    rows = [
+        over_time(
+            "largest concentration", [course.peak[i] for i in at], f" in the infinite medium at t = {words}; so below"
+        )
+    ]
     first = next(iter(runs))
-    rows += [Row(f"t = {t:g}, {first}, largest error / largest concentration", course.errors[first][i]) for t, i in zip(shown, at, strict=True)]
-    rows += [over_time(f"{name}, largest error / largest concentration", [course.errors[name][i] for i in at]) for name in runs if name != first]
+    rows += [
+        Row(f"t = {t:g}, {first}, largest error / largest concentration", course.errors[first][i])
+        for t, i in zip(shown, at, strict=True)
+    ]
+    rows += [
+        over_time(f"{name}, largest error / largest concentration", [course.errors[name][i] for i in at])
+        for name in runs
+        if name != first
+    ]
     for name in runs:
         changes = [abs(course.energies[name][i] - course.energy[i]) / course.energy[0] for i in at]
         rows.append(over_time(f"{name}, change of the integral of u^2, eq. 50", changes))
     for name in runs:
         shares = [outward_share(u, runs[name].lattice.axes, example) for u in course.fields[name]]
-        rows.append(Row(f"{name}, part of the rim whose gradient points inwards", min(shares), 1.0, note=", ".join(f"{s:.3g}" for s in shares)))
+        rows.append(
+            Row(
+                f"{name}, part of the rim whose gradient points inwards",
+                min(shares),
+                1.0,
+                note=", ".join(f"{s:.3g}" for s in shares),
+            )
+        )
     for name, (nodes, steps) in course.shifted.items():
         rises = int((np.diff(course.energies[name]) > 0).sum())
         note = f"by up to {steps} steps" + f"; the integral of u^2 rises at {rises} times" * (rises > 0)
@@ -262,7 +325,8 @@ def _rows(course: Course, runs: dict[str, Simulation], example: Example, shown: 
 
 
 def outward_share(u: np.ndarray, axes: Sequence[np.ndarray], example: Example) -> float:
-    """Part of the nodes beside the rim of a disc or ball about 0 where the gradient, by central differences, points inwards.
+    """Part of the nodes beside the rim of a disc or ball about 0 where the gradient, by central differences, points
+    inwards.
 
     In the paper all arrows along the rim of figures 16 and 20 do.
     """
@@ -270,26 +334,40 @@ def outward_share(u: np.ndarray, axes: Sequence[np.ndarray], example: Example) -
     places = np.meshgrid(*axes, indexing="ij")
     along = sum(x * slope for x, slope in zip(places, slopes, strict=True))
     distance = np.sqrt(sum(x**2 for x in places))
-    rim = np.isfinite(along) & (distance > np.nanmax(np.where(np.isfinite(along), distance, np.nan)) - 2 * example.spacing)
+    rim = np.isfinite(along) & (
+        distance > np.nanmax(np.where(np.isfinite(along), distance, np.nan)) - 2 * example.spacing
+    )
     return float((along[rim] < 0).mean())
 
 
-def _pictures(folder: Path, name: str, course: Course, runs: dict[str, Simulation], shown: tuple[float, ...]) -> list[Path]:
+def _pictures(
+    folder: Path, name: str, course: Course, runs: dict[str, Simulation], shown: tuple[float, ...]
+) -> list[Path]:
     from farhorizon.pictures.plot import error_history, field_panels, front, gradient_panels
 
     first = next(iter(runs))
     axes = runs[first].lattice.axes
-    fields = [(f"{words}, t = {t:g}", u) for words in (first, "infinite medium") for t, u in zip(shown, course.fields[words], strict=True)]
+    fields = [
+        (f"{words}, t = {t:g}", u)
+        for words in (first, "infinite medium")
+        for t, u in zip(shown, course.fields[words], strict=True)
+    ]
     paths = [folder / f"{name}-{part}.png" for part in ("fields", "front", "error", "energy", "gradients")]
     metal = [~(course.dissolved <= t) & ~np.isnan(u) for t, u in zip(shown, course.fields[first], strict=True)]
     field_panels(fields, axes, paths[0], shared_scale=False, solids=2 * metal)
     gradient_panels(fields[: len(shown)], axes, paths[4], solids=metal)
     front(course.dissolved, axes, paths[1], outside=np.isnan(course.fields[first][0]))
     times = np.array(course.times)
-    error_history({n: (times, np.array(e)) for n, e in course.errors.items()}, paths[2], "max error / largest concentration",
-                  "Error against the infinite medium")  # fmt: skip
+    error_history(
+        {n: (times, np.array(e)) for n, e in course.errors.items()},
+        paths[2],
+        "max error / largest concentration",
+        "Error against the infinite medium",
+    )
     scale = course.energy[0]
-    energies = {n: (times, np.array(e) / scale) for n, e in {"infinite medium": course.energy, **course.energies}.items()}
+    energies = {
+        n: (times, np.array(e) / scale) for n, e in {"infinite medium": course.energy, **course.energies}.items()
+    }
     error_history(energies, paths[3], r"$\Pi / \Pi_0$", r"Integral of $u^2$ over the near field")
     return paths
 
@@ -324,9 +402,13 @@ def asymmetry(u: np.ndarray) -> float:
     return max(float(np.nanmax(np.abs(u - image))) for image in images)
 
 
-@reproduction("shojaei2020-ex3", PAPER, "example 3: a sphere that corrodes in an infinite electrolyte, 3D", full="minutes")
+@reproduction(
+    "shojaei2020-ex3", PAPER, "example 3: a sphere that corrodes in an infinite electrolyte, 3D", full="minutes"
+)
 def example3(folder: Path, full: bool = False) -> Outcome:
-    """Concentration, its gradient and energy (figures 20, 21), and what the paper could not have, a reference; spacing 0.1 with `full`, else 0.2."""
+    """Concentration, its gradient and energy (figures 20, 21), and what the paper could not have, a reference; spacing
+    0.1 with `full`, else 0.2.
+    """
     shown = (0.005, 0.02, 0.05)
     example = SPHERE if full else replace(SPHERE, coarser=2)
     runs = example.closed()

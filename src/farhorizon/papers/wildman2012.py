@@ -2,20 +2,24 @@
 
 What the paper leaves open is chosen so that its statements come out:
 
-- The layer lies inside the square of section 3A, from x = 0.3 on, where figure 4 has its probe; in figure 5 the square is [-1, 1]^2. The 1e-6 at
-  the foot of its ramp is relative to the top.
-- The energies of figure 2 are those of the whole square, the layer included, over the initial one. The values that the paper names are no
-  floors: the energy falls like a power of time and passes both at about t = 6.
-- Eq. 3-3 is misprinted (`analysis.references.radial`). In eq. 2-3 the extension is divided by the length of the bond, not by that of the
-  relative displacement.
-- Section 3B: the critical stretch is ``sqrt(4 pi G0 / (9 E spacing))``, which is exactly the printed one: the formula of bond-based plane stress for
-  a horizon of one spacing; so the kernel is taken to be the Gaussian one with delta = one spacing. As the model is another one, it is a number.
-- "N" in the plane needs a thickness, and the drag a time: 0.156 spacings, and D/dt = 1e7 per second, make 250 N give the crack of the paper.
-  The load acts on the 21 nodes of the surface between the precracks. These pass the two uppermost rows of nodes and end just below the second;
-  cut half a spacing deeper they grow by a node more on each side, and want twice the drag.
-- K is recomputed from the bonds that are left. A node is part of a crack if it has lost bonds in the run and more than 15 % of them altogether.
+- The layer lies inside the square of section 3A, from x = 0.3 on, where figure 4 has its probe; in figure 5 the square
+  is [-1, 1]^2. The 1e-6 at the foot of its ramp is relative to the top.
+- The energies of figure 2 are those of the whole square, the layer included, over the initial one. The values that the
+  paper names are no floors: the energy falls like a power of time and passes both at about t = 6.
+- Eq. 3-3 is misprinted (`analysis.references.radial`). In eq. 2-3 the extension is divided by the length of the bond,
+  not by that of the relative displacement.
+- Section 3B: the critical stretch is ``sqrt(4 pi G0 / (9 E spacing))``, which is exactly the printed one: the formula
+  of bond-based plane stress for a horizon of one spacing; so the kernel is taken to be the Gaussian one with delta =
+  one spacing. As the model is another one, it is a number.
+- "N" in the plane needs a thickness, and the drag a time: 0.156 spacings, and D/dt = 1e7 per second, make 250 N give
+  the crack of the paper. The load acts on the 21 nodes of the surface between the precracks. These pass the two
+  uppermost rows of nodes and end just below the second; cut half a spacing deeper they grow by a node more on each
+  side, and want twice the drag.
+- K is recomputed from the bonds that are left. A node is part of a crack if it has lost bonds in the run and more than
+  15 % of them altogether.
 
-Times are run by velocity Verlet; the forward Euler of the paper is unstable and needs the tiny steps that it took (`split_energies`).
+Times are run by velocity Verlet; the forward Euler of the paper is unstable and needs the tiny steps that it took
+(`split_energies`).
 """
 
 from __future__ import annotations
@@ -45,7 +49,8 @@ SPACING = 0.01
 LAYER = 30  # nodes, of which the outermost third is the plateau
 STRENGTH = 50.0  # 1/s
 STEP = 5e-3  # a fifth of the limit
-COMPARED = 2.2  # errors are looked at so long: what a fixed square has sent back has crossed the near field several times
+# errors are looked at so long: what a fixed square has sent back has crossed the near field several times
+COMPARED = 2.2
 LOADS = (140.0, 200.0, 250.0, 320.0, 400.0, 500.0)
 THICKNESS = 0.156  # spacings
 DRAG = 1e7  # 1/s
@@ -74,12 +79,17 @@ def published(**options: Any) -> NonlocalPML:
 
 #: Ways to close the near field, all of which end at the edge of the square.
 ABSORBERS: dict[str, Any] = {
-    "fixed": Fixed(), "free": Free(), "sponge, quadratic, 40/s": Sponge(LAYER, 20.0), "layer, as published": published(),
-    "layer, published ramp, 200/s": published(strength=200.0), "layer, quadratic, 60/s": NonlocalPML(LAYER, "quadratic", 60.0),
+    "fixed": Fixed(),
+    "free": Free(),
+    "sponge, quadratic, 40/s": Sponge(LAYER, 20.0),
+    "layer, as published": published(),
+    "layer, published ramp, 200/s": published(strength=200.0),
+    "layer, quadratic, 60/s": NonlocalPML(LAYER, "quadratic", 60.0),
     "layer, quadratic, 60/s, cross 0.1": NonlocalPML(LAYER, "quadratic", 60.0, cross=0.1),
     "layer, quadratic, 60/s, cross 0.5": NonlocalPML(LAYER, "quadratic", 60.0, cross=0.5),
-    "layer, cubic, 60/s": NonlocalPML(LAYER, "cubic", 60.0), "layer, cubic, 30/s": NonlocalPML(LAYER, "cubic", 30.0),
-}  # fmt: skip
+    "layer, cubic, 60/s": NonlocalPML(LAYER, "cubic", 60.0),
+    "layer, cubic, 30/s": NonlocalPML(LAYER, "cubic", 30.0),
+}
 
 
 def pulse(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -145,7 +155,11 @@ def passes(times: np.ndarray, values: np.ndarray, level: float) -> float:
     return float(times[i] + share * (times[i + 1] - times[i]))
 
 
-@reproduction("wildman2012-fig2", PAPER, "strain energy of a pulse in a square with the layer, both kernels, and what other sides send back")
+@reproduction(
+    "wildman2012-fig2",
+    PAPER,
+    "strain energy of a pulse in a square with the layer, both kernels, and what other sides send back",
+)
 def figure_2(folder: Path) -> Outcome:
     """Energies to t = 10; errors of all absorbers against the infinite lattice; the paper's own integrator."""
     from farhorizon.pictures.plot import error_history
@@ -155,7 +169,14 @@ def figure_2(folder: Path) -> Outcome:
     rows, curves = [], {}
     for (name, kernel), printed in zip(KERNELS.items(), (5.6e-7, 1e-4), strict=True):
         whole, near = energies(plate(kernel, published()), times)
-        rows.append(Row(f"{name}, energy at t = 6", float(whole[np.searchsorted(times, 6.0)]), printed, note="the paper's lowest; it is no floor"))
+        rows.append(
+            Row(
+                f"{name}, energy at t = 6",
+                float(whole[np.searchsorted(times, 6.0)]),
+                printed,
+                note="the paper's lowest; it is no floor",
+            )
+        )
         rows.append(Row(f"{name}, time at which it passes {printed:g}", passes(times, whole, printed)))
         for t in named:
             i = int(np.searchsorted(times, t))
@@ -165,7 +186,13 @@ def figure_2(folder: Path) -> Outcome:
     curves["Gaussian kernel, fixed square"] = (times, energies(plate(KERNELS["Gaussian"], Fixed()), times)[0])
     for dt in (1e-3, 5e-4):
         whole, near = split_energies(KERNELS["Gaussian"], dt, (2.0,))
-        rows.append(Row(f"forward Euler on split fields, dt = {dt:g}, energy at t = 2", float(whole[0]), note=f"without the layer {near[0]:.1e}"))
+        rows.append(
+            Row(
+                f"forward Euler on split fields, dt = {dt:g}, energy at t = 2",
+                float(whole[0]),
+                note=f"without the layer {near[0]:.1e}",
+            )
+        )
     error_history(curves, folder / "wildman2012-fig2.png", "strain energy / initial", "")
     errors: dict[str, float] = {}
     for name, kernel in KERNELS.items():
@@ -178,9 +205,11 @@ _ROOM = 10  # nodes by which the near field below reaches beyond the inner part:
 
 
 def lattice_plate(kernel: Kernel) -> Simulation:
-    """The pulse on 61 x 61 nodes of the same material, as one stencil, in a lattice PML of as many nodes as the paper's layer.
+    """The pulse on 61 x 61 nodes of the same material, as one stencil, in a lattice PML of as many nodes as the paper's
+    layer.
 
-    A lattice PML continues a medium that is at rest at the start; at the border of the inner part the pulse is still 3e-4.
+    A lattice PML continues a medium that is at rest at the start; at the border of the inner part the pulse is still
+    3e-4.
     """
     inside = (LAYER - _ROOM) * SPACING
     lattice = Lattice(SPACING, (inside, inside), (1 - inside, 1 - inside))
@@ -195,10 +224,15 @@ def roomy_plate(kernel: Kernel) -> Body:
     return Body(lattice, kernel, young=1.0, poisson=0.25, boundary=published(), initial={"u": (pulse, 0.0)}, dt=STEP)
 
 
-@reproduction("wildman2012-lattice", PAPER, "the pulse of figure 2 in a lattice PML of the same 30 nodes, beside the published layer",
-              takes="a minute")  # fmt: skip
+@reproduction(
+    "wildman2012-lattice",
+    PAPER,
+    "the pulse of figure 2 in a lattice PML of the same 30 nodes, beside the published layer",
+    takes="a minute",
+)
 def lattice_layer(folder: Path) -> Outcome:
-    """Errors until t = 2.2 on the inner part against the infinite lattice, and energies of the near field to t = 100."""
+    """Errors until t = 2.2 on the inner part against the infinite lattice, and energies of the near field to t =
+    100."""
     from farhorizon.pictures.plot import error_history
 
     rows, left = [], {}
@@ -214,8 +248,13 @@ def lattice_layer(folder: Path) -> Outcome:
         sim.run(100.0, every=0.5, progress=False, allow_unstable=True)
         times, energies = np.array(found).T
         for t in (10.0, 50.0, 100.0):
-            rows.append(Row(f"{name}, lattice PML, |energy| at t = {t:g}", float(energies[np.argmin(np.abs(times - t))]),
-                            note="of the near field, over the initial one"))  # fmt: skip
+            rows.append(
+                Row(
+                    f"{name}, lattice PML, |energy| at t = {t:g}",
+                    float(energies[np.argmin(np.abs(times - t))]),
+                    note="of the near field, over the initial one",
+                )
+            )
         left[f"{name} kernel, lattice PML"] = (times, energies)
     path = folder / "wildman2012-lattice.png"
     error_history(left, path, "energy of the near field / initial", "")
@@ -236,9 +275,14 @@ def figure_3(folder: Path) -> Outcome:
     outwards = published().stretch(SPACING, body.fast)
     stretch = np.concatenate([outwards[::-1], np.zeros(41), outwards])
     near = slice(LAYER, -LAYER)
-    rows = [Row("largest |u_x| at t = 1, near field", float(np.abs(lines[-1][near]).max())),
-            Row("largest |u_x| at t = 1, layer", float(max(np.abs(lines[-1][:LAYER]).max(), np.abs(lines[-1][-LAYER:]).max()))),
-            Row("largest stretch (1/s)", float(stretch.max()), STRENGTH)]  # fmt: skip
+    rows = [
+        Row("largest |u_x| at t = 1, near field", float(np.abs(lines[-1][near]).max())),
+        Row(
+            "largest |u_x| at t = 1, layer",
+            float(max(np.abs(lines[-1][:LAYER]).max(), np.abs(lines[-1][-LAYER:]).max())),
+        ),
+        Row("largest stretch (1/s)", float(stretch.max()), STRENGTH),
+    ]
     path = folder / "wildman2012-fig3.png"
     waterfall(x, times, np.array(lines), path, xlabel="x", ylabel=r"$u_x$", backdrop=("stretch", stretch))
     return Outcome(rows, pictures=[path])
@@ -262,13 +306,21 @@ def figure_4(folder: Path) -> Outcome:
     peak = float(np.abs(found["layer"]).max())
     apart = float(times[np.argmax(np.abs(found["layer"] - found["fixed"]) > 1e-3 * peak)])
     way = 0.8 / plate(KERNELS["Gaussian"], Fixed()).fast
-    rows = [Row("time at which the two part (0.1 % of the peak)", apart, note=f"the middle, the edge, the probe: {way:.3g} at the wave speed"),
-            Row("largest |u_x| after t = 4, layer", float(np.abs(found["layer"][times > 4]).max())),
-            Row("largest |u_x| after t = 4, fixed", float(np.abs(found["fixed"][times > 4]).max()))]  # fmt: skip
+    rows = [
+        Row(
+            "time at which the two part (0.1 % of the peak)",
+            apart,
+            note=f"the middle, the edge, the probe: {way:.3g} at the wave speed",
+        ),
+        Row("largest |u_x| after t = 4, layer", float(np.abs(found["layer"][times > 4]).max())),
+        Row("largest |u_x| after t = 4, fixed", float(np.abs(found["fixed"][times > 4]).max())),
+    ]
     errors = {name: float(np.abs(values[: len(reference)] - reference).max()) for name, values in found.items()}
     path = folder / "wildman2012-fig4.png"
     error_history({name: (times, np.abs(values)) for name, values in found.items()}, path, r"$|u_x|$ at (0.3, 0.5)", "")
-    return Outcome(rows, {f"{name}, at the probe until t = {COMPARED:g}": error for name, error in errors.items()}, [path])
+    return Outcome(
+        rows, {f"{name}, at the probe until t = {COMPARED:g}": error for name, error in errors.items()}, [path]
+    )
 
 
 def radial_plate(boundary: Any, width: float = 0.1, dt: float = STEP) -> Body:
@@ -279,7 +331,15 @@ def radial_plate(boundary: Any, width: float = 0.1, dt: float = STEP) -> Body:
     def component(a: int) -> Callable[..., np.ndarray]:
         return lambda *at: at[a] / width * (1 + (at[0] ** 2 + at[1] ** 2) / width**2) ** -1.5
 
-    return Body(lattice, gaussian(0.75 * SPACING), young=1.0, poisson=0.25, boundary=boundary, initial={"u": (component(0), component(1))}, dt=dt)
+    return Body(
+        lattice,
+        gaussian(0.75 * SPACING),
+        young=1.0,
+        poisson=0.25,
+        boundary=boundary,
+        initial={"u": (component(0), component(1))},
+        dt=dt,
+    )
 
 
 @reproduction("wildman2012-fig5", PAPER, "a cylindrical wave against the exact solution, local and nonlocal")
@@ -306,23 +366,39 @@ def figure_5(folder: Path) -> Outcome:
 
     start = float(radial_wave(0.05, 0.0, body.fast, 1.0, width))
     rows = [
-        Row("eq. 3-3 at r = 0.05, t = 0", start, 0.096, start, "the root ends after alpha, 2 alpha - R^2 stands outside; sqrt(2) a, not sqrt(2a)"),
+        Row(
+            "eq. 3-3 at r = 0.05, t = 0",
+            start,
+            0.096,
+            start,
+            "the root ends after alpha, 2 alpha - R^2 stands outside; sqrt(2) a, not sqrt(2a)",
+        ),
         Row("cutoff of the kernel", gaussian(0.75 * SPACING).horizon, 0.028),
         Row("peak at the probe", peak),
         Row("layer, from the local solution / peak", apart(found["layer"], local), note="mostly dispersion"),
         Row("nonlocal from local solution / peak", apart(medium, local)),
-        Row("layer, from the nonlocal solution / peak", apart(found["layer"], medium), note="initial data in the layer, which fall like r^-2"),
+        Row(
+            "layer, from the nonlocal solution / peak",
+            apart(found["layer"], medium),
+            note="initial data in the layer, which fall like r^-2",
+        ),
         Row("fixed, from the nonlocal solution / peak", apart(found["fixed"], medium)),
     ]
     path = folder / "wildman2012-fig5.png"
     curves = [("exact, local", times, local), ("exact, nonlocal", times, medium), ("layer", times, found["layer"])]
     differences = [("exact, nonlocal", times, medium - local), ("layer", times, found["layer"] - local)]
-    curve_panels([(r"$u_x$ at (0.5, 0)", curves), ("difference from the local solution", differences)], path, xlabel="t", ylabel=r"$u_x$")
+    curve_panels(
+        [(r"$u_x$ at (0.5, 0)", curves), ("difference from the local solution", differences)],
+        path,
+        xlabel="t",
+        ylabel=r"$u_x$",
+    )
     return Outcome(rows, pictures=[path])
 
 
 def amplitudes(kernel: Kernel, boundary: Any, until: float = 100.0, dt: float = 0.01) -> tuple[np.ndarray, np.ndarray]:
-    """Times and the root of the strain energy over its initial value, from white noise on 21 x 21 nodes and in a layer around them.
+    """Times and the root of the strain energy over its initial value, from white noise on 21 x 21 nodes and in a layer
+    around them.
 
     What grows a millionfold ends its run before `until`.
     """
@@ -364,7 +440,7 @@ LONG: dict[str, tuple[str, Any]] = {
     "Heaviside, quadratic, shift 2": ("Heaviside", NonlocalPML(**_QUADRATIC, shift=2.0)),
     "Heaviside, quadratic, cross 0.2": ("Heaviside", NonlocalPML(**_QUADRATIC, cross=0.2)),
     "Heaviside, quadratic, cross 0.5": ("Heaviside", NonlocalPML(**_QUADRATIC, cross=0.5)),
-}  # fmt: skip
+}
 
 
 @reproduction("wildman2012-growth", PAPER, "what grows in the layer long after the paper's figures end", "a minute")
@@ -401,11 +477,17 @@ def half_space(load: float, dt: float = 20e-9, **options: Any) -> Body:
     edge = (_SURFACE + 0.5) * GRID
     pressure = load / (THICKNESS * GRID * (2 * _SURFACE + 1) * GRID)
     settings = {
-        "young": YOUNG, "poisson": 0.2, "density": 2235.0, "dt": dt, "drag": DRAG, "critical_stretch": critical_stretch(), "balance": True,
+        "young": YOUNG,
+        "poisson": 0.2,
+        "density": 2235.0,
+        "dt": dt,
+        "drag": DRAG,
+        "critical_stretch": critical_stretch(),
+        "balance": True,
         "boundary": {"all": published(strength=5e6), "y+": Free()},
         "cracks": [[(x, GRID), (x, -1.1 * GRID)] for x in (-edge, edge)],
         "loads": [Traction("y+", (0.0, -pressure), [(-_SURFACE * GRID, _SURFACE * GRID)])],
-    }  # fmt: skip
+    }
     return Body(lattice, gaussian(GRID), **{**settings, **options})
 
 
@@ -415,7 +497,8 @@ def critical_stretch() -> float:
 
 
 def crack_extent(before: np.ndarray, after: np.ndarray) -> tuple[int, int]:
-    """Nodes by which the cracks have grown outwards and downwards from the precracks, from the damage before and after."""
+    """Nodes by which the cracks have grown outwards and downwards from the precracks, from the damage before and
+    after."""
     column, row = np.nonzero((after > _THRESHOLD) & (after > before))
     if column.size == 0:
         return 0, 0
@@ -424,14 +507,18 @@ def crack_extent(before: np.ndarray, after: np.ndarray) -> tuple[int, int]:
 
 
 def indent(load: float, dt: float, until: float = 10e-6, **options: Any) -> tuple[Body, np.ndarray, dict[str, float]]:
-    """Run the half-space; the body, the damage at the start, and its energies with the `residual` of their balance over the work."""
+    """Run the half-space; the body, the damage at the start, and its energies with the `residual` of their balance over
+    the work.
+    """
     body = half_space(load, dt, **options)
     before = body.damage()
     body.step()
     start = body.energies()
     body.run(until)
     now = body.energies()
-    spent = sum(now[name] - start[name] for name in ("kinetic", "strain")) + now["broken"] + now["drag"] + now["outflow"]
+    spent = (
+        sum(now[name] - start[name] for name in ("kinetic", "strain")) + now["broken"] + now["drag"] + now["outflow"]
+    )
     return body, before, {**now, "residual": (now["work"] - spent) / now["work"]}
 
 
@@ -445,16 +532,28 @@ def figure_7(folder: Path, full: bool = False) -> Outcome:
     across, down = crack_extent(before, damage)
     spacing_mm = 1e3 * GRID
     rows = [
-        Row("spacing (mm)", spacing_mm, 0.496), Row("critical stretch", critical_stretch(), 2.971e-3),
-        Row("nodes down", down, 3), Row("nodes across", across, 3),
+        Row("spacing (mm)", spacing_mm, 0.496),
+        Row("critical stretch", critical_stretch(), 2.971e-3),
+        Row("nodes down", down, 3),
+        Row("nodes across", across, 3),
         Row("length (mm)", spacing_mm * float(np.hypot(across, down)), 2.11),
-        Row("thickness under the load (spacings)", THICKNESS, note=f"calibrated, as is the drag D/dt = {DRAG:g}/s; K recomputed"),
+        Row(
+            "thickness under the load (spacings)",
+            THICKNESS,
+            note=f"calibrated, as is the drag D/dt = {DRAG:g}/s; K recomputed",
+        ),
         Row("broken bonds", body.broken_bonds),
-        Row("work of the load (J/m)", found["work"]), Row("kinetic and strain energy (J/m)", found["kinetic"] + found["strain"]),
-        Row("into the layers (J/m)", found["outflow"]), Row("drag (J/m)", found["drag"]),
-        Row("breaking (J/m)", found["broken"], note="what it sets free; negative where K of fewer bonds holds more energy"),
+        Row("work of the load (J/m)", found["work"]),
+        Row("kinetic and strain energy (J/m)", found["kinetic"] + found["strain"]),
+        Row("into the layers (J/m)", found["outflow"]),
+        Row("drag (J/m)", found["drag"]),
+        Row(
+            "breaking (J/m)",
+            found["broken"],
+            note="what it sets free; negative where K of fewer bonds holds more energy",
+        ),
         Row("residual of the energy balance / work", found["residual"]),
-    ]  # fmt: skip
+    ]
     axes = [1e3 * a for a in body.lattice.axes]
     edge = 1e3 * (_SURFACE + 0.5) * GRID
     cracks = [np.array([[x, 0.0], [x, -1.1 * spacing_mm]]) for x in (-edge, edge)]
@@ -488,16 +587,37 @@ def figure_9(folder: Path, full: bool = False) -> Outcome:
         body, before, found = indent(float(load), 1e-9 if full else 20e-9)
         across, down = crack_extent(before, body.damage())
         separations.append(1e3 * GRID * (2 * _SURFACE + 1 + 2 * across))
-        rows.append(Row(f"{load:g} N, separation (mm)", separations[-1], float(fitted(np.array([load]))[0]),
-                        note=f"the paper's fit; {across} across, {down} down; energy balance {found['residual']:.0e}"))  # fmt: skip
-    ours, _ = curve_fit(lambda p, a, s, b: a * (p / 100) ** s + b, loads, separations, p0=(FIT[0] * 100 ** FIT[1], FIT[1], FIT[2]), maxfev=20_000)
+        rows.append(
+            Row(
+                f"{load:g} N, separation (mm)",
+                separations[-1],
+                float(fitted(np.array([load]))[0]),
+                note=f"the paper's fit; {across} across, {down} down; energy balance {found['residual']:.0e}",
+            )
+        )
+    ours, _ = curve_fit(
+        lambda p, a, s, b: a * (p / 100) ** s + b,
+        loads,
+        separations,
+        p0=(FIT[0] * 100 ** FIT[1], FIT[1], FIT[2]),
+        maxfev=20_000,
+    )
     fine = np.linspace(loads[0], loads[-1], 200)
     rows += [
-        Row("fit of eq. 3-5, exponent s", float(ours[1]), FIT[1], note="separations go in steps of two nodes: A, s and B trade off"),
-        Row("fit of eq. 3-5, B (mm)", float(ours[2]), FIT[2]), Row("two nodes (mm)", 2e3 * GRID),
-    ]  # fmt: skip
+        Row(
+            "fit of eq. 3-5, exponent s",
+            float(ours[1]),
+            FIT[1],
+            note="separations go in steps of two nodes: A, s and B trade off",
+        ),
+        Row("fit of eq. 3-5, B (mm)", float(ours[2]), FIT[2]),
+        Row("two nodes (mm)", 2e3 * GRID),
+    ]
     path = folder / "wildman2012-fig9.png"
-    curves = [("the paper's fit", fine, fitted(fine)), ("ours", loads, np.array(separations)),
-              ("fit of ours", fine, ours[0] * (fine / 100) ** ours[1] + ours[2])]  # fmt: skip
+    curves = [
+        ("the paper's fit", fine, fitted(fine)),
+        ("ours", loads, np.array(separations)),
+        ("fit of ours", fine, ours[0] * (fine / 100) ** ours[1] + ours[2]),
+    ]
     curve_panels([("", curves)], path, xlabel="load (N)", ylabel="separation (mm)")
     return Outcome(rows, pictures=[path])

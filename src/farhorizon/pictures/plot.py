@@ -1,6 +1,7 @@
 """Pictures for papers: fields, probes, energy and error histories, as PNG files.
 
-matplotlib is imported when a picture is made; pyplot is not used, so that no display is needed and no figure stays open.
+matplotlib is imported when a picture is made; pyplot is not used, so that no display is needed and no figure stays
+open.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ _STYLE = {
     "grid.color": "0.88",
     "savefig.dpi": 150,
 }
-# Okabe and Ito's colours, which the colour-blind can tell apart; their yellow is left out, as it does not show on white.
+# Okabe and Ito's colours, which the colour-blind can tell apart; their yellow is left out, as it does not show on
+# white.
 _COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _DASHES = ("-", "--", "-.", ":")
 # A logarithmic axis shows at most so many decades below its maximum; double precision resolves 16.
@@ -56,7 +58,8 @@ def _figure(path: str | Path, size: tuple[float, float], layout: str = "constrai
     path = Path(path)
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no directory {path.parent}", remedy="create it first")
-    styles = [(_DASHES[i % len(_DASHES)], _COLORS[i % len(_COLORS)]) for i in range(len(_DASHES) * len(_COLORS))]  # coprime: all combinations
+    # coprime: all combinations
+    styles = [(_DASHES[i % len(_DASHES)], _COLORS[i % len(_COLORS)]) for i in range(len(_DASHES) * len(_COLORS))]
     cycle = cycler(linestyle=[dash for dash, _ in styles]) + cycler(color=[color for _, color in styles])
     settings: dict[Any, Any] = {**_STYLE, "axes.prop_cycle": cycle}
     with matplotlib.rc_context(settings):
@@ -97,14 +100,17 @@ def _lines(
 
 
 def _number(value: float, scale: float) -> str:
-    """Text of a coordinate, free of round-off and with a true minus sign; `scale` is the size of coordinates that matter."""
+    """Text of a coordinate, free of round-off and with a true minus sign; `scale` is the size of coordinates that
+    matter.
+    """
     return f"{value if abs(value) > 1e-9 * scale else 0.0:g}".replace("-", "\N{MINUS SIGN}")
 
 
 def _color_range(fields: Sequence[np.ndarray], signed: bool | None = None) -> dict[str, Any]:
     """Colour map and limits of some fields: symmetric and diverging if they have both signs, sequential otherwise.
 
-    Negative values below a hundredth of the largest value are taken for undershoot, not for a sign, unless `signed` is given.
+    Negative values below a hundredth of the largest value are taken for undershoot, not for a sign, unless `signed` is
+    given.
     """
     values = np.concatenate([field[np.isfinite(field)].ravel() for field in fields])
     low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
@@ -157,7 +163,8 @@ def field_panels(
     solids : sequence of ndarray of bool
         For each field the nodes that are solid: their outline is drawn as cracks are. Without meaning in 1D.
     colors : str, optional
-        Matplotlib's colour map, from zero; diverging or sequential as the values are, unless given. Without meaning in 1D.
+        Matplotlib's colour map, from zero; diverging or sequential as the values are, unless given. Without meaning in
+        1D.
 
     Raises
     ------
@@ -167,7 +174,9 @@ def field_panels(
     coordinates = [np.asarray(axis, dtype=float) for axis in axes]
     shape, dim = tuple(axis.size for axis in coordinates), len(coordinates)
     if not fields or dim not in (1, 2, 3):
-        raise InputError("a picture needs one field or more on one to three axes", value=f"{len(fields)} fields, {dim} axes")
+        raise InputError(
+            "a picture needs one field or more on one to three axes", value=f"{len(fields)} fields, {dim} axes"
+        )
     arrays = [np.asarray(field, dtype=float) for _, field in fields]
     titles = [title for title, _ in fields]
     for title, array in zip(titles, arrays, strict=True):
@@ -180,7 +189,14 @@ def field_panels(
     if dim == 1:
         curves = [(title, coordinates[0], array) for title, array in zip(titles, arrays, strict=True)]
         title = titles[0] if len(titles) == 1 else ""
-        _lines(curves, path, xlabel="x", ylabel=label, title=title, places=[x for points in polylines for x in points[:, 0]])
+        _lines(
+            curves,
+            path,
+            xlabel="x",
+            ylabel=label,
+            title=title,
+            places=[x for points in polylines for x in points[:, 0]],
+        )
         return
     if dim == 3:
         middle = shape[2] // 2
@@ -188,13 +204,29 @@ def field_panels(
         place = f"z = {_number(coordinates[2][middle], np.ptp(coordinates[2]))}"
         titles = [f"{title}, {place}" if title else place for title in titles]
         solids = [solid[:, :, middle] for solid in solids]
-    _images(arrays, titles, coordinates[:2], path, shared_scale=shared_scale, cracks=polylines, label=label, solids=solids, colors=colors)
+    _images(
+        arrays,
+        titles,
+        coordinates[:2],
+        path,
+        shared_scale=shared_scale,
+        cracks=polylines,
+        label=label,
+        solids=solids,
+        colors=colors,
+    )
 
 
 def gradient_panels(
-    fields: Sequence[tuple[str, np.ndarray]], axes: Sequence[np.ndarray], path: str | Path, *, solids: Sequence[np.ndarray], label: str = "|grad u|"
+    fields: Sequence[tuple[str, np.ndarray]],
+    axes: Sequence[np.ndarray],
+    path: str | Path,
+    *,
+    solids: Sequence[np.ndarray],
+    label: str = "|grad u|",
 ) -> None:
-    """Draw gradients outside solids side by side, by central differences: magnitudes as colours, downhill directions as arrows.
+    """Draw gradients outside solids side by side, by central differences: magnitudes as colours, downhill directions as
+    arrows.
 
     Parameters
     ----------
@@ -211,9 +243,21 @@ def gradient_panels(
     """
     middle: Any = (slice(None), slice(None), *[axis.size // 2 for axis in axes[2:]])
     titles, spacing = [title for title, _ in fields], float(axes[0][1] - axes[0][0])
-    slopes = [np.array(np.gradient(np.where(solid, np.nan, u)[middle], spacing)) for (_, u), solid in zip(fields, solids, strict=True)]
-    _images([np.hypot(*slope) for slope in slopes], titles, axes[:2], path, shared_scale=False, cracks=(), label=label,
-            solids=[solid[middle] for solid in solids], arrows=[-slope for slope in slopes])  # fmt: skip
+    slopes = [
+        np.array(np.gradient(np.where(solid, np.nan, u)[middle], spacing))
+        for (_, u), solid in zip(fields, solids, strict=True)
+    ]
+    _images(
+        [np.hypot(*slope) for slope in slopes],
+        titles,
+        axes[:2],
+        path,
+        shared_scale=False,
+        cracks=(),
+        label=label,
+        solids=[solid[middle] for solid in solids],
+        arrows=[-slope for slope in slopes],
+    )
 
 
 def _arrows(panel: Any, vectors: np.ndarray, axes: Sequence[np.ndarray]) -> None:
@@ -222,8 +266,18 @@ def _arrows(panel: Any, vectors: np.ndarray, axes: Sequence[np.ndarray]) -> None
     thin = (slice(every // 2, None, every),) * 2
     length = np.hypot(*vectors)[thin]
     x, y = (part[thin] / np.where(length > 0, length, np.inf) for part in vectors)
-    panel.quiver(axes[0][thin[0]], axes[1][thin[1]], x.T, y.T, color="white", pivot="mid", scale=1.3 * x.shape[0], width=0.006, edgecolor="0.1",
-                 linewidth=0.3)  # fmt: skip
+    panel.quiver(
+        axes[0][thin[0]],
+        axes[1][thin[1]],
+        x.T,
+        y.T,
+        color="white",
+        pivot="mid",
+        scale=1.3 * x.shape[0],
+        width=0.006,
+        edgecolor="0.1",
+        linewidth=0.3,
+    )
 
 
 def _extent(axes: Sequence[np.ndarray]) -> tuple[float, float, float, float]:
@@ -234,19 +288,30 @@ def _extent(axes: Sequence[np.ndarray]) -> tuple[float, float, float, float]:
 
 
 def _around(axis: np.ndarray, wanted: np.ndarray) -> tuple[float, float]:
-    """Part of an axis with the wanted nodes and a tenth of their extent, at least two cells, on either side; all of it without any."""
+    """Part of an axis with the wanted nodes and a tenth of their extent, at least two cells, on either side; all of it
+    without any.
+    """
     found = axis[wanted] if wanted.any() else axis
     more = max(0.1 * np.ptp(found), 2 * (axis[1] - axis[0]))
     return float(max(found[0] - more, axis[0])), float(min(found[-1] + more, axis[-1]))
 
 
-def front(dissolved: np.ndarray, axes: Sequence[np.ndarray], path: str | Path, *, outside: np.ndarray | None = None, cracks: Any = ()) -> None:
-    """Draw how metal has dissolved: the time at which each node became liquid, the fronts at even times, and the metal that is left.
+def front(
+    dissolved: np.ndarray,
+    axes: Sequence[np.ndarray],
+    path: str | Path,
+    *,
+    outside: np.ndarray | None = None,
+    cracks: Any = (),
+) -> None:
+    """Draw how metal has dissolved: the time at which each node became liquid, the fronts at even times, and the metal
+    that is left.
 
     Parameters
     ----------
     dissolved : ndarray, shape (nx, ny[, nz])
-        `Simulation.fields["dissolved"]`: nan in the metal, 0 where it was liquid from the start. In 3D the slice in the middle of z is drawn.
+        `Simulation.fields["dissolved"]`: nan in the metal, 0 where it was liquid from the start. In 3D the slice in the
+        middle of z is drawn.
     axes : sequence of ndarray
         Coordinates of the nodes along each axis, two or three.
     path : str or Path
@@ -264,7 +329,11 @@ def front(dissolved: np.ndarray, axes: Sequence[np.ndarray], path: str | Path, *
     from matplotlib.colors import ListedColormap
 
     if len(axes) not in (2, 3) or dissolved.shape != tuple(len(axis) for axis in axes):
-        raise InputError("a picture of the front needs a field on two or three axes", value=dissolved.shape, limit=[len(axis) for axis in axes])
+        raise InputError(
+            "a picture of the front needs a field on two or three axes",
+            value=dissolved.shape,
+            limit=[len(axis) for axis in axes],
+        )
     blank = np.zeros(dissolved.shape, bool) if outside is None else outside
     title = ""
     if len(axes) == 3:
@@ -285,7 +354,9 @@ def front(dissolved: np.ndarray, axes: Sequence[np.ndarray], path: str | Path, *
         panel.contour(*axes[:2], late.T, levels=np.linspace(0.2, 0.8, 4) * last, colors="white", linewidths=0.6)
         panel.contour(*axes[:2], once.T.astype(float), levels=[0.5], colors="0.1", linewidths=0.8)
         for points in cracks:
-            panel.plot(points[:, 0], points[:, 1], color="#D55E00", linewidth=1.4, linestyle="-", scalex=False, scaley=False)
+            panel.plot(
+                points[:, 0], points[:, 1], color="#D55E00", linewidth=1.4, linestyle="-", scalex=False, scaley=False
+            )
         panel.set(xlabel="x", ylabel="y", title=title, xlim=shown[0], ylim=shown[1])
         figure.colorbar(times, ax=panel, label="time of dissolution")
 
@@ -312,7 +383,8 @@ def _images(
         for empty in panels[len(arrays) :]:
             empty.remove()
         scale = _color_range(arrays)
-        signed = any(_color_range([array])["cmap"] == "RdBu_r" for array in arrays)  # one colour map for all panels, whatever the scales
+        # one colour map for all panels, whatever the scales
+        signed = any(_color_range([array])["cmap"] == "RdBu_r" for array in arrays)
         for number, (array, title) in enumerate(zip(arrays, titles, strict=True)):
             panel = panels[number]
             if not shared_scale:
@@ -333,8 +405,16 @@ def _images(
             figure.colorbar(image, ax=list(panels[: len(arrays)]), label=label, pad=0.02)
 
 
-def _image(panel: Any, array: np.ndarray, axes: Sequence[np.ndarray], scale: Mapping[str, Any], cracks: Any, solid: np.ndarray | None = None) -> Any:
-    """Draw a field into one panel, with the outline of its window, of what is solid, and its cracks; returns the image."""
+def _image(
+    panel: Any,
+    array: np.ndarray,
+    axes: Sequence[np.ndarray],
+    scale: Mapping[str, Any],
+    cracks: Any,
+    solid: np.ndarray | None = None,
+) -> Any:
+    """Draw a field into one panel, with the outline of its window, of what is solid, and its cracks; returns the
+    image."""
     image = panel.imshow(array.T, origin="lower", extent=_extent(axes), aspect="equal", **scale)
     outside = np.isnan(array)
     if outside.any() and not outside.all() and min(array.shape) > 1:
@@ -344,7 +424,9 @@ def _image(panel: Any, array: np.ndarray, axes: Sequence[np.ndarray], scale: Map
             panel.contour(*axes, solid.T.astype(float), levels=[0.5], colors=color, linewidths=width)
     for points in cracks:
         for color, width in _RIM:
-            panel.plot(points[:, 0], points[:, 1], color=color, linewidth=width, linestyle="-", scalex=False, scaley=False)
+            panel.plot(
+                points[:, 0], points[:, 1], color=color, linewidth=width, linestyle="-", scalex=False, scaley=False
+            )
     return image
 
 
@@ -359,7 +441,8 @@ def field_table(
 ) -> None:
     """Draw 2D fields as a table of images: what is compared side by side, times one below the other.
 
-    Each row has one colour scale, which reaches up to five times the largest value of the first column; what is larger has the colour of the end.
+    Each row has one colour scale, which reaches up to five times the largest value of the first column; what is larger
+    has the colour of the end.
 
     Parameters
     ----------
@@ -397,18 +480,26 @@ def field_table(
                     image = _image(panel, fields[i], axes, scale, cracks)
                 else:
                     panel.text(0.5, 0.5, "overflow", transform=panel.transAxes, ha="center", va="center", color="0.4")
-                panel.set(title=title if i == 0 else "", xlabel="x" if i + 1 == len(rows) else "", ylabel=f"{row}\ny" if j == 0 else "")
+                panel.set(
+                    title=title if i == 0 else "",
+                    xlabel="x" if i + 1 == len(rows) else "",
+                    ylabel=f"{row}\ny" if j == 0 else "",
+                )
                 panel.locator_params(nbins=4)
             figure.colorbar(image, ax=list(panels[i]), label=label, pad=0.02, extend="both")
 
 
 def _comparable(fields: Sequence[np.ndarray]) -> bool:
-    """Whether one colour scale shows something in every panel: the largest values of the fields that are not zero are alike."""
+    """Whether one colour scale shows something in every panel: the largest values of the fields that are not zero are
+    alike.
+    """
     peaks = [peak for peak in (float(np.nanmax(np.abs(f), initial=0.0)) for f in fields) if peak > 0]
     return not peaks or min(peaks) >= _SHARED * max(peaks)
 
 
-def plot_results(results: Results, out_dir: str | Path, times: Sequence[float] | None = None, cracks: Sequence[np.ndarray] = ()) -> list[Path]:
+def plot_results(
+    results: Results, out_dir: str | Path, times: Sequence[float] | None = None, cracks: Sequence[np.ndarray] = ()
+) -> list[Path]:
     """Draw a results file: each field at some times, the probes and the energy.
 
     The pictures of a field share one colour scale unless its largest value changes more than fivefold between them.
@@ -426,8 +517,8 @@ def plot_results(results: Results, out_dir: str | Path, times: Sequence[float] |
     Returns
     -------
     list of Path
-        ``FIELD.png`` for every field, of vectors their length beside ``FIELD_x.png`` and so on (``front.png`` for the times of dissolution),
-        ``probes.png``, ``energy.png`` and ``balance.png`` where they were recorded.
+        ``FIELD.png`` for every field, of vectors their length beside ``FIELD_x.png`` and so on (``front.png`` for the
+        times of dissolution), ``probes.png``, ``energy.png`` and ``balance.png`` where they were recorded.
 
     Raises
     ------
@@ -443,7 +534,9 @@ def plot_results(results: Results, out_dir: str | Path, times: Sequence[float] |
         wanted = np.asarray(times, dtype=float)
         if not np.isfinite(wanted).all():
             raise InputError("the times of the pictures are finite numbers", value=list(times))
-        chosen = np.unique([np.abs(outputs - time).argmin() for time in wanted]) if outputs.size else np.zeros(0, dtype=int)
+        chosen = (
+            np.unique([np.abs(outputs - time).argmin() for time in wanted]) if outputs.size else np.zeros(0, dtype=int)
+        )
     directory = Path(out_dir)
     directory.mkdir(parents=True, exist_ok=True)
     written = []
@@ -460,12 +553,24 @@ def plot_results(results: Results, out_dir: str | Path, times: Sequence[float] |
             for part, label, shown in [(name, name, found)] if results.components[name] == 1 else _parts(name, found):
                 written.append(directory / f"{part}.png")
                 fields = [(_moment(float(outputs[k]), results), values) for k, values in zip(drawn, shown, strict=True)]
-                cuts, colors = ((), _DAMAGE) if name == "damage" else (cracks, None)  # damage shows the cracks, those cut in advance among them
-                field_panels(fields, results.axes, written[-1], shared_scale=_comparable(shown), cracks=cuts, label=label, solids=solids,
-                             colors=colors)  # fmt: skip
+                # damage shows the cracks, those cut in advance among them
+                cuts, colors = ((), _DAMAGE) if name == "damage" else (cracks, None)
+                field_panels(
+                    fields,
+                    results.axes,
+                    written[-1],
+                    shared_scale=_comparable(shown),
+                    cracks=cuts,
+                    label=label,
+                    solids=solids,
+                    colors=colors,
+                )
     moments, values = results.probe_times, results.probe_values
     if moments.size:
-        names = [", ".join(f"{axis} = {_number(x, results.spacing)}" for axis, x in zip("xyz", place, strict=False)) for place in results.probes]
+        names = [
+            ", ".join(f"{axis} = {_number(x, results.spacing)}" for axis, x in zip("xyz", place, strict=False))
+            for place in results.probes
+        ]
         if values.ndim > 2:
             names = [f"u_{axis} at {name}" for name in names for axis in "xyz"[: values.shape[2]]]
             values = values.reshape(len(values), -1)
@@ -482,7 +587,12 @@ def plot_results(results: Results, out_dir: str | Path, times: Sequence[float] |
     if results.balance:
         written.append(directory / "balance.png")
         curves = [(name, *_recorded(history, values)) for name, values in results.balance.items()]
-        _lines(curves, written[-1], xlabel="t", ylabel="energy" if "kinetic" in results.balance else "gain since the start, and inflow")
+        _lines(
+            curves,
+            written[-1],
+            xlabel="t",
+            ylabel="energy" if "kinetic" in results.balance else "gain since the start, and inflow",
+        )
     return written
 
 
@@ -499,7 +609,10 @@ def magnitude(field: np.ndarray) -> np.ndarray:
 def _parts(name: str, fields: Sequence[np.ndarray]) -> list[tuple[str, str, list[np.ndarray]]]:
     """What is drawn of vector fields, as (file name, label, values): their length and each component."""
     parts = [(name, f"|{name}|", [magnitude(field) for field in fields])]
-    return parts + [(f"{name}_{axis}", f"{name}_{axis}", [field[i] for field in fields]) for i, axis in enumerate("xyz"[: len(fields[0])])]
+    return parts + [
+        (f"{name}_{axis}", f"{name}_{axis}", [field[i] for field in fields])
+        for i, axis in enumerate("xyz"[: len(fields[0])])
+    ]
 
 
 def _solid(results: Results, index: int) -> np.ndarray:
@@ -519,8 +632,8 @@ def error_history(
 ) -> None:
     """Draw errors over time on a logarithmic axis, one line a boundary.
 
-    A logarithmic axis has no zero: where an error is zero the line has a gap, and a curve of zeros only is marked in the legend, as is one
-    that becomes infinite.
+    A logarithmic axis has no zero: where an error is zero the line has a gap, and a curve of zeros only is marked in
+    the legend, as is one that becomes infinite.
 
     Parameters
     ----------
@@ -555,12 +668,14 @@ def curve_panels(
     ylabel: str,
     reference: str | None = None,
 ) -> None:
-    """Draw panels of curves that are to be compared: the reference a broad pale line, the others thin ones on top of it.
+    """Draw panels of curves that are to be compared: the reference a broad pale line, the others thin ones on top of
+    it.
 
     Parameters
     ----------
     panels : sequence of (title, curves)
-        Curves are (name, x, y); one name has one style in all panels. A single curve is named at its axis, several in one legend.
+        Curves are (name, x, y); one name has one style in all panels. A single curve is named at its axis, several in
+        one legend.
     path : str or Path
         The PNG file.
     xlabel, ylabel : str
@@ -577,10 +692,25 @@ def curve_panels(
     columns = 1 if len(panels) < 4 else 2
     rows = -(-len(panels) // columns)
     broad = panels[0][1][0][0] if reference is None else reference
-    names = [name for name in dict.fromkeys(name for _, curves in panels if len(curves) > 1 for name, _, _ in curves) if name != broad]
-    dashes: list[dict[str, Any]] = [{}, {"dashes": (3, 3)}, {}, {"dashes": (6, 2)}, {"dashes": (6, 2, 1, 2)}, {}, {"dashes": (1, 1)}]
+    names = [
+        name
+        for name in dict.fromkeys(name for _, curves in panels if len(curves) > 1 for name, _, _ in curves)
+        if name != broad
+    ]
+    dashes: list[dict[str, Any]] = [
+        {},
+        {"dashes": (3, 3)},
+        {},
+        {"dashes": (6, 2)},
+        {"dashes": (6, 2, 1, 2)},
+        {},
+        {"dashes": (1, 1)},
+    ]
     colors = [_COLORS[i] for i in (1, 6, 2, 3, 0, 4, 1)]
-    styles = {name: {"color": colors[i % len(colors)], "linewidth": 1.1, **dashes[i % len(dashes)]} for i, name in enumerate(names)}
+    styles = {
+        name: {"color": colors[i % len(colors)], "linewidth": 1.1, **dashes[i % len(dashes)]}
+        for i, name in enumerate(names)
+    }
     styles[broad] = {"color": _COLORS[5], "linewidth": 3.4}
     shared = all(len(curves) > 1 for _, curves in panels)  # all axes are of one quantity
     with _figure(path, (6.4, 0.7 + 2.0 * rows)) as figure:
@@ -600,7 +730,8 @@ def curve_panels(
         if shared:
             figure.supylabel(ylabel, fontsize=axes.yaxis.label.get_size())
         if legend:
-            fit = max(1, 100 // (max(map(len, legend)) + 7))  # characters across the figure, and those that a line's sample takes
+            # characters across the figure, and those that a line's sample takes
+            fit = max(1, 100 // (max(map(len, legend)) + 7))
             figure.legend(legend.values(), legend.keys(), loc="outside upper center", ncols=min(len(legend), fit, 4))
 
 
@@ -642,14 +773,28 @@ def log_panels(
             if order is not None:
                 axes.set_xscale("log")
             for name, x, y in curves:
-                axes.plot(x, np.where((y > 0) & np.isfinite(y), y, np.nan), label=name, marker=None if order is None else ".")
+                axes.plot(
+                    x, np.where((y > 0) & np.isfinite(y), y, np.nan), label=name, marker=None if order is None else "."
+                )
             for k, line in enumerate(axes.get_lines() if printed else ()):
-                circles = {"color": line.get_color(), "markerfacecolor": "none", "markersize": 7, "label": "" if k else "as printed"}
+                circles = {
+                    "color": line.get_color(),
+                    "markerfacecolor": "none",
+                    "markersize": 7,
+                    "label": "" if k else "as printed",
+                }
                 axes.plot(curves[k][1], printed[number][k], "o", **circles)
             top = max(np.max(y, where=np.isfinite(y), initial=0) for _, _, y in curves)
             if order is not None:
                 _, x, y = max(curves, key=lambda curve: float(np.nanmax(curve[2])))
-                axes.plot(x, 2 * np.nanmax(y) * (x / np.max(x)) ** order, color="0.4", linestyle="--", linewidth=0.9, label=f"order {order:g}")
+                axes.plot(
+                    x,
+                    2 * np.nanmax(y) * (x / np.max(x)) ** order,
+                    color="0.4",
+                    linestyle="--",
+                    linewidth=0.9,
+                    label=f"order {order:g}",
+                )
                 axes.set_xticks(x, [f"{value:.3g}" for value in x])
                 axes.minorticks_off()
             else:
@@ -685,10 +830,14 @@ def mode_picture(mode: np.ndarray, spacing: float, title: str, path: str | Path)
         curves = [("real part", axes[0], values.real), ("imaginary part", axes[0], values.imag)]
         _lines(curves, path, xlabel="distance along the normal", ylabel="mode", title=title)
     else:
-        field_panels([("real part", values.real), ("imaginary part", values.imag)], axes, path, label=f"mode that {title}")
+        field_panels(
+            [("real part", values.real), ("imaginary part", values.imag)], axes, path, label=f"mode that {title}"
+        )
 
 
-def reflection_picture(angles: np.ndarray, curves: Sequence[tuple[str, np.ndarray]], title: str, path: str | Path) -> None:
+def reflection_picture(
+    angles: np.ndarray, curves: Sequence[tuple[str, np.ndarray]], title: str, path: str | Path
+) -> None:
     """Draw predicted reflection in decibels over the angle of incidence.
 
     Parameters
@@ -712,8 +861,15 @@ def reflection_picture(angles: np.ndarray, curves: Sequence[tuple[str, np.ndarra
 
 
 def waterfall(
-    x: np.ndarray, times: np.ndarray, lines: np.ndarray, path: str | Path, *, xlabel: str, ylabel: str, backdrop: tuple[str, np.ndarray],
-) -> None:  # fmt: skip
+    x: np.ndarray,
+    times: np.ndarray,
+    lines: np.ndarray,
+    path: str | Path,
+    *,
+    xlabel: str,
+    ylabel: str,
+    backdrop: tuple[str, np.ndarray],
+) -> None:
     """Draw a field on a line at many times, the latest farthest back.
 
     Parameters
@@ -737,11 +893,22 @@ def waterfall(
     with _figure(path, (5.6, 4.2)) as figure:
         axes = figure.add_subplot()
         base = gap * len(times)
-        axes.fill_between(x, base, base + 0.6 * np.ptp(lines[0]) * values / values.max(), color="0.85", linewidth=0, label=name)
+        axes.fill_between(
+            x, base, base + 0.6 * np.ptp(lines[0]) * values / values.max(), color="0.85", linewidth=0, label=name
+        )
         for number in range(len(times)):
             base = gap * number
-            axes.fill_between(x, lines.min() - gap, base + lines[number], color="white", linewidth=0, zorder=2.5 - number / len(times))
-            axes.plot(x, base + lines[number], color=_COLORS[0], linestyle="-", linewidth=0.9, zorder=2.5 - number / len(times))
+            axes.fill_between(
+                x, lines.min() - gap, base + lines[number], color="white", linewidth=0, zorder=2.5 - number / len(times)
+            )
+            axes.plot(
+                x,
+                base + lines[number],
+                color=_COLORS[0],
+                linestyle="-",
+                linewidth=0.9,
+                zorder=2.5 - number / len(times),
+            )
         shown = range(0, len(times), max(1, len(times) // 5))
         axes.set_yticks([gap * number for number in shown], [f"{times[number]:g}" for number in shown])
         axes.set(xlabel=xlabel, ylabel="t")

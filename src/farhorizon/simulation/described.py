@@ -31,12 +31,38 @@ _TYPES = {
     for t in (
         *(
             getattr(boundaries, n)
-            for n in ("LatticePML", "Exact", "Extended", "FirstOrder", "Fixed", "Free", "Higdon", "NonlocalPML", "Periodic", "PlaneWave", "Sponge")
+            for n in (
+                "LatticePML",
+                "Exact",
+                "Extended",
+                "FirstOrder",
+                "Fixed",
+                "Free",
+                "Higdon",
+                "NonlocalPML",
+                "Periodic",
+                "PlaneWave",
+                "Sponge",
+            )
         ),
         *(getattr(shapes, n) for n in ("Disc", "Ball", "Box", "Polygon", "Union", "Intersection", "Difference")),
         *(getattr(masks, n) for n in ("ImageMask", "Text")),
         *(getattr(shapes, n) for n in ("PointCut", "Polyline", "Rectangle", "DiscCut", "PolygonCut")),
-        *(Beam, Convection, Crack, Diffusion, Expression, Flux, Heat, Insulated, Kernel, Lattice, Layer, Prescribed, RungeKuttaChebyshev),
+        *(
+            Beam,
+            Convection,
+            Crack,
+            Diffusion,
+            Expression,
+            Flux,
+            Heat,
+            Insulated,
+            Kernel,
+            Lattice,
+            Layer,
+            Prescribed,
+            RungeKuttaChebyshev,
+        ),
         *(Source, Stencil),
         *(BodyForce, Corrosion, Elastic, IncidentWave, Specimen, Traction, Temperature, Wave),
     )
@@ -89,6 +115,10 @@ def rebuild(value: Any, arrays: dict[str, np.ndarray], key: str = "") -> Any:
     if "dict" in value:
         return {k: rebuild(v, arrays, f"{key}.{k}") for k, v in value["dict"].items()}
     if "callable" in value:
-        raise InputError("a checkpoint cannot hold a Python function", value=value["callable"], key=key,
-                         remedy=f"Simulation.restore(path, {key.split('.')[0]}=...)")  # fmt: skip
+        raise InputError(
+            "a checkpoint cannot hold a Python function",
+            value=value["callable"],
+            key=key,
+            remedy=f"Simulation.restore(path, {key.split('.')[0]}=...)",
+        )
     return _TYPES[value["type"]](**{k: rebuild(v, arrays, key) for k, v in value["arguments"].items()})

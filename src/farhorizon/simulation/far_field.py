@@ -26,11 +26,13 @@ from farhorizon.errors import InputError
 from farhorizon.machine import one_blas_thread
 from farhorizon.medium.stencil import Stencil
 
-CROSSINGS, LASTING = 20, 10  # length of a run unless it is known: of waves in crossings of the near field, of diffusion in R^2/diffusivity
+# length of a run unless it is known: of waves in crossings of the near field, of diffusion in R^2/diffusivity
+CROSSINGS, LASTING = 20, 10
 MOST_CROSSINGS = 1000  # for which layers are made: what was measured
 FORESEEN = 60  # crossings for which errors are predicted: the work grows with their number
 _ROOM = 512  # nodes beside the near field, at most, before the data repeat themselves along the side
-_ROUND = 2  # lengths of the run before images come round, if there is room: what comes later folds back into it, much fainter
+# lengths of the run before images come round, if there is room: what comes later folds back into it, much fainter
+_ROUND = 2
 _STAND_IN = 2.0  # width, in nodes, of the pulses that stand for data which are not known
 
 
@@ -78,7 +80,8 @@ class FarField:
     def layer(self, axis: int, side: int, boundary: LatticePML, wanted: float, until: float) -> Thickness | None:
         """The thinnest layer of one side that is predicted to keep an error to the end of a run.
 
-        Where the side does not ask for one, that which a formula finds in no time, or None. The layer says for how long a run it is.
+        Where the side does not ask for one, that which a formula finds in no time, or None. The layer says for how long
+        a run it is.
 
         Raises
         ------
@@ -91,7 +94,8 @@ class FarField:
             if found is None and boundary.target is None:
                 return None
             if found is not None and (boundary.target is None or found.predicted <= wanted):
-                return replace(found, predicted=wanted)  # what it is designed for: of waves of a few nodes the bound tells too much
+                # what it is designed for: of waves of a few nodes the bound tells too much
+                return replace(found, predicted=wanted)
             until = self.foreseen
         alike, medium, sent, size = self._arriving(axis, side, until, wanted)
         if (boundary, *alike) in self._known:
@@ -105,28 +109,45 @@ class FarField:
         found = thinnest(members, sent, wanted, size)
         if found is None:
             raise InputError(
-                "no layer keeps the target for these data", value=wanted, limit=f">= {least(members, sent, size):.1g}", key="boundary.target",
-                remedy="a larger target, smoother data, data farther from the side, another influence, or Extended, Exact or a Sponge",
-            )  # fmt: skip
+                "no layer keeps the target for these data",
+                value=wanted,
+                limit=f">= {least(members, sent, size):.1g}",
+                key="boundary.target",
+                remedy="a larger target, smoother data, data farther from the side, another influence, or Extended, "
+                "Exact or a Sponge",
+            )
         self._known[boundary, *alike] = replace(found, until=until)
         return self._known[boundary, *alike]
 
     @one_blas_thread()
     def returned(self, axis: int, side: int, layer: Layer, wanted: float, until: float) -> float:
-        """Error that a given layer of one side is predicted to make up to a time, told from none where it is near the wanted one or larger.
+        """Error that a given layer of one side is predicted to make up to a time, told from none where it is near the
+        wanted one or larger.
 
-        Where the medium goes on along the side, only as long as no image comes round: it would be heard in a layer that takes little of it.
+        Where the medium goes on along the side, only as long as no image comes round: it would be heard in a layer that
+        takes little of it.
         """
         if not all(isinstance(b, Periodic) or _image(b) for b in self._beside(axis)):
             until = min(until, _ROOM * self.spacing / float(np.sqrt(self.coefficient)))
         _, _, sent, size = self._arriving(axis, side, until, wanted)
         return predicted_error(layer, sent, size)
 
-    def _arriving(self, axis: int, side: int, until: float, wanted: float) -> tuple[tuple[object, ...], LatticeMedium, list[Arrivals], float]:
-        """What is the same at sides that are alike, the medium seen from a side, what arrives there, and the largest of the data."""
+    def _arriving(
+        self, axis: int, side: int, until: float, wanted: float
+    ) -> tuple[tuple[object, ...], LatticeMedium, list[Arrivals], float]:
+        """What is the same at sides that are alike, the medium seen from a side, what arrives there, and the largest of
+        the data.
+        """
         stencil, turned = self._facing(axis), self._turned(axis, side)
         medium = LatticeMedium(stencil, self.coefficient, self.spacing, self.recursion, self.dt)
-        alike = (until, wanted, stencil, self.sides[axis, -side], *self._beside(axis), *(datum.values.tobytes() for datum in turned))
+        alike = (
+            until,
+            wanted,
+            stencil,
+            self.sides[axis, -side],
+            *self._beside(axis),
+            *(datum.values.tobytes() for datum in turned),
+        )
         if alike not in self._sent:
             size = max((float(np.abs(datum.values).max()) for datum in self.data if datum.kind == "u"), default=0.0)
             arrived = self._arrivals(medium, axis, side, turned, until, wanted, size)
@@ -147,7 +168,8 @@ class FarField:
         return [self.sides[other, side] for other in range(len(self.shape)) if other != axis for side in (-1, 1)]
 
     def _from_scatterers(self, datum: Datum, axis: int, side: int) -> Datum:
-        """The datum, moved along the normal to where waves are scattered last before the side, if that is nearer to it."""
+        """The datum, moved along the normal to where waves are scattered last before the side, if that is nearer to
+        it."""
         if self.scatterers is None or not self.scatterers.any():
             return datum
         nodes = Datum(self.scatterers, datum.kind).turned(axis, side).values.reshape(len(datum.values), -1)
@@ -160,8 +182,15 @@ class FarField:
         return replace(datum, values=np.where(np.abs(moved) > np.abs(datum.values), moved, datum.values))
 
     def _arrivals(
-        self, medium: LatticeMedium, axis: int, side: int, data: Sequence[Datum], until: float, wanted: float, size: float
-    ) -> list[Arrivals]:  # fmt: skip
+        self,
+        medium: LatticeMedium,
+        axis: int,
+        side: int,
+        data: Sequence[Datum],
+        until: float,
+        wanted: float,
+        size: float,
+    ) -> list[Arrivals]:
         """What arrives at a side, with the images of the data behind the walls of the near field."""
         room, steps = int(np.ceil(_ROUND * medium.speed * until / self.spacing)), max(2, int(np.ceil(until / self.dt)))
         others = [b for b in range(len(self.shape)) if b != axis]
@@ -170,7 +199,10 @@ class FarField:
         for component in sorted({datum.component for datum in data}):
             own = [datum for datum in data if datum.component == component]
             for kept in range(max(1, len(others))):
-                flat = [_flattened(datum.values, [place for place in range(1, len(self.shape)) if place != kept + 1]) for datum in own]
+                flat = [
+                    _flattened(datum.values, [place for place in range(1, len(self.shape)) if place != kept + 1])
+                    for datum in own
+                ]
                 if image:
                     flat = [np.concatenate([image * values[::-1], values]) for values in flat]
                 lengths, near = [1] * len(others), [range(1)] * len(others)
@@ -182,8 +214,12 @@ class FarField:
                     found.append(arrivals(medium, steps, sent, lengths, near, wanted, size, sample))
         return found
 
-    def _unfold(self, fields: list[np.ndarray], place: int, axis: int, room: int) -> tuple[list[np.ndarray], range, int]:
-        """Fields with their images along a tangential axis, which nodes are the near field's, and the length after which all is repeated."""
+    def _unfold(
+        self, fields: list[np.ndarray], place: int, axis: int, room: int
+    ) -> tuple[list[np.ndarray], range, int]:
+        """Fields with their images along a tangential axis, which nodes are the near field's, and the length after
+        which all is repeated.
+        """
         lower, upper = self.sides[axis, -1], self.sides[axis, 1]
         below, above, nodes = _image(lower), _image(upper), fields[0].shape[place]
         near = range(nodes)
@@ -203,7 +239,9 @@ class FarField:
 
 
 def stand_ins(shape: tuple[int, ...], reach: int, components: int = 1) -> list[Datum]:
-    """Data in place of such that are not known: short pulses in the middle and one reach and a few nodes from both ends of each axis."""
+    """Data in place of such that are not known: short pulses in the middle and one reach and a few nodes from both ends
+    of each axis.
+    """
     places = [np.array(shape) / 2]
     for axis, nodes in enumerate(shape):
         near = min(reach + 4 * _STAND_IN, nodes / 2)
@@ -214,7 +252,8 @@ def stand_ins(shape: tuple[int, ...], reach: int, components: int = 1) -> list[D
 
 
 def _flattened(values: np.ndarray, axes: Sequence[int]) -> np.ndarray:
-    """Values without their course along some axes, where the largest remains: in space waves along one tangential axis at a time stand for all.
+    """Values without their course along some axes, where the largest remains: in space waves along one tangential axis
+    at a time stand for all.
 
     A cylindrical wave falls off more slowly than a spherical one, so this is careful, and far less work.
     """

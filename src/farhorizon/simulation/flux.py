@@ -1,8 +1,9 @@
 """Flux of a nonlocal conductor: one-sided at nodes, and across planes. Plain arrays in, plain arrays out.
 
-The flux at a node is the sum over the bonds to one side of ``k (T' - T) / distance`` (Bobaru and Duangpanya 2010, eqs 19 and 20, whose
-signs differ: here it is positive along an axis when heat flows that way). It is exact for a linear temperature if all those bonds exist;
-where they do not, the other side's bonds serve, and where neither side is whole all that exist, normalised by their own second moments.
+The flux at a node is the sum over the bonds to one side of ``k (T' - T) / distance`` (Bobaru and Duangpanya 2010, eqs
+19 and 20, whose signs differ: here it is positive along an axis when heat flows that way). It is exact for a linear
+temperature if all those bonds exist; where they do not, the other side's bonds serve, and where neither side is whole
+all that exist, normalised by their own second moments.
 """
 
 from __future__ import annotations
@@ -33,8 +34,8 @@ def nodal_flux(u: np.ndarray, offsets: np.ndarray, weights: np.ndarray, bonds: B
     weights : ndarray, shape (K,)
         Conductivity times the dimensionless weights: half their second moment along an axis is the conductivity.
     bonds : callable
-        Takes the number of an offset, gives the factor of each node's bond along it, shape (n..): 0 where it is absent, the ratio of the
-        conductivities in composites.
+        Takes the number of an offset, gives the factor of each node's bond along it, shape (n..): 0 where it is absent,
+        the ratio of the conductivities in composites.
     spacing : float
 
     Returns
@@ -54,7 +55,9 @@ def nodal_flux(u: np.ndarray, offsets: np.ndarray, weights: np.ndarray, bonds: B
     flux = np.where(whole[0], sums[0], np.where(whole[1], sums[1], np.nan))
     left = np.asarray(np.isnan(flux).any(axis=0))
     if left.any():
-        flux[:, left] = np.where(np.isnan(flux[:, left]), _fitted(u, offsets, weights, bonds, spacing, left), flux[:, left])
+        flux[:, left] = np.where(
+            np.isnan(flux[:, left]), _fitted(u, offsets, weights, bonds, spacing, left), flux[:, left]
+        )
     return flux
 
 
@@ -66,7 +69,9 @@ def _gains(u: np.ndarray, offset: np.ndarray, factor: np.ndarray) -> np.ndarray:
     return np.where(factor > 0, factor * gain, 0.0)
 
 
-def _fitted(u: np.ndarray, offsets: np.ndarray, weights: np.ndarray, bonds: Bonds, spacing: float, where: np.ndarray) -> np.ndarray:
+def _fitted(
+    u: np.ndarray, offsets: np.ndarray, weights: np.ndarray, bonds: Bonds, spacing: float, where: np.ndarray
+) -> np.ndarray:
     """Flux at the nodes of a mask from all bonds that exist, normalised by their second moments; shape (dim, nodes)."""
     dim, count = u.ndim, int(where.sum())
     moment, drive = np.zeros((count, dim, dim)), np.zeros((count, dim))
@@ -81,8 +86,11 @@ def _fitted(u: np.ndarray, offsets: np.ndarray, weights: np.ndarray, bonds: Bond
     return -(conductivity * slope).T
 
 
-def power_across(u: np.ndarray, offsets: np.ndarray, weights: np.ndarray, bonds: Bonds, spacing: float, axis: int, row: int) -> float:
-    """Power that crosses, towards larger coordinates, the plane half-way between the nodes `row` and `row + 1` along an axis.
+def power_across(
+    u: np.ndarray, offsets: np.ndarray, weights: np.ndarray, bonds: Bonds, spacing: float, axis: int, row: int
+) -> float:
+    """Power that crosses, towards larger coordinates, the plane half-way between the nodes `row` and `row + 1` along an
+    axis.
 
     The sum over all bonds that cross it: what leaves one part of the body and enters the other, exactly.
 
@@ -104,7 +112,9 @@ def power_across(u: np.ndarray, offsets: np.ndarray, weights: np.ndarray, bonds:
         near, far = shifted(u, offset)
         start = max(0, row - int(offset[axis]) + 1)
         crossing = tuple(slice(start, row + 1) if a == axis else s for a, s in enumerate(near))
-        beyond = tuple(slice(start + int(offset[axis]), row + 1 + int(offset[axis])) if a == axis else s for a, s in enumerate(far))
+        beyond = tuple(
+            slice(start + int(offset[axis]), row + 1 + int(offset[axis])) if a == axis else s for a, s in enumerate(far)
+        )
         factor = bonds(number)[crossing]
         ends = u[beyond]
         count = min(factor.shape[axis], ends.shape[axis])

@@ -1,4 +1,6 @@
-"""The rim of a near field whose bonds break: within one reach of sides that are not free they cannot, so that a crack that gets there stops."""
+"""The rim of a near field whose bonds break: within one reach of sides that are not free they cannot, so that a crack
+that gets there stops.
+"""
 
 from __future__ import annotations
 
@@ -42,15 +44,25 @@ class Rim:
     every: int
 
     def overstretched(self, level: np.ndarray) -> np.ndarray | None:
-        """Index in the lattice of the node with the bond that is stretched most, if that is beyond the limit; `level` as the engine has it."""
+        """Index in the lattice of the node with the bond that is stretched most, if that is beyond the limit; `level`
+        as the engine has it.
+        """
         node, strain = steepest(level, self.nodes, self.bits, self.distances, self.bonds, self.nonlinear)
         return self.corners[node] if strain > self.limit else None
 
 
 def rim_of(
-    shape: tuple[int, ...], breakable: tuple[slice, ...], places: np.ndarray, offsets: np.ndarray, present: np.ndarray, distances: np.ndarray,
-    bonds: np.ndarray, limit: float, nonlinear: bool, every: int,
-) -> Rim | None:  # fmt: skip
+    shape: tuple[int, ...],
+    breakable: tuple[slice, ...],
+    places: np.ndarray,
+    offsets: np.ndarray,
+    present: np.ndarray,
+    distances: np.ndarray,
+    bonds: np.ndarray,
+    limit: float,
+    nonlinear: bool,
+    every: int,
+) -> Rim | None:
     """The rim of a near field, None if there is none.
 
     Parameters
@@ -78,5 +90,13 @@ def rim_of(
     held = bits.any(0)
     if not held.any() or not np.isfinite(limit):
         return None
-    return Rim(places[outside][held], corners[held], np.ascontiguousarray(bits[:, held]), distances, np.ascontiguousarray(bonds, float), limit,
-               nonlinear, every)  # fmt: skip
+    return Rim(
+        places[outside][held],
+        corners[held],
+        np.ascontiguousarray(bits[:, held]),
+        distances,
+        np.ascontiguousarray(bonds, float),
+        limit,
+        nonlinear,
+        every,
+    )

@@ -73,4 +73,3 @@ class Probes:
         found = self.times, self.values
         self._steps, self._rows = [], [found[1][:0]]
         return found
-

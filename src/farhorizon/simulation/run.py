@@ -1,4 +1,6 @@
-"""What the program needs of a run, whatever computes it: a time loop, fields and energies, a state that is saved, a check before it."""
+"""What the program needs of a run, whatever computes it: a time loop, fields and energies, a state that is saved, a
+check before it.
+"""
 
 from __future__ import annotations
 
@@ -42,8 +44,13 @@ def wanted_threads(threads: int | None) -> int:
     try:
         return kinds.integer(threads, "threads", least=1, most=available_threads())
     except InputError as error:
-        raise InputError("so many threads are not to be had", value=error.value, limit=error.limit, key="threads",
-                         remedy="leave it out, or set NUMBA_NUM_THREADS before the program starts") from None  # fmt: skip
+        raise InputError(
+            "so many threads are not to be had",
+            value=error.value,
+            limit=error.limit,
+            key="threads",
+            remedy="leave it out, or set NUMBA_NUM_THREADS before the program starts",
+        ) from None
 
 
 class Run(ABC):
@@ -72,7 +79,9 @@ class Run(ABC):
 
     def _at_start(self, observe: Sequence[Callable[[Any], None]], nodes: int) -> None:
         """Before the first step of a run that computes so many nodes."""
-        self.observers = [kinds.function(one, "observe", "run") for one in kinds.sequence(observe, "observe", "functions of the run")]
+        self.observers = [
+            kinds.function(one, "observe", "run") for one in kinds.sequence(observe, "observe", "functions of the run")
+        ]
         self.stop_requested = False
         self.cautions: list[Caution] = []
         self._next_look = 0  # step of the next look at the rim
@@ -96,7 +105,9 @@ class Run(ABC):
         """What `run` does first; returns the number of the last step, the first one at or after a time."""
         return last_step(until, self.dt)
 
-    def run(self, until: float, every: float | None = None, progress: bool | None = None, allow_unstable: bool = False) -> Self:
+    def run(
+        self, until: float, every: float | None = None, progress: bool | None = None, allow_unstable: bool = False
+    ) -> Self:
         """Run to a time; observers are called every `every` time units and at the end.
 
         Parameters
@@ -113,14 +124,20 @@ class Run(ABC):
         Raises
         ------
         InputError
-            An end that is not finite, a time between outputs that is not a whole number of steps, a run that is not stable.
+            An end that is not finite, a time between outputs that is not a whole number of steps, a run that is not
+            stable.
         """
         from tqdm import tqdm
 
         until = kinds.number(until, "run.until")
         if until > MOST_STEPS * self.dt:
-            raise InputError("the run has more steps than can be counted", value=until, limit=MOST_STEPS * self.dt, key="run.until",
-                             remedy=f"other units: a step is {self.dt:.3g}")  # fmt: skip
+            raise InputError(
+                "the run has more steps than can be counted",
+                value=until,
+                limit=MOST_STEPS * self.dt,
+                key="run.until",
+                remedy=f"other units: a step is {self.dt:.3g}",
+            )
         count = None if every is None else steps_between(every, self.dt)
         last = self.prepare(until)
         self.examine(until, allow_unstable)
@@ -177,8 +194,12 @@ class Run(ABC):
         found = rim.overstretched(level)
         if found is not None:
             place = (self.lattice.lower + self.lattice.spacing * found).round(9).tolist()
-            self._caution("crack at the rim", f"bonds near {place} are stretched beyond the critical stretch where they cannot break, within one "
-                          "reach of a side that is not free: a crack stops there, and what follows is not valid; enlarge the near field")  # fmt: skip
+            self._caution(
+                "crack at the rim",
+                f"bonds near {place} are stretched beyond the critical stretch where they cannot break, within one "
+                "reach of a side that is not free: a crack stops there, and what follows is not valid; enlarge the "
+                "near field",
+            )
 
     @abstractmethod
     def _watch(self, nodes: np.ndarray) -> None:
@@ -209,7 +230,8 @@ class Run(ABC):
         worst = np.unravel_index(int(np.argmax(np.where(np.isfinite(values), np.abs(values), np.inf))), values.shape)
         place = first + self.lattice.spacing * np.array(worst[-self.lattice.dim :])
         raise UnstableError(
-            f"unstable at step {self.step_count}, t = {self.time:.6g}: u = {values[worst]:.3g} near {np.round(place, 6).tolist()}; "
+            f"unstable at step {self.step_count}, t = {self.time:.6g}: u = {values[worst]:.3g} near "
+            f"{np.round(place, 6).tolist()}; "
             f"likely cause: {cause()}"
         )
 
@@ -238,7 +260,9 @@ class Run(ABC):
     @property
     @abstractmethod
     def crossing(self) -> float:
-        """The run's own unit of time: in it the fastest wave crosses the near field, or what diffuses empties it, ``R^2/D``."""
+        """The run's own unit of time: in it the fastest wave crosses the near field, or what diffuses empties it,
+        ``R^2/D``.
+        """
 
     @abstractmethod
     def seconds_per_step(self) -> float:
@@ -251,8 +275,9 @@ class Run(ABC):
     def examine(self, until: float, allow_unstable: bool = False) -> Certificate:
         """What `run` knows of its stability before it begins; the same for a Python program and for the command line.
 
-        White noise runs for as long as the run, ten crossing times at most. Where the run is longer modes are examined, too, for half the time of
-        the run or two seconds. What was examined before is not examined again. What is to be known is added to the `notes`.
+        White noise runs for as long as the run, ten crossing times at most. Where the run is longer modes are examined,
+        too, for half the time of the run or two seconds. What was examined before is not examined again. What is to be
+        known is added to the `notes`.
 
         Parameters
         ----------
@@ -271,7 +296,8 @@ class Run(ABC):
         """
         known = self._examined
         if known is None or (known.verdict == UNDECIDED and known.quiet < until and self._asked < until):
-            asked = until if known is None else max(until, 2 * self._asked)  # a run in many pieces is examined a few times only
+            # a run in many pieces is examined a few times only
+            asked = until if known is None else max(until, 2 * self._asked)
             steps = until / self.dt - self.step_count
             work = steps * self.lattice.nodes * len(self.stencil.weights)
             seconds = self.seconds_per_step() * steps if work > _LONG else 0.0
@@ -279,8 +305,12 @@ class Run(ABC):
         certificate = self._examined
         assert certificate is not None
         if certificate.grows_within(until) and not allow_unstable:
-            raise InputError("the run is not stable", value=certificate.reason, limit=f"no tenfold growth until t = {until:.6g}",
-                             remedy="see the warnings of check; or allow_unstable=True (--allow-unstable) runs it all the same")  # fmt: skip
+            raise InputError(
+                "the run is not stable",
+                value=certificate.reason,
+                limit=f"no tenfold growth until t = {until:.6g}",
+                remedy="see the warnings of check; or allow_unstable=True (--allow-unstable) runs it all the same",
+            )
         self._remarks = [remark] if (remark := certificate.remark(until)) else []
         return certificate
 
@@ -316,8 +346,8 @@ class Run(ABC):
         ----------
         path : str or Path
         **changes
-            Arguments of the constructor to take instead of the stored ones: needed for Python functions (sources, loads),
-            which a file cannot hold, and for observers.
+            Arguments of the constructor to take instead of the stored ones: needed for Python functions (sources,
+            loads), which a file cannot hold, and for observers.
 
         Raises
         ------
@@ -328,7 +358,11 @@ class Run(ABC):
         """
         arrays, meta = read_checkpoint(path)
         if "setup" not in meta or meta.get("fingerprint", {}).get("run", "Simulation") != cls.__name__:
-            raise FileFormatError(f"the file holds no {cls.__name__}", value=str(path), remedy=f"a checkpoint written by {cls.__name__}.save")
+            raise FileFormatError(
+                f"the file holds no {cls.__name__}",
+                value=str(path),
+                remedy=f"a checkpoint written by {cls.__name__}.save",
+            )
         stored = {name: value for name, value in meta["setup"]["dict"].items() if name not in changes}
         setup = {name: rebuild(value, arrays, name) for name, value in stored.items()}
         run = cls(**{**setup, **cls._start_of(arrays, meta), **changes})
@@ -353,6 +387,10 @@ class Run(ABC):
         theirs = meta.get("fingerprint", {})
         different = sorted(k for k in {*mine, *theirs} if mine.get(k) != theirs.get(k))
         if different:
-            raise FileFormatError("the checkpoint belongs to another set-up", value=str(path), limit=f"same {', '.join(different)}",
-                                  remedy="resume with the case that wrote it")  # fmt: skip
+            raise FileFormatError(
+                "the checkpoint belongs to another set-up",
+                value=str(path),
+                limit=f"same {', '.join(different)}",
+                remedy="resume with the case that wrote it",
+            )
         return arrays, meta

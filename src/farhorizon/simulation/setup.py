@@ -31,7 +31,7 @@ from farhorizon.boundaries import (
     PlaneWave,
     Sponge,
     sides,
-)  # fmt: skip
+)
 from farhorizon.boundaries.outline import SERIES, Medium
 from farhorizon.engine.engine import NEVER, Engine, Layer, Zone
 from farhorizon.errors import InputError
@@ -75,15 +75,18 @@ class Assembly:
     field_shape : tuple of int
         That of the lattice, of vectors with the components first.
     sources : list
-        (space, time) of each source and load, of a vector field of each of its components, as `farhorizon.inputs.sources.split` gives them.
+        (space, time) of each source and load, of a vector field of each of its components, as
+        `farhorizon.inputs.sources.split` gives them.
     lasting : bool
-        Whether the older time level outlives a step, which the energies of bonds one by one and the work of sources need.
+        Whether the older time level outlives a step, which the energies of bonds one by one and the work of sources
+        need.
     conditions : Conditions
     incident : list of Incidence
     thickness : dict of str to Thickness
         By side, what the layers that chose themselves are predicted to do.
     autos : dict of (axis, side) to Auto
-        The sides that leave it to the run whether they are layers, as they are until it is known how long it is, or extend the domain.
+        The sides that leave it to the run whether they are layers, as they are until it is known how long it is, or
+        extend the domain.
     extents : dict of (axis, side) to Extent
         How far the medium is computed beyond sides that extend it.
     """
@@ -109,10 +112,14 @@ class Assembly:
         balance: bool,
     ) -> None:
         kinds.instance(lattice, "lattice", Lattice, "a Lattice")
-        kinds.instance(model, "model", LatticeModel, "a model", remedy="Wave, Diffusion, Heat, Corrosion, Elastic or Beam")
+        kinds.instance(
+            model, "model", LatticeModel, "a model", remedy="Wave, Diffusion, Heat, Corrosion, Elastic or Beam"
+        )
         self.lattice, self.model, self.background = lattice, model, kinds.number(background, "background")
         kinds.instance(initial, "initial", Mapping, "a mapping of fields to their values", remedy='{"u": ...}')
-        sources, specimens, loads = (kinds.sequence(v, k) for v, k in ((sources, "sources"), (specimens, "specimens"), (loads, "loads")))
+        sources, specimens, loads = (
+            kinds.sequence(v, k) for v, k in ((sources, "sources"), (specimens, "specimens"), (loads, "loads"))
+        )
         cracks, constraints = kinds.sequence(cracks, "cracks"), kinds.sequence(constraints, "constraints")
         kinds.flag(balance, "balance")
         self.lasting = isinstance(model, Elastic) and (model.bondwise or balance)
@@ -126,7 +133,12 @@ class Assembly:
         kinds.one_of(rim, "rim", ("free", "fixed"), "unknown rim of a body")
         threads = wanted_threads(threads)
         if rim == "fixed" and lattice.body is None:
-            raise InputError("only a body has a rim", value=rim, key="rim", remedy="give the lattice a body, or fix the sides: Fixed(...)")
+            raise InputError(
+                "only a body has a rim",
+                value=rim,
+                key="rim",
+                remedy="give the lattice a body, or fix the sides: Fixed(...)",
+            )
         self.rim = rim
         self.stencil = model.stencil(lattice.spacing, lattice.dim)
         self.field_shape = lattice.shape if self.stencil.components == 1 else (self.stencil.components, *lattice.shape)
@@ -139,14 +151,22 @@ class Assembly:
         initial = {name: as_given(value, lattice.dim, f"initial.{name}", time=False) for name, value in initial.items()}
         given = zip(sources, _keys("source", sources), strict=True)
         sources = [s if isinstance(s, IncidentWave) else as_source(s, lattice.dim, key) for s, key in given]
-        factor = None if coefficient is None else field(as_given(coefficient, lattice.dim, "coefficient", time=False), lattice, 1, "coefficient")
+        factor = (
+            None
+            if coefficient is None
+            else field(as_given(coefficient, lattice.dim, "coefficient", time=False), lattice, 1, "coefficient")
+        )
         if factor is not None and (factor < 0).any():
-            raise InputError("a coefficient must not be negative", value=float(factor.min()), limit=">= 0", key="coefficient")
+            raise InputError(
+                "a coefficient must not be negative", value=float(factor.min()), limit=">= 0", key="coefficient"
+            )
         self.strongest = model.strongest if factor is None else float(factor.max())
         self.varied = factor is not None and bool(np.ptp(factor) > 0)
         self.conditions = self._resolve(constraints, factor)
         self._hidden = self._hide()
-        self.rate_limit = self.stencil.symbol_maximum * model.coefficient / lattice.spacing**2 * max(self.strongest, 1e-300)
+        self.rate_limit = (
+            self.stencil.symbol_maximum * model.coefficient / lattice.spacing**2 * max(self.strongest, 1e-300)
+        )
         self.rate_limit += float(self.leak().max(initial=0))
         self.step_limit = model.integrator.step_limit(self.rate_limit)
         self.dt = self._choose_step(dt)
@@ -166,14 +186,28 @@ class Assembly:
         sources = [s for s in sources if not isinstance(s, IncidentWave)]
         self._beyond = Beyond(lattice, self.sides, model.target, self._depth(), self._near_field)
         self._beyond.notes += self.conditions.notes
-        self._beyond.notes += [words.format(nodes, ", ".join(names), aim) for (words, nodes, aim), names in self._missed.items()]
+        self._beyond.notes += [
+            words.format(nodes, ", ".join(names), aim) for (words, nodes, aim), names in self._missed.items()
+        ]
         if factor is not None:
             self._beyond.notes += gradients(factor, "the coefficient", self._beyond.targets, self.stencil.reach)
         u = self._initial("u", initial)
-        v = self._initial("v", initial) if "v" in initial and model.order == 2 else np.broadcast_to(0.0, self.field_shape)
+        v = (
+            self._initial("v", initial)
+            if "v" in initial and model.order == 2
+            else np.broadcast_to(0.0, self.field_shape)
+        )
         for name in set(map(str, initial)) - ({"u", "v"} if model.order == 2 else {"u"}):
-            raise InputError("unknown initial field", value=name, limit="u, v" if model.order == 2 else "u", key="initial")
-        self._holds = Holds(tuple(c for c in constraints if isinstance(c, Prescribed)), lattice, model.integrator, self.dt, self.background)
+            raise InputError(
+                "unknown initial field", value=name, limit="u, v" if model.order == 2 else "u", key="initial"
+            )
+        self._holds = Holds(
+            tuple(c for c in constraints if isinstance(c, Prescribed)),
+            lattice,
+            model.integrator,
+            self.dt,
+            self.background,
+        )
         u = self._holds.start(u)
         solid, metal = self._place(specimens)
         self._check_specimens(specimens)
@@ -184,8 +218,16 @@ class Assembly:
         cuts = [c.cut for c in self._cracks]
         self._beyond.check_cracks(cuts, self.stencil.reach)
         self._unsplit: list[Callable[..., Any]] = []
-        self.sources = [drive for s, key in zip(sources, _keys("source", sources), strict=True) for drive in self._split_source(s, key)]
-        self.sources += [drive for i, load in enumerate(loads) for drive in self._split_source(self._as_source(load, f"load[{i}]"), f"load[{i}]")]
+        self.sources = [
+            drive
+            for s, key in zip(sources, _keys("source", sources), strict=True)
+            for drive in self._split_source(s, key)
+        ]
+        self.sources += [
+            drive
+            for i, load in enumerate(loads)
+            for drive in self._split_source(self._as_source(load, f"load[{i}]"), f"load[{i}]")
+        ]
         self._drives = self.sources + [drive for _, drive in self.conditions.sources]
         self._unknown = bool(waves or self._unsplit)
         self._extend(dtype)
@@ -206,22 +248,40 @@ class Assembly:
         self.incident = [self._incidence(wave, factor, cuts) for wave in waves]
         self._drives += [(None, lambda t, one=one: one.source(t) / model.source_factor) for one in self.incident]
 
-    def _check_model(self, cracks: Sequence[Any], coefficient: Any, specimens: Sequence[Specimen], loads: Sequence[Any]) -> None:
+    def _check_model(
+        self, cracks: Sequence[Any], coefficient: Any, specimens: Sequence[Specimen], loads: Sequence[Any]
+    ) -> None:
         """Sides, bonds and phases that the model does not have."""
         model = self.model
         for (axis, side), boundary in self.sides.items():
             if model.sides and type(boundary).__name__ not in model.sides:
-                raise InputError(f"{model.title} has no such side", value=type(boundary).__name__, limit=", ".join(model.sides),
-                                 key=f"boundary.{AXES[axis]}{'-+'[side > 0]}", remedy=model.combinations or model.sides[0])  # fmt: skip
+                raise InputError(
+                    f"{model.title} has no such side",
+                    value=type(boundary).__name__,
+                    limit=", ".join(model.sides),
+                    key=f"boundary.{AXES[axis]}{'-+'[side > 0]}",
+                    remedy=model.combinations or model.sides[0],
+                )
         if not model.bonds and (len(cracks) or coefficient is not None or self.lattice.body is not None):
             key = "crack" if len(cracks) else "coefficient" if coefficient is not None else "lattice.body"
-            raise InputError(f"the bonds of a {type(model).__name__} cannot be cut or weakened one by one", key=key, remedy="leave it out")
+            raise InputError(
+                f"the bonds of a {type(model).__name__} cannot be cut or weakened one by one",
+                key=key,
+                remedy="leave it out",
+            )
         if isinstance(model, Corrosion) and coefficient is not None:
             raise InputError("the phases are the coefficient of a Corrosion", key="coefficient", remedy="leave it out")
         if len(specimens) and not isinstance(model, Corrosion):
-            raise InputError("only a Corrosion has specimens", value=type(model).__name__, key="specimens", remedy="Corrosion(...)")
+            raise InputError(
+                "only a Corrosion has specimens", value=type(model).__name__, key="specimens", remedy="Corrosion(...)"
+            )
         if len(loads) and not isinstance(model, Elastic):
-            raise InputError("loads act on an elastic medium", value=type(model).__name__, key="load", remedy="a source, or a condition on a side")
+            raise InputError(
+                "loads act on an elastic medium",
+                value=type(model).__name__,
+                key="load",
+                remedy="a source, or a condition on a side",
+            )
 
     @property
     def bondwise(self) -> bool:
@@ -233,12 +293,21 @@ class Assembly:
         if not self.bondwise:
             return
         if rim == "fixed":
-            raise InputError("bonds that are nonlinear or break have no fixed rim", value=rim, key="rim", remedy='rim="free", or Fixed sides')
+            raise InputError(
+                "bonds that are nonlinear or break have no fixed rim",
+                value=rim,
+                key="rim",
+                remedy='rim="free", or Fixed sides',
+            )
         if any(isinstance(c, Crack) and c.factor for c in cracks):
-            raise InputError("bonds that are nonlinear or break are whole or cut", key="crack.factor", limit=0, remedy="leave it out")
+            raise InputError(
+                "bonds that are nonlinear or break are whole or cut", key="crack.factor", limit=0, remedy="leave it out"
+            )
 
     def _set_bonds(self) -> None:
-        """Give the engine the law of the bonds, whole and uncut, and the zone where it holds: one reach away from sides that are not free."""
+        """Give the engine the law of the bonds, whole and uncut, and the zone where it holds: one reach away from sides
+        that are not free.
+        """
         model, lattice = self.model, self.lattice
         if not (isinstance(model, Elastic) and model.bondwise):
             return
@@ -246,7 +315,9 @@ class Assembly:
         first, end, around = [0] * 3, [1] * 3, [False] * 3
         for axis, n in enumerate(lattice.shape):
             around[lead + axis] = isinstance(self.sides[axis, -1], Periodic)
-            apart = [0 if isinstance(self.sides[axis, s], Free | Periodic) else self.stencil.reach[axis] for s in (-1, 1)]
+            apart = [
+                0 if isinstance(self.sides[axis, s], Free | Periodic) else self.stencil.reach[axis] for s in (-1, 1)
+            ]
             first[lead + axis] = self._margins[axis, -1] + apart[0]
             end[lead + axis] = self._margins[axis, -1] + n - apart[1]
         stretch = model.critical_stretch_on(lattice.spacing, lattice.dim)
@@ -259,7 +330,9 @@ class Assembly:
         self._families = self._bonds_left()
 
     def _note_loose_nodes(self) -> None:
-        alone = int(((self._bonds_left() == 0) & (self._families > 0)).sum()) if self.bondwise and len(self._cracks) else 0
+        alone = (
+            int(((self._bonds_left() == 0) & (self._families > 0)).sum()) if self.bondwise and len(self._cracks) else 0
+        )
         if alone:
             self._beyond.notes.append(f"cracks leave {alone} nodes without any bond: they move freely")
 
@@ -273,14 +346,25 @@ class Assembly:
             return
         name = type(self.model).__name__
         if len(constraints):
-            raise InputError(f"constraints are for scalar fields, not for {name}", key="constraints", remedy="a body force")
+            raise InputError(
+                f"constraints are for scalar fields, not for {name}", key="constraints", remedy="a body force"
+            )
         if self.background != 0:
-            raise InputError("the background of a vector field is zero", value=self.background, key="background", remedy="leave it out")
+            raise InputError(
+                "the background of a vector field is zero",
+                value=self.background,
+                key="background",
+                remedy="leave it out",
+            )
         for (axis, side), boundary in self.sides.items():
             key = f"boundary.{AXES[axis]}{'-+'[side > 0]}"
             if isinstance(boundary, Closing) or (isinstance(boundary, Fixed) and boundary.value != 0):
-                raise InputError(f"{name} has no such side", value=repr(boundary), key=key,
-                                 limit="LatticePML, Extended, Sponge, Fixed(0), Free, Periodic")  # fmt: skip
+                raise InputError(
+                    f"{name} has no such side",
+                    value=repr(boundary),
+                    key=key,
+                    limit="LatticePML, Extended, Sponge, Fixed(0), Free, Periodic",
+                )
 
     def _check_closing(self) -> None:
         """Conditions along an outline: integrators of one stage, windows closed by one condition all around."""
@@ -290,12 +374,21 @@ class Assembly:
             return
         name = type(next(iter(closing.values()))).__name__
         if not isinstance(self.model.integrator, Euler | Verlet):
-            raise InputError(f"{name} goes along with one stage a step", value=self.model.integrator.name, key="model.integrator",
-                             limit="forward Euler, velocity Verlet", remedy='integrator="euler", or LatticePML')  # fmt: skip
+            raise InputError(
+                f"{name} goes along with one stage a step",
+                value=self.model.integrator.name,
+                key="model.integrator",
+                limit="forward Euler, velocity Verlet",
+                remedy='integrator="euler", or LatticePML',
+            )
         if self.lattice.window is None:
             return
         if len(closing) < len(self.sides) or len({repr(b) for b in closing.values()}) > 1:
-            raise InputError(f"{name} closes a window along its outline, all around", key="boundary", remedy="the same condition on all sides")
+            raise InputError(
+                f"{name} closes a window along its outline, all around",
+                key="boundary",
+                remedy="the same condition on all sides",
+            )
         self._near_field = self.lattice.mask
 
     def _close(self, factor: np.ndarray | None) -> Closure | None:
@@ -309,16 +402,31 @@ class Assembly:
         inside = self._near[-lattice.dim :]
         near[inside] = True if self._near_field is None else self._near_field
         outline = Outline(
-            self._origin, dx, near, lattice.window, closing, frozenset(a for (a, _), b in self.sides.items() if isinstance(b, Periodic)),
-            frozenset(key for key, b in self.sides.items() if isinstance(b, Free)), self.stencil.offsets,
-        )  # fmt: skip
-        scale = 1.0 if factor is None else float(factor[0 if self._near_field is None else tuple(np.argwhere(self._near_field)[0])].flat[0])
+            self._origin,
+            dx,
+            near,
+            lattice.window,
+            closing,
+            frozenset(a for (a, _), b in self.sides.items() if isinstance(b, Periodic)),
+            frozenset(key for key, b in self.sides.items() if isinstance(b, Free)),
+            self.stencil.offsets,
+        )
+        scale = (
+            1.0
+            if factor is None
+            else float(factor[0 if self._near_field is None else tuple(np.argwhere(self._near_field)[0])].flat[0])
+        )
         kernel = model.operator if isinstance(model.operator, Kernel) else None
         medium = Medium(
-            model.order, model.coefficient * scale, self.dt, model.damping, dx * self.stencil.offsets,
-            self.stencil.weights * model.coefficient * scale / dx**2, 0.0 if kernel is None else kernel.horizon,
+            model.order,
+            model.coefficient * scale,
+            self.dt,
+            model.damping,
+            dx * self.stencil.offsets,
+            self.stencil.weights * model.coefficient * scale / dx**2,
+            0.0 if kernel is None else kernel.horizon,
             () if kernel is None else tuple(kernel.series(lattice.dim, SERIES)),
-        )  # fmt: skip
+        )
         closure = Closure(outline, medium)
         indices = self.engine.core.node_indices().reshape(shape)
         closure.attach(self.engine, indices)
@@ -326,7 +434,9 @@ class Assembly:
         return closure
 
     def _check_fringe(self, closure: Closure, factor: np.ndarray | None) -> None:
-        """What a condition along the outline reads is the homogeneous medium: no other material, no body's end, no constraint."""
+        """What a condition along the outline reads is the homogeneous medium: no other material, no body's end, no
+        constraint.
+        """
         lattice = self.lattice
         material = np.ones(lattice.shape) if factor is None else factor.copy()
         if lattice.body is not None and lattice.mask is not None:
@@ -337,19 +447,30 @@ class Assembly:
         pads = [(self._margins[a, -1], self._margins[a, 1]) for a in range(lattice.dim)]
         read = np.pad(material, pads, mode="edge")[tuple(closure.fringe.index.T)]
         if not np.ptp(read) == 0:
-            raise InputError("a condition along the outline reads metal, or nodes where the material varies, the body ends or a constraint holds",
-                             key="boundary", limit=f"uniform within {closure.fringe.depth:g} of the outline",
-                             remedy="enlarge the near field, or use a LatticePML")  # fmt: skip
+            raise InputError(
+                "a condition along the outline reads metal, or nodes where the material varies, the body ends or a "
+                "constraint holds",
+                key="boundary",
+                limit=f"uniform within {closure.fringe.depth:g} of the outline",
+                remedy="enlarge the near field, or use a LatticePML",
+            )
 
     def _incidence(self, wave: IncidentWave, factor: np.ndarray | None, cuts: Sequence[Cut]) -> Incidence:
         """What joins the total field inside a box to the scattered one outside it."""
         lattice, model = self.lattice, self.model
         if not isinstance(model.integrator, Verlet) or model.damping:
-            raise InputError("an incident wave travels through an undamped medium of second order", value=type(model).__name__, key="incident",
-                             limit="Wave or Elastic with damping = 0", remedy="a source, or initial data")  # fmt: skip
+            raise InputError(
+                "an incident wave travels through an undamped medium of second order",
+                value=type(model).__name__,
+                key="incident",
+                limit="Wave or Elastic with damping = 0",
+                remedy="a source, or initial data",
+            )
         walls = [AXES[axis] + "-+"[side > 0] for (axis, side), b in self.sides.items() if not isinstance(b, Absorbing)]
         if walls:
-            self._beyond.notes.append(f"only what is scattered meets {', '.join(walls)}: an incident wave knows the open medium alone")
+            self._beyond.notes.append(
+                f"only what is scattered meets {', '.join(walls)}: an incident wave knows the open medium alone"
+            )
         material = np.ones(lattice.shape) if factor is None else factor.copy()
         if lattice.body is not None and lattice.mask is not None:
             material[~lattice.mask] = np.nan
@@ -363,57 +484,94 @@ class Assembly:
 
         found = Incidence(wave, lattice, self.stencil, model.coefficient * float(material.flat[0]), self.dt, operator)
         if found.pulse.lost > _SAID:
-            self._beyond.notes.append(f"a part of {found.pulse.lost:.1g} of an incident wave's signal is shorter than the lattice carries: "
-                                      "so much leaks from its box")  # fmt: skip
+            self._beyond.notes.append(
+                f"a part of {found.pulse.lost:.1g} of an incident wave's signal is shorter than the lattice carries: "
+                "so much leaks from its box"
+            )
         return found
 
     def _check_size(self) -> None:
         for axis, (n, m) in enumerate(zip(self.lattice.shape, self.stencil.reach, strict=True)):
             if n < 2 * m + 1:
                 raise InputError(
-                    "the near field is thinner than the stencil", value=f"{n} nodes along {AXES[axis]}", limit=f">= {2 * m + 1}",
-                    key="lattice", remedy="enlarge the lattice or refine it",
-                )  # fmt: skip
+                    "the near field is thinner than the stencil",
+                    value=f"{n} nodes along {AXES[axis]}",
+                    limit=f">= {2 * m + 1}",
+                    key="lattice",
+                    remedy="enlarge the lattice or refine it",
+                )
 
     def _check_memory(self, dtype: str) -> None:
         need = self._memory_needed(np.dtype(dtype).itemsize)
         if need > available_memory():
-            raise InputError("the run does not fit into memory", value=f"about {need / 2**30:.3g} GiB for {int(np.prod(self.lattice.shape))} nodes",
-                             limit=f"{available_memory() / 2**30:.3g} GiB available", key="lattice",
-                             remedy="a coarser or smaller lattice, thinner layers, or float32")  # fmt: skip
+            raise InputError(
+                "the run does not fit into memory",
+                value=f"about {need / 2**30:.3g} GiB for {int(np.prod(self.lattice.shape))} nodes",
+                limit=f"{available_memory() / 2**30:.3g} GiB available",
+                key="lattice",
+                remedy="a coarser or smaller lattice, thinner layers, or float32",
+            )
 
     def _memory_needed(self, itemsize: int) -> float:
-        """Bytes at the peak, in setting up: three levels and the layers' memory once more, and about seven fields besides coordinates."""
+        """Bytes at the peak, in setting up: three levels and the layers' memory once more, and about seven fields
+        besides coordinates.
+        """
         reach = self.stencil.reach
         more = {key: self._width(key) for key, b in self.sides.items() if isinstance(b, Margin)}
-        shape = [n + sum(width for (a, _), width in more.items() if a == axis) for axis, n in enumerate(self.lattice.shape)]
-        columns = [sum(layer.columns for (a, _), layer in self._layers.items() if a == axis) for axis in range(self.lattice.dim)]
+        shape = [
+            n + sum(width for (a, _), width in more.items() if a == axis) for axis, n in enumerate(self.lattice.shape)
+        ]
+        columns = [
+            sum(layer.columns for (a, _), layer in self._layers.items() if a == axis)
+            for axis in range(self.lattice.dim)
+        ]
         nodes = [float(n + 2 * m + c) for n, m, c in zip(shape, reach, columns, strict=True)]
         sides = [2 * m * c * np.prod(nodes) / n for c, m, n in zip(columns, reach, nodes, strict=True)]
-        memory = sum(sides) + (sides[0] * sides[1] / np.prod(nodes) / 2 if self.lattice.dim == 3 else 0.0)  # the edges of the first two axes
+        # the edges of the first two axes
+        memory = sum(sides) + (sides[0] * sides[1] / np.prod(nodes) / 2 if self.lattice.dim == 3 else 0.0)
         levels = self.model.integrator.stages(1.0, 0.0, self.lattice.dim == 1).levels + self.lasting
         bits = 8 * -(-len(self.stencil.weights) // 64) * self.bondwise
-        fields = itemsize * ((levels + 3) * np.prod(nodes) + 2 * memory + sides[-1]) + 8 * 7 * np.prod(self.lattice.shape)
+        fields = itemsize * ((levels + 3) * np.prod(nodes) + 2 * memory + sides[-1]) + 8 * 7 * np.prod(
+            self.lattice.shape
+        )
         return float(self.stencil.components * fields + (8 * self.lattice.dim + bits) * np.prod(self.lattice.shape))
 
     def _choose_step(self, dt: float | Callable[[float], float] | None) -> float:
         if dt is None or callable(dt):
-            fitted = [b.step_limit(self.model, self.lattice.spacing, self.lattice.dim) for b in self.sides.values() if isinstance(b, PlaneWave)]
+            fitted = [
+                b.step_limit(self.model, self.lattice.spacing, self.lattice.dim)
+                for b in self.sides.values()
+                if isinstance(b, PlaneWave)
+            ]
             default = 0.5 * min([self.step_limit, *fitted])
             if dt is None:
                 return default
             dt = kinds.function(dt, "run.dt", "the default step")(default)
         dt = kinds.number(dt, "run.dt", above=0)
         if dt > self.step_limit * (1 + 1e-12):
-            raise InputError("the time step is above the stable limit", value=dt, limit=f"{self.step_limit:.6g}", key="run.dt",
-                             remedy=f"dt <= {0.9 * self.step_limit:.4g}, or leave dt out")  # fmt: skip
+            raise InputError(
+                "the time step is above the stable limit",
+                value=dt,
+                limit=f"{self.step_limit:.6g}",
+                key="run.dt",
+                remedy=f"dt <= {0.9 * self.step_limit:.4g}, or leave dt out",
+            )
         return dt
 
     def _initial(self, name: str, initial: Mapping[str, Any]) -> np.ndarray:
-        """Initial values less the background; refuses data that the infinite medium would have beyond the near field."""
+        """Initial values less the background; refuses data that the infinite medium would have beyond the near
+        field."""
         level = self.background if name == "u" else 0.0
         value, key = initial.get(name, level), f"initial.{name}"
-        given = field(value if name in initial else np.full(self.field_shape, level), self.lattice, self.stencil.components, key) - level
+        given = (
+            field(
+                value if name in initial else np.full(self.field_shape, level),
+                self.lattice,
+                self.stencil.components,
+                key,
+            )
+            - level
+        )
         values = self._inside(given)
         if isinstance(value, np.ndarray):
             self._beyond.check_values(self._size(given if self._near_field is not None else values), key)
@@ -445,14 +603,18 @@ class Assembly:
         return hidden if hidden.any() else None
 
     def _place(self, specimens: Sequence[Specimen]) -> tuple[np.ndarray, np.ndarray]:
-        """The solid nodes and what they hold; refuses metal at and beyond an absorbing side, where all must be liquid."""
+        """The solid nodes and what they hold; refuses metal at and beyond an absorbing side, where all must be
+        liquid."""
         if not isinstance(self.model, Corrosion):
             return np.zeros(self.lattice.shape, bool), np.zeros(self.lattice.shape)
         solid, metal = place(specimens, self.lattice, self.model.saturation, self.background)
         for (axis, side), boundary in self.sides.items():
             if isinstance(boundary, Absorbing) and np.take(solid, 0 if side < 0 else -1, axis).any():
-                raise InputError(f"a specimen touches the absorbing side {AXES[axis]}{'-+'[side > 0]}; beyond it all is liquid", key="specimens",
-                                 remedy="enlarge the near field, or end the specimen at a Free side")  # fmt: skip
+                raise InputError(
+                    f"a specimen touches the absorbing side {AXES[axis]}{'-+'[side > 0]}; beyond it all is liquid",
+                    key="specimens",
+                    remedy="enlarge the near field, or end the specimen at a Free side",
+                )
         return solid, metal
 
     def _check_specimens(self, specimens: Sequence[Specimen]) -> None:
@@ -460,14 +622,20 @@ class Assembly:
         for number, specimen in enumerate(specimens):
             if isinstance(specimen.where, Shape):
                 shape = specimen.where
-                self._beyond.check_function(lambda *at, shape=shape: shape.contains(np.stack(at, -1)), 1.0, f"specimen[{number}]")
+                self._beyond.check_function(
+                    lambda *at, shape=shape: shape.contains(np.stack(at, -1)), 1.0, f"specimen[{number}]"
+                )
 
     def _set_phases(self, dissolved: np.ndarray) -> None:
-        """Give the engine the step at which each node of the near field became liquid (`NEVER`: solid), for a corrosion."""
+        """Give the engine the step at which each node of the near field became liquid (`NEVER`: solid), for a
+        corrosion.
+        """
         if isinstance(self.model, Corrosion):
             core = np.zeros(self.engine.core.nodes, np.int64)
             core[self._near] = dissolved.reshape(core[self._near].shape)
-            self.engine.set_phases(core, self.model.interface, self.model.saturation - self.background, self.model.limited)
+            self.engine.set_phases(
+                core, self.model.interface, self.model.saturation - self.background, self.model.limited
+            )
 
     def _check_dry(self) -> None:
         """Metal changes by what it loses to the liquid alone: neither conditions nor sources act on it."""
@@ -480,8 +648,12 @@ class Assembly:
 
     def _refuse_wet(self, busy: np.ndarray) -> None:
         if (busy & self._solid).any():
-            raise InputError("a source or a condition acts on solid nodes", value=f"{int((busy & self._solid).sum())} nodes", key="specimens",
-                             remedy="keep sources and conditions in the liquid")  # fmt: skip
+            raise InputError(
+                "a source or a condition acts on solid nodes",
+                value=f"{int((busy & self._solid).sum())} nodes",
+                key="specimens",
+                remedy="keep sources and conditions in the liquid",
+            )
 
     @property
     def _solid(self) -> np.ndarray:
@@ -489,7 +661,9 @@ class Assembly:
         return (self.engine.dissolved[self._near] == NEVER).reshape(self.lattice.shape)
 
     def _check_conditions(self) -> None:
-        """What lies beyond an absorbing side goes on as at the edge and comes to rest: surfaces that lose heat, or are held at the background."""
+        """What lies beyond an absorbing side goes on as at the edge and comes to rest: surfaces that lose heat, or are
+        held at the background.
+        """
         held, leak = self._surfaces()
         if not self.conditions.nodes.size and not leak.any():
             return
@@ -503,19 +677,29 @@ class Assembly:
                 name = AXES[axis] + "-+"[side > 0]
                 if np.take(busy, last, axis).any():
                     raise InputError(
-                        f"a condition holds on nodes within one reach of the absorbing side {name}, where the medium must come to rest",
-                        key="constraints", limit=f"convection to the background, or nodes held at it, on the last {m} nodes",
-                        remedy="background = the temperature of the surroundings, a Free side there, or restrict the condition by `within`",
-                    )  # fmt: skip
+                        f"a condition holds on nodes within one reach of the absorbing side {name}, where the medium "
+                        "must come to rest",
+                        key="constraints",
+                        limit=f"convection to the background, or nodes held at it, on the last {m} nodes",
+                        remedy="background = the temperature of the surroundings, a Free side there, or restrict the "
+                        "condition by `within`",
+                    )
                 if any(np.ptp(np.take(surface, last, axis), axis=axis).any() for surface in (held.astype(float), leak)):
                     raise InputError(
-                        f"a condition ends or varies within one reach of the absorbing side {name}, into which it would go on", key="constraints",
-                        limit=f"the same on the last {m} nodes", remedy="a larger near field, or restrict the condition by `within`",
-                    )  # fmt: skip
+                        f"a condition ends or varies within one reach of the absorbing side {name}, into which it "
+                        "would go on",
+                        key="constraints",
+                        limit=f"the same on the last {m} nodes",
+                        remedy="a larger near field, or restrict the condition by `within`",
+                    )
 
     def _split_source(self, source: Any, key: str) -> list[tuple[np.ndarray | None, Callable[..., Any]]]:
-        """A source as functions of space times functions of time if it splits; refuses what the near field would miss."""
-        return [self._split_part(part, unit, key) for part, unit in by_component(source, self.lattice, self.stencil.components)]
+        """A source as functions of space times functions of time if it splits; refuses what the near field would
+        miss."""
+        return [
+            self._split_part(part, unit, key)
+            for part, unit in by_component(source, self.lattice, self.stencil.components)
+        ]
 
     def _as_source(self, load: BodyForce | Traction, key: str) -> Source:
         """A load as the force per volume that it is."""
@@ -543,14 +727,20 @@ class Assembly:
         """Zero outside a body, where there are no nodes, and beyond a window's outline if a condition closes it."""
         if self._near_field is not None:
             return np.where(self._near_field, values, 0.0)
-        return np.where(self.lattice.mask, values, 0.0) if self.lattice.body is not None and self.lattice.mask is not None else values
+        return (
+            np.where(self.lattice.mask, values, 0.0)
+            if self.lattice.body is not None and self.lattice.mask is not None
+            else values
+        )
 
     def _make_layers(self) -> dict[tuple[int, int], Layer]:
         """The stretch of each layer that follows from the target alone or is given, by (axis, side)."""
         lattice, model = self.lattice, self.model
         half_width = max(float((lattice.upper - lattice.lower).max()) / 2, lattice.spacing)
         return {
-            (axis, side): boundary.layer(model.order, self.stencil.along(axis), model.coefficient, lattice.spacing, half_width)
+            (axis, side): boundary.layer(
+                model.order, self.stencil.along(axis), model.coefficient, lattice.spacing, half_width
+            )
             for (axis, side), boundary in self.sides.items()
             if isinstance(boundary, LatticePML)
         }
@@ -562,24 +752,42 @@ class Assembly:
 
     @property
     def crossing(self) -> float:
-        """The set-up's own unit of time: in it the fastest wave crosses the near field, or what diffuses empties it, ``R^2/D``."""
+        """The set-up's own unit of time: in it the fastest wave crosses the near field, or what diffuses empties it,
+        ``R^2/D``.
+        """
         extent = max(self.lattice.shape) * self.lattice.spacing
         return self.model.crossing(extent, max(self.strongest, 1e-300))
 
     def _choose_layers(
-        self, initial: Mapping[str, Any], sources: Sequence[Any], dtype: str, cracks: Sequence[Any], factor: np.ndarray | None,
+        self,
+        initial: Mapping[str, Any],
+        sources: Sequence[Any],
+        dtype: str,
+        cracks: Sequence[Any],
+        factor: np.ndarray | None,
         specimens: Sequence[Specimen],
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Put the layers that follow from the data in place of those that follow from the target alone."""
         self._choose_thickness(initial, sources, cracks, factor, specimens)
         if self.thickness:
             self._check_memory(dtype)
 
     def _choose_thickness(
-        self, initial: Mapping[str, Any], sources: Sequence[Any], cracks: Sequence[Any], factor: np.ndarray | None, specimens: Sequence[Specimen]
-    ) -> None:  # fmt: skip
-        """Give each side whose layer chooses for itself the thinnest that keeps its target, and see what one given by hand keeps of its own."""
-        layers = {key: b for key, b in self.sides.items() if isinstance(b, LatticePML) and b.profile is None and (b.chooses or b.target)}
+        self,
+        initial: Mapping[str, Any],
+        sources: Sequence[Any],
+        cracks: Sequence[Any],
+        factor: np.ndarray | None,
+        specimens: Sequence[Specimen],
+    ) -> None:
+        """Give each side whose layer chooses for itself the thinnest that keeps its target, and see what one given by
+        hand keeps of its own.
+        """
+        layers = {
+            key: b
+            for key, b in self.sides.items()
+            if isinstance(b, LatticePML) and b.profile is None and (b.chooses or b.target)
+        }
         if not layers:
             return
         lattice, model = self.lattice, self.model
@@ -587,12 +795,23 @@ class Assembly:
             chosen = {key: b for key, b in layers.items() if b.chooses}
             self._choose_for_diffusion(chosen, initial, sources, self._scatterers(cracks, factor), specimens)
             return
-        lengths = {key: min(b.until or CROSSINGS * self.crossing, MOST_CROSSINGS * self.crossing) for key, b in layers.items()}
-        watched = max((lengths[key] for key, b in layers.items() if b.target is not None), default=0.0)  # a formula looks at no course in time
+        lengths = {
+            key: min(b.until or CROSSINGS * self.crossing, MOST_CROSSINGS * self.crossing) for key, b in layers.items()
+        }
+        # a formula looks at no course in time
+        watched = max((lengths[key] for key, b in layers.items() if b.target is not None), default=0.0)
         field = FarField(
-            lattice.shape, self.stencil, model.coefficient, lattice.spacing, Recursion.of(model.integrator, self.dt, model.damping), self.dt,
-            self.sides, self._data(initial, sources, watched), FORESEEN * self.crossing, self._scatterers(cracks, factor),
-        )  # fmt: skip
+            lattice.shape,
+            self.stencil,
+            model.coefficient,
+            lattice.spacing,
+            Recursion.of(model.integrator, self.dt, model.damping),
+            self.dt,
+            self.sides,
+            self._data(initial, sources, watched),
+            FORESEEN * self.crossing,
+            self._scatterers(cracks, factor),
+        )
         for (axis, side), boundary in layers.items():
             wanted, until = boundary.wanted(model.target), lengths[axis, side]
             if boundary.chooses:
@@ -600,7 +819,12 @@ class Assembly:
                 if found is not None:
                     self._take(axis, side, found, wanted)
             else:
-                self._judge(axis, side, field.returned(axis, side, self._layers[axis, side], wanted, min(until, field.foreseen)), wanted)
+                self._judge(
+                    axis,
+                    side,
+                    field.returned(axis, side, self._layers[axis, side], wanted, min(until, field.foreseen)),
+                    wanted,
+                )
 
     def _take(self, axis: int, side: int, found: Thickness, wanted: float) -> None:
         """Give a side the layer that was found for it."""
@@ -613,13 +837,22 @@ class Assembly:
     def _judge(self, axis: int, side: int, error: float, wanted: float) -> None:
         """Remember a side whose layer is given and predicted to miss its target."""
         if error > wanted:
-            words = f"layers of {{}} nodes ({{}}) are predicted to send back {error:.1g} of the largest value, more than the target {{:g}}"
-            self._missed.setdefault((words, self._layers[axis, side].columns, wanted), []).append(AXES[axis] + "-+"[side > 0])
+            words = (
+                f"layers of {{}} nodes ({{}}) are predicted to send back {error:.1g} of the largest value, more "
+                f"than the target {{:g}}"
+            )
+            self._missed.setdefault((words, self._layers[axis, side].columns, wanted), []).append(
+                AXES[axis] + "-+"[side > 0]
+            )
 
     def _choose_for_diffusion(
-        self, chosen: Mapping[tuple[int, int], LatticePML], initial: Mapping[str, Any], sources: Sequence[Any], scatterers: np.ndarray,
+        self,
+        chosen: Mapping[tuple[int, int], LatticePML],
+        initial: Mapping[str, Any],
+        sources: Sequence[Any],
+        scatterers: np.ndarray,
         specimens: Sequence[Specimen],
-    ) -> None:  # fmt: skip
+    ) -> None:
         """As `_choose_thickness`; what counts is the way from the data, the metal or a condition to the side."""
         lattice, model, diffusivity = self.lattice, self.model, self.model.coefficient * self.strongest
         busy = scatterers.astype(float)
@@ -634,30 +867,52 @@ class Assembly:
             wanted = boundary.wanted(model.target)
             found = thinnest_for_diffusion(lattice.spacing, diffusivity * until, distance, wanted)
             if found.predicted > wanted and boundary.target is not None:
-                raise InputError("no layer keeps the target for so long a run", value=wanted, key="boundary.target",
-                                 remedy="a larger target, a shorter run, or data farther from the side")  # fmt: skip
+                raise InputError(
+                    "no layer keeps the target for so long a run",
+                    value=wanted,
+                    key="boundary.target",
+                    remedy="a larger target, a shorter run, or data farther from the side",
+                )
             self._take(axis, side, replace(found, until=until), wanted)
 
     def _data(self, initial: Mapping[str, Any], sources: Sequence[Any], until: float) -> list[Datum]:
-        """What sends waves: the start, and sources over a time; pulses in the middle and beside each side where that cannot be known."""
+        """What sends waves: the start, and sources over a time; pulses in the middle and beside each side where that
+        cannot be known.
+        """
         components, reach = self.stencil.components, max(self.stencil.reach)
-        start = {name: field(initial[name], self.lattice, components, f"initial.{name}") for name in ("u", "v") if name in initial}
-        found = [d for name, v in start.items() for d in self._by_component(self._inside(v - (self.background if name == "u" else 0.0)), name)]
+        start = {
+            name: field(initial[name], self.lattice, components, f"initial.{name}")
+            for name in ("u", "v")
+            if name in initial
+        }
+        found = [
+            d
+            for name, v in start.items()
+            for d in self._by_component(self._inside(v - (self.background if name == "u" else 0.0)), name)
+        ]
         times = np.arange(int(np.ceil(until / self.dt)) + 1) * self.dt
         for source in sources:
-            for part, unit in [(source, 1.0)] if isinstance(source, IncidentWave) else by_component(source, self.lattice, components):
+            for part, unit in (
+                [(source, 1.0)] if isinstance(source, IncidentWave) else by_component(source, self.lattice, components)
+            ):
                 whole = components if np.ndim(unit) == 0 else 1
                 space, time = (None, None) if isinstance(source, IncidentWave) else split(part, self.lattice, whole)
                 if space is None or time is None:
                     return stand_ins(self.lattice.shape, reach, components)
-                found += self._by_component(unit * space * self.model.source_factor, "source", np.array([float(time(t)) for t in times]))
+                found += self._by_component(
+                    unit * space * self.model.source_factor, "source", np.array([float(time(t)) for t in times])
+                )
         return found or stand_ins(self.lattice.shape, reach, components)
 
     def _by_component(self, values: np.ndarray, kind: str, time: np.ndarray | None = None) -> list[Datum]:
         """A datum for each component that is not at rest."""
         time = np.zeros(0) if time is None else time
         moves = kind != "source" or bool(time.any())
-        return [Datum(part, kind, time, i) for i, part in enumerate(values.reshape(-1, *self.lattice.shape)) if moves and part.any()]
+        return [
+            Datum(part, kind, time, i)
+            for i, part in enumerate(values.reshape(-1, *self.lattice.shape))
+            if moves and part.any()
+        ]
 
     def _scatterers(self, cracks: Sequence[Any], factor: np.ndarray | None) -> np.ndarray:
         """Nodes that scatter waves: around cracks, beside nodes that do not exist, and where the medium changes."""
@@ -717,39 +972,62 @@ class Assembly:
             normal = self.stencil.along(axis)
             like = error, mirror, normal, *(datum.values.tobytes() for datum in turned)
             if like not in known:
-                known[like] = replace(extent(replace(medium, stencil=normal), turned, sizes, mirror, error), until=until)
+                known[like] = replace(
+                    extent(replace(medium, stencil=normal), turned, sizes, mirror, error), until=until
+                )
             found[axis, side] = known[like]
         return found
 
     def _enlarged(self, more: Mapping[tuple[int, int], int]) -> float:
         """Nodes of the near field with so many more beyond some sides."""
-        return float(np.prod([float(n + more.get((a, -1), 0) + more.get((a, 1), 0)) for a, n in enumerate(self.lattice.shape)]))
+        return float(
+            np.prod([float(n + more.get((a, -1), 0) + more.get((a, 1), 0)) for a, n in enumerate(self.lattice.shape)])
+        )
 
     def _too_large(self, more: Mapping[tuple[int, int], int], itemsize: int) -> InputError:
         need = 3.0 * itemsize * self.stencil.components * self._enlarged(more)
-        return InputError("the extended domain does not fit into memory", value=f"about {need / 2**30:.3g} GiB for {self._enlarged(more):.3g} nodes",
-                          limit=f"{available_memory() / 2**30:.3g} GiB available", key="boundary",
-                          remedy="LatticePML, a shorter run, a larger target or float32")  # fmt: skip
+        return InputError(
+            "the extended domain does not fit into memory",
+            value=f"about {need / 2**30:.3g} GiB for {self._enlarged(more):.3g} nodes",
+            limit=f"{available_memory() / 2**30:.3g} GiB available",
+            key="boundary",
+            remedy="LatticePML, a shorter run, a larger target or float32",
+        )
 
     def _emitters(self, medium: Waves) -> list[Datum]:
-        """All that sends waves or diffuses, component by component. What is known by its place alone counts from the start and relative to itself."""
+        """All that sends waves or diffuses, component by component. What is known by its place alone counts from the
+        start and relative to itself.
+        """
         lattice, waves = self.lattice, self.model.order == 2
         busy = np.full(lattice.shape, self._unknown or any(space is None for space, _ in self._drives))
         busy.ravel()[np.concatenate([self.conditions.nodes, *self._holds.nodes]).astype(int)] = True
         for (axis, side), boundary in self.sides.items():
             if isinstance(boundary, Fixed) and boundary.value != self.background:
                 np.moveaxis(busy, axis, 0)[0 if side < 0 else -1] = True
-        data = [("u", self.start_u, np.zeros(0)), ("v", self.start_v, np.zeros(0)), ("u", busy.astype(float), np.zeros(0))]
+        data = [
+            ("u", self.start_u, np.zeros(0)),
+            ("v", self.start_v, np.zeros(0)),
+            ("u", busy.astype(float), np.zeros(0)),
+        ]
         times = self.dt * np.arange(medium.steps if waves else 0)
         for space, time in self._drives:
             if space is not None:
-                data.append(("source" if waves else "u", space * self.model.source_factor, np.array([float(time(t)) for t in times])))
-        found = [Datum(part, kind, time) for kind, values, time in data for part in np.reshape(values, (-1, *lattice.shape))]
+                data.append(
+                    (
+                        "source" if waves else "u",
+                        space * self.model.source_factor,
+                        np.array([float(time(t)) for t in times]),
+                    )
+                )
+        found = [
+            Datum(part, kind, time) for kind, values, time in data for part in np.reshape(values, (-1, *lattice.shape))
+        ]
         found = [datum for datum in found if datum.values.any() and (datum.kind != "source" or datum.time.any())]
         return found or [Datum(np.ones(lattice.shape), "u")]
 
     def _depth(self) -> dict[tuple[int, int], int]:
-        """Nodes beyond each absorbing side at which data and sources are looked at: its layer or sponge, or one reach if that is more.
+        """Nodes beyond each absorbing side at which data and sources are looked at: its layer or sponge, or one reach
+        if that is more.
 
         Beyond an exact end and an extended side as many as the near field has.
         """
@@ -759,7 +1037,9 @@ class Assembly:
         return {key: max(n, self.stencil.reach[key[0]]) for key, n in nodes.items()}
 
     def _width(self, key: tuple[int, int]) -> int:
-        """Nodes of the core beyond the near field that a sponge, an extended side or a condition along the outline takes."""
+        """Nodes of the core beyond the near field that a sponge, an extended side or a condition along the outline
+        takes.
+        """
         boundary = self.sides[key]
         if isinstance(boundary, Sponge):
             return boundary.nodes
@@ -768,11 +1048,14 @@ class Assembly:
         thick = boundary.layer if isinstance(boundary, PlaneWave) else None
         return self.stencil.reach[key[0]] if thick is None else int(thick / self.lattice.spacing + 1e-9)
 
-    def _choose_margins(self, u: np.ndarray, v: np.ndarray, factor: np.ndarray | None, cuts: Sequence[Cut]) -> dict[tuple[int, int], int]:
+    def _choose_margins(
+        self, u: np.ndarray, v: np.ndarray, factor: np.ndarray | None, cuts: Sequence[Cut]
+    ) -> dict[tuple[int, int], int]:
         """Nodes of the core beyond the near field: a sponge, or unstretched nodes in front of a layer.
 
         A layer's entrance must be free of sources, data, cracks and changes of the material. One node keeps sources
-        out; the others need as many more as the stencil reaches. An exact end must be free of cracks and changes of the material.
+        out; the others need as many more as the stencil reaches. An exact end must be free of cracks and changes of the
+        material.
         """
         margins = {}
         for (axis, side), boundary in self.sides.items():
@@ -784,10 +1067,15 @@ class Assembly:
                 least = int(isinstance(boundary, LatticePML))
                 asked = isinstance(boundary, LatticePML) and (boundary.chooses or boundary.target is not None)
                 faint = 1e-3 * boundary.wanted(self.model.target) if asked else _FAINT
-                busy = bool(least) and any(np.abs(np.take(f, last, axis)).max() > faint * np.abs(f).max() for f in (self._size(u), self._size(v)))
+                busy = bool(least) and any(
+                    np.abs(np.take(f, last, axis)).max() > faint * np.abs(f).max()
+                    for f in (self._size(u), self._size(v))
+                )
                 busy |= factor is not None and bool(np.ptp(np.take(factor, last, axis), axis=axis).any())
                 edge = (self.lattice.lower if side < 0 else self.lattice.upper)[axis]
-                near = [side * (edge - cut.bounds()[(side + 1) // 2][axis]) < (m + 1) * self.lattice.spacing for cut in cuts]
+                near = [
+                    side * (edge - cut.bounds()[(side + 1) // 2][axis]) < (m + 1) * self.lattice.spacing for cut in cuts
+                ]
                 margins[axis, side] = 1 + m if busy or any(near) else least
             else:
                 margins[axis, side] = 0
@@ -813,11 +1101,22 @@ class Assembly:
             grown = np.pad(factor, pads, mode="edge").reshape(core)
             self._check_material(grown, lead)
         self.engine = Engine(
-            core, offsets, self.stencil.weights * model.coefficient / lattice.spacing**2, stages, self.dt, layers=layers, periodic=periodic,
-            real=dtype, threads=threads, coefficient=grown, rule=rule,
-        )  # fmt: skip
+            core,
+            offsets,
+            self.stencil.weights * model.coefficient / lattice.spacing**2,
+            stages,
+            self.dt,
+            layers=layers,
+            periodic=periodic,
+            real=dtype,
+            threads=threads,
+            coefficient=grown,
+            rule=rule,
+        )
         self._near = tuple(
-            [Ellipsis] + [slice(None)] * lead + [slice(self._margins[a, -1], self._margins[a, -1] + n) for a, n in enumerate(lattice.shape)]
+            [Ellipsis]
+            + [slice(None)] * lead
+            + [slice(self._margins[a, -1], self._margins[a, -1] + n) for a, n in enumerate(lattice.shape)]
         )
         self._origin = lattice.lower - lattice.spacing * np.array([self._margins[a, -1] for a in range(lattice.dim)])
         for (axis, side), boundary in self.sides.items():
@@ -830,35 +1129,53 @@ class Assembly:
         if not found:
             return None
         if factor is not None and any(factor[0 if side < 0 else -1] == 0 for side, _ in found):
-            raise InputError("the medium beyond an exact end needs bonds", value=0.0, limit="positive at the end", key="coefficient", remedy="Free")
+            raise InputError(
+                "the medium beyond an exact end needs bonds",
+                value=0.0,
+                limit="positive at the end",
+                key="coefficient",
+                remedy="Free",
+            )
         recursion = Recursion.of(self.model.integrator, self.dt, self.model.damping)
         bonds = half_weights(self.stencil, self.model.coefficient / self.lattice.spacing**2)
         line = self.engine.core.node_indices().ravel()
         return ExactEnds(
-            self.engine, ["x-" if side < 0 else "x+" for side, _ in found], [b for _, b in found],
-            [bonds * (1.0 if factor is None else factor[0 if side < 0 else -1]) for side, _ in found], recursion,
-            np.array([line[0] + np.arange(bonds.size) if side < 0 else line[-1] - np.arange(bonds.size) for side, _ in found]),
-        )  # fmt: skip
+            self.engine,
+            ["x-" if side < 0 else "x+" for side, _ in found],
+            [b for _, b in found],
+            [bonds * (1.0 if factor is None else factor[0 if side < 0 else -1]) for side, _ in found],
+            recursion,
+            np.array(
+                [line[0] + np.arange(bonds.size) if side < 0 else line[-1] - np.arange(bonds.size) for side, _ in found]
+            ),
+        )
 
     def _check_material(self, core: np.ndarray, lead: int) -> None:
-        """A layer, and an exact end, continue the material along the normal: it must not vary there within one reach."""
+        """A layer, and an exact end, continue the material along the normal: it must not vary there within one
+        reach."""
         for (axis, side), boundary in self.sides.items():
             if isinstance(boundary, LatticePML | Exact):
                 n, m = core.shape[lead + axis], self.stencil.reach[axis]
                 last = np.take(core, np.arange(m + 1) if side < 0 else np.arange(n - m - 1, n), lead + axis)
                 if np.any(np.ptp(last, axis=lead + axis) > 0):
                     raise InputError(
-                        f"the material varies along {AXES[axis]} within one reach of an absorbing side", key="coefficient",
-                        limit=f"constant over the last {m + 1 - self._margins[axis, side]} nodes", remedy="enlarge the near field",
-                    )  # fmt: skip
+                        f"the material varies along {AXES[axis]} within one reach of an absorbing side",
+                        key="coefficient",
+                        limit=f"constant over the last {m + 1 - self._margins[axis, side]} nodes",
+                        remedy="enlarge the near field",
+                    )
 
     def _fix(self, axis: int, side: int, value: float) -> None:
         """Set the halo of a side, in every level, to a value above the background."""
         if any(isinstance(b, LatticePML) for (a, _), b in self.sides.items() if a != axis - (3 - self.lattice.dim)):
             raise InputError(
-                "a Fixed value beside a LatticePML must equal the background: the layer would have to absorb a state that never decays",
-                value=value + self.background, limit=self.background, key="boundary", remedy="set background, or use Periodic or Free",
-            )  # fmt: skip
+                "a Fixed value beside a LatticePML must equal the background: the layer would have to absorb a state "
+                "that never decays",
+                value=value + self.background,
+                limit=self.background,
+                key="boundary",
+                remedy="set background, or use Periodic or Free",
+            )
         block = self.engine.core
         m = block.reach[axis]
         strip = tuple((slice(0, m) if side < 0 else slice(-m, None)) if a == axis else slice(None) for a in range(3))
@@ -879,8 +1196,12 @@ class Assembly:
             flat = block.origin + nodes @ np.array(block.stride[lead:])
             found.append((flat, flat + offsets[bonds] @ np.array(block.stride), lost * engine.weights[bonds]))
             if self.closure is not None and np.isin(flat, self.closure.nodes).any():
-                raise InputError("a crack cuts bonds of nodes that a condition along the outline reads", key="crack",
-                                 value=[b.tolist() for b in cut.bounds()], remedy="enlarge the near field, or use a LatticePML")  # fmt: skip
+                raise InputError(
+                    "a crack cuts bonds of nodes that a condition along the outline reads",
+                    key="crack",
+                    value=[b.tolist() for b in cut.bounds()],
+                    remedy="enlarge the near field, or use a LatticePML",
+                )
             for axis, side in crossed:
                 *ends, weights = self._continue_crack(cut, nodes, bonds, axis, side)
                 found.append((ends[0], ends[1], lost * weights))
@@ -900,7 +1221,12 @@ class Assembly:
         """Bonds of the near field beyond a halo that is thinner than the stencil reaches."""
         engine, block = self.engine, self.engine.core
         lead = 3 - self.lattice.dim
-        exists = engine.spread(np.reshape(~closure.outside, block.nodes), {(lead + a, side): 0.0 for a, side in closure.outline.sides}) > 0.5
+        exists = (
+            engine.spread(
+                np.reshape(~closure.outside, block.nodes), {(lead + a, side): 0.0 for a, side in closure.outline.sides}
+            )
+            > 0.5
+        )
         near = block.node_indices().reshape(closure.halo.shape)[closure.outline.near]
         rows = []
         for offset, weight in zip(engine.offsets, engine.weights, strict=True):
@@ -910,22 +1236,33 @@ class Assembly:
         return rows
 
     def _crossed(self, cut: Cut) -> list[tuple[int, int]]:
-        """Sides (axis, side) with a layer that a crack runs into; InputError where it crosses a sponge or a periodic side.
+        """Sides (axis, side) with a layer that a crack runs into; InputError where it crosses a sponge or a periodic
+        side.
 
         Beyond an extended side it is cut as it is given.
         """
         crossed = []
         for (axis, side), boundary in self.sides.items():
-            edge, end = ((self.lattice.lower, self.lattice.upper)[(side + 1) // 2][axis], cut.bounds()[(side + 1) // 2][axis])
+            edge, end = (
+                (self.lattice.lower, self.lattice.upper)[(side + 1) // 2][axis],
+                cut.bounds()[(side + 1) // 2][axis],
+            )
             if side * (end - edge) > 1e-9 * self.lattice.spacing and not isinstance(boundary, Free | Fixed | Extended):
                 if not isinstance(boundary, LatticePML):
-                    raise InputError("a crack crosses a side that cannot continue it", value=AXES[axis] + "-+"[side > 0], key="crack",
-                                     remedy="shorten it, or use a LatticePML there")  # fmt: skip
+                    raise InputError(
+                        "a crack crosses a side that cannot continue it",
+                        value=AXES[axis] + "-+"[side > 0],
+                        key="crack",
+                        remedy="shorten it, or use a LatticePML there",
+                    )
                 crossed.append((axis, side))
         return crossed
 
-    def _continue_crack(self, cut: Cut, nodes: np.ndarray, bonds: np.ndarray, axis: int, side: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Bonds that a crack parallel to a layer's normal cuts inside the layer, from those at the core's last nodes."""
+    def _continue_crack(
+        self, cut: Cut, nodes: np.ndarray, bonds: np.ndarray, axis: int, side: int
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Bonds that a crack parallel to a layer's normal cuts inside the layer, from those at the core's last
+        nodes."""
         block = self.engine.core
         lead = 3 - self.lattice.dim
         count, m = block.nodes[lead + axis], self.stencil.reach[axis]
@@ -959,19 +1296,25 @@ class Assembly:
             raise self._oblique(cut, axis, side)
         if not continued:
             return
-        note = f"the crack that runs into the layer at {AXES[axis]}{'-+'[side > 0]} is taken to go on straight without end"
+        note = (
+            f"the crack that runs into the layer at {AXES[axis]}{'-+'[side > 0]} is taken to go on straight without end"
+        )
         if note not in self._beyond.notes:
             self._beyond.notes.append(note)
 
     def _oblique(self, cut: Cut, axis: int, side: int) -> InputError:
         return InputError(
-            f"a crack may run across the absorbing side {AXES[axis]}{'-+'[side > 0]} only straight along its normal, and beyond its first nodes",
-            key="crack", value=[b.tolist() for b in cut.bounds()], limit=f"{self.lattice.lower.tolist()} to {self.lattice.upper.tolist()}",
+            f"a crack may run across the absorbing side {AXES[axis]}{'-+'[side > 0]} only straight along its normal, "
+            "and beyond its first nodes",
+            key="crack",
+            value=[b.tolist() for b in cut.bounds()],
+            limit=f"{self.lattice.lower.tolist()} to {self.lattice.upper.tolist()}",
             remedy="end it inside, turn it, or enlarge the near field",
-        )  # fmt: skip
+        )
 
     def _existing(self, body: bool) -> np.ndarray:
-        """True where a node of the medium is, False beyond free sides and, if wanted, outside the body; over a level."""
+        """True where a node of the medium is, False beyond free sides and, if wanted, outside the body; over a
+        level."""
         lead = 3 - self.lattice.dim
         core = np.ones(self.engine.core.nodes)
         if body and self.lattice.body is not None and self.lattice.mask is not None:
@@ -996,25 +1339,31 @@ class Assembly:
             tables.append(self._damped(held))
         tables.append((leaking, *np.ones((2, leaking.size)), leak))
         nodes, before, after, losses = (np.concatenate(columns) for columns in zip(*tables, strict=True))
-        once, at = np.unique(nodes, return_inverse=True)  # a node belongs to one thread: a sponge's may lose heat at a surface, too
+        # a node belongs to one thread: a sponge's may lose heat at a surface, too
+        once, at = np.unique(nodes, return_inverse=True)
         rows = [np.ones(once.size), np.ones(once.size), np.zeros(once.size)]
         for row, put, values in zip(rows, (np.multiply, np.multiply, np.add), (before, after, losses), strict=True):
             put.at(row, at, values)
         self.engine.set_damping(once, *rows)
 
     def _surfaces(self) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes that conditions hold at the background, and the rates at which nodes lose heat; of the lattice's shape."""
+        """Nodes that conditions hold at the background, and the rates at which nodes lose heat; of the lattice's
+        shape."""
         held, leak = np.zeros(self.lattice.shape, bool), self.leak()
         held.ravel()[self.conditions.nodes[self.conditions.resting]] = True
         return held, leak if leak.size else np.zeros(self.lattice.shape)
 
     def _continued_surfaces(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Nodes beyond the near field that go on being held at the background, and nodes that lose heat, with their rates, beyond it too."""
+        """Nodes beyond the near field that go on being held at the background, and nodes that lose heat, with their
+        rates, beyond it too.
+        """
         core = self.engine.core
         beyond = np.ones(self.engine.layout.size, bool)
         beyond[core.node_indices()[self._near]] = False
         pads = [(self._margins[a, -1], self._margins[a, 1]) for a in range(self.lattice.dim)]
-        held, leak = (self.engine.spread(np.pad(f.astype(float), pads, mode="edge").reshape(core.nodes)) for f in self._surfaces())
+        held, leak = (
+            self.engine.spread(np.pad(f.astype(float), pads, mode="edge").reshape(core.nodes)) for f in self._surfaces()
+        )
         places = self.engine.layout.box.node_indices()
         resting, leaking = places[(held[places] > 0) & beyond[places]], places[leak[places] > 0]
         return resting, leaking, leak[leaking]

@@ -50,20 +50,24 @@ class Simulation(Assembly, Run):
     boundary : Boundary or mapping
         One for all sides, or ``{"x-": ..., "x+": ..., "y": ..., "all": ...}``.
     initial : mapping
-        "u" and, for waves, "v" (velocity): arrays of the lattice's shape, callables of the coordinates, expressions or numbers. Of vectors arrays
-        (dim, n..), callables that return the components, or a sequence of one value a component.
+        "u" and, for waves, "v" (velocity): arrays of the lattice's shape, callables of the coordinates, expressions or
+        numbers. Of vectors arrays (dim, n..), callables that return the components, or a sequence of one value a
+        component.
     sources : sequence
         `Source`, array, callable of the coordinates and t, expression, or `IncidentWave`.
     loads : sequence of BodyForce and Traction
         Forces on an `Elastic` medium per volume, and per area on its free sides (bond-based materials).
     cracks : sequence
-        Cuts, points of polylines (2D), of polygons (3D) or positions (1D); `Crack` for one that conducts a little or opens later.
+        Cuts, points of polylines (2D), of polygons (3D) or positions (1D); `Crack` for one that conducts a little or
+        opens later.
     constraints : sequence
-        `Temperature`, `Flux`, `Insulated`, `Convection`: conditions on nodes of the body; `Prescribed`: nodes that follow a value for a while.
+        `Temperature`, `Flux`, `Insulated`, `Convection`: conditions on nodes of the body; `Prescribed`: nodes that
+        follow a value for a while.
     specimens : sequence of Specimen
         The metal of a `Corrosion`; all else is liquid.
     balance : bool
-        Record what flows into the near field, for `balance`; of an `Elastic` medium the energies and the work of sources and loads.
+        Record what flows into the near field, for `balance`; of an `Elastic` medium the energies and the work of
+        sources and loads.
     coefficient : array_like, optional
         Factor on bonds, given on the nodes.
     rule : {"both", "arithmetic", "harmonic"}
@@ -90,10 +94,11 @@ class Simulation(Assembly, Run):
     start_u, start_v : ndarray
         Initial values less the background, and initial velocities.
     fields : dict of str to ndarray
-        The near field, "u", vectors as (dim, n..), and for waves "v" (half a step late, (u(n) - u(n-1))/dt); nan outside a window or body, and on
-        the nodes beyond a wall that conditions set as images of those inside. Of bonds that are nonlinear or break "damage", the part of a node's
-        bonds that are cut or broken. Of a corrosion "solid", 1 in the metal and 0 in the liquid, and
-        "dissolved", the time at which a node became liquid: 0 where it was from the start, nan in the metal.
+        The near field, "u", vectors as (dim, n..), and for waves "v" (half a step late, (u(n) - u(n-1))/dt); nan
+        outside a window or body, and on the nodes beyond a wall that conditions set as images of those inside. Of bonds
+        that are nonlinear or break "damage", the part of a node's bonds that are cut or broken. Of a corrosion "solid",
+        1 in the metal and 0 in the liquid, and "dissolved", the time at which a node became liquid: 0 where it was from
+        the start, nan in the metal.
 
     Raises
     ------
@@ -123,16 +128,33 @@ class Simulation(Assembly, Run):
         loads: Sequence[BodyForce | Traction] = (),
     ) -> None:
         super().__init__(
-            lattice, model, boundary, {} if initial is None else initial, sources, cracks, coefficient, background, dt, dtype, threads, rule, rim,
-            constraints, specimens, loads, balance,
-        )  # fmt: skip
+            lattice,
+            model,
+            boundary,
+            {} if initial is None else initial,
+            sources,
+            cracks,
+            coefficient,
+            background,
+            dt,
+            dtype,
+            threads,
+            rule,
+            rim,
+            constraints,
+            specimens,
+            loads,
+            balance,
+        )
         self._at_start(observe, int(np.prod(self.engine.core.nodes)))
         self._source_peaks: dict[int, float] = {}
         self._initial_given = initial
         self._end = 0.0  # of the run, as far as it is known
         self._settled = 0.0  # length of the run that the sides are good for, as far as they are chosen for one
         self._why: list[str] = []  # how sides that leave the choice were chosen
-        self._open_ended = [key for key, b in self.sides.items() if isinstance(b, LatticePML | Extended) and b.nodes is None]
+        self._open_ended = [
+            key for key, b in self.sides.items() if isinstance(b, LatticePML | Extended) and b.nodes is None
+        ]
         self._looked = 0.0  # up to this time
         self._balance = balance
         self._books = balance and not self.lasting
@@ -141,12 +163,26 @@ class Simulation(Assembly, Run):
         self._first_cuts = self.engine.absent_bonds
         held = [abs(b.value - self.background) for b in self.sides.values() if isinstance(b, Fixed)]
         self._setup: dict[str, Any] = {
-            "lattice": lattice, "model": model, "boundary": self._settled_sides(),
-            "sources": list(sources), "cracks": self._cracks, "constraints": list(constraints), "balance": balance,
-            "coefficient": self._factor, "background": self.background, "dt": self.dt, "specimens": list(specimens),
-            "dtype": dtype, "threads": threads, "rule": rule, "rim": rim, "loads": list(loads),
-        }  # fmt: skip
-        self._scale = max([float(np.abs(self.start_u).max()), float(np.abs(self.start_v).max()) * self.dt, 1e-300, *held])
+            "lattice": lattice,
+            "model": model,
+            "boundary": self._settled_sides(),
+            "sources": list(sources),
+            "cracks": self._cracks,
+            "constraints": list(constraints),
+            "balance": balance,
+            "coefficient": self._factor,
+            "background": self.background,
+            "dt": self.dt,
+            "specimens": list(specimens),
+            "dtype": dtype,
+            "threads": threads,
+            "rule": rule,
+            "rim": rim,
+            "loads": list(loads),
+        }
+        self._scale = max(
+            [float(np.abs(self.start_u).max()), float(np.abs(self.start_v).max()) * self.dt, 1e-300, *held]
+        )
         self._start(self.start_u, self.start_v)
         if self.bondwise:
             self._check_stretch()
@@ -159,7 +195,8 @@ class Simulation(Assembly, Run):
 
     def _start(self, u: np.ndarray, v: np.ndarray) -> None:
         engine = self.engine
-        for level in engine.levels[: 1 if self.model.order == 2 else None]:  # all, for the sweep leaves out metal that nothing reaches
+        # all, for the sweep leaves out metal that nothing reaches
+        for level in engine.levels[: 1 if self.model.order == 2 else None]:
             engine.core.view(level)[self._near] = u.reshape(engine.core.view(level)[self._near].shape)
         near = self._near_indices()
         self._source_nodes = near if self._drives else np.zeros(0, np.int64)
@@ -216,17 +253,32 @@ class Simulation(Assembly, Run):
         strain = self.engine.largest_strain()
         stretch = float(np.sqrt(1 + strain) - 1 if self.model.nonlinear else strain / 2)
         if stretch > limit:
-            raise InputError("the initial displacements stretch bonds beyond the critical stretch", value=f"{limit:.6g}", limit=f"> {stretch:.4g}",
-                             key="model.critical_stretch", remedy="a smaller start, or cracks")  # fmt: skip
+            raise InputError(
+                "the initial displacements stretch bonds beyond the critical stretch",
+                value=f"{limit:.6g}",
+                limit=f"> {stretch:.4g}",
+                key="model.critical_stretch",
+                remedy="a smaller start, or cracks",
+            )
         force = np.abs(self._source_now(0.0)) / self.model.source_factor
-        strain = float(np.divide(force, factor, out=np.zeros_like(force), where=factor > 0).max(initial=0)) * self.lattice.spacing
+        strain = (
+            float(np.divide(force, factor, out=np.zeros_like(force), where=factor > 0).max(initial=0))
+            * self.lattice.spacing
+        )
         strain /= self.model.p_modulus
         if strain > _SHATTERS * limit:
-            raise InputError("the critical stretch is far below the first strain of the load, which would shatter what it meets",
-                             value=f"{limit:.6g}", limit=f">= {strain / _SHATTERS:.3g}", key="model.critical_stretch",
-                             remedy="a smaller load, or one that rises in time")  # fmt: skip
+            raise InputError(
+                "the critical stretch is far below the first strain of the load, which would shatter what it meets",
+                value=f"{limit:.6g}",
+                limit=f">= {strain / _SHATTERS:.3g}",
+                key="model.critical_stretch",
+                remedy="a smaller load, or one that rises in time",
+            )
         if strain > limit:
-            self._beyond.notes.append(f"the load's first strain, about {strain:.3g}, is above the critical stretch {limit:.3g}: bonds break at once")
+            self._beyond.notes.append(
+                f"the load's first strain, about {strain:.3g}, is above the critical stretch {limit:.3g}: bonds break "
+                "at once"
+            )
 
     # --- running -----------------------------------------------------------------------------------------------
 
@@ -263,25 +315,44 @@ class Simulation(Assembly, Run):
         if not isinstance(self.model, Elastic) or not self.bondwise:
             return
         engine, lattice, lead = self.engine, self.lattice, 3 - self.lattice.dim
-        low, high = (np.array(edge[lead:]) - [self._margins[a, -1] for a in range(lattice.dim)] for edge in (self._zone.first, self._zone.end))
-        crossing = min(self.stencil.reach) * lattice.spacing / np.sqrt(self.model.p_modulus / self.model.density * self.strongest)
+        low, high = (
+            np.array(edge[lead:]) - [self._margins[a, -1] for a in range(lattice.dim)]
+            for edge in (self._zone.first, self._zone.end)
+        )
+        crossing = (
+            min(self.stencil.reach)
+            * lattice.spacing
+            / np.sqrt(self.model.p_modulus / self.model.density * self.strongest)
+        )
         part = self._near[-3:]
         self._rim = rim_of(
-            lattice.shape, tuple(slice(a, b) for a, b in zip(low, high, strict=True)), engine.core.node_indices()[part].reshape(lattice.shape),
-            self.stencil.offsets, engine.present_bonds(part).reshape(-1, *lattice.shape), engine.offsets @ np.array(engine.core.stride),
-            lattice.spacing * self.stencil.offsets, engine.bond_limit, self.model.nonlinear, max(1, int(crossing / self.dt)),
-        )  # fmt: skip
+            lattice.shape,
+            tuple(slice(a, b) for a, b in zip(low, high, strict=True)),
+            engine.core.node_indices()[part].reshape(lattice.shape),
+            self.stencil.offsets,
+            engine.present_bonds(part).reshape(-1, *lattice.shape),
+            engine.offsets @ np.array(engine.core.stride),
+            lattice.spacing * self.stencil.offsets,
+            engine.bond_limit,
+            self.model.nonlinear,
+            max(1, int(crossing / self.dt)),
+        )
         if self._rim is not None:
             self._guard_steps = min(self._guard_steps, self._rim.every)
 
     def _look_at_saturation(self) -> None:
         """Say it if the liquid holds more than can be dissolved in it."""
         if isinstance(self.model, Corrosion) and not self.cautions and self._first_solid:
-            liquid = np.where(self._solid, -np.inf, self.engine.core.view(self.engine.current)[self._near].reshape(self.lattice.shape))
+            liquid = np.where(
+                self._solid, -np.inf, self.engine.core.view(self.engine.current)[self._near].reshape(self.lattice.shape)
+            )
             most = float(liquid.max()) / (self.model.saturation - self.background)
             if most > 1 + _SUPERSATURATED:
-                self._caution("supersaturated", f"the liquid holds up to {most:.3g} times the saturation: metal dissolves faster than it diffuses "
-                              "away; take limited = true, or an interface for the speed of the front (Corrosion.interface_for)")  # fmt: skip
+                self._caution(
+                    "supersaturated",
+                    f"the liquid holds up to {most:.3g} times the saturation: metal dissolves faster than it diffuses "
+                    "away; take limited = true, or an interface for the speed of the front (Corrosion.interface_for)",
+                )
 
     def _until_opening(self) -> int:
         """Steps until the next crack opens; very many without."""
@@ -289,7 +360,8 @@ class Simulation(Assembly, Run):
         return min((w for w in waits if w > 0), default=sys.maxsize)
 
     def check_sources(self, until: float) -> None:
-        """Look beyond the absorbing sides at sources that do not split into space and time, at up to 64 even times; `run` calls it.
+        """Look beyond the absorbing sides at sources that do not split into space and time, at up to 64 even times;
+        `run` calls it.
 
         Parameters
         ----------
@@ -304,11 +376,14 @@ class Simulation(Assembly, Run):
         if self._unsplit and until > self._looked:
             times = np.linspace(self._looked, until, min(64, int(np.ceil((until - self._looked) / self.dt))) + 1)
             for number, source in enumerate(self._unsplit):
-                self._source_peaks[number] = self._beyond.check_moving(source, times, self._source_peaks.get(number, 0.0))
+                self._source_peaks[number] = self._beyond.check_moving(
+                    source, times, self._source_peaks.get(number, 0.0)
+                )
             self._looked = until
 
     def prepare(self, until: float) -> int:
-        """What `run` does first: `check_sources`, and kernels of exact ends that last to the end of the run; returns the number of the last step.
+        """What `run` does first: `check_sources`, and kernels of exact ends that last to the end of the run; returns
+        the number of the last step.
 
         Raises
         ------
@@ -324,7 +399,8 @@ class Simulation(Assembly, Run):
         return last
 
     def _settle(self, until: float) -> None:
-        """Sides that depend on the length of the run, if it is longer than they are good for and nothing has run yet."""
+        """Sides that depend on the length of the run, if it is longer than they are good for and nothing has run
+        yet."""
         if self.step_count or not until > self._settled * (1 + 1e-9):
             return
         if self.autos:
@@ -344,7 +420,9 @@ class Simulation(Assembly, Run):
     def _decide(self, until: float) -> None:
         """Take layers or the extended domain on the sides that leave the choice, whichever takes less time."""
         far_sides: dict[tuple[int, int], Boundary] = {key: b.extended(until) for key, b in self.autos.items()}
-        near_sides: dict[tuple[int, int], Boundary] = {key: b.layer(until, self.model.target) for key, b in self.autos.items()}
+        near_sides: dict[tuple[int, int], Boundary] = {
+            key: b.layer(until, self.model.target) for key, b in self.autos.items()
+        }
         try:
             if any(self.sides[key] != layer for key, layer in near_sides.items()):
                 self._become(near_sides)
@@ -362,7 +440,9 @@ class Simulation(Assembly, Run):
     def _become(self, sides: Mapping[tuple[int, int], Boundary]) -> None:
         """Be at the start of the same run with some other sides."""
         named = {AXES[axis] + "-+"[side > 0]: boundary for (axis, side), boundary in sides.items()}
-        other = type(self)(**{**self._setup, "initial": self._initial_given, "boundary": self._setup["boundary"] | named})
+        other = type(self)(
+            **{**self._setup, "initial": self._initial_given, "boundary": self._setup["boundary"] | named}
+        )
         kept = ("observers", "stop_requested", "probes", "autos", "_open_ended", "_why")
         self.__dict__ = other.__dict__ | {name: getattr(self, name) for name in kept}
         if self.probes is not None:
@@ -371,11 +451,11 @@ class Simulation(Assembly, Run):
     def _late(self, until: float) -> list[str]:
         """What is to be said of a run that outlasts what its sides were chosen for, by more than its last step."""
         chosen = {
-            "the layers keep their target up to t = {:.6g}, later perhaps not: LatticePML(target=..., until=...) chooses them for a longer run":
-            [found.until for found in self.thickness.values()],
-            "nothing comes back from the end of the extended domain up to t = {:.6g}, later something does: Extended(until=...)":
-            [found.until for found in self.extents.values()],
-        }  # fmt: skip
+            "the layers keep their target up to t = {:.6g}, later perhaps not: LatticePML(target=..., until=...) "
+            "chooses them for a longer run": [found.until for found in self.thickness.values()],
+            "nothing comes back from the end of the extended domain up to t = {:.6g}, later something does: "
+            "Extended(until=...)": [found.until for found in self.extents.values()],
+        }
         return [said.format(min(ends)) for said, ends in chosen.items() if ends and until > min(ends) + self.dt]
 
     def _source_now(self, t: float) -> np.ndarray:
@@ -412,7 +492,13 @@ class Simulation(Assembly, Run):
         engine = self.engine
         dtype, stages, held = engine.dtype, len(engine.stages.numbers), self.conditions
         if not self._drives and not held.nodes.size:
-            engine.advance(steps, np.zeros(0, np.int64), np.zeros((0, 0), dtype), np.zeros((steps, stages, 0), dtype), self._prescribed(steps))
+            engine.advance(
+                steps,
+                np.zeros(0, np.int64),
+                np.zeros((0, 0), dtype),
+                np.zeros((steps, stages, 0), dtype),
+                self._prescribed(steps),
+            )
             self._note_probes()
             self._tick(steps)
             return
@@ -430,8 +516,15 @@ class Simulation(Assembly, Run):
                 self._refuse_wet(np.any(strength != 0, axis=0).reshape(self.lattice.shape))
             values, times = self._tables(held.drives, held.nodes.shape, tied_samples, held_weights, n)
             used = np.any(strength, axis=0)
-            engine.advance(n, self._source_nodes[used] if self._drives else self._source_nodes, np.ascontiguousarray(strength[:, used], dtype),
-                           amplitudes.astype(dtype), self._prescribed(n), values.astype(dtype), times.astype(dtype))  # fmt: skip
+            engine.advance(
+                n,
+                self._source_nodes[used] if self._drives else self._source_nodes,
+                np.ascontiguousarray(strength[:, used], dtype),
+                amplitudes.astype(dtype),
+                self._prescribed(n),
+                values.astype(dtype),
+                times.astype(dtype),
+            )
             self._note_probes()
             if self._books:
                 self._book_sources(strength, amplitudes)
@@ -450,7 +543,9 @@ class Simulation(Assembly, Run):
             seen = self.engine.seen.reshape(len(self.engine.seen), self.engine.components, -1) + self.background
             if self._hidden is not None:
                 seen[..., self._hidden.ravel()[self.probes.nodes]] = np.nan
-            self.probes.add(self.step_count + 1, self.dt, seen[:, 0] if self.engine.components == 1 else seen.swapaxes(1, 2))
+            self.probes.add(
+                self.step_count + 1, self.dt, seen[:, 0] if self.engine.components == 1 else seen.swapaxes(1, 2)
+            )
 
     def _prescribed(self, steps: int) -> np.ndarray | None:
         """Values of the held nodes after each of the next steps."""
@@ -468,7 +563,8 @@ class Simulation(Assembly, Run):
         weights: np.ndarray,
         count: int,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Fields over nodes, shape (j, nodes), and their amplitudes in each stage of the next `count` steps, shape (count, stages, j).
+        """Fields over nodes, shape (j, nodes), and their amplitudes in each stage of the next `count` steps, shape
+        (count, stages, j).
 
         What does not split into space and time takes one field for each sample time of the next step.
         """
@@ -495,10 +591,16 @@ class Simulation(Assembly, Run):
         def cause() -> str:
             if self.closure is not None:
                 names = ", ".join(sorted({type(b).__name__ for b in self.sides.values() if isinstance(b, Closing)}))
-                return f"{names} grows on this outline, which `check` tells before the run: try `farhorizon check --tune`, or LatticePML"
+                return (
+                    f"{names} grows on this outline, which `check` tells before the run: try `farhorizon check "
+                    "--tune`, or LatticePML"
+                )
             backward = self.stencil.backward_waves()
             if backward and self._layers:
-                return f"the stencil has backward waves, which grow in layers that do not damp them (up to {backward.growth:.2g} sigma)"
+                return (
+                    "the stencil has backward waves, which grow in layers that do not damp them (up to "
+                    f"{backward.growth:.2g} sigma)"
+                )
             return "check dt, sources and coefficient"
 
         self._refuse_explosion(self.engine.core.view(self.engine.current), self._origin, self._scale, cause)
@@ -534,14 +636,15 @@ class Simulation(Assembly, Run):
     def energies(self) -> dict[str, float]:
         """Energies of the near field; bonds across its edge count half, to a side fixed at the background whole.
 
-        Waves: "kinetic" and "strain", half a step ago, ``1/2 v . v`` and ``1/4 sum_k (u_k - u) . w_k (u_k^- - u^-)`` times the density of an
-        elastic medium; the undamped scheme conserves their sum exactly. Of an elastic medium with ``balance=True`` "work", done by sources and loads
-        since the start. Diffusion: "stored", ``1/2 integral (u - background)^2``.
+        Waves: "kinetic" and "strain", half a step ago, ``1/2 v . v`` and ``1/4 sum_k (u_k - u) . w_k (u_k^- - u^-)``
+        times the density of an elastic medium; the undamped scheme conserves their sum exactly. Of an elastic medium
+        with ``balance=True`` "work", done by sources and loads since the start. Diffusion: "stored", ``1/2 integral (u
+        - background)^2``.
 
-        Bonds that are nonlinear or break: the strain energy is ``c d d^- / 2`` of the elongations d and d^- now and a step ago,
-        and there are "work", done by the sources since the start, and "broken", what bonds held when they broke. Where no energy
-        leaves through the sides and nothing is damped, kinetic + strain + broken - work stays as it was: exactly for linear bonds, else up to
-        the error of the time step.
+        Bonds that are nonlinear or break: the strain energy is ``c d d^- / 2`` of the elongations d and d^- now and a
+        step ago, and there are "work", done by the sources since the start, and "broken", what bonds held when they
+        broke. Where no energy leaves through the sides and nothing is damped, kinetic + strain + broken - work stays as
+        it was: exactly for linear bonds, else up to the error of the time step.
         """
         engine, cell = self.engine, self.lattice.spacing**self.lattice.dim / self.model.source_factor
 
@@ -550,11 +653,19 @@ class Simulation(Assembly, Run):
             return part if self.lattice.mask is None else part[..., self.lattice.mask]
 
         if self.model.order == 1:
-            return {"stored": float(0.5 * self.lattice.spacing**self.lattice.dim * (near(engine.current).astype(float) ** 2).sum())}
+            return {
+                "stored": float(
+                    0.5 * self.lattice.spacing**self.lattice.dim * (near(engine.current).astype(float) ** 2).sum()
+                )
+            }
         if self.bondwise:
             kinetic = (near(engine.current).astype(float) - near(engine.older)) / self.dt
-            return {"kinetic": float(cell * 0.5 * (kinetic**2).sum()), "strain": self._strain_energy(), "work": self._mass * engine.work,
-                    "broken": self._mass * engine.broken[0]}  # fmt: skip
+            return {
+                "kinetic": float(cell * 0.5 * (kinetic**2).sum()),
+                "strain": self._strain_energy(),
+                "work": self._mass * engine.work,
+                "broken": self._mass * engine.broken[0],
+            }
         engine.complete(engine.current)
         u, old = engine.current.astype(float), engine.older.astype(float)
         if self._ends is not None:
@@ -567,7 +678,11 @@ class Simulation(Assembly, Run):
         each, ago = u.reshape(engine.components, -1), old.reshape(engine.components, -1)
         for number, total in enumerate(strain.reshape(each.shape)):  # component by component: sum_b L_ab (u_a old_b)
             total += apply((each[number] * ago).ravel()).reshape(each.shape)[number]
-        at_rest = {(3 - self.lattice.dim + a, s): 0.0 for (a, s), b in self.sides.items() if isinstance(b, Fixed) and b.value == self.background}
+        at_rest = {
+            (3 - self.lattice.dim + a, s): 0.0
+            for (a, s), b in self.sides.items()
+            if isinstance(b, Fixed) and b.value == self.background
+        }
         if at_rest:  # the other half of the bonds to sides where u is zero
             there = engine.spread(np.ones(engine.core.nodes), at_rest) * engine.exists
             for unit, before in zip(np.eye(engine.components), ago, strict=True):
@@ -590,7 +705,9 @@ class Simulation(Assembly, Run):
         whole = np.zeros((3, 2), bool)
         for (axis, side), boundary in self.sides.items():
             whole[lead + axis, int(side > 0)] = isinstance(boundary, Fixed)
-        return self._mass * self.engine.bond_energy(tuple(first), tuple(f + n for f, n in zip(first, box, strict=True)), nodes, whole)
+        return self._mass * self.engine.bond_energy(
+            tuple(first), tuple(f + n for f, n in zip(first, box, strict=True)), nodes, whole
+        )
 
     @property
     def broken_bonds(self) -> int:
@@ -600,10 +717,15 @@ class Simulation(Assembly, Run):
     # --- heat balance ------------------------------------------------------------------------------------------
 
     def _open_books(self) -> None:
-        """One book for each condition, each side that the field flows through, and the fixed rim: bonds from there into free nodes."""
+        """One book for each condition, each side that the field flows through, and the fixed rim: bonds from there into
+        free nodes.
+        """
         if self.model.order != 1:
-            raise InputError("a balance is recorded for equations of first order in time, and for elasticity", value=type(self.model).__name__,
-                             key="balance")  # fmt: skip
+            raise InputError(
+                "a balance is recorded for equations of first order in time, and for elasticity",
+                value=type(self.model).__name__,
+                key="balance",
+            )
         engine, lead = self.engine, 3 - self.lattice.dim
         self._book_names = [f"constraint[{i}]" for i in range(len(self._setup["constraints"]))]
         core = np.zeros(engine.core.nodes)
@@ -639,7 +761,10 @@ class Simulation(Assembly, Run):
         for number, leak in self.conditions.leaks:
             lossy = np.flatnonzero((leak > 0) & self._free)
             books = np.append(books, np.full(lossy.size, number))
-            nodes, neighbours = np.append(nodes, self._near_indices()[lossy]), np.append(neighbours, np.full(lossy.size, -1))
+            nodes, neighbours = (
+                np.append(nodes, self._near_indices()[lossy]),
+                np.append(neighbours, np.full(lossy.size, -1)),
+            )
             weights = np.append(weights, self.model.source_factor * leak.ravel()[lossy])
         layers = {}
         for axis, side in engine.layers:
@@ -654,7 +779,9 @@ class Simulation(Assembly, Run):
             ends = np.where(where[self._ends.nodes] == 0, numbers, -1)
         flows_so_far = engine.flows
         effects = stage_effects(engine.stages) * np.array([n[2] for n in engine.stages.numbers])
-        engine.set_books(books[kept], nodes[kept], neighbours[kept], weights[kept], effects, len(self._book_names), ends, layers)
+        engine.set_books(
+            books[kept], nodes[kept], neighbours[kept], weights[kept], effects, len(self._book_names), ends, layers
+        )
         if self.step_count:  # opened anew, as a crack has
             engine.flows[...] = flows_so_far
         else:
@@ -662,7 +789,9 @@ class Simulation(Assembly, Run):
             self._first_amounts = self._amounts()
 
     def _amounts(self) -> dict[str, float]:
-        """Sums of the field over the free nodes of the near field: "stored", and "metal" and "dissolved" of a corrosion."""
+        """Sums of the field over the free nodes of the near field: "stored", and "metal" and "dissolved" of a
+        corrosion.
+        """
         near = self.engine.core.view(self.engine.current)[self._near].reshape(self.lattice.shape)
 
         def total(where: np.ndarray, level: float = 0.0) -> float:
@@ -683,18 +812,18 @@ class Simulation(Assembly, Run):
     def balance(self) -> dict[str, float]:
         """What the near field has gained since the start, and from where, for simulations with ``balance=True``.
 
-        Of an elastic medium: the `energies`, and "lost", what is missing to the energy at the start and the work: it left through the sides or was
-        damped, or is the error of the time step of nonlinear bonds.
+        Of an elastic medium: the `energies`, and "lost", what is missing to the energy at the start and the work: it
+        left through the sides or was damped, or is the error of the time step of nonlinear bonds.
 
-        Free nodes count: those that no condition prescribes. Every entry is heat (the field's integral for a diffusion): heat capacity
-        times cell volume times temperature.
+        Free nodes count: those that no condition prescribes. Every entry is heat (the field's integral for a
+        diffusion): heat capacity times cell volume times temperature.
 
         Returns
         -------
         dict
-            "stored", the gain, of a corrosion the sum of the gains of "metal" (what it has lost, negative) and "dissolved" (of the liquid);
-            "source[i]", "constraint[i]", "x-", .. and "rim" or "outline": what came in from there; "residual": "stored" less all that came in,
-            which is rounding.
+            "stored", the gain, of a corrosion the sum of the gains of "metal" (what it has lost, negative) and
+            "dissolved" (of the liquid); "source[i]", "constraint[i]", "x-", .. and "rim" or "outline": what came in
+            from there; "residual": "stored" less all that came in, which is rounding.
 
         Raises
         ------
@@ -702,13 +831,19 @@ class Simulation(Assembly, Run):
             The simulation does not record it.
         """
         if not self._balance:
-            raise InputError("this simulation records no balance", key="balance", remedy="Simulation(..., balance=True)")
+            raise InputError(
+                "this simulation records no balance", key="balance", remedy="Simulation(..., balance=True)"
+            )
         if self.lasting:
             found = self.energies()
             return {**found, "lost": self._first_energy + 2 * found["work"] - sum(found.values())}
         unit = self.lattice.spacing**self.lattice.dim / self.model.source_factor
-        inflow = {name: unit * float(value) for name, value in zip(self._book_names, self.engine.flows.sum(0), strict=True)}
-        owners = [f"source[{i}]" for i in range(len(self.sources))] + [f"constraint[{i}]" for i, _ in self.conditions.sources]
+        inflow = {
+            name: unit * float(value) for name, value in zip(self._book_names, self.engine.flows.sum(0), strict=True)
+        }
+        owners = [f"source[{i}]" for i in range(len(self.sources))] + [
+            f"constraint[{i}]" for i, _ in self.conditions.sources
+        ]
         for name, power in zip(owners, self._powers, strict=True):
             inflow[name] = inflow.get(name, 0.0) + unit * float(power)
         gains = {name: unit * (amount - self._first_amounts[name]) for name, amount in self._amounts().items()}
@@ -717,7 +852,9 @@ class Simulation(Assembly, Run):
     # --- flux --------------------------------------------------------------------------------------------------
 
     def _bonds(self) -> Callable[[int], np.ndarray]:
-        """Factor of the bond from each node of the near field along an offset, given by its number; 0 where there is none within it."""
+        """Factor of the bond from each node of the near field along an offset, given by its number; 0 where there is
+        none within it.
+        """
         engine = self.engine
         block = engine.core
         nodes = block.node_indices()[self._near].ravel()
@@ -736,13 +873,18 @@ class Simulation(Assembly, Run):
         u = self.engine.core.view(self.engine.current)[self._near].reshape(self.lattice.shape).astype(float)
         if isinstance(self.model, Corrosion) and self.model.limited:  # what bonds between the phases carry
             u = np.where(self._solid, self.model.saturation - self.background, u)
-        return u, self.stencil.offsets, self.stencil.weights * self.model.coefficient / self.model.source_factor, self._bonds()
+        return (
+            u,
+            self.stencil.offsets,
+            self.stencil.weights * self.model.coefficient / self.model.source_factor,
+            self._bonds(),
+        )
 
     def flux(self) -> np.ndarray:
         """Heat flux (or that of a diffusing field) at the nodes along each axis, positive towards larger coordinates.
 
-        One-sided sums over the bonds ahead of a node, over those behind it where bonds ahead are missing, exact for a linear field at every
-        node; nan where the bonds left do not determine it. See `farhorizon.simulation.flux`.
+        One-sided sums over the bonds ahead of a node, over those behind it where bonds ahead are missing, exact for a
+        linear field at every node; nan where the bonds left do not determine it. See `farhorizon.simulation.flux`.
 
         Returns
         -------
@@ -752,7 +894,8 @@ class Simulation(Assembly, Run):
         return found if self.lattice.mask is None else np.where(self.lattice.mask, found, np.nan)
 
     def power_across(self, axis: str, position: float) -> float:
-        """Power that crosses a plane, towards larger coordinates: the sum over the bonds of the near field that cross it.
+        """Power that crosses a plane, towards larger coordinates: the sum over the bonds of the near field that cross
+        it.
 
         Parameters
         ----------
@@ -770,8 +913,12 @@ class Simulation(Assembly, Run):
         position = kinds.number(position, "position")
         row = int(np.floor((position - self.lattice.lower[number]) / self.lattice.spacing + 1e-9))
         if not 0 <= row < self.lattice.shape[number] - 1:
-            raise InputError("the plane lies outside the near field", value=position, key="position",
-                             limit=f"{self.lattice.lower[number]} to {self.lattice.upper[number]}")  # fmt: skip
+            raise InputError(
+                "the plane lies outside the near field",
+                value=position,
+                key="position",
+                limit=f"{self.lattice.lower[number]} to {self.lattice.upper[number]}",
+            )
         return power_across(*self._flux_tables(), self.lattice.spacing, number, row)
 
     @property
@@ -783,21 +930,37 @@ class Simulation(Assembly, Run):
     @property
     def ends(self) -> dict[str, str]:
         """What serves each exact end: modes and error bound of its sum, and for how many steps."""
-        return {} if self._ends is None else {name: self._ends.describe(i, self.dt) for i, name in enumerate(self._ends.names)}
+        return (
+            {}
+            if self._ends is None
+            else {name: self._ends.describe(i, self.dt) for i, name in enumerate(self._ends.names)}
+        )
 
     def _settled_sides(self) -> dict[str, Boundary]:
-        """The sides by name, with the layers that were chosen for the data: on another lattice, or without data, they stay what they are."""
-        named = {AXES[axis] + "-+"[side > 0]: (boundary, self._layers.get((axis, side))) for (axis, side), boundary in self.sides.items()}
-        chosen = {AXES[axis] + "-+"[side > 0]: found for (axis, side), found in self.extents.items() if np.isfinite(found.until)}
+        """The sides by name, with the layers that were chosen for the data: on another lattice, or without data, they
+        stay what they are.
+        """
+        named = {
+            AXES[axis] + "-+"[side > 0]: (boundary, self._layers.get((axis, side)))
+            for (axis, side), boundary in self.sides.items()
+        }
+        chosen = {
+            AXES[axis] + "-+"[side > 0]: found
+            for (axis, side), found in self.extents.items()
+            if np.isfinite(found.until)
+        }
         wanted = self.model.target
         return {
             name: replace(boundary, target=boundary.wanted(wanted), nodes=layer.columns, profile=layer)
-            if layer is not None and name in self.thickness else boundary
+            if layer is not None and name in self.thickness
+            else boundary
             for name, (boundary, layer) in named.items()
         } | {name: replace(named[name][0], nodes=found.nodes, until=found.until) for name, found in chosen.items()}
 
     def remade(self, **changes: Any) -> Simulation:
-        """The same set-up at its start with some arguments changed; on another lattice nothing is there, and the medium is uniform."""
+        """The same set-up at its start with some arguments changed; on another lattice nothing is there, and the medium
+        is uniform.
+        """
         start: dict[str, Any] = {}
         if "lattice" in changes:
             nothing = dict.fromkeys(("sources", "loads", "cracks", "constraints", "specimens"), ())
@@ -813,7 +976,8 @@ class Simulation(Assembly, Run):
         return self._ends
 
     def certificate(self, budget: float = BUDGET, until: float = np.inf) -> Certificate:
-        """Whether the complete update, near field and all memory of the boundaries, is stable; see `farhorizon.checks.certificate`.
+        """Whether the complete update, near field and all memory of the boundaries, is stable; see
+        `farhorizon.checks.certificate`.
 
         Parameters
         ----------
@@ -825,7 +989,9 @@ class Simulation(Assembly, Run):
         return certify(self, budget, until)
 
     def seconds_per_step(self) -> float:
-        """Time of a step on this machine now, measured for a tenth of a second without sources; the state stays as it is."""
+        """Time of a step on this machine now, measured for a tenth of a second without sources; the state stays as it
+        is.
+        """
         engine = self.engine
         with engine.as_before():
             engine.advance_alone(1)  # the first one loads compiled programs
@@ -838,14 +1004,16 @@ class Simulation(Assembly, Run):
         return spent / count
 
     def check(self, until: float | None = None, budget: float | None = None) -> Report:
-        """Step limit, stability certificate, predicted reflection, layer, memory, time, warnings and notes, before running.
+        """Step limit, stability certificate, predicted reflection, layer, memory, time, warnings and notes, before
+        running.
 
         Parameters
         ----------
         until : float, optional
             End of the run, for its estimated time.
         budget : float, optional
-            Seconds for the certificate. Unless given all of it takes about as long as the run to `until`, from 2 to 30; 30 without `until`.
+            Seconds for the certificate. Unless given all of it takes about as long as the run to `until`, from 2 to 30;
+            30 without `until`.
         """
         if until is not None:
             self._settle(until)
@@ -856,26 +1024,58 @@ class Simulation(Assembly, Run):
     def _fingerprint(self) -> dict[str, Any]:
         engine = self.engine
         return {
-            "levels": list(engine.levels.shape), "memory": int(engine.memory.size), "dtype": engine.dtype.name, "dt": self.dt,
-            "shape": list(self.lattice.shape), "spacing": self.lattice.spacing, "lower": self.lattice.lower.tolist(),
-            "model": type(self.model).__name__, "coefficient": self.model.coefficient, "damping": self.model.damping,
-            "weights": float(self.stencil.weights.sum()), "neighbours": len(self.stencil.weights), "cuts": self._first_cuts,
-            "held": len(self._held), "conditions": len(self.conditions.nodes), "opens": [c.opens for c in self._cracks],
+            "levels": list(engine.levels.shape),
+            "memory": int(engine.memory.size),
+            "dtype": engine.dtype.name,
+            "dt": self.dt,
+            "shape": list(self.lattice.shape),
+            "spacing": self.lattice.spacing,
+            "lower": self.lattice.lower.tolist(),
+            "model": type(self.model).__name__,
+            "coefficient": self.model.coefficient,
+            "damping": self.model.damping,
+            "weights": float(self.stencil.weights.sum()),
+            "neighbours": len(self.stencil.weights),
+            "cuts": self._first_cuts,
+            "held": len(self._held),
+            "conditions": len(self.conditions.nodes),
+            "opens": [c.opens for c in self._cracks],
             **({} if self._ends is None else {"exact": self._ends.names}),
-            **({} if self.closure is None else {"fringe": list(self.engine.fringe_history.shape), "update": self.closure.mark()}),
-            **({"bonds": [self.model.nonlinear, self.model.critical_stretch_on(self.lattice.spacing, self.lattice.dim)]}
-               if isinstance(self.model, Elastic) and self.model.bondwise else {}),
+            **(
+                {}
+                if self.closure is None
+                else {"fringe": list(self.engine.fringe_history.shape), "update": self.closure.mark()}
+            ),
+            **(
+                {
+                    "bonds": [
+                        self.model.nonlinear,
+                        self.model.critical_stretch_on(self.lattice.spacing, self.lattice.dim),
+                    ]
+                }
+                if isinstance(self.model, Elastic) and self.model.bondwise
+                else {}
+            ),
             **({"constraints": len(self._holds.constraints)} if self._holds.constraints else {}),
-            **({"solid": self._first_solid, "saturation": self.model.saturation, "interface": self.model.interface}
-               if isinstance(self.model, Corrosion) else {}),
+            **(
+                {"solid": self._first_solid, "saturation": self.model.saturation, "interface": self.model.interface}
+                if isinstance(self.model, Corrosion)
+                else {}
+            ),
             **({"limited": True} if isinstance(self.model, Corrosion) and self.model.limited else {}),
-        }  # fmt: skip
+        }
 
     def save(self, path: str | Path, **extra: Any) -> None:
         """Write the complete state, boundary memory included, under a temporary name and rename it."""
         self._open_cracks()  # as the next step begins: `load` opens what is due at that time
-        meta = {"fingerprint": self._fingerprint(), "step": self.step_count, "phase": int(self.engine.phase), "scale": self._scale,
-                "cautions": self.cautions, "extra": extra}  # fmt: skip
+        meta = {
+            "fingerprint": self._fingerprint(),
+            "step": self.step_count,
+            "phase": int(self.engine.phase),
+            "scale": self._scale,
+            "cautions": self.cautions,
+            "extra": extra,
+        }
         arrays = {
             "levels": self.engine.levels,
             "memory": self.engine.memory,

@@ -7,7 +7,8 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.errors import InputError
 
-#: An interval is a whole number of steps if no more than this part of a step is missing: what is left of one that was typed in or divided.
+#: An interval is a whole number of steps if no more than this part of a step is missing: what is left of one that was
+#: typed in or divided.
 FITS = 1e-6
 _CANDIDATES = 1_000_000  # steps that are tried, at most
 _COUNTED = 2.0**52  # steps in an interval up to which their number is a whole one in floating point
@@ -29,7 +30,8 @@ def last_step(until: float, dt: float) -> int:
 class WholeSteps:
     """A rule for the time step: the largest one, up to the default, of which some intervals are whole numbers.
 
-    A step may be up to twice as short as the default for their sake (and as short as the shortest interval, if that is shorter).
+    A step may be up to twice as short as the default for their sake (and as short as the shortest interval, if that is
+    shorter).
 
     Parameters
     ----------
@@ -44,7 +46,9 @@ class WholeSteps:
 
     def __init__(self, **intervals: float) -> None:
         if not intervals:
-            raise InputError("a step is to divide one interval or more", key="dt", remedy="WholeSteps(every=..., until=...)")
+            raise InputError(
+                "a step is to divide one interval or more", key="dt", remedy="WholeSteps(every=..., until=...)"
+            )
         self.intervals = {name: kinds.number(interval, name, above=0) for name, interval in intervals.items()}
 
     def __repr__(self) -> str:
@@ -67,17 +71,28 @@ class WholeSteps:
         if found is not None:
             return found
         name, shortest = min(self.intervals.items(), key=lambda item: item[1])
-        other, longer = max(self.intervals.items(), key=lambda item: abs(item[1] / shortest - round(item[1] / shortest)))
-        raise InputError(f"no time step divides both {name} and {other}", value=f"{shortest:.10g} and {longer:.10g}",
-                         limit=f"steps from {most / 2:.4g} to {most:.4g}", key=other, remedy=f"{other} = {_beside(longer, shortest)}")  # fmt: skip
+        other, longer = max(
+            self.intervals.items(), key=lambda item: abs(item[1] / shortest - round(item[1] / shortest))
+        )
+        raise InputError(
+            f"no time step divides both {name} and {other}",
+            value=f"{shortest:.10g} and {longer:.10g}",
+            limit=f"steps from {most / 2:.4g} to {most:.4g}",
+            key=other,
+            remedy=f"{other} = {_beside(longer, shortest)}",
+        )
 
     def _largest(self, most: float) -> float | None:
         """The largest step that divides all intervals; None if it were less than half of what it may be."""
         name, shortest = min(self.intervals.items(), key=lambda item: item[1])
         if not shortest < _COUNTED * most:
-            raise InputError("the time step is so short that its steps cannot be counted", value=f"dt = {most:.4g}",
-                             limit=f"at least {shortest / _COUNTED:.4g} for {name} = {shortest:.4g}", key="dt",
-                             remedy="coefficients in the units of the lattice")  # fmt: skip
+            raise InputError(
+                "the time step is so short that its steps cannot be counted",
+                value=f"dt = {most:.4g}",
+                limit=f"at least {shortest / _COUNTED:.4g} for {name} = {shortest:.4g}",
+                key="dt",
+                remedy="coefficients in the units of the lattice",
+            )
         first = max(1, int(np.ceil(shortest / most - FITS)))
         counts = np.arange(first, min(2 * first, first + _CANDIDATES) + 1)
         fit = np.ones(counts.size, bool)
@@ -98,8 +113,13 @@ class WholeSteps:
             if whole_steps(interval, dt) is None:
                 smaller = self._largest(dt)
                 remedy = "" if smaller is None else f"dt = {smaller:.10g}, or "
-                raise InputError(f"{name} is not a whole number of time steps", value=f"dt = {dt:.10g} for {name} = {interval:.10g}",
-                                 limit=f"{interval / dt:.6g} steps", key=key, remedy=f"{remedy}{name} = {_beside(interval, dt)}")  # fmt: skip
+                raise InputError(
+                    f"{name} is not a whole number of time steps",
+                    value=f"dt = {dt:.10g} for {name} = {interval:.10g}",
+                    limit=f"{interval / dt:.6g} steps",
+                    key=key,
+                    remedy=f"{remedy}{name} = {_beside(interval, dt)}",
+                )
 
 
 def steps_between(every: float, dt: float, key: str = "run.every") -> int:
@@ -114,8 +134,13 @@ def steps_between(every: float, dt: float, key: str = "run.every") -> int:
     count = whole_steps(every, dt)
     if count is None:
         name = key.rpartition(".")[2]
-        raise InputError("not a whole number of time steps", value=f"{every:.10g}", limit=f"multiples of dt = {dt:.10g}", key=key,
-                         remedy=f"{name} = {_beside(every, dt)}; or build the run with dt = WholeSteps({name}={every:.10g})")  # fmt: skip
+        raise InputError(
+            "not a whole number of time steps",
+            value=f"{every:.10g}",
+            limit=f"multiples of dt = {dt:.10g}",
+            key=key,
+            remedy=f"{name} = {_beside(every, dt)}; or build the run with dt = WholeSteps({name}={every:.10g})",
+        )
     return count
 
 

@@ -1,4 +1,5 @@
-"""Comparison of a truncated run with the infinite medium, for the given boundary and, beside it, a fixed and a free edge.
+"""Comparison of a truncated run with the infinite medium, for the given boundary and, beside it, a fixed and a free
+edge.
 
 In one dimension exact ends stand beside layers, and layers beside exact ends.
 """
@@ -57,8 +58,8 @@ class Comparison:
     scale : str
         What the relative errors refer to: with zero initial values, and with constraints, the largest value of the run.
     growth : dict of str to float
-        With layers and backward waves: the measured rate at which the error of each boundary grows (per unit time) over the
-        second half of the run.
+        With layers and backward waves: the measured rate at which the error of each boundary grows (per unit time) over
+        the second half of the run.
     growth_bound : float
         Growth of backward waves in the layer to first order in its strength.
     left_out : str
@@ -82,8 +83,13 @@ class Comparison:
         names = list(self.curves)
         rows = [f"{'t':>10}" + "".join(f"{n:>16}" for n in names)]
         some = sorted({round(i) for i in np.linspace(0, len(self.times) - 1, 8)})
-        rows += [f"{self.times[i]:>10.4g}" + "".join(f"{self.curves[n]['error_rel_initial'][i]:>16.2e}" for n in names) for i in some]
-        rows.append(f"{'max':>10}" + "".join(f"{self.curves[n]['error_max_over_run'] / self.initial:>16.2e}" for n in names))
+        rows += [
+            f"{self.times[i]:>10.4g}" + "".join(f"{self.curves[n]['error_rel_initial'][i]:>16.2e}" for n in names)
+            for i in some
+        ]
+        rows.append(
+            f"{'max':>10}" + "".join(f"{self.curves[n]['error_max_over_run'] / self.initial:>16.2e}" for n in names)
+        )
         rows += self._growth_lines() + ([f"left out: {self.left_out}"] if self.left_out else [])
         head = [f"error max|u - u_infinite| over the near field / {self.scale}", f"infinite medium: {self.reference}"]
         return "\n".join(head + ([f"fixed and free edge: {self.edges}"] if self.edges else []) + rows)
@@ -91,28 +97,39 @@ class Comparison:
     def _growth_lines(self) -> list[str]:
         if not self.growth:
             return []
-        lines = [f"backward waves grow in the layer, to first order by up to {self.growth_bound:.3g} per unit time; measured over the second half:"]
+        lines = [
+            f"backward waves grow in the layer, to first order by up to {self.growth_bound:.3g} per unit time; "
+            "measured over the second half:"
+        ]
         for name, rate in self.growth.items():
             size = f"to {self.curves[name]['error'][-1] / self.initial:.2g} of the {self.scale}"
             tenfold = f"grows by {rate:.3g} per unit time (tenfold in {np.log(10) / rate:.3g}) {size}"
             lines.append(f"  error of the {name} " + (tenfold if rate > 0 else f"does not grow (rate {rate:.2g})"))
         ours, edge = next(iter(self.curves)), self.curves.get("fixed edge")
         if edge is not None and self.curves[ours]["error_max_over_run"] > edge["error_max_over_run"]:
-            lines.append(f"warning: the {ours} is worse than a fixed edge here; use a sponge, a shorter run or another kernel")
+            lines.append(
+                f"warning: the {ours} is worse than a fixed edge here; use a sponge, a shorter run or another kernel"
+            )
         return lines
 
 
 def growth_rate(times: Sequence[float], values: Sequence[float]) -> float:
-    """Slope of the logarithm of positive values over the second half of the times, by least squares; 0 with fewer than two."""
+    """Slope of the logarithm of positive values over the second half of the times, by least squares; 0 with fewer than
+    two.
+    """
     t, v = np.asarray(times, float), np.asarray(values, float)
     late = (t >= 0.5 * t[-1]) & (v > 0) & np.isfinite(v)
     return float(np.polyfit(t[late], np.log(v[late]), 1)[0]) if late.sum() > 1 else 0.0
 
 
 def compare(
-    setup: dict[str, Any], until: float, times: Sequence[float] | None = None, shown: float | None = None, beside: bool = True,
+    setup: dict[str, Any],
+    until: float,
+    times: Sequence[float] | None = None,
+    shown: float | None = None,
+    beside: bool = True,
     kind: type[Simulation] | type[Body] = Simulation,
-) -> Comparison:  # fmt: skip
+) -> Comparison:
     """Run a set-up, the same with a fixed and with a free edge, and the infinite medium, at the same time step.
 
     In one dimension the set-up is run with exact ends as well as with layers, where both serve.
@@ -127,8 +144,8 @@ def compare(
     times : sequence of float, optional
         When to compare; 40 even times unless given.
     shown : float, optional
-        Time of the fields kept for a picture; unless given that at which the smaller of the medium's field and the largest error
-        is largest, so that the picture shows both.
+        Time of the fields kept for a picture; unless given that at which the smaller of the medium's field and the
+        largest error is largest, so that the picture shows both.
     beside : bool
         Run a fixed and a free edge too, and the other absorber in one dimension.
     kind : type
@@ -137,7 +154,8 @@ def compare(
     Raises
     ------
     InputError
-        What `Simulation` or `Body` refuses, times that are not positive, an infinite medium that does not fit into memory, a body in split form.
+        What `Simulation` or `Body` refuses, times that are not positive, an infinite medium that does not fit into
+        memory, a body in split form.
     """
     if times is not None and not (np.size(times) and np.isfinite(times).all() and np.min(times) > 0):
         raise InputError("the times of a comparison must be positive", value=list(times), limit="> 0", key="times")
@@ -152,11 +170,26 @@ def compare(
         runs |= _besides(setup, ours, steps[-1])
     how, exact_after = _infinite(setup, ours, steps[-1])
     background = ours.background if isinstance(ours, Simulation) else 0.0
-    result = Comparison(how, float(np.nanmax(np.abs(ours.fields["u"] - background), initial=0.0)), [n * ours.dt for n in steps])
-    if beside and isinstance(ours, Simulation) and _has_layers(ours) and ours.lattice.dim == 1 and _long_kernel(ours, steps[-1]):
-        result.left_out = f'exact ends, whose kernel for {steps[-1]} steps would take minutes to make: compare a case of type = "exact"'
+    result = Comparison(
+        how, float(np.nanmax(np.abs(ours.fields["u"] - background), initial=0.0)), [n * ours.dt for n in steps]
+    )
+    if (
+        beside
+        and isinstance(ours, Simulation)
+        and _has_layers(ours)
+        and ours.lattice.dim == 1
+        and _long_kernel(ours, steps[-1])
+    ):
+        result.left_out = (
+            f"exact ends, whose kernel for {steps[-1]} steps would take minutes to make: compare a case "
+            'of type = "exact"'
+        )
     if beside:
-        result.edges = "on the outline of the window" if ours.lattice.window is not None else "at the absorbing sides of the near field"
+        result.edges = (
+            "on the outline of the window"
+            if ours.lattice.window is not None
+            else "at the absorbing sides of the near field"
+        )
     errors: dict[str, list[float]] = {name: [] for name in runs}
     size: list[float] = []
     for step in steps:
@@ -172,14 +205,22 @@ def compare(
         worth = min(size[-1], max(error[-1] for error in errors.values()))
         if step == shown_step or (shown_step is None and worth > most):
             result.fields, result.shown_time, most = now, step * ours.dt, worth
-    if result.initial == 0 or setup.get("constraints"):  # driven by sources or prescribed values: the largest value of the run is the scale
+    # driven by sources or prescribed values: the largest value of the run is the scale
+    if result.initial == 0 or setup.get("constraints"):
         result.initial, result.scale = max(size), "largest value of the run"
     for name, error in errors.items():
         result.curves[name] = {
-            "times": result.times, "error": error, "error_rel_current": [e / max(s, 1e-300) for e, s in zip(error, size, strict=True)],
-            "error_rel_initial": [e / max(result.initial, 1e-300) for e in error], "error_max_over_run": max(error),
-        }  # fmt: skip
-    undamped = isinstance(ours, Simulation) and ours.model.order == 2 and any(not layer.damping.any() for layer in ours.engine.layers.values())
+            "times": result.times,
+            "error": error,
+            "error_rel_current": [e / max(s, 1e-300) for e, s in zip(error, size, strict=True)],
+            "error_rel_initial": [e / max(result.initial, 1e-300) for e in error],
+            "error_max_over_run": max(error),
+        }
+    undamped = (
+        isinstance(ours, Simulation)
+        and ours.model.order == 2
+        and any(not layer.damping.any() for layer in ours.engine.layers.values())
+    )
     backward = ours.stencil.backward_waves() if undamped else None
     if backward and isinstance(ours, Simulation):
         result.growth_bound = backward.growth * max(float(layer.sigma.max()) for layer in ours.engine.layers.values())
@@ -188,12 +229,26 @@ def compare(
 
 
 def _infinite(setup: dict[str, Any], ours: Simulation | Body, steps: int) -> tuple[str, Callable[[int], np.ndarray]]:
-    """The infinite medium: how it is computed, and its field on the near field after a number of steps, which do not decrease."""
+    """The infinite medium: how it is computed, and its field on the near field after a number of steps, which do not
+    decrease.
+    """
     if isinstance(ours, Simulation) and _homogeneous(setup, ours):
-        lattice = InfiniteLattice(ours.stencil, ours.model.coefficient / ours.lattice.spacing**2, ours.model.integrator, ours.dt, steps,
-                                  ours.start_u, ours.start_v, ours.model.damping)  # fmt: skip
+        lattice = InfiniteLattice(
+            ours.stencil,
+            ours.model.coefficient / ours.lattice.spacing**2,
+            ours.model.integrator,
+            ours.dt,
+            steps,
+            ours.start_u,
+            ours.start_v,
+            ours.model.damping,
+        )
         return "exact solution on the infinite lattice by FFT", lambda step: lattice.after(step) + ours.background
-    far = _extended(setup, ours, steps * ours.dt) if isinstance(ours, Simulation) else _extended_body(setup, ours, steps * ours.dt)
+    far = (
+        _extended(setup, ours, steps * ours.dt)
+        if isinstance(ours, Simulation)
+        else _extended_body(setup, ours, steps * ours.dt)
+    )
 
     def after(step: int) -> np.ndarray:
         far.step(step - far.step_count)
@@ -204,7 +259,9 @@ def _infinite(setup: dict[str, Any], ours: Simulation | Body, steps: int) -> tup
 
 def _homogeneous(setup: dict[str, Any], ours: Simulation) -> bool:
     """Whether there is nothing but a linear medium without end and initial data."""
-    changed = any(setup.get(name) for name in ("cracks", "constraints", "specimens")) or setup.get("coefficient") is not None
+    changed = (
+        any(setup.get(name) for name in ("cracks", "constraints", "specimens")) or setup.get("coefficient") is not None
+    )
     endless = all(isinstance(b, Absorbing) for b in ours.sides.values()) and ours.lattice.body is None
     return endless and not changed and not ours.sources and not ours.bondwise
 
@@ -250,8 +307,13 @@ def _other_absorber(setup: dict[str, Any], ours: Simulation, steps: int) -> dict
 
 
 def _ended(setup: dict[str, Any], ours: Simulation, rim: str) -> Simulation:
-    """The same set-up in a medium that ends where the near field does, at a fixed or a free edge: on the outline of a window, if it is one."""
-    changes: dict[str, Any] = {"boundary": _with(ours, Fixed(ours.background) if rim == "fixed" else Free()), "dt": ours.dt}
+    """The same set-up in a medium that ends where the near field does, at a fixed or a free edge: on the outline of a
+    window, if it is one.
+    """
+    changes: dict[str, Any] = {
+        "boundary": _with(ours, Fixed(ours.background) if rim == "fixed" else Free()),
+        "dt": ours.dt,
+    }
     lattice = ours.lattice
     if lattice.window is not None:
         changes |= {"lattice": Lattice(lattice.spacing, lattice.lower, lattice.upper, body=lattice.window), "rim": rim}
@@ -263,8 +325,13 @@ def _by_name(sim: Simulation | Body) -> dict[str, Any]:
 
 
 def _name(sim: Simulation | Body) -> str:
-    labels: dict[type, str] = {LatticePML: "lattice PML", NonlocalPML: "nonlocal PML", Exact: "exact", Sponge: "sponge",
-                               Extended: "extended domain"}  # fmt: skip
+    labels: dict[type, str] = {
+        LatticePML: "lattice PML",
+        NonlocalPML: "nonlocal PML",
+        Exact: "exact",
+        Sponge: "sponge",
+        Extended: "extended domain",
+    }
     labels |= {PlaneWave: "plane wave", Higdon: "Higdon", FirstOrder: "first order"}
     used: set[type] = {type(b) for b in sim.sides.values()}
     kinds = used & set(labels) or used
@@ -291,37 +358,61 @@ def _extended(setup: dict[str, Any], ours: Simulation, until: float) -> Simulati
         return _widened(value, lattice, open_sides, mode)
 
     changed = {
-        "lattice": lattice.extended(open_sides), "boundary": _with(ours, Fixed(ours.background)), "dt": ours.dt,
+        "lattice": lattice.extended(open_sides),
+        "boundary": _with(ours, Fixed(ours.background)),
+        "dt": ours.dt,
         "initial": {k: widen(v) for k, v in (setup.get("initial") or {}).items()},
         "sources": [widen(s) for s in setup.get("sources", ())],
         "loads": _widened_loads(setup, lattice, open_sides),
-        "constraints": [replace(c, where=widen(c.where)) if np.asarray(c.where).dtype == bool else c for c in setup.get("constraints", ())],
-        "specimens": [replace(s, where=widen(s.where)) if not isinstance(s.where, Shape) else s for s in setup.get("specimens", ())],
+        "constraints": [
+            replace(c, where=widen(c.where)) if np.asarray(c.where).dtype == bool else c
+            for c in setup.get("constraints", ())
+        ],
+        "specimens": [
+            replace(s, where=widen(s.where)) if not isinstance(s.where, Shape) else s
+            for s in setup.get("specimens", ())
+        ],
         "cracks": [as_cut(c, lattice.dim) for c in setup.get("cracks", ())],
         "coefficient": widen(setup["coefficient"], "edge") if setup.get("coefficient") is not None else None,
-    }  # fmt: skip
+    }
     return Simulation(**{**setup, **changed})
 
 
 def _extended_body(setup: dict[str, Any], ours: Body, until: float) -> Body:
     """The same body, so large that nothing returns from its ends; the material goes on along the normals."""
     if ours.split:
-        raise InputError("a body in split form is not compared: its infinite medium would take other steps", value="split", key="boundary.form",
-                         remedy='form = "displacement"')  # fmt: skip
+        raise InputError(
+            "a body in split form is not compared: its infinite medium would take other steps",
+            value="split",
+            key="boundary.form",
+            remedy='form = "displacement"',
+        )
     lattice = ours.lattice
-    medium = Elastic(setup["operator"], ours.fastest["young"], ours.fastest["poisson"], density=ours.fastest["density"], material="correspondence",
-                     plane=setup.get("plane", "strain") if lattice.dim == 2 else None, stabilisation=setup.get("stabilisation", 0.0))  # fmt: skip
+    medium = Elastic(
+        setup["operator"],
+        ours.fastest["young"],
+        ours.fastest["poisson"],
+        density=ours.fastest["density"],
+        material="correspondence",
+        plane=setup.get("plane", "strain") if lattice.dim == 2 else None,
+        stabilisation=setup.get("stabilisation", 0.0),
+    )
     more = undisturbed(medium.stencil(lattice.spacing, lattice.dim), medium.coefficient / lattice.spacing**2, 2, until)
     open_sides = {key: more for key, b in ours.sides.items() if isinstance(b, Absorbing | NonlocalPML)}
     material = {name: setup[name] for name in ("young", "poisson", "density") if name in setup}
     changed = {
-        "lattice": lattice.extended(open_sides), "boundary": _with(ours, Fixed()), "dt": ours.dt, "balance": False,
+        "lattice": lattice.extended(open_sides),
+        "boundary": _with(ours, Fixed()),
+        "dt": ours.dt,
+        "balance": False,
         "initial": {k: _widened(v, lattice, open_sides) for k, v in (setup.get("initial") or {}).items()},
         "loads": _widened_loads(setup, lattice, open_sides),
         "cracks": [as_cut(c, lattice.dim) for c in setup.get("cracks", ())],
-    }  # fmt: skip
+    }
     for name, value in material.items():
-        changed[name] = _widened(value(*lattice.coordinates()) if callable(value) else value, lattice, open_sides, "edge")
+        changed[name] = _widened(
+            value(*lattice.coordinates()) if callable(value) else value, lattice, open_sides, "edge"
+        )
     return Body(**{**setup, **changed})
 
 
@@ -333,8 +424,12 @@ def _widened_loads(setup: dict[str, Any], lattice: Lattice, nodes: dict[tuple[in
     ]
 
 
-def _widened(value: Any, lattice: Lattice, nodes: dict[tuple[int, int], int], mode: Literal["constant", "edge"] = "constant") -> Any:
-    """Values on the nodes of a lattice with more nodes beyond its sides, zero there or as at the edge; functions and numbers as they are."""
+def _widened(
+    value: Any, lattice: Lattice, nodes: dict[tuple[int, int], int], mode: Literal["constant", "edge"] = "constant"
+) -> Any:
+    """Values on the nodes of a lattice with more nodes beyond its sides, zero there or as at the edge; functions and
+    numbers as they are.
+    """
     if isinstance(value, list | tuple):
         return [_widened(part, lattice, nodes, mode) for part in value]
     if callable(value) or np.ndim(value) == 0:

@@ -1,6 +1,7 @@
 """Convergence studies: a measured number over a table of horizons and of nodes in the horizon.
 
-m-convergence: the horizon stays, the nodes in it become many; delta-convergence: their number m stays, the horizon shrinks.
+m-convergence: the horizon stays, the nodes in it become many; delta-convergence: their number m stays, the horizon
+shrinks.
 """
 
 from __future__ import annotations
@@ -32,11 +33,14 @@ class Study:
     values: np.ndarray
 
     def increments(self) -> np.ndarray:
-        """What each refinement at the same horizon changes, shape (H, M - 1): in m-convergence they go to zero geometrically."""
+        """What each refinement at the same horizon changes, shape (H, M - 1): in m-convergence they go to zero
+        geometrically.
+        """
         return np.diff(self.values, axis=1)
 
     def rates(self, last: int | None = None) -> np.ndarray:
-        """Slope of log value over log horizon for each m by least squares, shape (M,), over the `last` horizons (all unless given).
+        """Slope of log value over log horizon for each m by least squares, shape (M,), over the `last` horizons (all
+        unless given).
 
         Raises
         ------
@@ -45,12 +49,19 @@ class Study:
         """
         first = 0 if last is None else len(self.horizons) - last
         if len(self.horizons) - first < 2 or (self.values <= 0).any():
-            raise InputError("a rate needs two horizons and positive values", value=self.values.min(), limit="> 0", key="study",
-                             remedy="study an error, not a value")  # fmt: skip
+            raise InputError(
+                "a rate needs two horizons and positive values",
+                value=self.values.min(),
+                limit="> 0",
+                key="study",
+                remedy="study an error, not a value",
+            )
         return np.polyfit(np.log(self.horizons[first:]), np.log(self.values[first:]), 1)[0]
 
     def crossing(self) -> tuple[float, float]:
-        """Number of nodes m* at which the curves of the two smallest horizons over log m cross, and the value there; nan if they do not."""
+        """Number of nodes m* at which the curves of the two smallest horizons over log m cross, and the value there;
+        nan if they do not.
+        """
         one, other = self.values[-2:]
         place = np.log(self.ratios)
         gap = one - other
@@ -63,7 +74,10 @@ class Study:
 
 
 def convergence(
-    measure: Callable[[float, int], dict[str, float]], horizons: Sequence[float], ratios: Sequence[int], workers: int | None = None
+    measure: Callable[[float, int], dict[str, float]],
+    horizons: Sequence[float],
+    ratios: Sequence[int],
+    workers: int | None = None,
 ) -> dict[str, Study]:
     """Measure over all horizons and nodes in the horizon.
 
@@ -74,7 +88,8 @@ def convergence(
     horizons : sequence of float
     ratios : sequence of int
     workers : int, optional
-        Runs side by side (threads; the compiled loop lets go of the interpreter); as many as cores are offered unless given.
+        Runs side by side (threads; the compiled loop lets go of the interpreter); as many as cores are offered unless
+        given.
 
     Returns
     -------
@@ -88,15 +103,24 @@ def convergence(
     from farhorizon.engine.engine import available_threads
 
     if not len(horizons) or not len(ratios) or min(horizons) <= 0 or min(ratios) < 1:
-        raise InputError("a study needs positive horizons and at least one node in each", value=(list(horizons), list(ratios)), key="study")
+        raise InputError(
+            "a study needs positive horizons and at least one node in each",
+            value=(list(horizons), list(ratios)),
+            key="study",
+        )
     cells = [(h, m) for h in horizons for m in ratios]
-    cost = sorted(range(len(cells)), key=lambda i: cells[i][0] / cells[i][1])  # the finest grid first, so that no worker ends alone with it
+    # the finest grid first, so that no worker ends alone with it
+    cost = sorted(range(len(cells)), key=lambda i: cells[i][0] / cells[i][1])
     found: list[dict[str, Any]] = [{}] * len(cells)
     with ThreadPoolExecutor(workers or available_threads()) as pool:
         for i, result in zip(cost, pool.map(lambda i: measure(*cells[i]), cost), strict=True):
             found[i] = result
     shape = len(horizons), len(ratios)
     return {
-        name: Study(np.asarray(horizons, float), np.asarray(ratios, int), np.array([f[name] for f in found], float).reshape(shape))
+        name: Study(
+            np.asarray(horizons, float),
+            np.asarray(ratios, int),
+            np.array([f[name] for f in found], float).reshape(shape),
+        )
         for name in found[0]
     }

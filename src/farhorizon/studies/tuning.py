@@ -1,4 +1,6 @@
-"""The best certified condition along an outline: reflection by a flat side orders the candidates, the certificate of the complete update decides."""
+"""The best certified condition along an outline: reflection by a flat side orders the candidates, the certificate of
+the complete update decides.
+"""
 
 from __future__ import annotations
 
@@ -60,22 +62,34 @@ class Tuning:
     @property
     def toml(self) -> str:
         """The condition as a case file has it."""
-        given = {f.name: getattr(self.boundary, f.name) for f in fields(self.boundary) if getattr(self.boundary, f.name) != f.default}
+        given = {
+            f.name: getattr(self.boundary, f.name)
+            for f in fields(self.boundary)
+            if getattr(self.boundary, f.name) != f.default
+        }
         words = {name: list(value) if isinstance(value, tuple) else value for name, value in given.items()}
         kind = "plane-wave" if isinstance(self.boundary, PlaneWave) else "higdon"
-        return f'{{ type = "{kind}"' + "".join(f", {name} = {json.dumps(value)}" for name, value in words.items()) + " }"
+        return (
+            f'{{ type = "{kind}"' + "".join(f", {name} = {json.dumps(value)}" for name, value in words.items()) + " }"
+        )
 
     def __str__(self) -> str:
         decibels = 20 * np.log10(max(self.amplitude, 1e-16))
-        return (f"{options_shown(self.boundary)}: at most {decibels:.0f} dB up to {self.angle:g} degrees at a flat side; {self.certificate}; "
-                f"{self.refused} that send back less are not certified")  # fmt: skip
+        return (
+            f"{options_shown(self.boundary)}: at most {decibels:.0f} dB up to {self.angle:g} degrees at a flat side; "
+            f"{self.certificate}; "
+            f"{self.refused} that send back less are not certified"
+        )
 
 
-def tuned(sim: Simulation, angle: float = 60.0, band: tuple[float, float] | None = None, budget: float = BUDGET) -> Tuning:
-    """Search the options of the condition that closes a simulation for the least reflection among those that are certified.
+def tuned(
+    sim: Simulation, angle: float = 60.0, band: tuple[float, float] | None = None, budget: float = BUDGET
+) -> Tuning:
+    """Search the options of the condition that closes a simulation for the least reflection among those that are
+    certified.
 
-    Of a `PlaneWave` the cloud's radius, the angles of its modes and the regularisation are varied, of a `Higdon` the angles and the shift; what
-    else is given stays. ``sim.remade(boundary=tuned(sim).boundary)`` takes the result.
+    Of a `PlaneWave` the cloud's radius, the angles of its modes and the regularisation are varied, of a `Higdon` the
+    angles and the shift; what else is given stays. ``sim.remade(boundary=tuned(sim).boundary)`` takes the result.
 
     Parameters
     ----------
@@ -98,13 +112,22 @@ def tuned(sim: Simulation, angle: float = 60.0, band: tuple[float, float] | None
     angle, budget = kinds.number(angle, "angle", least=0, below=90), kinds.number(budget, "budget", above=0)
     given = next(iter(sim.sides.values()))
     if sim.model.order != 2 or not isinstance(given, PlaneWave | Higdon) or any(b != given for b in sim.sides.values()):
-        raise InputError("waves that one PlaneWave or Higdon closes are tuned", value=", ".join(type(b).__name__ for b in sim.sides.values()),
-                         key="boundary")  # fmt: skip
+        raise InputError(
+            "waves that one PlaneWave or Higdon closes are tuned",
+            value=", ".join(type(b).__name__ for b in sim.sides.values()),
+            key="boundary",
+        )
     if band is not None and not 0 < kinds.array(band, "band", shape=(2,))[0] <= band[1]:
-        raise InputError("a band has its shortest wavelength first", value=band, limit="0 < shortest <= longest", key="band")
+        raise InputError(
+            "a band has its shortest wavelength first", value=band, limit="0 < shortest <= longest", key="band"
+        )
     if band is None:
         waves = content(sim)
-        band = (waves.shortest, waves.longest) if waves is not None else (_BAND[0] * sim.lattice.spacing, _BAND[1] * sim.lattice.spacing)
+        band = (
+            (waves.shortest, waves.longest)
+            if waves is not None
+            else (_BAND[0] * sim.lattice.spacing, _BAND[1] * sim.lattice.spacing)
+        )
     ranked = []
     for candidate in _candidates(sim, given):
         try:
@@ -123,8 +146,13 @@ def tuned(sim: Simulation, angle: float = 60.0, band: tuple[float, float] | None
             continue
         if certificate.verdict == CERTIFIED:
             return Tuning(candidate, amplitude, angle, certificate, refused)
-    raise InputError("no setting is certified", value=f"{type(given).__name__}, {len(ranked)} settings", limit=f"{budget:g} s", key="boundary",
-                     remedy="Higdon instead of PlaneWave, more damping, or LatticePML")  # fmt: skip
+    raise InputError(
+        "no setting is certified",
+        value=f"{type(given).__name__}, {len(ranked)} settings",
+        limit=f"{budget:g} s",
+        key="boundary",
+        remedy="Higdon instead of PlaneWave, more damping, or LatticePML",
+    )
 
 
 def _candidates(sim: Simulation, given: PlaneWave | Higdon) -> Iterator[PlaneWave | Higdon]:
@@ -161,7 +189,13 @@ def flat_reflection(sim: Simulation, boundary: PlaneWave | Higdon, angle: float,
     """
     rows = _flat_rows(sim, boundary)
     spacing = sim.lattice.spacing
-    medium = LatticeMedium(sim.stencil, sim.model.coefficient, spacing, Recursion.of(sim.model.integrator, sim.dt, sim.model.damping), sim.dt)
+    medium = LatticeMedium(
+        sim.stencil,
+        sim.model.coefficient,
+        spacing,
+        Recursion.of(sim.model.integrator, sim.dt, sim.model.damping),
+        sim.dt,
+    )
     largest = []
     for wavelength in np.geomspace(*band, _WAVES) / spacing:
         for theta in np.linspace(0, angle, _WAVES if sim.lattice.dim > 1 else 1):
@@ -174,14 +208,19 @@ def flat_reflection(sim: Simulation, boundary: PlaneWave | Higdon, angle: float,
     return max(largest)
 
 
-_Rows = list[tuple[int, np.ndarray, np.ndarray, np.ndarray]]  # of each halo column: its place, and level, steps (N, dim) and weight of what it reads
+# of each halo column: its place, and level, steps (N, dim) and weight of what it reads
+_Rows = list[tuple[int, np.ndarray, np.ndarray, np.ndarray]]
 
 
 def _flat_rows(sim: Simulation, boundary: PlaneWave | Higdon) -> _Rows:
-    """The condition at the halo nodes beside one another along the normal of a flat side; places are counted from the last near node."""
+    """The condition at the halo nodes beside one another along the normal of a flat side; places are counted from the
+    last near node.
+    """
     lattice, dim = sim.lattice, sim.lattice.dim
     assert sim.closure is not None
-    depth = int(np.ceil(boundary.depth(sim.closure.medium, lattice.spacing, sim.closure.fringe.extent) / lattice.spacing - 1e-9))
+    depth = int(
+        np.ceil(boundary.depth(sim.closure.medium, lattice.spacing, sim.closure.fringe.extent) / lattice.spacing - 1e-9)
+    )
     wide = np.array([2 * (depth + max(sim.stencil.reach)) + 2] + [2 * max(depth, *sim.stencil.reach) + 1] * (dim - 1))
     box = Lattice(lattice.spacing, [0.0] * dim, (lattice.spacing * (wide - 1)).tolist())
     flat = sim.remade(lattice=box, boundary={"x": boundary} | {AXES[a]: Periodic() for a in range(1, dim)})

@@ -36,7 +36,8 @@ def test_the_weights_of_the_published_bar():
 
 
 def test_recursions_are_the_integrators():
-    """The factor of a step solves ``(1 + s) z - 2 + (1 - s)/z = dt^2 sigma`` (Verlet) and ``z = 1 + dt sigma`` (Euler)."""
+    """The factor of a step solves ``(1 + s) z - 2 + (1 - s)/z = dt^2 sigma`` (Verlet) and ``z = 1 + dt sigma``
+    (Euler)."""
     z, dt, d = np.array([1.1 + 0.3j, 0.7 - 0.2j]), 0.1, 0.5
     damped = Recursion.of(Verlet(), dt, d)
     np.testing.assert_allclose(damped.eigenvalue(z), ((1 + d * dt) * z - 2 + (1 - d * dt) / z) / dt**2, rtol=1e-13)
@@ -52,7 +53,9 @@ def test_recursions_are_the_integrators():
 @pytest.mark.parametrize("reach", [1, 2, 7])
 @pytest.mark.parametrize(("kind", "share"), KINDS)
 def test_chain_and_transform_agree(reach, kind, share):
-    """Two ways that share nothing but the weights; 1e-13 is what the amplification of rounding by the circle (a factor below 10) leaves."""
+    """Two ways that share nothing but the weights; 1e-13 is what the amplification of rounding by the circle (a factor
+    below 10) leaves.
+    """
     weights = gaussian_weights(reach)
     recursion = recursion_at(weights, kind, share)
     one, other = run_kernel(weights, recursion, 2000), transform_kernel(weights, recursion, 2000)
@@ -76,7 +79,9 @@ def test_transform_of_long_times():
 
 
 def test_nearest_neighbours_have_a_bessel_kernel():
-    """K = 1, small steps: ghost kernel ``2 J_2(2 t)/t`` of the harmonic chain (u'' = u_+ - 2 u + u_-), times dt, to order dt^2."""
+    """K = 1, small steps: ghost kernel ``2 J_2(2 t)/t`` of the harmonic chain (u'' = u_+ - 2 u + u_-), times dt, to
+    order dt^2.
+    """
     errors = []
     for dt in (0.02, 0.01):
         kernel = run_kernel(np.ones(1), Recursion.of(Verlet(), dt), round(20 / dt))[:, 0, 0]
@@ -100,8 +105,8 @@ def test_force_form_is_symmetric(kind, share):
 
 
 def test_a_displaced_half_space_pulls_back_with_nothing():
-    """Drivers held at 1 for ever: the chain follows, and the forces M 1 - ground vanish (damped waves reach rest exponentially in the bulk, like
-    t^-1/2 at the front; their sum is compared at two times)."""
+    """Drivers held at 1 for ever: the chain follows, and the forces M 1 - ground vanish (damped waves reach rest
+    exponentially in the bulk, like t^-1/2 at the front; their sum is compared at two times)."""
     recursion = recursion_at(BAR, "wave", 0.3)
     force = force_form(run_kernel(BAR, recursion, 4000), BAR)
     rest = np.abs(np.cumsum(force.sum(2), 0) - ground(BAR)).max(1)
@@ -114,12 +119,16 @@ def test_nothing_travels_beyond_the_front(kind, share):
     """A chain twice as long gives the same kernel up to rounding (other loop lengths sum in another order)."""
     recursion = recursion_at(BAR, kind, share)
     kernel = run_kernel(BAR, recursion, 300)
-    longer = chain_responses(BAR, recursion.keep, recursion.scale, np.full(301, 2 * int(fronts(BAR, recursion, 300)[-1])))
+    longer = chain_responses(
+        BAR, recursion.keep, recursion.scale, np.full(301, 2 * int(fronts(BAR, recursion, 300)[-1]))
+    )
     assert np.abs(kernel - longer).max() < 1e-15
 
 
 def test_surface_response_solves_the_semi_infinite_problem():
-    """One more block of chain in front gives the same response: the fixed point of the elimination, at points near and far from the cut."""
+    """One more block of chain in front gives the same response: the fixed point of the elimination, at points near and
+    far from the cut.
+    """
     sigma = np.array([-1.0 + 1e-3j, -30 + 0.1j, 5.0, 2 - 3j])
     response = surface_response(BAR, sigma)
     reach, far = BAR.size, 100
@@ -129,8 +138,11 @@ def test_surface_response_solves_the_semi_infinite_problem():
     right = np.zeros((size, reach))
     right[:reach] = driver_matrix(BAR)
     for number in (2, 3):  # there a wave decays within the chain
-        np.testing.assert_allclose(response[number], np.linalg.solve(sigma[number] * np.eye(size) - matrix, right)[:reach], atol=1e-12)
-    decay = np.abs(np.linalg.eigvals(response)).max(1)  # ghosts from drivers: the last block of the companion matrix of the K decaying roots
+        np.testing.assert_allclose(
+            response[number], np.linalg.solve(sigma[number] * np.eye(size) - matrix, right)[:reach], atol=1e-12
+        )
+    # ghosts from drivers: the last block of the companion matrix of the K decaying roots
+    decay = np.abs(np.linalg.eigvals(response)).max(1)
     assert (decay > 0).all()
 
 

@@ -25,7 +25,10 @@ def feed(convolution, samples, start=0):
 def test_every_pair_of_steps_is_met_once(block, steps):
     """Integers, so that the sums are exact up to the rounding of the FFT."""
     rng = np.random.default_rng(1)
-    kernel, samples = rng.integers(-3, 4, (steps + 1, 2, 3)).astype(float), rng.integers(-3, 4, (steps + 1, 3)).astype(float)
+    kernel, samples = (
+        rng.integers(-3, 4, (steps + 1, 2, 3)).astype(float),
+        rng.integers(-3, 4, (steps + 1, 3)).astype(float),
+    )
     expected = [sum((kernel[a] @ samples[n - a] for a in range(1, n + 1)), np.zeros(2)) for n in range(steps + 1)]
     np.testing.assert_allclose(feed(BlockConvolution(kernel, block), samples), expected, atol=1e-10)
 

@@ -21,7 +21,9 @@ def kernel_to_40():
 
 @pytest.mark.parametrize(("tolerance", "modes"), [(1e-6, 12), (1e-9, 20), (1e-12, 25)])
 def test_modes_of_the_bar_to_40(kernel_to_40, tolerance, modes):
-    """At 1e-9 at most 20 modes (the aim); 12 and 25 are those of an independent program for 1e-6 (11) and 3e-14 (25), with one in reserve."""
+    """At 1e-9 at most 20 modes (the aim); 12 and 25 are those of an independent program for 1e-6 (11) and 3e-14 (25),
+    with one in reserve.
+    """
     recursion = Recursion.of(Verlet(), 0.005)
     found = compress(kernel_to_40, tolerance, largest_angle(BAR, recursion))
     assert found.modes <= modes
@@ -81,8 +83,8 @@ def test_beam():
 def test_bounded_over_a_million_steps(kernel_to_40, tolerance):
     """A model of 8000 steps, run for 1e6 by declaring it good for so many.
 
-    The bar's gaussian leaves an offset of the size of the model's error; noise, which feeds the flat top of the band whose waves hardly move, does
-    not grow.
+    The bar's gaussian leaves an offset of the size of the model's error; noise, which feeds the flat top of the band
+    whose waves hardly move, does not grow.
     """
     recursion = Recursion.of(Verlet(), 0.005)
     found = compress(kernel_to_40, tolerance, largest_angle(BAR, recursion))
@@ -134,7 +136,8 @@ def test_bad_input(kernel_to_40):
 
 @pytest.mark.slow
 def test_modes_of_the_bar_to_3000():
-    """At most 34 modes at 1e-9, dt = 0.02 (150000 steps), and the bar against the closed form of the infinite lattice."""
+    """At most 34 modes at 1e-9, dt = 0.02 (150000 steps), and the bar against the closed form of the infinite
+    lattice."""
     recursion, steps = Recursion.of(Verlet(), 0.02), 150_000
     kernel = force_form(ghost_kernel(BAR, recursion, steps), BAR)
     found = compress(kernel, 1e-9, largest_angle(BAR, recursion))

@@ -23,10 +23,15 @@ def box(*nodes):
 
 @pytest.mark.parametrize("dim, reach, exponent", [(1, 3, 0), (2, 1, 2), (2, 3, 2), (2, 4, 1), (3, 2, 2)])
 def test_closed_form_is_what_the_half_infinite_problem_gives(dim, reach, exponent):
-    """Products over the edges and K conditions at the outer end, against the engine's own map with all evanescent modes."""
+    """Products over the edges and K conditions at the outer end, against the engine's own map with all evanescent
+    modes.
+    """
     profile = {"kappa": np.linspace(1, 3, 9), "sigma": 0.9 * np.linspace(0.05, 1, 9), "alpha": 0.02}
-    sim = fh.Simulation(box(*[2 * reach + 3] * dim), fh.Wave(fh.Kernel(float(reach), exponent), damping=0.01),
-                        boundary=fh.LatticePML(nodes=8, profile=profile))  # fmt: skip
+    sim = fh.Simulation(
+        box(*[2 * reach + 3] * dim),
+        fh.Wave(fh.Kernel(float(reach), exponent), damping=0.01),
+        boundary=fh.LatticePML(nodes=8, profile=profile),
+    )
     strip = Strip(sim, 0, 2 * reach + 2, (fh.Fixed(), pinned(sim)[0, 1]))
     layer = next(iter(sim.engine.layers.values()))
     for wavelength, angle in ((7.0, 0.0), (11.0, 40.0), (30.0, 70.0)):
@@ -36,7 +41,9 @@ def test_closed_form_is_what_the_half_infinite_problem_gives(dim, reach, exponen
 
 
 def test_band_of_a_packet():
-    """A wave of 12 nodes under an envelope: half of the energy beside its wavelength, hardly any beyond half and twice of it."""
+    """A wave of 12 nodes under an envelope: half of the energy beside its wavelength, hardly any beyond half and twice
+    of it.
+    """
     x = 0.5 * np.arange(400)
     found = band([np.exp(-((x - 100) ** 2) / 800) * np.cos(2 * np.pi * x / 6)], 0.5, [1])
     assert found.typical == pytest.approx(6.0, rel=0.02)
@@ -45,7 +52,9 @@ def test_band_of_a_packet():
 
 
 def test_the_time_of_a_source_picks_its_waves():
-    """A point that shakes at one frequency sends one wavelength, whatever its size: 2 pi times the speed over the frequency."""
+    """A point that shakes at one frequency sends one wavelength, whatever its size: 2 pi times the speed over the
+    frequency.
+    """
     point = np.exp(-((np.arange(200) - 100.0) ** 2) / 2)
     gain = gain_of_time(lambda t: np.sin(0.6 * t) * np.exp(-(((t - 100) / 30) ** 2)), 200.0, 2.0 / 0.5)
     found = band([point], 0.5, [0], [gain])
@@ -57,7 +66,11 @@ def test_profile_reads_as_it_is():
     kappa, sigma, alpha = Profile(1.5, 4.0, 2).edges(3, 2.0, 0.5)
     assert str(Profile(1.5, 1.0, 1, 0.5)) == "sigma linear to 1.5 2c/spacing, alpha rising by 0.5"
     assert str(Profile(1.5, 4.0, 2)) == "sigma square to 1.5 2c/spacing, kappa to 4"
-    assert sigma[-1] == pytest.approx(1.5 * 2 * 2.0 / 0.5 * (3.5 / 4) ** 2) and kappa[0] == pytest.approx(1 + 3 * 0.5 / 4) and (alpha > 0).all()
+    assert (
+        sigma[-1] == pytest.approx(1.5 * 2 * 2.0 / 0.5 * (3.5 / 4) ** 2)
+        and kappa[0] == pytest.approx(1 + 3 * 0.5 / 4)
+        and (alpha > 0).all()
+    )
 
 
 @pytest.mark.parametrize("options", [{"angle": 60}, {"angle": 0.0, "target": 1e-6}, {"wavelengths": (3.0, 20.0)}])

@@ -26,7 +26,9 @@ def test_nothing_gains_without_a_stretch_nor_by_kappa():
 
 
 def test_uniform_layer_multiplies_by_the_continued_root():
-    """A uniform layer of n edges: n times the logarithm of the largest root after the stretch, root by root along the definition."""
+    """A uniform layer of n edges: n times the logarithm of the largest root after the stretch, root by root along the
+    definition.
+    """
     stencil, sigma, nodes = kernel_stencil(1, 6, 1), 0.4, 10
     top, largest = np.sqrt(stencil.symbol_maximum), 0.0
     for frequency in np.linspace(0.03, 0.6, 20) * top:  # the frequencies that the function looks at

@@ -14,7 +14,8 @@ VECTORS = [
     (2, fh.Elastic(fh.Kernel(3.0, 1), young=1.0)),
     (2, fh.Elastic(fh.Kernel(2.0, 1), young=1.0, poisson=0.3, material="state-based")),
     (2, fh.Elastic(young=1.0, poisson=0.3, material="finite-element")),
-    (2, fh.Elastic(fh.Kernel(1.5, 0, "gaussian", volume="full"), young=1.0, poisson=0.25, material="correspondence")),  # waves themselves damped
+    # waves themselves damped
+    (2, fh.Elastic(fh.Kernel(1.5, 0, "gaussian", volume="full"), young=1.0, poisson=0.25, material="correspondence")),
     (3, fh.Elastic(fh.Kernel(1.0, 1), young=1.0)),
 ]
 
@@ -37,17 +38,30 @@ def test_the_layers_equations_are_what_the_engine_steps(dim, model):
             expected = strip.reflections(*given, azimuth, incoming=incoming)
             found = side.reflections(*given, azimuth, incoming=incoming)
             assert found.keys() == expected.keys()
-            assert all(abs(found[k] - expected[k]) <= 1e-6 * abs(expected[k]) + 1e-12 for k in expected), (incoming, found, expected)
+            assert all(abs(found[k] - expected[k]) <= 1e-6 * abs(expected[k]) + 1e-12 for k in expected), (
+                incoming,
+                found,
+                expected,
+            )
 
 
 @pytest.mark.parametrize("dim, reach", [(1, 1), (1, 3), (2, 2)])
 def test_what_comes_back_of_a_diffusion_wave(dim, reach):
-    """A source of one frequency in front of a layer: the engine's operator with the layer against the infinite lattice by FFT."""
-    place, inside, count = 30, 12, 4096  # nodes from the source and from the probe to the side, and of a ring so long that nothing comes round
+    """A source of one frequency in front of a layer: the engine's operator with the layer against the infinite lattice
+    by FFT.
+    """
+    # nodes from the source and from the probe to the side, and of a ring so long that nothing comes round
+    place, inside, count = 30, 12, 4096
     lattice = fh.Lattice(1.0, (0.0,) * dim, (79.0,) * dim)
-    sim = fh.Simulation(lattice, fh.Diffusion(fh.Kernel(float(reach)), integrator="euler"), boundary=fh.LatticePML(nodes=8))
+    sim = fh.Simulation(
+        lattice, fh.Diffusion(fh.Kernel(float(reach)), integrator="euler"), boundary=fh.LatticePML(nodes=8)
+    )
     strip = Strip(sim, 0, 80)
-    side = LayerSide(LatticeMedium(sim.stencil, 1.0, 1.0, Recursion(0.0, sim.dt, 1.0), sim.dt), sim.engine.layers[3 - dim, 1], diffusive=True)
+    side = LayerSide(
+        LatticeMedium(sim.stencil, 1.0, 1.0, Recursion(0.0, sim.dt, 1.0), sim.dt),
+        sim.engine.layers[3 - dim, 1],
+        diffusive=True,
+    )
     nodes = strip.near[0]
     distance = np.abs(np.arange(len(nodes)) - (len(nodes) - 1 - place))
     for wavelength, angle in ((40.0, 0.0), (60.0, 45.0), (60.0, 75.0)):
@@ -59,16 +73,21 @@ def test_what_comes_back_of_a_diffusion_wave(dim, reach):
         change = (strip.matrix(*wave.along) - np.eye(strip.size)) / sim.dt
         field = np.linalg.solve(wave.eigenvalue * np.eye(strip.size) - change, source)[nodes]
         around = 2 * np.pi * np.arange(count) / count
-        endless = np.fft.ifft(1 / (wave.eigenvalue + sim.stencil.symbol(around, *[np.full(count, a) for a in wave.along])))
+        endless = np.fft.ifft(
+            1 / (wave.eigenvalue + sim.stencil.symbol(around, *[np.full(count, a) for a in wave.along]))
+        )
         expected = endless[distance]
         found = side.reflections(wavelength, angle)[""]
-        back, away = (field - expected)[-1 - inside], wave.modes.incoming**inside  # where what is short-lived at the face has died out
+        # where what is short-lived at the face has died out
+        back, away = (field - expected)[-1 - inside], wave.modes.incoming**inside
         assert found * away == pytest.approx(back / expected[-1], rel=1e-4)
         assert 1e-9 < abs(found) < 1
 
 
 def test_a_frequency_is_a_wavelength():
-    """omega = 2 D k^2, and 45 degrees: b^2 = omega cos / 2 D, a = b / cos, so that (a + i b)^2 = q^2 + i omega / D; long waves on the lattice."""
+    """omega = 2 D k^2, and 45 degrees: b^2 = omega cos / 2 D, a = b / cos, so that (a + i b)^2 = q^2 + i omega / D;
+    long waves on the lattice.
+    """
     medium = LatticeMedium(fh.Stencil.finite_difference(2), 3.0, 0.5, Recursion(0.0, 1e-3, 1.0), 1e-3)
     wave = medium.diffusion_wave(2000.0, 45.0)
     number = 2 * np.pi / 2000.0
@@ -79,13 +98,17 @@ def test_a_frequency_is_a_wavelength():
 
 
 def test_prediction_and_run_of_a_diffusive_layer():
-    """Error against the infinite lattice, relative to the current maximum, over the prediction for the period of the run: of its order, not above."""
+    """Error against the infinite lattice, relative to the current maximum, over the prediction for the period of the
+    run: of its order, not above.
+    """
     half = 20.0
     for nodes in (8, 12):
         setup = {
-            "lattice": fh.Lattice(1.0, (-half,), (half,)), "model": fh.Diffusion(fh.Kernel(2.0)), "boundary": fh.LatticePML(nodes=nodes),
+            "lattice": fh.Lattice(1.0, (-half,), (half,)),
+            "model": fh.Diffusion(fh.Kernel(2.0)),
+            "boundary": fh.LatticePML(nodes=nodes),
             "initial": {"u": lambda x: np.exp(-(x**2) / 9)},
-        }  # fmt: skip
+        }
         until = 10 * half**2
         report = fh.Simulation(**setup).check(until, budget=0.0)
         (found,) = report.reflections
@@ -107,7 +130,9 @@ def test_waves_are_reflected_together_as_one_by_one(model):
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_carrier_has_the_speed_of_its_waves(dim):
     model = fh.Elastic(fh.Kernel(2.0, 1), young=2.0, poisson=0.3, density=3.0, material="state-based")
-    medium = LatticeMedium(model.stencil(0.5, dim), model.coefficient, 0.5, Recursion.of(model.integrator, 0.01, 0.0), 0.01)
+    medium = LatticeMedium(
+        model.stencil(0.5, dim), model.coefficient, 0.5, Recursion.of(model.integrator, 0.01, 0.0), 0.01
+    )
     for kind, speed in enumerate((model.p_speed, model.s_speed)):
         carrier = medium.carrier(kind)
         symbol = float(carrier.stencil.symbol(*(1e-3, *[0.0] * (dim - 1))))

@@ -21,7 +21,9 @@ def strip(model, boundary, dim=2, width=None):
 
 
 def closed_form(found, layer, wavelength, angle):
-    """5-point stencil: each edge but the last takes ((1 - x)/(1 + x))^2, the last ends the layer and takes one factor, x = g tanh(i k/2)."""
+    """5-point stencil: each edge but the last takes ((1 - x)/(1 + x))^2, the last ends the layer and takes one factor,
+    x = g tanh(i k/2).
+    """
     number, dt = 2 * np.pi / wavelength, found.dt
     normal, along = number * np.cos(np.radians(angle)), number * np.sin(np.radians(angle))
     omega = np.arccos(1 - dt**2 * float(found.sim.stencil.symbol(normal, along)) / 2) / dt
@@ -32,13 +34,17 @@ def closed_form(found, layer, wavelength, angle):
 
 
 @pytest.mark.parametrize("angle", [0, 30, 60, 75])
-@pytest.mark.parametrize("profile", [{"sigma": [0.1, 0.3, 0.5, 0.7]}, {"sigma": 0.4, "alpha": 0.05, "kappa": [1.0, 1.5, 2.0, 2.5]}])
+@pytest.mark.parametrize(
+    "profile", [{"sigma": [0.1, 0.3, 0.5, 0.7]}, {"sigma": 0.4, "alpha": 0.05, "kappa": [1.0, 1.5, 2.0, 2.5]}]
+)
 def test_one_neighbour_in_closed_form(profile, angle):
     model = fh.Wave(fh.Stencil.finite_difference(2))
     found = strip(model, fh.LatticePML(nodes=3, profile=profile))
     layer = next(iter(found.sim.engine.layers.values()))
     for wavelength in (5.0, 8.0, 30.0):
-        assert abs(found.reflection(wavelength, angle)) == pytest.approx(closed_form(found, layer, wavelength, angle), rel=1e-9)
+        assert abs(found.reflection(wavelength, angle)) == pytest.approx(
+            closed_form(found, layer, wavelength, angle), rel=1e-9
+        )
 
 
 @pytest.mark.parametrize("side", [fh.Fixed(), fh.Free()])
@@ -73,17 +79,23 @@ def test_modes_solve_the_equation_and_are_sorted_by_where_they_go():
 
 
 def test_a_backward_wave_comes_with_its_phase_running_away():
-    """Exponent 0: at a wavelength of 3.5 spacings group and phase velocity are opposite; the wave that comes is the mirror image."""
+    """Exponent 0: at a wavelength of 3.5 spacings group and phase velocity are opposite; the wave that comes is the
+    mirror image.
+    """
     stencil = fh.Stencil.from_kernel(fh.Kernel(3.0, 0), 1.0, 1)
     recursion = Recursion.of(Verlet(), 0.3 * Verlet.step_limit(stencil.symbol_maximum))
     number = 2 * np.pi / 3.5
     assert stencil.symbol_gradient(0, number) < 0
     factor = factor_of_wave(-float(stencil.symbol(number)), recursion)
-    assert chain_modes(chain_weights(stencil, []), factor, recursion, np.exp(1j * number)).incoming == pytest.approx(np.exp(-1j * number))
+    assert chain_modes(chain_weights(stencil, []), factor, recursion, np.exp(1j * number)).incoming == pytest.approx(
+        np.exp(-1j * number)
+    )
 
 
 def wave(stencil, branch, eigenvalue, along):
-    """Normal wavenumber (positive), polarisation and flux over amplitude squared of a long wave of given frequency and tangential wavenumber."""
+    """Normal wavenumber (positive), polarisation and flux over amplitude squared of a long wave of given frequency and
+    tangential wavenumber.
+    """
     normal = optimize.brentq(lambda k: stencil.branches(k, along)[branch] - eigenvalue, 0.0, 2.0, xtol=1e-14)
     symbol = stencil.symbol(normal, along).reshape(stencil.components, -1)
     vector = np.linalg.eigh(symbol)[1][:, branch]
@@ -92,7 +104,8 @@ def wave(stencil, branch, eigenvalue, along):
 
 
 def measured(model, boundary, rows, angle, width=40.0, incoming=""):
-    """Reflected amplitudes by type in a time run, wavelength and direction: a packet under an angle, less the exact incident one, at the carrier.
+    """Reflected amplitudes by type in a time run, wavelength and direction: a packet under an angle, less the exact
+    incident one, at the carrier.
 
     The tangential wavenumber is that of a period of `rows` nodes, 0 for normal incidence.
     """
@@ -111,9 +124,12 @@ def measured(model, boundary, rows, angle, width=40.0, incoming=""):
     spectrum[np.abs(spectrum) < 1e-18] = 0
     used = np.flatnonzero(spectrum)
     number, amplitude = wavenumbers[used], spectrum[used] / np.abs(spectrum).sum()
-    values, vectors = np.linalg.eigh(stencil.symbol(number, along * np.ones_like(number)).reshape(len(number), len(types), -1))
+    values, vectors = np.linalg.eigh(
+        stencil.symbol(number, along * np.ones_like(number)).reshape(len(number), len(types), -1)
+    )
     carrier = int(np.argmin(np.abs(number - normal)))
-    vectors = vectors[:, :, branch] * np.sign(vectors[:, :, branch] @ vectors[carrier, :, branch])[:, None]  # one sign for the whole packet
+    # one sign for the whole packet
+    vectors = vectors[:, :, branch] * np.sign(vectors[:, :, branch] @ vectors[carrier, :, branch])[:, None]
     omega = np.arccos(1 - dt**2 * model.coefficient * values[:, branch] / 2) / dt * np.sign(number)
     x, y = lattice.coordinates()
     waves, across = np.exp(1j * x[:, 0, None] * number), np.exp(1j * along * y[:1])
@@ -122,10 +138,17 @@ def measured(model, boundary, rows, angle, width=40.0, incoming=""):
         found = np.array([((waves @ (factor * amplitude * v))[:, None] * across).real for v in vectors.T])
         return np.where(np.abs(found) > 1e-13, found, 0.0) if incoming else found[0]
 
-    sim = fh.Simulation(lattice, model, boundary=quiet, dt=dt, initial={"u": field(1.0), "v": field(-1j * np.sin(omega * dt) / dt)})
+    sim = fh.Simulation(
+        lattice, model, boundary=quiet, dt=dt, initial={"u": field(1.0), "v": field(-1j * np.sin(omega * dt) / dt)}
+    )
     frequency = values[carrier, branch]
-    back = {name: wave(stencil, b, frequency, along) for name, b in types.items() if stencil.branches(0.0, along)[b] < frequency}
-    speed = model.coefficient * min(flux for *_, flux in back.values()) / (2 * omega[carrier])  # of the slowest, to leading order in dt
+    back = {
+        name: wave(stencil, b, frequency, along)
+        for name, b in types.items()
+        if stencil.branches(0.0, along)[b] < frequency
+    }
+    # of the slowest, to leading order in dt
+    speed = model.coefficient * min(flux for *_, flux in back.values()) / (2 * omega[carrier])
     probe, steps = -2 * reach - 8, int((7 * width / abs(speed) + 7.5 * width / speed) / dt)
     seen = np.empty((steps, len(types)), complex)
     for n in range(steps):
@@ -150,11 +173,23 @@ def decibels(found, predicted):
     return difference
 
 
-RUNS = [(fh.Stencil.finite_difference(2), 8, 12, 0), (fh.Kernel(3.0), 6, 12, 0), (fh.Kernel(3.0), 8, 12, 30), (fh.Kernel(3.0), 12, 10, 75)]
-MORE = [(fh.Kernel(3.0), 8, 12, 45), (fh.Kernel(2.0), 8, 10, 60), (fh.Stencil.finite_difference(2), 6, 10, 60), (fh.Kernel(3.0, 1), 6, 16, 45)]
+RUNS = [
+    (fh.Stencil.finite_difference(2), 8, 12, 0),
+    (fh.Kernel(3.0), 6, 12, 0),
+    (fh.Kernel(3.0), 8, 12, 30),
+    (fh.Kernel(3.0), 12, 10, 75),
+]
+MORE = [
+    (fh.Kernel(3.0), 8, 12, 45),
+    (fh.Kernel(2.0), 8, 10, 60),
+    (fh.Stencil.finite_difference(2), 6, 10, 60),
+    (fh.Kernel(3.0, 1), 6, 16, 45),
+]
 
 
-@pytest.mark.parametrize("operator, nodes, rows, angle", [*RUNS, *(pytest.param(*m, marks=pytest.mark.slow) for m in MORE)])
+@pytest.mark.parametrize(
+    "operator, nodes, rows, angle", [*RUNS, *(pytest.param(*m, marks=pytest.mark.slow) for m in MORE)]
+)
 def test_time_run(operator, nodes, rows, angle):
     """Predicted and measured within 1 dB, down to 1e-7 and below, up to 75 degrees."""
     model = fh.Wave(operator)
@@ -165,12 +200,16 @@ def test_time_run(operator, nodes, rows, angle):
 
 
 BONDS, ELEMENTS = fh.Elastic(fh.Kernel(3.0, 1), 1.0), fh.Elastic(None, 1.0, 0.3, material="finite-element")
-PLASTIC = fh.Elastic(fh.Kernel(3.0, 0, "gaussian", volume="full"), 1.0, 0.3, material="correspondence", stabilisation=0.5)
+PLASTIC = fh.Elastic(
+    fh.Kernel(3.0, 0, "gaussian", volume="full"), 1.0, 0.3, material="correspondence", stabilisation=0.5
+)
 SOLIDS = [(BONDS, "P", 6, 20, 30), (ELEMENTS, "S", 6, 16, 25)]
 MORE_SOLIDS = [(BONDS, "S", 6, 12, 60), (PLASTIC, "P", 8, 14, 60), (BONDS, "P", 8, 12, 0), (ELEMENTS, "P", 8, 12, 75)]
 
 
-@pytest.mark.parametrize("model, incoming, nodes, rows, angle", [*SOLIDS, *(pytest.param(*m, marks=pytest.mark.slow) for m in MORE_SOLIDS)])
+@pytest.mark.parametrize(
+    "model, incoming, nodes, rows, angle", [*SOLIDS, *(pytest.param(*m, marks=pytest.mark.slow) for m in MORE_SOLIDS)]
+)
 def test_time_run_of_vectors(model, incoming, nodes, rows, angle):
     """P and S waves that a layer sends back for one of them, each within 1 dB."""
     boundary = fh.LatticePML(nodes=nodes)
@@ -183,7 +222,9 @@ def test_time_run_of_vectors(model, incoming, nodes, rows, angle):
 
 @pytest.mark.parametrize("model", [BONDS, ELEMENTS, PLASTIC])
 def test_energy_and_reciprocity_of_a_fixed_side(model):
-    """The fluxes of the P and the S wave that come back add up to that of the one that came; P to S and S to P carry the same share."""
+    """The fluxes of the P and the S wave that come back add up to that of the one that came; P to S and S to P carry
+    the same share.
+    """
     found, stencil = strip(model, fh.Fixed()), model.stencil(1.0, 2)
     branches = {"P": 1, "S": 0}
     for wavelength, angle in ((10.0, 20.0), (12.0, 50.0), (30.0, 70.0)):
@@ -192,7 +233,9 @@ def test_energy_and_reciprocity_of_a_fixed_side(model):
         waves = {name: wave(stencil, branch, frequency, along) for name, branch in branches.items()}
         shares = {}
         for name, (normal, _, flux) in waves.items():
-            back = found.reflections(2 * np.pi / np.hypot(normal, along), np.degrees(np.arctan2(along, normal)), incoming=name)
+            back = found.reflections(
+                2 * np.pi / np.hypot(normal, along), np.degrees(np.arctan2(along, normal)), incoming=name
+            )
             shares[name] = {other: abs(a) ** 2 * waves[other][2] / flux for other, a in back.items()}
             assert sum(shares[name].values()) == pytest.approx(1.0, rel=1e-9)
         assert shares["P"]["S"] == pytest.approx(shares["S"]["P"], rel=1e-9) and shares["P"]["S"] > 0.05
@@ -203,7 +246,9 @@ def test_long_waves_at_a_fixed_side_follow_the_continuum():
     found, angle = strip(ELEMENTS, fh.Fixed()), np.radians(35.0)
     ratio = np.sqrt((1 - 2 * 0.3) / (2 - 2 * 0.3))  # of the speeds at Poisson's ratio 0.3
     slow = np.arcsin(ratio * np.sin(angle))
-    p, s = np.linalg.solve([[-np.cos(angle), np.sin(slow)], [np.sin(angle), np.cos(slow)]], [-np.cos(angle), -np.sin(angle)])
+    p, s = np.linalg.solve(
+        [[-np.cos(angle), np.sin(slow)], [np.sin(angle), np.cos(slow)]], [-np.cos(angle), -np.sin(angle)]
+    )
     lengths, errors = np.array([15.0, 30.0, 60.0]), []
     for wavelength in lengths:
         back = found.reflections(float(wavelength), 35.0)
@@ -212,11 +257,15 @@ def test_long_waves_at_a_fixed_side_follow_the_continuum():
 
 
 def test_types_in_space():
-    """In a plane of symmetry SH waves stay what they are; along the normal nothing is converted, and both S waves are alike."""
+    """In a plane of symmetry SH waves stay what they are; along the normal nothing is converted, and both S waves are
+    alike.
+    """
     found = strip(fh.Elastic(fh.Kernel(1.0, 1), 1.0), fh.LatticePML(nodes=6), 3)
     assert found.types == ("P", "SV", "SH")
     slanted = {name: found.reflections(12.0, 20.0, incoming=name) for name in found.types}
-    assert abs(slanted["SH"]["P"]) + abs(slanted["SH"]["SV"]) + abs(slanted["P"]["SH"]) + abs(slanted["SV"]["SH"]) < 1e-12
+    assert (
+        abs(slanted["SH"]["P"]) + abs(slanted["SH"]["SV"]) + abs(slanted["P"]["SH"]) + abs(slanted["SV"]["SH"]) < 1e-12
+    )
     assert min(abs(slanted["P"]["SV"]), abs(slanted["SV"]["P"])) > 1e-9
     straight = {name: found.reflections(12.0, 0.0, incoming=name) for name in found.types}
     assert max(abs(a) for name in straight for other, a in straight[name].items() if other != name) < 1e-12
@@ -227,9 +276,11 @@ def test_types_in_space():
 
 @pytest.mark.parametrize("nodes", [8, 12])
 def test_what_comes_back_from_a_corner(nodes):
-    """A packet that runs into the corner between two layers under 45 degrees: less comes back than a side alone would send.
+    """A packet that runs into the corner between two layers under 45 degrees: less comes back than a side alone would
+    send.
 
-    A corner has no closed form; a run against the infinite lattice has the amplitude. To turn back a wave must be sent back by both sides.
+    A corner has no closed form; a run against the infinite lattice has the amplitude. To turn back a wave must be sent
+    back by both sides.
     """
     model, width, wavelength = fh.Wave(fh.Kernel(3.0)), 9.0, 10.0
     half = 60
@@ -240,9 +291,19 @@ def test_what_comes_back_from_a_corner(nodes):
     packet = np.exp(-(x**2 + y**2) / (2 * width**2) + 1j * number * (x + y))
     angles = np.ix_(*(2 * np.pi * np.fft.fftfreq(n) for n in lattice.shape))
     omega = np.arccos(1 - sim.dt**2 * sim.stencil.symbol(*angles) / 2) / sim.dt
-    velocity = np.fft.ifft2(-1j * np.sin(omega * sim.dt) / sim.dt * np.fft.fft2(packet))  # of waves that move towards the corner
-    setup = {"lattice": lattice, "model": model, "boundary": fh.LatticePML(nodes=nodes), "dt": sim.dt,
-             "initial": {"u": packet.real, "v": np.where(np.abs(velocity.real) > 1e-12, velocity.real, 0.0)}}  # fmt: skip
+    # of waves that move towards the corner
+    velocity = np.fft.ifft2(-1j * np.sin(omega * sim.dt) / sim.dt * np.fft.fft2(packet))
+    setup = {
+        "lattice": lattice,
+        "model": model,
+        "boundary": fh.LatticePML(nodes=nodes),
+        "dt": sim.dt,
+        "initial": {"u": packet.real, "v": np.where(np.abs(velocity.real) > 1e-12, velocity.real, 0.0)},
+    }
     times = np.linspace(50, 200, 16)
     curve = next(iter(compare(setup, 200.0, times, beside=False).curves.values()))
-    assert 0 < max(curve["error_rel_initial"]) <= abs(strip(model, fh.LatticePML(nodes=nodes)).reflection(wavelength, 45.0))
+    assert (
+        0
+        < max(curve["error_rel_initial"])
+        <= abs(strip(model, fh.LatticePML(nodes=nodes)).reflection(wavelength, 45.0))
+    )

@@ -31,7 +31,9 @@ def rising(nodes, strength=4.0):
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.02])
-@pytest.mark.parametrize(("shape", "centre"), [((41,), (17.0,)), ((31, 33), (12.0, 20.0)), ((13, 15, 15), (5.0, 7.0, 7.0))])
+@pytest.mark.parametrize(
+    ("shape", "centre"), [((41,), (17.0,)), ((31, 33), (12.0, 20.0)), ((13, 15, 15), (5.0, 7.0, 7.0))]
+)
 def test_waves_arrive_as_on_the_infinite_lattice(shape, centre, damping):
     dim = len(shape)
     model = fh.Wave(fh.Kernel(2.0), 1.0, damping=damping)
@@ -68,7 +70,8 @@ def test_reflection_is_the_exact_one_of_a_single_mode(angle):
     front = medium(fh.Wave(fh.Stencil.finite_difference(2), 1.0), 2)
     wave, layer = front.plane_wave(9.0, angle), rising(6)
     found = reflected(np.array([wave.modes.incoming]), np.array([wave.s]), layer)
-    # with one node of reach a wave returns as one mode, through the last edge once: the exact reflection has it twice less the end
+    # with one node of reach a wave returns as one mode, through the last edge once: the exact reflection has it twice
+    # less the end
     assert abs(found[0]) == pytest.approx(layer_reflection(wave, layer), rel=1e-9)
 
 
@@ -76,7 +79,9 @@ def test_reflection_is_the_exact_one_of_a_single_mode(angle):
 def test_prediction_is_the_error_of_a_run(seed):
     """Random pulses, kernels, steps and lengths: the largest error of a run over the prediction is a small factor."""
     random = np.random.default_rng(seed)
-    exponent, influence, reach = [(2, "constant", 1), (2, "constant", 3), (1, "linear", 2), (2, "gaussian", 4)][seed % 4]
+    exponent, influence, reach = [(2, "constant", 1), (2, "constant", 3), (1, "linear", 2), (2, "gaussian", 4)][
+        seed % 4
+    ]
     model = fh.Wave(fh.Kernel(float(reach), exponent, influence), 1.0)
     shape = (31, int(random.choice([31, 61])))
     centre = np.array([random.uniform(14, 16), random.uniform(15, shape[1] - 16)])
@@ -88,10 +93,14 @@ def test_prediction_is_the_error_of_a_run(seed):
         for side in (-1, 1):
             facing = LatticeMedium(front.stencil.along(axis), 1.0, 1.0, front.recursion, front.dt)
             nodes = shape[1 - axis]
-            arrived = arrivals(facing, steps, [Datum(u, "u").turned(axis, side)], [nodes + int(until)], [range(nodes)], 1e-6, 1.0)
+            arrived = arrivals(
+                facing, steps, [Datum(u, "u").turned(axis, side)], [nodes + int(until)], [range(nodes)], 1e-6, 1.0
+            )
             predicted = max(predicted, arrived.returned(layer) * arrived.conversion(layer))
     boundary = fh.LatticePML(nodes=layer.columns, profile=layer)
-    sim = fh.Simulation(fh.Lattice(1.0, (0.0, 0.0), np.array(shape) - 1.0), model, boundary, {"u": u}, dt=front.dt, threads=1)
+    sim = fh.Simulation(
+        fh.Lattice(1.0, (0.0, 0.0), np.array(shape) - 1.0), model, boundary, {"u": u}, dt=front.dt, threads=1
+    )
     infinite = InfiniteLattice(front.stencil, 1.0, model.integrator, front.dt, steps, u)
     error = 0.0
     for step in np.linspace(1, steps, 60).astype(int):

@@ -1,4 +1,6 @@
-"""The damping of short waves that makes layers stable for every kernel: its filter, its strength, what it costs in accuracy, and long noise."""
+"""The damping of short waves that makes layers stable for every kernel: its filter, its strength, what it costs in
+accuracy, and long noise.
+"""
 
 import numpy as np
 import pytest
@@ -15,7 +17,9 @@ BACKWARD = [(1, 2, 0), (1, 3, 0), (2, 2, 0), (2, 3, 0), (2, 2, 1), (2, 3, 1)]  #
 
 
 def test_filter_lets_short_waves_through_and_nothing_else():
-    """0 to the order `rise` at long waves, 1 to the order `fall` at the shortest, never outside 0 to 1; its taps are its Fourier series."""
+    """0 to the order `rise` at long waves, 1 to the order `fall` at the shortest, never outside 0 to 1; its taps are
+    its Fourier series.
+    """
     found = HighPass(10, 8, 1.0, 1.0)
     angles = np.linspace(0, np.pi, 201)
     passed = found.passed(angles)
@@ -48,7 +52,9 @@ def test_stencils_without_backward_waves_are_left_alone():
 
 
 def pulse_error(stencil, nodes):
-    """Error over four crossings for a Gaussian whose spectrum is 1.5e-5 at 8 nodes a wave or at 60 % of the first backward wavenumber."""
+    """Error over four crossings for a Gaussian whose spectrum is 1.5e-5 at 8 nodes a wave or at 60 % of the first
+    backward wavenumber.
+    """
     dim = stencil.dim
     width = 4.71 / min(np.pi / 4, 0.6 * high_pass(stencil).first)  # exp(-(4.71)^2/2) = 1.5e-5
     half = int(np.ceil(7.5 * width))
@@ -77,49 +83,81 @@ def test_resolved_pulses_hardly_notice_on_finite_elements(nodes, limit):
 
 @pytest.mark.parametrize("reach", [3, 5, 8])
 def test_waves_that_stand_still_decay(reach):
-    """On a line exponent 1 with constant influence has no backward waves; its group velocity touches zero, and layers grew by 0.005 to 0.04."""
+    """On a line exponent 1 with constant influence has no backward waves; its group velocity touches zero, and layers
+    grew by 0.005 to 0.04.
+    """
     stencil = kernel_stencil(1, reach, 1)
     angle = np.linspace(0.3, np.pi - 0.3, 4001)
     slope = stencil.symbol_gradient(0, angle)
     assert not stencil.backward_waves() and slope.min() < 1e-4 * slope.max()
     assert angle[np.argmin(slope)] >= high_pass(stencil).first - 0.1
     nodes = max(16, 4 * reach)
-    sim = fh.Simulation(fh.Lattice(1.0, (0.0,), (2.0 * reach + 4,)), fh.Wave(stencil), fh.LatticePML(nodes=nodes), threads=1)
+    sim = fh.Simulation(
+        fh.Lattice(1.0, (0.0,), (2.0 * reach + 4,)), fh.Wave(stencil), fh.LatticePML(nodes=nodes), threads=1
+    )
     assert Strip(sim, 0, 2 * reach + 1).growth().stable
     assert reach > 6 or pulse_error(stencil, nodes) <= 1e-6
 
 
-WIDE = [(1, 10, 1, 16), (1, 6, 0, None), *[pytest.param(*case, marks=pytest.mark.slow) for case in [
-    (1, 9, 1, 36), (1, 11, 1, None), (1, 12, 1, None), (2, 7, 1, None), (2, 8, 1, None), (2, 9, 1, None), (2, 10, 1, None)]]]  # fmt: skip
+WIDE = [
+    (1, 10, 1, 16),
+    (1, 6, 0, None),
+    *[
+        pytest.param(*case, marks=pytest.mark.slow)
+        for case in [
+            (1, 9, 1, 36),
+            (1, 11, 1, None),
+            (1, 12, 1, None),
+            (2, 7, 1, None),
+            (2, 8, 1, None),
+            (2, 9, 1, None),
+            (2, 10, 1, None),
+        ]
+    ],
+]
 
 
 @pytest.mark.parametrize("dim, reach, exponent, nodes", WIDE)
 def test_layers_of_wide_kernels_decay(dim, reach, exponent, nodes):
     """The modes between two sides, where the ramp of reach 6 grew by 3e-4 to 3e-2 c/spacing."""
     model = fh.Wave(kernel_stencil(dim, reach, exponent))
-    sim = fh.Simulation(fh.Lattice(1.0, (0.0,) * dim, (2.0 * reach + 4,) * dim), model, fh.LatticePML(nodes=nodes), threads=1)
+    sim = fh.Simulation(
+        fh.Lattice(1.0, (0.0,) * dim, (2.0 * reach + 4,) * dim), model, fh.LatticePML(nodes=nodes), threads=1
+    )
     strip = Strip(sim, 0, 2 * reach + 1)
     for along in [(0.005,), (0.3,), (0.6,), (1.8,), (np.pi,)] if dim == 2 else [()]:
         assert strip.growth(*along).stable
 
 
-@pytest.mark.parametrize("reach, exponent, influence", [(11, 1, "linear"), (12, 1, "linear"), (12, 2, "constant"), (8, 1, "gaussian")])
+@pytest.mark.parametrize(
+    "reach, exponent, influence", [(11, 1, "linear"), (12, 1, "linear"), (12, 2, "constant"), (8, 1, "gaussian")]
+)
 def test_wide_kernels_without_backward_waves_absorb_and_do_not_grow(reach, exponent, influence):
-    """The first three grew by 0.02 to 0.1 c/spacing with a longer entrance of half the strength, which sent back 1e-7 of the last one's waves."""
-    sim = fh.Simulation(fh.Lattice(1.0, (0.0,), (6.0 * reach,)), fh.Wave(fh.Kernel(float(reach), exponent, influence)),
-                        fh.LatticePML(nodes=4 * reach), threads=1)  # fmt: skip
+    """The first three grew by 0.02 to 0.1 c/spacing with a longer entrance of half the strength, which sent back 1e-7
+    of the last one's waves.
+    """
+    sim = fh.Simulation(
+        fh.Lattice(1.0, (0.0,), (6.0 * reach,)),
+        fh.Wave(fh.Kernel(float(reach), exponent, influence)),
+        fh.LatticePML(nodes=4 * reach),
+        threads=1,
+    )
     assert sim.certificate().verdict == "certified"
     assert abs(Strip(sim, 0, 2 * reach + 1).reflection(4.0 * reach, 0.0)) < 1e-9
 
 
 def test_a_layer_that_would_absorb_next_to_nothing_is_not_made_gentle():
     """Exponent 0 with a reach of 25: no ramp is short enough, and the certificate refuses the usual one."""
-    sim = fh.Simulation(fh.Lattice(1.0, (0.0,), (60.0,)), fh.Wave(kernel_stencil(1, 25, 0)), fh.LatticePML(nodes=25), threads=1)
+    sim = fh.Simulation(
+        fh.Lattice(1.0, (0.0,), (60.0,)), fh.Wave(kernel_stencil(1, 25, 0)), fh.LatticePML(nodes=25), threads=1
+    )
     assert next(iter(sim.engine.layers.values())).sigma.max() > 1
     assert sim.certificate().verdict == "not certified"
 
 
-@pytest.mark.parametrize("operator", [fh.Kernel(3.0, 0), fh.Kernel(3.0, 1), fh.Kernel(2.0, 0), fh.Stencil.finite_element(2)], ids=repr)
+@pytest.mark.parametrize(
+    "operator", [fh.Kernel(3.0, 0), fh.Kernel(3.0, 1), fh.Kernel(2.0, 0), fh.Stencil.finite_element(2)], ids=repr
+)
 def test_certified_with_corners(operator):
     """What grew without the damping: sides at all tangential wavenumbers, corners from noise."""
     sim = fh.Simulation(fh.Lattice(1.0, (0.0, 0.0), (8.0, 8.0)), fh.Wave(operator), fh.LatticePML(nodes=12))
@@ -127,9 +165,13 @@ def test_certified_with_corners(operator):
     assert found.verdict == "certified", str(found)
 
 
-@pytest.mark.parametrize("dim, reach, exponent", [pytest.param(*case, marks=pytest.mark.slow) for case in [*BACKWARD, (3, 2, 2), (3, 3, 2)]])
+@pytest.mark.parametrize(
+    "dim, reach, exponent", [pytest.param(*case, marks=pytest.mark.slow) for case in [*BACKWARD, (3, 2, 2), (3, 3, 2)]]
+)
 def test_white_noise_of_the_whole_state_decays(dim, reach, exponent):
-    """1e5 steps in 1D and 2D, 5000 in 3D, from noise in all nodes and all memory, which first rises: most of what memory holds is no field's past."""
+    """1e5 steps in 1D and 2D, 5000 in 3D, from noise in all nodes and all memory, which first rises: most of what
+    memory holds is no field's past.
+    """
     side, steps = 2.0 * reach + 3, 100_000 if dim < 3 else 5000
     model = fh.Wave(kernel_stencil(dim, reach, exponent))
     sim = fh.Simulation(fh.Lattice(1.0, (0.0,) * dim, (side,) * dim), model, fh.LatticePML(nodes=10), threads=1)

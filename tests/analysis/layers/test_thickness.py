@@ -22,10 +22,15 @@ from farhorizon.engine.state import State
 
 @pytest.mark.parametrize(("ratio", "known"), [(1, (4, 6, 9, 11)), (100, (8, 12, 18, 21)), (1e4, (14, 19, 27, 31))])
 def test_nodes_for_diffusion_are_those_of_an_independent_program(ratio, known):
-    """Nodes for 1e-3, 1e-5, 1e-7, 1e-8 at D T / distance^2, which a program of its own found by the exact error of a point source."""
+    """Nodes for 1e-3, 1e-5, 1e-7, 1e-8 at D T / distance^2, which a program of its own found by the exact error of a
+    point source.
+    """
     for wanted, nodes in zip((1e-3, 1e-5, 1e-7, 1e-8), known, strict=True):
         spreads = 400.0 * np.geomspace(0.03, ratio, 200)
-        worst = [returned_by_diffusion(diffusive(n, 1.0, ratio * 400.0, 20.0), 1.0, spreads, 20.0).max() for n in (nodes - 2, nodes)]
+        worst = [
+            returned_by_diffusion(diffusive(n, 1.0, ratio * 400.0, 20.0), 1.0, spreads, 20.0).max()
+            for n in (nodes - 2, nodes)
+        ]
         assert worst[1] < 1.5 * wanted < 1.5 * worst[0]
         assert thinnest_for_diffusion(1.0, ratio * 400.0, 20.0, wanted).predicted < wanted
 
@@ -53,12 +58,18 @@ def test_what_diffusion_sends_back_on_a_line(reach):
 def test_scales_do_not_change_a_layer():
     thin_here, thin_there = thin(6, 4.0, 2.0), thin(6, 4.0, 2e-6)
     np.testing.assert_allclose(thin_here.sigma, 1e6 * thin_there.sigma, rtol=1e-14)
-    np.testing.assert_allclose(late(9, 2.0, 50.0, 12.0, 1e-5).alpha, 1e6 * late(9, 2e-6, 50e6, 12.0, 1e-5).alpha, rtol=1e-13)
-    np.testing.assert_allclose(diffusive(9, 1.0, 400.0, 12.0).kappa, diffusive(9, 1e-6, 400e-12, 12e-6).kappa, rtol=1e-13)
+    np.testing.assert_allclose(
+        late(9, 2.0, 50.0, 12.0, 1e-5).alpha, 1e6 * late(9, 2e-6, 50e6, 12.0, 1e-5).alpha, rtol=1e-13
+    )
+    np.testing.assert_allclose(
+        diffusive(9, 1.0, 400.0, 12.0).kappa, diffusive(9, 1e-6, 400e-12, 12e-6).kappa, rtol=1e-13
+    )
 
 
 def test_late_layers_absorb_every_wave_of_a_run_as_their_bound_says():
-    """On Re s = 1/T an edge reflects |C - a|/(C + a) of a wave with C = 1/(T Re lambda): the product over the edges stays below 1e-4."""
+    """On Re s = 1/T an edge reflects |C - a|/(C + a) of a wave with C = 1/(T Re lambda): the product over the edges
+    stays below 1e-4.
+    """
     until, distance, wanted = 3000.0, 15.0, 1e-4
     layer = late(12, 1.0, until, distance, wanted)
     s = 1 / until + 1j * np.geomspace(1e-6, 0.6, 4000)
@@ -68,7 +79,8 @@ def test_late_layers_absorb_every_wave_of_a_run_as_their_bound_says():
         passed = np.abs((1 - stretched) / (1 + stretched)) ** 2
         passed[-1] **= 0.5
         felt = np.prod(passed, axis=0) * np.exp(-distance * decay.real)
-        assert felt.max() < 10 * wanted  # the bound holds without the 1 of the stretch, which costs less than a factor of ten
+        # the bound holds without the 1 of the stretch, which costs less than a factor of ten
+        assert felt.max() < 10 * wanted
 
 
 def test_weak_backward_waves_are_damped_gently():
@@ -100,16 +112,22 @@ BACKWARD = {
 }
 
 
-@pytest.mark.parametrize("name", ["elements", *(pytest.param(n, marks=pytest.mark.slow) for n in BACKWARD if n != "elements")])
+@pytest.mark.parametrize(
+    "name", ["elements", *(pytest.param(n, marks=pytest.mark.slow) for n in BACKWARD if n != "elements")]
+)
 @pytest.mark.parametrize("share", [0.5, 0.95])
 def test_short_damping_lets_no_noise_grow(name, share):
-    """White noise in the whole state, near both ends of the range of steps: over the last third of a long run it decays."""
+    """White noise in the whole state, near both ends of the range of steps: over the last third of a long run it
+    decays.
+    """
     model, dim = BACKWARD[name]
     stencil = model.stencil(1.0, dim)
     end = 2.0 * max(stencil.reach) + 2.0
     lattice, steps = fh.Lattice(1.0, (0.0,) * dim, (end,) * dim), 9000 if dim < 3 else 2400
     dt = share * fh.Simulation(lattice, model, fh.Fixed(), threads=1).step_limit
-    found = {nodes: briefly_damped(nodes, stencil, np.sqrt(model.coefficient)) for nodes in ((4, 12) if dim < 3 else (4,))}
+    found = {
+        nodes: briefly_damped(nodes, stencil, np.sqrt(model.coefficient)) for nodes in ((4, 12) if dim < 3 else (4,))
+    }
     assert found[4]
     for layers in found.values():
         for layer in layers.values():

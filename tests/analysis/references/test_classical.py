@@ -58,14 +58,20 @@ def test_slab_is_the_half_space_at_first():
 def test_convection_lies_between():
     """A large coefficient gives the surface temperature, a small one a flux."""
     x = np.linspace(0, 2, 9)
-    assert classical.half_space_convection(x, 0.5, 1.0, 1.0, 1e9) == pytest.approx(classical.half_space(x, 0.5, 1.0, 1.0, 0.0), abs=1e-8)
-    assert classical.half_space_convection(x, 0.5, 1.0, 1.0, 1e-6) == pytest.approx(classical.half_space_flux(x, 0.5, 1.0, 1.0, 1e-6), abs=1e-11)
+    assert classical.half_space_convection(x, 0.5, 1.0, 1.0, 1e9) == pytest.approx(
+        classical.half_space(x, 0.5, 1.0, 1.0, 0.0), abs=1e-8
+    )
+    assert classical.half_space_convection(x, 0.5, 1.0, 1.0, 1e-6) == pytest.approx(
+        classical.half_space_flux(x, 0.5, 1.0, 1.0, 1e-6), abs=1e-11
+    )
 
 
 def test_box_is_a_product():
     slab = Slab(1.0, 1.0, [(0, 1, 1.0)], End(0.0, slope=True), End(0.0))
     x = np.linspace(0, 1, 5)
-    assert classical.box([slab, slab], [x, x], 0.1)[1, 3] == pytest.approx(slab.temperature(x[1], 0.1) * slab.temperature(x[3], 0.1), rel=1e-12)
+    assert classical.box([slab, slab], [x, x], 0.1)[1, 3] == pytest.approx(
+        slab.temperature(x[1], 0.1) * slab.temperature(x[3], 0.1), rel=1e-12
+    )
     with pytest.raises(InputError, match="at 0 or insulated"):
         classical.box([EXAMPLE2, slab], [x, x], 0.1)
 

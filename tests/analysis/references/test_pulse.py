@@ -31,7 +31,9 @@ _STENCILS = {
 
 @pytest.mark.parametrize("name", _STENCILS)
 def test_the_equations_of_the_lattice(name):
-    """``(u(t+dt) - 2 u(t) + u(t-dt)) / dt^2 = L u(t)`` at nodes and times of no special place, and the acceleration that is given."""
+    """``(u(t+dt) - 2 u(t) + u(t-dt)) / dt^2 = L u(t)`` at nodes and times of no special place, and the acceleration
+    that is given.
+    """
     stencil, direction, polarisation = _STENCILS[name]
     direction, pulse = _pulse(stencil, direction, polarisation)
     nodes = np.random.default_rng(1).integers(0, 10, (15, stencil.dim))
@@ -39,7 +41,9 @@ def test_the_equations_of_the_lattice(name):
     values = pulse.at((_SPACING * around @ direction).ravel())
     seen = 0.0
     for t in (20.0, 23.4, 27.0):
-        (before, _), (now, acceleration), (after, _) = (v.reshape(2, -1, *around.shape[:2]) for v in map(values, (t - _DT, t, t + _DT)))
+        (before, _), (now, acceleration), (after, _) = (
+            v.reshape(2, -1, *around.shape[:2]) for v in map(values, (t - _DT, t, t + _DT))
+        )
         weights = stencil.weights if stencil.components > 1 else stencil.weights[:, None, None]
         force = _COEFFICIENT / _SPACING**2 * np.einsum("kab,bkn->an", weights, now[:, 1:] - now[:, :1])
         seen = max(seen, np.abs(force).max())

@@ -9,7 +9,8 @@ from farhorizon.body.body import Body
 from farhorizon.body.infinite_body import gradient_symbol
 from farhorizon.medium.stencil import Stencil
 
-_SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])  # central differences of order 8
+# central differences of order 8
+_SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
 _FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 
 
@@ -21,7 +22,9 @@ def test_radial_wave_equation(t):
     for h in (0.08, 0.04, 0.02):
         near = h * np.arange(-4, 5)
         in_time = sum(w * radial_wave(r, t + d, speed) for w, d in zip(_SECOND, near, strict=True)) / h**2
-        in_space = sum((a / h**2 + b / h / r) * radial_wave(r + d, t, speed) for a, b, d in zip(_SECOND, _FIRST, near, strict=True))
+        in_space = sum(
+            (a / h**2 + b / h / r) * radial_wave(r + d, t, speed) for a, b, d in zip(_SECOND, _FIRST, near, strict=True)
+        )
         residuals.append(np.abs(in_time - speed**2 * (in_space - radial_wave(r, t, speed) / r**2)).max())
     assert residuals[2] < 1e-8 and np.log2(residuals[0] / residuals[1]) > 7
 
@@ -51,9 +54,13 @@ def test_hankel_integral_of_the_local_medium():
     assert np.abs(found - radial_wave(r, t, 1.1, 1.0, 0.1)).max() < 1e-12
 
 
-@pytest.mark.parametrize(("kernel", "symbol"), [
-    (Kernel(12.0, 0, "gaussian", 2.5, volume="full"), gaussian_symbol(2.5)), (Kernel(60.0, 0, volume="full"), constant_symbol(60.0)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("kernel", "symbol"),
+    [
+        (Kernel(12.0, 0, "gaussian", 2.5, volume="full"), gaussian_symbol(2.5)),
+        (Kernel(60.0, 0, volume="full"), constant_symbol(60.0)),
+    ],
+)
 def test_symbols(kernel, symbol):
     """Those of a fine lattice: Gaussian sums are spectrally accurate, a disc of cells is not."""
     k = np.linspace(0.05, 4, 30) / kernel.horizon
@@ -63,15 +70,23 @@ def test_symbols(kernel, symbol):
 
 
 def test_body_against_the_nonlocal_solution():
-    """A pulse five spacings wide in a body so large that its edge is not felt at the middle; order 2 in the step is below the rest."""
+    """A pulse five spacings wide in a body so large that its edge is not felt at the middle; order 2 in the step is
+    below the rest.
+    """
     half, width = 60, 5.0
 
     def component(a):
         return lambda *at: at[a] / width * (1 + (at[0] ** 2 + at[1] ** 2) / width**2) ** -1.5
 
     lattice = Lattice(1.0, (-half,) * 2, (half,) * 2)
-    body = Body(lattice, Kernel(1.1 * np.sqrt(np.log(1e8)), 0, "gaussian", 1.1, volume="full"), young=1.0, poisson=0.25,
-                initial={"u": (component(0), component(1))}, dt=0.05)  # fmt: skip
+    body = Body(
+        lattice,
+        Kernel(1.1 * np.sqrt(np.log(1e8)), 0, "gaussian", 1.1, volume="full"),
+        young=1.0,
+        poisson=0.25,
+        initial={"u": (component(0), component(1))},
+        dt=0.05,
+    )
     body.run(20.0)
     found = body.u[0, half : half + 20, half]
     exact = nonlocal_radial_wave(np.arange(20.0), body.time, body.fast, gaussian_symbol(1.1), 1.0, width)

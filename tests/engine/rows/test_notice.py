@@ -72,7 +72,11 @@ def test_kernels_of_what_few_runs_have_are_left_out(monkeypatch):
     """A wave takes the loop without them, metal that dissolves the one with them, which serves all from then on."""
     monkeypatch.setattr(build, "_DRIVERS", {})
     lattice = lattice_of((12, 12))
-    for model, expected in ((fh.Wave, {False}), (lambda k: fh.Corrosion(k, saturation=0.5), {False, True}), (fh.Wave, {False, True})):
+    for model, expected in (
+        (fh.Wave, {False}),
+        (lambda k: fh.Corrosion(k, saturation=0.5), {False, True}),
+        (fh.Wave, {False, True}),
+    ):
         sim = fh.Simulation(lattice, model(fh.Kernel(2.0)), fh.Free())
         sim.step(1)
         assert set(build._DRIVERS) == expected
@@ -81,10 +85,14 @@ def test_kernels_of_what_few_runs_have_are_left_out(monkeypatch):
 
 @pytest.mark.slow
 def test_a_cold_start_says_what_it_does(tmp_path):
-    """The first check with empty caches says on stderr what is compiled; stdout is that of the second, which says nothing."""
+    """The first check with empty caches says on stderr what is compiled; stdout is that of the second, which says
+    nothing.
+    """
     places = {"FARHORIZON_CACHE": str(tmp_path / "cache"), "NUMBA_CACHE_DIR": str(tmp_path / "numba")}
     command = [sys.executable, "-m", "farhorizon", "check", str(BLOB)]
-    first, second = (subprocess.run(command, capture_output=True, text=True, env={**os.environ, **places}) for _ in range(2))
+    first, second = (
+        subprocess.run(command, capture_output=True, text=True, env={**os.environ, **places}) for _ in range(2)
+    )
     assert "compiling for this machine" in first.stderr and "compiled the time loop in" in first.stderr
     assert "compil" not in second.stderr + first.stdout + second.stdout
     assert list(tmp_path.rglob("*stretch_face*")) and not list(tmp_path.rglob("*sweep_two_phases*"))

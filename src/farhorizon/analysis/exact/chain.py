@@ -1,13 +1,15 @@
-"""Kernels of the exact boundary in one dimension: how a half-infinite chain answers to its drivers, fully discrete in time.
+"""Kernels of the exact boundary in one dimension: how a half-infinite chain answers to its drivers, fully discrete in
+time.
 
-The chain's nodes are 0, -1, -2, ... and the near field's 1, 2, ...; the *drivers* 1 .. K (K the reach of the stencil) act on the chain, and
-its first K nodes, the *ghosts* 0, -1, .. -(K - 1), act back. A chain at rest answers with
+The chain's nodes are 0, -1, -2, ... and the near field's 1, 2, ...; the *drivers* 1 .. K (K the reach of the stencil)
+act on the chain, and its first K nodes, the *ghosts* 0, -1, .. -(K - 1), act back. A chain at rest answers with
 
     ghost(-q) at step j = sum over lags a = 1 .. j and drivers m of  F[a, q, m - 1] u_m at step j - a,
 
-explicit because F[0] = 0. The sample at step 0 carries the weight `Recursion.first`. The force of all ghosts on driver i is the same sum
-with M = D^T F, D[q, m - 1] = a_(m + q), which is symmetric. Ji, Pang, Zhang, Yang and Perdikaris (2021), eqs 5 to 15, have the kernels of the chain
-that is continuous in time and then discretise the convolution; here the chain takes the same time steps as the near field, and nothing is left over.
+explicit because F[0] = 0. The sample at step 0 carries the weight `Recursion.first`. The force of all ghosts on driver
+i is the same sum with M = D^T F, D[q, m - 1] = a_(m + q), which is symmetric. Ji, Pang, Zhang, Yang and Perdikaris
+(2021), eqs 5 to 15, have the kernels of the chain that is continuous in time and then discretise the convolution; here
+the chain takes the same time steps as the near field, and nothing is left over.
 """
 
 from __future__ import annotations
@@ -23,7 +25,8 @@ from farhorizon.medium.stencil import Stencil
 
 _ROUNDING = 42.0  # what is smaller than exp(-42) = 6e-19 of the impulse is taken for nothing
 _CHAIN_FLOPS = 3e10  # up to here (a few seconds) the chain is run, since it is the more accurate of the two
-_POINT_COST = 3000  # what a point of the transform costs, in steps of one node; measured at K = 2, 7, 25: 1600, 2900, 3100
+# what a point of the transform costs, in steps of one node; measured at K = 2, 7, 25: 1600, 2900, 3100
+_POINT_COST = 3000
 _OVERSAMPLING = 16
 
 
@@ -34,12 +37,13 @@ class Recursion:
     Attributes
     ----------
     keep : float
-        Share of the last increment that a step keeps: (1 - d dt)/(1 + d dt) for Verlet with damping 2 d u_t, 0 for forward Euler.
+        Share of the last increment that a step keeps: (1 - d dt)/(1 + d dt) for Verlet with damping 2 d u_t, 0 for
+        forward Euler.
     scale : float
         Factor of the operator: dt^2/(1 + d dt), or dt.
     first : float
-        Weight of the sample at step 0: the first Verlet step is ``u(1) = u(0) + (1 - d dt) dt v(0) + dt^2/2 A u(0)``, that is
-        (1 + d dt)/2 of a later one for what starts at rest; 1 for forward Euler.
+        Weight of the sample at step 0: the first Verlet step is ``u(1) = u(0) + (1 - d dt) dt v(0) + dt^2/2 A u(0)``,
+        that is (1 + d dt)/2 of a later one for what starts at rest; 1 for forward Euler.
     """
 
     keep: float
@@ -57,8 +61,12 @@ class Recursion:
         """
         numbers = integrator.stages(dt, damping, True).numbers
         if len(numbers) > 1:
-            raise InputError("the exact boundary serves schemes of one stage only", value=integrator.name, limit="velocity Verlet, forward Euler",
-                             remedy="integrator = euler")  # fmt: skip
+            raise InputError(
+                "the exact boundary serves schemes of one stage only",
+                value=integrator.name,
+                limit="velocity Verlet, forward Euler",
+                remedy="integrator = euler",
+            )
         _, keep, scale, _ = numbers[0]
         return cls(keep, scale, dt**2 / 2 / scale if isinstance(integrator, Verlet) else 1.0)
 
@@ -74,7 +82,8 @@ class Recursion:
 
 
 def half_weights(stencil: Stencil, rate: float = 1.0) -> np.ndarray:
-    """Weights a_1 .. a_K of a one-dimensional stencil times `rate` (``coefficient / spacing^2``), zeros where it has gaps.
+    """Weights a_1 .. a_K of a one-dimensional stencil times `rate` (``coefficient / spacing^2``), zeros where it has
+    gaps.
 
     Raises
     ------
@@ -82,7 +91,9 @@ def half_weights(stencil: Stencil, rate: float = 1.0) -> np.ndarray:
         A stencil of more dimensions.
     """
     if stencil.dim != 1:
-        raise InputError("the exact boundary is for one dimension", value=f"{stencil.dim} dimensions", remedy="LatticePML")
+        raise InputError(
+            "the exact boundary is for one dimension", value=f"{stencil.dim} dimensions", remedy="LatticePML"
+        )
     weights = np.zeros(stencil.reach[0])
     ahead = stencil.offsets[:, 0] > 0
     weights[stencil.offsets[ahead, 0] - 1] = rate * stencil.weights[ahead]
@@ -108,15 +119,17 @@ def force_form(kernel: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 
 def ground(weights: np.ndarray) -> np.ndarray:
-    """Sum of the bonds of each driver that reach beyond the end; shape (K,). The force of the ghosts is M u - ground u."""
+    """Sum of the bonds of each driver that reach beyond the end; shape (K,). The force of the ghosts is M u - ground
+    u."""
     return driver_matrix(weights).sum(0)
 
 
 def fronts(weights: np.ndarray, recursion: Recursion, steps: int) -> np.ndarray:
-    """Nodes that an impulse can have reached after 0 .. `steps` steps, with more than 1e-18 of its size; shape (steps + 1,).
+    """Nodes that an impulse can have reached after 0 .. `steps` steps, with more than 1e-18 of its size; shape (steps +
+    1,).
 
-    A mode of complex angle kappa + i theta decays by theta a node and grows by at most the factor g(theta) a step, so that
-    ``(steps log g + 42) / theta`` is a bound for every theta; the smallest of them is taken.
+    A mode of complex angle kappa + i theta decays by theta a node and grows by at most the factor g(theta) a step, so
+    that ``(steps log g + 42) / theta`` is a bound for every theta; the smallest of them is taken.
     """
     theta = np.geomspace(1e-4, 4.0, 80) / max(1, weights.size // 4)
     angle = np.linspace(0, np.pi, 513)[:, None] + 1j * theta
@@ -151,7 +164,8 @@ def run_kernel(weights: np.ndarray, recursion: Recursion, steps: int) -> np.ndar
 def surface_response(weights: np.ndarray, eigenvalue: np.ndarray) -> np.ndarray:
     """Ghosts per driver for the eigenvalue sigma: the transform of F at sigma, by cyclic reduction.
 
-    K nodes make a block; each turn removes every other block (Lopez Sancho, Lopez Sancho and Rubio, J. Phys. F 15 (1985) 851).
+    K nodes make a block; each turn removes every other block (Lopez Sancho, Lopez Sancho and Rubio, J. Phys. F 15
+    (1985) 851).
 
     Parameters
     ----------
@@ -181,7 +195,8 @@ def surface_response(weights: np.ndarray, eigenvalue: np.ndarray) -> np.ndarray:
 
 
 def _reduce(eigenvalue: np.ndarray, inner: np.ndarray, toward: np.ndarray) -> np.ndarray:
-    """Cyclic reduction of blocks (sigma - inner) with couplings `toward` the drivers and its transpose away from them."""
+    """Cyclic reduction of blocks (sigma - inner) with couplings `toward` the drivers and its transpose away from
+    them."""
     reach = len(inner)
     middle = eigenvalue[:, None, None] * np.eye(reach) - inner
     surface = middle.copy()
@@ -192,7 +207,8 @@ def _reduce(eigenvalue: np.ndarray, inner: np.ndarray, toward: np.ndarray) -> np
         solved = np.linalg.solve(e, np.concatenate([np.swapaxes(a, 1, 2), a], 2))
         outward, onward = a @ solved[:, :, :reach], a @ solved[:, :, reach:]
         surface[active] -= outward
-        middle[active] = e - outward - outward[:, ::-1, ::-1]  # mirror symmetry: the other correction is the same one seen from behind
+        # mirror symmetry: the other correction is the same one seen from behind
+        middle[active] = e - outward - outward[:, ::-1, ::-1]
         away[active] = onward
         size = np.abs(onward).max((1, 2)) / np.abs(eigenvalue[active])
         active = active[size > 1e-10]  # the next correction is its square
@@ -202,7 +218,9 @@ def _reduce(eigenvalue: np.ndarray, inner: np.ndarray, toward: np.ndarray) -> np
 
 
 def largest_angle(weights: np.ndarray, recursion: Recursion) -> float:
-    """Largest angle of the scheme's oscillating factors z in the complex plane; pi for forward Euler and where all modes are overdamped."""
+    """Largest angle of the scheme's oscillating factors z in the complex plane; pi for forward Euler and where all
+    modes are overdamped.
+    """
     if recursion.keep <= 0:  # forward Euler, or damping so strong that d dt >= 1
         return np.pi
     largest = float(symbol(weights, np.linspace(0, np.pi, 4097)).max())
@@ -210,11 +228,13 @@ def largest_angle(weights: np.ndarray, recursion: Recursion) -> float:
     return float(np.arccos(max(half, -1.0))) if half < 1 else np.pi
 
 
-def transform_kernel(weights: np.ndarray, recursion: Recursion, steps: int, oversampling: int = _OVERSAMPLING) -> np.ndarray:
+def transform_kernel(
+    weights: np.ndarray, recursion: Recursion, steps: int, oversampling: int = _OVERSAMPLING
+) -> np.ndarray:
     """Ghost kernel F by inversion of its z-transform on a circle; the cost grows like steps log steps.
 
-    Only the part of the circle beside the spectrum needs a fine sampling. The rest is a smooth function, cut out by a window that is
-    smooth to rounding, and a coarse sampling gives its transform, which has died out after a few steps.
+    Only the part of the circle beside the spectrum needs a fine sampling. The rest is a smooth function, cut out by a
+    window that is smooth to rounding, and a coarse sampling gives its transform, which has died out after a few steps.
 
     Parameters
     ----------
@@ -243,7 +263,9 @@ def transform_kernel(weights: np.ndarray, recursion: Recursion, steps: int, over
         angle, window = inside(points)
         window = 1 - window if rest else window
         used = np.flatnonzero(window > 1e-17)
-        part = window[used, None, None] * surface_response(weights, recursion.eigenvalue(radius * np.exp(1j * angle[used])))
+        part = window[used, None, None] * surface_response(
+            weights, recursion.eigenvalue(radius * np.exp(1j * angle[used]))
+        )
         kept = min(steps + 1, points // 2)  # the other half are negative times, where the two parts cancel
         scale = radius ** np.arange(float(kept))
         for i in range(weights.size):

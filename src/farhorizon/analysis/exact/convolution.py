@@ -1,4 +1,5 @@
-"""Online convolution with a matrix kernel whose result decides the next sample: block by block, the past by FFT, exact."""
+"""Online convolution with a matrix kernel whose result decides the next sample: block by block, the past by FFT,
+exact."""
 
 from __future__ import annotations
 
@@ -11,10 +12,10 @@ from farhorizon.errors import InputError
 class BlockConvolution:
     """``sum over a = 1 .. n of kernel[a] x[n - a]`` while the samples x arrive, at a cost of steps log^2 steps.
 
-    Steps are counted in blocks. Within a block the caller adds the products with the block's own samples, ``kernel[1] .. kernel[block - 1]``
-    (`head`); what all earlier blocks give is in `past`. At the end of block n the last L samples, L the largest power of two that divides n,
-    act by FFT on the L steps to come (Hairer, Lubich and Schlichte, SIAM J. Sci. Stat. Comput. 6 (1985) 532), so that every pair of steps is
-    met once and nothing is approximated.
+    Steps are counted in blocks. Within a block the caller adds the products with the block's own samples, ``kernel[1]
+    .. kernel[block - 1]`` (`head`); what all earlier blocks give is in `past`. At the end of block n the last L
+    samples, L the largest power of two that divides n, act by FFT on the L steps to come (Hairer, Lubich and Schlichte,
+    SIAM J. Sci. Stat. Comput. 6 (1985) 532), so that every pair of steps is met once and nothing is approximated.
 
     Parameters
     ----------
@@ -36,7 +37,10 @@ class BlockConvolution:
         steps = len(kernel) - 1
         self.steps, self.block = steps, steps + 1 if block is None else block
         if self.block < 1 or kernel.ndim != 3:
-            raise InputError("a convolution needs a kernel of shape (steps + 1, K, M) and a block of one step or more", value=(kernel.shape, block))
+            raise InputError(
+                "a convolution needs a kernel of shape (steps + 1, K, M) and a block of one step or more",
+                value=(kernel.shape, block),
+            )
         self.kernel = kernel
         blocks = -(-(steps + 1) // self.block)
         self.head = np.zeros((self.block, *kernel.shape[1:]))
@@ -76,7 +80,9 @@ class BlockConvolution:
         self._number += 1
         end = self._number * self.block
         if end >= len(self._history):
-            raise InputError("the run outlives its kernel", value=end, limit=f"{self.steps} steps", remedy="a kernel of more steps")
+            raise InputError(
+                "the run outlives its kernel", value=end, limit=f"{self.steps} steps", remedy="a kernel of more steps"
+            )
         length = (self._number & -self._number) * self.block
         source = fft.rfft(self._history[end - length : end], 2 * length, axis=0)
         result = fft.irfft(np.matmul(self._spectrum(length), source[:, :, None])[:, :, 0], 2 * length, axis=0)[length:]

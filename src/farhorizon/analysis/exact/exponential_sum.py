@@ -1,10 +1,12 @@
-"""Compression of the exact boundary's force kernel to a sum of exponentials: a few states a side, and a step that costs the same at all times.
+"""Compression of the exact boundary's force kernel to a sum of exponentials: a few states a side, and a step that costs
+the same at all times.
 
     M[a] = Re sum over p of b_p c_p^T z_p^a,   a = 1, 2, ..
 
-The half-infinite chain has one wave that propagates, so each exponential has one input and one output vector (rank 1). The poles are found by
-the eigensystem realisation algorithm (Juang and Pappa, J. Guidance 8 (1985) 620) on samples of the kernel as far apart as its band of frequencies
-allows; both vectors are fitted anew to all scales of time, from the first steps to the last.
+The half-infinite chain has one wave that propagates, so each exponential has one input and one output vector (rank 1).
+The poles are found by the eigensystem realisation algorithm (Juang and Pappa, J. Guidance 8 (1985) 620) on samples of
+the kernel as far apart as its band of frequencies allows; both vectors are fitted anew to all scales of time, from the
+first steps to the last.
 """
 
 from __future__ import annotations
@@ -25,9 +27,9 @@ _PATIENCE = 8  # orders tried among those without halving the error
 class ExponentialSum:
     """A force kernel as a sum of exponentials; one pole stands for itself and its conjugate.
 
-    A run keeps one complex state y_p a mode, zero at the start. With the state y at step n, ``force(y)`` is the ghosts' share
-    of the acceleration at step n, and ``advance(y, u, h)`` leads to step n + 1 from the drivers' values u at step n; h = 1 except at
-    step 0, where it is `chain.Recursion.first`.
+    A run keeps one complex state y_p a mode, zero at the start. With the state y at step n, ``force(y)`` is the ghosts'
+    share of the acceleration at step n, and ``advance(y, u, h)`` leads to step n + 1 from the drivers' values u at step
+    n; h = 1 except at step 0, where it is `chain.Recursion.first`.
 
     Attributes
     ----------
@@ -109,7 +111,8 @@ def _hankel_times(spectrum: np.ndarray, columns: np.ndarray, length: int) -> np.
 
 
 def _hankel_eigenvectors(samples: np.ndarray, rank: int) -> tuple[np.ndarray, np.ndarray]:
-    """Largest eigenvalues (by modulus, falling) and eigenvectors of the symmetric block Hankel matrix of samples 1 .. 2 n - 1.
+    """Largest eigenvalues (by modulus, falling) and eigenvectors of the symmetric block Hankel matrix of samples 1 .. 2
+    n - 1.
 
     Subspace iteration from a random start (Halko, Martinsson and Tropp, SIAM Review 53 (2011) 217).
     """
@@ -131,7 +134,9 @@ def _hankel_eigenvectors(samples: np.ndarray, rank: int) -> tuple[np.ndarray, np
 
 
 def _poles(samples: np.ndarray, values: np.ndarray, vectors: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Poles of the sampled kernel and their input vectors at an order, from the shift invariance of the Hankel eigenvectors."""
+    """Poles of the sampled kernel and their input vectors at an order, from the shift invariance of the Hankel
+    eigenvectors.
+    """
     reach = samples.shape[1]
     up, down, last = vectors[:-reach, :order], vectors[reach:, :order], vectors[-reach:, :order]
     root = np.sqrt(np.abs(values[:order]))
@@ -144,11 +149,14 @@ def _poles(samples: np.ndarray, values: np.ndarray, vectors: np.ndarray, order: 
 def _fit_vectors(kernel: np.ndarray, lags: np.ndarray, poles: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Vectors b_p (P, K) of least squared error over time for poles and the vectors c_p at their other side.
 
-    Each of the samples at `lags` counts for the lags it stands for. The sum over all lags, the force of a history at rest, counts as a sample of
-    its own: the field adds up its error from step to step.
+    Each of the samples at `lags` counts for the lags it stands for. The sum over all lags, the force of a history at
+    rest, counts as a sample of its own: the field adds up its error from step to step.
     """
     weight = np.sqrt(np.gradient(lags.astype(float)))
-    modes = np.concatenate([_powers(poles, lags) * weight[:, None], _sums(poles, len(kernel) - 1)[None]])[:, None, :] * other.T
+    modes = (
+        np.concatenate([_powers(poles, lags) * weight[:, None], _sums(poles, len(kernel) - 1)[None]])[:, None, :]
+        * other.T
+    )
     count = poles.size
     matrix = np.concatenate([modes.real, -modes.imag], 2).reshape(-1, 2 * count)
     samples = np.concatenate([kernel[lags] * weight[:, None, None], kernel[1:].sum(0)[None]])
@@ -174,7 +182,8 @@ def _fit(kernel: np.ndarray, lags: np.ndarray, poles: np.ndarray, inputs: np.nda
 
 
 def force_error(kernel: np.ndarray, found: ExponentialSum, lags: np.ndarray | None = None) -> float:
-    """Largest error of the force on any driver over all histories within -1 .. 1, relative to the same of the kernel itself.
+    """Largest error of the force on any driver over all histories within -1 .. 1, relative to the same of the kernel
+    itself.
 
     It is the sum over lags and drivers of the modulus of the difference.
 
@@ -199,7 +208,8 @@ def force_error(kernel: np.ndarray, found: ExponentialSum, lags: np.ndarray | No
 def compress(kernel: np.ndarray, tolerance: float = 1e-12, band: float = np.pi, most: int = 64) -> ExponentialSum:
     """The shortest sum of exponentials that meets a tolerance, or the best one if none does (its `error` says so).
 
-    Too few samples do not determine the poles: for a run of less than a hundred steps, make the kernel of a hundred or more.
+    Too few samples do not determine the poles: for a run of less than a hundred steps, make the kernel of a hundred or
+    more.
 
     Parameters
     ----------
@@ -208,7 +218,8 @@ def compress(kernel: np.ndarray, tolerance: float = 1e-12, band: float = np.pi, 
     tolerance : float
         Wanted `ExponentialSum.error`, see `force_error`.
     band : float
-        Largest angle a step of the kernel's oscillations (`chain.largest_angle`); the kernel is sampled as sparsely as it allows.
+        Largest angle a step of the kernel's oscillations (`chain.largest_angle`); the kernel is sampled as sparsely as
+        it allows.
     most : int
         Largest number of modes.
 
@@ -218,12 +229,23 @@ def compress(kernel: np.ndarray, tolerance: float = 1e-12, band: float = np.pi, 
         A kernel that is not symmetric, too short a kernel, a tolerance that is not positive.
     """
     steps = len(kernel) - 1
-    if kernel.ndim != 3 or kernel.shape[1] != kernel.shape[2] or np.abs(kernel - kernel.swapaxes(1, 2)).max() > 1e-12 * np.abs(kernel).max():
-        raise InputError("only a symmetric force kernel can be compressed", value=kernel.shape, limit="(steps + 1, K, K)", remedy="chain.force_form")
+    if (
+        kernel.ndim != 3
+        or kernel.shape[1] != kernel.shape[2]
+        or np.abs(kernel - kernel.swapaxes(1, 2)).max() > 1e-12 * np.abs(kernel).max()
+    ):
+        raise InputError(
+            "only a symmetric force kernel can be compressed",
+            value=kernel.shape,
+            limit="(steps + 1, K, K)",
+            remedy="chain.force_form",
+        )
     if not tolerance > 0:
         raise InputError("the tolerance must be positive", value=tolerance, limit="> 0", key="compress")
     if steps < 8:
-        raise InputError("too few steps to compress a kernel", value=steps, limit=">= 8", remedy="evaluate the convolution directly")
+        raise InputError(
+            "too few steps to compress a kernel", value=steps, limit=">= 8", remedy="evaluate the convolution directly"
+        )
     best, complete = _search(kernel, tolerance, band, min(most, _FIRST_RANK // 2))
     if best.error > tolerance and not complete:
         best, _ = _search(kernel, tolerance, band, most)
@@ -236,7 +258,9 @@ def _search(kernel: np.ndarray, tolerance: float, band: float, most: int) -> tup
     stride = _stride(steps, band)
     samples = kernel[stride::stride]
     values, vectors = _hankel_eigenvectors(samples, 2 * most)
-    lags = np.unique(np.concatenate([np.arange(1, min(steps, 8 * stride + 64) + 1), np.geomspace(1, steps, 800).round().astype(int)]))
+    lags = np.unique(
+        np.concatenate([np.arange(1, min(steps, 8 * stride + 64) + 1), np.geomspace(1, steps, 800).round().astype(int)])
+    )
     size = np.abs(values) / abs(values[0])
     best: ExponentialSum | None = None
     better, complete = 0, False  # the last order that halved the error
@@ -246,7 +270,8 @@ def _search(kernel: np.ndarray, tolerance: float, band: float, most: int) -> tup
             break
         poles, inputs = _poles(samples, values, vectors, order)
         poles = poles ** (1 / stride)
-        poles = poles / np.maximum(np.abs(poles), 1.0)  # one that would grow is put on the circle before the vectors are fitted
+        # one that would grow is put on the circle before the vectors are fitted
+        poles = poles / np.maximum(np.abs(poles), 1.0)
         inputs, outputs = _fit(kernel, lags, poles, inputs)
         found = ExponentialSum(poles, inputs, outputs, steps, np.inf)
         error = force_error(kernel, found, lags)
@@ -262,6 +287,8 @@ def _search(kernel: np.ndarray, tolerance: float, band: float, most: int) -> tup
 
 
 def _stride(steps: int, band: float) -> int:
-    """Lags between two samples of the Hankel matrix: up to an eighth of a period of the fastest oscillation in long kernels."""
+    """Lags between two samples of the Hankel matrix: up to an eighth of a period of the fastest oscillation in long
+    kernels.
+    """
     finest, coarsest = int(0.4 / band), int(0.8 / band)
     return max(1, min(max(finest, steps // 20_000), coarsest, steps // 40))

@@ -1,9 +1,10 @@
 """The steep profiles of lattice PMLs for waves, and the exact reflection of a layer.
 
-In the layer a mode zeta of the chain gains ``(1 + g w)/(1 - g w)`` over an edge, ``w = (zeta - 1)/(zeta + 1)``, with the stretch
-``g = kappa + sigma/(s + alpha)`` and the discrete ``s = 2/dt (z - 1)/(z + 1)`` of the trapezoidal rule. Beyond the last column all continued values
-are zero, which on the last edge reads ``U(k + 1) = rho U(k)``, ``rho = (g - 1)/(g + 1)``: K conditions for the K modes that go back. Where the layer
-damps short waves its equations are solved, see `farhorizon.analysis.layers.layer`.
+In the layer a mode zeta of the chain gains ``(1 + g w)/(1 - g w)`` over an edge, ``w = (zeta - 1)/(zeta + 1)``, with
+the stretch ``g = kappa + sigma/(s + alpha)`` and the discrete ``s = 2/dt (z - 1)/(z + 1)`` of the trapezoidal rule.
+Beyond the last column all continued values are zero, which on the last edge reads ``U(k + 1) = rho U(k)``, ``rho = (g -
+1)/(g + 1)``: K conditions for the K modes that go back. Where the layer damps short waves its equations are solved, see
+`farhorizon.analysis.layers.layer`.
 """
 
 from __future__ import annotations
@@ -16,24 +17,30 @@ from farhorizon.analysis.layers.layer import ArrivingWave, layer_amplitudes
 from farhorizon.analysis.layers.short_waves import HighPass
 from farhorizon.engine.engine import Layer
 
-_SHIFT = 1e-3  # alpha in units of speed / spacing: bounds the drift at zero frequency; ten times as much spoils long waves
-_SOFT, _MORE = 4, 3  # power of the ramp of such a damping beside a steeper sigma, and how much more of it that takes near the entrance
-_DRIFT = (0.006, 0.03)  # alpha at the outer end in speed / spacing where waves are at rest, of two nodes or longer ones, too
+# alpha in units of speed / spacing: bounds the drift at zero frequency; ten times as much spoils long waves
+_SHIFT = 1e-3
+# power of the ramp of such a damping beside a steeper sigma, and how much more of it that takes near the entrance
+_SOFT, _MORE = 4, 3
+# alpha at the outer end in speed / spacing where waves are at rest, of two nodes or longer ones, too
+_DRIFT = (0.006, 0.03)
 _EARLIER = (0.92, 1.0)  # power of sigma's ramp in which their damping rises
 
 
 @dataclass(frozen=True)
 class Profile:
-    """A member of the family: sigma rises to ``strength 2 speed / spacing``, kappa to `stretch` and alpha to ``12 shift strength / nodes``.
+    """A member of the family: sigma rises to ``strength 2 speed / spacing``, kappa to `stretch` and alpha to ``12 shift
+    strength / nodes``.
 
     Attributes
     ----------
     strength, stretch : float
     power : int
-        Of the ramp in sigma; kappa rises linearly, alpha as the seventh power: waves near cut-off are turned by the outer end alone.
+        Of the ramp in sigma; kappa rises linearly, alpha as the seventh power: waves near cut-off are turned by the
+        outer end alone.
     shift : float
     smooth : bool
-        Whether sigma rises as a power of `smooth_ramp`, else of the depth: where short waves are damped, the damping must not begin with a kink.
+        Whether sigma rises as a power of `smooth_ramp`, else of the depth: where short waves are damped, the damping
+        must not begin with a kink.
     rate : float
         Damping of short waves over that which first order in sigma asks for.
     """
@@ -73,12 +80,16 @@ class Profile:
     def __str__(self) -> str:
         rise = {1: "linear", 2: "square", 3: "cubic"}.get(self.power, f"to the power {self.power}")
         rise = f"smooth, {rise}," if self.smooth else rise
-        others = (f", kappa to {self.stretch:g}" if self.stretch > 1 else "") + (f", alpha rising by {self.shift:g}" if self.shift else "")
+        others = (f", kappa to {self.stretch:g}" if self.stretch > 1 else "") + (
+            f", alpha rising by {self.shift:g}" if self.shift else ""
+        )
         return f"sigma {rise} to {self.strength:g} 2c/spacing{others}"
 
 
 def smooth_ramp(depth: np.ndarray) -> np.ndarray:
-    """From 0 to 1 as a sine that ends short of its crest: on a plateau waves of zero frequency would grow in a wide stencil's layer."""
+    """From 0 to 1 as a sine that ends short of its crest: on a plateau waves of zero frequency would grow in a wide
+    stencil's layer.
+    """
     return np.sin(0.4 * np.pi * depth) / np.sin(0.4 * np.pi)
 
 
@@ -88,13 +99,17 @@ def weak(damped: HighPass | None) -> bool:
 
 
 def layer_reflection(wave: ArrivingWave, layer: Layer) -> float:
-    """Reflected amplitude of a layer, exactly, of all types together: of scalars in closed form where it does not damp short waves."""
+    """Reflected amplitude of a layer, exactly, of all types together: of scalars in closed form where it does not damp
+    short waves.
+    """
     travels = wave.modes.travels
     if layer.damping.size or wave.weights.ndim > 1:
         return float(np.linalg.norm(layer_amplitudes(wave, layer)[travels]))
     stretch = layer.kappa + layer.sigma / (wave.s + layer.alpha)
     modes = np.append(wave.modes.leaving, wave.modes.incoming)
-    gain = ((modes + 1)[:, None] + np.outer(modes - 1, stretch[:-1])) / ((modes + 1)[:, None] - np.outer(modes - 1, stretch[:-1]))
+    gain = ((modes + 1)[:, None] + np.outer(modes - 1, stretch[:-1])) / (
+        (modes + 1)[:, None] - np.outer(modes - 1, stretch[:-1])
+    )
     through = np.log(gain).sum(1)  # logarithms: what evanescent modes gain overflows
     rho = (stretch[-1] - 1) / (stretch[-1] + 1)
     powers = np.arange(1, len(wave.modes.leaving) + 1)[:, None]

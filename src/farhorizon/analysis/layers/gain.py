@@ -1,10 +1,11 @@
 """What a mode that dies out in the medium gains on its way through a layer: why wide kernels need short entrances.
 
-At a frequency w a stencil of reach K has K modes ahead of a side, of which most die out, ``t = tan(theta / 2)`` with Im t > 0. In the layer t becomes
-``(1 + sigma/(i w + alpha)) t``. Where sigma/w turns it past the real axis, a mode with Re t > 0 *grows* outwards; the stretch is exact, so nothing
-comes back before the outer end, but there it does. What a mode gains from where it begins to grow up to the end depends on the columns in which
-sigma is of the order of w: on the width of the entrance, not on how strong it becomes. The narrow kernels have only modes that die out within a
-node. Wide ones have such that are nearly waves, and with a long entrance these keep themselves alive inside the layer.
+At a frequency w a stencil of reach K has K modes ahead of a side, of which most die out, ``t = tan(theta / 2)`` with Im
+t > 0. In the layer t becomes ``(1 + sigma/(i w + alpha)) t``. Where sigma/w turns it past the real axis, a mode with Re
+t > 0 *grows* outwards; the stretch is exact, so nothing comes back before the outer end, but there it does. What a mode
+gains from where it begins to grow up to the end depends on the columns in which sigma is of the order of w: on the
+width of the entrance, not on how strong it becomes. The narrow kernels have only modes that die out within a node. Wide
+ones have such that are nearly waves, and with a long entrance these keep themselves alive inside the layer.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ def largest_gain(stencil: Stencil, kappa: np.ndarray, sigma: np.ndarray, alpha: 
     Parameters
     ----------
     stencil : Stencil
-        Its first axis is the normal. Of vectors each component counts by itself: long waves along the side hardly couple them.
+        Its first axis is the normal. Of vectors each component counts by itself: long waves along the side hardly
+        couple them.
     kappa, sigma, alpha : ndarray, shape (columns + 1,)
         Stretch of the edges, sigma and alpha in units of speed over spacing.
     """

@@ -1,13 +1,16 @@
-"""What a lattice PML sends back, from its own equations at one frequency and tangential wavenumber, the damping of short waves included.
+"""What a lattice PML sends back, from its own equations at one frequency and tangential wavenumber, the damping of
+short waves included.
 
-Along the normal the layer's columns hold x(1) .. x(L), and U(p, k) is column p continued by k nodes. At a factor z a step the recursion over the
-edge p between columns p and p + 1, with the stretch ``g = kappa + sigma/(s + alpha)`` and ``s = 2/dt (z - 1)/(z + 1)``,
+Along the normal the layer's columns hold x(1) .. x(L), and U(p, k) is column p continued by k nodes. At a factor z a
+step the recursion over the edge p between columns p and p + 1, with the stretch ``g = kappa + sigma/(s + alpha)`` and
+``s = 2/dt (z - 1)/(z + 1)``,
 
     (1 - g) U(p+1,k+1) + (1 + g) U(p+1,k) = (1 + g) U(p,k+1) + (1 - g) U(p,k),
 
-is solved inwards for k >= 0 (nothing beyond the last column) and outwards for k <= 0 (the near field's nodes at the entrance). So the operator A of
-the columns is a matrix. With what a step takes of the increments, F = D F D of `farhorizon.engine.filter`, the scheme
-``(z - 1) x = (1 - F)(keep (1 - 1/z) x + scale A x)`` and the modes of the medium in front make one small linear system.
+is solved inwards for k >= 0 (nothing beyond the last column) and outwards for k <= 0 (the near field's nodes at the
+entrance). So the operator A of the columns is a matrix. With what a step takes of the increments, F = D F D of
+`farhorizon.engine.filter`, the scheme ``(z - 1) x = (1 - F)(keep (1 - 1/z) x + scale A x)`` and the modes of the medium
+in front make one small linear system.
 """
 
 from __future__ import annotations
@@ -100,7 +103,8 @@ class LatticeMedium:
         return float(np.sqrt(self.coefficient))
 
     def carrier(self, kind: int) -> LatticeMedium:
-        """A scalar medium in which long waves have the speed of one type and all are about as dispersive; a scalar medium itself.
+        """A scalar medium in which long waves have the speed of one type and all are about as dispersive; a scalar
+        medium itself.
 
         Parameters
         ----------
@@ -114,11 +118,18 @@ class LatticeMedium:
         stencil = self.stencil
         if stencil.components == 1:
             return self
-        squared = 0.5 * np.einsum("kii,k->i", stencil.weights, stencil.offsets[:, 0] ** 2)  # speeds along the normal, P first
+        # speeds along the normal, P first
+        squared = 0.5 * np.einsum("kii,k->i", stencil.weights, stencil.offsets[:, 0] ** 2)
         weights = np.trace(stencil.weights, axis1=1, axis2=2) * squared[kind] / squared.sum()
         return replace(self, stencil=Stencil(stencil.offsets[weights != 0], weights[weights != 0]))
 
-    def wave(self, along: Sequence[float] | np.ndarray, factor: complex, near: complex, polarisation: np.ndarray | None = None) -> ArrivingWave:
+    def wave(
+        self,
+        along: Sequence[float] | np.ndarray,
+        factor: complex,
+        near: complex,
+        polarisation: np.ndarray | None = None,
+    ) -> ArrivingWave:
         """The wave of a factor a step and tangential wavenumbers times spacing.
 
         Parameters
@@ -155,20 +166,24 @@ class LatticeMedium:
         Raises
         ------
         InputError
-            No such wave comes to the side: it is shorter than the lattice carries; or an integrator with several stages.
+            No such wave comes to the side: it is shorter than the lattice carries; or an integrator with several
+            stages.
         """
         wavenumber, tilt, turn = 2 * np.pi / wavelength, np.radians(angle), np.radians(azimuth)
         along = wavenumber * np.sin(tilt) * np.array([np.cos(turn), np.sin(turn)])[: self.stencil.dim - 1]
         normal = wavenumber * np.cos(tilt)
         shape = polarisations(self.stencil.components, float(tilt), float(turn))
-        factor = factor_of_wave(-self.rate * eigenvalue_of_type(self.stencil.symbol(normal, *along), shape, number), self.recursion)
+        factor = factor_of_wave(
+            -self.rate * eigenvalue_of_type(self.stencil.symbol(normal, *along), shape, number), self.recursion
+        )
         return self.wave(along, factor, np.exp(1j * normal), shape[number])
 
     def diffusion_wave(self, wavelength: float, angle: float) -> ArrivingWave:
-        """What diffuses from a source of one frequency, ``exp(i w t - (a + i b) x + i q y)``: a phase that runs to the side while it dies out.
+        """What diffuses from a source of one frequency, ``exp(i w t - (a + i b) x + i q y)``: a phase that runs to the
+        side while it dies out.
 
-        In the continuum ``(a + i b)^2 = q^2 + i w / D``; ``b = sqrt(w cos(angle) / 2 D)``, ``q = b tan(angle)``. The layer's stretch does not depend
-        on the frequency, so time is taken to be continuous.
+        In the continuum ``(a + i b)^2 = q^2 + i w / D``; ``b = sqrt(w cos(angle) / 2 D)``, ``q = b tan(angle)``. The
+        layer's stretch does not depend on the frequency, so time is taken to be continuous.
 
         Parameters
         ----------
@@ -225,25 +240,37 @@ def amplitudes_of(waves: Sequence[ArrivingWave], layer: Layer) -> list[np.ndarra
     ahead, back, first = np.eye(count + 1)[:, 1:], np.eye(count), np.eye(count + 1)[:, :1]
     entrance = np.zeros((n, reach, count), complex)  # U(0, k), k = 1 .. K, by the columns
     entrance_near = np.zeros((n, reach), complex)  # and by the last node of the near field
-    near = np.zeros((n, reach + 1, count), complex)  # columns continued by -k nodes, by the near field's nodes 0, -1, .. -K
+    # columns continued by -k nodes, by the near field's nodes 0, -1, .. -K
+    near = np.zeros((n, reach + 1, count), complex)
     drive = np.zeros((n, reach + 1, d * count, d), complex)
     for k in range(1, reach + 1):
         ahead, first, back = inwards @ ahead, inwards @ first, outwards @ back
         entrance[:, k - 1], entrance_near[:, k - 1] = ahead[:, 0], first[:, 0, 0]
-        system += np.einsum("nij,npq->nipjq", blocks[:, reach + k], ahead[:, 1:]) + np.einsum("nij,npq->nipjq", blocks[:, reach - k], back)
+        system += np.einsum("nij,npq->nipjq", blocks[:, reach + k], ahead[:, 1:]) + np.einsum(
+            "nij,npq->nipjq", blocks[:, reach - k], back
+        )
         near = near @ outwards.swapaxes(1, 2)
         near[:, k - 1] += here
         near[:, k] += before
         drive += np.einsum("nij,nkp->nkipj", blocks[:, reach - k], near).reshape(drive.shape)
-    system = np.array([wave.eigenvalue for wave in waves])[:, None, None] * np.eye(d * count) - system.reshape(n, d * count, d * count)
+    system = np.array([wave.eigenvalue for wave in waves])[:, None, None] * np.eye(d * count) - system.reshape(
+        n, d * count, d * count
+    )
     return [
-        _leaving(wave, layer, blocks[i], system[i], drive[i], entrance[i], entrance_near[i]) for i, wave in enumerate(waves)
-    ]  # fmt: skip
+        _leaving(wave, layer, blocks[i], system[i], drive[i], entrance[i], entrance_near[i])
+        for i, wave in enumerate(waves)
+    ]
 
 
 def _leaving(
-    wave: ArrivingWave, layer: Layer, blocks: np.ndarray, system: np.ndarray, drive: np.ndarray, entrance: np.ndarray, entrance_near: np.ndarray
-) -> np.ndarray:  # fmt: skip
+    wave: ArrivingWave,
+    layer: Layer,
+    blocks: np.ndarray,
+    system: np.ndarray,
+    drive: np.ndarray,
+    entrance: np.ndarray,
+    entrance_near: np.ndarray,
+) -> np.ndarray:
     """Amplitudes of the modes with which the columns, and the medium in front of them, are in balance."""
     reach, d = len(blocks) // 2, blocks.shape[1]
     if layer.damping.size:
@@ -260,7 +287,9 @@ def _leaving(
     columns = np.linalg.solve(system, np.einsum("kaj,kn,nj->an", drive, powers, vectors)).reshape(d, layer.columns, -1)
     continued = np.einsum("kp,ipn->kin", entrance, columns) + entrance_near[:, None, None] * (vectors.T * powers[0])
     continued -= vectors.T * (roots ** np.arange(1, reach + 1)[:, None] / size)[:, None, :]
-    missing = np.concatenate([np.einsum("kij,kjn->in", blocks[reach + 1 + i :], continued[: reach - i]) for i in range(reach)])
+    missing = np.concatenate(
+        [np.einsum("kij,kjn->in", blocks[reach + 1 + i :], continued[: reach - i]) for i in range(reach)]
+    )
     missing = missing / np.linalg.norm(missing[:, :-1], axis=0).max()
     found = np.linalg.lstsq(missing[:, :-1], -missing[:, -1], rcond=None)[0]
     return np.asarray(found * size[-1] / size[:-1])
@@ -312,8 +341,12 @@ class LayerSide:
         """Types of waves, see `farhorizon.analysis.layers.reflection.TYPES`."""
         return TYPES[self.medium.stencil.components]
 
-    def reflections(self, wavelength: float, angle: float, azimuth: float = 0.0, incoming: str | None = None) -> dict[str, complex]:
-        """Amplitudes by type of the waves that come back of a plane wave of amplitude 1; see `farhorizon.checks.side_modes.Strip.reflections`."""
+    def reflections(
+        self, wavelength: float, angle: float, azimuth: float = 0.0, incoming: str | None = None
+    ) -> dict[str, complex]:
+        """Amplitudes by type of the waves that come back of a plane wave of amplitude 1; see
+        `farhorizon.checks.side_modes.Strip.reflections`.
+        """
         length = wavelength / self.medium.spacing
         if self.diffusive:
             wave = self.medium.diffusion_wave(length, angle)

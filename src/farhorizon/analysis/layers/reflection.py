@@ -1,9 +1,10 @@
 """Reflection of plane waves by a flat side, from the exact problem on the half-infinite lattice, without a time run.
 
-Along a side a wave has a tangential wavenumber, and the medium in front of it is a chain, of vectors one of d x d blocks. At a factor z a step the
-chain carries 2 K d modes ``v zeta^j`` (K the reach of the stencil along the normal): the incoming wave, and K d that leave the side or die out away
-from it. Near field, layer and memory of the side obey ``z x = G x`` with the map G of one step; their solution must end in those modes. Waves of
-vectors are P and S by their polarisation; a side turns one into the other.
+Along a side a wave has a tangential wavenumber, and the medium in front of it is a chain, of vectors one of d x d
+blocks. At a factor z a step the chain carries 2 K d modes ``v zeta^j`` (K the reach of the stencil along the normal):
+the incoming wave, and K d that leave the side or die out away from it. Near field, layer and memory of the side obey
+``z x = G x`` with the map G of one step; their solution must end in those modes. Waves of vectors are P and S by their
+polarisation; a side turns one into the other.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from farhorizon.medium.stencil import Stencil
 TYPES = {1: ("",), 2: ("P", "S"), 3: ("P", "SV", "SH")}  # of waves, by components of the field
 _UNIT = 1e-8  # a mode whose modulus differs less from 1 propagates
 _ALIKE = 1e-6  # modes whose factors differ less are polarisations of one
-_FAR = 1e5  # a mode that falls by more over a node is not felt two nodes away; infinite where the outermost weights are singular
+# a mode that falls by more over a node is not felt two nodes away; infinite where the outermost weights are singular
+_FAR = 1e5
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,8 @@ def chain_weights(stencil: Stencil, angles: Sequence[float]) -> np.ndarray:
 
 
 def polarisations(components: int, angle: float, azimuth: float = 0.0) -> np.ndarray:
-    """Polarisations of long waves in an isotropic medium, in the order of `TYPES`, as rows of shape (components, components).
+    """Polarisations of long waves in an isotropic medium, in the order of `TYPES`, as rows of shape (components,
+    components).
 
     Parameters
     ----------
@@ -81,12 +84,15 @@ def polarisations(components: int, angle: float, azimuth: float = 0.0) -> np.nda
     angle : float
         Of the wave vector against the normal, the first axis, in radians.
     azimuth : float
-        In 3D, of its tangential part against the second axis, in radians. SV lies in the plane of incidence, SH along the side.
+        In 3D, of its tangential part against the second axis, in radians. SV lies in the plane of incidence, SH along
+        the side.
     """
     if components == 1:
         return np.ones((1, 1))
     along = [1.0] if components == 2 else [np.cos(azimuth), np.sin(azimuth)]
-    plane = np.array([[np.cos(angle), *(np.sin(angle) * t for t in along)], [-np.sin(angle), *(np.cos(angle) * t for t in along)]])
+    plane = np.array(
+        [[np.cos(angle), *(np.sin(angle) * t for t in along)], [-np.sin(angle), *(np.cos(angle) * t for t in along)]]
+    )
     return plane if components == 2 else np.vstack([plane, [0.0, -along[1], along[0]]])
 
 
@@ -107,14 +113,18 @@ def eigenvalue_of_type(symbol: np.ndarray, polarisation: np.ndarray, number: int
 
 
 def factor_of_wave(eigenvalue: float, recursion: Recursion) -> complex:
-    """Factor a step, phase falling in time, of a wave that an operator multiplies by a real `eigenvalue`; for first order the decaying one."""
+    """Factor a step, phase falling in time, of a wave that an operator multiplies by a real `eigenvalue`; for first
+    order the decaying one.
+    """
     half = (1 + recursion.keep + recursion.scale * eigenvalue) / 2
     if recursion.keep == 0:
         return complex(2 * half)
     return complex(half - np.sqrt(complex(half**2 - recursion.keep)))
 
 
-def chain_modes(weights: np.ndarray, factor: complex, recursion: Recursion, near: complex, polarisation: np.ndarray | None = None) -> Modes:
+def chain_modes(
+    weights: np.ndarray, factor: complex, recursion: Recursion, near: complex, polarisation: np.ndarray | None = None
+) -> Modes:
     """Modes of a chain that gains a factor a step.
 
     Parameters
@@ -124,7 +134,8 @@ def chain_modes(weights: np.ndarray, factor: complex, recursion: Recursion, near
     factor : complex
     recursion : Recursion
     near : complex
-        Factor over one node of the wave that is meant; if that one leaves the side (a backward wave), its mirror image comes.
+        Factor over one node of the wave that is meant; if that one leaves the side (a backward wave), its mirror image
+        comes.
     polarisation : ndarray, shape (d,), optional
         Of a field of vectors: that of the wave, about.
 
@@ -136,13 +147,17 @@ def chain_modes(weights: np.ndarray, factor: complex, recursion: Recursion, near
     blocks = weights.reshape(len(weights), *weights.shape[1:] or (1, 1))
     roots, vectors = _modes(blocks, complex(recursion.eigenvalue(np.array(factor))))
     powers = np.arange(len(blocks)) - len(blocks) // 2
-    slope = np.einsum("ni,kij,nj,nk->n", vectors.conj(), blocks, vectors, powers * roots[:, None] ** powers)  # zeta dL/dzeta of a wave
+    # zeta dL/dzeta of a wave
+    slope = np.einsum("ni,kij,nj,nk->n", vectors.conj(), blocks, vectors, powers * roots[:, None] ** powers)
     step = 1e-6
-    rise = (recursion.eigenvalue(np.array(factor * (1 + step))) - recursion.eigenvalue(np.array(factor * (1 - step)))) / (2 * step)
+    rise = (
+        recursion.eigenvalue(np.array(factor * (1 + step))) - recursion.eigenvalue(np.array(factor * (1 - step)))
+    ) / (2 * step)
     apart = np.abs(roots) - 1
     # what grows in time came from where it was small: a wave that comes to the side then falls off towards it
     ahead = np.where(np.abs(apart) > _UNIT, apart, (rise / np.where(slope == 0, 1e-300, slope)).real) < 0
-    there = (len(blocks) // 2) * blocks.shape[1]  # so many waves go each way, fewer where the outermost weights are singular
+    # so many waves go each way, fewer where the outermost weights are singular
+    there = (len(blocks) // 2) * blocks.shape[1]
     if not ahead.any() or not 0 < (~ahead).sum() <= there:  # or overdamped, where nothing travels
         raise InputError("no wave of this frequency and wavenumber comes to the side", value=near)
     incoming = roots[ahead][np.argmin(np.minimum(np.abs(roots[ahead] - near), np.abs(roots[ahead] - 1 / near)))]
@@ -156,7 +171,9 @@ def chain_modes(weights: np.ndarray, factor: complex, recursion: Recursion, near
 
 
 def _modes(blocks: np.ndarray, eigenvalue: complex) -> tuple[np.ndarray, np.ndarray]:
-    """Factors and polarisations, shapes (n,) and (n, d), of ``sum_k B_k zeta^k v = eigenvalue v`` by the companion pencil of the polynomial."""
+    """Factors and polarisations, shapes (n,) and (n, d), of ``sum_k B_k zeta^k v = eigenvalue v`` by the companion
+    pencil of the polynomial.
+    """
     size, d = len(blocks) - 1, blocks.shape[1]
     polynomial = blocks.astype(complex)
     polynomial[size // 2] -= eigenvalue * np.eye(d)
@@ -164,20 +181,24 @@ def _modes(blocks: np.ndarray, eigenvalue: complex) -> tuple[np.ndarray, np.ndar
     left, right = np.eye(size * d, k=d, dtype=complex), np.eye(size * d, dtype=complex)
     left[-d:] = -np.concatenate(polynomial[:-1], axis=1)
     right[-d:, -d:] = polynomial[-1]
-    (alpha, beta), found = linalg.eig(left, right, homogeneous_eigvals=True)  # beta = 0 where the outermost weights are singular
+    # beta = 0 where the outermost weights are singular
+    (alpha, beta), found = linalg.eig(left, right, homogeneous_eigvals=True)
     finite = (np.abs(alpha) < _FAR * np.abs(beta)) & (np.abs(alpha) > np.abs(beta) / _FAR)
     roots, found = alpha[finite] / beta[finite], found[:, finite]
     vectors = np.where(np.abs(roots) < 1, found[:d], found[-d:]).T  # v, or v zeta^(2 K - 1)
     return roots, vectors / np.linalg.norm(vectors, axis=1)[:, None]
 
 
-def reflection(matrix: np.ndarray, columns: np.ndarray, levels: Sequence[complex], factor: complex, modes: Modes, reach: int) -> np.ndarray:
+def reflection(
+    matrix: np.ndarray, columns: np.ndarray, levels: Sequence[complex], factor: complex, modes: Modes, reach: int
+) -> np.ndarray:
     """Amplitudes of all leaving modes for an incoming wave of amplitude 1, both at the side's end of the near field.
 
     Parameters
     ----------
     matrix : ndarray, shape (n, n)
-        Map of one step of a near field whose high end is the side, and of all memory of the side. Its low end may be anything.
+        Map of one step of a near field whose high end is the side, and of all memory of the side. Its low end may be
+        anything.
     columns : ndarray of int, shape (levels, d, columns)
         Entries of the state that are the near field's nodes along the normal, at least 2 K + 2 columns.
     levels : sequence of complex
@@ -204,7 +225,8 @@ def reflection(matrix: np.ndarray, columns: np.ndarray, levels: Sequence[complex
         system[rows, rows] = 1
         system[rows, size:] = -share * away[:, :reach].reshape(len(rows), count)
         right[rows] = share * wave[:, :reach].ravel()
-    known = away[:, reach : 2 * reach].reshape(-1, count)  # at the next nodes, of which there are as many as modes, or more
+    # at the next nodes, of which there are as many as modes, or more
+    known = away[:, reach : 2 * reach].reshape(-1, count)
     turned = linalg.qr(known / np.abs(known).max(0), mode="economic")[0].conj().T
     system[size:, columns[0, :, reach : 2 * reach].ravel()], system[size:, size:] = turned, -turned @ known
     right[size:] = turned @ wave[:, reach : 2 * reach].ravel()

@@ -5,7 +5,8 @@ Laplace integral on the line Re s = a, a few times the inverse of the length of 
 evanescent and static waves are alike, and none needs a rule of its own. For each s and tangential wavenumber the medium
 in front of the side is a chain. Of its modes the slowest, of factor zeta over a node, carries the data u0 to the side,
 
-    U = N(z) sum_x u0(x) zeta^(distance of x) / (zeta dA/dzeta),    A(zeta) = (z - 1)(1 - keep/z)/scale,    z = exp(s dt),
+    U = N(z) sum_x u0(x) zeta^(distance of x) / (zeta dA/dzeta),    A(zeta) = (z - 1)(1 - keep/z)/scale,    z = exp(s
+    dt),
 
 where N(z) is what the start of the scheme makes of displacements, of velocities or of a source in time. What comes back
 is U times the layer's reflection R(s, zeta), which is known in closed form, and fast Fourier transforms lead back to
@@ -90,7 +91,9 @@ class Sample:
         return bool(layer.damping.size) or self.medium.stencil.components > 1
 
     def add(self, amplitude: np.ndarray, root: np.ndarray, factor: np.ndarray, along: np.ndarray) -> np.ndarray:
-        """Take in waves, arrays as of `Arrivals`; returns the number of the wave that each is like, the loudest that came first."""
+        """Take in waves, arrays as of `Arrivals`; returns the number of the wave that each is like, the loudest that
+        came first.
+        """
         finite = np.where(amplitude == 0, 0.5, root)
         sizes = np.abs(np.log(factor)), np.abs(np.log(finite))
         cells = np.stack([np.floor(_CELLS * np.log(np.maximum(size, 1e-12))).astype(int) for size in sizes], axis=1)
@@ -112,12 +115,16 @@ class Sample:
         azimuth = float(np.arctan2(along[-1], along[0])) if len(along) > 1 else 0.0
         angle = float(np.arctan2(np.linalg.norm(along), np.abs(np.log(root))))
         try:
-            return self.medium.wave(along, factor, root, polarisations(self.medium.stencil.components, angle, azimuth)[self.kind])
+            return self.medium.wave(
+                along, factor, root, polarisations(self.medium.stencil.components, angle, azimuth)[self.kind]
+            )
         except InputError:
             return None
 
     def excess(self, layer: Layer) -> np.ndarray:
-        """By how much the reflected amplitude of each wave of the sample, of all types together, is above the closed form."""
+        """By how much the reflected amplitude of each wave of the sample, of all types together, is above the closed
+        form.
+        """
         key = layer.sigma.tobytes() + layer.alpha.tobytes() + layer.damping.tobytes()
         known = self._known.get(key, np.zeros(0))
         waves = [wave for wave in self._waves[len(known) :] if wave is not None]
@@ -181,8 +188,9 @@ class Arrivals:
     def returned(self, layer: Layer) -> float:
         """Largest value, over the run and along the side, of what a layer sends back.
 
-        What the closed form does not know, such as the damping of short waves, is known of a sample: it counts by its share of
-        the waves' energy. As a sum of waves each step from one sample to the next would be noise, which the Laplace integral lets grow.
+        What the closed form does not know, such as the damping of short waves, is known of a sample: it counts by its
+        share of the waves' energy. As a sum of waves each step from one sample to the next would be noise, which the
+        Laplace integral lets grow.
         """
         closed = self._largest(self.amplitude * reflected(self.root, self.frequency, layer))
         if not self.sample.needed(layer):
@@ -193,11 +201,14 @@ class Arrivals:
     def share(self, layer: Layer) -> float:
         """Root of the share of the waves' energy that comes back, from a part of them: quick, to compare layers by."""
         some = slice(None, None, 1 + len(self.amplitude) // _COMPARED)
-        back = self.amplitude[some] * (np.abs(reflected(self.root[some], self.frequency[some], layer)) + self._excess(layer)[some])
+        back = self.amplitude[some] * (
+            np.abs(reflected(self.root[some], self.frequency[some], layer)) + self._excess(layer)[some]
+        )
         return float(np.linalg.norm(back) / max(float(np.linalg.norm(self.amplitude[some])), 1e-300))
 
     def _excess(self, layer: Layer) -> np.ndarray:
-        """By how much the reflected amplitude of each wave is above the closed form, by the waves that stand for them."""
+        """By how much the reflected amplitude of each wave is above the closed form, by the waves that stand for
+        them."""
         return self.sample.excess(layer)[self.number] if self.sample.needed(layer) else np.zeros(len(self.amplitude))
 
     @cached_property
@@ -216,7 +227,8 @@ class Arrivals:
         return float((np.abs(history).max(along) * self.growth).max())
 
     def conversion(self, layer: Layer) -> float:
-        """How much more a layer sends back than in one mode: by its exact reflection, into all modes, of the waves that return most of all.
+        """How much more a layer sends back than in one mode: by its exact reflection, into all modes, of the waves that
+        return most of all.
 
         1 where the exact reflection was looked at from the start.
         """
@@ -255,9 +267,15 @@ def reflected(root: np.ndarray, frequency: np.ndarray, layer: Layer) -> np.ndarr
 
 
 def arrivals(
-    medium: LatticeMedium, steps: int, data: Sequence[Datum], lengths: Sequence[int], near: Sequence[range], wanted: float,
-    size: float = 0.0, sample: Sample | None = None,
-) -> Arrivals:  # fmt: skip
+    medium: LatticeMedium,
+    steps: int,
+    data: Sequence[Datum],
+    lengths: Sequence[int],
+    near: Sequence[range],
+    wanted: float,
+    size: float = 0.0,
+    sample: Sample | None = None,
+) -> Arrivals:
     """The waves that data send to a side.
 
     Parameters
@@ -288,9 +306,10 @@ def arrivals(
     spectra = [
         fft.fftn(datum.values, s=shape[1:], axes=tuple(range(1, datum.values.ndim))).reshape(len(datum.values), -1)
         / np.prod(shape[1:], dtype=float)
-        if len(shape) > 1 else datum.values[:, None]
+        if len(shape) > 1
+        else datum.values[:, None]
         for datum in data
-    ]  # fmt: skip
+    ]
     content = np.max([np.abs(spectrum).sum(0) / np.abs(spectrum).sum() for spectrum in spectra], axis=0)
     modes = _largest(content, 0.1 * _FELT * wanted)
     along = np.array([k.ravel()[modes] for k in np.meshgrid(*numbers, indexing="ij")]) if numbers else np.zeros((0, 1))
@@ -300,7 +319,9 @@ def arrivals(
 
     def arrived(which: np.ndarray, some: slice) -> tuple[np.ndarray, np.ndarray]:
         used, again = np.unique(number[some], return_inverse=True)
-        root, slope = (found[:, again] for found in _slowest(medium, medium.recursion.eigenvalue(z[which]), alike[:, used]))
+        root, slope = (
+            found[:, again] for found in _slowest(medium, medium.recursion.eigenvalue(z[which]), alike[:, used])
+        )
         total = np.zeros(root.shape, complex)
         for spectrum, start in zip(spectra, starts, strict=True):
             total += _carried(spectrum[:, modes][:, some], root) * start[which][:, None]
@@ -308,7 +329,8 @@ def arrivals(
 
     few = slice(None, None, _SPARSE)
     pitch = np.abs(medium.recursion.eigenvalue(z))
-    heard = np.flatnonzero(pitch <= max(1.2 * medium.rate * medium.stencil.symbol_maximum, pitch.min()))  # one at least, of runs of a few short steps
+    # one at least, of runs of a few short steps
+    heard = np.flatnonzero(pitch <= max(1.2 * medium.rate * medium.stencil.symbol_maximum, pitch.min()))
     sparse = np.abs(arrived(heard, few)[1])
     loudness = sparse.max(1) * len(modes)
     largest = max(size * 2 * steps * np.exp(-_DECAY), _COHERENT * _SPARSE * float(sparse.sum()))
@@ -323,7 +345,11 @@ def arrivals(
         np.unique(np.round(np.linspace(nodes[0], nodes[-1], count) / length * count).astype(int) % count)
         for nodes, length, count in zip(near, lengths, counts, strict=True)
     ]
-    grid = np.ravel_multi_index([line % count for line, count in zip(signed, counts, strict=True)], counts) if counts else np.zeros(1, int)
+    grid = (
+        np.ravel_multi_index([line % count for line, count in zip(signed, counts, strict=True)], counts)
+        if counts
+        else np.zeros(1, int)
+    )
     place = (heard[:, None] * int(np.prod(counts)) + grid).ravel()[felt]
     factor = np.broadcast_to(z[heard][:, None], root.shape).ravel()[felt]
     along = np.broadcast_to(along[:, None, :], (len(along), *root.shape)).reshape(len(along), root.size)[:, felt]
@@ -347,7 +373,8 @@ def _start(datum: Datum, z: np.ndarray, medium: LatticeMedium, decay: float) -> 
 
 
 def _slowest(medium: LatticeMedium, eigenvalue: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Factor over a node and ``zeta dA/dzeta`` of the mode that reaches farthest; shape (frequencies, tangential modes).
+    """Factor over a node and ``zeta dA/dzeta`` of the mode that reaches farthest; shape (frequencies, tangential
+    modes).
 
     The slope is zero where the lattice carries no such wave.
     """
@@ -407,6 +434,8 @@ def _chain(lines: np.ndarray, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def _largest(sizes: np.ndarray, rest: float) -> np.ndarray:
-    """Indices, ascending, of the values that remain when the smallest ones are left out while their sum is below `rest`; one at least."""
+    """Indices, ascending, of the values that remain when the smallest ones are left out while their sum is below
+    `rest`; one at least.
+    """
     order = np.argsort(sizes)
     return np.sort(order[min(int(np.searchsorted(np.cumsum(sizes[order]), rest)), len(order) - 1) :])

@@ -1,18 +1,20 @@
 """Which short waves a layer must damp, and by how much: what makes the lattice PML stable for every kernel.
 
-In a layer a wave is stretched along its phase velocity. One whose group velocity points the other way, a *backward wave*, then grows where it
-should decay: by ``sigma gamma`` per unit time, to first order in the layer's strength sigma, with gamma from the symbol (`Stencil.layer_growth`).
-On a lattice such waves are short, and no run with a resolved field needs them. So the layer damps the velocity of what a high-pass filter lets
-through, at a rate nu that follows sigma. A wave of which the filter passes the share f then decays by ``nu f / 2`` per unit time, and
-``nu f >= 2 sigma gamma`` stops it.
+In a layer a wave is stretched along its phase velocity. One whose group velocity points the other way, a *backward
+wave*, then grows where it should decay: by ``sigma gamma`` per unit time, to first order in the layer's strength sigma,
+with gamma from the symbol (`Stencil.layer_growth`). On a lattice such waves are short, and no run with a resolved field
+needs them. So the layer damps the velocity of what a high-pass filter lets through, at a rate nu that follows sigma. A
+wave of which the filter passes the share f then decays by ``nu f / 2`` per unit time, and ``nu f >= 2 sigma gamma``
+stops it.
 
-The filter is a maximally flat polynomial of ``y = sin^2(k spacing / 2)`` along each axis, the regularised incomplete beta function
-``I_y(rise, fall)``: it is 0 to the order `rise` at k = 0, 1 to the order `fall` at the shortest wave, and between 0 and 1 everywhere, so it never
-feeds a wave.
+The filter is a maximally flat polynomial of ``y = sin^2(k spacing / 2)`` along each axis, the regularised incomplete
+beta function ``I_y(rise, fall)``: it is 0 to the order `rise` at k = 0, 1 to the order `fall` at the shortest wave, and
+between 0 and 1 everywhere, so it never feeds a wave.
 
-Materials with zero-energy modes (correspondence without stabilisation) have short waves that hardly move. Damping of the velocity turns these into
-still slower ones, which the layer stretches all the more: they would need more than twice sigma, and grow even then. Of such stencils the waves
-themselves are damped (`whole`), so that s becomes ``s + rate`` for what passes.
+Materials with zero-energy modes (correspondence without stabilisation) have short waves that hardly move. Damping of
+the velocity turns these into still slower ones, which the layer stretches all the more: they would need more than twice
+sigma, and grow even then. Of such stencils the waves themselves are damped (`whole`), so that s becomes ``s + rate``
+for what passes.
 """
 
 from __future__ import annotations
@@ -26,16 +28,24 @@ from scipy import special
 from farhorizon.medium.stencil import Stencil
 
 _TAPS = 17  # neighbours that a filter reads to either side along an axis, at least
-_TAPS_PER_REACH = 6  # and per node of the stencil's reach: wide stencils have longer backward waves, which take sharper filters
+# and per node of the stencil's reach: wide stencils have longer backward waves, which take sharper filters
+_TAPS_PER_REACH = 6
 _RESOLVED = 0.6  # share of the first backward wavenumber up to which waves are to pass unharmed
 _MARGIN = 1.25  # on the rate: between the wavenumbers that are looked at more may be needed
-_PACE, _INNER, _SECOND = 1e-3, 0.2, 0.01  # waves that stand still: their group velocity, sine of their wavenumber, and growth over sigma that counts
-_SLOW = 1.7  # rate over sigma beyond which the shortest waves hardly move: 2 where they are at rest, much more if longer ones are, too
+# waves that stand still: their group velocity, sine of their wavenumber, and growth over sigma that counts
+_PACE, _INNER, _SECOND = 1e-3, 0.2, 0.01
+# rate over sigma beyond which the shortest waves hardly move: 2 where they are at rest, much more if longer ones are,
+# too
+_SLOW = 1.7
 _STILL = 50.0  # beyond that waves longer than two nodes are at rest
-_WHOLE = ((1.21, 2.5), (1.45, 20.0))  # of both: half passes at so many times the first backward wavenumber; rate over sigma
+# of both: half passes at so many times the first backward wavenumber; rate over sigma
+_WHOLE = ((1.21, 2.5), (1.45, 20.0))
 _SHORT = 3, 1  # orders of a filter of three neighbours
-_WEAK = 0.06  # damping rate over sigma below which a layer does not feel the damping: there a short filter is steep enough
-_MOST = 0.95  # largest damping rate over sigma that is wanted: the steepest filters need more, and let waves grow between those looked at
+# damping rate over sigma below which a layer does not feel the damping: there a short filter is steep enough
+_WEAK = 0.06
+# largest damping rate over sigma that is wanted: the steepest filters need more, and let waves grow between those
+# looked at
+_MOST = 0.95
 
 
 @dataclass(frozen=True)
@@ -75,7 +85,9 @@ class HighPass:
         return np.asarray(special.betainc(self.rise, self.fall, np.sin(np.asarray(angle) / 2) ** 2))
 
     def taps(self) -> np.ndarray:
-        """The filter on the lattice: its weight of the node itself, of both neighbours, and so on, shape (rise + fall,)."""
+        """The filter on the lattice: its weight of the node itself, of both neighbours, and so on, shape (rise +
+        fall,).
+        """
         count = 8 * (self.rise + self.fall)
         return np.fft.ifft(self.passed(2 * np.pi * np.arange(count) / count)).real[: self.rise + self.fall]
 
@@ -91,10 +103,10 @@ def high_pass(stencil: Stencil) -> HighPass | None:
     Returns
     -------
     HighPass or None
-        Waves that stand still count as backward ones. Of all filters of one length that need a rate of at most sigma, the one that damps waves of
-        60 % of the first such wavenumber least; where none is enough, the one that needs the least rate. Where very little is enough a filter of
-        three neighbours, which costs less and does less to the waves that a thin layer must absorb. Of materials with zero-energy modes
-        a filter for the waves themselves.
+        Waves that stand still count as backward ones. Of all filters of one length that need a rate of at most sigma,
+        the one that damps waves of 60 % of the first such wavenumber least; where none is enough, the one that needs
+        the least rate. Where very little is enough a filter of three neighbours, which costs less and does less to the
+        waves that a thin layer must absorb. Of materials with zero-energy modes a filter for the waves themselves.
     """
     zone, growth = stencil.layer_growth
     worst = growth.max(-1)
@@ -129,8 +141,9 @@ def high_pass(stencil: Stencil) -> HighPass | None:
 def _standing(stencil: Stencil) -> np.ndarray:
     """Growth over sigma that is taken for waves of a line that stand still between others that run forward.
 
-    To first order they keep their size in a layer, to second order a steep entrance makes them grow. On the line exponent 1 with constant influence
-    has them: its group velocity touches zero inside the zone. In the plane waves under an angle would be backward where one along an axis stands.
+    To first order they keep their size in a layer, to second order a steep entrance makes them grow. On the line
+    exponent 1 with constant influence has them: its group velocity touches zero inside the zone. In the plane waves
+    under an angle would be backward where one along an axis stands.
     """
     (angle,), value, (slope,) = stencil.zone_branches
     sine = np.sin(angle)

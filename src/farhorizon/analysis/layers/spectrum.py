@@ -29,7 +29,10 @@ class Band:
 
 
 def band(
-    fields: Sequence[np.ndarray], spacing: float, orders: Sequence[int], gains: Sequence[Callable[[np.ndarray], np.ndarray] | None] | None = None
+    fields: Sequence[np.ndarray],
+    spacing: float,
+    orders: Sequence[int],
+    gains: Sequence[Callable[[np.ndarray], np.ndarray] | None] | None = None,
 ) -> Band | None:
     """Wavelengths that fields send out.
 
@@ -39,8 +42,8 @@ def band(
         Of one shape; nan counts as 0.
     spacing : float
     orders : sequence of int
-        Power of the wavenumber in the amplitude that counts: 1 for displacements, whose energy is in their gradient, 0 for velocities, sources and
-        what diffuses.
+        Power of the wavenumber in the amplitude that counts: 1 for displacements, whose energy is in their gradient, 0
+        for velocities, sources and what diffuses.
     gains : sequence of callable or None, optional
         Factor on each field's amplitude over the wavenumber times spacing: what the time of a source picks out.
 
@@ -65,7 +68,9 @@ def band(
     order_of = np.argsort(number, axis=None)
     passed = np.cumsum(energy.ravel()[order_of])
     found = number.ravel()[order_of][np.searchsorted(passed, np.array(_SHARES) * passed[-1])]
-    longest, typical, shortest = (float(np.clip(2 * np.pi / max(k, 1e-9), 2.0, 4 * max(shape))) * spacing for k in found)
+    longest, typical, shortest = (
+        float(np.clip(2 * np.pi / max(k, 1e-9), 2.0, 4 * max(shape))) * spacing for k in found
+    )
     return Band(longest, typical, shortest)
 
 

@@ -1,21 +1,21 @@
 """The thinnest lattice PML that keeps a wanted error, for the waves that a run has.
 
-Waves have the thinnest of four families of profiles, by the error that `farhorizon.analysis.layers.returned` predicts of each.
-All are stretches ``1 + sigma/(s + alpha)`` whose sigma rises outwards, and differ in what they do to waves that hardly
-move towards the side:
+Waves have the thinnest of four families of profiles, by the error that `farhorizon.analysis.layers.returned` predicts
+of each. All are stretches ``1 + sigma/(s + alpha)`` whose sigma rises outwards, and differ in what they do to waves
+that hardly move towards the side:
 
 - *steep*: little alpha. The least leak of travelling waves: best below 1e-6 and in short runs.
 - *thin*: sigma as depth^(3/4), alpha rising as depth^4 to the outer end. The fewest nodes for 1e-3 to 1e-6.
-- *short*: for stencils with strong backward waves, whose damping decides what comes back. sigma and damping rise together,
-  and the filter of the damping reads few neighbours.
+- *short*: for stencils with strong backward waves, whose damping decides what comes back. sigma and damping rise
+  together, and the filter of the damping reads few neighbours.
 - *late*: made for the length T of a run. On the line Re s = 1/T a travelling, grazing, evanescent or static wave is one
   number C in (0, 1], and an edge with ``sigma = 2c/(h a)``, ``alpha = (1/a^2 - 1)/T`` reflects ``|C - a|/(C + a)``. The
   points a are those of Zolotarev's problem on the interval of the C that reach the side within T: for waveguides, long
   boxes, long runs.
 
 In diffusion everything depends on the decay lambda = sqrt(s/D) alone, an edge ``kappa = 1/tau`` reflects
-``(lambda h/2 - tau)/(lambda h/2 + tau)``, and the points tau are Zolotarev's between the slowest decay that the run sees
-and the steepest that arrives.
+``(lambda h/2 - tau)/(lambda h/2 + tau)``, and the points tau are Zolotarev's between the slowest decay that the run
+sees and the steepest that arrives.
 """
 
 from __future__ import annotations
@@ -35,28 +35,38 @@ from farhorizon.medium.stencil import Stencil
 _STRENGTHS = (1.4, 2.0, 4.0, 5.6)  # of thin profiles: the stronger, the more waves travel along the side
 _RISE, _END = 0.75, 0.15  # power of a thin sigma's ramp; alpha at the outer end over sigma there
 _SHIFT = 1e-3  # least alpha in speed / spacing
-_EQUAL, _EQUAL_AT = (2, 3, 4, 5), 2.2  # edges for waves along the normal, whose tangent is real, and their sigma in speed / spacing
+# edges for waves along the normal, whose tangent is real, and their sigma in speed / spacing
+_EQUAL, _EQUAL_AT = (2, 3, 4, 5), 2.2
 _GRAZING = 0.6  # largest of the other points
 _SLOWEST = 0.3  # least alpha times the length of the run: with less, what stands still stays in the layer
 _GENTLE = HighPass(3, 1, 1.0, 0.0)  # filter of three neighbours for weak backward waves, beside thin profiles
-_GENTLE_RATE, _GENTLE_RAMP = 3.0, 4  # its rate over what first order in sigma asks for, at the outer end, and the power of its ramp
-_FINE, _COARSE = HighPass(4, 1, 1.0, 0.0), HighPass(2, 1, 1.0, 0.0)  # filters of four and of two neighbours for strong ones
+# its rate over what first order in sigma asks for, at the outer end, and the power of its ramp
+_GENTLE_RATE, _GENTLE_RAMP = 3.0, 4
+# filters of four and of two neighbours for strong ones
+_FINE, _COARSE = HighPass(4, 1, 1.0, 0.0), HighPass(2, 1, 1.0, 0.0)
 _STEADY = 1.25  # rate of their damping over what first order asks for
-_FINEST = ((0.25, 12), (0.3, 8))  # rate over sigma that the fine filter may take in layers of so many nodes: measured, more grows from noise
+# rate over sigma that the fine filter may take in layers of so many nodes: measured, more grows from noise
+_FINEST = ((0.25, 12), (0.3, 8))
 _COARSEST = ((0.35, 12), (1.0, 4))  # and the coarse one
-_LONG = 3.0  # the fine filter's rate over the coarse one's: where it is larger, backward waves are so long that 12 nodes grow
+# the fine filter's rate over the coarse one's: where it is larger, backward waves are so long that 12 nodes grow
+_LONG = 3.0
 _LEAST = 3  # nodes of such layers that were looked at
 _AIM = 0.4  # of the wanted error: the prediction knows one side and one reflection
-_HARDLY, _CROWDED, _AIM_CROWDED = 0.1, 0.38, 0.2  # over the long waves' speed; share of such waves that crowds; part of the aim then
+# over the long waves' speed; share of such waves that crowds; part of the aim then
+_HARDLY, _CROWDED, _AIM_CROWDED = 0.1, 0.38, 0.2
 _AIM_LASTING = 0.25  # in diffusion, where what all sides send back adds up
 _MOST = 60  # nodes
-_WIDEST = 4  # reach with which late profiles were stable in white noise; exponent 1 with constant influence grows from 5 on
+# reach with which late profiles were stable in white noise; exponent 1 with constant influence grows from 5 on
+_WIDEST = 4
 _MORE_EQUAL = 5  # at most, for short waves: more of them hardly help against such that stand nearly still
 _WAVES, _ANGLES = 64, np.deg2rad([0.0, 45.0])  # wavelengths and angles at which the short waves of data are looked at
-_CAREFUL, _STEEPEST_WAVE = 10, 1.3  # what the bound of late profiles is above measured errors; C of the shortest waves that it knows, 6 nodes long
-_STEEPEST, _EARLY, _GRADUAL = 3.2, 5.2, 2.3  # of diffusion: which decays matter, fitted to the least error over all times of a run
+# what the bound of late profiles is above measured errors; C of the shortest waves that it knows, 6 nodes long
+_CAREFUL, _STEEPEST_WAVE = 10, 1.3
+# of diffusion: which decays matter, fitted to the least error over all times of a run
+_STEEPEST, _EARLY, _GRADUAL = 3.2, 5.2, 2.3
 _HIGHEST, _POINTS = 6.0, 241  # of the integral over y: exp(-36) remains
-_BEGIN, _TIMES = 0.03, 60  # first time in squared distance over D, before which nothing has come back, and how many are looked at
+# first time in squared distance over D, before which nothing has come back, and how many are looked at
+_BEGIN, _TIMES = 0.03, 60
 
 
 @dataclass(frozen=True)
@@ -88,7 +98,9 @@ class Thickness:
 
 
 def predicted_error(layer: Layer, waves: Sequence[Arrivals], size: float) -> float:
-    """Error that a layer makes of what arrives, relative to the largest of the data: of all types that a wave is turned into together."""
+    """Error that a layer makes of what arrives, relative to the largest of the data: of all types that a wave is turned
+    into together.
+    """
     returned = max(side.returned(layer) for side in waves) / size
     return float(returned * max(side.conversion(layer) for side in waves))
 
@@ -129,7 +141,12 @@ def late(nodes: int, pace: float, until: float, distance: float, wanted: float, 
 
 def _timely(stencil: Stencil) -> bool:
     """Whether the late profile is stable: for scalars without backward waves that do not reach far."""
-    return stencil.components == 1 and max(stencil.reach) <= _WIDEST and not crowded(stencil) and not stencil.backward_waves()
+    return (
+        stencil.components == 1
+        and max(stencil.reach) <= _WIDEST
+        and not crowded(stencil)
+        and not stencil.backward_waves()
+    )
 
 
 def _equal_edges(wanted: float) -> int:
@@ -137,12 +154,15 @@ def _equal_edges(wanted: float) -> int:
     return _EQUAL[int(np.clip(-np.log10(wanted) / 2 - 1, 0, 3))]
 
 
-def by_formula(stencil: Stencil, pace: float, until: float, data: Sequence[np.ndarray], wanted: float) -> Thickness | None:
-    """The late profile that keeps an error by the bound of Zolotarev's problem, ``4 exp(-pi^2 (n + 1/2)/ln(4 C_max/C_min))``; None where it grows.
+def by_formula(
+    stencil: Stencil, pace: float, until: float, data: Sequence[np.ndarray], wanted: float
+) -> Thickness | None:
+    """The late profile that keeps an error by the bound of Zolotarev's problem, ``4 exp(-pi^2 (n + 1/2)/ln(4
+    C_max/C_min))``; None where it grows.
 
-    The bound counts every wave of the line at its largest, together; what was measured is 10 to 50 times less (2D waveguides of 5 to 1000
-    crossings, boxes of 10 to 1, loads that stay). It knows waves of 6 nodes and more: for shorter ones in the data there are more edges of one
-    sigma.
+    The bound counts every wave of the line at its largest, together; what was measured is 10 to 50 times less (2D
+    waveguides of 5 to 1000 crossings, boxes of 10 to 1, loads that stay). It knows waves of 6 nodes and more: for
+    shorter ones in the data there are more edges of one sigma.
 
     Parameters
     ----------
@@ -180,7 +200,9 @@ def _spectrum(line: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Sent:
-    """Waves of the wavelengths that data hold along the normal, at some angles to it: factor over a node, frequency, and amplitude."""
+    """Waves of the wavelengths that data hold along the normal, at some angles to it: factor over a node, frequency,
+    and amplitude.
+    """
 
     root: np.ndarray
     frequency: np.ndarray
@@ -190,13 +212,19 @@ class _Sent:
     def of(cls, stencil: Stencil, pace: float, data: Sequence[np.ndarray]) -> _Sent:
         """Of a stencil without backward waves."""
         k = np.pi * (np.arange(_WAVES) + 0.5) / _WAVES
-        found = np.max([_spectrum(np.abs(values).reshape(len(values), -1).max(1)) for values in data], axis=0, initial=0.0)
+        found = np.max(
+            [_spectrum(np.abs(values).reshape(len(values), -1).max(1)) for values in data], axis=0, initial=0.0
+        )
         along, across = (np.outer(np.array(part), k) for part in (np.cos(_ANGLES), np.sin(_ANGLES)))
-        symbol = stencil.symbol(along, *([across] + [np.zeros_like(across)] * (stencil.dim - 2) if stencil.dim > 1 else []))
+        symbol = stencil.symbol(
+            along, *([across] + [np.zeros_like(across)] * (stencil.dim - 2) if stencil.dim > 1 else [])
+        )
         return cls(np.exp(-1j * along), 1j * pace * np.sqrt(np.abs(symbol)), found / (found.sum() or 1.0))
 
     def returned(self, layer: Layer) -> float:
-        """Amplitude that comes back, at the angle where it is largest; short waves disperse on their way, so their energies add up."""
+        """Amplitude that comes back, at the angle where it is largest; short waves disperse on their way, so their
+        energies add up.
+        """
         with np.errstate(all="ignore"):  # spacings and speeds at the ends of what numbers hold
             back = np.abs(reflected(self.root, self.frequency, layer))
         return float(np.linalg.norm(self.amplitude * back, axis=1).max())
@@ -233,8 +261,8 @@ def briefly_damped(nodes: int, stencil: Stencil, pace: float) -> dict[str, Layer
     """Layers that damp strong backward waves with short filters, by name: those that do not grow.
 
     The damping must rise as sigma does, or short waves grow where sigma is ahead of it. A sharper filter harms long
-    waves less and asks for more of its rate; beyond the bounds above the layer grows from noise at 0.5 or at 0.95 of the
-    step limit.
+    waves less and asks for more of its rate; beyond the bounds above the layer grows from noise at 0.5 or at 0.95 of
+    the step limit.
 
     Parameters
     ----------
@@ -262,7 +290,7 @@ def briefly_damped(nodes: int, stencil: Stencil, pace: float) -> dict[str, Layer
 
 def family(
     stencil: Stencil, pace: float, until: float, distance: float, wanted: float, steep: Callable[[int], Layer]
-) -> Callable[[int], Mapping[str, Layer]]:  # fmt: skip
+) -> Callable[[int], Mapping[str, Layer]]:
     """The profiles of so many nodes that are tried for waves, by name.
 
     The late profile is for scalars without backward waves that reach no more than 4 nodes: others grow in it.
@@ -287,7 +315,7 @@ def family(
 
 def thinnest(
     members: Callable[[int], Mapping[str, Layer]], waves: Sequence[Arrivals], wanted: float, size: float
-) -> Thickness | None:  # fmt: skip
+) -> Thickness | None:
     """The fewest nodes with which some member of a family keeps an error at a side.
 
     Parameters
@@ -335,10 +363,11 @@ def _quietest(members: Mapping[str, Layer], waves: Sequence[Arrivals]) -> tuple[
 
 
 def crowded(stencil: Stencil) -> bool:
-    """Whether many of a scalar's waves along the normal hardly move and are not damped: thin profiles send back more than is predicted, and grow.
+    """Whether many of a scalar's waves along the normal hardly move and are not damped: thin profiles send back more
+    than is predicted, and grow.
 
-    Of exponent 1, linear influence and reach 4 nodes 40 % go more slowly than a tenth of the long waves; thin profiles of 10 to 14 nodes made up to
-    25 times the predicted error.
+    Of exponent 1, linear influence and reach 4 nodes 40 % go more slowly than a tenth of the long waves; thin profiles
+    of 10 to 14 nodes made up to 25 times the predicted error.
     """
     if stencil.components > 1 or not weak(high_pass(stencil)):
         return False
@@ -413,7 +442,9 @@ def returned_by_diffusion(layer: Layer, spacing: float, spreads: np.ndarray, dis
 
 
 def thinnest_for_diffusion(spacing: float, spread: float, distance: float, wanted: float) -> Thickness:
-    """The fewest nodes that keep an error relative to the largest value at every time of a run; 60 nodes, and what they keep, if none do."""
+    """The fewest nodes that keep an error relative to the largest value at every time of a run; 60 nodes, and what they
+    keep, if none do.
+    """
     distance = max(distance, spacing)
     spreads = np.geomspace(min(_BEGIN * distance**2, spread), spread, _TIMES)
     for nodes in range(2, _MOST + 1):

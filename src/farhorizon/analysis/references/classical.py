@@ -1,7 +1,9 @@
-"""Solutions of the classical heat equation: the slab, products of slabs, the half-space, the infinite medium, the line source.
+"""Solutions of the classical heat equation: the slab, products of slabs, the half-space, the infinite medium, the line
+source.
 
-Series are cut where a bound of everything left out falls below the wanted error. Lengths, times and temperatures in any consistent units.
-Carslaw and Jaeger (1959), chapters 2, 3 and 10; Bobaru and Duangpanya (2010), eqs 31 to 44, with the misprints of eqs 33, 38, 39 and 43 corrected.
+Series are cut where a bound of everything left out falls below the wanted error. Lengths, times and temperatures in any
+consistent units. Carslaw and Jaeger (1959), chapters 2, 3 and 10; Bobaru and Duangpanya (2010), eqs 31 to 44, with the
+misprints of eqs 33, 38, 39 and 43 corrected.
 """
 
 from __future__ import annotations
@@ -65,7 +67,12 @@ class Slab:
                 raise InputError("must be finite and positive", value=value, limit="> 0", key=name)
         for low, high, _ in self.pieces:
             if not 0 <= low < high <= self.length * (1 + 1e-12):
-                raise InputError("a piece of the start must lie in the slab", value=(low, high), limit=f"0 to {self.length}", key="pieces")
+                raise InputError(
+                    "a piece of the start must lie in the slab",
+                    value=(low, high),
+                    limit=f"0 to {self.length}",
+                    key="pieces",
+                )
 
     def temperature(self, x: ArrayLike, t: float, error: float = 1e-13) -> np.ndarray:
         """Temperature at positions x, shape of x.
@@ -89,11 +96,13 @@ class Slab:
             raise InputError("the gradient of a start with jumps is not a function", value=t, limit="> 0", key="t")
         return self._sum(np.asarray(x, float), t, error, 1)
 
-    # The state is polynomial + drift t + sum of amplitude_n phi_n(x) exp(-diffusivity k_n^2 t), phi a sine where the left end is at a temperature.
+    # The state is polynomial + drift t + sum of amplitude_n phi_n(x) exp(-diffusivity k_n^2 t), phi a sine where the
+    # left end is at a temperature.
 
     @property
     def _steady(self) -> tuple[np.ndarray, float]:
-        """Polynomial (c0, c1, c2) that meets both ends, and how fast it rises (two slopes that differ heat the slab)."""
+        """Polynomial (c0, c1, c2) that meets both ends, and how fast it rises (two slopes that differ heat the
+        slab)."""
         left, right, length = self.left, self.right, self.length
         if left.slope and right.slope:
             bend = (right.value - left.value) / (2 * length)
@@ -117,7 +126,14 @@ class Slab:
             total = np.zeros(k.shape, complex)
             for x, sign in ((high, 1), (low, -1)):
                 for j in range(power + 1):
-                    total += sign * (-1) ** j * math.perm(power, j) * x ** (power - j) / (1j * wave) ** (j + 1) * np.exp(1j * wave * x)
+                    total += (
+                        sign
+                        * (-1) ** j
+                        * math.perm(power, j)
+                        * x ** (power - j)
+                        / (1j * wave) ** (j + 1)
+                        * np.exp(1j * wave * x)
+                    )
             return np.where(flat, (high ** (power + 1) - low ** (power + 1)) / (power + 1), total)
 
         whole = sum((value * integral(0, low, high) for low, high, value in self.pieces), np.zeros(k.shape, complex))
@@ -132,10 +148,15 @@ class Slab:
         while count < _MOST_TERMS:
             k = float(self._wavenumbers(count, count + 1)[0])
             ratio = ((k + step) / k) ** derivative * np.exp(-self.diffusivity * t * step * (2 * k + step))
-            if ratio < 1 and 2 * (k * self.length) ** derivative * np.exp(-self.diffusivity * k**2 * t) / (1 - ratio) < error:
+            if (
+                ratio < 1
+                and 2 * (k * self.length) ** derivative * np.exp(-self.diffusivity * k**2 * t) / (1 - ratio) < error
+            ):
                 return count
             count = int(count * 1.2) + 1
-        raise InputError("so early that the series is useless", value=t, key="t", remedy="half_space: no end has noticed the other")
+        raise InputError(
+            "so early that the series is useless", value=t, key="t", remedy="half_space: no end has noticed the other"
+        )
 
     def _beyond(self, x: np.ndarray, place: float) -> np.ndarray:
         """1 beyond a place, 0 before it, 1/2 on it (to rounding)."""
@@ -144,7 +165,10 @@ class Slab:
 
     def _sum(self, x: np.ndarray, t: float, error: float, derivative: int) -> np.ndarray:
         if t <= 0:
-            return sum((value * (self._beyond(x, low) - self._beyond(x, high)) for low, high, value in self.pieces), np.zeros_like(x))
+            return sum(
+                (value * (self._beyond(x, low) - self._beyond(x, high)) for low, high, value in self.pieces),
+                np.zeros_like(x),
+            )
         polynomial, drift = self._steady
         c0, c1, c2 = polynomial
         total = c0 + drift * t + x * (c1 + c2 * x) if derivative == 0 else c1 + 2 * c2 * x
@@ -169,8 +193,8 @@ def box(slabs: Sequence[Slab], axes: Sequence[ArrayLike], t: float, error: float
     Parameters
     ----------
     slabs : sequence of Slab
-        One an axis; their ends must be at temperature 0 or insulated, then the product of the solutions is the solution for the product
-        of the starts (Carslaw and Jaeger, section 1.15).
+        One an axis; their ends must be at temperature 0 or insulated, then the product of the solutions is the solution
+        for the product of the starts (Carslaw and Jaeger, section 1.15).
     axes : sequence of array_like
     t, error : float
 
@@ -181,8 +205,12 @@ def box(slabs: Sequence[Slab], axes: Sequence[ArrayLike], t: float, error: float
     """
     for slab in slabs:
         if slab.left.value or slab.right.value:
-            raise InputError("a product of slabs is a solution only if their ends are at 0 or insulated", value=(slab.left, slab.right), key="slabs",
-                             remedy="subtract the steady state")  # fmt: skip
+            raise InputError(
+                "a product of slabs is a solution only if their ends are at 0 or insulated",
+                value=(slab.left, slab.right),
+                key="slabs",
+                remedy="subtract the steady state",
+            )
     total = np.ones(())
     for slab, x in zip(slabs, axes, strict=True):
         total = np.multiply.outer(total, slab.temperature(x, t, error))
@@ -197,10 +225,17 @@ def half_space(x: ArrayLike, t: float, diffusivity: float, surface: float = 0.0,
 def half_space_flux(x: ArrayLike, t: float, diffusivity: float, conductivity: float, flux: float) -> np.ndarray:
     """Half-space x > 0 at 0 that a constant flux enters at x = 0 (Carslaw and Jaeger, 2.9)."""
     scaled = np.asarray(x, float) / np.sqrt(4 * diffusivity * t)
-    return flux / conductivity * np.sqrt(4 * diffusivity * t) * (np.exp(-(scaled**2)) / np.sqrt(np.pi) - scaled * special.erfc(scaled))
+    return (
+        flux
+        / conductivity
+        * np.sqrt(4 * diffusivity * t)
+        * (np.exp(-(scaled**2)) / np.sqrt(np.pi) - scaled * special.erfc(scaled))
+    )
 
 
-def half_space_convection(x: ArrayLike, t: float, diffusivity: float, conductivity: float, transfer: float) -> np.ndarray:
+def half_space_convection(
+    x: ArrayLike, t: float, diffusivity: float, conductivity: float, transfer: float
+) -> np.ndarray:
     """Half-space x > 0 at 0 beside a fluid at 1 with a coefficient of heat transfer (Carslaw and Jaeger, 2.7)."""
     x = np.asarray(x, float)
     scaled, biot = x / np.sqrt(4 * diffusivity * t), transfer / conductivity * np.sqrt(diffusivity * t)
@@ -213,7 +248,9 @@ def gaussian(r: ArrayLike, t: float, diffusivity: float, width: float, dim: int)
     return (width**2 / spread) ** (dim / 2) * np.exp(-(np.asarray(r, float) ** 2) / spread)
 
 
-def line_source(r: ArrayLike, t: float, diffusivity: float, conductivity: float, power: float, width: float = 0.0) -> np.ndarray:
+def line_source(
+    r: ArrayLike, t: float, diffusivity: float, conductivity: float, power: float, width: float = 0.0
+) -> np.ndarray:
     """Infinite medium at 0 around a line that heats with constant power per length from t = 0 on.
 
     Parameters
@@ -231,6 +268,9 @@ def line_source(r: ArrayLike, t: float, diffusivity: float, conductivity: float,
     # E1(a) - E1(b) = Ein(b) - Ein(a) + log(b / a): the logarithms of r cancel, so that the axis itself has a value
     early = squared / width**2
     safe = np.where(squared > 0, 1.0, 0.0)
-    smooth = np.where(squared > 0, special.exp1(np.where(safe, late, 1.0)) - special.exp1(np.where(safe, early, 1.0)),
-                      np.log1p(4 * diffusivity * t / width**2))  # fmt: skip
+    smooth = np.where(
+        squared > 0,
+        special.exp1(np.where(safe, late, 1.0)) - special.exp1(np.where(safe, early, 1.0)),
+        np.log1p(4 * diffusivity * t / width**2),
+    )
     return power / (4 * np.pi * conductivity) * smooth

@@ -61,10 +61,23 @@ class InfiniteLattice:
     """
 
     def __init__(
-        self, stencil: Stencil, rate: float, integrator: Integrator, dt: float, last: int, u: np.ndarray, v: np.ndarray | None = None,
+        self,
+        stencil: Stencil,
+        rate: float,
+        integrator: Integrator,
+        dt: float,
+        last: int,
+        u: np.ndarray,
+        v: np.ndarray | None = None,
         damping: float = 0.0,
-    ) -> None:  # fmt: skip
-        self.integrator, self.dt, self.last, self.damping, self.shape = integrator, dt, last, damping, u.shape[-stencil.dim :]
+    ) -> None:
+        self.integrator, self.dt, self.last, self.damping, self.shape = (
+            integrator,
+            dt,
+            last,
+            damping,
+            u.shape[-stencil.dim :],
+        )
         if isinstance(integrator, Verlet):
             travel = largest_speed(stencil) * np.sqrt(rate) * last * dt
             travel += 20 * max(stencil.reach) + 10 * np.cbrt(travel)  # the front has an Airy tail ahead of it
@@ -72,8 +85,12 @@ class InfiniteLattice:
             travel = 13 * np.sqrt(rate * last * dt) + 12 * max(stencil.reach)
         self.box = [fft.next_fast_len(int(n + travel) + 1, real=True) for n in self.shape]
         if 16 * 8 * stencil.components**2 * float(np.prod(self.box)) > available_memory():
-            raise InputError("the infinite lattice at so late a time does not fit into memory", value=f"{self.box} nodes", key="run.until",
-                             remedy="an earlier time or a coarser lattice")  # fmt: skip
+            raise InputError(
+                "the infinite lattice at so late a time does not fit into memory",
+                value=f"{self.box} nodes",
+                key="run.until",
+                remedy="an earlier time or a coarser lattice",
+            )
         angles = [2 * np.pi * np.fft.fftfreq(n) for n in self.box[:-1]] + [2 * np.pi * np.fft.rfftfreq(self.box[-1])]
         symbol = stencil.symbol(*np.ix_(*angles)) * rate
         self.symbol: np.ndarray = symbol

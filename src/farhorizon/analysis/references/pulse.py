@@ -1,4 +1,6 @@
-"""Plane pulses that solve the equations of an undamped lattice exactly: a signal in time, carried along a direction by the lattice's own waves."""
+"""Plane pulses that solve the equations of an undamped lattice exactly: a signal in time, carried along a direction by
+the lattice's own waves.
+"""
 
 from __future__ import annotations
 
@@ -14,16 +16,20 @@ _NEWTON = 8
 _LONG = 1e-5  # below this wavenumber times spacing a wave's polarisation is that of this one
 _LOST = 1e-12  # frequencies below this share of the largest amplitude are left out
 _SLOW = 0.1  # group speed, relative to that of long waves, below which a lattice does not carry a wave
-_CARRIED = 1e-2  # part of the signal, relative to its largest value, that may lie above what the lattice carries: it is left out
+# part of the signal, relative to its largest value, that may lie above what the lattice carries: it is left out
+_CARRIED = 1e-2
 _LATE = 1e-10  # and those above this share must have passed before the pulse is over
-_GRID, _POINTS = 6.0, 14  # of the interpolation in space: nodes for each radian of the shortest wave, and nodes that a value is taken from
+# of the interpolation in space: nodes for each radian of the shortest wave, and nodes that a value is taken from
+_GRID, _POINTS = 6.0, 14
 
 
 class PlanePulse:
-    """``u(x, t) = sum_j Re a_j p_j exp(i (w_j t - k_j s))``, s = n . (x - x0), with the dispersion of the lattice and of velocity Verlet.
+    """``u(x, t) = sum_j Re a_j p_j exp(i (w_j t - k_j s))``, s = n . (x - x0), with the dispersion of the lattice and
+    of velocity Verlet.
 
-    At x0 it is the signal to rounding; of vectors the signal times the polarisation, less what this shares with waves of the other type, for on a
-    lattice P and S waves are so only nearly. It repeats itself after `period`, by when it has passed the distance that it was made for.
+    At x0 it is the signal to rounding; of vectors the signal times the polarisation, less what this shares with waves
+    of the other type, for on a lattice P and S waves are so only nearly. It repeats itself after `period`, by when it
+    has passed the distance that it was made for.
 
     Parameters
     ----------
@@ -33,7 +39,8 @@ class PlanePulse:
     direction : ndarray, shape (dim,)
         Unit vector n.
     polarisation : ndarray, shape (dim,), or None
-        Unit vector of the displacement, for fields of vectors: along the direction for P waves, else at right angles to it.
+        Unit vector of the displacement, for fields of vectors: along the direction for P waves, else at right angles to
+        it.
     signal : callable
         Of t, zero outside 0 to `duration`.
     duration, distance : float
@@ -47,7 +54,8 @@ class PlanePulse:
         Group speed of the longest wave.
     distance : float
     lost : float
-        Part of the signal, relative to its largest value, in frequencies that the lattice does not carry: it is left out.
+        Part of the signal, relative to its largest value, in frequencies that the lattice does not carry: it is left
+        out.
 
     Raises
     ------
@@ -72,10 +80,16 @@ class PlanePulse:
         steps = int(np.ceil(duration / dt - 1e-9)) + 1  # a whole number of steps is one in all units
         samples = np.array([float(signal(t)) for t in dt * np.arange(steps)])
         if not np.isfinite(samples).all():
-            raise InputError("the signal must be finite", value=samples[~np.isfinite(samples)][0], key="incident.signal")
+            raise InputError(
+                "the signal must be finite", value=samples[~np.isfinite(samples)][0], key="incident.signal"
+            )
         if not samples.any():
-            raise InputError("the signal is zero", value=duration, key="incident.signal", remedy="a signal within 0 <= t <= duration")
-        self._branches = [_Branch(stencil, direction, polarisation, number) for number in range(_count(polarisation, direction))]
+            raise InputError(
+                "the signal is zero", value=duration, key="incident.signal", remedy="a signal within 0 <= t <= duration"
+            )
+        self._branches = [
+            _Branch(stencil, direction, polarisation, number) for number in range(_count(polarisation, direction))
+        ]
         self._set_waves(samples, 4 * steps)
         speeds = self._group_speeds()
         self.speed = float(speeds[0])
@@ -96,9 +110,13 @@ class PlanePulse:
         self.lost = float(np.abs(spectrum[above]).sum() / np.abs(samples).max())
         if self.lost > _CARRIED:
             limit = 2 / self.dt * np.arcsin(min(most * self.dt * self._rate / 2, 1.0))
-            raise InputError("the signal has frequencies which the lattice does not carry", key="incident.signal",
-                             value=f"a share of {self.lost:.2g} above {limit:.4g} rad per time", limit=f"{_CARRIED:g}",
-                             remedy="a smoother or longer signal that is zero at both ends, or a finer lattice")  # fmt: skip
+            raise InputError(
+                "the signal has frequencies which the lattice does not carry",
+                key="incident.signal",
+                value=f"a share of {self.lost:.2g} above {limit:.4g} rad per time",
+                limit=f"{_CARRIED:g}",
+                remedy="a smoother or longer signal that is zero at both ends, or a finer lattice",
+            )
         used = ~above & (np.abs(spectrum) > _LOST * np.abs(spectrum).max())
         self.period = count * self.dt
         self.frequencies = np.tile(frequencies[used], len(self._branches))
@@ -115,14 +133,17 @@ class PlanePulse:
         return np.where(moves, speeds, speeds[moves].max())
 
     def at(self, places: np.ndarray) -> Callable[[float], np.ndarray]:
-        """The pulse at places s along its way, shape (n,): a function of t that gives displacement and acceleration, shape (2, components, n).
+        """The pulse at places s along its way, shape (n,): a function of t that gives displacement and acceleration,
+        shape (2, components, n).
 
-        The acceleration is that of velocity Verlet, ``(u(t + dt) - 2 u(t) + u(t - dt)) / dt^2``. Where places are many the waves are summed on a
-        line of points, and interpolated.
+        The acceleration is that of velocity Verlet, ``(u(t + dt) - 2 u(t) + u(t - dt)) / dt^2``. Where places are many
+        the waves are summed on a line of points, and interpolated.
         """
         from scipy import sparse
 
-        _, first_of, which = np.unique(np.round(places / (1e-9 * self.spacing)).astype(np.int64), return_index=True, return_inverse=True)
+        _, first_of, which = np.unique(
+            np.round(places / (1e-9 * self.spacing)).astype(np.int64), return_index=True, return_inverse=True
+        )
         line = places[first_of]
         step = 1 / (_GRID * max(self.wavenumbers.max(), 1e-9 / self.spacing))
         count = int(np.ceil((line[-1] - line[0]) / step)) + 1
@@ -134,7 +155,9 @@ class PlanePulse:
             index, weights = which.reshape(-1, 1), np.ones((places.size, 1))
         start = np.arange(0, index.size + 1, index.shape[1])
         taken = sparse.csr_array((weights.ravel(), index.ravel(), start), shape=(places.size, line.size)).T
-        waves = (self._amplitudes[:, None] * self.polarisations)[:, :, None] * np.exp(-1j * np.outer(self.wavenumbers, line))[:, None, :]
+        waves = (self._amplitudes[:, None] * self.polarisations)[:, :, None] * np.exp(
+            -1j * np.outer(self.wavenumbers, line)
+        )[:, None, :]
         inertia = -((2 / self.dt * np.sin(self.frequencies * self.dt / 2)) ** 2)
         both = np.stack([waves, inertia[:, None, None] * waves], axis=1).reshape(len(waves), -1)
         real, imaginary = np.ascontiguousarray(both.real), np.ascontiguousarray(both.imag)
@@ -156,7 +179,8 @@ def _count(polarisation: np.ndarray | None, direction: np.ndarray) -> int:
 class _Branch:
     """One branch of the symbol along a direction, from k = 0 to where its waves become slow.
 
-    Of vectors the P wave, whose displacement is most along the direction, or one of the others, by `number` in the order of their frequencies.
+    Of vectors the P wave, whose displacement is most along the direction, or one of the others, by `number` in the
+    order of their frequencies.
 
     Attributes
     ----------
@@ -183,7 +207,9 @@ class _Branch:
         values, modes = np.linalg.eigh(symbol)
         fast = np.abs(np.einsum("mij,i->mj", modes.conj(), self._direction)).argmax(1)
         if abs(self._polarisation @ self._direction) < 0.5:
-            slow = np.array([[i for i in range(self._direction.size) if i != one] for one in range(self._direction.size)])
+            slow = np.array(
+                [[i for i in range(self._direction.size) if i != one] for one in range(self._direction.size)]
+            )
             fast = slow[fast, self._number]
         mode = np.take_along_axis(modes, fast[:, None, None], 2)[..., 0]
         value = np.take_along_axis(values, fast[:, None], 1)[:, 0]

@@ -1,6 +1,8 @@
-"""A cylindrically symmetric wave in the infinite elastic plane: the local closed form, and the nonlocal medium by a Hankel integral.
+"""A cylindrically symmetric wave in the infinite elastic plane: the local closed form, and the nonlocal medium by a
+Hankel integral.
 
-The radial displacement obeys ``u_tt = c^2 (u_rr + u_r / r - u / r^2)`` and starts, at rest, as ``b (r/a) (1 + (r/a)^2)^(-3/2)``.
+The radial displacement obeys ``u_tt = c^2 (u_rr + u_r / r - u / r^2)`` and starts, at rest, as ``b (r/a) (1 +
+(r/a)^2)^(-3/2)``.
 """
 
 from __future__ import annotations
@@ -17,8 +19,8 @@ _DECAYED = 40.0  # exp(-40) is below rounding
 def radial_wave(r: ArrayLike, t: ArrayLike, speed: float, amplitude: float = 1.0, width: float = 1.0) -> np.ndarray:
     """Radial displacement of the local medium.
 
-    Wildman and Gazonas (2012), eq. 3-3, reads ``b r / (sqrt(2) a R^6) sqrt(R^2 + alpha) (2 alpha - R^2)``: as printed, with the last factor under
-    the root, it is neither the initial value nor a solution.
+    Wildman and Gazonas (2012), eq. 3-3, reads ``b r / (sqrt(2) a R^6) sqrt(R^2 + alpha) (2 alpha - R^2)``: as printed,
+    with the last factor under the root, it is neither the initial value nor a solution.
 
     Parameters
     ----------
@@ -45,9 +47,15 @@ def radial_wave(r: ArrayLike, t: ArrayLike, speed: float, amplitude: float = 1.0
 
 
 def nonlocal_radial_wave(
-    r: ArrayLike, t: ArrayLike, speed: float, symbol: Callable[[np.ndarray], np.ndarray], amplitude: float = 1.0, width: float = 1.0
+    r: ArrayLike,
+    t: ArrayLike,
+    speed: float,
+    symbol: Callable[[np.ndarray], np.ndarray],
+    amplitude: float = 1.0,
+    width: float = 1.0,
 ) -> np.ndarray:
-    """The same in a nonlocal medium whose gradient has the symbol g, ``integral of k b a^2 exp(-k a) J1(k r) cos(c g(k) t) dk``.
+    """The same in a nonlocal medium whose gradient has the symbol g, ``integral of k b a^2 exp(-k a) J1(k r) cos(c g(k)
+    t) dk``.
 
     Parameters
     ----------
@@ -71,12 +79,15 @@ def nonlocal_radial_wave(
     k = (edges[:-1, None] + (points + 1) / 2 * np.diff(edges)[:, None]).ravel()
     measure = (weights / 2 * np.diff(edges)[:, None]).ravel() * k * amplitude * width**2 * np.exp(-k * width)
     frequency = speed * symbol(k)
-    values = [measure @ (special.j1(k * x) * np.cos(frequency * time)) for x, time in zip(r.ravel(), t.ravel(), strict=True)]
+    values = [
+        measure @ (special.j1(k * x) * np.cos(frequency * time)) for x, time in zip(r.ravel(), t.ravel(), strict=True)
+    ]
     return np.array(values).reshape(r.shape)
 
 
 def gaussian_symbol(width: float) -> Callable[[np.ndarray], np.ndarray]:
-    """Symbol ``k exp(-(k width)^2 / 4)`` of the gradient with influence function ``exp(-(r/width)^2)``, in the plane."""
+    """Symbol ``k exp(-(k width)^2 / 4)`` of the gradient with influence function ``exp(-(r/width)^2)``, in the
+    plane."""
     return lambda k: k * np.exp(-((k * width) ** 2) / 4)
 
 

@@ -1,4 +1,6 @@
-"""Sweeps of tiles for one law of bonds. This text is a template: `engine.rows.build` writes it out once per law and number type."""
+"""Sweeps of tiles for one law of bonds. This text is a template: `engine.rows.build` writes it out once per law and
+number type.
+"""
 
 from farhorizon.engine.rows.bond_sweeps import bond_signature, bond_sweep, steepness, steepness_signature
 from farhorizon.engine.rows.compiled import cfunc
@@ -14,18 +16,64 @@ measure = steepness(COMPONENTS, REAL)
 
 
 @cfunc(bond_signature(REAL))
-def intact(src, base, out, coefficient, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit):  # type: ignore[no-untyped-def]
+def intact(
+    src, base, out, coefficient, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit
+):
     """A tile with all its bonds."""
-    return intact_tile(src, base, out, coefficient, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit)
+    return intact_tile(
+        src,
+        base,
+        out,
+        coefficient,
+        alive,
+        table,
+        places,
+        count,
+        zone,
+        words,
+        n,
+        rows,
+        step,
+        apart,
+        i0,
+        i1,
+        i2,
+        a,
+        b,
+        limit,
+    )
 
 
 @cfunc(bond_signature(REAL))
-def damaged(src, base, out, coefficient, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit):  # type: ignore[no-untyped-def]
+def damaged(
+    src, base, out, coefficient, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit
+):
     """A tile that lacks bonds, or has bonds that leave the zone."""
-    return damaged_tile(src, base, out, coefficient, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit)
+    return damaged_tile(
+        src,
+        base,
+        out,
+        coefficient,
+        alive,
+        table,
+        places,
+        count,
+        zone,
+        words,
+        n,
+        rows,
+        step,
+        apart,
+        i0,
+        i1,
+        i2,
+        a,
+        b,
+        limit,
+    )
 
 
 @cfunc(steepness_signature())
-def steep(src, planes, rows, n, step0, step1, apart):  # type: ignore[no-untyped-def]
+def steep(src, planes, rows, n, step0, step1, apart):
     """Bound of the stretch in a box of nodes."""
     return measure(src, planes, rows, n, step0, step1, apart)

@@ -1,10 +1,11 @@
 """Explicit SIMD for bonds that follow a law of their own stretch, one by one, and that break.
 
-The force of a bond ``xi`` whose ends have moved apart by ``eta`` is ``c e h(e) (xi + eta)`` with ``e = |xi + eta|^2 / |xi|^2 - 1``, computed
-from ``eta`` without cancellation, and ``h(e) = 1 / (1 + e + sqrt(1 + e))``: the prototype microelastic law ``c (|y| - |xi|) y / |y|``. Linearised
-it is ``c e/2 xi`` with ``e = 2 xi . eta / |xi|^2``. A bond breaks where e exceeds a limit. What decides on that is rounded alike at both ends
-of a bond, for all factors turn their sign there, and the order of the sums is fixed: so each end finds it out by itself. Where the material varies
-c has a factor that follows from the coefficients of both ends, whichever comes first.
+The force of a bond ``xi`` whose ends have moved apart by ``eta`` is ``c e h(e) (xi + eta)`` with ``e = |xi + eta|^2 /
+|xi|^2 - 1``, computed from ``eta`` without cancellation, and ``h(e) = 1 / (1 + e + sqrt(1 + e))``: the prototype
+microelastic law ``c (|y| - |xi|) y / |y|``. Linearised it is ``c e/2 xi`` with ``e = 2 xi . eta / |xi|^2``. A bond
+breaks where e exceeds a limit. What decides on that is rounded alike at both ends of a bond, for all factors turn their
+sign there, and the order of the sums is fixed: so each end finds it out by itself. Where the material varies c has a
+factor that follows from the coefficients of both ends, whichever comes first.
 """
 
 from __future__ import annotations
@@ -33,7 +34,8 @@ Law = tuple[int, bool, str, str | None]
 
 
 class _Tile:
-    """Up to `ROWS` rows of up to `LANES` nodes, the loop over their bonds and the update in time. Rows that are not there repeat the last one.
+    """Up to `ROWS` rows of up to `LANES` nodes, the loop over their bonds and the update in time. Rows that are not
+    there repeat the last one.
 
     It begins `first` nodes further on than the addresses in `args`.
     """
@@ -41,17 +43,41 @@ class _Tile:
     def __init__(self, builder: ir.IRBuilder, args: tuple[Any, ...], law: Law, first: Any) -> None:
         components, nonlinear, real, self.rule = law
         self.builder, self.components, self.nonlinear = builder, components, nonlinear
-        (self.src, self.base, self.out, coefficient, self.alive, self.table, self.places, self.count, self.zone, self.words, n, rows, self.step,
-         self.apart, *self.node, self.a, self.b, limit) = args  # fmt: skip
+        (
+            self.src,
+            self.base,
+            self.out,
+            coefficient,
+            self.alive,
+            self.table,
+            self.places,
+            self.count,
+            self.zone,
+            self.words,
+            n,
+            rows,
+            self.step,
+            self.apart,
+            *self.node,
+            self.a,
+            self.b,
+            limit,
+        ) = args
         self.vectors = Vectors(builder, ir.DoubleType() if real == "float64" else ir.FloatType(), LANES)
-        self.src, self.base, self.out = (self.vectors.shifted(start, (1, first)) for start in (self.src, self.base, self.out))
+        self.src, self.base, self.out = (
+            self.vectors.shifted(start, (1, first)) for start in (self.src, self.base, self.out)
+        )
         last = builder.sub(rows, I64(1))
-        self.rows = [builder.select(builder.icmp_signed("<", last, I64(row)), last, I64(row)) for row in range(ROWS[components])]
+        self.rows = [
+            builder.select(builder.icmp_signed("<", last, I64(row)), last, I64(row)) for row in range(ROWS[components])
+        ]
         self.limit = self.vectors.splat(limit)
         self.wanted = self.below(first, n)
         self.own = [[self.vectors.load(self.place(self.src, row, c)) for c in range(components)] for row in self.rows]
         self.coefficient = self.vectors.shifted(coefficient, (1, first))
-        self.coefficients = [self.vectors.load(self.place(self.coefficient, row, 0)) for row in self.rows if self.rule is not None]
+        self.coefficients = [
+            self.vectors.load(self.place(self.coefficient, row, 0)) for row in self.rows if self.rule is not None
+        ]
 
     def constant(self, value: float) -> Any:
         return ir.Constant(self.vectors.type, [value] * LANES)
@@ -74,7 +100,10 @@ class _Tile:
     def call(self, name: str, *values: Any) -> Any:
         kind = self.vectors.type
         name = f"llvm.{name}.v{LANES}f{self.vectors.size * 8}"
-        return self.builder.call(cgutils.get_or_insert_function(self.builder.module, ir.FunctionType(kind, [kind] * len(values)), name), values)
+        return self.builder.call(
+            cgutils.get_or_insert_function(self.builder.module, ir.FunctionType(kind, [kind] * len(values)), name),
+            values,
+        )
 
     def any(self, mask: Any) -> Any:
         """Whether a lane of a mask is set."""
@@ -84,11 +113,15 @@ class _Tile:
     def differences(self, bond: Any, row: int) -> list[Any]:
         """``eta`` of one bond."""
         distance = self.offset(bond, 0)
-        there = [self.vectors.load(self.vectors.shifted(self.place(self.src, self.rows[row], c), (1, distance))) for c in range(self.components)]
+        there = [
+            self.vectors.load(self.vectors.shifted(self.place(self.src, self.rows[row], c), (1, distance)))
+            for c in range(self.components)
+        ]
         return [self.builder.fsub(t, h) for t, h in zip(there, self.own[row], strict=True)]
 
     def stretch(self, xi: list[Any], inverse: Any, eta: list[Any], curved: Any = None) -> tuple[Any, list[Any]]:
-        """``e`` and the direction of the force; `curved`: lanes in which the law is not linearised, all unless given."""
+        """``e`` and the direction of the force; `curved`: lanes in which the law is not linearised, all unless
+        given."""
         builder = self.builder
         direction, sums = xi, [builder.fadd(x, x) for x in xi]
         if self.nonlinear:
@@ -106,14 +139,18 @@ class _Tile:
         if self.rule is None:
             return uniform
         builder, here = self.builder, self.coefficients[row]
-        there = self.vectors.load(self.vectors.shifted(self.place(self.coefficient, self.rows[row], 0), (1, self.offset(bond, 0))))
+        there = self.vectors.load(
+            self.vectors.shifted(self.place(self.coefficient, self.rows[row], 0), (1, self.offset(bond, 0)))
+        )
         if self.rule == "both":
             return builder.fmul(uniform, builder.select(builder.fcmp_ordered("<", here, there), here, there))
         total = builder.fadd(here, there)
         if self.rule == "arithmetic":
             return builder.fmul(uniform, builder.fmul(total, self.constant(0.5)))
         product = builder.fmul(builder.fmul(here, there), self.constant(2.0))
-        mean = builder.select(builder.fcmp_ordered(">", total, self.constant(0.0)), builder.fdiv(product, total), self.constant(0.0))
+        mean = builder.select(
+            builder.fcmp_ordered(">", total, self.constant(0.0)), builder.fdiv(product, total), self.constant(0.0)
+        )
         return builder.fmul(uniform, mean)
 
     def pull(self, e: Any, stiffness: Any, curved: Any = None) -> Any:
@@ -126,9 +163,11 @@ class _Tile:
         return builder.fmul(builder.fmul(stiffness, e), h if curved is None else builder.select(curved, h, half))
 
     def over_bonds(self, carried: Any, force: Callable[..., tuple[Any, list[Any], Any]]) -> tuple[list[Any], Any]:
-        """Sums of the forces over all bonds, row by row and component by component, and what is carried from bond to bond.
+        """Sums of the forces over all bonds, row by row and component by component, and what is carried from bond to
+        bond.
 
-        ``force(bond, row, xi, inverse, stiffness, carried)`` gives the factor of the direction, the direction, and what is carried on.
+        ``force(bond, row, xi, inverse, stiffness, carried)`` gives the factor of the direction, the direction, and what
+        is carried on.
         """
         builder, vectors, components = self.builder, self.vectors, self.components
         rows = range(len(self.rows))
@@ -164,14 +203,19 @@ class _Tile:
 
 
 def _intact(builder: ir.IRBuilder, args: tuple[Any, ...], law: Law) -> Any:
-    """Tiles one after the other that have all their bonds, within the zone: how many, up to the first of which a bond is about to break."""
+    """Tiles one after the other that have all their bonds, within the zone: how many, up to the first of which a bond
+    is about to break.
+    """
     n = args[_NODES]
     swept = cgutils.alloca_once_value(builder, I64(0))
     tiles = builder.sdiv(builder.add(n, I64(LANES - 1)), I64(LANES))
     with cgutils.for_range(builder, tiles) as loop:
         first = builder.mul(loop.index, I64(LANES))
         left = builder.sub(n, first)
-        breaks = _sweep_intact(_Tile(builder, args, law, first), builder.select(builder.icmp_signed("<", left, I64(LANES)), left, I64(LANES)))
+        breaks = _sweep_intact(
+            _Tile(builder, args, law, first),
+            builder.select(builder.icmp_signed("<", left, I64(LANES)), left, I64(LANES)),
+        )
         with builder.if_then(breaks):
             loop.do_break()
         builder.store(builder.add(loop.index, I64(1)), swept)
@@ -184,7 +228,11 @@ def _sweep_intact(tile: _Tile, n: Any) -> Any:
 
     def force(bond: Any, row: int, xi: list[Any], inverse: Any, stiffness: Any, top: Any) -> tuple[Any, list[Any], Any]:
         e, direction = tile.stretch(xi, inverse, tile.differences(bond, row))
-        return tile.pull(e, tile.stiffness(stiffness, bond, row)), direction, builder.select(builder.fcmp_ordered(">", e, top), e, top)
+        return (
+            tile.pull(e, tile.stiffness(stiffness, bond, row)),
+            direction,
+            builder.select(builder.fcmp_ordered(">", e, top), e, top),
+        )
 
     sums, top = tile.over_bonds(tile.constant(-1.0), force)
     breaks = tile.any(builder.and_(builder.fcmp_ordered(">", top, tile.limit), tile.wanted))
@@ -201,11 +249,17 @@ def _damaged(builder: ir.IRBuilder, args: tuple[Any, ...], law: Law) -> Any:
     i0, i1, i2 = tile.node
 
     def within(position: Any, axis: int) -> Any:
-        return builder.icmp_unsigned("<", builder.sub(position, tile.integer(tile.zone, axis)), tile.integer(tile.zone, 3 + axis))
+        return builder.icmp_unsigned(
+            "<", builder.sub(position, tile.integer(tile.zone, axis)), tile.integer(tile.zone, 3 + axis)
+        )
 
-    def force(bond: Any, row: int, xi: list[Any], inverse: Any, stiffness: Any, changed: Any) -> tuple[Any, list[Any], Any]:
+    def force(
+        bond: Any, row: int, xi: list[Any], inverse: Any, stiffness: Any, changed: Any
+    ) -> tuple[Any, list[Any], Any]:
         o0, o1, o2 = (tile.offset(bond, 1 + axis) for axis in range(3))
-        outer = builder.and_(within(builder.add(i0, o0), 0), within(builder.add(builder.add(i1, tile.rows[row]), o1), 1))
+        outer = builder.and_(
+            within(builder.add(i0, o0), 0), within(builder.add(builder.add(i1, tile.rows[row]), o1), 1)
+        )
         lanes = tile.below(builder.sub(builder.add(i2, o2), tile.integer(tile.zone, 2)), tile.integer(tile.zone, 5))
         curved = builder.select(outer, lanes, none)
         word = builder.mul(builder.lshr(bond, I64(6)), tile.words)
@@ -215,7 +269,9 @@ def _damaged(builder: ir.IRBuilder, args: tuple[Any, ...], law: Law) -> Any:
         one = vectors.splat(builder.shl(I64(1), builder.and_(bond, I64(63))))
         alive = builder.icmp_unsigned("!=", builder.and_(bits, one), ir.Constant(_INTEGERS, [0] * LANES))
         e, direction = tile.stretch(xi, inverse, tile.differences(bond, row), curved)
-        over = builder.and_(builder.and_(builder.fcmp_ordered(">", e, tile.limit), curved), builder.and_(alive, tile.wanted))
+        over = builder.and_(
+            builder.and_(builder.fcmp_ordered(">", e, tile.limit), curved), builder.and_(alive, tile.wanted)
+        )
         pull = tile.pull(e, tile.stiffness(stiffness, bond, row), curved)
         factor = builder.select(builder.and_(alive, builder.not_(over)), pull, tile.constant(0.0))
         breaks = tile.any(over)
@@ -231,8 +287,8 @@ def _damaged(builder: ir.IRBuilder, args: tuple[Any, ...], law: Law) -> Any:
 def bond_sweep(components: int, nonlinear: bool, real: str, rule: str | None, damaged: bool) -> Any:
     """Make the intrinsic that writes ``out = a*src + b*base + sum over the bonds`` on tiles.
 
-    On a damaged one it returns whether a bond breaks, on intact ones, of which there may be many in a row, how many of them it has swept: up to the
-    first of which a bond is about to break, where nothing is written.
+    On a damaged one it returns whether a bond breaks, on intact ones, of which there may be many in a row, how many of
+    them it has swept: up to the first of which a bond is about to break, where nothing is written.
 
     Parameters
     ----------
@@ -248,15 +304,38 @@ def bond_sweep(components: int, nonlinear: bool, real: str, rule: str | None, da
     Returns
     -------
     numba intrinsic
-        Takes the byte addresses of the first node in src, base and out, among the coefficients and among the bits, the addresses of the tables of
-        reals and of integers, the number of bonds, the address of the zone (first node, then the extent along each axis, int64), the distance
-        between words of bits, the nodes of a row, the rows, the distances of rows and of components, the place of the first node along the three
-        axes, a, b and the limit. A bond within the zone follows the law and may break, others are linearised. The table of reals has, bond by bond,
+        Takes the byte addresses of the first node in src, base and out, among the coefficients and among the bits, the
+        addresses of the tables of reals and of integers, the number of bonds, the address of the zone (first node, then
+        the extent along each axis, int64), the distance between words of bits, the nodes of a row, the rows, the
+        distances of rows and of components, the place of the first node along the three axes, a, b and the limit. A
+        bond within the zone follows the law and may break, others are linearised. The table of reals has, bond by bond,
         xi, 1 / |xi|^2 and c, without coefficients.
     """
 
     @intrinsic
-    def sweep(typingctx, src, base, out, coefficient, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit):  # type: ignore[no-untyped-def]
+    def sweep(
+        typingctx,
+        src,
+        base,
+        out,
+        coefficient,
+        alive,
+        table,
+        places,
+        count,
+        zone,
+        words,
+        n,
+        rows,
+        step,
+        apart,
+        i0,
+        i1,
+        i2,
+        a,
+        b,
+        limit,
+    ):
         def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
             return (_damaged if damaged else _intact)(builder, args, (components, nonlinear, real, rule))
 
@@ -266,10 +345,11 @@ def bond_sweep(components: int, nonlinear: bool, real: str, rule: str | None, da
 
 
 def steepness(components: int, real: str) -> Any:
-    """Make the intrinsic that returns the sum of the squares of the largest differences between neighbours, of each component along each axis.
+    """Make the intrinsic that returns the sum of the squares of the largest differences between neighbours, of each
+    component along each axis.
 
-    With a field linear between them its root bounds the stretch of every bond between the nodes that are looked at: that of ``xi`` is
-    ``n . (D n)`` over the spacing for a matrix D whose entries are no larger than those differences.
+    With a field linear between them its root bounds the stretch of every bond between the nodes that are looked at:
+    that of ``xi`` is ``n . (D n)`` over the spacing for a matrix D whose entries are no larger than those differences.
 
     Parameters
     ----------
@@ -279,17 +359,18 @@ def steepness(components: int, real: str) -> Any:
     Returns
     -------
     numba intrinsic
-        Takes the byte address of the first node, the numbers of planes, rows and nodes of a row, the distances of planes, rows and components, in
-        elements. Looks at whole vectors, and at one neighbour beyond.
+        Takes the byte address of the first node, the numbers of planes, rows and nodes of a row, the distances of
+        planes, rows and components, in elements. Looks at whole vectors, and at one neighbour beyond.
     """
 
     @intrinsic
-    def measure(typingctx, src, planes, rows, n, step0, step1, apart):  # type: ignore[no-untyped-def]
+    def measure(typingctx, src, planes, rows, n, step0, step1, apart):
         def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
             src, planes, rows, n, step0, step1, apart = args
             vectors = Vectors(builder, ir.DoubleType() if real == "float64" else ir.FloatType(), LANES)
-            magnitude = cgutils.get_or_insert_function(builder.module, ir.FunctionType(vectors.type, [vectors.type]),
-                                                       f"llvm.fabs.v{LANES}f{vectors.size * 8}")  # fmt: skip
+            magnitude = cgutils.get_or_insert_function(
+                builder.module, ir.FunctionType(vectors.type, [vectors.type]), f"llvm.fabs.v{LANES}f{vectors.size * 8}"
+            )
             steps = [step0, step1, I64(1)][3 - components :]
             zero = ir.Constant(vectors.type, [0.0] * LANES)
             tops = [cgutils.alloca_once_value(builder, zero) for _ in range(components * len(steps))]
@@ -306,7 +387,10 @@ def steepness(components: int, real: str) -> Any:
             for top in tops:
                 values = [builder.extract_element(builder.load(top), ir.IntType(32)(lane)) for lane in range(LANES)]
                 while len(values) > 1:
-                    values = [builder.select(builder.fcmp_ordered(">", a, b), a, b) for a, b in zip(values[::2], values[1::2], strict=True)]
+                    values = [
+                        builder.select(builder.fcmp_ordered(">", a, b), a, b)
+                        for a, b in zip(values[::2], values[1::2], strict=True)
+                    ]
                 largest = values[0] if real == "float64" else builder.fpext(values[0], ir.DoubleType())
                 total = builder.fadd(total, builder.fmul(largest, largest))
             return total
@@ -322,7 +406,7 @@ def steepness_signature() -> Any:
 
 
 @intrinsic
-def call_steepness(typingctx, function, src, planes, rows, n, step0, step1, apart):  # type: ignore[no-untyped-def]
+def call_steepness(typingctx, function, src, planes, rows, n, step0, step1, apart):
     """Call a compiled `steepness` by its address."""
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
@@ -338,8 +422,30 @@ def bond_signature(real: str) -> Any:
 
 
 @intrinsic
-def call_bonds(typingctx, function, src, base, out, coefficient, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2,  # type: ignore[no-untyped-def]
-               a, b, limit):  # fmt: skip
+def call_bonds(
+    typingctx,
+    function,
+    src,
+    base,
+    out,
+    coefficient,
+    alive,
+    table,
+    places,
+    count,
+    zone,
+    words,
+    n,
+    rows,
+    step,
+    apart,
+    i0,
+    i1,
+    i2,
+    a,
+    b,
+    limit,
+):
     """Call a compiled sweep of tiles by its address: the driver need not be compiled again for every law."""
     signature = types.int64(*[types.int64] * 18, a, a, a)
 

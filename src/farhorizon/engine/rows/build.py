@@ -1,4 +1,6 @@
-"""Writes compiled programs to disk, the time loop and the rows of each stencil, and imports them, so that Numba's cache finds them again."""
+"""Writes compiled programs to disk, the time loop and the rows of each stencil, and imports them, so that Numba's cache
+finds them again.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +20,19 @@ from farhorizon.files.cache import cache_folder, write
 _ENGINE = Path(__file__).parents[1]
 #: Modules that templates use.
 _COMPILED_IN = (
-    "bonds", "ends", "filter", "fringe", "layout", "nested", "phases", "threads",
-    "rows/vectors", "rows/bond_sweeps", "rows/layer_sums", "rows/matrices",
-)  # fmt: skip
+    "bonds",
+    "ends",
+    "filter",
+    "fringe",
+    "layout",
+    "nested",
+    "phases",
+    "threads",
+    "rows/vectors",
+    "rows/bond_sweeps",
+    "rows/layer_sums",
+    "rows/matrices",
+)
 _DRIVERS: dict[bool, ModuleType] = {}
 _LOADING = threading.RLock()  # simulations may be made side by side
 
@@ -35,29 +47,59 @@ def load_driver(rare: bool) -> ModuleType:
 
 
 def load_rows(
-    shape: tuple[tuple[int, int, int], ...], classes: tuple[int, ...], real: str, increments: bool, pattern: tuple[tuple[bool, ...], ...] = ()
-) -> int:  # fmt: skip
-    """Address of the compiled rows of a stencil shape (see `vectors.line_sweep`; with a pattern `matrices.matrix_line_sweep`)."""
+    shape: tuple[tuple[int, int, int], ...],
+    classes: tuple[int, ...],
+    real: str,
+    increments: bool,
+    pattern: tuple[tuple[bool, ...], ...] = (),
+) -> int:
+    """Address of the compiled rows of a stencil shape (see `vectors.line_sweep`; with a pattern
+    `matrices.matrix_line_sweep`).
+    """
     lines = not increments and max(i for _, _, i in shape) <= (8 if real == "float64" else 16)
-    return int(_load("rows/stencil_rows", SHAPE=shape, CLASSES=classes, REAL=real, INCREMENTS=increments, LINES=lines, PATTERN=pattern).rows.address)
+    return int(
+        _load(
+            "rows/stencil_rows",
+            SHAPE=shape,
+            CLASSES=classes,
+            REAL=real,
+            INCREMENTS=increments,
+            LINES=lines,
+            PATTERN=pattern,
+        ).rows.address
+    )
 
 
 def load_shifts(reach: int, nested: bool, real: str) -> tuple[int, int, int]:
-    """Addresses of stretched shifts outwards and inwards, and of the sums they take (see `vectors.stretched_shifts` and `weighted_parts`)."""
+    """Addresses of stretched shifts outwards and inwards, and of the sums they take (see `vectors.stretched_shifts` and
+    `weighted_parts`).
+    """
     made = _load("rows/shift_rows", REACH=reach, NESTED=nested, REAL=real)
     return int(made.outwards.address), int(made.inwards.address), int(made.parts.address)
 
 
 def load_parts(
-    shape: tuple[tuple[int, int, int], ...], pattern: tuple[tuple[bool, ...], ...], axis: int, both: bool, apart: bool, differ: bool, real: str
-) -> int:  # fmt: skip
-    """Address of the sums across lines of a stencil that goes over into itself in mirrors (see `layer_sums.mirrored_parts`)."""
-    made = _load("rows/part_rows", SHAPE=shape, PATTERN=pattern, AXIS=axis, BOTH=both, APART=apart, DIFFER=differ, REAL=real)
+    shape: tuple[tuple[int, int, int], ...],
+    pattern: tuple[tuple[bool, ...], ...],
+    axis: int,
+    both: bool,
+    apart: bool,
+    differ: bool,
+    real: str,
+) -> int:
+    """Address of the sums across lines of a stencil that goes over into itself in mirrors (see
+    `layer_sums.mirrored_parts`).
+    """
+    made = _load(
+        "rows/part_rows", SHAPE=shape, PATTERN=pattern, AXIS=axis, BOTH=both, APART=apart, DIFFER=differ, REAL=real
+    )
     return int(made.parts.address)
 
 
 def load_bonds(components: int, nonlinear: bool, real: str, rule: str | None) -> tuple[int, int, int]:
-    """Addresses of the sweeps of plain tiles and of an odd one for a law of bonds, and of the bound of their stretch (see `bond_sweeps`)."""
+    """Addresses of the sweeps of plain tiles and of an odd one for a law of bonds, and of the bound of their stretch
+    (see `bond_sweeps`).
+    """
     made = _load("rows/bond_rows", COMPONENTS=components, NONLINEAR=nonlinear, REAL=real, RULE=rule)
     return int(made.intact.address), int(made.damaged.address), int(made.steep.address)
 

@@ -41,27 +41,40 @@ def compiled_rows(offsets: np.ndarray, weights: np.ndarray, real: str, increment
 
 
 def _scalar_row(table: dict[Offset, float]) -> tuple[tuple[Offset, ...], np.ndarray]:
-    """Offsets with the inner one >= 0, and their weights, of a stencil that looks alike both ways along the inner axis; else none."""
+    """Offsets with the inner one >= 0, and their weights, of a stencil that looks alike both ways along the inner axis;
+    else none.
+    """
     even = all(table.get((a, b, -c)) == w for (a, b, c), w in table.items())
     shape = tuple(sorted(o for o in table if o[2] >= 0)) if even else ()
     return shape, np.array([table[o] for o in shape])
 
 
 def _matrix_row(table: dict[Offset, np.ndarray]) -> tuple[tuple[Offset, ...], np.ndarray]:
-    """The same for stencils of matrices that go over into themselves in mirrors: offsets >= 0, the centre with what the others leave it."""
+    """The same for stencils of matrices that go over into themselves in mirrors: offsets >= 0, the centre with what the
+    others leave it.
+    """
     table = table | {(0, 0, 0): -np.sum(list(table.values()), axis=0)}
     shape, found = mirrored(table)
     return shape, found.ravel()
 
 
 def mirrored(table: dict[Offset, np.ndarray]) -> tuple[tuple[Offset, ...], np.ndarray]:
-    """Offsets >= 0 and their matrices, shape (n, d, d), of a stencil of matrices that goes over into itself in mirrors; else none."""
+    """Offsets >= 0 and their matrices, shape (n, d, d), of a stencil of matrices that goes over into itself in mirrors;
+    else none.
+    """
     components, largest = len(next(iter(table.values()))), max(float(np.abs(w).max()) for w in table.values())
 
     def even(axis: int) -> bool:
-        sign = np.array([[1 - 2 * parity(row, column, components)[axis] for column in range(components)] for row in range(components)])
+        sign = np.array(
+            [
+                [1 - 2 * parity(row, column, components)[axis] for column in range(components)]
+                for row in range(components)
+            ]
+        )
         mirrored = {o: tuple(-i if a == axis else i for a, i in enumerate(o)) for o in table}
-        return all(m in table and np.abs(table[m] - sign * table[o]).max() <= _ROUNDING * largest for o, m in mirrored.items())
+        return all(
+            m in table and np.abs(table[m] - sign * table[o]).max() <= _ROUNDING * largest for o, m in mirrored.items()
+        )
 
     shape = tuple(sorted(o for o in table if min(o) >= 0)) if all(even(axis) for axis in range(3)) else ()
     found = np.array([table[o] for o in shape]).reshape(-1, components, components)

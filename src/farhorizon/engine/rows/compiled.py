@@ -50,8 +50,8 @@ class _SealedCache(FunctionCache):
 def njit(*, cache: bool = False, counted: bool = True, **options: Any) -> Callable[[Callable[..., Any]], Any]:
     """`numba.njit`, with sealed files where it keeps what it compiles.
 
-    Without `counted` Numba does not count the references to arrays, which in short loops takes longer than the work. Such a function makes no
-    arrays; those it is given outlive it, as their owner waits for it.
+    Without `counted` Numba does not count the references to arrays, which in short loops takes longer than the work.
+    Such a function makes no arrays; those it is given outlive it, as their owner waits for it.
     """
 
     def decorate(function: Callable[..., Any]) -> Any:

@@ -1,7 +1,8 @@
-"""Explicit SIMD for the layers: the sums across lines that stretched shifts are applied to, of stencils that go over into themselves in mirrors.
+"""Explicit SIMD for the layers: the sums across lines that stretched shifts are applied to, of stencils that go over
+into themselves in mirrors.
 
-As in `engine.rows.matrices`, values at mirror images are combined first, to sums that are even or odd along each axis, and each is multiplied
-once for every part that it belongs to.
+As in `engine.rows.matrices`, values at mirror images are combined first, to sums that are even or odd along each axis,
+and each is multiplied once for every part that it belongs to.
 """
 
 from __future__ import annotations
@@ -19,11 +20,13 @@ _IN_FLIGHT = 6  # sums that a vector is added up in, at least: each waits for it
 MIRRORED_SIGNATURE = types.void(*[types.int64] * 12)
 
 
-def mirrored_parts(offsets: Octant, pattern: Pattern, axis: int, both: bool, apart: bool, differ: bool, real: str) -> Any:
+def mirrored_parts(
+    offsets: Octant, pattern: Pattern, axis: int, both: bool, apart: bool, differ: bool, real: str
+) -> Any:
     """Make the intrinsic ``parts(plus, minus, part_k, part_c, ahead, behind, s0, s1, shift, step, weights, vectors)``.
 
-    It sums what lines across an axis bring to nodes that are neighbours along the last axis, for each component and each distance k along that axis:
-    what lies k nodes on in its direction, and what lies k nodes back.
+    It sums what lines across an axis bring to nodes that are neighbours along the last axis, for each component and
+    each distance k along that axis: what lies k nodes on in its direction, and what lies k nodes back.
 
     Parameters
     ----------
@@ -36,17 +39,18 @@ def mirrored_parts(offsets: Octant, pattern: Pattern, axis: int, both: bool, apa
     both : bool
         Whether what lies on and what lies back differ.
     apart, differ : bool
-        Whether neighbours along the last axis are read from lines of their own (as the slots are), and whether those ahead and behind differ;
-        where they do not, their sums are read.
+        Whether neighbours along the last axis are read from lines of their own (as the slots are), and whether those
+        ahead and behind differ; where they do not, their sums are read.
     real : {"float64", "float32"}
 
     Returns
     -------
     numba intrinsic
-        Takes byte addresses of the first sum (k = 1, first component) of what lies on and of what lies back, and the distances of the sums
-        of one more k and component; the address of the first node, or of the nearest lines ahead and behind; in bytes the distances of neighbours
-        along the first two axes, of components, and of lines one node farther ahead; the weights; how many vectors. From lines of their own,
-        for the first two axes, sums are added to what is there.
+        Takes byte addresses of the first sum (k = 1, first component) of what lies on and of what lies back, and the
+        distances of the sums of one more k and component; the address of the first node, or of the nearest lines ahead
+        and behind; in bytes the distances of neighbours along the first two axes, of components, and of lines one node
+        farther ahead; the weights; how many vectors. From lines of their own, for the first two axes, sums are added to
+        what is there.
     """
     components = {1: 1, 4: 2, 9: 3}[len(pattern[0])]
     adds = apart and axis < 2
@@ -81,20 +85,31 @@ def mirrored_parts(offsets: Octant, pattern: Pattern, axis: int, both: bool, apa
             return mirror_sums(vectors, line, lambda image: vectors.load(moved(start, (image[0], s0), (image[1], s1))))
 
         def neighbours(at: Any, column: int, line: tuple[int, int], i: int, kept: dict[str, Any]) -> tuple[Any, Any]:
-            """Sums i nodes on and back along the last axis; where these are added up, and for i = 0, the first alone."""
+            """Sums i nodes on and back along the last axis; where these are added up, and for i = 0, the first
+            alone."""
             if apart:
                 on = along_lines(moved(builder.add(ahead, at), (column, shift), (i - 1, step)), line)
-                return on, along_lines(moved(builder.add(behind, at), (column, shift), (i - 1, step)), line) if differ else None
+                return on, along_lines(
+                    moved(builder.add(behind, at), (column, shift), (i - 1, step)), line
+                ) if differ else None
             for name, distance in (("here", 0), ("next", width), ("last", -width)):
                 if name not in kept and (i or not distance):
-                    kept[name] = along_lines(moved(builder.add(ahead, builder.add(at, I64(distance))), (column, shift)), line)
+                    kept[name] = along_lines(
+                        moved(builder.add(ahead, builder.add(at, I64(distance))), (column, shift)), line
+                    )
             if i == 0:
                 return kept["here"], None
-            on = {p: vectors.concatenate(kept["here"][p], kept["next"][p], i) if i < vectors.lanes else kept["next"][p] for p in kept["here"]}
+            on = {
+                p: vectors.concatenate(kept["here"][p], kept["next"][p], i) if i < vectors.lanes else kept["next"][p]
+                for p in kept["here"]
+            }
             back = {p: vectors.concatenate(kept["last"][p], kept["here"][p], vectors.lanes - i) for p in kept["here"]}
             return on, back
 
-        with cgutils.for_range_slice(builder, I64(0), builder.mul(number_of_vectors, I64(width)), I64(width), I64) as (at, _):
+        with cgutils.for_range_slice(builder, I64(0), builder.mul(number_of_vectors, I64(width)), I64(width), I64) as (
+            at,
+            _,
+        ):
             total: dict[tuple[int, int, int], list[Any]] = {}
             for line, terms in lines.items():
                 for column in range(components):
@@ -110,22 +125,34 @@ def mirrored_parts(offsets: Octant, pattern: Pattern, axis: int, both: bool, apa
                                 outer = tuple(0 if a == axis else sign[a] for a in (0, 1))
                                 name = (*outer, sign[2])
                                 if name not in made:
-                                    made[name] = on[outer] if back is None else (builder.fsub if sign[2] else builder.fadd)(on[outer], back[outer])
+                                    made[name] = (
+                                        on[outer]
+                                        if back is None
+                                        else (builder.fsub if sign[2] else builder.fadd)(on[outer], back[outer])
+                                    )
                                 key = (row, sign[axis] if axis < 2 else 0, k)
                                 sums = total.setdefault(key, [None] * chains)
                                 sums.append(vectors.multiply_add(sums.pop(0), weight(number, row, column), made[name]))
             zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
             for row in range(components):
-                for k in sorted({key[2] for key in total}) if adds else range(1, 1 + max(k for terms in lines.values() for k, _, _ in terms)):
-                    even, odd = (vectors.sum([value for value in total[row, p, k] if value is not None]) if (row, p, k) in total else none
-                                 for p, none in ((0, zero), (1, None)))  # fmt: skip
+                for k in (
+                    sorted({key[2] for key in total})
+                    if adds
+                    else range(1, 1 + max(k for terms in lines.values() for k, _, _ in terms))
+                ):
+                    even, odd = (
+                        vectors.sum([value for value in total[row, p, k] if value is not None])
+                        if (row, p, k) in total
+                        else none
+                        for p, none in ((0, zero), (1, None))
+                    )
                     for address, join in ((plus, builder.fadd), (minus, builder.fsub))[: 1 + both]:
                         value = even if odd is None else join(even, odd)
                         place = moved(builder.add(address, at), (k - 1, part_k), (row, part_c))
                         vectors.store(builder.fadd(vectors.load(place), value) if adds else value, place)
 
     @intrinsic
-    def parts(typingctx, plus, minus, part_k, part_c, ahead, behind, s0, s1, shift, step, weights, vectors):  # type: ignore[no-untyped-def]
+    def parts(typingctx, plus, minus, part_k, part_c, ahead, behind, s0, s1, shift, step, weights, vectors):
         def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
             emit(builder, args)
             return context.get_dummy_value()
@@ -136,7 +163,9 @@ def mirrored_parts(offsets: Octant, pattern: Pattern, axis: int, both: bool, apa
 
 
 @intrinsic
-def call_mirrored(typingctx, function, plus, minus, part_k, part_c, ahead, behind, s0, s1, shift, step, weights, vectors):  # type: ignore[no-untyped-def]
+def call_mirrored(
+    typingctx, function, plus, minus, part_k, part_c, ahead, behind, s0, s1, shift, step, weights, vectors
+):
     """Call compiled `mirrored_parts` by their address."""
     signature = types.void(*[types.int64] * 13)
 

@@ -1,8 +1,9 @@
 """Explicit SIMD for fields of several components: sweeps of stencils whose weights are matrices.
 
-A stencil of an isotropic or orthotropic medium goes over into itself in a mirror: where an axis is turned, the weights that couple the component
-along it with another one change their sign, all others stay. So the values at the mirror images of an offset (two, four or eight) are
-combined first, to sums that are even or odd along each axis, and every combination is multiplied once for each component that gets it.
+A stencil of an isotropic or orthotropic medium goes over into itself in a mirror: where an axis is turned, the weights
+that couple the component along it with another one change their sign, all others stay. So the values at the mirror
+images of an offset (two, four or eight) are combined first, to sums that are even or odd along each axis, and every
+combination is multiplied once for each component that gets it.
 """
 
 from __future__ import annotations
@@ -35,11 +36,15 @@ def _components(pattern: Pattern) -> int:
 
 
 def parity(row: int, column: int, components: int) -> tuple[int, ...]:
-    """Along each axis whether the weight of [row, column] is even (0) or odd (1); the components are those along the last axes."""
+    """Along each axis whether the weight of [row, column] is even (0) or odd (1); the components are those along the
+    last axes.
+    """
     return tuple(int((row == a) != (column == a)) for a in range(components - 3, components))
 
 
-def mirror_sums(vectors: Vectors, offset: tuple[int, ...], load: Callable[[tuple[int, ...]], Any]) -> dict[tuple[int, ...], Any]:
+def mirror_sums(
+    vectors: Vectors, offset: tuple[int, ...], load: Callable[[tuple[int, ...]], Any]
+) -> dict[tuple[int, ...], Any]:
     """Sums of the values at the mirror images of an offset, by their parity along each axis."""
     if not offset:
         return {(): load(())}
@@ -68,8 +73,12 @@ class _Weights:
 
 
 def _shifted_fields(vectors: Vectors, shifts: Any, components: int) -> tuple[list[Any], list[Any]]:
-    """Distances, in elements, of the components in ``src`` and in ``base`` and ``out``, from the table that a sweep is given."""
-    found = [vectors.builder.load(vectors.pointer(vectors.builder.add(shifts, I64(8 * i)), ir.IntType(64))) for i in range(6)]
+    """Distances, in elements, of the components in ``src`` and in ``base`` and ``out``, from the table that a sweep is
+    given.
+    """
+    found = [
+        vectors.builder.load(vectors.pointer(vectors.builder.add(shifts, I64(8 * i)), ir.IntType(64))) for i in range(6)
+    ]
     return found[:components], found[3 : 3 + components]
 
 
@@ -87,8 +96,9 @@ def matrix_line_sweep(offsets: Octant, pattern: Pattern, real: str) -> Any:
     Returns
     -------
     numba intrinsic
-        ``weights`` are matrices, one an offset; ``shifts`` is the address of six distances in elements (int64): of the components in ``src``,
-        and in ``base`` and ``out``. The components are those along the rows' axes, slowest first, the last one along the row.
+        ``weights`` are matrices, one an offset; ``shifts`` is the address of six distances in elements (int64): of the
+        components in ``src``, and in ``base`` and ``out``. The components are those along the rows' axes, slowest
+        first, the last one along the row.
     """
     components = _components(pattern)
     lines: dict[tuple[int, int], list[tuple[int, int]]] = {}
@@ -108,15 +118,24 @@ def matrix_line_sweep(offsets: Octant, pattern: Pattern, real: str) -> Any:
             sources = [vectors.shifted(here, (1, shift)) for shift in inside]
             olds, news = ([vectors.shifted(start, (1, shift)) for shift in outside] for start in (old, new))
             images = {(side * o0, turn * o1) for o0, o1 in lines for side in (1, -1) for turn in (1, -1)}
-            places = [{image: vectors.shifted(source, (image[0], s0), (image[1], s1)) for image in sorted(images)} for source in sources]
-            ahead = [vectors.shifted(source, (sign * o0, s0), (o1, s1), (AHEAD, step)) for source in sources for o0, o1 in last.items()
-                     for sign in ((1, -1) if o0 else (1,))] + [vectors.shifted(address, (AHEAD, t)) for address in olds]  # fmt: skip
+            places = [
+                {image: vectors.shifted(source, (image[0], s0), (image[1], s1)) for image in sorted(images)}
+                for source in sources
+            ]
+            ahead = [
+                vectors.shifted(source, (sign * o0, s0), (o1, s1), (AHEAD, step))
+                for source in sources
+                for o0, o1 in last.items()
+                for sign in ((1, -1) if o0 else (1,))
+            ] + [vectors.shifted(address, (AHEAD, t)) for address in olds]
 
             def read_from(lines_at: dict[Any, Any], at: Any) -> Callable[[tuple[int, ...]], Any]:
                 return lambda image: vectors.load(builder.add(lines_at[image], at))
 
             def sums(at: Any) -> dict[Hashable, Any]:
-                """Even and odd sums along the row, then those that come from ahead (their sum) and from behind (their difference)."""
+                """Even and odd sums along the row, then those that come from ahead (their sum) and from behind (their
+                difference).
+                """
                 total: dict[tuple[int, int, int], Any] = {}
                 for line, terms in lines.items():
                     for column in range(components):
@@ -126,7 +145,9 @@ def matrix_line_sweep(offsets: Octant, pattern: Pattern, real: str) -> Any:
                                 if w.used(number, row, column):
                                     *outer, odd = parity(row, column, components)
                                     key = (row, odd, i)
-                                    total[key] = vectors.multiply_add(total.get(key), w.of(number, row, column), combined[tuple(outer)])
+                                    total[key] = vectors.multiply_add(
+                                        total.get(key), w.of(number, row, column), combined[tuple(outer)]
+                                    )
                 found: dict[Hashable, Any] = {(row, 0): total.get((row, 0, 0)) for row in range(components)}
                 for row, i in {(row, i) for row, _, i in total if i}:
                     even, turned = total.get((row, 0, i), zero), total.get((row, 1, i))
@@ -134,10 +155,22 @@ def matrix_line_sweep(offsets: Octant, pattern: Pattern, real: str) -> Any:
                     found[row, i, "behind"] = even if turned is None else builder.fsub(even, turned)
                 return found
 
-            moved = [{i for number, (_, _, i) in enumerate(offsets) if i and any(pattern[number][row * components : (row + 1) * components])}
-                     for row in range(components)]  # fmt: skip
+            moved = [
+                {
+                    i
+                    for number, (_, _, i) in enumerate(offsets)
+                    if i and any(pattern[number][row * components : (row + 1) * components])
+                }
+                for row in range(components)
+            ]
             outputs = [
-                Output((row, 0), [(i, (row, i, "ahead"), (row, i, "behind")) for i in sorted(moved[row])], sources[row], olds[row], news[row])
+                Output(
+                    (row, 0),
+                    [(i, (row, i, "ahead"), (row, i, "behind")) for i in sorted(moved[row])],
+                    sources[row],
+                    olds[row],
+                    news[row],
+                )
                 for row in range(components)
             ]
             return VectorRow(sums, outputs, ahead)
@@ -160,7 +193,10 @@ def matrix_strided_sweep(offsets: Octant, pattern: Pattern, real: str) -> Any:
 
         def chunk(x: Any, number: Any, store: Callable[[Any, Any], None]) -> None:
             sources = [vectors.shifted(src, (1, builder.mul(number, step)), (1, x), (1, shift)) for shift in inside]
-            olds, news = ([vectors.shifted(start, (1, builder.mul(number, t)), (1, x), (1, shift)) for shift in outside] for start in (base, out))
+            olds, news = (
+                [vectors.shifted(start, (1, builder.mul(number, t)), (1, x), (1, shift)) for shift in outside]
+                for start in (base, out)
+            )
 
             def read_from(source: Any) -> Callable[[tuple[int, ...]], Any]:
                 return lambda image: vectors.load(vectors.shifted(source, *zip(image, (s0, s1, s2), strict=True)))
@@ -171,7 +207,9 @@ def matrix_strided_sweep(offsets: Octant, pattern: Pattern, real: str) -> Any:
                     combined = mirror_sums(vectors, offset, read_from(sources[column]))
                     for row in range(components):
                         if w.used(place, row, column):
-                            total[row] = vectors.multiply_add(total[row], w.of(place, row, column), combined[parity(row, column, components)])
+                            total[row] = vectors.multiply_add(
+                                total[row], w.of(place, row, column), combined[parity(row, column, components)]
+                            )
             own = [vectors.load(source) for source in sources]
             before = [vectors.load(old) for old in olds]
             for row in range(components):

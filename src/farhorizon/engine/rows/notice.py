@@ -1,4 +1,6 @@
-"""Says on stderr what is compiled, when something really is, and how long it took: without a word a first run seems to hang."""
+"""Says on stderr what is compiled, when something really is, and how long it took: without a word a first run seems to
+hang.
+"""
 
 from __future__ import annotations
 
@@ -24,8 +26,8 @@ _SHORT = 0.2  # seconds that are not worth a line
 class _Notice(event.Listener):
     """A line before the first compilation of a process, and one after each; nothing where Numba's cache has all.
 
-    Numba tells of functions that it compiles, the innermost last, and of the passes that each takes. Passes alone stand for
-    functions that are compiled while their module is imported (`importing`).
+    Numba tells of functions that it compiles, the innermost last, and of the passes that each takes. Passes alone stand
+    for functions that are compiled while their module is imported (`importing`).
     """
 
     def __init__(self) -> None:

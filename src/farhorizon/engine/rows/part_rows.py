@@ -1,4 +1,6 @@
-"""Sums across lines of one stencil shape. This text is a template: `engine.rows.build` writes it out once per shape, axis and number type."""
+"""Sums across lines of one stencil shape. This text is a template: `engine.rows.build` writes it out once per shape,
+axis and number type.
+"""
 
 from farhorizon.engine.rows.compiled import cfunc
 from farhorizon.engine.rows.layer_sums import MIRRORED_SIGNATURE, mirrored_parts

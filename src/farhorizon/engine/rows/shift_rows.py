@@ -1,4 +1,6 @@
-"""Stretched shifts of one reach. This text is a template: `engine.rows.build` writes it out once per reach, form and number type."""
+"""Stretched shifts of one reach. This text is a template: `engine.rows.build` writes it out once per reach, form and
+number type.
+"""
 
 from farhorizon.engine.rows.compiled import cfunc
 from farhorizon.engine.rows.vectors import PARTS_SIGNATURE, SHIFTS_SIGNATURE, stretched_shifts, weighted_parts

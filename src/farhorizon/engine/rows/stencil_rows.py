@@ -1,4 +1,6 @@
-"""Sweeps of grid rows for one stencil shape. This text is a template: `engine.rows.build` writes it out once per shape and number type."""
+"""Sweeps of grid rows for one stencil shape. This text is a template: `engine.rows.build` writes it out once per shape
+and number type.
+"""
 
 from farhorizon.engine.rows.compiled import cfunc
 from farhorizon.engine.rows.matrices import matrix_line_sweep, matrix_strided_sweep

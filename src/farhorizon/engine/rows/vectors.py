@@ -42,11 +42,16 @@ class Vectors:
         """The same value in every lane."""
         kind = ir.VectorType(value.type, self.lanes)
         first = self.builder.insert_element(ir.Constant(kind, ir.Undefined), value, I32(0))
-        return self.builder.shuffle_vector(first, ir.Constant(kind, ir.Undefined), ir.Constant(ir.VectorType(I32, self.lanes), [0] * self.lanes))
+        return self.builder.shuffle_vector(
+            first, ir.Constant(kind, ir.Undefined), ir.Constant(ir.VectorType(I32, self.lanes), [0] * self.lanes)
+        )
 
     def splat_all(self, address: Any, count: int) -> list[Any]:
         """Each of `count` values in every lane of a vector of its own."""
-        return [self.splat(self.builder.load(self.pointer(self.builder.add(address, I64(i * self.size)), self.scalar))) for i in range(count)]
+        return [
+            self.splat(self.builder.load(self.pointer(self.builder.add(address, I64(i * self.size)), self.scalar)))
+            for i in range(count)
+        ]
 
     def shifted(self, address: Any, *moves: tuple[int, Any]) -> Any:
         """An address moved by count * distance elements for each (count, distance)."""
@@ -56,12 +61,16 @@ class Vectors:
 
     def concatenate(self, low: Any, high: Any, first: int) -> Any:
         """The lanes from `first` on of two vectors one after the other."""
-        return self.builder.shuffle_vector(low, high, ir.Constant(ir.VectorType(I32, self.lanes), list(range(first, first + self.lanes))))
+        return self.builder.shuffle_vector(
+            low, high, ir.Constant(ir.VectorType(I32, self.lanes), list(range(first, first + self.lanes)))
+        )
 
     def prefetch(self, address: Any) -> None:
         """Fetch the cache line of an address, which need not exist."""
         kind = ir.IntType(8).as_pointer()
-        fetch = cgutils.get_or_insert_function(self.builder.module, ir.FunctionType(ir.VoidType(), [kind, I32, I32, I32]), "llvm.prefetch.p0i8")
+        fetch = cgutils.get_or_insert_function(
+            self.builder.module, ir.FunctionType(ir.VoidType(), [kind, I32, I32, I32]), "llvm.prefetch.p0i8"
+        )
         self.builder.call(fetch, [self.pointer(address, ir.IntType(8)), I32(0), I32(3), I32(1)])
 
     def sum(self, terms: Sequence[Any]) -> Any:
@@ -88,7 +97,9 @@ class Vectors:
         mask = self.builder.icmp_signed("<", ir.Constant(numbers, list(range(self.lanes))), self.splat(count))
         parts = [self.type, self.type.as_pointer(), I32, ir.VectorType(ir.IntType(1), self.lanes)]
         suffix = f"v{self.lanes}f{self.size * 8}"
-        masked = cgutils.get_or_insert_function(self.builder.module, ir.FunctionType(ir.VoidType(), parts), f"llvm.masked.store.{suffix}.p0{suffix}")
+        masked = cgutils.get_or_insert_function(
+            self.builder.module, ir.FunctionType(ir.VoidType(), parts), f"llvm.masked.store.{suffix}.p0{suffix}"
+        )
         return lambda value, address: self.builder.call(masked, [value, self.pointer(address), I32(self.size), mask])
 
     def in_chunks(self, count: Any, chunk: Callable[[Any, Callable[[Any, Any], None]], None]) -> None:
@@ -107,12 +118,13 @@ class Vectors:
 
 
 def line_sweep(shape: Shape, classes: tuple[int, ...], real: str) -> Any:
-    """Make the intrinsic ``sweep(src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, shifts)`` for rows of neighbours in memory.
+    """Make the intrinsic ``sweep(src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, shifts)`` for rows of
+    neighbours in memory.
 
-    Writes ``out = a*src + b*base + sum_k w_k (src_{+k} + src_{-k})`` on `count` rows of `n` nodes. Sums over the outer axes come first:
-    ``T_i = sum_o w_(o,i) src_o``, lines of equal weights added before they are multiplied. What is left is ``T_0`` and the
-    ``T_i`` moved by +i and -i along the row: two neighbouring vectors, one shuffle each. So every line is read
-    once, aligned, and a vector costs few more instructions than it has different weights.
+    Writes ``out = a*src + b*base + sum_k w_k (src_{+k} + src_{-k})`` on `count` rows of `n` nodes. Sums over the outer
+    axes come first: ``T_i = sum_o w_(o,i) src_o``, lines of equal weights added before they are multiplied. What is
+    left is ``T_0`` and the ``T_i`` moved by +i and -i along the row: two neighbouring vectors, one shuffle each. So
+    every line is read once, aligned, and a vector costs few more instructions than it has different weights.
 
     Long rows are swept in tiles whose lines stay in the first cache from one row to the next. What the row after next
     needs is fetched ahead: a tile is too short for the hardware to notice.
@@ -120,7 +132,8 @@ def line_sweep(shape: Shape, classes: tuple[int, ...], real: str) -> Any:
     Parameters
     ----------
     shape : tuple of (int, int, int)
-        Stencil offsets without the centre, inner offset >= 0 (an inner offset i > 0 stands for +i and -i), at most one vector.
+        Stencil offsets without the centre, inner offset >= 0 (an inner offset i > 0 stands for +i and -i), at most one
+        vector.
     classes : tuple of int
         Number of each offset's weight: offsets with one weight share a register.
     real : {"float64", "float32"}
@@ -128,9 +141,10 @@ def line_sweep(shape: Shape, classes: tuple[int, ...], real: str) -> Any:
     Returns
     -------
     numba intrinsic
-        Takes byte addresses (int64) of the first node in each array and of the weights (one a class), the numbers a and b, the
-        nodes of a row, the rows, the distances between neighbours along the three axes of ``src`` (s2 is 1) and between rows of
-        ``src`` and of ``base`` and ``out``, in elements. Reads up to one vector before and beyond a row, writes none.
+        Takes byte addresses (int64) of the first node in each array and of the weights (one a class), the numbers a and
+        b, the nodes of a row, the rows, the distances between neighbours along the three axes of ``src`` (s2 is 1) and
+        between rows of ``src`` and of ``base`` and ``out``, in elements. Reads up to one vector before and beyond a
+        row, writes none.
     """
     terms_of: dict[tuple[int, int], list[tuple[int, int]]] = {}
     for number, (o0, o1, i) in zip(classes, shape, strict=True):
@@ -140,7 +154,8 @@ def line_sweep(shape: Shape, classes: tuple[int, ...], real: str) -> Any:
         alike.setdefault(tuple(sorted(terms)), []).append(line)
     inner = sorted({i for _, _, i in shape})
     moved = [i for i in inner if i]
-    last = {o0: max(o1 for other, o1 in terms_of if other == o0) for o0, _ in terms_of}  # the line of each plane that the next row reads first
+    # the line of each plane that the next row reads first
+    last = {o0: max(o1 for other, o1 in terms_of if other == o0) for o0, _ in terms_of}
 
     def emit(builder: ir.IRBuilder, args: tuple[Any, ...]) -> None:
         weights, s0, s1, step, t = args[3], args[8], args[9], args[11], args[12]
@@ -149,7 +164,9 @@ def line_sweep(shape: Shape, classes: tuple[int, ...], real: str) -> Any:
 
         def prepare(here: Any, old: Any, new: Any) -> VectorRow:
             lines = {line: vectors.shifted(here, (line[0], s0), (line[1], s1)) for line in terms_of}
-            ahead = [vectors.shifted(here, (o0, s0), (o1, s1), (AHEAD, step)) for o0, o1 in last.items()] + [vectors.shifted(old, (AHEAD, t))]
+            ahead = [vectors.shifted(here, (o0, s0), (o1, s1), (AHEAD, step)) for o0, o1 in last.items()] + [
+                vectors.shifted(old, (AHEAD, t))
+            ]
 
             def sums(at: Any) -> dict[int, Any]:
                 """T_i of one vector."""
@@ -190,14 +207,18 @@ class Output:
 
 @dataclass(frozen=True)
 class VectorRow:
-    """A row of nodes: the sums of the vector at a distance from its first node, by name, None for an empty one; its fields; what to fetch ahead."""
+    """A row of nodes: the sums of the vector at a distance from its first node, by name, None for an empty one; its
+    fields; what to fetch ahead.
+    """
 
     sums: Callable[[Any], Mapping[Any, Any]]
     outputs: Sequence[Output]
     ahead: Sequence[Any]
 
 
-def sweep_lines(vectors: Vectors, args: tuple[Any, ...], length_of_tile: int, prepare: Callable[[Any, Any, Any], VectorRow]) -> None:
+def sweep_lines(
+    vectors: Vectors, args: tuple[Any, ...], length_of_tile: int, prepare: Callable[[Any, Any, Any], VectorRow]
+) -> None:
     """The loops of a sweep of rows whose nodes are neighbours in memory, tile by tile.
 
     Parameters
@@ -224,26 +245,42 @@ def sweep_lines(vectors: Vectors, args: tuple[Any, ...], length_of_tile: int, pr
         def from_before(output: Output, before: Mapping[Any, Any], now: Mapping[Any, Any]) -> Any:
             """What the vector `now` gets from itself and the one before."""
             parts = [now[output.centre]] if now[output.centre] is not None else []
-            return vectors.sum(parts + [vectors.concatenate(before[name], now[name], vectors.lanes - i) for i, _, name in output.moved])
+            return vectors.sum(
+                parts + [vectors.concatenate(before[name], now[name], vectors.lanes - i) for i, _, name in output.moved]
+            )
 
-        def finish(x: Any, totals: Sequence[Any], now: Mapping[Any, Any], store: Callable[[Any, Any], None]) -> tuple[Mapping[Any, Any], list[Any]]:
+        def finish(
+            x: Any, totals: Sequence[Any], now: Mapping[Any, Any], store: Callable[[Any, Any], None]
+        ) -> tuple[Mapping[Any, Any], list[Any]]:
             """Write one vector; the sums and the totals so far of the next."""
             at = builder.mul(x, I64(size))
             for address in made.ahead:
                 vectors.prefetch(builder.add(address, at))
             following = made.sums(builder.add(at, I64(vectors.lanes * size)))
             for output, begun in zip(made.outputs, totals, strict=True):
-                total = vectors.sum([begun] + [vectors.concatenate(now[name], following[name], i) for i, name, _ in output.moved])
+                total = vectors.sum(
+                    [begun] + [vectors.concatenate(now[name], following[name], i) for i, name, _ in output.moved]
+                )
                 total = vectors.multiply_add(total, b_all, vectors.load(builder.add(output.old, at)))
-                store(vectors.multiply_add(total, a_all, vectors.load(builder.add(output.here, at))), builder.add(output.new, at))
+                store(
+                    vectors.multiply_add(total, a_all, vectors.load(builder.add(output.here, at))),
+                    builder.add(output.new, at),
+                )
             return following, [from_before(output, now, following) for output in made.outputs]
 
         first = made.sums(I64(0))
         before_first = made.sums(I64(-vectors.lanes * size))
-        start = [I64(0), *(from_before(output, before_first, first) for output in made.outputs), *(first[name] for name in names)]
+        start = [
+            I64(0),
+            *(from_before(output, before_first, first) for output in made.outputs),
+            *(first[name] for name in names),
+        ]
         rest = builder.srem(length, width)
         whole = builder.sub(length, rest)
-        before, test, body, after = builder.block, *(builder.append_basic_block(name) for name in ("test", "vector", "rest"))
+        before, test, body, after = (
+            builder.block,
+            *(builder.append_basic_block(name) for name in ("test", "vector", "rest")),
+        )
         builder.branch(test)
         builder.position_at_end(test)
         carried = [builder.phi(value.type) for value in start]
@@ -269,7 +306,8 @@ def sweep_lines(vectors: Vectors, args: tuple[Any, ...], length_of_tile: int, pr
 
 
 def strided_sweep(shape: Shape, classes: tuple[int, ...], real: str, increments: bool) -> Any:
-    """Make the intrinsic of `line_sweep` for rows whose neighbours may lie any distance s2 apart; every neighbour is read by itself.
+    """Make the intrinsic of `line_sweep` for rows whose neighbours may lie any distance s2 apart; every neighbour is
+    read by itself.
 
     With ``increments`` the sum runs over differences, which do not cancel, and advances ``base`` in place:
     ``base = b*base + sum_k w_k (src_{+k} + src_{-k} - 2 src)`` and ``out = src + base``.
@@ -287,7 +325,11 @@ def strided_sweep(shape: Shape, classes: tuple[int, ...], real: str, increments:
         def row(number: Any) -> None:
             here = vectors.shifted(src, (1, builder.mul(number, step)))
             old, new = (vectors.shifted(start, (1, builder.mul(number, t))) for start in (base, out))
-            places = {o: vectors.shifted(here, *zip(o, (s0, s1, s2), strict=True)) for equal in members.values() for o in equal}
+            places = {
+                o: vectors.shifted(here, *zip(o, (s0, s1, s2), strict=True))
+                for equal in members.values()
+                for o in equal
+            }
 
             def chunk(x: Any, store: Callable[[Any, Any], None]) -> None:
                 at = builder.mul(x, I64(vectors.size))
@@ -295,11 +337,16 @@ def strided_sweep(shape: Shape, classes: tuple[int, ...], real: str, increments:
                 total = None
                 for number, equal in members.items():
                     values = [vectors.load(builder.add(places[o], at)) for o in equal]
-                    total = vectors.multiply_add(total, w[number], vectors.sum([builder.fsub(v, own) for v in values] if increments else values))
+                    total = vectors.multiply_add(
+                        total, w[number], vectors.sum([builder.fsub(v, own) for v in values] if increments else values)
+                    )
                 total = vectors.multiply_add(total, b_all, vectors.load(builder.add(old, at)))
                 if increments:
                     store(total, builder.add(old, at))
-                store(builder.fadd(own, total) if increments else vectors.multiply_add(total, a_all, own), builder.add(new, at))
+                store(
+                    builder.fadd(own, total) if increments else vectors.multiply_add(total, a_all, own),
+                    builder.add(new, at),
+                )
 
             vectors.in_chunks(n, chunk)
 
@@ -310,14 +357,16 @@ def strided_sweep(shape: Shape, classes: tuple[int, ...], real: str, increments:
 
 
 def tile_nodes(lines: int, size: int) -> int:
-    """Nodes of a row to sweep at a time, so that all lines read and written stay in the first cache; lines too many for that go whole."""
+    """Nodes of a row to sweep at a time, so that all lines read and written stay in the first cache; lines too many for
+    that go whole.
+    """
     fitting = _FIRST_CACHE // ((lines + 3) * size) // 64 * 64
     return fitting if fitting * size >= 2048 else 1 << 30
 
 
 def sweep_intrinsic(emit: Callable[[ir.IRBuilder, tuple[Any, ...]], None], real: str) -> Any:
     @intrinsic
-    def sweep(typingctx, src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, shifts):  # type: ignore[no-untyped-def]
+    def sweep(typingctx, src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, shifts):
         def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
             emit(builder, args)
             return context.get_dummy_value()
@@ -333,7 +382,7 @@ def sweep_signature(real: str) -> Any:
 
 
 @intrinsic
-def call_sweep(typingctx, function, src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, shifts):  # type: ignore[no-untyped-def]
+def call_sweep(typingctx, function, src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, shifts):
     """Call a compiled sweep by its address: the driver need not be compiled again for every stencil."""
     signature = types.void(*[types.int64] * 5, a, a, *[types.int64] * 8)
 
@@ -346,7 +395,7 @@ def call_sweep(typingctx, function, src, base, out, weights, a, b, n, count, s0,
 
 
 @intrinsic
-def add_weighted(typingctx, out, src, weights, scale, n, terms, apart, step):  # type: ignore[no-untyped-def]
+def add_weighted(typingctx, out, src, weights, scale, n, terms, apart, step):
     """``out += scale * sum_b weights_b * src_b`` on `n` neighbouring values, b below `terms` (at least 1).
 
     `out`, `src` and `weights` are byte addresses of the first values; those of the terms lie `apart` and `step`
@@ -381,19 +430,25 @@ def add_weighted(typingctx, out, src, weights, scale, n, terms, apart, step):  #
     return types.void(*[types.int64] * 3, scale, *[types.int64] * 4), codegen
 
 
-#: Nodes of a row, and rows, that `sweep_phases` takes at a time: a vector a row, so that all sums of a tile stay in registers.
+#: Nodes of a row, and rows, that `sweep_phases` takes at a time: a vector a row, so that all sums of a tile stay in
+#: registers.
 TILE, TILE_ROWS = 8, 4
 
 
 @intrinsic
-def sweep_phases(typingctx, src, coefficient, base, out, offsets, weights, bonds, a, b, interface, ceiling, n, count, step, t):  # type: ignore[no-untyped-def]
-    """``out = a*src + b*base + sum over the bonds`` on up to `TILE_ROWS` rows of `n` nodes, where bonds differ by the phases of their ends.
+def sweep_phases(
+    typingctx, src, coefficient, base, out, offsets, weights, bonds, a, b, interface, ceiling, n, count, step, t
+):
+    """``out = a*src + b*base + sum over the bonds`` on up to `TILE_ROWS` rows of `n` nodes, where bonds differ by the
+    phases of their ends.
 
-    All but a, b, the factor `interface` of bonds between the phases and the counts are byte addresses: of the first node in each array, of the
-    distances (int64) to the neighbours and of their weights. Rows lie `step` elements apart in src and coefficient, t in base and out; a
-    coefficient above 0 marks the liquid. A liquid node gains ``w (u' - u)`` from each liquid neighbour, and a node gains ``interface w (c' - c)``
-    from each neighbour of the other phase, c the lesser of u and `ceiling`, so that nothing at all flows between solid nodes. Rows that are
-    not there repeat the last one: their sums cost less than a loop of another length. Reads up to 8 nodes beyond the end of a row, writes none.
+    All but a, b, the factor `interface` of bonds between the phases and the counts are byte addresses: of the first
+    node in each array, of the distances (int64) to the neighbours and of their weights. Rows lie `step` elements apart
+    in src and coefficient, t in base and out; a coefficient above 0 marks the liquid. A liquid node gains ``w (u' -
+    u)`` from each liquid neighbour, and a node gains ``interface w (c' - c)`` from each neighbour of the other phase, c
+    the lesser of u and `ceiling`, so that nothing at all flows between solid nodes. Rows that are not there repeat the
+    last one: their sums cost less than a loop of another length. Reads up to 8 nodes beyond the end of a row, writes
+    none.
     """
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
@@ -426,7 +481,9 @@ def sweep_phases(typingctx, src, coefficient, base, out, offsets, weights, bonds
                 phi.add_incoming(first, before)
             distance = builder.load(vectors.pointer(builder.add(offsets, builder.mul(bond, I64(8))), I64))
             distance = builder.mul(distance, I64(size))
-            weight = vectors.splat(builder.load(vectors.pointer(builder.add(weights, builder.mul(bond, I64(size))), vectors.scalar)))
+            weight = vectors.splat(
+                builder.load(vectors.pointer(builder.add(weights, builder.mul(bond, I64(size))), vectors.scalar))
+            )
             grown = []
             for row, here in enumerate(heres):
                 there = builder.add(here, distance)
@@ -441,7 +498,8 @@ def sweep_phases(typingctx, src, coefficient, base, out, offsets, weights, bonds
             builder.cbranch(builder.icmp_signed("<", following, bonds), body, after)
             builder.position_at_end(after)
             places = [vectors.shifted(I64(0), (1, x), (1, builder.mul(number, t))) for number in numbers]
-            olds = [vectors.load(builder.add(base, place)) for place in places]  # before any store: rows may be repeated, and base be out
+            # before any store: rows may be repeated, and base be out
+            olds = [vectors.load(builder.add(base, place)) for place in places]
             for row, place in enumerate(places):
                 total = vectors.multiply_add(grown[2 * row + 1], between, grown[2 * row])
                 total = vectors.multiply_add(total, b_all, olds[row])
@@ -463,11 +521,12 @@ WINDOW, BUNDLE = 8, 4
 
 
 @intrinsic
-def window_sums(typingctx, sums, count, places, values, first, second, third, fourth):  # type: ignore[no-untyped-def]
-    """Four sums over as many windows of `values` with weights, side by side: one alone would wait for its own additions.
+def window_sums(typingctx, sums, count, places, values, first, second, third, fourth):
+    """Four sums over as many windows of `values` with weights, side by side: one alone would wait for its own
+    additions.
 
-    Takes the number of windows and byte addresses: of the results, of ``places[k, sum]``, the distance in bytes (uint32) of a window from
-    `values`, and of the weights (float64) of each sum, `WINDOW` a window.
+    Takes the number of windows and byte addresses: of the results, of ``places[k, sum]``, the distance in bytes
+    (uint32) of a window from `values`, and of the weights (float64) of each sum, `WINDOW` a window.
     """
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
@@ -486,10 +545,18 @@ def window_sums(typingctx, sums, count, places, values, first, second, third, fo
 
         def added(low: Any, high: Any, *places: Sequence[int]) -> Any:
             """Sum of two choices from the lanes of two vectors one after the other."""
-            return builder.fadd(*(builder.shuffle_vector(low, high, ir.Constant(ir.VectorType(I32, len(p)), list(p))) for p in places))
+            return builder.fadd(
+                *(builder.shuffle_vector(low, high, ir.Constant(ir.VectorType(I32, len(p)), list(p))) for p in places)
+            )
 
         pairs = [
-            added(builder.load(totals[i]), builder.load(totals[i + 1]), (0, 8, 2, 10, 4, 12, 6, 14), (1, 9, 3, 11, 5, 13, 7, 15)) for i in (0, 2)
+            added(
+                builder.load(totals[i]),
+                builder.load(totals[i + 1]),
+                (0, 8, 2, 10, 4, 12, 6, 14),
+                (1, 9, 3, 11, 5, 13, 7, 15),
+            )
+            for i in (0, 2)
         ]
         halves = added(*pairs, (0, 1, 8, 9, 4, 5, 12, 13), (2, 3, 10, 11, 6, 7, 14, 15))
         Vectors(builder, ir.DoubleType(), BUNDLE).store(added(halves, halves, (0, 1, 2, 3), (4, 5, 6, 7)), sums)
@@ -499,7 +566,7 @@ def window_sums(typingctx, sums, count, places, values, first, second, third, fo
 
 
 @intrinsic
-def move_up(typingctx, address, count):  # type: ignore[no-untyped-def]
+def move_up(typingctx, address, count):
     """Move `count` neighbouring numbers of 8 bytes from a byte address on by one place."""
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
@@ -512,7 +579,7 @@ def move_up(typingctx, address, count):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def clear(typingctx, address, count, like):  # type: ignore[no-untyped-def]
+def clear(typingctx, address, count, like):
     """Set `count` neighbouring values of the type of `like` to zero, from a byte address on; made for a few dozen."""
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
@@ -527,19 +594,29 @@ def clear(typingctx, address, count, like):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def any_below(typingctx, coefficient, values, limit, n, count, step):  # type: ignore[no-untyped-def]
-    """Whether a node with a coefficient of at most 0 may have a value below `limit`, on `count` rows of `n` nodes that lie `step` elements apart.
+def any_below(typingctx, coefficient, values, limit, n, count, step):
+    """Whether a node with a coefficient of at most 0 may have a value below `limit`, on `count` rows of `n` nodes that
+    lie `step` elements apart.
 
-    Takes byte addresses of the first node, and looks at whole vectors: up to 7 nodes beyond the end of a row count, too.
+    Takes byte addresses of the first node, and looks at whole vectors: up to 7 nodes beyond the end of a row count,
+    too.
     """
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
         coefficient, values, limit, n, count, step = args
         vectors = Vectors(builder, limit.type, 8)
         limits, zero = vectors.splat(limit), ir.Constant(vectors.type, [0.0] * vectors.lanes)
-        found = cgutils.alloca_once_value(builder, ir.Constant(ir.VectorType(ir.IntType(1), vectors.lanes), [0] * vectors.lanes))
-        with cgutils.for_range(builder, count) as rows, cgutils.for_range_slice(builder, I64(0), n, I64(vectors.lanes), I64) as (x, _):
-            hard, value = (vectors.load(vectors.shifted(start, (1, x), (1, builder.mul(rows.index, step)))) for start in (coefficient, values))
+        found = cgutils.alloca_once_value(
+            builder, ir.Constant(ir.VectorType(ir.IntType(1), vectors.lanes), [0] * vectors.lanes)
+        )
+        with (
+            cgutils.for_range(builder, count) as rows,
+            cgutils.for_range_slice(builder, I64(0), n, I64(vectors.lanes), I64) as (x, _),
+        ):
+            hard, value = (
+                vectors.load(vectors.shifted(start, (1, x), (1, builder.mul(rows.index, step))))
+                for start in (coefficient, values)
+            )
             low = builder.and_(builder.fcmp_ordered("<=", hard, zero), builder.fcmp_ordered("<", value, limits))
             builder.store(builder.or_(builder.load(found), low), found)
         mask = builder.bitcast(builder.load(found), ir.IntType(vectors.lanes))
@@ -552,12 +629,14 @@ _IN_FLIGHT = 8  # sums that a loop needs at a time, so that none waits for its o
 
 
 def weighted_parts(parts: int, real: str) -> Any:
-    """Make the intrinsic that sums lines with weights, to several sums at a time, for nodes that go through side by side.
+    """Make the intrinsic that sums lines with weights, to several sums at a time, for nodes that go through side by
+    side.
 
-    ``sums(to, to_step, source, ends, places, weights, weight_step, vectors, least, more)``: byte addresses of the first sum and the
-    distance between them, of the first node, and of tables. The terms come in groups: those of all sums, of all but the last, and so on; ``ends``
-    (int64) holds their first and last numbers, ``places`` (int64) how far, in bytes, what they take lies from the node, ``weights`` a row
-    of weights a term, ``weight_step`` bytes apart. Groups of fewer than `least` sums are left out; where `more` is not 0 the sums are added to.
+    ``sums(to, to_step, source, ends, places, weights, weight_step, vectors, least, more)``: byte addresses of the first
+    sum and the distance between them, of the first node, and of tables. The terms come in groups: those of all sums, of
+    all but the last, and so on; ``ends`` (int64) holds their first and last numbers, ``places`` (int64) how far, in
+    bytes, what they take lies from the node, ``weights`` a row of weights a term, ``weight_step`` bytes apart. Groups
+    of fewer than `least` sums are left out; where `more` is not 0 the sums are added to.
     """
 
     def emit(builder: ir.IRBuilder, args: tuple[Any, ...]) -> None:
@@ -572,14 +651,21 @@ def weighted_parts(parts: int, real: str) -> Any:
             return builder.add(builder.add(to, builder.mul(I64(k), to_step)), builder.add(at, I64(part * width)))
 
         def grown(term: Any, at: Any, used: int, many: int, totals: list[Any]) -> list[Any]:
-            here = builder.add(source, builder.load(vectors.pointer(builder.add(places, builder.mul(term, I64(8))), I64)))
+            here = builder.add(
+                source, builder.load(vectors.pointer(builder.add(places, builder.mul(term, I64(8))), I64))
+            )
             here = builder.add(here, at)
             w = vectors.splat_all(builder.add(weights, builder.mul(term, weight_step)), used)
             values = [vectors.load(builder.add(here, I64(part * width))) for part in range(many)]
             return [vectors.multiply_add(total, w[i // many], values[i % many]) for i, total in enumerate(totals)]
 
-        def loop(first: Any, last: Any, step: int, start: list[Any], body: Callable[[Any, list[Any]], list[Any]]) -> tuple[Any, list[Any]]:
-            before, test, inside, after = builder.block, *(builder.append_basic_block(name) for name in ("test", "term", "done"))
+        def loop(
+            first: Any, last: Any, step: int, start: list[Any], body: Callable[[Any, list[Any]], list[Any]]
+        ) -> tuple[Any, list[Any]]:
+            before, test, inside, after = (
+                builder.block,
+                *(builder.append_basic_block(name) for name in ("test", "term", "done")),
+            )
             builder.branch(test)
             builder.position_at_end(test)
             term, *values = [builder.phi(I64), *(builder.phi(vectors.type) for _ in start)]
@@ -595,20 +681,33 @@ def weighted_parts(parts: int, real: str) -> Any:
             return term, values
 
         def block(at: Any, many: int) -> None:
-            totals = [builder.select(fresh, zero, vectors.load(place(k, at, part))) for k in range(parts) for part in range(many)]
+            totals = [
+                builder.select(fresh, zero, vectors.load(place(k, at, part)))
+                for k in range(parts)
+                for part in range(many)
+            ]
             for group in range(parts):
                 used = parts - group
                 last = builder.select(builder.icmp_signed("<=", least, I64(used)), limits[group + 1], limits[group])
                 mine, turns = totals[: used * many], max(1, -(-_IN_FLIGHT // (used * many)))
                 term = limits[group]
                 if turns > 1:
+
                     def several(term: Any, sums: list[Any], used: int = used, turns: int = turns) -> list[Any]:
                         size = used * many
-                        return [v for t in range(turns) for v in grown(builder.add(term, I64(t)), at, used, many, sums[t * size : (t + 1) * size])]
+                        return [
+                            v
+                            for t in range(turns)
+                            for v in grown(builder.add(term, I64(t)), at, used, many, sums[t * size : (t + 1) * size])
+                        ]
 
                     term, sums = loop(term, last, turns, [*mine, *[zero] * ((turns - 1) * len(mine))], several)
                     mine = [vectors.sum(sums[i :: used * many]) for i in range(used * many)]
-                _, mine = loop(term, last, 1, mine, lambda term, sums, used=used: grown(term, at, used, many, sums))  # type: ignore[misc]
+
+                def single(term: Any, sums: list[Any], used: int = used) -> list[Any]:
+                    return grown(term, at, used, many, sums)
+
+                _, mine = loop(term, last, 1, mine, single)
                 totals[: used * many] = mine
             for i, total in enumerate(totals):
                 vectors.store(total, place(i // many, at, i % many))
@@ -621,7 +720,7 @@ def weighted_parts(parts: int, real: str) -> Any:
             done, many = end, many // 2
 
     @intrinsic
-    def sums(typingctx, to, to_step, source, ends, places, weights, weight_step, vectors, least, more):  # type: ignore[no-untyped-def]
+    def sums(typingctx, to, to_step, source, ends, places, weights, weight_step, vectors, least, more):
         def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
             emit(builder, args)
             return context.get_dummy_value()
@@ -635,7 +734,7 @@ PARTS_SIGNATURE = types.void(*[types.int64] * 10)
 
 
 @intrinsic
-def call_parts(typingctx, function, to, to_step, source, ends, places, weights, weight_step, vectors, least, more):  # type: ignore[no-untyped-def]
+def call_parts(typingctx, function, to, to_step, source, ends, places, weights, weight_step, vectors, least, more):
     """Call compiled `weighted_parts` by their address."""
     signature = types.void(*[types.int64] * 11)
 
@@ -648,12 +747,14 @@ def call_parts(typingctx, function, to, to_step, source, ends, places, weights, 
 
 
 def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str) -> Any:
-    """Make the intrinsic that applies stretched shifts in one direction along lines that go through side by side; see `engine.nested`.
+    """Make the intrinsic that applies stretched shifts in one direction along lines that go through side by side; see
+    `engine.nested`.
 
-    ``shifts(parts, part_step, part_k, found, found_step, found_k, memory, cell, r, e, f, columns, vectors)``: byte addresses of column 0 and the
-    distances between columns and between k; of the memory, one cell an application, outwards from the outer end, and the bytes of a cell (0: there is
-    none, e and f are zero); of the tables of edges. Outwards what is found is stored, from column 1 - reach on, inwards added, from column 1 on.
-    Nested: a part for each column and k, the sum found for each column; else one value for each column, what is found for each k.
+    ``shifts(parts, part_step, part_k, found, found_step, found_k, memory, cell, r, e, f, columns, vectors)``: byte
+    addresses of column 0 and the distances between columns and between k; of the memory, one cell an application,
+    outwards from the outer end, and the bytes of a cell (0: there is none, e and f are zero); of the tables of edges.
+    Outwards what is found is stored, from column 1 - reach on, inwards added, from column 1 on. Nested: a part for each
+    column and k, the sum found for each column; else one value for each column, what is found for each k.
     """
     steps = list(range(reach))
     order = steps[::-1] if nested else steps  # the applications one after the other
@@ -667,15 +768,22 @@ def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str) -> Any
 
         def shifted(address: Any, *moves: tuple[Any, Any]) -> Any:
             for count, distance in moves:
-                address = builder.add(address, builder.mul(count if isinstance(count, ir.Value) else I64(count), distance))
+                address = builder.add(
+                    address, builder.mul(count if isinstance(count, ir.Value) else I64(count), distance)
+                )
             return address
 
         def apply(at: Any, column: Any, carried: list[Any], edge: Any, cells: Any) -> tuple[list[Any], list[Any]]:
-            """One column: what is carried on to the next (v, q and the sums of c for each k), and the sums; no edge: plain shifts."""
+            """One column: what is carried on to the next (v, q and the sums of c for each k), and the sums; no edge:
+            plain shifts.
+            """
             v, q, t = carried[:reach], carried[reach : 2 * reach], carried[2 * reach :]
             v_new, q_new, t_new = list(v), list(q), list(t)
             if edge is not None:
-                r_all, e_all, f_all = (vectors.splat(builder.load(vectors.pointer(builder.add(table, edge), vectors.scalar))) for table in (r, e, f))
+                r_all, e_all, f_all = (
+                    vectors.splat(builder.load(vectors.pointer(builder.add(table, edge), vectors.scalar)))
+                    for table in (r, e, f)
+                )
             here = builder.add(shifted(parts, (column, part_step)), at)
             for turn, k in enumerate(order):
                 before = v_new[k + ahead] if turn else None
@@ -692,7 +800,10 @@ def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str) -> Any
             return [*v_new, *q_new, *t_new], [t_new[0]] if nested else t_new
 
         def loop(count: Any, start: list[Any], body: Callable[[Any, list[Any]], list[Any]]) -> list[Any]:
-            before, test, inside, after = builder.block, *(builder.append_basic_block(name) for name in ("test", "column", "done"))
+            before, test, inside, after = (
+                builder.block,
+                *(builder.append_basic_block(name) for name in ("test", "column", "done")),
+            )
             builder.branch(test)
             builder.position_at_end(test)
             turn, *values = [builder.phi(I64), *(builder.phi(vectors.type) for _ in start)]
@@ -723,12 +834,19 @@ def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str) -> Any
             places, size = [builder.add(at, I64(i * width)) for i in range(many)], 3 * reach
 
             def each(body: Callable[[Any, list[Any]], list[Any]]) -> Callable[[list[Any]], list[Any]]:
-                return lambda c: [v for i, place in enumerate(places) for v in body(place, c[i * size : (i + 1) * size])]
+                return lambda c: [
+                    v for i, place in enumerate(places) for v in body(place, c[i * size : (i + 1) * size])
+                ]
 
             carried = [zero] * (size * many)
             if not outwards:
-                carried = loop(I64(reach + 1), carried, lambda turn, c: each(
-                    lambda place, c: apply(place, builder.sub(turn, I64(reach)), c, None, None)[0])(c))  # fmt: skip
+                carried = loop(
+                    I64(reach + 1),
+                    carried,
+                    lambda turn, c: each(
+                        lambda place, c: apply(place, builder.sub(turn, I64(reach)), c, None, None)[0]
+                    )(c),
+                )
             count = builder.add(columns, I64(1)) if outwards else columns
             carried = loop(count, carried, lambda turn, c: each(lambda place, c: stretched(place, turn, c))(c))
             for i, place in enumerate(places if outwards else ()):
@@ -747,7 +865,9 @@ def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str) -> Any
             done, many = end, many // 2
 
     @intrinsic
-    def shifts(typingctx, parts, part_step, part_k, found, found_step, found_k, memory, cell, r, e, f, columns, vectors):  # type: ignore[no-untyped-def]
+    def shifts(
+        typingctx, parts, part_step, part_k, found, found_step, found_k, memory, cell, r, e, f, columns, vectors
+    ):
         def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
             emit(builder, args)
             return context.get_dummy_value()
@@ -761,7 +881,9 @@ SHIFTS_SIGNATURE = types.void(*[types.int64] * 13)
 
 
 @intrinsic
-def call_shifts(typingctx, function, parts, part_step, part_k, found, found_step, found_k, memory, cell, r, e, f, columns, vectors):  # type: ignore[no-untyped-def]
+def call_shifts(
+    typingctx, function, parts, part_step, part_k, found, found_step, found_k, memory, cell, r, e, f, columns, vectors
+):
     """Call compiled `stretched_shifts` by their address."""
     signature = types.void(*[types.int64] * 14)
 
@@ -778,10 +900,11 @@ TURNED = 8
 
 
 @intrinsic
-def turn(typingctx, source, step, last, to, to_step, to_last, like):  # type: ignore[no-untyped-def]
+def turn(typingctx, source, step, last, to, to_step, to_last, like):
     """Turn a square of values: value j of line i of `source` becomes value i of line j of `to`.
 
-    Byte addresses and distances of lines, `TURNED` values each of the type of `like`; lines after `last`, or `to_last`, are not there.
+    Byte addresses and distances of lines, `TURNED` values each of the type of `like`; lines after `last`, or `to_last`,
+    are not there.
     """
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
@@ -796,7 +919,11 @@ def turn(typingctx, source, step, last, to, to_step, to_last, like):  # type: ig
         low, high = ([i + TURNED * j for i in range(first, first + half) for j in (0, 1)] for first in (0, half))
         for _ in range(3):  # each round sorts by one more bit of the line's number
             pairs = [(lines[i], lines[i + half]) for i in range(half)]
-            lines = [builder.shuffle_vector(*pair, ir.Constant(ir.VectorType(I32, TURNED), picked)) for pair in pairs for picked in (low, high)]
+            lines = [
+                builder.shuffle_vector(*pair, ir.Constant(ir.VectorType(I32, TURNED), picked))
+                for pair in pairs
+                for picked in (low, high)
+            ]
         for i in reversed(range(TURNED)):  # a line that is not there goes where the last one goes afterwards
             vectors.store(lines[i], place(to, i, to_step, to_last))
         return context.get_dummy_value()
@@ -805,7 +932,7 @@ def turn(typingctx, source, step, last, to, to_step, to_last, like):  # type: ig
 
 
 @intrinsic
-def add_lines(typingctx, source, to, scale, count):  # type: ignore[no-untyped-def]
+def add_lines(typingctx, source, to, scale, count):
     """``to += scale * source`` on `count` neighbouring values; byte addresses."""
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
@@ -825,7 +952,7 @@ def add_lines(typingctx, source, to, scale, count):  # type: ignore[no-untyped-d
 
 
 @intrinsic
-def fetch(typingctx, address):  # type: ignore[no-untyped-def]
+def fetch(typingctx, address):
     """Fetch the cache line of an address, which need not exist."""
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
@@ -836,7 +963,7 @@ def fetch(typingctx, address):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def weigh_change(typingctx, to, level, before, share, strengths, count):  # type: ignore[no-untyped-def]
+def weigh_change(typingctx, to, level, before, share, strengths, count):
     """``to = strengths * (level - share * before)`` on `count` neighbouring values; byte addresses."""
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
@@ -846,7 +973,9 @@ def weigh_change(typingctx, to, level, before, share, strengths, count):  # type
 
         def chunk(x: Any, store: Callable[[Any, Any], None]) -> None:
             at = builder.mul(x, I64(vectors.size))
-            change = vectors.multiply_add(vectors.load(builder.add(level, at)), factor, vectors.load(builder.add(before, at)))
+            change = vectors.multiply_add(
+                vectors.load(builder.add(level, at)), factor, vectors.load(builder.add(before, at))
+            )
             store(builder.fmul(vectors.load(builder.add(strengths, at)), change), builder.add(to, at))
 
         vectors.in_chunks(count, chunk)
@@ -856,11 +985,11 @@ def weigh_change(typingctx, to, level, before, share, strengths, count):  # type
 
 
 @intrinsic
-def take_passed(typingctx, box, steps, axes, taps, reach, strengths, level, like, count):  # type: ignore[no-untyped-def]
+def take_passed(typingctx, box, steps, axes, taps, reach, strengths, level, like, count):
     """``level -= strengths * F box`` on `count` neighbouring values, F the sum of one symmetric filter along each axis.
 
-    Byte addresses; `steps` (int64) holds the distances between neighbours along the axes, in elements, `taps` the filter's weight
-    of a value itself and of the neighbours on both sides, up to `reach`.
+    Byte addresses; `steps` (int64) holds the distances between neighbours along the axes, in elements, `taps` the
+    filter's weight of a value itself and of the neighbours on both sides, up to `reach`.
     """
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
@@ -868,16 +997,24 @@ def take_passed(typingctx, box, steps, axes, taps, reach, strengths, level, like
         vectors = Vectors.of(builder, str(signature.args[7]))
 
         def tap(k: Any) -> Any:
-            return vectors.splat(builder.load(vectors.pointer(builder.add(taps, builder.mul(k, I64(vectors.size))), vectors.scalar)))
+            return vectors.splat(
+                builder.load(vectors.pointer(builder.add(taps, builder.mul(k, I64(vectors.size))), vectors.scalar))
+            )
 
         def along(number: int) -> None:
-            apart = [builder.mul(builder.load(vectors.pointer(builder.add(steps, I64(8 * axis)), I64)), I64(vectors.size)) for axis in range(number)]
+            apart = [
+                builder.mul(builder.load(vectors.pointer(builder.add(steps, I64(8 * axis)), I64)), I64(vectors.size))
+                for axis in range(number)
+            ]
 
             def chunk(x: Any, store: Callable[[Any, Any], None]) -> None:
                 at = builder.mul(x, I64(vectors.size))
                 here = builder.add(box, at)
                 start = builder.fmul(tap(I64(0)), vectors.load(here))
-                before, test, body, after = builder.block, *(builder.append_basic_block(name) for name in ("test", "tap", "done"))
+                before, test, body, after = (
+                    builder.block,
+                    *(builder.append_basic_block(name) for name in ("test", "tap", "done")),
+                )
                 builder.branch(test)
                 builder.position_at_end(test)
                 k = builder.phi(I64)
@@ -885,11 +1022,21 @@ def take_passed(typingctx, box, steps, axes, taps, reach, strengths, level, like
                 builder.cbranch(builder.icmp_signed("<=", k, reach), body, after)
                 builder.position_at_end(body)
                 weight = tap(k)
-                grown = [vectors.multiply_add(total, weight, builder.fadd(vectors.load(builder.add(here, d)), vectors.load(builder.sub(here, d))))
-                         for total, d in zip(totals, far, strict=True)]  # fmt: skip
+                grown = [
+                    vectors.multiply_add(
+                        total,
+                        weight,
+                        builder.fadd(vectors.load(builder.add(here, d)), vectors.load(builder.sub(here, d))),
+                    )
+                    for total, d in zip(totals, far, strict=True)
+                ]
                 farther = [builder.add(d, step) for d, step in zip(far, apart, strict=True)]
-                for phi, value, coming in zip([k, *totals, *far], [I64(1), *[start] * number, *apart], [builder.add(k, I64(1)), *grown, *farther],
-                                              strict=True):  # fmt: skip
+                for phi, value, coming in zip(
+                    [k, *totals, *far],
+                    [I64(1), *[start] * number, *apart],
+                    [builder.add(k, I64(1)), *grown, *farther],
+                    strict=True,
+                ):
                     phi.add_incoming(value, before)
                     phi.add_incoming(coming, builder.block)
                 builder.branch(test)
