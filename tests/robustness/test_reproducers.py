@@ -146,3 +146,17 @@ def test_corrosion_beside_a_layer_that_is_chosen():
     assert np.isfinite(run.fields["u"]).all()
     with pytest.raises(fh.InputError):
         fh.Simulation(lattice, model, beside, specimens=[fh.Specimen(fh.Disc(3.2))])
+
+
+@pytest.mark.parametrize("value", [1e200, -1e300])
+def test_data_whose_energy_overflows_are_refused(value):
+    """A field that is constant stretches no bond, so that the run was finite and its energy was not."""
+    lattice = fh.Lattice(1.0, (-6.0, -6.0), (6.0, 6.0))
+    kernel = fh.Kernel(2.0, 0, "gaussian")
+    setups = {
+        "body": lambda: fh.Body(lattice, kernel, young=1.0, poisson=0.25, initial={"u": [0.0, value]}),
+        "simulation": lambda: fh.Simulation(lattice, fh.Elastic(kernel, young=1.0), initial={"v": [0.0, value]}),
+    }
+    for make in setups.values():
+        with pytest.raises(fh.InputError, match=r"energy, overflow.*remedy: other units"):
+            make()

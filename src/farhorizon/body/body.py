@@ -30,7 +30,7 @@ from farhorizon.inputs.cracks import as_cut, cut_bonds
 from farhorizon.inputs.expressions import as_given
 from farhorizon.inputs.loads import BodyForce, Traction, force_density
 from farhorizon.inputs.outside import gradients
-from farhorizon.inputs.sources import LISTED, checked, steady
+from farhorizon.inputs.sources import LISTED, check_size, checked, steady
 from farhorizon.machine import available_memory
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
@@ -438,6 +438,7 @@ class Body(Run):
                 out[a][near] = np.broadcast_to(array, self.lattice.shape).reshape(tuple(self._near))
         if not np.isfinite(out).all():
             raise InputError("values must be finite", value=f"{int((~np.isfinite(out)).sum())} nan or inf", key=key)
+        check_size(out, key)
         if self.lattice.mask is not None:
             out *= self._exists()
         return out

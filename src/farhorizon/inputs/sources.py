@@ -177,6 +177,19 @@ def largest_component(value: Any) -> Callable[..., np.ndarray]:
     return largest
 
 
+def check_size(values: np.ndarray, key: str) -> None:
+    """Refuse data whose squares overflow, with an InputError."""
+    largest = float(np.abs(values).max(initial=0, where=np.isfinite(values)))
+    if largest > _LARGEST:
+        raise InputError(
+            "values are beyond what can be computed with: their squares, as in an energy, overflow",
+            value=largest,
+            limit=f"{_LARGEST:g}",
+            key=key,
+            remedy="other units",
+        )
+
+
 def checked(value: Any, lattice: Lattice, key: str = "source") -> np.ndarray:
     """The values as a float array of the lattice's shape; zero outside a body, and outside a window where not
     finite."""
@@ -194,15 +207,7 @@ def checked(value: Any, lattice: Lattice, key: str = "source") -> np.ndarray:
             key=key,
             remedy="where(condition, a, b) in an expression keeps to where it is defined",
         )
-    largest = float(np.abs(values).max(initial=0, where=np.isfinite(values)))
-    if largest > _LARGEST:
-        raise InputError(
-            "values are beyond what can be computed with: their squares, as in an energy, overflow",
-            value=largest,
-            limit=f"{_LARGEST:g}",
-            key=key,
-            remedy="other units",
-        )
+    check_size(values, key)
     if lattice.mask is None:
         return values
     return np.where(lattice.mask if lattice.body is not None else np.isfinite(values), values, 0.0)
