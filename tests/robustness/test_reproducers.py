@@ -160,3 +160,15 @@ def test_data_whose_energy_overflows_are_refused(value):
     for make in setups.values():
         with pytest.raises(fh.InputError, match=r"energy, overflow.*remedy: other units"):
             make()
+
+
+def test_a_horizon_far_beyond_the_near_field_is_refused_at_once(monkeypatch):
+    """The modes of a stencil that reaches 108 nodes took minutes to find before it was seen that it does not fit."""
+
+    def searched(*_):
+        raise AssertionError("modes were looked for")
+
+    monkeypatch.setattr("farhorizon.analysis.layers.gain._dying", searched)
+    lattice, model = fh.Lattice(1.0, (-7.0, -7.0), (7.0, 7.0)), fh.Wave(fh.Kernel(108.0, influence="linear"))
+    with pytest.raises(fh.InputError, match="the near field is thinner than the stencil; value: 15 nodes along x"):
+        fh.Simulation(lattice, model, fh.LatticePML(target=1e-6))

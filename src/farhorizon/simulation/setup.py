@@ -144,9 +144,9 @@ class Assembly:
         self.field_shape = lattice.shape if self.stencil.components == 1 else (self.stencil.components, *lattice.shape)
         self._check_vector(constraints)
         self._check_closing()
+        self._check_size()  # first: layers of stencils that reach so far take long
         self._layers = self._make_layers()
         self.extents: dict[tuple[int, int], Extent] = {}
-        self._check_size()
         self._check_memory(dtype)
         initial = {name: as_given(value, lattice.dim, f"initial.{name}", time=False) for name, value in initial.items()}
         given = zip(sources, _keys("source", sources), strict=True)

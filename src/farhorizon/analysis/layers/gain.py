@@ -11,6 +11,7 @@ ones have such that are nearly waves, and with a long entrance these keep themse
 from __future__ import annotations
 
 import itertools
+from functools import lru_cache
 
 import numpy as np
 
@@ -33,16 +34,26 @@ def largest_gain(stencil: Stencil, kappa: np.ndarray, sigma: np.ndarray, alpha: 
     kappa, sigma, alpha : ndarray, shape (columns + 1,)
         Stretch of the edges, sigma and alpha in units of speed over spacing.
     """
-    weights = chain_weights(stencil, [_LONG] * (stencil.dim - 1))
-    chains = np.diagonal(weights, axis1=1, axis2=2).T if stencil.components > 1 else weights[None]
     found = 0.0
-    for frequency, component in itertools.product(_FREQUENCIES * np.sqrt(stencil.symbol_maximum), chains):
-        chain = component.copy()
-        chain[len(chain) // 2] += frequency**2
-        roots = np.roots(chain)
-        roots = roots[np.abs(roots) < 1 - _TRAVELS]
+    for frequency, roots in _dying(stencil):
         turned = np.outer(-1j * (roots - 1) / (roots + 1), kappa + sigma / (1j * frequency + alpha))
         steps = np.log(np.abs((1 + 1j * turned) / (1 - 1j * turned)))
         way = np.cumsum(np.pad(steps, ((0, 0), (1, 0))), axis=1)
         found = max(found, float((way - np.minimum.accumulate(way, axis=1)).max(initial=0)))
+    return found
+
+
+@lru_cache(maxsize=8)
+def _dying(stencil: Stencil) -> list[tuple[float, np.ndarray]]:
+    """Frequencies, and the factors from node to node of the modes that die out in the medium. Those of wide kernels
+    take far longer to find than a layer takes to be looked at.
+    """
+    weights = chain_weights(stencil, [_LONG] * (stencil.dim - 1))
+    chains = np.diagonal(weights, axis1=1, axis2=2).T if stencil.components > 1 else weights[None]
+    found = []
+    for frequency, component in itertools.product(_FREQUENCIES * np.sqrt(stencil.symbol_maximum), chains):
+        chain = component.copy()
+        chain[len(chain) // 2] += frequency**2
+        roots = np.roots(chain)
+        found.append((float(frequency), roots[np.abs(roots) < 1 - _TRAVELS]))
     return found
