@@ -24,12 +24,12 @@ import numpy as np
 from common import interleaved, median, ratio, run_parts, steps, verdict
 
 import farhorizon as fh
-from farhorizon.boundaries import Boundary
+from farhorizon.boundaries import Side
 from farhorizon.engine.engine import available_threads
 from farhorizon.models import LatticeModel
 
 
-def simulation(lattice: fh.Lattice, model: LatticeModel, boundary: Boundary, threads: int = 1) -> fh.Simulation:
+def simulation(lattice: fh.Lattice, model: LatticeModel, boundary: Side, threads: int = 1) -> fh.Simulation:
     """Starts from noise, so that nothing becomes denormal; a tiny step, so that nothing overflows either."""
     sim = fh.Simulation(lattice, model, boundary, threads=threads, dt=1e-6)
     for level in range(model.order):
@@ -43,7 +43,7 @@ def measure(
     what: str,
     lattice: fh.Lattice,
     model: LatticeModel,
-    conditions: Mapping[str, Boundary],
+    conditions: Mapping[str, Side],
     repeats: int,
     target: str = "",
     threads: int = 1,
@@ -78,7 +78,7 @@ def disc(repeats: int) -> list[dict[str, Any]]:
     """Both horizons, on one thread and on two."""
     rows = []
     for reach, threads in itertools.product((3, 6), sorted({1, available_threads()})):
-        conditions: dict[str, Boundary] = {
+        conditions: dict[str, Side] = {
             "PlaneWave, 10 nodes": fh.PlaneWave(),
             "PlaneWave, whole cone": fh.PlaneWave(thin=1),
             "Higdon (0, 45)": fh.Higdon(),
@@ -95,7 +95,7 @@ def disc(repeats: int) -> list[dict[str, Any]]:
 
 def mesh(repeats: int) -> list[dict[str, Any]]:
     """Finite elements on a square."""
-    conditions: dict[str, Boundary] = {
+    conditions: dict[str, Side] = {
         "PlaneWave, 3 spacings": fh.PlaneWave(),
         "PlaneWave, 1 spacing": fh.PlaneWave(radius=0.5),
         "Higdon (0, 45)": fh.Higdon(),
@@ -113,7 +113,7 @@ def mesh(repeats: int) -> list[dict[str, Any]]:
 
 def bar(repeats: int) -> list[dict[str, Any]]:
     """A bar with a wide horizon."""
-    conditions: dict[str, Boundary] = {
+    conditions: dict[str, Side] = {
         "PlaneWave, 26 nodes": fh.PlaneWave(fit="collocation", radius=0.25, wavenumber=1.0),
         "Higdon (0, 0)": fh.Higdon((0, 0)),
     }
@@ -124,7 +124,7 @@ def bar(repeats: int) -> list[dict[str, Any]]:
 
 def ball(repeats: int) -> list[dict[str, Any]]:
     """Diffusion in a ball."""
-    conditions: dict[str, Boundary] = {
+    conditions: dict[str, Side] = {
         "PlaneWave, 7 nodes": fh.PlaneWave(),
         "LatticePML, 12 nodes": fh.LatticePML(nodes=12),
     }

@@ -53,6 +53,7 @@ __all__ = [
     "Probes",
     "Rectangle",
     "RungeKuttaChebyshev",
+    "Side",
     "Simulation",
     "Source",
     "Specimen",

@@ -574,7 +574,7 @@ def _demo(options: argparse.Namespace) -> int:
 
 
 def _schema(options: argparse.Namespace) -> int:
-    from farhorizon.case.case import schema
+    from farhorizon.case.schema import schema
 
     print(json.dumps(schema(), indent=1))
     return GOOD

@@ -13,6 +13,7 @@ from farhorizon.boundaries import (
     NonlocalPML,
     Periodic,
     PlaneWave,
+    Side,
     Sponge,
 )
 from farhorizon.checks.certificate import Certificate
@@ -82,6 +83,7 @@ __all__ = [
     "Probes",
     "Rectangle",
     "RungeKuttaChebyshev",
+    "Side",
     "Simulation",
     "Source",
     "Specimen",

@@ -404,7 +404,7 @@ def test_what_a_body_is_not_for():
 def validator():
     from jsonschema import Draft202012Validator
 
-    from farhorizon.case.case import schema
+    from farhorizon.case.schema import schema
 
     Draft202012Validator.check_schema(schema())
     return Draft202012Validator(schema())

@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon import kinds
+from farhorizon import boundaries, kinds
 from farhorizon.body import body_loops as engine
 from farhorizon.body import body_report
 from farhorizon.body.infinite_body import bond_weights, largest_frequency
-from farhorizon.boundaries import Fixed, Free, NonlocalPML, Sponge, sides
+from farhorizon.boundaries import Fixed, sides
 from farhorizon.checks.certificate import BUDGET, Certificate
 from farhorizon.checks.report import Report
 from farhorizon.engine.threads import side_by_side
@@ -80,6 +80,11 @@ def _all_positive(value: Any, name: str, key: str) -> None:
     least = float(np.min(value))
     if not (np.isfinite(value).all() and least > 0):
         raise InputError(f"{name} must be finite and positive", value=least, limit="> 0", key=key)
+
+
+def _serves(kind: type[boundaries.Side]) -> bool:
+    """Whether a kind of side stands around a body: walls and layers of nodes that are damped or carry split fields."""
+    return kind.split or kind.damped or not (kind.endless or kind.periodic)
 
 
 class Body(Run):
@@ -237,15 +242,15 @@ class Body(Run):
     # ------------------------------------------------------------------------------------------------------------------
 
     def _set_sides(self, boundary: Any) -> None:
-        self.sides: dict[Side, Any] = sides(boundary, self.dim, Fixed | Free | Sponge | NonlocalPML, COMBINATIONS)
-        layers = [b for b in self.sides.values() if isinstance(b, NonlocalPML)]
+        self.sides: dict[Side, Any] = sides(boundary, self.dim, _serves, COMBINATIONS)
+        layers = [b for b in self.sides.values() if b.split]
         if len({b.form for b in layers}) > 1 or len({b.cross for b in layers}) > 1:
             raise InputError(
                 "the layers of a body need one form and one cross-damping",
                 value=sorted({(b.form, b.cross) for b in layers}),
                 key="boundary",
             )
-        if any(isinstance(b, Fixed) and b.value for b in self.sides.values()):
+        if any(b.held for b in self.sides.values()):
             raise InputError("a fixed side holds displacements at zero", limit=0, key="boundary.value")
         self.split = any(b.form == "split" for b in layers)
         self._cross = layers[0].cross if layers else 0.0
@@ -255,7 +260,7 @@ class Body(Run):
         in 2D.
         """
         lead = 3 - self.dim
-        depth = {side: b.nodes if isinstance(b, NonlocalPML | Sponge) else 0 for side, b in self.sides.items()}
+        depth = {side: b.nodes if (b.split or b.damped) else 0 for side, b in self.sides.items()}
         self._before = np.array([0] * lead + [depth[a, -1] for a in range(self.dim)])
         self._near = np.array([1] * lead + list(self.lattice.shape))
         self._box = self._before + self._near + np.array([0] * lead + [depth[a, 1] for a in range(self.dim)])
@@ -342,7 +347,7 @@ class Body(Run):
 
     def _check_continued(self, values: np.ndarray, value: Any, key: str) -> None:
         """Layers continue the material along their normals: it must not vary there."""
-        depth = {side: b.nodes for side, b in self.sides.items() if isinstance(b, NonlocalPML | Sponge)}
+        depth = {side: b.nodes for side, b in self.sides.items() if (b.split or b.damped)}
         for axis, side in depth:
             n = min(self.stencil.reach[axis] + 1, values.shape[axis])
             last = np.take(values, np.arange(n) if side < 0 else np.arange(-n, 0), axis)
@@ -456,7 +461,7 @@ class Body(Run):
         lead, m = 3 - self.dim, self._reach
         there = np.pad(self._exists(), [(r, r) for r in m], mode="edge")
         for (axis, side), b in self.sides.items():
-            if isinstance(b, Free):
+            if not b.bonded:
                 part = [slice(None)] * 3
                 width = m[lead + axis]
                 part[lead + axis] = slice(None, width) if side < 0 else slice(-width, None)
@@ -492,9 +497,9 @@ class Body(Run):
         low, high = self._before.copy(), end.copy()
         for (axis, side), b in self.sides.items():  # no bond breaks within one reach of what is not free
             row = 3 - self.dim + axis
-            if not isinstance(b, Free) and side < 0:
+            if b.bonded and side < 0:
                 low[row] += self._reach[row]
-            elif not isinstance(b, Free):
+            elif b.bonded:
                 high[row] -= self._reach[row]
         loaded = (
             (self._view(np.abs(self._loads).sum((0, 1))[None])[0] > 0)
@@ -681,20 +686,16 @@ class Body(Run):
         lead = 3 - self.dim
         phi, shift, damping = np.zeros((self.dim, *self._box)), np.zeros(tuple(self._box)), np.zeros(tuple(self._box))
         for (axis, side), b in self.sides.items():
-            if not isinstance(b, NonlocalPML | Sponge):
+            if not (b.split or b.damped):
                 continue
             fast = float(np.take(self._fast, 0 if side < 0 else -1, axis).max())
-            outwards = (
-                b.stretch(self.lattice.spacing, fast)
-                if isinstance(b, NonlocalPML)
-                else b.damping(2, fast**2, self.lattice.spacing)
-            )
+            outwards = b.stretch(self.lattice.spacing, fast) if b.split else b.damping(2, fast**2, self.lattice.spacing)
             line = [1, 1, 1]
             line[lead + axis] = b.nodes
             part = [slice(None)] * 3
             part[lead + axis] = slice(None, b.nodes) if side < 0 else slice(self._box[lead + axis] - b.nodes, None)
             values = (outwards[::-1] if side < 0 else outwards).reshape(line)
-            if isinstance(b, NonlocalPML):
+            if b.split:
                 phi[axis][tuple(part)] = values
                 shift[tuple(part)] = np.maximum(shift[tuple(part)], b.shift)
             else:
@@ -784,7 +785,7 @@ class Body(Run):
             "cracks": bool(len(cracks)),
             "stabilisation": bool(self._stabilisation),
             "several materials": self.varied,
-            "sponge": any(isinstance(b, Sponge) for b in self.sides.values()),
+            "sponge": any(b.damped for b in self.sides.values()),
             "initial v": bool(self._v.any()),
         }
         if self.split and any(asked.values()):

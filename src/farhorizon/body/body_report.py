@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from farhorizon.analysis.stability import krylov_growth, noise_growth
-from farhorizon.boundaries import Free, NonlocalPML, Sponge
 from farhorizon.checks.certificate import (
     BUDGET,
     CERTIFIED,
@@ -51,7 +50,7 @@ def certify(body: Any, budget: float = BUDGET, until: float = np.inf) -> Certifi
             f"forward Euler on split fields grows everywhere, by half of frequency^2 dt, the shortest wave by {fast}"
         )
         return Certificate(NOT_CERTIFIED, reason, rate, crossing=body.crossing, seconds=time.monotonic() - begin)
-    if not any(isinstance(b, NonlocalPML) for b in body.sides.values()):
+    if not any(b.split for b in body.sides.values()):
         if body.dt <= _MARGIN * body.step_limit:
             reason = (
                 "until bonds break: the forces have a potential that is never negative and the step is below the limit"
@@ -116,7 +115,7 @@ def report(body: Any, until: float | None = None, budget: float | None = None) -
         found.warnings.append(f"the run is not stable: {found.certificate.reason}. Use {remedy}.")
     elif remark := found.certificate.remark(found.until):
         found.warnings.append(remark)
-    if not any(isinstance(b, NonlocalPML | Sponge | Free) for b in body.sides.values()):
+    if not any(b.endless or not b.bonded for b in body.sides.values()):
         found.warnings.append("Fixed sides reflect")
     found.notes = body.notes
     return found

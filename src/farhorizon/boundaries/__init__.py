@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, get_args
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from farhorizon.boundaries.auto import Auto
 from farhorizon.boundaries.exact import Exact, ExactEnds
@@ -15,15 +15,14 @@ from farhorizon.boundaries.nonlocal_pml import NonlocalPML
 from farhorizon.boundaries.outline import Closing, Closure, Outline
 from farhorizon.boundaries.plain import Fixed, Free, Periodic
 from farhorizon.boundaries.plane_wave import PlaneWave
+from farhorizon.boundaries.side import Side, names
 from farhorizon.boundaries.sponge import Sponge
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import AXES
 from farhorizon.kinds import said
 
 __all__ = [
-    "Absorbing",
     "Auto",
-    "Boundary",
     "Closing",
     "Closure",
     "Exact",
@@ -34,34 +33,36 @@ __all__ = [
     "Free",
     "Higdon",
     "LatticePML",
-    "Margin",
     "NonlocalPML",
     "Outline",
     "Periodic",
     "PlaneWave",
+    "Side",
     "Sponge",
+    "names",
     "sides",
 ]
 
-#: Sides beyond which nodes of the medium itself are computed.
-Margin = Sponge | Extended | PlaneWave | Higdon | FirstOrder
-#: Sides beyond which the medium goes on.
-Absorbing = LatticePML | Exact | Margin
-Boundary = Absorbing | Fixed | Free | Periodic | Auto
+
+def _of_simulations(kind: type[Side]) -> bool:
+    return not kind.split
 
 
 def sides(
-    boundary: Any | Mapping[str, Any], dim: int, kinds: Any = Boundary, remedy: str = ""
+    boundary: Any | Mapping[str, Any],
+    dim: int,
+    serves: Callable[[type[Side]], bool] = _of_simulations,
+    remedy: str = "",
 ) -> dict[tuple[int, int], Any]:
     """One boundary for each (axis, side), side = -1 or +1.
 
     Parameters
     ----------
-    boundary : Boundary or mapping
+    boundary : Side or mapping
         One for all sides, or a mapping with keys "all", "x", "x-", "x+", "y", ...; the more specific key wins.
     dim : int
-    kinds : type or union
-        What may stand on a side.
+    serves : callable
+        Whether a kind of side may stand there.
     remedy : str
         For what may not.
 
@@ -72,14 +73,17 @@ def sides(
         than one dimension, conditions along an outline beside layers.
     """
     given: Mapping[str, Any] = boundary if isinstance(boundary, Mapping) else {"all": boundary}
-    names = ["all"] + [AXES[a] + s for a in range(dim) for s in ("", "-", "+")]
+    known = ["all"] + [AXES[a] + s for a in range(dim) for s in ("", "-", "+")]
     for key, value in given.items():
-        if key not in names:
-            raise InputError("unknown side", value=said(key), limit=", ".join(names), key="boundary")
-        if not isinstance(value, kinds):
-            known = ", ".join(sorted(kind.__name__ for kind in get_args(kinds) or (kinds,)))
+        if key not in known:
+            raise InputError("unknown side", value=said(key), limit=", ".join(known), key="boundary")
+        if not isinstance(value, Side) or not serves(type(value)):
             raise InputError(
-                "not a boundary that serves here", value=said(value), key=f"boundary.{key}", limit=known, remedy=remedy
+                "not a boundary that serves here",
+                value=said(value),
+                key=f"boundary.{key}",
+                limit=names(serves),
+                remedy=remedy,
             )
     found: dict[tuple[int, int], Any] = {}
     for axis in range(dim):
@@ -90,14 +94,16 @@ def sides(
                     "no boundary given for a side", value=AXES[axis] + sign, key="boundary", remedy='add it, or "all"'
                 )
             found[axis, side] = given[keys[0]]
-            if isinstance(found[axis, side], Exact) and dim > 1:
+            one = found[axis, side]
+            if dim not in one.dims:
+                served = " or ".join(("one", "two", "three")[count - 1] for count in one.dims)
                 raise InputError(
-                    "the exact boundary is for one dimension",
+                    f"{type(one).__name__} is for {served} dimension{'s' * (one.dims != (1,))}",
                     value=f"{dim} dimensions",
                     key=f"boundary.{keys[0]}",
                     remedy="LatticePML",
                 )
-        if isinstance(found[axis, -1], Periodic) != isinstance(found[axis, 1], Periodic):
+        if found[axis, -1].periodic != found[axis, 1].periodic:
             raise InputError(
                 "Periodic needs both sides of an axis",
                 value=AXES[axis],
@@ -108,10 +114,10 @@ def sides(
     return found
 
 
-def _check_closing(found: Mapping[tuple[int, int], Boundary]) -> None:
+def _check_closing(found: Mapping[tuple[int, int], Any]) -> None:
     """Conditions along an outline stand beside fixed, free and periodic sides, which the halo can go by."""
-    closing = [b for b in found.values() if isinstance(b, Closing)]
-    others = {type(b).__name__ for b in found.values() if isinstance(b, LatticePML | Exact | Sponge | Extended)}
+    closing = [b for b in found.values() if b.closing]
+    others = {type(b).__name__ for b in found.values() if b.endless and not b.closing}
     if closing and others:
         raise InputError(
             f"{type(closing[0]).__name__} and {', '.join(sorted(others))} do not stand beside each other",

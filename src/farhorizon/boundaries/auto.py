@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from farhorizon import kinds
 from farhorizon.boundaries.extended import Extended
 from farhorizon.boundaries.lattice_pml import LatticePML
+from farhorizon.boundaries.side import Side
 
 
 @dataclass(frozen=True)
-class Auto:
+class Auto(Side):
     """Side beyond which the medium goes on, by a `LatticePML` or by an `Extended` domain of the same target: a run
     takes what is faster.
 
@@ -30,19 +32,24 @@ class Auto:
         A target outside 1e-12..0.1, an end that is not positive.
     """
 
+    endless: ClassVar[bool] = True
     target: float | None = None
     until: float | None = None
 
     def __post_init__(self) -> None:
-        kinds.settle(self, target=self.extended(None).target, until=self.extended(None).until)
+        kinds.settle(self, target=self.domain(None).target, until=self.domain(None).until)
+
+    def wanted(self, default: float) -> float:
+        """The target, or that of the model."""
+        return default if self.target is None else self.target
 
     def layer(self, until: float | None, default: float) -> LatticePML:
         """A layer for a run of a length, as far as it is known here or from the side, that keeps the target or that of
         the model.
         """
-        return LatticePML(target=self.extended(None).wanted(default), until=self._longer(until))
+        return LatticePML(target=self.wanted(default), until=self._longer(until))
 
-    def extended(self, until: float | None) -> Extended:
+    def domain(self, until: float | None) -> Extended:
         """An extended domain for a run of a length, as far as it is known here or from the side."""
         return Extended(self.target, until=self._longer(until))
 

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from farhorizon.analysis.exact import chain, exponential_sum
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.exact.convolution import BlockConvolution
 from farhorizon.analysis.exact.exponential_sum import ExponentialSum
+from farhorizon.boundaries.side import Side
 from farhorizon.engine.engine import Engine
 from farhorizon.errors import InputError
 from farhorizon.files.cache import cache_folder, keep, kept
@@ -34,7 +35,7 @@ _SLOW = 1e6  # steps times reach squared from which on making a kernel takes sec
 
 
 @dataclass(frozen=True)
-class Exact:
+class Exact(Side):
     """End of a bar beyond which the medium goes on without end, exactly; one dimension only.
 
     Serves every symmetric stencil, waves with and without damping and diffusion by forward Euler. Beyond the end
@@ -55,6 +56,11 @@ class Exact:
         A tolerance outside 1e-15..0.1.
     """
 
+    endless: ClassVar[bool] = True
+    exact: ClassVar[bool] = True
+    uniform: ClassVar[bool] = True
+    vectors: ClassVar[bool] = False
+    dims: ClassVar[tuple[int, ...]] = (1,)
     compress: float | None = 1e-12
 
     def __post_init__(self) -> None:

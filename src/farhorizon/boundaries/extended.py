@@ -5,12 +5,14 @@ the run.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar, Literal
 
 from farhorizon import kinds
+from farhorizon.boundaries.side import Side
 
 
 @dataclass(frozen=True)
-class Extended:
+class Extended(Side):
     """Side beyond which the program computes as much of the medium as the run needs, and shows none of it.
 
     What a user would do without absorbing layers, with the distance chosen for him: the largest speed of waves on the
@@ -34,6 +36,10 @@ class Extended:
         A target outside 1e-12..0.1, fewer than one node, an end that is not positive.
     """
 
+    label: ClassVar[str] = "extended domain"
+    endless: ClassVar[bool] = True
+    extended: ClassVar[bool] = True
+    cracks: ClassVar[Literal["end"]] = "end"
     target: float | None = None
     nodes: int | None = None
     until: float | None = None
@@ -45,6 +51,15 @@ class Extended:
             nodes=None if self.nodes is None else kinds.integer(self.nodes, "boundary.nodes", least=1),
             until=None if self.until is None else kinds.number(self.until, "boundary.until", above=0),
         )
+
+    @property
+    def open_ended(self) -> bool:
+        """Whether the number of nodes follows from the run."""
+        return self.nodes is None
+
+    def width(self, reach: int, spacing: float) -> int:
+        """The nodes, where they are given."""
+        return self.nodes or 0
 
     def wanted(self, default: float) -> float:
         """The target, or that of the model."""

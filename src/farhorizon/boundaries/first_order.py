@@ -9,6 +9,7 @@ condition never grows.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from scipy import sparse
@@ -20,6 +21,8 @@ from farhorizon.errors import InputError
 @dataclass(frozen=True)
 class FirstOrder(Closing):
     """Flat side at which waves along the normal pass; for classical waves only: stencils that reach one node."""
+
+    passive: ClassVar[bool] = True
 
     def wanted(self, default: float) -> float:
         """What may be missed beyond the side, as a part of the largest value: much less than the condition's own

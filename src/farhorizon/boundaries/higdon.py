@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import reduce
+from typing import ClassVar
 
 import numpy as np
 from scipy import sparse
@@ -39,6 +40,7 @@ class Higdon(Closing):
         No angle or more than 4, angles that are not below 90, a negative shift.
     """
 
+    label: ClassVar[str] = "Higdon"
     angles: tuple[float, ...] = (0.0, 45.0)
     shift: float | None = None
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import InitVar, dataclass, replace
+from typing import ClassVar, Literal
 
 import numpy as np
 from scipy import special
@@ -23,6 +24,7 @@ from farhorizon import kinds
 from farhorizon.analysis.layers.choice import Profile, weak
 from farhorizon.analysis.layers.gain import largest_gain
 from farhorizon.analysis.layers.short_waves import HighPass, high_pass
+from farhorizon.boundaries.side import Side
 from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.medium.stencil import Stencil
@@ -48,7 +50,7 @@ _DIFFUSIVE, _THIN, _STRONG = 12, 12, 16
 
 
 @dataclass(frozen=True)
-class LatticePML:
+class LatticePML(Side):
     """Absorbing side whose error is the leak through the layer's outer end only.
 
     Parameters
@@ -78,6 +80,11 @@ class LatticePML:
         wavelengths, by which layers were chosen once.
     """
 
+    label: ClassVar[str] = "lattice PML"
+    endless: ClassVar[bool] = True
+    stretched: ClassVar[bool] = True
+    uniform: ClassVar[bool] = True
+    cracks: ClassVar[Literal["continue"]] = "continue"
     target: float | None = None
     nodes: int | None = None
     profile: Mapping[str, np.ndarray | float] | Layer | None = None
@@ -115,7 +122,7 @@ class LatticePML:
                 )
 
     @property
-    def chooses(self) -> bool:
+    def open_ended(self) -> bool:
         """Whether the thickness is to follow from the data and the length of the run."""
         return self.nodes is None and self.profile is None
 
@@ -123,7 +130,13 @@ class LatticePML:
         """The target, or that of the model."""
         return default if self.target is None else self.target
 
-    def layer(self, order: int, stencil: Stencil, coefficient: float, spacing: float, half_width: float) -> Layer:
+    def undamped(self) -> LatticePML:
+        """The same layer without damping of short waves, if it is given whole."""
+        if not isinstance(self.profile, Layer):
+            return self
+        return replace(self, profile=replace(self.profile, damping=np.zeros(0)))
+
+    def make_layer(self, order: int, stencil: Stencil, coefficient: float, spacing: float, half_width: float) -> Layer:
         """The layer of one side for nodes given by hand, or as many as serve where nothing is known of data and run.
 
         Parameters

@@ -9,10 +9,12 @@ falls with the smoothness of the ramp, not with the thickness alone.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.boundaries.side import Side
 from farhorizon.errors import InputError
 
 RAMPS = {"quadratic": 2, "cubic": 3}
@@ -21,7 +23,7 @@ _FOOT = 1e-6  # of the Gaussian ramp, relative to its top: "the minimum value in
 
 
 @dataclass(frozen=True)
-class NonlocalPML:
+class NonlocalPML(Side):
     """Absorbing layer on the derivatives of correspondence elasticity; a point of comparison, and what reproduces the
     paper.
 
@@ -57,6 +59,9 @@ class NonlocalPML:
         An unknown ramp or form, a number out of range, a shift in the split form.
     """
 
+    label: ClassVar[str] = "nonlocal PML"
+    endless: ClassVar[bool] = True
+    split: ClassVar[bool] = True
     nodes: int = 30
     ramp: str = "cubic"
     strength: float | None = None
@@ -82,6 +87,10 @@ class NonlocalPML:
             raise InputError(
                 "split fields take no shift", value=self.shift, key="boundary.shift", remedy='form = "displacement"'
             )
+
+    def wanted(self, default: float) -> float:
+        """What may be missed beyond the layer, as a part of the largest value."""
+        return default
 
     def shape(self, depth: np.ndarray) -> np.ndarray:
         """phi over its largest value at depths 0 (entrance) to 1 (outer end)."""

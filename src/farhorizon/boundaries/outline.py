@@ -11,11 +11,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from scipy import ndimage, sparse
 
 from farhorizon.analysis import modes
+from farhorizon.boundaries.side import Side
 from farhorizon.engine.engine import Engine
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Ball, Box, Disc, Shape
@@ -89,15 +91,22 @@ class Medium:
         return modes.series_symbol(k, self._long, self.horizon, np.array(self.series[:terms]))
 
 
-class Closing(ABC):
+class Closing(Side, ABC):
     """A condition that closes an outline: it gives the halo its values from nodes of the near field."""
 
+    endless: ClassVar[bool] = True
+    closing: ClassVar[bool] = True
+    vectors: ClassVar[bool] = False
     #: Thickness of the halo that it fills; as far as the stencil reads unless given.
     layer: float | None = None
 
     @abstractmethod
-    def wanted(self, order: int) -> float:
+    def wanted(self, default: float) -> float:
         """What may be missed beyond the outline, as a part of the largest value."""
+
+    def width(self, reach: int, spacing: float) -> int:
+        """Nodes of the halo."""
+        return reach if self.layer is None else int(self.layer / spacing + 1e-9)
 
     @abstractmethod
     def depth(self, medium: Medium, spacing: float, extent: float) -> float:

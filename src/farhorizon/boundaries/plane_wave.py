@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -21,9 +21,6 @@ from farhorizon import kinds
 from farhorizon.analysis import modes
 from farhorizon.boundaries.outline import Closing, Fringe, Medium
 from farhorizon.errors import InputError
-
-if TYPE_CHECKING:
-    from farhorizon.models import LatticeModel
 
 _CHOICES = {
     "fit": ("operator", "collocation"),
@@ -177,11 +174,11 @@ class PlaneWave(Closing):
             rcond=self.rcond,
         )
 
-    def step_limit(self, model: LatticeModel, spacing: float, dim: int) -> float:
+    def step_limit(self, order: int, coefficient: float, spacing: float, dim: int) -> float:
         """Step up to which fitted values are safe in diffusion: they act like a stencil over one spacing, whatever the
         model's own reaches.
         """
-        return float("inf") if model.order == 2 else 0.75 * spacing**2 / (2 * dim * model.coefficient)
+        return np.inf if order == 2 else 0.75 * spacing**2 / (2 * dim * coefficient)
 
     def depth(self, medium: Medium, spacing: float, extent: float) -> float:
         """How far clouds reach."""

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.boundaries.side import Side
 
 
 @dataclass(frozen=True)
-class Sponge:
+class Sponge(Side):
     """Absorbing zone of real nodes beyond the side, damped by ``strength * (depth / thickness)^2``.
 
     It never grows (its damping is non-negative), but it needs wavelengths, not nodes: a point of comparison.
@@ -24,6 +26,9 @@ class Sponge:
         ``6 speed / thickness`` or ``10 diffusivity / thickness^2`` unless given.
     """
 
+    endless: ClassVar[bool] = True
+    damped: ClassVar[bool] = True
+    passive: ClassVar[bool] = True
     nodes: int = 40
     strength: float | None = None
 
@@ -37,6 +42,10 @@ class Sponge:
     def wanted(self, default: float) -> float:
         """What may be missed beyond the side, as a part of the largest value."""
         return default
+
+    def width(self, reach: int, spacing: float) -> int:
+        """Its nodes."""
+        return self.nodes
 
     def damping(self, order: int, coefficient: float, spacing: float) -> np.ndarray:
         """Damping on the sponge's nodes from the near field outwards, shape (nodes,)."""

@@ -2,452 +2,43 @@
 
 from __future__ import annotations
 
-import difflib
-import re
 import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
+from pydantic import ValidationError
 
-from farhorizon import __version__
 from farhorizon import public as fh
-from farhorizon.boundaries.lattice_pml import BY_TARGET
+from farhorizon.case.problems import explain, nearest
+from farhorizon.case.schema import (
+    BeamPart,
+    BodyForcePart,
+    BodyPart,
+    ConstraintPart,
+    CorrosionPart,
+    CrackPart,
+    DiffusionPart,
+    ElasticPart,
+    IncidentPart,
+    PrescribedPart,
+    TractionPart,
+    WavePart,
+    case_part,
+    side_kinds,
+    under,
+)
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.geometry.lattice import AXES
-from farhorizon.geometry.shapes import Shape
 from farhorizon.inputs.expressions import as_given, as_signal
 from farhorizon.simulation.run import Run
 from farhorizon.simulation.steps import WholeSteps, whole_steps
 
-
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=False)
-
-
 _OUTPUTS = 40  # of a run, unless `every` is given
 
 _MOST_OUTPUTS = 1e6  # each takes milliseconds
-Number = Annotated[float, Field(allow_inf_nan=False)]
-Value = str | Number | list[str | Number]  # an expression or a number, of vectors one a component
-
-
-class DiscPart(_Part):
-    radius: Number
-    centre: list[Number] | None = None
-
-
-class BoxPart(_Part):
-    lower: list[Number]
-    upper: list[Number]
-
-
-class PolygonPart(_Part):
-    points: list[list[Number]]
-
-
-class TextPart(_Part):
-    text: str
-    height: Number
-    centre: list[Number] | None = None
-    font: str = "DejaVu Sans"
-    bold: bool = False
-
-
-class ImagePart(_Part):
-    file: str
-    width: Number
-    centre: list[Number] | None = None
-    threshold: Number = 0.5
-
-    @field_validator("file")
-    @classmethod
-    def _beside_the_case(cls, name: str, info: ValidationInfo) -> str:
-        return str((info.context or {}).get("folder", Path()) / name)
-
-
-class RegionPart(_Part):
-    """One shape, with shapes taken out of it."""
-
-    disc: DiscPart | None = None
-    ball: DiscPart | None = None
-    box: BoxPart | None = None
-    polygon: PolygonPart | None = None
-    text: TextPart | None = None
-    image: ImagePart | None = None
-    without: list[RegionPart] = []
-
-    def build(self, key: str) -> Shape:
-        """The shape itself; InputError names the key."""
-        try:
-            return self._shape(key)
-        except InputError as error:
-            raise error.at(_under(key, error.key)) from None
-
-    def _shape(self, key: str) -> Shape:
-        shapes: list[Shape] = []
-        for kind, part in ((fh.Disc, self.disc), (fh.Ball, self.ball)):
-            if part is not None:
-                shapes.append(kind(part.radius, part.centre))
-        if self.box is not None:
-            shapes.append(fh.Box(self.box.lower, self.box.upper))
-        if self.polygon is not None:
-            shapes.append(fh.Polygon(self.polygon.points))
-        if self.text is not None:
-            shapes.append(fh.Text(**self.text.model_dump()))
-        if self.image is not None:
-            shapes.append(fh.ImageMask(self.image.file, self.image.width, self.image.centre, self.image.threshold))
-        if len(shapes) != 1:
-            raise InputError("give exactly one of disc, ball, box, polygon, text, image", key=key)
-        region = shapes[0]
-        for hole in self.without:
-            region = region - hole.build(key + ".without")
-        return region
-
-
-class LatticePart(_Part):
-    spacing: Number
-    lower: list[Number] | None = None
-    upper: list[Number] | None = None
-    window: RegionPart | None = None
-    body: RegionPart | None = None
-
-
-class KernelPart(_Part):
-    horizon: Number
-    exponent: int = 2
-    influence: str = "constant"
-    width: Number | None = None
-    volume: str = "ramp"
-    calibrate: bool = True
-
-
-class WavePart(_Part):
-    type: Literal["wave"]
-    speed: Number = 1.0
-    damping: Number = 0.0
-    kernel: KernelPart | None = None
-    stencil: Literal["finite-difference", "finite-element"] | None = None
-
-
-class BeamPart(_Part):
-    type: Literal["beam"]
-    stiffness: Number = 1.0
-    damping: Number = 0.0
-
-
-class DiffusionPart(_Part):
-    type: Literal["diffusion"]
-    diffusivity: Number = 1.0
-    integrator: str = "euler"
-    kernel: KernelPart | None = None
-    stencil: Literal["finite-difference", "finite-element"] | None = None
-
-
-class HeatPart(_Part):
-    type: Literal["heat"]
-    density: Number = 1.0
-    specific_heat: Number = 1.0
-    conductivity: Number = 1.0
-    integrator: str = "euler"
-    stages: int | None = None
-    self_term: str = "centre"
-    kernel: KernelPart | None = None
-    stencil: Literal["finite-difference", "finite-element"] | None = None
-
-
-class CorrosionPart(_Part):
-    type: Literal["corrosion"]
-    diffusivity: Number = 1.0
-    saturation: Number
-    interface: Number = 0.1
-    limited: bool = False
-    integrator: str = "euler"
-    kernel: KernelPart | None = None
-    stencil: Literal["finite-difference", "finite-element"] | None = None
-
-
-class ElasticPart(_Part):
-    type: Literal["elastic"]
-    young: Number | None = None
-    poisson: Number | None = None
-    bulk: Number | None = None
-    shear: Number | None = None
-    density: Number = 1.0
-    material: str = "bond-based"
-    plane: str | None = None
-    damping: Number = 0.0
-    stabilisation: Number = 0.0
-    nonlinear: bool = False
-    critical_stretch: Number | None = None
-    fracture_energy: Number | None = None
-    kernel: KernelPart | None = None
-
-
-class BodyPart(_Part):
-    """`fh.Body`: correspondence elasticity with damage."""
-
-    type: Literal["correspondence"]
-    young: str | Number
-    poisson: str | Number
-    density: str | Number = 1.0
-    plane: str = "strain"
-    critical_stretch: Number | None = None
-    shape_tensor: str = "recomputed"
-    drag: Number = 0.0
-    stabilisation: Number = 0.0
-    kernel: KernelPart
-
-
-class MaterialPart(_Part):
-    """Constants of a body in a region, in place of the model's."""
-
-    region: RegionPart
-    young: str | Number | None = None
-    poisson: str | Number | None = None
-    density: str | Number | None = None
-
-
-class LatticePMLPart(_Part):
-    type: Literal["lattice-pml"]
-    until: Number | None = None
-    target: Number | None = None
-    nodes: int | None = None
-    profile: dict[str, Number | list[Number]] | None = None
-
-
-class ExtendedPart(_Part):
-    type: Literal["extended"]
-    until: Number | None = None
-    target: Number | None = None
-    nodes: int | None = None
-
-
-class AutoPart(_Part):
-    type: Literal["auto"]
-    until: Number | None = None
-    target: Number | None = None
-
-
-class ExactPart(_Part):
-    type: Literal["exact"]
-    compress: Literal[False] | Number = 1e-12
-
-
-class FixedPart(_Part):
-    type: Literal["fixed"]
-    value: Number = 0.0
-
-
-class FreePart(_Part):
-    type: Literal["free"]
-
-
-class PeriodicPart(_Part):
-    type: Literal["periodic"]
-
-
-class SpongePart(_Part):
-    type: Literal["sponge"]
-    nodes: int = 40
-    strength: Number | None = None
-
-
-class NonlocalPMLPart(_Part):
-    type: Literal["nonlocal-pml"]
-    nodes: int = 30
-    ramp: str = "cubic"
-    strength: Number | None = None
-    reflection: Number = 1e-3
-    plateau: Number = 1 / 3
-    form: str = "displacement"
-    cross: Number = 0.0
-    shift: Number = 0.0
-
-
-class PlaneWavePart(_Part):
-    type: Literal["plane-wave"]
-    fit: str | None = None
-    dispersion: str | None = None
-    time: str | None = None
-    layer: Number | None = None
-    radius: Number | None = None
-    cone: Number | None = None
-    thin: int | None = None
-    normals: str | None = None
-    angle: Number | None = None
-    angles: int = 11
-    wavenumber: Number | None = None
-    wavenumbers: int | None = None
-    smallest: Number | None = None
-    regularization: Number | None = None
-    rcond: Number = 1e-15
-    balanced: bool = True
-
-
-class HigdonPart(_Part):
-    type: Literal["higdon"]
-    angles: list[Number] = [0.0, 45.0]
-    shift: Number | None = None
-
-
-class FirstOrderPart(_Part):
-    type: Literal["first-order"]
-
-
-AnyBoundary = (
-    LatticePMLPart
-    | ExtendedPart
-    | AutoPart
-    | ExactPart
-    | FixedPart
-    | FreePart
-    | PeriodicPart
-    | SpongePart
-    | NonlocalPMLPart
-    | PlaneWavePart
-    | HigdonPart
-    | FirstOrderPart
-)
-BoundaryPart = Annotated[AnyBoundary, Field(discriminator="type")]
-_BOUNDARIES = {
-    "lattice-pml": fh.LatticePML,
-    "extended": fh.Extended,
-    "auto": fh.Auto,
-    "exact": fh.Exact,
-    "fixed": fh.Fixed,
-    "free": fh.Free,
-    "periodic": fh.Periodic,
-    "sponge": fh.Sponge,
-    "nonlocal-pml": fh.NonlocalPML,
-    "plane-wave": fh.PlaneWave,
-    "higdon": fh.Higdon,
-    "first-order": fh.FirstOrder,
-}
-
-
-class CrackPart(_Part):
-    points: list[list[Number]] | None = None
-    rectangle: dict[Literal["corner", "edge1", "edge2"], list[Number]] | None = None
-    disc: dict[Literal["centre", "normal", "radius"], list[Number] | Number] | None = None
-    factor: Number = 0.0
-    opens: Number = 0.0
-
-
-class ConstraintPart(_Part):
-    """A condition on a side, or in a region."""
-
-    type: Literal["temperature", "flux", "insulated", "convection"]
-    side: str | None = None
-    region: RegionPart | None = None
-    value: str | Number | None = None
-    kind: str | None = None
-    transfer: Number | None = None
-    within: RegionPart | None = None
-
-
-class SpecimenPart(_Part):
-    region: RegionPart
-    concentration: Number = 1.0
-
-
-class SourcePart(_Part):
-    field: Literal["u"] = "u"
-    value: Value
-
-
-class IncidentPart(_Part):
-    """A plane wave that comes from far away."""
-
-    direction: list[Number]
-    signal: str
-    duration: Number
-    polarisation: Literal["P", "S"] | list[Number] = "P"
-    within: BoxPart | None = None
-
-
-class TractionPart(_Part):
-    """A force per area on a free side of an elastic medium."""
-
-    type: Literal["traction"]
-    side: str
-    value: list[Number]
-    between: list[tuple[Number, Number]] | None = None
-    time: str | Number = 1.0
-
-
-class BodyForcePart(_Part):
-    """A force per volume on an elastic medium."""
-
-    type: Literal["body-force"]
-    value: list[str | Number]
-    time: str | Number = 1.0
-
-
-class PrescribedPart(_Part):
-    """Nodes that follow a value for a while."""
-
-    type: Literal["prescribed"]
-    points: list[list[Number]] | None = None
-    region: RegionPart | None = None
-    value: str | Number
-    until: Number | None = None
-    rate: str | Number | None = None
-
-
-class RunPart(_Part):
-    until: Number
-    dt: Number | None = None
-    dtype: str = "float64"
-    threads: int | None = None
-
-
-class OutputPart(_Part):
-    fields: list[Literal["u", "v", "damage", "solid", "dissolved"]] | None = None
-    every: Number | None = None
-    probes: list[list[Number]] = []
-    probe_every: Number | None = None
-    pictures: list[Number] | None = None
-    balance: bool = False
-
-
-AnyModel = WavePart | DiffusionPart | HeatPart | CorrosionPart | BeamPart | ElasticPart | BodyPart
-AnyLoad = TractionPart | BodyForcePart
-AnyConstraint = ConstraintPart | PrescribedPart
-
-
-class CasePart(_Part):
-    lattice: LatticePart
-    model: Annotated[AnyModel, Field(discriminator="type")]
-    material: list[MaterialPart] = []
-    initial: dict[Literal["u", "v"], Value] = {}
-    boundary: dict[str, BoundaryPart] = {}
-    specimen: list[SpecimenPart] = []
-    crack: list[CrackPart] = []
-    source: list[SourcePart] = []
-    incident: list[IncidentPart] = []
-    load: list[Annotated[AnyLoad, Field(discriminator="type")]] = []
-    constraint: list[Annotated[AnyConstraint, Field(discriminator="type")]] = []
-    coefficient: str | Number | None = None
-    rule: str = "both"
-    rim: str = "free"
-    background: Number = 0.0
-    run: RunPart
-    output: OutputPart = OutputPart()
-
-
-def schema() -> dict[str, Any]:
-    """JSON Schema of case files: keys, kinds of values and defaults; what else must hold is told when a case is
-    read."""
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        **CasePart.model_json_schema(),
-        "title": "farhorizon case",
-        "description": f"A case file of farhorizon {__version__}.",
-    }
 
 
 class Case:
@@ -473,9 +64,9 @@ class Case:
         except (ValueError, RecursionError) as error:  # of numbers and of nesting beyond what Python takes, too
             raise InputError(f"{self.path}: not valid TOML: {error}") from None
         try:
-            self.parts = CasePart.model_validate(data, context={"folder": self.path.parent})
+            self.parts = case_part().model_validate(data, context={"folder": self.path.parent})
         except ValidationError as error:
-            raise InputError(f"{self.path}: " + _explain(error, data)) from None
+            raise InputError(f"{self.path}: " + explain(error, data)) from None
         with self.naming():
             self._check_times()
             self.lattice = self._lattice()
@@ -665,19 +256,20 @@ class Case:
     def _boundary(self) -> dict[str, Any]:
         """What stands on the sides that are named."""
         boundary: dict[str, Any] = {}
+        kinds = side_kinds()
         for side, part in self.parts.boundary.items():
             values = part.model_dump(exclude={"type"}, exclude_none=True)
-            if isinstance(part, LatticePMLPart | ExtendedPart | AutoPart):
+            if "until" in type(part).model_fields:
                 values.setdefault("until", self.parts.run.until)
             try:
-                boundary[side] = _BOUNDARIES[part.type](**values)
+                boundary[side] = kinds[part.type](**values)
             except InputError as error:
-                raise error.at(_under(f"boundary.{side}", error.key)) from None
+                raise error.at(under(f"boundary.{side}", error.key)) from None
         allowed = ["all"] + [AXES[a] + s for a in range(self.lattice.dim) for s in ("", "-", "+")]
         for side in boundary:
             if side not in allowed:
                 raise InputError(
-                    "unknown side", value=side, limit=", ".join(allowed), key="boundary", remedy=_nearest(side, allowed)
+                    "unknown side", value=side, limit=", ".join(allowed), key="boundary", remedy=nearest(side, allowed)
                 )
         return boundary
 
@@ -857,7 +449,7 @@ class Case:
         try:
             return make(where, **options)
         except InputError as error:
-            raise error.at(_under(key, error.key)) from None
+            raise error.at(under(key, error.key)) from None
 
     def _check_times(self) -> None:
         out = self.parts.output
@@ -897,160 +489,3 @@ class Case:
                 self.lattice.index(point)
             except InputError as error:
                 raise error.at("output.probes") from None
-
-
-def _under(place: str, key: str) -> str:
-    """The key that an error has in Python, at its place in the case: the last part of it, unless it has the place
-    already.
-    """
-    if not key:
-        return place
-    return key if key.startswith(place) else f"{place}.{key.rpartition('.')[2]}"
-
-
-def _nearest(word: str, words: list[str]) -> str:
-    near = difflib.get_close_matches(word, words, 1, 0.6)
-    return (f"did you mean {near[0]!r}? " if near else "") + f"known: {', '.join(words)}"
-
-
-_PARTS: dict[str, type[_Part]] = {
-    "lattice": LatticePart,
-    "window": RegionPart,
-    "body": RegionPart,
-    "without": RegionPart,
-    "region": RegionPart,
-    "within": RegionPart,
-    "box": BoxPart,
-    "ball": DiscPart,
-    "polygon": PolygonPart,
-    "text": TextPart,
-    "image": ImagePart,
-    "wave": WavePart,
-    "beam": BeamPart,
-    "diffusion": DiffusionPart,
-    "heat": HeatPart,
-    "corrosion": CorrosionPart,
-    "elastic": ElasticPart,
-    "correspondence": BodyPart,
-    "material": MaterialPart,
-    "load": TractionPart,
-    "traction": TractionPart,
-    "body-force": BodyForcePart,
-    "nonlocal-pml": NonlocalPMLPart,
-    "specimen": SpecimenPart,
-    "kernel": KernelPart,
-    "lattice-pml": LatticePMLPart,
-    "extended": ExtendedPart,
-    "auto": AutoPart,
-    "exact": ExactPart,
-    "fixed": FixedPart,
-    "free": FreePart,
-    "periodic": PeriodicPart,
-    "sponge": SpongePart,
-    "plane-wave": PlaneWavePart,
-    "higdon": HigdonPart,
-    "first-order": FirstOrderPart,
-    "crack": CrackPart,
-    "source": SourcePart,
-    "incident": IncidentPart,
-    "constraint": ConstraintPart,
-    "temperature": ConstraintPart,
-    "flux": ConstraintPart,
-    "insulated": ConstraintPart,
-    "convection": ConstraintPart,
-    "prescribed": PrescribedPart,
-    "run": RunPart,
-    "output": OutputPart,
-}
-
-
-def _known(location: tuple[Any, ...]) -> list[str]:
-    """Keys allowed at a place of the schema, following the data's own path."""
-    parts: type[_Part] = CasePart
-    for step in location:
-        if step == "disc" and parts is RegionPart:
-            parts = DiscPart
-        elif step in _PARTS:
-            parts = _PARTS[step]
-    return list(parts.model_fields)
-
-
-# What pydantic wants, in words, by the types of its errors.
-_WANTED = {
-    "float_type": "a number",
-    "float_parsing": "a number",
-    "finite_number": "a finite number",
-    "int_type": "a whole number",
-    "int_parsing": "a whole number",
-    "int_from_float": "a whole number",
-    "string_type": "a text",
-    "bool_type": "true or false",
-    "bool_parsing": "true or false",
-    "list_type": "a list",
-    "tuple_type": "a list",
-    "dict_type": "a table",
-    "model_type": "a table",
-    "model_attributes_type": "a table",
-}
-
-
-def _types(table: str) -> list[str]:
-    """The types that a table of the case may have."""
-    union = {"model": AnyModel, "boundary": AnyBoundary, "load": AnyLoad, "constraint": AnyConstraint}[table]
-    return [name for part in get_args(union) for name in get_args(part.model_fields["type"].annotation)]
-
-
-def _explain(error: ValidationError, data: dict[str, Any]) -> str:
-    """The first problems in one line: key, value, what is wrong, the nearest known key."""
-    # a misspelt key is why another is missing
-    problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
-    by_key: dict[str, list[Any]] = {}
-    for problem in problems:
-        by_key.setdefault(_key(data, tuple(problem["loc"]), problem["type"] == "missing"), []).append(problem)
-    return " | ".join(_problem(key, same) for key, same in list(by_key.items())[:3])
-
-
-def _key(data: Any, location: tuple[Any, ...], missing: bool) -> str:
-    """The path of a problem as it stands in the case: pydantic's has names of types in between, which are nowhere in
-    the data.
-    """
-    found = ""
-    for number, step in enumerate(location):
-        if isinstance(data, list) and isinstance(step, int) and step < len(data):
-            found, data = f"{found}[{step}]", data[step]
-        elif isinstance(data, dict) and (step in data or (missing and number == len(location) - 1)):
-            found, data = f"{found}.{step}".lstrip("."), data.get(step)
-    return found
-
-
-def _problem(key: str, same: list[Any]) -> str:
-    """What is wrong with one key; of what may be of several types there is a problem each."""
-    first = same[0]
-    location, context = tuple(first["loc"]), first.get("ctx", {})
-    match first["type"]:
-        case "extra_forbidden" if "lattice-pml" in location and location[-1] in ("angle", "wavelengths"):
-            return str(
-                InputError("layers are no longer chosen by angle", key=key, remedy=BY_TARGET.replace("=...", " = ..."))
-            )
-        case "extra_forbidden":
-            return f"unknown key {key}; {_nearest(str(location[-1]), _known(location[:-1]))}"
-        case "missing":
-            return f"missing key {key}"
-        case "union_tag_not_found" | "union_tag_invalid":
-            types = _types(re.split(r"\W", key)[0])
-            message = "unknown type" if "tag" in context else "the type is missing"
-            return str(
-                InputError(
-                    message,
-                    value=context.get("tag"),
-                    limit=", ".join(types),
-                    key=f"{key}.type",
-                    remedy=f'type = "{types[0]}"',
-                )
-            )
-    words = [
-        _WANTED.get(p["type"], f"one of {p['ctx']['expected']}" if p["type"] == "literal_error" else "") for p in same
-    ]
-    message = f"must be {' or '.join(dict.fromkeys(words))}" if all(words) else first["msg"]
-    value = first["input"]
-    return str(InputError(message, value=f"the text {value!r}" if isinstance(value, str) else value, key=key))

@@ -16,7 +16,7 @@ import numpy as np
 
 from farhorizon.analysis import stability
 from farhorizon.analysis.stability import DENSE, Growth, dense_growth, fastest, krylov_growth, noise_growth
-from farhorizon.boundaries import Closing, Extended, FirstOrder, Fixed, Free, LatticePML, Periodic, Sponge
+from farhorizon.boundaries import Fixed
 from farhorizon.boundaries.plane_wave import largest_update
 from farhorizon.checks import side_modes as strips
 from farhorizon.checks.examined import Examined
@@ -206,11 +206,8 @@ def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf) -> Cer
     if isinstance(sim.model, Elastic) and sim.model.bondwise:
         found = certify(sim.remade(model=sim.model.linearised, balance=False), budget, until)
         return replace(found, reason=f"{found.reason}; that of the linear form, in which no bond breaks")
-    if any(isinstance(b, Extended) for b in sim.sides.values()):
-        sides = {
-            AXES[a] + "-+"[s > 0]: Fixed(sim.background) if isinstance(b, Extended) else b
-            for (a, s), b in sim.sides.items()
-        }
+    if any(b.extended for b in sim.sides.values()):
+        sides = {AXES[a] + "-+"[s > 0]: Fixed(sim.background) if b.extended else b for (a, s), b in sim.sides.items()}
         found = certify(sim.remade(boundary=sides), budget, until)
         return replace(found, reason=f"{found.reason}; nodes of the medium beyond the sides change nothing")
     begin = time.monotonic()
@@ -428,7 +425,7 @@ def _proof(sim: Examined) -> str:
     """Why nothing can grow, where one sentence tells; else empty."""
     model, sides = sim.model, sim.sides.values()
     ends = sim.exact_ends
-    if ends is not None and ends.convolved and not any(isinstance(b, LatticePML) for b in sides):
+    if ends is not None and ends.convolved and not any(b.stretched for b in sides):
         return (
             "the past beyond the ends is kept whole: the run is a part of one on the infinite chain, whose energy "
             "does not grow"
@@ -436,12 +433,9 @@ def _proof(sim: Examined) -> str:
     positive = sim.stencil.positive
     if sim.closure is not None:
         return _outline_proof(sim, positive)
-    if not all(isinstance(b, Fixed | Free | Periodic | Sponge) for b in sides):
+    if not all(b.passive for b in sides):
         return ""
-    damped = max(
-        (b.damping(1, model.coefficient, sim.lattice.spacing).max() for b in sides if isinstance(b, Sponge)),
-        default=0.0,
-    )
+    damped = max((b.damping(1, model.coefficient, sim.lattice.spacing).max() for b in sides if b.damped), default=0.0)
     if sim.conditions.nodes.size:
         rows = np.add.reduceat(np.abs(np.append(sim.conditions.weights, 0.0)), sim.conditions.starts[:-1]) * (
             np.diff(sim.conditions.starts) > 0
@@ -454,7 +448,7 @@ def _proof(sim: Examined) -> str:
                 "mean: the maximum cannot grow"
             )
         return ""
-    whole = not (any(isinstance(b, Free) for b in sides) or sim.engine.absent_bonds or sim.varied)
+    whole = all(b.bonded for b in sides) and not (sim.engine.absent_bonds or sim.varied)
     limit = sim.step_limit if model.order == 2 else model.integrator.step_limit(sim.rate_limit + damped)
     if (positive or whole) and sim.dt <= limit * (_MARGIN if model.order == 2 else 1 + 1e-12):
         return (
@@ -470,7 +464,7 @@ def _outline_proof(sim: Examined, positive: bool) -> str:
         closure is None
         or sim.conditions.nodes.size
         or sim.conditions.leaks
-        or not all(isinstance(b, Closing | Fixed | Free | Periodic) for b in sim.sides.values())
+        or not all(b.closing or not b.endless for b in sim.sides.values())
     ):
         return ""
     if model.order == 1:
@@ -482,7 +476,7 @@ def _outline_proof(sim: Examined, positive: bool) -> str:
         ):
             return "each new value is a mean of old ones, or less, fitted ones included: the maximum cannot grow"
         return ""
-    if not all(isinstance(b, FirstOrder | Fixed | Free | Periodic) for b in sim.sides.values()):
+    if not all(b.passive for b in sim.sides.values()):
         return ""
     # stiffness that the sides add
     held = 2 * float(np.sqrt(model.coefficient)) * model.damping * sim.lattice.dim / sim.lattice.spacing
@@ -500,7 +494,7 @@ def _escapes(sim: Examined, part: Part) -> bool:
     """
     axis = AXES.index(part.name[len("sides ")]) if part.name.startswith("sides ") else None
     along = [] if axis is None else [a for a in range(sim.lattice.dim) if a != axis]
-    if not any(isinstance(sim.sides[a, s], LatticePML | Sponge) for a in along for s in (-1, 1)):
+    if not any(sim.sides[a, s].stretched or sim.sides[a, s].damped for a in along for s in (-1, 1)):
         return False
     return part.growth.rate < _ESCAPES
 
@@ -531,14 +525,12 @@ def _examinations(sim: Examined) -> Iterator[tuple[str, Callable[[float], tuple[
     if int(np.prod(sim.engine.layout.box.nodes)) <= DENSE and State(sim.engine).size <= DENSE:
         yield "the complete update", lambda _: (_dense_part("the complete update", plain_twin(sim)), [])
         return
-    layered = [
-        axis for axis in range(sim.lattice.dim) if any(isinstance(sim.sides[axis, s], LatticePML) for s in (-1, 1))
-    ]
+    layered = [axis for axis in range(sim.lattice.dim) if any(sim.sides[axis, s].stretched for s in (-1, 1))]
     for axis in layered:
         if not any(_same_sides(sim, axis, other) for other in layered[: layered.index(axis)]):
             yield f"sides {AXES[axis]}", lambda left, axis=axis: _side_part(sim, axis, left)  # type: ignore[misc]
     others = [b for (axis, _), b in sim.sides.items() if axis not in layered[:1]]
-    if layered and all(isinstance(b, Periodic) for b in others) and not sim.conditions.nodes.size:
+    if layered and all(b.periodic for b in others) and not sim.conditions.nodes.size:
         return
     # how an outline runs decides whether its condition grows
     if sim.conditions.nodes.size or sim.conditions.leaks or sim.closure is not None:

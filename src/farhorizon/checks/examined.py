@@ -9,7 +9,7 @@ import numpy as np
 
 from farhorizon.analysis.extent import Extent
 from farhorizon.analysis.layers.thickness import Thickness
-from farhorizon.boundaries import Boundary, Closure, ExactEnds
+from farhorizon.boundaries import Closure, ExactEnds, Side
 from farhorizon.engine.engine import Engine
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.conditions import Conditions
@@ -42,7 +42,7 @@ class Examined(Timed, Protocol):
     model : LatticeModel
     stencil : Stencil
     engine : Engine
-    sides : dict of (axis, side) to Boundary
+    sides : dict of (axis, side) to Side
     background : float
     step_limit, rate_limit : float
         Largest stable time step; largest rate of the operator (1/time, or 1/time^2 of waves).
@@ -68,7 +68,7 @@ class Examined(Timed, Protocol):
     model: LatticeModel
     stencil: Stencil
     engine: Engine
-    sides: dict[tuple[int, int], Boundary]
+    sides: dict[tuple[int, int], Side]
     background: float
     step_limit: float
     rate_limit: float

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from farhorizon.analysis.references.infinite import undisturbed
-from farhorizon.boundaries import Extended, Fixed, LatticePML
+from farhorizon.boundaries import Fixed, LatticePML
 from farhorizon.checks.examined import Examined
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import AXES, Lattice
@@ -84,9 +84,7 @@ def layered(sim: Examined, until: float) -> Examined:
         No layer keeps the target.
     """
     sides: Mapping[str, object] = {
-        AXES[axis] + "-+"[side > 0]: LatticePML(target=b.wanted(sim.model.target), until=until)
-        if isinstance(b, Extended)
-        else b
+        AXES[axis] + "-+"[side > 0]: LatticePML(target=b.wanted(sim.model.target), until=until) if b.extended else b
         for (axis, side), b in sim.sides.items()
     }
     return sim.remade(boundary=sides)

@@ -14,7 +14,7 @@ import numpy as np
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.layer import LatticeMedium, LayerSide
 from farhorizon.analysis.layers.spectrum import Band, band, gain_of_time
-from farhorizon.boundaries import Closing, Exact, Extended, Fixed, LatticePML, Sponge
+from farhorizon.boundaries import Fixed, Side
 from farhorizon.checks.certificate import BUDGET, NOT_CERTIFIED, Certificate, certify, told
 from farhorizon.checks.examined import Examined, Timed
 from farhorizon.checks.price import Price, extended_price, layered, price
@@ -152,7 +152,7 @@ class Report:
         backward = report._backward(sim)
         left = max(whole - (time.monotonic() - begin), _MINIMUM * whole)
         report._certify(sim, backward, left if budget is None else budget)
-        if any(isinstance(b, Fixed) for b in sim.sides.values()) and sim.engine.layers:
+        if any(b.held is not None for b in sim.sides.values()) and sim.engine.layers:
             report.warnings.append("a Fixed side reflects")
         report.notes = [*report.notes, *sim.notes]
         return report
@@ -175,10 +175,10 @@ class Report:
                     found.tables[wavelength] = found.amplitudes(wavelength, found.angles)
             self.reflections.append(found)
             boundary = sim.sides[AXES.index(names[0]), 1 if names[1] == "+" else -1]
-            if isinstance(boundary, LatticePML) and not found.diffusive:
+            if boundary.stretched and not found.diffusive:
                 self._doubt(found, boundary, boundary.wanted(sim.model.target))
 
-    def _doubt(self, found: Reflections, boundary: LatticePML, wanted: float) -> None:
+    def _doubt(self, found: Reflections, boundary: Side, wanted: float) -> None:
         """Warn of a layer that sends back much of what it is best at: typical waves that come along the normal."""
         wavelength, table = next(iter(found.tables.items()))
         amplitude = float(np.nanmax(np.append(table[:, 0], 0.0)))
@@ -214,7 +214,6 @@ class Report:
         layers: dict[str, list[str]] = {}
         for (axis, side), layer in engine.layers.items():
             boundary = sim.sides[axis - 3 + lattice.dim, side]
-            assert isinstance(boundary, LatticePML)
             length, reach = layer.columns * lattice.spacing, stencil.reach[axis - 3 + lattice.dim]
             share = "" if waves is None else f" = {length / waves.typical:.3g} wavelengths"
             text = f"{layer.columns} nodes = {layer.columns / reach:.3g} horizons{share}, length {length:g}"
@@ -223,7 +222,7 @@ class Report:
                 text += f", target {boundary.wanted(sim.model.target):g}"
             if name in sim.thickness:
                 text += f"; {sim.thickness[name]}"
-            elif boundary.chooses:
+            elif boundary.open_ended:
                 text += "; a fixed number, for the stencil has backward waves or reaches far: give target=..."
             layers.setdefault(text, []).append(name)
         for text, names in layers.items():
@@ -234,9 +233,8 @@ class Report:
         for text, names in extents.items():
             say(f"extended {', '.join(names)}", text)
         for (axis, side), boundary in sim.sides.items():
-            if not isinstance(boundary, LatticePML | Exact | Extended) and not (
-                isinstance(boundary, Closing) and lattice.window is not None
-            ):
+            told = boundary.stretched or boundary.exact or boundary.extended
+            if not told and not (boundary.closing and lattice.window is not None):
                 say(f"side {AXES[axis]}{'-+'[side > 0]}", options_shown(boundary))
         if sim.closure is not None:
             if lattice.window is not None:
@@ -287,7 +285,7 @@ class Report:
         """Time of the run, and of one on a domain so large that nothing returns."""
         steps = int(np.ceil(until / sim.dt))
         mine = price(sim, self.estimate(sim, steps, until) / steps)
-        if any(isinstance(b, Extended) for b in sim.sides.values()):
+        if any(b.extended for b in sim.sides.values()):
             self._compare_with_layer(sim, mine, until)
             return
         if not sim.targets:
@@ -475,7 +473,7 @@ def _sides(sim: Examined) -> list[tuple[str, LayerSide | Strip]]:
     """Absorbing sides of each kind, and one of them by itself."""
     found: list[tuple[list[str], Any, LayerSide | Strip]] = []
     for (axis, side), boundary in sim.sides.items():
-        if isinstance(boundary, LatticePML) or (isinstance(boundary, Sponge) and sim.model.order == 2):
+        if boundary.stretched or (boundary.damped and sim.model.order == 2):
             layer = sim.engine.layers.get((3 - sim.lattice.dim + axis, side))
             kind = (
                 boundary if layer is None else (layer.kappa.tolist(), layer.sigma.tolist(), layer.alpha.tolist()),

@@ -16,7 +16,7 @@ from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.layer import LatticeMedium
 from farhorizon.analysis.layers.reflection import TYPES, by_type, reflection
 from farhorizon.analysis.stability import Growth, dense_growth, fastest
-from farhorizon.boundaries import Boundary, Fixed, Free, LatticePML, Periodic
+from farhorizon.boundaries import Fixed, LatticePML, Periodic, Side
 from farhorizon.checks.examined import Examined
 from farhorizon.engine.engine import Layer
 from farhorizon.engine.filter import line_damping
@@ -30,23 +30,16 @@ _SPREADS = 8  # part of R^2/D in which diffusion has spread over a good part of 
 NARROW = 8  # nodes of the near field between two layers that are looked at, where the stencil reaches less far
 
 
-def pinned(sim: Examined) -> dict[tuple[int, int], Boundary]:
+def pinned(sim: Examined) -> dict[tuple[int, int], Side]:
     """The sides, with the layers of this very set-up whatever they are chosen from."""
     lead = 3 - sim.lattice.dim
     found = dict(sim.sides)
     for (axis, side), layer in sim.engine.layers.items():
         found[axis - lead, side] = LatticePML(nodes=layer.columns, profile=layer)
     for key, boundary in found.items():
-        if isinstance(boundary, Fixed):
+        if boundary.held is not None:
             found[key] = Fixed(0.0)
     return found
-
-
-def _undamped(boundary: Boundary) -> Boundary:
-    """The same side without damping of short waves."""
-    if isinstance(boundary, LatticePML) and isinstance(boundary.profile, Layer):
-        return replace(boundary, profile=replace(boundary.profile, damping=np.zeros(0)))
-    return boundary
 
 
 def like_sides(sim: Examined, one: tuple[int, int], other: tuple[int, int]) -> bool:
@@ -60,7 +53,7 @@ def like_sides(sim: Examined, one: tuple[int, int], other: tuple[int, int]) -> b
     return all(np.array_equal(getattr(first, f.name), getattr(second, f.name)) for f in fields(first))
 
 
-def one_corner(sim: Examined) -> dict[tuple[int, int], Boundary]:
+def one_corner(sim: Examined) -> dict[tuple[int, int], Side]:
     """The sides; where layers or periodic sides are all around, those that mirror the layer on the other side held
     fixed.
 
@@ -68,25 +61,23 @@ def one_corner(sim: Examined) -> dict[tuple[int, int], Boundary]:
     mirror image can feed one mode.
     """
     found = pinned(sim)
-    if all(isinstance(b, LatticePML | Periodic) for b in found.values()):
+    if all(b.stretched or b.periodic for b in found.values()):
         for axis in range(sim.lattice.dim):
-            layered = isinstance(found[axis, -1], LatticePML) and sim.stencil.even_along(axis)
+            layered = found[axis, -1].stretched and sim.stencil.even_along(axis)
             if layered and like_sides(sim, (axis, -1), (axis, 1)):
                 found[axis, -1] = Fixed(0.0)
     return found
 
 
 def plain_twin(
-    sim: Examined, lattice: Lattice | None = None, sides: Mapping[tuple[int, int], Boundary] | None = None
+    sim: Examined, lattice: Lattice | None = None, sides: Mapping[tuple[int, int], Side] | None = None
 ) -> Examined:
     """The same set-up in double precision with nothing in it, or a smaller copy of it without cracks, conditions and
     changes of the material.
     """
     # conditions that run into layers hold the surroundings' value, so the background stays
     level = Fixed(sim.background)
-    named = {
-        AXES[a] + "-+"[s > 0]: level if isinstance(b, Fixed) else b for (a, s), b in (sides or pinned(sim)).items()
-    }
+    named = {AXES[a] + "-+"[s > 0]: level if b.held is not None else b for (a, s), b in (sides or pinned(sim)).items()}
     changes: dict[str, Any] = {
         "boundary": named,
         "sources": (),
@@ -140,7 +131,7 @@ class Strip:
     axis : int
     width : int
         Nodes of the near field between the sides.
-    sides : tuple of Boundary, optional
+    sides : tuple of Side, optional
         Other ones for the low and the high end.
     budget : float
         Seconds that the responses of the engine, from which all matrices are made, may take.
@@ -165,12 +156,7 @@ class Strip:
     """
 
     def __init__(
-        self,
-        sim: Examined,
-        axis: int,
-        width: int,
-        sides: tuple[Boundary, Boundary] | None = None,
-        budget: float = np.inf,
+        self, sim: Examined, axis: int, width: int, sides: tuple[Side, Side] | None = None, budget: float = np.inf
     ) -> None:
         dim, spacing = sim.lattice.dim, sim.lattice.spacing
         order = [axis, *(a for a in range(dim) if a != axis)]
@@ -178,12 +164,12 @@ class Strip:
         shape = [width] + [2 * stages * sim.stencil.reach[a] + 1 for a in order[1:]]
         lattice = Lattice(spacing, (0.0,) * dim, spacing * (np.array(shape) - 1))
         ends = sides or (pinned(sim)[axis, -1], pinned(sim)[axis, 1])
-        boundary: dict[str, Boundary] = {"x-": ends[0], "x+": ends[1]} | {AXES[a]: Periodic() for a in range(1, dim)}
+        boundary: dict[str, Side] = {"x-": ends[0], "x+": ends[1]} | {AXES[a]: Periodic() for a in range(1, dim)}
         self._filters = {}
         if dim > 1:  # the filters of the layers reach farther than the rows that the responses below need
-            known = {side: b.profile for side, b in zip((-1, 1), ends, strict=True) if isinstance(b, LatticePML)}
+            known = {side: b.profile for side, b in zip((-1, 1), ends, strict=True)}
             self._filters = {side: layer for side, layer in known.items() if isinstance(layer, Layer)}
-            ends = tuple(_undamped(b) for b in ends)  # type: ignore[assignment]
+            ends = ends[0].undamped(), ends[1].undamped()
             boundary |= {"x-": ends[0], "x+": ends[1]}
         self.sim = sim.remade(
             lattice=lattice,
@@ -208,7 +194,7 @@ class Strip:
         # few times as fast
         self._turns = np.where(self._signs > 0, 1j, 1.0) if self.sim.stencil.components > 1 else np.ones(self.size)
         self.coarse = 11 if dim == 2 else 6
-        endless = all(isinstance(b, Periodic | Free) for (a, _), b in sim.sides.items() if a != axis)
+        endless = all(b.periodic or not b.bonded for (a, _), b in sim.sides.items() if a != axis)
         self.longest = 0.0 if endless else 0.01
         # by the unit that is answered to: what is written then lies side by side
         responses = np.empty((self.size, *self.place.shape))

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from farhorizon import kinds
-from farhorizon.boundaries import Free
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.inputs.expressions import as_signal
@@ -97,7 +96,7 @@ def force_density(
     ----------
     load : Traction
     lattice : Lattice
-    sides : mapping of (axis, side) to Boundary
+    sides : mapping of (axis, side) to Side
     key : str
         Named in messages.
 
@@ -115,7 +114,7 @@ def force_density(
     if load.side not in names:
         raise InputError("unknown side", value=load.side, limit=", ".join(names), key=f"{key}.side")
     axis, side = names[load.side]
-    if not isinstance(sides[axis, side], Free):
+    if sides[axis, side].bonded:
         raise InputError(
             "a traction acts on a free side",
             value=type(sides[axis, side]).__name__,

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.boundaries import Absorbing, Boundary
+from farhorizon.boundaries import Side
 from farhorizon.errors import InputError, shown
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.geometry.shapes import Cut
@@ -30,7 +30,7 @@ class Beyond:
     Parameters
     ----------
     lattice : Lattice
-    sides : dict of (axis, side) to Boundary
+    sides : dict of (axis, side) to Side
     wanted : float
         What may be missed where a side does not say it, as a part of the largest value.
     depth : dict of (axis, side) to int
@@ -49,13 +49,13 @@ class Beyond:
     def __init__(
         self,
         lattice: Lattice,
-        sides: dict[tuple[int, int], Boundary],
+        sides: dict[tuple[int, int], Side],
         wanted: float,
         depth: dict[tuple[int, int], int],
         near: np.ndarray | None = None,
     ) -> None:
         self.lattice, self.depth, self.near = lattice, depth, near
-        absorbing = {key: b for key, b in sides.items() if isinstance(b, Absorbing)}
+        absorbing = {key: b for key, b in sides.items() if b.endless}
         self.targets = {key: b.wanted(wanted) for key, b in absorbing.items()}
         self.notes: list[str] = []
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from farhorizon import kinds
@@ -31,7 +33,7 @@ class Beam(LatticeModel):
     Ji, Pang, Zhang, Yang and Perdikaris (2021), eq 29. The stable step is ``spacing^2 / (2 sqrt(stiffness))``.
     """
 
-    sides = ("Exact", "Fixed", "Periodic")
+    combinations = "Exact"
     bonds = False
 
     def __init__(self, stiffness: float = 1.0, damping: float = 0.0) -> None:
@@ -39,6 +41,10 @@ class Beam(LatticeModel):
         self.damping = kinds.number(damping, "model.damping", least=0)
         self.coefficient = self.stiffness
         self.integrator = Verlet()
+
+    def serves(self, side: Any) -> bool:
+        """Whether a side goes with the beam: what ends it, or continues it exactly."""
+        return super().serves(side) and (side.exact or not side.endless)
 
     def crossing(self, length: float, factor: float = 1.0) -> float:
         """Bending has no largest speed: the time in which waves as long as a length swing, but for a factor,

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import copy
 import itertools
+from typing import Any
 
 import numpy as np
 
@@ -136,7 +137,6 @@ class Elastic(LatticeModel):
             fracture_energy,
         )
         self._check_law()
-        self.sides = () if self.bonds else ("LatticePML", "Extended", "Fixed", "Periodic", "Sponge")
         self.density, self.damping = (
             kinds.number(density, "model.density", above=0),
             kinds.number(damping, "model.damping", least=0),
@@ -145,6 +145,12 @@ class Elastic(LatticeModel):
         self.source_factor = 1 / self.density
         self.coefficient = self.p_modulus / self.density
         self.integrator = Verlet()
+
+    def serves(self, side: Any) -> bool:
+        """Whether a side goes with the material; where `bonds` may not be cut, those of vector fields do that bonds
+        cross.
+        """
+        return super().serves(side) and (self.bonds or side.vectors)
 
     def _check_law(self) -> None:
         """What bonds that follow a law of their own stretch need."""

@@ -4,7 +4,7 @@ components.)"""
 from __future__ import annotations
 
 import copy
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -27,10 +27,8 @@ class LatticeModel:
     integrator : Verlet, Euler, RungeKutta4 or RungeKuttaChebyshev
     source_factor : float
         Factor on sources: 1, or what turns power into a rate of temperature.
-    sides : tuple of str
-        Names of the boundaries that serve it; empty: all.
     combinations : str
-        What goes together with which sides, for messages; empty where `sides` say it all.
+        What goes together with which sides, for messages.
     bonds : bool
         Whether bonds may be cut and weakened one by one.
     strongest : float
@@ -44,7 +42,6 @@ class LatticeModel:
     damping: float = 0.0
     integrator: Integrator
     source_factor: float = 1.0
-    sides: tuple[str, ...] = ()
     combinations: str = ""
     bonds: bool = True
     strongest: float = 1.0
@@ -64,6 +61,16 @@ class LatticeModel:
     def order(self) -> int:
         """Order of the equation in time."""
         return 2 if isinstance(self.integrator, Verlet) else 1
+
+    def serves(self, side: Any) -> bool:
+        """Whether a side, of which the class is given, goes with the model: bonds end at it only if they may be cut.
+
+        Parameters
+        ----------
+        side : type
+            A `farhorizon.boundaries.Side`.
+        """
+        return not side.split and (self.bonds or side.bonded)
 
     def crossing(self, length: float, factor: float = 1.0) -> float:
         """Time in which the fastest long wave crosses a length, or in which what diffuses spreads over half of it:

@@ -21,7 +21,7 @@ import numpy as np
 from scipy import special
 
 from farhorizon.analysis.modes import discrete_symbol, series_symbol
-from farhorizon.boundaries import Boundary, Exact, FirstOrder, Fixed, Higdon, LatticePML, PlaneWave, Sponge
+from farhorizon.boundaries import Exact, FirstOrder, Fixed, Higdon, LatticePML, PlaneWave, Side, Sponge
 from farhorizon.errors import UnstableError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Disc
@@ -116,7 +116,7 @@ def disc(radius: float, reach: int, dt: float) -> dict[str, Any]:
 def _outcome(
     setup: Mapping[str, Any],
     small: Mapping[str, Any],
-    conditions: Mapping[str, Boundary],
+    conditions: Mapping[str, Side],
     course: Sequence[float],
     times: Sequence[float],
 ) -> tuple[Outcome, dict[str, Measured], list[np.ndarray]]:
@@ -168,7 +168,7 @@ def example_1(folder: Path, full: bool = False) -> Outcome:
     """Square of 105^2 nodes; the step is 20 times the paper's unless `full`."""
     dt = 5e-4 if full else 0.01
     setup = square(RADIUS, dt)
-    conditions: dict[str, Boundary] = {
+    conditions: dict[str, Side] = {
         "published, 1 spacing": published(0.5),
         "published, 2 spacings": published(1.0),
         "published, 3 spacings": published(1.5),
@@ -264,7 +264,7 @@ class Continuum:
 
 
 #: Conditions of figure 10: what the paper calls proposed (for three sizes of cloud) and conventional, and ours.
-LONG: dict[str, Boundary] = {
+LONG: dict[str, Side] = {
     "published, 1 spacing": published(0.5),
     "published, 2 spacings": published(1.0),
     "published, 3 spacings": published(1.5),
@@ -274,7 +274,7 @@ LONG: dict[str, Boundary] = {
 FRONT = 200.0  # by then the wave front has left the near field for long
 
 
-def energies(setup: Mapping[str, Any], boundary: Boundary, times: np.ndarray) -> np.ndarray:
+def energies(setup: Mapping[str, Any], boundary: Side, times: np.ndarray) -> np.ndarray:
     """Energy of the near field at some times, nan from an overflow on, over that of the initial data; shape
     (times,)."""
     sim = Simulation(**{**setup, "boundary": boundary})
@@ -370,11 +370,11 @@ def figure_10(folder: Path, full: bool = False) -> Outcome:
     return Outcome(rows, pictures=paths)
 
 
-def disc_conditions(reach: int) -> dict[str, Boundary]:
+def disc_conditions(reach: int) -> dict[str, Side]:
     """What is run on discs: readings of the published condition, its repairs, and the others."""
     horizon = 0.25 * reach
     thin: dict[str, Any] = {"thin": 2, "cone": 45.0 if reach == 6 else _OPEN}
-    readings: dict[str, Boundary] = {
+    readings: dict[str, Side] = {
         "published A, whole cone": published(horizon),
         "published A, thinned by 2": published(horizon, **thin),
         "published B, thinned by 2": published(horizon, dispersion="local", **thin),
@@ -474,7 +474,7 @@ def example_3(folder: Path, full: bool = False) -> Outcome:
     dt = 5e-3 if full else 0.05
     course = tuple(np.arange(0.5, 70.1, 0.5).tolist())
     kept = (*TIMES, 70.0)
-    conditions: dict[str, Boundary] = {
+    conditions: dict[str, Side] = {
         "published A, thinned by 2": published(0.75, thin=2, cone=_OPEN),
         "published A, lattice normals": published(0.75, normals="lattice"),
         "repaired": PlaneWave(),
@@ -545,7 +545,7 @@ def appendix_b(folder: Path, full: bool = False) -> Outcome:
     setup = {"lattice": lattice, "model": model, "initial": {"u": lambda x: np.exp(-20 * np.log(2) * x**2)}, "dt": dt}
     small = {**setup, "lattice": Lattice(spacing, (-1.0,), (1.0,))}
     line: dict[str, Any] = {"wavenumber": 1.0, "wavenumbers": 10}
-    conditions: dict[str, Boundary] = {
+    conditions: dict[str, Side] = {
         "published, centre and 25 nodes": published(0.25, **line),
         "published, centre and 1 node": published(0.01, **line),
         "published, centre and 3 nodes": published(0.03, **line),

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from farhorizon.analysis.references.infinite import InfiniteLattice
-from farhorizon.boundaries import Boundary
+from farhorizon.boundaries import Side
 from farhorizon.checks.certificate import UNDECIDED
 from farhorizon.errors import UnstableError
 from farhorizon.simulation.simulation import Simulation
@@ -55,7 +55,7 @@ def infinite(setup: Mapping[str, Any], until: float) -> Reference:
 
 def run(
     setup: Mapping[str, Any],
-    boundary: Boundary,
+    boundary: Side,
     times: Sequence[float],
     reference: Reference,
     kept: Sequence[float] | None = None,
@@ -67,7 +67,7 @@ def run(
     ----------
     setup : mapping
         Arguments of `Simulation`.
-    boundary : Boundary
+    boundary : Side
     times : sequence of float
         At which it is compared.
     reference : callable
@@ -94,7 +94,7 @@ def run(
     return found
 
 
-def growth(setup: Mapping[str, Any], boundary: Boundary, until: float) -> float:
+def growth(setup: Mapping[str, Any], boundary: Side, until: float) -> float:
     """Rate at which the near field grows from white noise: slope of the logarithm of its norm over the last third of
     the run.
 
@@ -122,7 +122,7 @@ def growth(setup: Mapping[str, Any], boundary: Boundary, until: float) -> float:
     )
 
 
-def stability(setup: Mapping[str, Any], boundary: Boundary, until: float) -> tuple[float, str]:
+def stability(setup: Mapping[str, Any], boundary: Side, until: float) -> tuple[float, str]:
     """Spectral radius of the complete step, less 1, and how it is known: from the certificate, or measured where that
     is undecided within seconds.
 
@@ -130,7 +130,7 @@ def stability(setup: Mapping[str, Any], boundary: Boundary, until: float) -> tup
     ----------
     setup : mapping
         Arguments of `Simulation`; a small near field, for which a certificate is soon made.
-    boundary : Boundary
+    boundary : Side
     until : float
         End of the run from white noise in which growth is measured.
     """
@@ -143,7 +143,7 @@ def stability(setup: Mapping[str, Any], boundary: Boundary, until: float) -> tup
     return float(np.expm1(found.rate * sim.dt)), found.verdict
 
 
-def stability_note(setup: Mapping[str, Any], boundary: Boundary, until: float) -> str:
+def stability_note(setup: Mapping[str, Any], boundary: Side, until: float) -> str:
     """The words of `stability` for a row."""
     less_one, how = stability(setup, boundary, until)
     return (

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.boundaries import Boundary, Fixed, Free, LatticePML, PlaneWave
+from farhorizon.boundaries import Fixed, Free, LatticePML, PlaneWave, Side
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
@@ -50,7 +50,7 @@ def published(wavenumber: float, radius: int = 2, layer: int | None = None) -> P
     )
 
 
-def _conditions(radius: int) -> dict[str, Boundary]:
+def _conditions(radius: int) -> dict[str, Side]:
     return {
         "published, wavenumbers to 11.3 (eq 47)": published(_ALLOWED, radius),
         "published, to 1": published(1.0, radius),
@@ -81,7 +81,7 @@ def _example(
     name: str,
     folder: Path,
     setup: Mapping[str, Any],
-    conditions: Mapping[str, Boundary],
+    conditions: Mapping[str, Side],
     full: bool,
     shown: tuple[str, ...],
 ) -> Outcome:

@@ -99,7 +99,7 @@ def pulse(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 def plate(kernel: Kernel, boundary: Any, dt: float = STEP) -> Body:
     """The square of section 3A: 101 x 101 nodes, layers included."""
-    inside = LAYER * SPACING * (not isinstance(boundary, Fixed | Free))
+    inside = LAYER * SPACING * boundary.endless
     lattice = Lattice(SPACING, (inside, inside), (1 - inside, 1 - inside))
     return Body(lattice, kernel, young=1.0, poisson=0.25, boundary=boundary, initial={"u": (pulse, 0.0)}, dt=dt)
 
@@ -325,7 +325,7 @@ def figure_4(folder: Path) -> Outcome:
 
 def radial_plate(boundary: Any, width: float = 0.1, dt: float = STEP) -> Body:
     """The square of figure 5, 201 x 201 nodes with the layers: the radial displacement of eq. 3-2."""
-    inside = LAYER * SPACING * (not isinstance(boundary, Fixed | Free))
+    inside = LAYER * SPACING * boundary.endless
     lattice = Lattice(SPACING, (inside - 1,) * 2, (1 - inside,) * 2)
 
     def component(a: int) -> Callable[..., np.ndarray]:

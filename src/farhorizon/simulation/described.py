@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon import boundaries
+from farhorizon.boundaries import Side
 from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.geometry import masks, shapes
@@ -29,22 +29,6 @@ from farhorizon.models.model import INTEGRATORS
 _TYPES = {
     t.__name__: t
     for t in (
-        *(
-            getattr(boundaries, n)
-            for n in (
-                "LatticePML",
-                "Exact",
-                "Extended",
-                "FirstOrder",
-                "Fixed",
-                "Free",
-                "Higdon",
-                "NonlocalPML",
-                "Periodic",
-                "PlaneWave",
-                "Sponge",
-            )
-        ),
         *(getattr(shapes, n) for n in ("Disc", "Ball", "Box", "Polygon", "Union", "Intersection", "Difference")),
         *(getattr(masks, n) for n in ("ImageMask", "Text")),
         *(getattr(shapes, n) for n in ("PointCut", "Polyline", "Rectangle", "DiscCut", "PolygonCut")),
@@ -69,6 +53,11 @@ _TYPES = {
 }
 
 
+def _types() -> dict[str, type]:
+    """What may be described, by name: sides, which know themselves, and the rest."""
+    return _TYPES | Side.known
+
+
 def describe(value: Any, arrays: dict[str, np.ndarray]) -> Any:
     """A value as JSON; arrays go into `arrays` under new names.
 
@@ -84,7 +73,7 @@ def describe(value: Any, arrays: dict[str, np.ndarray]) -> Any:
     for name, integrator in INTEGRATORS.items():
         if value is integrator:
             return name
-    if type(value).__name__ in _TYPES:
+    if _types().get(type(value).__name__) is type(value):
         names = list(inspect.signature(type(value)).parameters)
         if isinstance(value, Lattice) and value.window is not None:
             names = ["spacing", "window"]
@@ -104,7 +93,7 @@ def rebuild(value: Any, arrays: dict[str, np.ndarray], key: str = "") -> Any:
     Raises
     ------
     InputError
-        A callable, which only the program that made it can give again.
+        A callable, which only the program that made it can give again; an object of a class that is not known.
     """
     if isinstance(value, list):
         return [rebuild(v, arrays, key) for v in value]
@@ -121,4 +110,11 @@ def rebuild(value: Any, arrays: dict[str, np.ndarray], key: str = "") -> Any:
             key=key,
             remedy=f"Simulation.restore(path, {key.split('.')[0]}=...)",
         )
-    return _TYPES[value["type"]](**{k: rebuild(v, arrays, key) for k, v in value["arguments"].items()})
+    if value["type"] not in _types():
+        raise InputError(
+            "a set-up holds an object of a class that is not known here",
+            value=value["type"],
+            key=key,
+            remedy="import the module that defines it first",
+        )
+    return _types()[value["type"]](**{k: rebuild(v, arrays, key) for k, v in value["arguments"].items()})

@@ -20,7 +20,7 @@ from farhorizon.analysis.layers.thickness import (
     predicted_error,
     thinnest,
 )
-from farhorizon.boundaries import Fixed, Free, LatticePML, Periodic
+from farhorizon.boundaries import LatticePML, Side
 from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.machine import one_blas_thread
@@ -53,7 +53,7 @@ class FarField:
     spacing : float
     recursion : Recursion
     dt : float
-    sides : mapping of (axis, side) to Boundary
+    sides : mapping of (axis, side) to Side
     data : sequence of Datum
         On the near field.
     foreseen : float
@@ -68,7 +68,7 @@ class FarField:
     spacing: float
     recursion: Recursion
     dt: float
-    sides: Mapping[tuple[int, int], object]
+    sides: Mapping[tuple[int, int], Side]
     data: Sequence[Datum]
     foreseen: float = np.inf
     scatterers: np.ndarray | None = None
@@ -103,7 +103,7 @@ class FarField:
         distance = distance_to_side([datum.values for datum in self._turned(axis, side)])
 
         def steep(nodes: int) -> Layer:
-            return replace(boundary, nodes=nodes).layer(2, medium.stencil, self.coefficient, self.spacing, 0.0)
+            return replace(boundary, nodes=nodes).make_layer(2, medium.stencil, self.coefficient, self.spacing, 0.0)
 
         members = family(medium.stencil, medium.speed / self.spacing, until, distance, wanted, steep)
         found = thinnest(members, sent, wanted, size)
@@ -127,7 +127,7 @@ class FarField:
         Where the medium goes on along the side, only as long as no image comes round: it would be heard in a layer that
         takes little of it.
         """
-        if not all(isinstance(b, Periodic) or _image(b) for b in self._beside(axis)):
+        if not all(b.periodic or b.image for b in self._beside(axis)):
             until = min(until, _ROOM * self.spacing / float(np.sqrt(self.coefficient)))
         _, _, sent, size = self._arriving(axis, side, until, wanted)
         return predicted_error(layer, sent, size)
@@ -163,7 +163,7 @@ class FarField:
         alike = all(self.stencil.same_along(0, other) for other in range(1, self.stencil.dim))
         return self.stencil.along(0 if alike else axis)
 
-    def _beside(self, axis: int) -> list[object]:
+    def _beside(self, axis: int) -> list[Side]:
         """The sides along the other axes."""
         return [self.sides[other, side] for other in range(len(self.shape)) if other != axis for side in (-1, 1)]
 
@@ -194,7 +194,7 @@ class FarField:
         """What arrives at a side, with the images of the data behind the walls of the near field."""
         room, steps = int(np.ceil(_ROUND * medium.speed * until / self.spacing)), max(2, int(np.ceil(until / self.dt)))
         others = [b for b in range(len(self.shape)) if b != axis]
-        image = _image(self.sides[axis, -side])
+        image = self.sides[axis, -side].image
         found = []
         for component in sorted({datum.component for datum in data}):
             own = [datum for datum in data if datum.component == component]
@@ -221,9 +221,9 @@ class FarField:
         which all is repeated.
         """
         lower, upper = self.sides[axis, -1], self.sides[axis, 1]
-        below, above, nodes = _image(lower), _image(upper), fields[0].shape[place]
+        below, above, nodes = lower.image, upper.image, fields[0].shape[place]
         near = range(nodes)
-        if isinstance(lower, Periodic):
+        if lower.periodic:
             return fields, near, nodes
         if above:
             fields = [np.concatenate([field, above * np.flip(field, place)], place) for field in fields]
@@ -260,8 +260,3 @@ def _flattened(values: np.ndarray, axes: Sequence[int]) -> np.ndarray:
     for axis in axes:
         values = np.take_along_axis(values, np.abs(values).argmax(axis, keepdims=True), axis)
     return values
-
-
-def _image(boundary: object) -> int:
-    """Sign of the image that stands for a wall; 0 where the medium goes on."""
-    return 1 if isinstance(boundary, Free) else -1 if isinstance(boundary, Fixed) else 0

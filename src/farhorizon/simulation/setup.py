@@ -13,25 +13,7 @@ from farhorizon.analysis.exact.chain import Recursion, half_weights
 from farhorizon.analysis.extent import Extent, Waves, extent, largest
 from farhorizon.analysis.layers.returned import Datum
 from farhorizon.analysis.layers.thickness import Thickness, distance_to_side, thinnest_for_diffusion
-from farhorizon.boundaries import (
-    Absorbing,
-    Auto,
-    Boundary,
-    Closing,
-    Closure,
-    Exact,
-    ExactEnds,
-    Extended,
-    Fixed,
-    Free,
-    LatticePML,
-    Margin,
-    Outline,
-    Periodic,
-    PlaneWave,
-    Sponge,
-    sides,
-)
+from farhorizon.boundaries import Auto, Closure, Exact, ExactEnds, LatticePML, Outline, Side, names, sides
 from farhorizon.boundaries.outline import SERIES, Medium
 from farhorizon.engine.engine import NEVER, Engine, Layer, Zone
 from farhorizon.errors import InputError
@@ -71,7 +53,7 @@ class Assembly:
         Largest stable time step.
     engine : Engine
     stencil : Stencil
-    sides : dict of (axis, side) to Boundary
+    sides : dict of (axis, side) to Side
     field_shape : tuple of int
         That of the lattice, of vectors with the components first.
     sources : list
@@ -95,7 +77,7 @@ class Assembly:
         self,
         lattice: Lattice,
         model: LatticeModel,
-        boundary: Boundary | Mapping[str, Boundary] | None,
+        boundary: Side | Mapping[str, Side] | None,
         initial: Mapping[str, Any],
         sources: Sequence[Any],
         cracks: Sequence[Any],
@@ -172,7 +154,7 @@ class Assembly:
         self.dt = self._choose_step(dt)
         self.thickness: dict[str, Thickness] = {}
         self._missed: dict[tuple[str, int, float], list[str]] = {}  # sides whose layers may miss their targets
-        walls = [key for key, b in self.sides.items() if not isinstance(b, Absorbing | Periodic)]
+        walls = [key for key, b in self.sides.items() if not (b.endless or b.periodic)]
         waves = [s.resolved(lattice, self.stencil.reach, walls) for s in sources if isinstance(s, IncidentWave)]
         driven = [*sources, *(self._as_source(load, f"load[{i}]") for i, load in enumerate(loads))]
         try:
@@ -180,7 +162,7 @@ class Assembly:
         except InputError:
             if not self.autos:
                 raise
-            self.sides |= {key: b.extended(None) for key, b in self.autos.items()}
+            self.sides |= {key: b.domain(None) for key, b in self.autos.items()}
             self._layers = self._make_layers()
             self._choose_layers(initial, driven, dtype, cracks, factor, specimens)
         sources = [s for s in sources if not isinstance(s, IncidentWave)]
@@ -254,13 +236,13 @@ class Assembly:
         """Sides, bonds and phases that the model does not have."""
         model = self.model
         for (axis, side), boundary in self.sides.items():
-            if model.sides and type(boundary).__name__ not in model.sides:
+            if not model.serves(type(boundary)):
                 raise InputError(
                     f"{model.title} has no such side",
                     value=type(boundary).__name__,
-                    limit=", ".join(model.sides),
+                    limit=names(model.serves),
                     key=f"boundary.{AXES[axis]}{'-+'[side > 0]}",
-                    remedy=model.combinations or model.sides[0],
+                    remedy=model.combinations,
                 )
         if not model.bonds and (len(cracks) or coefficient is not None or self.lattice.body is not None):
             key = "crack" if len(cracks) else "coefficient" if coefficient is not None else "lattice.body"
@@ -314,9 +296,10 @@ class Assembly:
         lead = 3 - lattice.dim
         first, end, around = [0] * 3, [1] * 3, [False] * 3
         for axis, n in enumerate(lattice.shape):
-            around[lead + axis] = isinstance(self.sides[axis, -1], Periodic)
+            around[lead + axis] = self.sides[axis, -1].periodic
             apart = [
-                0 if isinstance(self.sides[axis, s], Free | Periodic) else self.stencil.reach[axis] for s in (-1, 1)
+                0 if b.periodic or not b.bonded else self.stencil.reach[axis]
+                for b in (self.sides[axis, -1], self.sides[axis, 1])
             ]
             first[lead + axis] = self._margins[axis, -1] + apart[0]
             end[lead + axis] = self._margins[axis, -1] + n - apart[1]
@@ -358,7 +341,7 @@ class Assembly:
             )
         for (axis, side), boundary in self.sides.items():
             key = f"boundary.{AXES[axis]}{'-+'[side > 0]}"
-            if isinstance(boundary, Closing) or (isinstance(boundary, Fixed) and boundary.value != 0):
+            if not boundary.vectors or boundary.held:
                 raise InputError(
                     f"{name} has no such side",
                     value=repr(boundary),
@@ -368,7 +351,7 @@ class Assembly:
 
     def _check_closing(self) -> None:
         """Conditions along an outline: integrators of one stage, windows closed by one condition all around."""
-        closing = {key: b for key, b in self.sides.items() if isinstance(b, Closing)}
+        closing = {key: b for key, b in self.sides.items() if b.closing}
         self._near_field: np.ndarray | None = None  # nodes of a window that a condition closes along its outline
         if not closing:
             return
@@ -393,7 +376,7 @@ class Assembly:
 
     def _close(self, factor: np.ndarray | None) -> Closure | None:
         """The conditions along the outline; None without."""
-        closing = {key: b for key, b in self.sides.items() if isinstance(b, Closing)}
+        closing = {key: b for key, b in self.sides.items() if b.closing}
         if not closing:
             return None
         lattice, model, dx = self.lattice, self.model, self.lattice.spacing
@@ -407,8 +390,8 @@ class Assembly:
             near,
             lattice.window,
             closing,
-            frozenset(a for (a, _), b in self.sides.items() if isinstance(b, Periodic)),
-            frozenset(key for key, b in self.sides.items() if isinstance(b, Free)),
+            frozenset(a for (a, _), b in self.sides.items() if b.periodic),
+            frozenset(key for key, b in self.sides.items() if not b.bonded),
             self.stencil.offsets,
         )
         scale = (
@@ -466,7 +449,7 @@ class Assembly:
                 limit="Wave or Elastic with damping = 0",
                 remedy="a source, or initial data",
             )
-        walls = [AXES[axis] + "-+"[side > 0] for (axis, side), b in self.sides.items() if not isinstance(b, Absorbing)]
+        walls = [AXES[axis] + "-+"[side > 0] for (axis, side), b in self.sides.items() if not b.endless]
         if walls:
             self._beyond.notes.append(
                 f"only what is scattered meets {', '.join(walls)}: an incident wave knows the open medium alone"
@@ -517,7 +500,7 @@ class Assembly:
         besides coordinates.
         """
         reach = self.stencil.reach
-        more = {key: self._width(key) for key, b in self.sides.items() if isinstance(b, Margin)}
+        more = {key: self._width(key) for key in self.sides}
         shape = [
             n + sum(width for (a, _), width in more.items() if a == axis) for axis, n in enumerate(self.lattice.shape)
         ]
@@ -538,12 +521,11 @@ class Assembly:
 
     def _choose_step(self, dt: float | Callable[[float], float] | None) -> float:
         if dt is None or callable(dt):
-            fitted = [
-                b.step_limit(self.model, self.lattice.spacing, self.lattice.dim)
-                for b in self.sides.values()
-                if isinstance(b, PlaneWave)
+            model, lattice = self.model, self.lattice
+            borne = [
+                b.step_limit(model.order, model.coefficient, lattice.spacing, lattice.dim) for b in self.sides.values()
             ]
-            default = 0.5 * min([self.step_limit, *fitted])
+            default = 0.5 * min(self.step_limit, *borne)
             if dt is None:
                 return default
             dt = kinds.function(dt, "run.dt", "the default step")(default)
@@ -609,7 +591,7 @@ class Assembly:
             return np.zeros(self.lattice.shape, bool), np.zeros(self.lattice.shape)
         solid, metal = place(specimens, self.lattice, self.model.saturation, self.background)
         for (axis, side), boundary in self.sides.items():
-            if isinstance(boundary, Absorbing) and np.take(solid, 0 if side < 0 else -1, axis).any():
+            if boundary.endless and np.take(solid, 0 if side < 0 else -1, axis).any():
                 raise InputError(
                     f"a specimen touches the absorbing side {AXES[axis]}{'-+'[side > 0]}; beyond it all is liquid",
                     key="specimens",
@@ -672,7 +654,7 @@ class Assembly:
         busy &= ~held
         for (axis, side), boundary in self.sides.items():
             m = self.stencil.reach[axis] - self._margins[axis, side] + 1
-            if isinstance(boundary, LatticePML | Sponge | Extended) and m > 0:
+            if boundary.endless and not (boundary.exact or boundary.closing) and m > 0:
                 last = np.arange(m) if side < 0 else self.lattice.shape[axis] - 1 - np.arange(m)
                 name = AXES[axis] + "-+"[side > 0]
                 if np.take(busy, last, axis).any():
@@ -738,11 +720,11 @@ class Assembly:
         lattice, model = self.lattice, self.model
         half_width = max(float((lattice.upper - lattice.lower).max()) / 2, lattice.spacing)
         return {
-            (axis, side): boundary.layer(
+            (axis, side): boundary.make_layer(
                 model.order, self.stencil.along(axis), model.coefficient, lattice.spacing, half_width
             )
             for (axis, side), boundary in self.sides.items()
-            if isinstance(boundary, LatticePML)
+            if boundary.stretched
         }
 
     @property
@@ -784,15 +766,13 @@ class Assembly:
         hand keeps of its own.
         """
         layers = {
-            key: b
-            for key, b in self.sides.items()
-            if isinstance(b, LatticePML) and b.profile is None and (b.chooses or b.target)
+            key: b for key, b in self.sides.items() if b.stretched and b.profile is None and (b.open_ended or b.target)
         }
         if not layers:
             return
         lattice, model = self.lattice, self.model
         if model.order == 1:
-            chosen = {key: b for key, b in layers.items() if b.chooses}
+            chosen = {key: b for key, b in layers.items() if b.open_ended}
             self._choose_for_diffusion(chosen, initial, sources, self._scatterers(cracks, factor), specimens)
             return
         lengths = {
@@ -814,7 +794,7 @@ class Assembly:
         )
         for (axis, side), boundary in layers.items():
             wanted, until = boundary.wanted(model.target), lengths[axis, side]
-            if boundary.chooses:
+            if boundary.open_ended:
                 found = field.layer(axis, side, boundary, wanted, until)
                 if found is not None:
                     self._take(axis, side, found, wanted)
@@ -847,7 +827,7 @@ class Assembly:
 
     def _choose_for_diffusion(
         self,
-        chosen: Mapping[tuple[int, int], LatticePML],
+        chosen: Mapping[tuple[int, int], Side],
         initial: Mapping[str, Any],
         sources: Sequence[Any],
         scatterers: np.ndarray,
@@ -931,7 +911,7 @@ class Assembly:
 
     def _extend(self, dtype: str) -> None:
         """Choose how far the medium is computed beyond the sides that extend it."""
-        extended = {key: b for key, b in self.sides.items() if isinstance(b, Extended)}
+        extended = {key: b for key, b in self.sides.items() if b.extended}
         self.extents = {key: Extent(b.nodes, b.until or np.inf) for key, b in extended.items() if b.nodes is not None}
         wanted = {key: b.wanted(self.model.target) for key, b in extended.items() if b.nodes is None}
         lengths = {b.until or self.crossing for key, b in extended.items() if key in wanted}
@@ -968,7 +948,7 @@ class Assembly:
         known: dict[Any, Extent] = {}
         for (axis, side), error in wanted.items():
             turned = [datum.turned(axis, side) for datum in data]
-            mirror = getattr(self.sides[axis, -side], "image", 0)
+            mirror = self.sides[axis, -side].image
             normal = self.stencil.along(axis)
             like = error, mirror, normal, *(datum.values.tobytes() for datum in turned)
             if like not in known:
@@ -1002,7 +982,7 @@ class Assembly:
         busy = np.full(lattice.shape, self._unknown or any(space is None for space, _ in self._drives))
         busy.ravel()[np.concatenate([self.conditions.nodes, *self._holds.nodes]).astype(int)] = True
         for (axis, side), boundary in self.sides.items():
-            if isinstance(boundary, Fixed) and boundary.value != self.background:
+            if boundary.held is not None and boundary.held != self.background:
                 np.moveaxis(busy, axis, 0)[0 if side < 0 else -1] = True
         data = [
             ("u", self.start_u, np.zeros(0)),
@@ -1032,21 +1012,18 @@ class Assembly:
         Beyond an exact end and an extended side as many as the near field has.
         """
         nodes = {key: layer.columns for key, layer in self._layers.items()}
-        nodes |= {key: self.lattice.shape[key[0]] for key, b in self.sides.items() if isinstance(b, Exact | Extended)}
-        nodes |= {key: self._width(key) for key, b in self.sides.items() if isinstance(b, Sponge | Closing)}
+        for key, b in self.sides.items():
+            if b.endless and not b.stretched:
+                nodes[key] = self.lattice.shape[key[0]] if b.exact or b.extended else self._width(key)
         return {key: max(n, self.stencil.reach[key[0]]) for key, n in nodes.items()}
 
     def _width(self, key: tuple[int, int]) -> int:
         """Nodes of the core beyond the near field that a sponge, an extended side or a condition along the outline
         takes.
         """
-        boundary = self.sides[key]
-        if isinstance(boundary, Sponge):
-            return boundary.nodes
-        if isinstance(boundary, Extended):
-            return self.extents[key].nodes if key in self.extents else boundary.nodes or 0
-        thick = boundary.layer if isinstance(boundary, PlaneWave) else None
-        return self.stencil.reach[key[0]] if thick is None else int(thick / self.lattice.spacing + 1e-9)
+        if key in self.extents:
+            return self.extents[key].nodes
+        return self.sides[key].width(self.stencil.reach[key[0]], self.lattice.spacing)
 
     def _choose_margins(
         self, u: np.ndarray, v: np.ndarray, factor: np.ndarray | None, cuts: Sequence[Cut]
@@ -1059,13 +1036,12 @@ class Assembly:
         """
         margins = {}
         for (axis, side), boundary in self.sides.items():
-            if isinstance(boundary, Margin):
-                margins[axis, side] = self._width((axis, side))
-            elif isinstance(boundary, LatticePML | Exact):
+            margins[axis, side] = self._width((axis, side))
+            if boundary.uniform:
                 m = self.stencil.reach[axis]
                 last = np.arange(m + 1) if side < 0 else self.lattice.shape[axis] - 1 - np.arange(m + 1)
-                least = int(isinstance(boundary, LatticePML))
-                asked = isinstance(boundary, LatticePML) and (boundary.chooses or boundary.target is not None)
+                least = int(boundary.stretched)
+                asked = boundary.open_ended or boundary.target is not None
                 faint = 1e-3 * boundary.wanted(self.model.target) if asked else _FAINT
                 busy = bool(least) and any(
                     np.abs(np.take(f, last, axis)).max() > faint * np.abs(f).max()
@@ -1077,8 +1053,6 @@ class Assembly:
                     side * (edge - cut.bounds()[(side + 1) // 2][axis]) < (m + 1) * self.lattice.spacing for cut in cuts
                 ]
                 margins[axis, side] = 1 + m if busy or any(near) else least
-            else:
-                margins[axis, side] = 0
         return margins
 
     def _make_engine(self, factor: np.ndarray | None, rule: str, dtype: str, threads: int) -> None:
@@ -1090,7 +1064,7 @@ class Assembly:
         if rule not in ("both", "arithmetic", "harmonic"):
             raise InputError("unknown bond rule", value=rule, limit="both, arithmetic, harmonic", key="rule")
         layers = {(lead + axis, side): layer for (axis, side), layer in self._layers.items()}
-        periodic = frozenset(lead + a for (a, side), b in self.sides.items() if side < 0 and isinstance(b, Periodic))
+        periodic = frozenset(lead + a for (a, side), b in self.sides.items() if side < 0 and b.periodic)
         if isinstance(model.integrator, Verlet):
             stages = model.integrator.stages(self.dt, model.damping, lattice.dim == 1, self.lasting)
         else:
@@ -1120,8 +1094,8 @@ class Assembly:
         )
         self._origin = lattice.lower - lattice.spacing * np.array([self._margins[a, -1] for a in range(lattice.dim)])
         for (axis, side), boundary in self.sides.items():
-            if isinstance(boundary, Fixed) and boundary.value != self.background:
-                self._fix(lead + axis, side, boundary.value - self.background)
+            if boundary.held is not None and boundary.held != self.background:
+                self._fix(lead + axis, side, boundary.held - self.background)
 
     def _make_ends(self, factor: np.ndarray | None) -> ExactEnds | None:
         """The exact ends, whose chains have the bonds of the last nodes; None without."""
@@ -1154,7 +1128,7 @@ class Assembly:
         """A layer, and an exact end, continue the material along the normal: it must not vary there within one
         reach."""
         for (axis, side), boundary in self.sides.items():
-            if isinstance(boundary, LatticePML | Exact):
+            if boundary.uniform:
                 n, m = core.shape[lead + axis], self.stencil.reach[axis]
                 last = np.take(core, np.arange(m + 1) if side < 0 else np.arange(n - m - 1, n), lead + axis)
                 if np.any(np.ptp(last, axis=lead + axis) > 0):
@@ -1167,7 +1141,7 @@ class Assembly:
 
     def _fix(self, axis: int, side: int, value: float) -> None:
         """Set the halo of a side, in every level, to a value above the background."""
-        if any(isinstance(b, LatticePML) for (a, _), b in self.sides.items() if a != axis - (3 - self.lattice.dim)):
+        if any(b.stretched for (a, _), b in self.sides.items() if a != axis - (3 - self.lattice.dim)):
             raise InputError(
                 "a Fixed value beside a LatticePML must equal the background: the layer would have to absorb a state "
                 "that never decays",
@@ -1214,7 +1188,7 @@ class Assembly:
         nodes, neighbours, weights = nodes[order], neighbours[order], weights[order]
         _, first = np.unique(nodes * engine.layout.size + neighbours, return_index=True)
         free_rim = self.lattice.body is not None and self.rim == "free"
-        bare = free_rim or any(isinstance(b, Free) for b in self.sides.values())
+        bare = free_rim or not all(b.bonded for b in self.sides.values())
         engine.set_cuts(nodes[first], neighbours[first], weights[first], self._existing(free_rim) if bare else None)
 
     def _beyond_halo(self, closure: Closure) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
@@ -1247,8 +1221,8 @@ class Assembly:
                 (self.lattice.lower, self.lattice.upper)[(side + 1) // 2][axis],
                 cut.bounds()[(side + 1) // 2][axis],
             )
-            if side * (end - edge) > 1e-9 * self.lattice.spacing and not isinstance(boundary, Free | Fixed | Extended):
-                if not isinstance(boundary, LatticePML):
+            if side * (end - edge) > 1e-9 * self.lattice.spacing and boundary.cracks != "end":
+                if boundary.cracks == "refuse":
                     raise InputError(
                         "a crack crosses a side that cannot continue it",
                         value=AXES[axis] + "-+"[side > 0],
@@ -1321,7 +1295,7 @@ class Assembly:
             pads = [(self._margins[a, -1], self._margins[a, 1]) for a in range(self.lattice.dim)]
             core = np.pad(self.lattice.mask.astype(float), pads, mode="edge").reshape(core.shape)
             self._check_material(core, lead)
-        beyond = {(lead + a, side): 0.0 for (a, side), b in self.sides.items() if isinstance(b, Free)}
+        beyond = {(lead + a, side): 0.0 for (a, side), b in self.sides.items() if not b.bonded}
         return self.engine.spread(core, beyond) > 0.5
 
     def _hold_and_damp(self) -> None:
@@ -1335,7 +1309,7 @@ class Assembly:
         held = np.concatenate([held, resting])
         self._held = self.engine.all_components(held)
         tables = [(self._held, *np.zeros((3, len(self._held))))]
-        if any(isinstance(b, Sponge) for b in self.sides.values()):
+        if any(b.damped for b in self.sides.values()):
             tables.append(self._damped(held))
         tables.append((leaking, *np.ones((2, leaking.size)), leak))
         nodes, before, after, losses = (np.concatenate(columns) for columns in zip(*tables, strict=True))
@@ -1373,7 +1347,7 @@ class Assembly:
         layout, lead = self.engine.layout, 3 - self.lattice.dim
         rate = np.zeros(layout.box.nodes)
         for (axis, side), boundary in self.sides.items():
-            if isinstance(boundary, Sponge):
+            if boundary.damped:
                 values = boundary.damping(self.model.order, self.model.coefficient, self.lattice.spacing)
                 line = np.zeros(layout.box.nodes[lead + axis])
                 line[: len(values)] = values[::-1]

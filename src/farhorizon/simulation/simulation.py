@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from farhorizon import kinds
-from farhorizon.boundaries import Boundary, Closing, ExactEnds, Extended, Fixed, LatticePML, Periodic
+from farhorizon.boundaries import ExactEnds, Side
 from farhorizon.checks.certificate import BUDGET, Certificate, certify
 from farhorizon.checks.price import extended_price, price
 from farhorizon.checks.report import Report
@@ -47,7 +47,7 @@ class Simulation(Assembly, Run):
     lattice : Lattice
         The near field.
     model : Wave, Diffusion, Heat, Corrosion, Beam or Elastic
-    boundary : Boundary or mapping
+    boundary : Side or mapping
         One for all sides, or ``{"x-": ..., "x+": ..., "y": ..., "all": ...}``.
     initial : mapping
         "u" and, for waves, "v" (velocity): arrays of the lattice's shape, callables of the coordinates, expressions or
@@ -110,7 +110,7 @@ class Simulation(Assembly, Run):
         self,
         lattice: Lattice,
         model: LatticeModel,
-        boundary: Boundary | Mapping[str, Boundary] | None = None,
+        boundary: Side | Mapping[str, Side] | None = None,
         initial: Mapping[str, Any] | None = None,
         sources: Sequence[Any] = (),
         cracks: Sequence[Any] = (),
@@ -152,16 +152,14 @@ class Simulation(Assembly, Run):
         self._end = 0.0  # of the run, as far as it is known
         self._settled = 0.0  # length of the run that the sides are good for, as far as they are chosen for one
         self._why: list[str] = []  # how sides that leave the choice were chosen
-        self._open_ended = [
-            key for key, b in self.sides.items() if isinstance(b, LatticePML | Extended) and b.nodes is None
-        ]
+        self._open_ended = [key for key, b in self.sides.items() if b.open_ended]
         self._looked = 0.0  # up to this time
         self._balance = balance
         self._books = balance and not self.lasting
         self._opened = len(self._cracks)
         self._open_cracks()
         self._first_cuts = self.engine.absent_bonds
-        held = [abs(b.value - self.background) for b in self.sides.values() if isinstance(b, Fixed)]
+        held = [abs(b.held - self.background) for b in self.sides.values() if b.held is not None]
         self._setup: dict[str, Any] = {
             "lattice": lattice,
             "model": model,
@@ -409,7 +407,7 @@ class Simulation(Assembly, Run):
             try:
                 self._become({key: replace(self.sides[key], nodes=None, until=until) for key in self._open_ended})
             except InputError:  # what layers keep then is noted
-                if any(isinstance(self.sides[key], Extended) for key in self._open_ended):
+                if any(self.sides[key].extended for key in self._open_ended):
                     raise
         self._settled = until
 
@@ -419,8 +417,8 @@ class Simulation(Assembly, Run):
 
     def _decide(self, until: float) -> None:
         """Take layers or the extended domain on the sides that leave the choice, whichever takes less time."""
-        far_sides: dict[tuple[int, int], Boundary] = {key: b.extended(until) for key, b in self.autos.items()}
-        near_sides: dict[tuple[int, int], Boundary] = {
+        far_sides: dict[tuple[int, int], Side] = {key: b.domain(until) for key, b in self.autos.items()}
+        near_sides: dict[tuple[int, int], Side] = {
             key: b.layer(until, self.model.target) for key, b in self.autos.items()
         }
         try:
@@ -437,7 +435,7 @@ class Simulation(Assembly, Run):
         self._become(far_sides)
         self._why = [f"the domain is extended: layers would take {layers.over(far)}"]
 
-    def _become(self, sides: Mapping[tuple[int, int], Boundary]) -> None:
+    def _become(self, sides: Mapping[tuple[int, int], Side]) -> None:
         """Be at the start of the same run with some other sides."""
         named = {AXES[axis] + "-+"[side > 0]: boundary for (axis, side), boundary in sides.items()}
         other = type(self)(
@@ -590,7 +588,7 @@ class Simulation(Assembly, Run):
     def _guard(self) -> None:
         def cause() -> str:
             if self.closure is not None:
-                names = ", ".join(sorted({type(b).__name__ for b in self.sides.values() if isinstance(b, Closing)}))
+                names = ", ".join(sorted({type(b).__name__ for b in self.sides.values() if b.closing}))
                 return (
                     f"{names} grows on this outline, which `check` tells before the run: try `farhorizon check "
                     "--tune`, or LatticePML"
@@ -678,11 +676,7 @@ class Simulation(Assembly, Run):
         each, ago = u.reshape(engine.components, -1), old.reshape(engine.components, -1)
         for number, total in enumerate(strain.reshape(each.shape)):  # component by component: sum_b L_ab (u_a old_b)
             total += apply((each[number] * ago).ravel()).reshape(each.shape)[number]
-        at_rest = {
-            (3 - self.lattice.dim + a, s): 0.0
-            for (a, s), b in self.sides.items()
-            if isinstance(b, Fixed) and b.value == self.background
-        }
+        at_rest = {(3 - self.lattice.dim + a, s): 0.0 for (a, s), b in self.sides.items() if b.held == self.background}
         if at_rest:  # the other half of the bonds to sides where u is zero
             there = engine.spread(np.ones(engine.core.nodes), at_rest) * engine.exists
             for unit, before in zip(np.eye(engine.components), ago, strict=True):
@@ -704,7 +698,7 @@ class Simulation(Assembly, Run):
         nodes = np.ones(box, bool) if lattice.mask is None else lattice.mask.reshape(box)
         whole = np.zeros((3, 2), bool)
         for (axis, side), boundary in self.sides.items():
-            whole[lead + axis, int(side > 0)] = isinstance(boundary, Fixed)
+            whole[lead + axis, int(side > 0)] = boundary.held is not None
         return self._mass * self.engine.bond_energy(
             tuple(first), tuple(f + n for f, n in zip(first, box, strict=True)), nodes, whole
         )
@@ -731,7 +725,7 @@ class Simulation(Assembly, Run):
         core = np.zeros(engine.core.nodes)
         beyond = {}
         for (axis, side), boundary in self.sides.items():
-            if isinstance(boundary, Periodic):
+            if boundary.periodic:
                 continue
             self._book_names.append(AXES[axis] + "-+"[side > 0])
             beyond[lead + axis, side] = float(len(self._book_names))
@@ -936,7 +930,7 @@ class Simulation(Assembly, Run):
             else {name: self._ends.describe(i, self.dt) for i, name in enumerate(self._ends.names)}
         )
 
-    def _settled_sides(self) -> dict[str, Boundary]:
+    def _settled_sides(self) -> dict[str, Side]:
         """The sides by name, with the layers that were chosen for the data: on another lattice, or without data, they
         stay what they are.
         """
@@ -1108,7 +1102,7 @@ class Simulation(Assembly, Run):
             return
         theirs = rebuild(meta["setup"]["dict"]["boundary"], arrays)
         names = {key: AXES[key[0]] + "-+"[key[1] > 0] for key in {*self._open_ended, *self.autos}}
-        if all(isinstance(theirs.get(name), LatticePML | Extended) for name in names.values()):
+        if all(theirs[name].stretched or theirs[name].extended for name in names.values() if name in theirs):
             self._become({key: theirs[name] for key, name in names.items()})
 
     def load(self, path: str | Path) -> dict[str, Any]:

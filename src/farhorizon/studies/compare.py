@@ -14,19 +14,7 @@ import numpy as np
 
 from farhorizon.analysis.references.infinite import InfiniteLattice, undisturbed
 from farhorizon.body.body import Body
-from farhorizon.boundaries import (
-    Absorbing,
-    Exact,
-    Extended,
-    FirstOrder,
-    Fixed,
-    Free,
-    Higdon,
-    LatticePML,
-    NonlocalPML,
-    PlaneWave,
-    Sponge,
-)
+from farhorizon.boundaries import Exact, Fixed, Free, LatticePML
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Shape
@@ -262,7 +250,7 @@ def _homogeneous(setup: dict[str, Any], ours: Simulation) -> bool:
     changed = (
         any(setup.get(name) for name in ("cracks", "constraints", "specimens")) or setup.get("coefficient") is not None
     )
-    endless = all(isinstance(b, Absorbing) for b in ours.sides.values()) and ours.lattice.body is None
+    endless = all(b.endless for b in ours.sides.values()) and ours.lattice.body is None
     return endless and not changed and not ours.sources and not ours.bondwise
 
 
@@ -271,17 +259,17 @@ def _besides(setup: dict[str, Any], ours: Simulation | Body, steps: int) -> dict
     if isinstance(ours, Body):
         ends: dict[str, Any] = {"fixed edge": Fixed(), "free edge": Free()}
         return {name: Body(**{**setup, "boundary": _with(ours, end), "dt": ours.dt}) for name, end in ends.items()}
-    served = [rim for rim in ("fixed", "free") if not ours.model.sides or rim.title() in ours.model.sides]
+    served = [rim for rim, end in (("fixed", Fixed), ("free", Free)) if ours.model.serves(end)]
     return {**_other_absorber(setup, ours, steps), **{f"{rim} edge": _ended(setup, ours, rim) for rim in served}}
 
 
 def _with(ours: Simulation | Body, end: Any) -> dict[str, Any]:
     """The sides with another boundary in place of those that absorb."""
-    return {name: end if isinstance(b, Absorbing | NonlocalPML) else b for name, b in _by_name(ours).items()}
+    return {name: end if b.endless else b for name, b in _by_name(ours).items()}
 
 
 def _has_layers(ours: Simulation) -> bool:
-    return any(isinstance(b, LatticePML) for b in ours.sides.values())
+    return any(b.stretched for b in ours.sides.values())
 
 
 def _long_kernel(ours: Simulation, steps: int) -> bool:
@@ -325,17 +313,8 @@ def _by_name(sim: Simulation | Body) -> dict[str, Any]:
 
 
 def _name(sim: Simulation | Body) -> str:
-    labels: dict[type, str] = {
-        LatticePML: "lattice PML",
-        NonlocalPML: "nonlocal PML",
-        Exact: "exact",
-        Sponge: "sponge",
-        Extended: "extended domain",
-    }
-    labels |= {PlaneWave: "plane wave", Higdon: "Higdon", FirstOrder: "first order"}
-    used: set[type] = {type(b) for b in sim.sides.values()}
-    kinds = used & set(labels) or used
-    return " + ".join(sorted(labels.get(k, k.__name__.lower()) for k in kinds))
+    absorbing = {b.label for b in sim.sides.values() if b.endless}
+    return " + ".join(sorted(absorbing or {b.label for b in sim.sides.values()}))
 
 
 def far_slices(far: Simulation | Body, ours: Simulation | Body) -> tuple[Any, ...]:
@@ -348,7 +327,7 @@ def _extended(setup: dict[str, Any], ours: Simulation, until: float) -> Simulati
     """The same set-up on a domain so large that nothing returns from its ends."""
     lattice = ours.lattice
     more = undisturbed(ours.stencil, ours.rate_limit / ours.stencil.symbol_maximum, ours.model.order, until)
-    open_sides = {key: more for key, b in ours.sides.items() if isinstance(b, Absorbing)}
+    open_sides = {key: more for key, b in ours.sides.items() if b.endless}
 
     def widen(value: Any, mode: Literal["constant", "edge"] = "constant") -> Any:
         if isinstance(value, IncidentWave):
@@ -398,7 +377,7 @@ def _extended_body(setup: dict[str, Any], ours: Body, until: float) -> Body:
         stabilisation=setup.get("stabilisation", 0.0),
     )
     more = undisturbed(medium.stencil(lattice.spacing, lattice.dim), medium.coefficient / lattice.spacing**2, 2, until)
-    open_sides = {key: more for key, b in ours.sides.items() if isinstance(b, Absorbing | NonlocalPML)}
+    open_sides = {key: more for key, b in ours.sides.items() if b.endless}
     material = {name: setup[name] for name in ("young", "poisson", "density") if name in setup}
     changed = {
         "lattice": lattice.extended(open_sides),

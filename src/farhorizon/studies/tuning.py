@@ -68,9 +68,10 @@ class Tuning:
             if getattr(self.boundary, f.name) != f.default
         }
         words = {name: list(value) if isinstance(value, tuple) else value for name, value in given.items()}
-        kind = "plane-wave" if isinstance(self.boundary, PlaneWave) else "higdon"
         return (
-            f'{{ type = "{kind}"' + "".join(f", {name} = {json.dumps(value)}" for name, value in words.items()) + " }"
+            f'{{ type = "{self.boundary.tag}"'
+            + "".join(f", {name} = {json.dumps(value)}" for name, value in words.items())
+            + " }"
         )
 
     def __str__(self) -> str:
