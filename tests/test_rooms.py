@@ -132,9 +132,9 @@ def test_every_room_is_there_and_says_what_it_is(arrows):
 
 
 def test_tests_stand_in_rooms_of_the_same_names():
-    """Those of the whole program, of single modules of the root and of robustness aside."""
+    """Those of the whole program, of single modules of the root, of robustness and of what users define aside."""
     folders = {path.parent.relative_to(TESTS).as_posix().replace("/", ".") for path in TESTS.rglob("test_*.py")}
-    assert folders - {".", "robustness"} <= set(ORDER)
+    assert folders - {".", "robustness", "extensions"} <= set(ORDER)
     apart = sorted(path.stem for path in TESTS.glob("test_*.py"))
     elsewhere = [name for name in apart if any(PACKAGE.glob(f"*/**/{name.removeprefix('test_')}.py"))]
     assert elsewhere == []

@@ -77,7 +77,7 @@ class Case:
             else:
                 self.kind = fh.Simulation
                 self.model = self._model(self.parts.model)
-                self.vector = isinstance(self.model, fh.Elastic)
+                self.vector = self.model.mechanical
                 self.setup = self._setup()
             self._check_output()
 
@@ -141,7 +141,7 @@ class Case:
 
     @property
     def _bondwise(self) -> bool:
-        return self.kind is fh.Simulation and isinstance(self.model, fh.Elastic) and self.model.bondwise
+        return self.kind is fh.Simulation and self.model.bond_law is not None
 
     @property
     def fields(self) -> tuple[str, ...]:

@@ -36,7 +36,6 @@ from farhorizon.errors import InputError
 from farhorizon.files.cache import cache_folder, keep, kept
 from farhorizon.geometry.lattice import AXES
 from farhorizon.machine import one_blas_thread
-from farhorizon.models import Corrosion, Elastic
 
 CERTIFIED, NOT_CERTIFIED, UNDECIDED = "certified", "not certified", "undecided"
 BUDGET = 30.0  # seconds that a certificate may take
@@ -203,7 +202,7 @@ def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf) -> Cer
     -------
     Certificate
     """
-    if isinstance(sim.model, Elastic) and sim.model.bondwise:
+    if sim.model.bond_law is not None:
         found = certify(sim.remade(model=sim.model.linearised, balance=False), budget, until)
         return replace(found, reason=f"{found.reason}; that of the linear form, in which no bond breaks")
     if any(b.extended for b in sim.sides.values()):
@@ -214,7 +213,7 @@ def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf) -> Cer
     proof = _proof(sim)
     if proof:
         return Certificate(CERTIFIED, proof, seconds=time.monotonic() - begin)
-    if isinstance(sim.model, Corrosion) and (sim.engine.dissolved == NEVER).any():
+    if sim.model.dissolution is not None and (sim.engine.dissolved == NEVER).any():
         found = certify(sim.remade(specimens=()), budget, until)
         return replace(found, reason=f"{found.reason}; that of the linear form, all liquid")
     path = _cache_file(sim)

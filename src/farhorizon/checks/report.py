@@ -24,7 +24,6 @@ from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import AXES
 from farhorizon.machine import one_blas_thread
 from farhorizon.medium.stencil import BackwardWaves
-from farhorizon.models import Corrosion, Elastic
 
 ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)
 _FINE = tuple(np.linspace(0, 85, 35).tolist())  # angles of the picture
@@ -242,21 +241,21 @@ class Report:
             say("fitted", sim.closure.describe())
         for name, serves in sim.ends.items():
             say(f"exact end {name}", serves)
-        if isinstance(sim.model, Corrosion):
+        if (dissolution := sim.model.dissolution) is not None:
             metal = int(np.nansum(sim.fields["solid"]))
             say(
                 "metal",
-                f"{metal} solid nodes shown, saturation {sim.model.saturation:g}, interface {sim.model.interface:g} "
-                "of the liquid",
+                f"{metal} solid nodes shown, saturation {dissolution.saturation:g}, "
+                f"interface {dissolution.interface:g} of the liquid",
             )
             if metal:
                 whole = float(np.nanmax(sim.fields["u"]))
-                speed = sim.model.speed(lattice.spacing, lattice.dim, whole, sim.background)
+                speed = dissolution.speed(lattice.spacing, lattice.dim, whole, sim.background)
                 say(
                     "front",
                     f"speed {speed:.4g} under activation "
-                    f"control{' (limited by saturation)' if sim.model.limited else ''}; "
-                    f"for another speed v: interface = {sim.model.interface / speed:.4g} v",
+                    f"control{' (limited by saturation)' if dissolution.limited else ''}; "
+                    f"for another speed v: interface = {dissolution.interface / speed:.4g} v",
                 )
         total = int(np.prod(engine.core.nodes))
         extra = int(np.prod(engine.layout.box.nodes)) - int(np.prod(lattice.shape))
@@ -267,8 +266,8 @@ class Report:
             f"{engine.nbytes / (np.prod(sim.field_shape) * engine.dtype.itemsize):.3g} near fields",
         )
         say("absent bonds", str(engine.absent_bonds))
-        if isinstance(sim.model, Elastic) and sim.model.bondwise:
-            stretch = sim.model.critical_stretch_on(lattice.spacing, lattice.dim)
+        if (law := sim.model.bond_law) is not None:
+            stretch = law.critical_stretch_on(lattice.spacing, lattice.dim)
             breaking = (
                 f"break at a stretch of {stretch:.4g}, except within one reach of sides that are not free"
                 if np.isfinite(stretch)
@@ -276,7 +275,7 @@ class Report:
             )
             say(
                 "bonds",
-                f"{'nonlinear' if sim.model.nonlinear else 'linear'}, {breaking}; what is predicted is the linear "
+                f"{'nonlinear' if law.nonlinear else 'linear'}, {breaking}; what is predicted is the linear "
                 "form, whole",
             )
         self.numbers |= {"dt": sim.dt, "step_limit": sim.step_limit, "memory": float(engine.nbytes)}

@@ -78,6 +78,11 @@ class Corrosion(LatticeModel):
         )
         self.integrator = first_order(integrator)
 
+    @property
+    def dissolution(self) -> Corrosion:
+        """Itself."""
+        return self
+
     def speed(self, spacing: float, dim: int, metal: float, far: float = 0.0) -> float:
         """Speed of a plane front along an axis under activation control, where the liquid beside it holds what it does
         far away.

@@ -146,6 +146,8 @@ class Elastic(LatticeModel):
         self.coefficient = self.p_modulus / self.density
         self.integrator = Verlet()
 
+    mechanical = True
+
     def serves(self, side: Any) -> bool:
         """Whether a side goes with the material; where `bonds` may not be cut, those of vector fields do that bonds
         cross.
@@ -190,6 +192,11 @@ class Elastic(LatticeModel):
     def bondwise(self) -> bool:
         """Whether bonds follow a law of their own stretch one by one: nonlinear, or breaking, or both."""
         return self.nonlinear or self.critical_stretch is not None or self.fracture_energy is not None
+
+    @property
+    def bond_law(self) -> Elastic | None:
+        """Itself where bonds follow a law one by one, else None."""
+        return self if self.bondwise else None
 
     @property
     def linearised(self) -> Elastic:

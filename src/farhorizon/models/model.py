@@ -4,7 +4,7 @@ components.)"""
 from __future__ import annotations
 
 import copy
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 
@@ -13,6 +13,34 @@ from farhorizon.errors import InputError
 from farhorizon.medium.integrators import Euler, Integrator, RungeKutta4, RungeKuttaChebyshev, Verlet
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
+
+
+class BondLaw(Protocol):
+    """Bonds that follow a law of their own stretch one by one."""
+
+    nonlinear: bool
+    density: float
+
+    @property
+    def p_modulus(self) -> float:
+        """Modulus of longitudinal waves."""
+
+    def critical_stretch_on(self, spacing: float, dim: int) -> float:
+        """The stretch at which bonds break; infinite where none does."""
+
+    def bond_stiffness(self, stencil: Stencil, spacing: float) -> np.ndarray:
+        """Force density over elongation of each bond of the stencil."""
+
+
+class Dissolution(Protocol):
+    """A solid that becomes liquid where its concentration has fallen below the saturation."""
+
+    saturation: float
+    interface: float
+    limited: bool
+
+    def speed(self, spacing: float, dim: int, metal: float, far: float = 0.0) -> float:
+        """Speed of a plane front (length / time)."""
 
 
 class LatticeModel:
@@ -33,6 +61,8 @@ class LatticeModel:
         Whether bonds may be cut and weakened one by one.
     strongest : float
         Largest factor that the model itself puts on bonds.
+    mechanical : bool
+        Whether loads and tractions act on it.
     target : float
         Error that sides keep unless they are given one: of waves relative to the largest value, of diffusion to the
         largest at the same time.
@@ -45,6 +75,7 @@ class LatticeModel:
     combinations: str = ""
     bonds: bool = True
     strongest: float = 1.0
+    mechanical: bool = False
     target: float = 1e-5
 
     def __init__(self, operator: Kernel | Stencil) -> None:
@@ -56,6 +87,21 @@ class LatticeModel:
     def title(self) -> str:
         """What it is called in messages."""
         return type(self).__name__
+
+    @property
+    def bond_law(self) -> BondLaw | None:
+        """The law that bonds follow one by one; None where the operator is all there is."""
+        return None
+
+    @property
+    def linearised(self) -> LatticeModel:
+        """The same model, linear and unbreakable."""
+        return self
+
+    @property
+    def dissolution(self) -> Dissolution | None:
+        """How its solid dissolves; None where it has none."""
+        return None
 
     @property
     def order(self) -> int:

@@ -31,7 +31,7 @@ from farhorizon.inputs.specimens import Specimen, place
 from farhorizon.machine import available_memory
 from farhorizon.medium.integrators import Euler, Verlet
 from farhorizon.medium.kernel import Kernel
-from farhorizon.models import Corrosion, Elastic, LatticeModel
+from farhorizon.models import LatticeModel
 from farhorizon.simulation.far_field import CROSSINGS, FORESEEN, LASTING, MOST_CROSSINGS, FarField, stand_ins
 from farhorizon.simulation.run import wanted_threads
 
@@ -104,7 +104,7 @@ class Assembly:
         )
         cracks, constraints = kinds.sequence(cracks, "cracks"), kinds.sequence(constraints, "constraints")
         kinds.flag(balance, "balance")
-        self.lasting = isinstance(model, Elastic) and (model.bondwise or balance)
+        self.lasting = model.bond_law is not None or (model.mechanical and balance)
         self.sides = sides(LatticePML() if boundary is None else boundary, lattice.dim)
         self.autos = {key: b for key, b in self.sides.items() if isinstance(b, Auto)}
         self.sides |= {key: b.layer(None, model.target) for key, b in self.autos.items()}
@@ -251,13 +251,13 @@ class Assembly:
                 key=key,
                 remedy="leave it out",
             )
-        if isinstance(model, Corrosion) and coefficient is not None:
+        if model.dissolution is not None and coefficient is not None:
             raise InputError("the phases are the coefficient of a Corrosion", key="coefficient", remedy="leave it out")
-        if len(specimens) and not isinstance(model, Corrosion):
+        if len(specimens) and model.dissolution is None:
             raise InputError(
                 "only a Corrosion has specimens", value=type(model).__name__, key="specimens", remedy="Corrosion(...)"
             )
-        if len(loads) and not isinstance(model, Elastic):
+        if len(loads) and not model.mechanical:
             raise InputError(
                 "loads act on an elastic medium",
                 value=type(model).__name__,
@@ -268,7 +268,7 @@ class Assembly:
     @property
     def bondwise(self) -> bool:
         """Whether bonds of the near field follow a law of their own stretch, or break."""
-        return isinstance(self.model, Elastic) and self.model.bondwise
+        return self.model.bond_law is not None
 
     def _check_bonds(self, cracks: Sequence[Any], rim: str) -> None:
         """What bonds that follow a law of their own stretch do not have."""
@@ -291,7 +291,8 @@ class Assembly:
         that are not free.
         """
         model, lattice = self.model, self.lattice
-        if not (isinstance(model, Elastic) and model.bondwise):
+        law = model.bond_law
+        if law is None:
             return
         lead = 3 - lattice.dim
         first, end, around = [0] * 3, [1] * 3, [False] * 3
@@ -303,11 +304,11 @@ class Assembly:
             ]
             first[lead + axis] = self._margins[axis, -1] + apart[0]
             end[lead + axis] = self._margins[axis, -1] + n - apart[1]
-        stretch = model.critical_stretch_on(lattice.spacing, lattice.dim)
-        limit = stretch * (2 + stretch) if model.nonlinear else 2 * stretch
-        stiffness = model.bond_stiffness(self.stencil, lattice.spacing) / model.density
+        stretch = law.critical_stretch_on(lattice.spacing, lattice.dim)
+        limit = stretch * (2 + stretch) if law.nonlinear else 2 * stretch
+        stiffness = law.bond_stiffness(self.stencil, lattice.spacing) / law.density
         zone = Zone((first[0], first[1], first[2]), (end[0], end[1], end[2]), (around[0], around[1], around[2]))
-        self.engine.set_bonds(stiffness, lattice.spacing, zone, model.nonlinear, limit)
+        self.engine.set_bonds(stiffness, lattice.spacing, zone, law.nonlinear, limit)
         self._zone = zone
         self._cut(())
         self._families = self._bonds_left()
@@ -424,7 +425,7 @@ class Assembly:
         material = np.ones(lattice.shape) if factor is None else factor.copy()
         if lattice.body is not None and lattice.mask is not None:
             material[~lattice.mask] = np.nan
-        solid = self._solid if isinstance(self.model, Corrosion) else np.zeros(0)
+        solid = self._solid if self.model.dissolution is not None else np.zeros(0)
         for nodes in (*self._holds.nodes, self.conditions.nodes, np.flatnonzero(self.leak()), np.flatnonzero(solid)):
             material.flat[nodes] = np.nan
         pads = [(self._margins[a, -1], self._margins[a, 1]) for a in range(lattice.dim)]
@@ -587,9 +588,10 @@ class Assembly:
     def _place(self, specimens: Sequence[Specimen]) -> tuple[np.ndarray, np.ndarray]:
         """The solid nodes and what they hold; refuses metal at and beyond an absorbing side, where all must be
         liquid."""
-        if not isinstance(self.model, Corrosion):
+        dissolution = self.model.dissolution
+        if dissolution is None:
             return np.zeros(self.lattice.shape, bool), np.zeros(self.lattice.shape)
-        solid, metal = place(specimens, self.lattice, self.model.saturation, self.background)
+        solid, metal = place(specimens, self.lattice, dissolution.saturation, self.background)
         for (axis, side), boundary in self.sides.items():
             if boundary.endless and np.take(solid, 0 if side < 0 else -1, axis).any():
                 raise InputError(
@@ -612,11 +614,12 @@ class Assembly:
         """Give the engine the step at which each node of the near field became liquid (`NEVER`: solid), for a
         corrosion.
         """
-        if isinstance(self.model, Corrosion):
+        dissolution = self.model.dissolution
+        if dissolution is not None:
             core = np.zeros(self.engine.core.nodes, np.int64)
             core[self._near] = dissolved.reshape(core[self._near].shape)
             self.engine.set_phases(
-                core, self.model.interface, self.model.saturation - self.background, self.model.limited
+                core, dissolution.interface, dissolution.saturation - self.background, dissolution.limited
             )
 
     def _check_dry(self) -> None:

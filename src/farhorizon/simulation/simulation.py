@@ -27,7 +27,7 @@ from farhorizon.inputs.sources import steady
 from farhorizon.inputs.specimens import Specimen
 from farhorizon.machine import available_memory
 from farhorizon.medium.integrators import stage_effects
-from farhorizon.models import Corrosion, Elastic, LatticeModel
+from farhorizon.models import LatticeModel
 from farhorizon.simulation.described import describe, rebuild
 from farhorizon.simulation.flux import nodal_flux, power_across
 from farhorizon.simulation.overstretch import Rim, rim_of
@@ -243,13 +243,13 @@ class Simulation(Assembly, Run):
 
     def _check_stretch(self) -> None:
         """Bonds that the start, or the first strain of a load, would break at once."""
-        assert isinstance(self.model, Elastic)
-        limit = self.model.critical_stretch_on(self.lattice.spacing, self.lattice.dim)
-        if not np.isfinite(limit):
+        law = self.model.bond_law
+        limit = np.inf if law is None else law.critical_stretch_on(self.lattice.spacing, self.lattice.dim)
+        if law is None or not np.isfinite(limit):
             return
         factor = np.broadcast_to(1.0 if self._factor is None else self._factor, self.field_shape)
         strain = self.engine.largest_strain()
-        stretch = float(np.sqrt(1 + strain) - 1 if self.model.nonlinear else strain / 2)
+        stretch = float(np.sqrt(1 + strain) - 1 if law.nonlinear else strain / 2)
         if stretch > limit:
             raise InputError(
                 "the initial displacements stretch bonds beyond the critical stretch",
@@ -263,7 +263,7 @@ class Simulation(Assembly, Run):
             float(np.divide(force, factor, out=np.zeros_like(force), where=factor > 0).max(initial=0))
             * self.lattice.spacing
         )
-        strain /= self.model.p_modulus
+        strain /= law.p_modulus
         if strain > _SHATTERS * limit:
             raise InputError(
                 "the critical stretch is far below the first strain of the load, which would shatter what it meets",
@@ -310,18 +310,15 @@ class Simulation(Assembly, Run):
     def _set_rim(self) -> None:
         """Where bonds would break, but cannot; looked at each time that a longitudinal wave has crossed one reach."""
         self._rim: Rim | None = None
-        if not isinstance(self.model, Elastic) or not self.bondwise:
+        law = self.model.bond_law
+        if law is None:
             return
         engine, lattice, lead = self.engine, self.lattice, 3 - self.lattice.dim
         low, high = (
             np.array(edge[lead:]) - [self._margins[a, -1] for a in range(lattice.dim)]
             for edge in (self._zone.first, self._zone.end)
         )
-        crossing = (
-            min(self.stencil.reach)
-            * lattice.spacing
-            / np.sqrt(self.model.p_modulus / self.model.density * self.strongest)
-        )
+        crossing = min(self.stencil.reach) * lattice.spacing / np.sqrt(law.p_modulus / law.density * self.strongest)
         part = self._near[-3:]
         self._rim = rim_of(
             lattice.shape,
@@ -332,7 +329,7 @@ class Simulation(Assembly, Run):
             engine.offsets @ np.array(engine.core.stride),
             lattice.spacing * self.stencil.offsets,
             engine.bond_limit,
-            self.model.nonlinear,
+            law.nonlinear,
             max(1, int(crossing / self.dt)),
         )
         if self._rim is not None:
@@ -340,11 +337,12 @@ class Simulation(Assembly, Run):
 
     def _look_at_saturation(self) -> None:
         """Say it if the liquid holds more than can be dissolved in it."""
-        if isinstance(self.model, Corrosion) and not self.cautions and self._first_solid:
+        dissolution = self.model.dissolution
+        if dissolution is not None and not self.cautions and self._first_solid:
             liquid = np.where(
                 self._solid, -np.inf, self.engine.core.view(self.engine.current)[self._near].reshape(self.lattice.shape)
             )
-            most = float(liquid.max()) / (self.model.saturation - self.background)
+            most = float(liquid.max()) / (dissolution.saturation - self.background)
             if most > 1 + _SUPERSATURATED:
                 self._caution(
                     "supersaturated",
@@ -510,7 +508,7 @@ class Simulation(Assembly, Run):
         while done < steps:
             n = min(batch, steps - done)
             strength, amplitudes = self._tables(self._drives, self.field_shape, samples, weights, n)
-            if general and isinstance(self.model, Corrosion):
+            if general and self.model.dissolution is not None:
                 self._refuse_wet(np.any(strength != 0, axis=0).reshape(self.lattice.shape))
             values, times = self._tables(held.drives, held.nodes.shape, tied_samples, held_weights, n)
             used = np.any(strength, axis=0)
@@ -621,7 +619,7 @@ class Simulation(Assembly, Run):
             out["v"] = (out["u"] - self._shown(self.engine.older, self.background)) / self.dt
         if self.bondwise:
             out["damage"] = self._visible(1 - self._bonds_left() / np.maximum(self._families, 1))
-        if isinstance(self.model, Corrosion):
+        if self.model.dissolution is not None:
             steps = self.engine.dissolved[self._near].reshape(self.lattice.shape)
             out["solid"] = self._visible(self._solid.astype(float))
             out["dissolved"] = self._visible(np.where(self._solid, np.nan, self.dt * steps))
@@ -791,7 +789,7 @@ class Simulation(Assembly, Run):
         def total(where: np.ndarray, level: float = 0.0) -> float:
             return math.fsum(near[self._free & where].astype(float) + level)
 
-        phases = {"metal": self._solid, "dissolved": ~self._solid} if isinstance(self.model, Corrosion) else {}
+        phases = {"metal": self._solid, "dissolved": ~self._solid} if self.model.dissolution is not None else {}
         return {"stored": total(self._free)} | {name: total(where, self.background) for name, where in phases.items()}
 
     def _book_sources(self, fields: np.ndarray, amplitudes: np.ndarray) -> None:
@@ -865,8 +863,9 @@ class Simulation(Assembly, Run):
 
     def _flux_tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, Callable[[int], np.ndarray]]:
         u = self.engine.core.view(self.engine.current)[self._near].reshape(self.lattice.shape).astype(float)
-        if isinstance(self.model, Corrosion) and self.model.limited:  # what bonds between the phases carry
-            u = np.where(self._solid, self.model.saturation - self.background, u)
+        dissolution = self.model.dissolution
+        if dissolution is not None and dissolution.limited:  # what bonds between the phases carry
+            u = np.where(self._solid, dissolution.saturation - self.background, u)
         return (
             u,
             self.stencil.offsets,
@@ -1016,8 +1015,9 @@ class Simulation(Assembly, Run):
     # --- state -------------------------------------------------------------------------------------------------
 
     def _fingerprint(self) -> dict[str, Any]:
-        engine = self.engine
-        return {
+        """What a checkpoint and the run that goes on from it have in common."""
+        engine, law, dissolution = self.engine, self.model.bond_law, self.model.dissolution
+        found = {
             "levels": list(engine.levels.shape),
             "memory": int(engine.memory.size),
             "dtype": engine.dtype.name,
@@ -1034,30 +1034,19 @@ class Simulation(Assembly, Run):
             "held": len(self._held),
             "conditions": len(self.conditions.nodes),
             "opens": [c.opens for c in self._cracks],
-            **({} if self._ends is None else {"exact": self._ends.names}),
-            **(
-                {}
-                if self.closure is None
-                else {"fringe": list(self.engine.fringe_history.shape), "update": self.closure.mark()}
-            ),
-            **(
-                {
-                    "bonds": [
-                        self.model.nonlinear,
-                        self.model.critical_stretch_on(self.lattice.spacing, self.lattice.dim),
-                    ]
-                }
-                if isinstance(self.model, Elastic) and self.model.bondwise
-                else {}
-            ),
-            **({"constraints": len(self._holds.constraints)} if self._holds.constraints else {}),
-            **(
-                {"solid": self._first_solid, "saturation": self.model.saturation, "interface": self.model.interface}
-                if isinstance(self.model, Corrosion)
-                else {}
-            ),
-            **({"limited": True} if isinstance(self.model, Corrosion) and self.model.limited else {}),
         }
+        if self._ends is not None:
+            found["exact"] = self._ends.names
+        if self.closure is not None:
+            found |= {"fringe": list(engine.fringe_history.shape), "update": self.closure.mark()}
+        if law is not None:
+            found["bonds"] = [law.nonlinear, law.critical_stretch_on(self.lattice.spacing, self.lattice.dim)]
+        if self._holds.constraints:
+            found["constraints"] = len(self._holds.constraints)
+        if dissolution is not None:
+            found |= {"solid": self._first_solid, "saturation": dissolution.saturation}
+            found |= {"interface": dissolution.interface} | ({"limited": True} if dissolution.limited else {})
+        return found
 
     def save(self, path: str | Path, **extra: Any) -> None:
         """Write the complete state, boundary memory included, under a temporary name and rename it."""
@@ -1080,7 +1069,7 @@ class Simulation(Assembly, Run):
             more, meta["exact"] = self._ends.save()
             arrays |= more
         arrays |= self.engine.bond_state
-        if isinstance(self.model, Corrosion):
+        if self.model.dissolution is not None:
             arrays["dissolved"] = np.ascontiguousarray(self.engine.dissolved[self._near])
         if self.closure is not None:
             arrays["fringe"] = self.engine.fringe_history
@@ -1120,7 +1109,7 @@ class Simulation(Assembly, Run):
         self._tick(int(meta["step"]))
         self.cautions = [Caution(*entry) for entry in meta["cautions"]]
         self.engine.steps_done = self.step_count
-        if isinstance(self.model, Corrosion):
+        if self.model.dissolution is not None:
             self._set_phases(arrays["dissolved"])
         self._hold()
         self._open_cracks()
