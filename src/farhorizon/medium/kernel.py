@@ -7,6 +7,7 @@ follow Shojaei, Hermann, Seleson and Cyron (2020), table 1, and Hermann, Shojaei
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ from farhorizon import kinds
 from farhorizon.errors import InputError
 
 INFLUENCES = ("constant", "linear", "gaussian")
+POINTS = 60  # of a quadrature over the family, and one more for each radian of the shortest wave across it
 _SPHERE = {1: 2.0, 2: 2 * np.pi, 3: 4 * np.pi}  # measure of the unit sphere in 1D, 2D, 3D
 _SERIES_BELOW = 2.0  # closed forms cancel for small arguments
 
@@ -30,8 +32,10 @@ class Kernel:
         Radius of the family.
     exponent : int
         p in ``w(r) / r^p``, 0 to 3.
-    influence : {"constant", "linear", "gaussian"}
-        w(r) = 1, ``1 - r/horizon`` or ``exp(-(r/width)^2)``, zero beyond the horizon.
+    influence : {"constant", "linear", "gaussian"} or callable
+        w(r) = 1, ``1 - r/horizon`` or ``exp(-(r/width)^2)``, zero beyond the horizon; or a function of the distance in
+        horizons that takes arrays, from 0 to 1, and with the ramp to half a spacing more. Integrals over such a one are sums over `POINTS` points, exact to
+        rounding where it is smooth.
     width : float, optional
         Width of the gaussian, horizon / 3 unless given.
     volume : {"ramp", "full"}
@@ -43,12 +47,13 @@ class Kernel:
     Raises
     ------
     InputError
-        An unknown influence or volume, an exponent outside 0..3, a horizon or width that is not positive.
+        An unknown influence or volume, an exponent outside 0..3, a horizon or width that is not positive, a function
+        with values that are not finite, negative, all zero, or not one a distance.
     """
 
     horizon: float
     exponent: int = 2
-    influence: str = "constant"
+    influence: str | Callable[[np.ndarray], np.ndarray] = "constant"
     width: float | None = None
     volume: str = "ramp"
     calibrate: bool = True
@@ -58,7 +63,7 @@ class Kernel:
             self,
             horizon=kinds.number(self.horizon, "kernel.horizon", above=0),
             exponent=kinds.integer(self.exponent, "kernel.exponent", least=0, most=3),
-            influence=kinds.one_of(self.influence, "kernel.influence", INFLUENCES, "unknown influence function"),
+            influence=_checked(self.influence),
             width=None if self.width is None else kinds.number(self.width, "kernel.width", above=0),
             volume=kinds.one_of(self.volume, "kernel.volume", ("ramp", "full"), "unknown volume rule"),
             calibrate=kinds.flag(self.calibrate, "kernel.calibrate"),
@@ -80,6 +85,8 @@ class Kernel:
     def influence_at(self, r: np.ndarray) -> np.ndarray:
         """Influence function w at distances r, without the cut-off at the horizon."""
         r = np.asarray(r, float)
+        if callable(self.influence):
+            return np.asarray(self.influence(r / self.horizon), float)
         if self.influence == "constant":
             return np.ones_like(r)
         if self.influence == "linear":
@@ -102,6 +109,9 @@ class Kernel:
         if self.influence == "gaussian":
             s, width = q / 2, self.gaussian_width
             moment = 0.5 * width**q * special.gamma(s) * special.gammainc(s, (self.horizon / width) ** 2)
+        elif callable(self.influence):
+            r, gauss = _points()
+            moment = self.horizon**q * float((gauss * self.influence(r) * r ** (q - 1.0)).sum())
         else:
             moment = self.horizon**q * (1 / q if self.influence == "constant" else 1 / q - 1 / (q + 1))
         return float(2 * dim * coefficient / (_SPHERE[dim] * moment))
@@ -121,10 +131,10 @@ class Kernel:
         Returns
         -------
         ndarray, shape (terms,)
-            Empty for a gaussian influence, which has none in closed form.
+            Empty for a gaussian influence and for functions, which have none in closed form.
         """
         self._check_dim(dim)
-        if self.influence == "gaussian":
+        if self.influence not in ("constant", "linear"):
             return np.zeros(0)
         j = np.arange(1, terms + 2)
         mean = {1: special.gamma(2 * j + 1.0), 2: 4.0**j * special.gamma(j + 1.0) ** 2, 3: special.gamma(2 * j + 2.0)}[
@@ -155,6 +165,8 @@ class Kernel:
             mean = _family_mean(dim, s, z)
         elif self.influence == "linear":
             mean = _family_mean(dim, s, z) - _family_mean(dim, s + 1, z)
+        elif callable(self.influence):
+            mean = _quadrature(dim, s, z, self.influence)
         else:
             ratio = self.horizon / self.gaussian_width
             mean = _quadrature(dim, s, z, lambda r: np.exp(-((ratio * r) ** 2)))
@@ -172,11 +184,39 @@ def _wave_mean(dim: int, z: np.ndarray) -> np.ndarray:
     return np.where(z < 0.1, series, 1 - np.sinc(z / np.pi))
 
 
+def _checked(influence: object) -> str | Callable[[np.ndarray], np.ndarray]:
+    """A name, or a function that has a finite value for each distance."""
+    if not callable(influence):
+        return kinds.one_of(influence, "kernel.influence", INFLUENCES, "unknown influence function")
+    given = kinds.array(influence(_points()[0]), "kernel.influence")
+    if given.shape != (POINTS,):
+        raise InputError(
+            "an influence function returns one value a distance",
+            value=f"shape {given.shape}",
+            limit=f"shape ({POINTS},)",
+            key="kernel.influence",
+            remedy="lambda r: 0*r + 1 for a constant",
+        )
+    if given.min() < 0 or not given.any():
+        raise InputError(
+            "an influence function is not negative and not zero everywhere",
+            value=float(given.min()),
+            limit=">= 0",
+            key="kernel.influence",
+        )
+    return influence
+
+
+def _points(count: int = POINTS) -> tuple[np.ndarray, np.ndarray]:
+    """Points in 0..1 and weights of Gauss-Legendre quadrature."""
+    points, gauss = np.polynomial.legendre.leggauss(count)
+    return (points + 1) / 2, gauss / 2
+
+
 def _quadrature(dim: int, s: int, z: np.ndarray, weight) -> np.ndarray:  # type: ignore[no-untyped-def]
     """Integral over r in 0..1 of ``weight(r) r^s (1 - mean)`` by Gauss-Legendre (the integrand is entire)."""
-    points, gauss = np.polynomial.legendre.leggauss(int(60 + np.max(z, initial=0.0)))
-    r = (points + 1) / 2
-    return (_wave_mean(dim, z[..., None] * r) * r ** float(s) * weight(r) * gauss / 2).sum(-1)
+    r, gauss = _points(int(POINTS + np.max(z, initial=0.0)))
+    return (_wave_mean(dim, z[..., None] * r) * r ** float(s) * weight(r) * gauss).sum(-1)
 
 
 def _family_mean(dim: int, s: int, z: np.ndarray) -> np.ndarray:
