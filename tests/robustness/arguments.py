@@ -123,6 +123,7 @@ NOT_CALLED = {
     "UnstableError",
     "ValidityWarning",
     "Probes",
+    "Side",
     "tuned",
 }
 

@@ -34,8 +34,8 @@ class Kernel:
         p in ``w(r) / r^p``, 0 to 3.
     influence : {"constant", "linear", "gaussian"} or callable
         w(r) = 1, ``1 - r/horizon`` or ``exp(-(r/width)^2)``, zero beyond the horizon; or a function of the distance in
-        horizons that takes arrays, from 0 to 1, and with the ramp to half a spacing more. Integrals over such a one are sums over `POINTS` points, exact to
-        rounding where it is smooth.
+        horizons that takes arrays, from 0 to 1, and with the ramp to half a spacing more. Integrals over such a one are
+        sums over `POINTS` points, exact to rounding where it is smooth.
     width : float, optional
         Width of the gaussian, horizon / 3 unless given.
     volume : {"ramp", "full"}
@@ -188,7 +188,7 @@ def _checked(influence: object) -> str | Callable[[np.ndarray], np.ndarray]:
     """A name, or a function that has a finite value for each distance."""
     if not callable(influence):
         return kinds.one_of(influence, "kernel.influence", INFLUENCES, "unknown influence function")
-    given = kinds.array(influence(_points()[0]), "kernel.influence")
+    given = kinds.array(kinds.function(influence, "kernel.influence", "r")(_points()[0]), "kernel.influence")
     if given.shape != (POINTS,):
         raise InputError(
             "an influence function returns one value a distance",
