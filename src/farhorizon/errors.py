@@ -12,7 +12,17 @@ _FEW = 8  # entries of an array that are shown
 
 
 class FarhorizonError(Exception):
-    """Base of every error that farhorizon raises on purpose."""
+    """Base of every error that farhorizon raises on purpose.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> try:
+    ...     fh.Lattice(1.0, 5.0, -5.0)
+    ... except fh.FarhorizonError as error:
+    ...     print(type(error).__name__)
+    InputError
+    """
 
 
 class InputError(FarhorizonError, ValueError):
@@ -28,6 +38,15 @@ class InputError(FarhorizonError, ValueError):
         What to do instead.
     key : str, optional
         Where the value stands, e.g. ``"model.kernel.horizon"``.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> try:
+    ...     fh.Kernel(horizon=-1.0)
+    ... except fh.InputError as error:
+    ...     print(error)
+    kernel.horizon: must be finite and positive; value: -1; limit: > 0
     """
 
     def __init__(self, message: str, *, value: Any = None, limit: Any = None, remedy: str = "", key: str = "") -> None:
@@ -47,15 +66,49 @@ class InputError(FarhorizonError, ValueError):
 
 
 class FileFormatError(InputError):
-    """A results file, checkpoint or case file that is truncated, foreign or damaged."""
+    """A results file, checkpoint or case file that is truncated, foreign or damaged.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> import pathlib, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "results.h5")
+    ...     _ = path.write_bytes(b"no HDF5")
+    ...     try:
+    ...         fh.open_results(path)
+    ...     except fh.FileFormatError:
+    ...         print("not a results file")
+    not a results file
+    """
 
 
 class UnstableError(FarhorizonError, RuntimeError):
-    """The run produced a non-finite or exploding value; the message says step, place and likely cause."""
+    """The run produced a non-finite or exploding value; the message says step, place and likely cause.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> import numpy as np
+    >>> sim = fh.Simulation(fh.Lattice(1.0, -9, 9), fh.Wave(fh.Kernel(1.0)), initial={"u": "exp(-x**2)"})
+    >>> sim.engine.current[:] = np.nan  # as if it had grown beyond all bounds
+    >>> try:
+    ...     sim.step(100)
+    ... except fh.UnstableError:
+    ...     print("stopped")
+    stopped
+    """
 
 
 class ValidityWarning(UserWarning):
-    """From some time of a run on its result is doubtful; see `Run.cautions`."""
+    """From some time of a run on its result is doubtful; see `Run.cautions`.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> issubclass(fh.ValidityWarning, UserWarning)
+    True
+    """
 
 
 def shown(value: Any) -> str:

@@ -165,6 +165,18 @@ class Body(Run):
         initial data that would break bonds at once, a material that varies along the normal of a layer, a load that
         would shatter what it meets, a traction beyond the near field or on a side that is not free, missing bonds in a
         layer that are not parallel to its normal, damage, loads, stabilisation or several materials with split fields.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> lattice = fh.Lattice(1.0, (-8.0, -8.0), (8.0, 0.0))
+    >>> kernel = fh.Kernel(2.0, 0, "gaussian", 1.0)
+    >>> sides = {"all": fh.NonlocalPML(10, cross=0.1), "y+": fh.Free()}
+    >>> push = fh.Traction("y+", (0.0, -1e-3), between=[(-2.0, 2.0)])
+    >>> body = fh.Body(lattice, kernel, young=1.0, poisson=0.25, boundary=sides, loads=[push])
+    >>> body.step(20)
+    >>> bool(body.fields["u"][1][8, -1] < 0)  # what is pushed gives way
+    True
     """
 
     def __init__(

@@ -30,6 +30,13 @@ class Auto(Side):
     ------
     InputError
         A target outside 1e-12..0.1, an end that is not positive.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> side = fh.Auto(target=1e-4)
+    >>> side.layer(until=30.0, default=1e-5)
+    LatticePML(target=0.0001, nodes=None, profile=None, until=30.0)
     """
 
     endless: ClassVar[bool] = True

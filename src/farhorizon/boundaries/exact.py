@@ -54,6 +54,15 @@ class Exact(Side):
     ------
     InputError
         A tolerance outside 1e-15..0.1.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> bar = fh.Lattice(0.1, -3, 3)
+    >>> sim = fh.Simulation(bar, fh.Wave(fh.Kernel(0.3)), fh.Exact(), {"u": "exp(-4*x**2)"})
+    >>> _ = sim.run(until=20.0)
+    >>> bool(abs(sim.fields["u"]).max() < 1e-6)  # all has left
+    True
     """
 
     endless: ClassVar[bool] = True

@@ -34,6 +34,15 @@ class Extended(Side):
     ------
     InputError
         A target outside 1e-12..0.1, fewer than one node, an end that is not positive.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> lattice = fh.Lattice(1.0, (-9.0, -9.0), (9.0, 9.0))
+    >>> far = fh.Extended(target=1e-6, until=10.0)
+    >>> sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), far, {"u": "exp(-x**2 - y**2)"})
+    >>> sim.fields["u"].shape  # what is computed beyond is not shown
+    (19, 19)
     """
 
     label: ClassVar[str] = "extended domain"

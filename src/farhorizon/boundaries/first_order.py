@@ -20,7 +20,17 @@ from farhorizon.errors import InputError
 
 @dataclass(frozen=True)
 class FirstOrder(Closing):
-    """Flat side at which waves along the normal pass; for classical waves only: stencils that reach one node."""
+    """Flat side at which waves along the normal pass; for classical waves only: stencils that reach one node.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> grid = fh.Stencil.finite_difference(2)
+    >>> lattice = fh.Lattice(1.0, (-9.0, -9.0), (9.0, 9.0))
+    >>> sim = fh.Simulation(lattice, fh.Wave(grid), fh.FirstOrder(), {"u": "exp(-x**2 - y**2)"})
+    >>> sim.certificate().verdict
+    'certified'
+    """
 
     passive: ClassVar[bool] = True
 

@@ -38,6 +38,12 @@ class Higdon(Closing):
     ------
     InputError
         No angle or more than 4, angles that are not below 90, a negative shift.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> fh.Higdon(angles=(0.0, 60.0))
+    Higdon(angles=(0.0, 60.0), shift=None)
     """
 
     label: ClassVar[str] = "Higdon"

@@ -78,6 +78,15 @@ class LatticePML(Side):
     InputError
         A target outside 1e-14..0.1, a thickness below 1, a profile with unknown names or impossible values; an angle or
         wavelengths, by which layers were chosen once.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> lattice = fh.Lattice(1.0, (-20.0, -20.0), (20.0, 20.0))
+    >>> layer = fh.LatticePML(target=1e-4, until=100.0)
+    >>> sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), layer, {"u": "exp(-(x**2 + y**2)/8)"})
+    >>> max(found.predicted for found in sim.thickness.values()) <= 1e-4
+    True
     """
 
     label: ClassVar[str] = "lattice PML"

@@ -57,6 +57,14 @@ class NonlocalPML(Side):
     ------
     InputError
         An unknown ramp or form, a number out of range, a shift in the split form.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> import numpy as np
+    >>> layer = fh.NonlocalPML(nodes=20, cross=0.1)
+    >>> layer.shape(np.array([0.0, 0.5, 1.0]))  # a cubic ramp
+    array([0.   , 0.125, 1.   ])
     """
 
     label: ClassVar[str] = "nonlocal PML"

@@ -16,6 +16,17 @@ class Fixed(Side):
     Parameters
     ----------
     value : float
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> import numpy as np
+    >>> bar = fh.Lattice(1.0, 0, 9)
+    >>> hot = {"x-": fh.Fixed(1.0), "x+": fh.Fixed(0.0)}
+    >>> sim = fh.Simulation(bar, fh.Diffusion(fh.Kernel(1.0)), hot, {"u": 0.0})
+    >>> _ = sim.run(until=400.0)
+    >>> bool(abs(sim.fields["u"] - (10 - np.arange(10)) / 11).max() < 1e-3)  # a straight line between the ends
+    True
     """
 
     value: float = 0.0
@@ -34,7 +45,17 @@ class Fixed(Side):
 
 @dataclass(frozen=True)
 class Free(Side):
-    """The body ends: bonds across the side do not exist."""
+    """The body ends: bonds across the side do not exist.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> plate = fh.Lattice(1.0, (-9.0, -9.0), (9.0, 0.0))
+    >>> half_space = {"all": fh.LatticePML(), "y+": fh.Free()}
+    >>> sim = fh.Simulation(plate, fh.Elastic(fh.Kernel(2.0), young=1.0), half_space)
+    >>> sim.engine.absent_bonds > 0
+    True
+    """
 
     bonded: ClassVar[bool] = False
     passive: ClassVar[bool] = True
@@ -44,7 +65,18 @@ class Free(Side):
 
 @dataclass(frozen=True)
 class Periodic(Side):
-    """The field repeats itself beyond the opposite side."""
+    """The field repeats itself beyond the opposite side.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> import numpy as np
+    >>> ring = fh.Lattice(1.0, 0, 9)
+    >>> sim = fh.Simulation(ring, fh.Diffusion(fh.Kernel(1.0)), fh.Periodic(), {"u": np.eye(10)[3]})
+    >>> _ = sim.run(until=100.0)
+    >>> round(float(sim.fields["u"].sum()), 12)  # nothing is lost
+    1.0
+    """
 
     periodic: ClassVar[bool] = True
     passive: ClassVar[bool] = True

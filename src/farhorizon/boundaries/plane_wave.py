@@ -105,6 +105,15 @@ class PlaneWave(Closing):
     ------
     InputError
         Unknown words, numbers out of range.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> lattice = fh.Lattice(1.0, (-9.0, -9.0), (9.0, 9.0))
+    >>> sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), fh.PlaneWave(), {"u": "exp(-(x**2 + y**2)/4)"})
+    >>> sim.step(10)
+    >>> bool(abs(sim.fields["u"]).max() < 1)
+    True
     """
 
     fit: str | None = None

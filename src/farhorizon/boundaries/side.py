@@ -70,6 +70,14 @@ class Side:
     ------
     TypeError
         At the definition of an endless side without `wanted`, or of a stretched one without `make_layer`.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> fh.Sponge.endless, fh.Free.bonded, fh.Periodic.periodic, fh.Fixed.image
+    (True, False, True, -1)
+    >>> fh.LatticePML.tag  # in a case file
+    'lattice-pml'
     """
 
     endless: ClassVar[bool] = False

@@ -24,6 +24,12 @@ class Sponge(Side):
     strength : float, optional
         Damping d at the outer end in ``2 d u_t`` (waves) or loss rate in ``u_t = ... - d u`` (diffusion);
         ``6 speed / thickness`` or ``10 diffusivity / thickness^2`` unless given.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> fh.Sponge(nodes=4, strength=1.0).damping(order=2, coefficient=1.0, spacing=1.0)
+    array([0.0625, 0.25  , 0.5625, 1.    ])
     """
 
     endless: ClassVar[bool] = True

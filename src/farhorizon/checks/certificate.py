@@ -93,6 +93,13 @@ class Certificate:
     quiet : float
         Time over which white noise did not grow in a first run; 0 where there was none, as for proofs and eigenvalues
         of the whole.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> sim = fh.Simulation(fh.Lattice(1.0, -9, 9), fh.Wave(fh.Kernel(2.0)), fh.Fixed(), {"u": "exp(-x**2)"})
+    >>> sim.certificate().verdict
+    'certified'
     """
 
     verdict: str

@@ -956,6 +956,12 @@ def open_results(path: str | Path) -> Results:
         There is no such file.
     FileFormatError
         The file is truncated, damaged or not a farhorizon results file.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> results = fh.open_results("results/case.h5")  # doctest: +SKIP
+    >>> results.times, results.field("u", -1)  # doctest: +SKIP
     """
     return Results(kinds.path(path, "path"))
 

@@ -38,6 +38,15 @@ class Lattice:
     ------
     InputError
         Spacing not positive, bounds that are no whole number of spacings apart, an empty window or body.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> lattice = fh.Lattice(0.5, lower=(-2.0, -1.0), upper=(2.0, 1.0))
+    >>> lattice.shape
+    (9, 5)
+    >>> lattice.index((0.2, 0.1))  # the nearest node
+    (4, 2)
     """
 
     def __init__(

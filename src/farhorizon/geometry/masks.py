@@ -36,6 +36,13 @@ class Text(Shape):
     InputError
         Nothing to draw, several lines, a letter or a font that is not there, values that are not positive or not
         finite.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> letter = fh.Text("I", height=4.0)
+    >>> letter.contains([(0.0, 0.0), (3.0, 0.0)])
+    array([ True, False])
     """
 
     dim = 2
@@ -114,6 +121,14 @@ class ImageMask(Shape):
     ------
     InputError
         A file that cannot be read, no dark pixel, a threshold out of range, values that are not positive or not finite.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> import numpy as np
+    >>> picture = np.array([[1, 0], [1, 1]], bool)  # a step, the first row on top
+    >>> fh.ImageMask(picture, width=2.0).contains([(-0.5, 0.5), (0.5, 0.5), (0.5, -0.5)])
+    array([ True, False,  True])
     """
 
     dim = 2

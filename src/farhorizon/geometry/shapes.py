@@ -176,6 +176,12 @@ class Disc(_Round):
     ------
     InputError
         For a radius that is not positive, or values that are not finite or of the wrong length.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> fh.Disc(2.0, (1.0, 0.0)).contains([(2.9, 0.0), (-1.1, 0.0)])
+    array([ True, False])
     """
 
     dim = 2
@@ -195,6 +201,12 @@ class Ball(_Round):
     ------
     InputError
         For a radius that is not positive, or values that are not finite or of the wrong length.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> fh.Ball(2.0).contains([(1.0, 1.0, 1.0), (2.0, 1.0, 0.0)])
+    array([ True, False])
     """
 
     dim = 3
@@ -212,6 +224,13 @@ class Box(Shape):
     ------
     InputError
         For corners that are not finite, of different or wrong length, or in the wrong order.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> hole = fh.Box((0.0, 0.0), (2.0, 1.0)) - fh.Disc(0.5, (1.0, 0.5))
+    >>> hole.contains([(0.25, 0.5), (1.0, 0.5)])
+    array([ True, False])
     """
 
     _shown = ("lower", "upper")
@@ -251,6 +270,12 @@ class Polygon(Shape):
     ------
     InputError
         For fewer than 3 different corners, corners on one line, equal neighbours, or coordinates that are not finite.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> fh.Polygon([(0.0, 0.0), (2.0, 0.0), (0.0, 2.0)]).contains([(0.5, 0.5), (1.5, 1.5)])
+    array([ True, False])
     """
 
     dim = 2
@@ -465,6 +490,14 @@ class PointCut(Cut):
     ------
     InputError
         If x is not a finite number.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> bar = fh.Lattice(1.0, -9, 9)
+    >>> sim = fh.Simulation(bar, fh.Wave(fh.Kernel(2.0)), cracks=[fh.PointCut(0.5)])
+    >>> sim.engine.absent_bonds  # three bonds, of both ends
+    6
     """
 
     dim = 1
@@ -502,6 +535,14 @@ class Polyline(Cut):
     ------
     InputError
         For fewer than 2 points, equal successive points, or coordinates that are not finite.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> kinked = fh.Polyline([(-3.0, 0.5), (0.0, 0.5), (3.0, 2.5)])
+    >>> lattice = fh.Lattice(1.0, (-9.0, -9.0), (9.0, 9.0))
+    >>> fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), cracks=[kinked]).engine.absent_bonds > 0
+    True
     """
 
     dim = 2
@@ -597,6 +638,14 @@ class Rectangle(Cut):
     ------
     InputError
         For edges of no length or not at right angles, or values that are not finite or of the wrong length.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> cut = fh.Rectangle(corner=(-2.0, -2.0, 0.5), edge1=(4.0, 0.0, 0.0), edge2=(0.0, 4.0, 0.0))
+    >>> lattice = fh.Lattice(1.0, (-4.0,) * 3, (4.0,) * 3)
+    >>> fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), fh.Fixed(), cracks=[cut]).engine.absent_bonds
+    210
     """
 
     dim = 3
@@ -658,6 +707,14 @@ class DiscCut(Cut):
     ------
     InputError
         For a radius or a normal of no length, or values that are not finite or of the wrong length.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> penny = fh.DiscCut(centre=(0.0, 0.0, 0.5), normal=(0.0, 0.0, 1.0), radius=2.0)
+    >>> lattice = fh.Lattice(1.0, (-4.0,) * 3, (4.0,) * 3)
+    >>> fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), fh.Fixed(), cracks=[penny]).engine.absent_bonds
+    122
     """
 
     dim = 3
@@ -699,6 +756,14 @@ class PolygonCut(Cut):
     InputError
         For fewer than 3 corners, corners on one line or not in one plane, or values that are not finite or of the wrong
         length.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> fault = fh.PolygonCut([(-2.0, -2.0, 0.5), (2.0, -2.0, 0.5), (2.0, 2.0, 0.5), (-2.0, 2.0, 0.5)])
+    >>> lattice = fh.Lattice(1.0, (-4.0,) * 3, (4.0,) * 3)
+    >>> fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), fh.Fixed(), cracks=[fault]).engine.absent_bonds
+    210
     """
 
     dim = 3

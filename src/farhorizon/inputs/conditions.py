@@ -49,6 +49,17 @@ class Temperature:
         middle of the outermost cells, the inner edge of the volume layer, and likewise of the mirror layer.
     within : Shape, optional
         Only nodes in it.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> end = fh.Temperature("x-", 100.0)
+    >>> model = fh.Heat(fh.Kernel(0.2), density=1.0, specific_heat=1.0, conductivity=1.0)
+    >>> rod = {"x-": fh.Free(), "x+": fh.LatticePML()}
+    >>> sim = fh.Simulation(fh.Lattice(0.1, 0, 2), model, rod, {"u": 0.0}, constraints=[end])
+    >>> _ = sim.run(until=0.1)
+    >>> bool(sim.fields["u"][1] > 50)
+    True
     """
 
     where: Where
@@ -77,6 +88,17 @@ class Flux:
         that to it (eq. 22); or ``T_j = T_mirror + value * distance / conductivity`` with the mirror image, which is of
         second order.
     within : Shape, optional
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> heater = fh.Flux("x-", 3.0)
+    >>> model = fh.Heat(fh.Kernel(0.3), density=1.0, specific_heat=1.0, conductivity=1.0)
+    >>> rod = {"x-": fh.Free(), "x+": fh.Free()}
+    >>> sim = fh.Simulation(fh.Lattice(0.1, 0, 2), model, rod, {"u": 0.0}, constraints=[heater])
+    >>> _ = sim.run(until=0.5)
+    >>> round(float(0.1 * sim.fields["u"].sum() / sim.time), 6)
+    3.0
     """
 
     where: str
@@ -98,6 +120,18 @@ class Insulated:
     where : str
     kind : {"mirror", "layer"}
     within : Shape, optional
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> import numpy as np
+    >>> end = fh.Insulated("x-")
+    >>> model = fh.Diffusion(fh.Kernel(0.2))
+    >>> rod = {"x-": fh.Free(), "x+": fh.LatticePML()}
+    >>> sim = fh.Simulation(fh.Lattice(0.1, 0, 3), model, rod, {"u": "exp(-(x - 1)**2/0.04)"}, constraints=[end])
+    >>> sim.step(10)
+    >>> bool(np.nanmax(sim.fields["u"]) < 1)
+    True
     """
 
     where: str
@@ -121,6 +155,17 @@ class Convection:
     ambient : float, ndarray, callable, Expression or Source
         Temperature of the fluid; as in `Temperature`.
     within : Shape, optional
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> surface = fh.Convection("x-", transfer=5.0, ambient=20.0)
+    >>> model = fh.Heat(fh.Kernel(0.3), density=1.0, specific_heat=1.0, conductivity=1.0)
+    >>> wall = {"x-": fh.Free(), "x+": fh.LatticePML()}
+    >>> sim = fh.Simulation(fh.Lattice(0.1, 0, 3), model, wall, {"u": 20.0}, background=20.0, constraints=[surface])
+    >>> sim.step(10)
+    >>> float(abs(sim.fields["u"] - 20.0).max())  # nothing flows between equals
+    0.0
     """
 
     where: str

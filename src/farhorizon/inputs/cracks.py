@@ -28,6 +28,15 @@ class Crack:
     ------
     InputError
         A factor outside 0..1, a time that is not finite.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> weak = fh.Crack([(-3.0, 0.5), (3.0, 0.5)], factor=0.2)  # bonds across it keep a fifth
+    >>> lattice = fh.Lattice(1.0, (-9.0, -9.0), (9.0, 9.0))
+    >>> sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), cracks=[weak])
+    >>> sim.engine.absent_bonds > 0
+    True
     """
 
     cut: Any

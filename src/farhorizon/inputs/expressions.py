@@ -158,7 +158,9 @@ class Expression:
 
     Examples
     --------
-    >>> Expression("exp(-x**2) * (t < 1)", dim=1)(np.array([0.0, 1.0]), t=0.5)
+    >>> import farhorizon as fh
+    >>> import numpy as np
+    >>> fh.Expression("exp(-x**2) * (t < 1)", dim=1)(np.array([0.0, 1.0]), t=0.5)
     array([1.        , 0.36787944])
     """
 

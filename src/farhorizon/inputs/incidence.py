@@ -48,6 +48,16 @@ class IncidentWave:
     InputError
         A direction without length, a duration that is not positive, a signal that is no function of t, an unknown
         polarisation.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> plane = fh.IncidentWave((1.0, 0.0), "exp(-(t - 6)**2/2)", duration=12.0)
+    >>> lattice = fh.Lattice(0.5, (-6.0, -6.0), (6.0, 6.0))
+    >>> notch = [[(0.25, -1.0), (0.25, 1.0)]]
+    >>> sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), sources=[plane], cracks=notch)
+    >>> len(sim.incident)
+    1
     """
 
     direction: Sequence[float]

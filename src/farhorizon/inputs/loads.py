@@ -30,6 +30,16 @@ class BodyForce:
     ------
     InputError
         No list of components, a factor that is no function of t.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> weight = fh.BodyForce(["0", "-exp(-x**2 - y**2)"], time=lambda t: min(t, 1.0))
+    >>> model = fh.Elastic(fh.Kernel(2.0), young=1.0)
+    >>> sim = fh.Simulation(fh.Lattice(1.0, (-9.0, -9.0), (9.0, 9.0)), model, loads=[weight])
+    >>> sim.step(5)
+    >>> bool(sim.fields["u"][1].min() < 0)
+    True
     """
 
     value: Sequence[Any]
@@ -61,6 +71,17 @@ class Traction:
     ------
     InputError
         An unknown side, components or ends that are no finite numbers, a factor that is no function of t.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> jack = fh.Traction("y+", (0.0, -1.0), between=[(-2.0, 2.0)], time="1 - exp(-t)")
+    >>> plate = fh.Lattice(1.0, (-9.0, -9.0), (9.0, 0.0))
+    >>> sides = {"all": fh.LatticePML(), "y+": fh.Free()}
+    >>> sim = fh.Simulation(plate, fh.Elastic(fh.Kernel(2.0), young=1.0), sides, loads=[jack])
+    >>> _ = sim.run(until=5.0)
+    >>> bool(sim.fields["u"][1][9, -1] < 0)
+    True
     """
 
     side: str

@@ -35,6 +35,16 @@ class Prescribed:
     ------
     InputError
         What is no function of t, an end before the start.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> import numpy as np
+    >>> shaken = fh.Prescribed([0.0], "sin(t)")
+    >>> sim = fh.Simulation(fh.Lattice(1.0, -9, 9), fh.Wave(fh.Kernel(1.0)), constraints=[shaken])
+    >>> _ = sim.run(until=2.0)
+    >>> bool(abs(sim.fields["u"][9] - np.sin(sim.time)) < 1e-12)
+    True
     """
 
     where: Any

@@ -33,6 +33,16 @@ class Source:
     ------
     InputError
         A time factor that is no function of t.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> import numpy as np
+    >>> pulse = fh.Source("exp(-x**2)", time=lambda t: np.exp(-((t - 2.0) ** 2)))
+    >>> sim = fh.Simulation(fh.Lattice(0.5, -9, 9), fh.Wave(fh.Kernel(1.0)), sources=[pulse])
+    >>> _ = sim.run(until=4.0)
+    >>> bool(sim.fields["u"].max() > 0.5)
+    True
     """
 
     value: Any

@@ -29,6 +29,16 @@ class Specimen:
     ------
     InputError
         Neither a shape nor a mask, a concentration that is not finite.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> model = fh.Corrosion(fh.Kernel(2.0), saturation=0.5)
+    >>> metal = fh.Specimen(fh.Disc(4.0), concentration=1.0)
+    >>> lattice = fh.Lattice(1.0, (-12.0, -12.0), (12.0, 12.0))
+    >>> sim = fh.Simulation(lattice, model, specimens=[metal])
+    >>> int(sim.fields["solid"].sum())
+    49
     """
 
     where: Shape | np.ndarray

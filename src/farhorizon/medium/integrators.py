@@ -194,6 +194,15 @@ class RungeKuttaChebyshev:
     ------
     InputError
         Fewer than 2 or more than 1000 stages.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> slow, fast = (fh.Diffusion(fh.Kernel(3.0), integrator=one) for one in ("euler", fh.RungeKuttaChebyshev(20)))
+    >>> lattice = fh.Lattice(1.0, -9, 9)
+    >>> limits = [fh.Simulation(lattice, one, fh.Fixed()).step_limit for one in (slow, fast)]
+    >>> bool(limits[1] > 100 * limits[0])
+    True
     """
 
     chebyshev: int = 20

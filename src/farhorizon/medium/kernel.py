@@ -49,6 +49,15 @@ class Kernel:
     InputError
         An unknown influence or volume, an exponent outside 0..3, a horizon or width that is not positive, a function
         with values that are not finite, negative, all zero, or not one a distance.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> import numpy as np
+    >>> kernel = fh.Kernel(horizon=3.0, exponent=1)
+    >>> k = np.array([0.01, 1.0])
+    >>> np.round(kernel.dispersion(k, dim=2) / k**2, 3)  # long waves travel with the speed, short ones are slower
+    array([1.   , 0.717])
     """
 
     horizon: float

@@ -54,6 +54,14 @@ class Stencil:
     InputError
         Repeated or zero offsets, weights that are not finite, a stencil that is not symmetric, ``w_(-k) = w_k`` (of
         matrices the transpose).
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> import numpy as np
+    >>> stencil = fh.Stencil.finite_difference(2)
+    >>> float(stencil.symbol(np.pi, np.pi))  # 4 - 2 cos kx - 2 cos ky
+    8.0
     """
 
     def __init__(self, offsets: np.ndarray, weights: np.ndarray) -> None:

@@ -31,6 +31,14 @@ class Beam(LatticeModel):
     Notes
     -----
     Ji, Pang, Zhang, Yang and Perdikaris (2021), eq 29. The stable step is ``spacing^2 / (2 sqrt(stiffness))``.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> beam = fh.Beam(stiffness=2.0)
+    >>> sim = fh.Simulation(fh.Lattice(0.1, -2, 2), beam, fh.Exact(), {"u": "exp(-8*x**2)"})
+    >>> round(float(sim.step_limit / (0.1**2 / (2 * 2.0**0.5))), 6)
+    1.0
     """
 
     combinations = "Exact"

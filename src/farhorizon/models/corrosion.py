@@ -56,6 +56,14 @@ class Corrosion(LatticeModel):
     Shojaei, Hermann, Seleson and Cyron (2020), section 5.2, after Chen and Bobaru (2015, J. Mech. Phys. Solids 78) and
     Jafarzadeh, Chen, Zhao and Bobaru (2019, Corros. Sci. 150). As the horizon shrinks the concentration at the front
     tends to the saturation, and the front to that of the Stefan problem.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> model = fh.Corrosion(fh.Kernel(3.0), diffusivity=1.0, saturation=0.5, interface=0.02)
+    >>> speed = model.speed(spacing=1.0, dim=2, metal=1.0)
+    >>> round(model.interface_for(2 * speed, spacing=1.0, dim=2, metal=1.0), 6)  # twice the speed, twice the interface
+    0.04
     """
 
     def __init__(
@@ -145,6 +153,12 @@ def speed_of_current(density: float, metal: float, electrons: float) -> float:
         Concentration of the intact metal, mol/m^3.
     electrons : float
         That an atom gives away.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> round(fh.speed_of_current(1.0, metal=141_000.0, electrons=2.0) * 1e3 * 365.25 * 24 * 3600, 2)  # iron, mm a year
+    1.16
     """
     given = (
         kinds.number(value, name, above=0)

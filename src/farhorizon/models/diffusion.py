@@ -24,6 +24,15 @@ class Diffusion(LatticeModel):
     Notes
     -----
     Shojaei, Hermann, Seleson and Cyron (2020), eqs 1 to 5.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> model = fh.Diffusion(fh.Kernel(0.3), diffusivity=2.0)
+    >>> sim = fh.Simulation(fh.Lattice(0.1, -3, 3), model, initial={"u": "exp(-4*x**2)"})
+    >>> _ = sim.run(until=0.05)
+    >>> bool(sim.fields["u"].max() < 1)
+    True
     """
 
     def __init__(

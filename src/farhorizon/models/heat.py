@@ -43,6 +43,13 @@ class Heat(LatticeModel):
     without calibration, whatever the number of nodes in the horizon; printed is the nearest neighbour's (they are the
     same for a constant k). A kernel with ``calibrate=True`` is rescaled after the self term; give ``calibrate=False``
     to see what the other variants do.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> steel = fh.Heat(fh.Kernel(3e-3), density=7850.0, specific_heat=490.0, conductivity=43.0)
+    >>> round(steel.coefficient * 1e6, 3)  # diffusivity in mm^2/s
+    11.179
     """
 
     def __init__(

@@ -23,6 +23,13 @@ class Wave(LatticeModel):
     Notes
     -----
     Hermann, Shojaei, Seleson and Cyron (2023), eqs 1 and 42.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> model = fh.Wave(fh.Kernel(2.0), speed=3.0)
+    >>> model.crossing(length=12.0)
+    4.0
     """
 
     def __init__(self, operator: Kernel | Stencil, speed: float = 1.0, damping: float = 0.0) -> None:

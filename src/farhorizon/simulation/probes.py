@@ -32,6 +32,15 @@ class Probes:
     ------
     InputError
         A point outside the near field.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> sim = fh.Simulation(fh.Lattice(1.0, -9, 9), fh.Wave(fh.Kernel(1.0)), initial={"u": "exp(-x**2)"})
+    >>> probes = sim.record([0.0, 4.0])
+    >>> sim.step(6)
+    >>> probes.values.shape
+    (7, 2)
     """
 
     def __init__(self, lattice: Lattice, points: Any, stride: int = 1) -> None:

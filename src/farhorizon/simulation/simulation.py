@@ -104,6 +104,15 @@ class Simulation(Assembly, Run):
     ------
     InputError
         Anything that cannot be computed, before any work.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> lattice = fh.Lattice(spacing=1.0, lower=(-15.0, -15.0), upper=(15.0, 15.0))
+    >>> sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), initial={"u": "exp(-(x**2 + y**2)/6)"})
+    >>> _ = sim.run(until=80.0)
+    >>> bool(abs(sim.fields["u"]).max() < 0.02)  # the wave is gone, and does not come back
+    True
     """
 
     def __init__(

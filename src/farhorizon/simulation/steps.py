@@ -42,6 +42,13 @@ class WholeSteps:
     ------
     InputError
         No interval, or one that is not finite and positive.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> rule = fh.WholeSteps(every=0.25, until=1.0)
+    >>> rule(0.1)  # the default step would be 0.1
+    0.08333333333333333
     """
 
     def __init__(self, **intervals: float) -> None:

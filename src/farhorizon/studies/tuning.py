@@ -107,6 +107,14 @@ def tuned(
     ------
     InputError
         Another boundary, diffusion, numbers out of range, or no candidate that is certified in this time.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> lattice = fh.Lattice(1.0, (-9.0, -9.0), (9.0, 9.0))
+    >>> sim = fh.Simulation(lattice, fh.Wave(fh.Stencil.finite_difference(2)), fh.Higdon(), {"u": "exp(-x**2 - y**2)"})
+    >>> fh.tuned(sim, budget=20.0).certificate.verdict
+    'certified'
     """
     if not hasattr(sim, "remade"):
         raise InputError("must be a Simulation", value=kinds.said(sim), key="sim")
