@@ -298,3 +298,10 @@ def test_bad_input_is_refused_before_any_work(changes, message):
         if "lattice" in changes and "memory" in message:
             fh.Simulation(**changes)
         simulation(**changes)
+
+
+def test_what_a_notebook_shows():
+    sim = fh.Simulation(
+        fh.Lattice(1.0, (-9.0, -4.0), (9.0, 4.0)), fh.Wave(fh.Kernel(2.0)), fh.Fixed(), dt=0.25, threads=1
+    )
+    assert repr(sim.run(until=2.0)) == "<Simulation on 19 x 9 nodes at t = 2, step 8>"

@@ -91,6 +91,10 @@ class Run(ABC):
         self._remarks: list[str] = []
         self._guard_steps = max(1, min(_GUARD_STEPS, _GUARD_STEPS * _GUARD_NODES // max(nodes, 1)))
 
+    def __repr__(self) -> str:
+        nodes = " x ".join(map(str, self.lattice.shape))
+        return f"<{type(self).__name__} on {nodes} nodes at t = {self.time:g}, step {self.step_count}>"
+
     # --- in time -----------------------------------------------------------------------------------------------
 
     @abstractmethod
