@@ -131,3 +131,13 @@ def test_a_window_that_does_not_fit_into_memory_is_refused():
     """Before its mask is made: 2e11 nodes."""
     with pytest.raises(InputError, match=r"lattice\.spacing.*memory.*GiB.*remedy"):
         Lattice(1e-4, window=Disc(20.0))
+
+
+def test_the_node_of_a_number():
+    """Along a line a point is a number, or a list of one."""
+    line = Lattice(0.5, -2.0, 2.0)
+    assert line.index(0.2) == line.index([0.2]) == line.index(np.float64(0.2)) == (4,)
+    with pytest.raises(InputError, match=r"one coordinate an axis; value: \[0, 0\]; limit: one coordinate"):
+        line.index([0.0, 0.0])
+    with pytest.raises(InputError, match=r"one coordinate an axis; value: 0.*limit: 2 coordinates"):
+        Lattice(0.5, (-2.0, -2.0), (2.0, 2.0)).index(0.0)

@@ -153,12 +153,14 @@ class Lattice:
         return list(np.meshgrid(*self.axes, indexing="ij"))
 
     def index(self, point: ArrayLike) -> tuple[int, ...]:
-        """Index of the node nearest to a point; InputError beyond the near field or outside the window."""
-        at = kinds.array(point, "point")
+        """Index of the node nearest to a point, in one dimension to a number; InputError beyond the near field or
+        outside the window.
+        """
+        given = kinds.array(point, "point")
+        at = np.atleast_1d(given)
         if at.shape != (self.dim,):
-            raise InputError(
-                "a point needs one coordinate an axis", value=at, limit=f"{self.dim} coordinates", key="point"
-            )
+            count = "one coordinate" if self.dim == 1 else f"{self.dim} coordinates"
+            raise InputError("a point needs one coordinate an axis", value=given, limit=count, key="point")
         with np.errstate(over="ignore"):  # so far away is outside, too
             place = np.round((at - self.lower) / self.spacing)
         inside = bool(((place >= 0) & (place < self.shape)).all())

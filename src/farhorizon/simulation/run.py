@@ -38,14 +38,14 @@ EXPLODED = 1e6  # growth of the largest value over all that initial data and wha
 
 
 def wanted_threads(threads: int | None) -> int:
-    """A number of threads that is to be had, all unless given; InputError for others."""
+    """A number of threads that there are, all unless given; InputError for others."""
     if threads is None:
         return available_threads()
     try:
         return kinds.integer(threads, "threads", least=1, most=available_threads())
     except InputError as error:
         raise InputError(
-            "so many threads are not to be had",
+            "there are fewer threads",
             value=error.value,
             limit=error.limit,
             key="threads",

@@ -1,0 +1,63 @@
+"""A source signal that users define: the one of docs/extending.md."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import integrate, special
+
+import farhorizon as fh
+
+PAGE = (Path(__file__).parents[2] / "docs" / "extending.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def module():
+    """What the page defines."""
+    found = {}
+    exec(re.search(r"```python\n([^`]*def ricker.*?)```", PAGE, re.S).group(1), found)
+    return found
+
+
+def exact(x, t, ricker):
+    """u of ``u_tt = u_xx + exp(-x^2) ricker(t)``, from rest: half the integral over the cone of the past."""
+
+    def over_the_cone(s):
+        reach = t - s
+        return ricker(s) * 0.5 * (bell(x + reach) - bell(x - reach))
+
+    def bell(y):
+
+        return np.sqrt(np.pi) / 2 * special.erf(y)
+
+    return integrate.quad(over_the_cone, 0.0, t, limit=200)[0]
+
+
+def test_its_wave_is_that_of_the_exact_solution(module):
+    """Of second order in the spacing, with a step that is a fixed part of it."""
+    errors = []
+    for spacing in (0.5, 0.25, 0.125):
+        lattice = fh.Lattice(spacing, -12.0, 12.0)
+        model = fh.Wave(fh.Stencil.finite_difference(1))
+        sim = fh.Simulation(lattice, model, fh.Exact(), sources=[module["source"]], dt=0.5 * spacing, threads=1)
+        sim.run(until=24.0)
+        places = (0.0, 5.0, -9.0)
+        found = [float(sim.fields["u"][lattice.index(x)]) for x in places]
+        known = [exact(x, sim.time, module["ricker"]) for x in places]
+        errors.append(np.abs(np.subtract(found, known)).max() / np.abs(known).max())
+    slope = np.polyfit(np.log([0.5, 0.25, 0.125]), np.log(errors), 1)[0]
+    assert slope > 1.9 and errors[-1] < 0.01, errors
+
+
+def test_samples_are_a_signal(module):
+    """A function that interpolates what was measured drives as the function itself does."""
+    times = np.linspace(0.0, 40.0, 4001)
+    samples = module["ricker"](times)
+    runs = []
+    for signal in (module["ricker"], lambda t: float(np.interp(t, times, samples))):
+        source = fh.Source("exp(-x**2)", time=signal)
+        lattice, model = fh.Lattice(0.5, -12.0, 12.0), fh.Wave(fh.Kernel(1.0))
+        sim = fh.Simulation(lattice, model, fh.Exact(), sources=[source], threads=1)
+        runs.append(sim.run(until=20.0).fields["u"])
+    assert np.abs(runs[0] - runs[1]).max() < 1e-4 * np.abs(runs[0]).max()
