@@ -75,15 +75,23 @@ def number(
         raise InputError(
             _demand(above, least, below, most), value=value, limit=_range(above, least, below, most), key=key
         )
-    if found and not 1 / LARGEST <= abs(found) <= LARGEST:
+    check_magnitude(found, key)
+    return found
+
+
+def check_magnitude(values: np.ndarray | float, key: str) -> None:
+    """Refuse numbers, zero aside, whose products overflow or vanish, with an InputError."""
+    given = np.asarray(values, float).ravel()
+    size = np.abs(given)
+    wrong = given[(size != 0) & ~((size >= 1 / LARGEST) & (size <= LARGEST))]
+    if wrong.size:
         raise InputError(
             "is beyond what can be computed with",
-            value=value,
+            value=float(wrong[0]),
             limit=f"{1 / LARGEST:g} to {LARGEST:g} in magnitude",
             key=key,
             remedy="other units",
         )
-    return found
 
 
 def integer(value: Any, key: str, *, least: int, most: int = MOST_WHOLE) -> int:

@@ -172,3 +172,12 @@ def test_a_horizon_far_beyond_the_near_field_is_refused_at_once(monkeypatch):
     lattice, model = fh.Lattice(1.0, (-7.0, -7.0), (7.0, 7.0)), fh.Wave(fh.Kernel(108.0, influence="linear"))
     with pytest.raises(fh.InputError, match="the near field is thinner than the stencil; value: 15 nodes along x"):
         fh.Simulation(lattice, model, fh.LatticePML(target=1e-6))
+
+
+@pytest.mark.parametrize("young", [5e-324, 1e-200, "1e100*(x + 9)"])
+def test_constants_of_a_body_that_vanish_or_overflow_are_refused(young):
+    """The speed of waves was zero, and something was divided by it."""
+    lattice, kernel = fh.Lattice(1.0, (-6.0, -6.0), (6.0, 6.0)), fh.Kernel(2.0, 0, "gaussian")
+    cracked = {"critical_stretch": 0.2, "cracks": [[(1.5, -1.5), (1.5, 1.5)]]}
+    with pytest.raises(fh.InputError, match=r"model.young: is beyond what can be computed with.*1e-60 to 1e\+60"):
+        fh.Body(lattice, kernel, young=young, poisson=0.25, **cracked)

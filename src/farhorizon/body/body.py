@@ -351,6 +351,7 @@ class Body(Run):
         value = as_given(value, lattice.dim, key, time=False)
         values = checked(value(*lattice.coordinates()) if callable(value) else value, lattice, key)
         there = np.ones(lattice.shape, bool) if lattice.mask is None else lattice.mask
+        kinds.check_magnitude(values[there], key)
         first = float(values[there][0])
         if callable(value) or (values[there] != first).any():
             values = np.where(there, values, first)
