@@ -1,11 +1,14 @@
 """Layers that choose their thickness: what their runs get wrong is below the target, for set-ups that nobody tuned
 on."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import farhorizon as fh
 from farhorizon.analysis.references.infinite import InfiniteLattice
+from farhorizon.studies.compare import compare
 
 SEED = 20261122
 KERNELS = [(2, "constant", 1), (2, "constant", 3), (1, "linear", 4), (2, "gaussian", 3), (2, "linear", 5)]
@@ -260,3 +263,44 @@ def test_a_target_that_no_layer_keeps_is_refused():
     fh.Simulation(lattice, fh.Wave(fh.Kernel(3.0)), fh.LatticePML(target=2 * most, until=20000.0), {"u": noise})
     with pytest.raises(fh.InputError, match=r"until"):
         fh.LatticePML(until=-1.0)
+
+
+@pytest.mark.parametrize("sides", [fh.LatticePML(target=1e-4), fh.LatticePML(), fh.LatticePML(nodes=8), fh.Sponge(12)])
+@pytest.mark.parametrize("factor", [4.0, 0.01])
+def test_a_coefficient_everywhere_is_another_speed(sides, factor):
+    """Layers, predictions, certificates and fields are those of the medium that the coefficient makes: its layers once
+    were made for the speed of the model, and missed their targets a thousandfold.
+    """
+    lattice, speed = fh.Lattice(1.0, (-12.0, -12.0), (12.0, 12.0)), float(np.sqrt(factor))
+    pulse = {"u": "exp(-(x**2 + y**2)/6)"}
+    asked = {} if isinstance(sides, fh.Sponge) or sides.nodes else {"until": 60.0 / speed}
+    made = [
+        fh.Simulation(lattice, model, replace(sides, **asked), pulse, threads=1, **options)
+        for model, options in (
+            (fh.Wave(fh.Kernel(2.0), speed=speed), {}),
+            (fh.Wave(fh.Kernel(2.0)), {"coefficient": factor}),
+        )
+    ]
+    plain, given = made
+    assert given.dt == pytest.approx(plain.dt) and given.thickness.keys() == plain.thickness.keys()
+    for key, layer in plain.engine.layers.items():
+        for name in ("kappa", "sigma", "alpha", "damping"):
+            assert getattr(given.engine.layers[key], name) == pytest.approx(getattr(layer, name), rel=1e-9), (key, name)
+    assert given.certificate(5.0).verdict == plain.certificate(5.0).verdict == "certified"
+    for sim in made:
+        sim.step(100)
+    assert np.abs(given.fields["u"] - plain.fields["u"]).max() < 1e-12
+
+
+def test_layers_go_by_the_fastest_waves_at_their_side():
+    """Ground of two layers: the lower side has the stiff one, the upper the soft one, the others both."""
+    lattice = fh.Lattice(1.0, (-20.0, -20.0), (20.0, 20.0))
+    ground = {"coefficient": "where(y < 0, 9, 1)", "initial": {"u": "exp(-(x**2 + (y - 2)**2)/6)"}}
+    sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), fh.LatticePML(nodes=8), threads=1, **ground)
+    assert sim.coefficients == {(0, -1): 9.0, (0, 1): 9.0, (1, -1): 9.0, (1, 1): 1.0}
+    sigma = {key: layer.sigma for key, layer in sim.engine.layers.items()}
+    assert sigma[2, -1] == pytest.approx(3 * sigma[2, 1]) and sigma[1, 1] == pytest.approx(3 * sigma[2, 1])
+    kept = compare(
+        {"lattice": lattice, "model": sim.model, "boundary": fh.LatticePML(target=1e-3), **ground}, 40.0, beside=False
+    )
+    assert max(kept.curves["lattice PML"]["error_rel_initial"]) < 1e-3

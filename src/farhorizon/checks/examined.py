@@ -58,6 +58,8 @@ class Examined(Timed, Protocol):
     conditions : Conditions
     closure : Closure or None
         What closes the near field along its outline.
+    coefficients : dict of (axis, side) to float
+        Squared speed or diffusivity of the medium at each side.
     thickness : dict of str to Thickness
         By side, what the layers that chose themselves are predicted to do.
     extents : dict of (axis, side) to Extent
@@ -81,6 +83,7 @@ class Examined(Timed, Protocol):
     incident: list[Incidence]
     conditions: Conditions
     closure: Closure | None
+    coefficients: dict[tuple[int, int], float]
     thickness: dict[str, Thickness]
     extents: dict[tuple[int, int], Extent]
 

@@ -439,7 +439,7 @@ def content(sim: Examined, until: float | None = None) -> Band | None:
     With the end of the run the frequencies of the sources count, too.
     """
     waves = sim.model.order == 2
-    rate = np.sqrt(sim.model.coefficient) / sim.lattice.spacing
+    rate = np.sqrt(sim.model.coefficient * max(sim.strongest, 1e-300)) / sim.lattice.spacing
     found: list[tuple[np.ndarray, int, Callable[[np.ndarray], np.ndarray] | None]] = [
         (sim.start_u, sim.model.order - 1, None),
         (sim.start_v, 0, None),
@@ -484,7 +484,7 @@ def _sides(sim: Examined) -> list[tuple[str, LayerSide | Strip]]:
                     break
             else:
                 alone = (
-                    _layer_side(sim, axis, layer)
+                    _layer_side(sim, axis, side, layer)
                     if layer
                     else Strip(sim, axis, 2 * sim.stencil.reach[axis] + 2, (Fixed(), boundary))
                 )
@@ -492,11 +492,11 @@ def _sides(sim: Examined) -> list[tuple[str, LayerSide | Strip]]:
     return [(", ".join(names), alone) for names, _, alone in found]
 
 
-def _layer_side(sim: Examined, axis: int, layer: Layer) -> LayerSide:
+def _layer_side(sim: Examined, axis: int, side: int, layer: Layer) -> LayerSide:
     waves = sim.model.order == 2
     recursion = Recursion.of(sim.model.integrator, sim.dt, sim.model.damping) if waves else Recursion(0.0, sim.dt, 1.0)
     return LayerSide(
-        LatticeMedium(sim.stencil.along(axis), sim.model.coefficient, sim.lattice.spacing, recursion, sim.dt),
+        LatticeMedium(sim.stencil.along(axis), sim.coefficients[axis, side], sim.lattice.spacing, recursion, sim.dt),
         layer,
         not waves,
     )

@@ -137,6 +137,12 @@ class LatticeModel:
         model.operator = stencil
         return model
 
+    def scaled(self, factor: float) -> Self:
+        """The model of a medium whose bonds are all stiffer, or conduct better, by a factor."""
+        model = copy.copy(self)
+        model.coefficient = factor * self.coefficient
+        return model
+
     def stencil(self, spacing: float, dim: int) -> Stencil:
         """Dimensionless stencil on a lattice."""
         if isinstance(self.operator, Kernel):

@@ -48,8 +48,8 @@ class FarField:
     shape : tuple of int
         Nodes of the near field.
     stencil : Stencil
-    coefficient : float
-        Squared speed.
+    coefficients : mapping of (axis, side) to float
+        Squared speed of the medium at each side, as which all of it is taken from there.
     spacing : float
     recursion : Recursion
     dt : float
@@ -64,7 +64,7 @@ class FarField:
 
     shape: tuple[int, ...]
     stencil: Stencil
-    coefficient: float
+    coefficients: Mapping[tuple[int, int], float]
     spacing: float
     recursion: Recursion
     dt: float
@@ -74,7 +74,7 @@ class FarField:
     scatterers: np.ndarray | None = None
     _known: dict[tuple[object, ...], Thickness] = field(default_factory=dict)  # of sides that are alike
     _sent: dict[tuple[object, ...], tuple[list[Arrivals], float]] = field(default_factory=dict)
-    _samples: dict[tuple[Stencil, int], Sample] = field(default_factory=dict)
+    _samples: dict[tuple[Stencil, float, int], Sample] = field(default_factory=dict)
 
     @one_blas_thread()
     def layer(self, axis: int, side: int, boundary: LatticePML, wanted: float, until: float) -> Thickness | None:
@@ -88,9 +88,10 @@ class FarField:
         InputError
             No layer keeps it.
         """
+        coefficient = self.coefficients[axis, side]
         if boundary.target is None or until > self.foreseen:
             data = [datum.values for datum in self._turned(axis, side)]
-            found = by_formula(self._facing(axis), np.sqrt(self.coefficient) / self.spacing, until, data, wanted)
+            found = by_formula(self._facing(axis), np.sqrt(coefficient) / self.spacing, until, data, wanted)
             if found is None and boundary.target is None:
                 return None
             if found is not None and (boundary.target is None or found.predicted <= wanted):
@@ -103,7 +104,7 @@ class FarField:
         distance = distance_to_side([datum.values for datum in self._turned(axis, side)])
 
         def steep(nodes: int) -> Layer:
-            return replace(boundary, nodes=nodes).make_layer(2, medium.stencil, self.coefficient, self.spacing, 0.0)
+            return replace(boundary, nodes=nodes).make_layer(2, medium.stencil, coefficient, self.spacing, 0.0)
 
         members = family(medium.stencil, medium.speed / self.spacing, until, distance, wanted, steep)
         found = thinnest(members, sent, wanted, size)
@@ -128,7 +129,7 @@ class FarField:
         takes little of it.
         """
         if not all(b.periodic or b.image for b in self._beside(axis)):
-            until = min(until, _ROOM * self.spacing / float(np.sqrt(self.coefficient)))
+            until = min(until, _ROOM * self.spacing / float(np.sqrt(self.coefficients[axis, side])))
         _, _, sent, size = self._arriving(axis, side, until, wanted)
         return predicted_error(layer, sent, size)
 
@@ -139,11 +140,12 @@ class FarField:
         the data.
         """
         stencil, turned = self._facing(axis), self._turned(axis, side)
-        medium = LatticeMedium(stencil, self.coefficient, self.spacing, self.recursion, self.dt)
+        medium = LatticeMedium(stencil, self.coefficients[axis, side], self.spacing, self.recursion, self.dt)
         alike = (
             until,
             wanted,
             stencil,
+            medium.coefficient,
             self.sides[axis, -side],
             *self._beside(axis),
             *(datum.values.tobytes() for datum in turned),
@@ -210,7 +212,7 @@ class FarField:
                     flat, near[kept], lengths[kept] = self._unfold(flat, kept + 1, others[kept], room)
                 sent = [replace(datum, values=values) for datum, values in zip(own, flat, strict=True)]
                 for kind in range(min(self.stencil.components, 2)):
-                    sample = self._samples.setdefault((medium.stencil, kind), Sample(medium, kind))
+                    sample = self._samples.setdefault((medium.stencil, medium.coefficient, kind), Sample(medium, kind))
                     found.append(arrivals(medium, steps, sent, lengths, near, wanted, size, sample))
         return found
 

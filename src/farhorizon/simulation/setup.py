@@ -64,6 +64,8 @@ class Assembly:
         need.
     conditions : Conditions
     incident : list of Incidence
+    coefficients : dict of (axis, side) to float
+        Squared speed or diffusivity of the medium at each side.
     thickness : dict of str to Thickness
         By side, what the layers that chose themselves are predicted to do.
     autos : dict of (axis, side) to Auto
@@ -127,6 +129,7 @@ class Assembly:
         self._check_vector(constraints)
         self._check_closing()
         self._check_size()  # first: layers of stencils that reach so far take long
+        self.coefficients = dict.fromkeys(self.sides, model.coefficient)
         self._layers = self._make_layers()
         self.extents: dict[tuple[int, int], Extent] = {}
         self._check_memory(dtype)
@@ -144,6 +147,9 @@ class Assembly:
             )
         self.strongest = model.strongest if factor is None else float(factor.max())
         self.varied = factor is not None and bool(np.ptp(factor) > 0)
+        if factor is not None:
+            self.coefficients = {key: model.coefficient * self._factor_at(factor, *key) for key in self.sides}
+            self._layers = self._make_layers()
         self.conditions = self._resolve(constraints, factor)
         self._hidden = self._hide()
         self.rate_limit = (
@@ -718,13 +724,21 @@ class Assembly:
             else values
         )
 
+    def _factor_at(self, factor: np.ndarray, axis: int, side: int) -> float:
+        """The largest factor on bonds within one reach of a side, for a layer goes by the fastest waves that it meets;
+        that of the whole near field where nothing reaches the side.
+        """
+        last = np.arange(self.stencil.reach[axis] + 1)
+        found = float(np.take(factor, last if side < 0 else -1 - last, axis).max())
+        return found or self.strongest or 1.0
+
     def _make_layers(self) -> dict[tuple[int, int], Layer]:
         """The stretch of each layer that follows from the target alone or is given, by (axis, side)."""
         lattice, model = self.lattice, self.model
         half_width = max(float((lattice.upper - lattice.lower).max()) / 2, lattice.spacing)
         return {
             (axis, side): boundary.make_layer(
-                model.order, self.stencil.along(axis), model.coefficient, lattice.spacing, half_width
+                model.order, self.stencil.along(axis), self.coefficients[axis, side], lattice.spacing, half_width
             )
             for (axis, side), boundary in self.sides.items()
             if boundary.stretched
@@ -786,7 +800,7 @@ class Assembly:
         field = FarField(
             lattice.shape,
             self.stencil,
-            model.coefficient,
+            self.coefficients,
             lattice.spacing,
             Recursion.of(model.integrator, self.dt, model.damping),
             self.dt,
@@ -1351,7 +1365,7 @@ class Assembly:
         rate = np.zeros(layout.box.nodes)
         for (axis, side), boundary in self.sides.items():
             if boundary.damped:
-                values = boundary.damping(self.model.order, self.model.coefficient, self.lattice.spacing)
+                values = boundary.damping(self.model.order, self.coefficients[axis, side], self.lattice.spacing)
                 line = np.zeros(layout.box.nodes[lead + axis])
                 line[: len(values)] = values[::-1]
                 rate = rate + line[::-side].reshape([-1 if a == lead + axis else 1 for a in range(3)])

@@ -961,12 +961,14 @@ class Simulation(Assembly, Run):
 
     def remade(self, **changes: Any) -> Simulation:
         """The same set-up at its start with some arguments changed; on another lattice nothing is there, and the medium
-        is uniform.
+        is uniform, as stiff as it is anywhere.
         """
         start: dict[str, Any] = {}
         if "lattice" in changes:
             nothing = dict.fromkeys(("sources", "loads", "cracks", "constraints", "specimens"), ())
             changes = {**nothing, "coefficient": None, "rim": "free", "balance": False, **changes}
+            if self._factor is not None and self.strongest > 0:
+                changes["model"] = changes.get("model", self.model).scaled(self.strongest)
         else:
             start["u"] = self.start_u + float(changes.get("background", self.background))
             start |= {"v": self.start_v} if self.model.order == 2 else {}
