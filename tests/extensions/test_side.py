@@ -4,7 +4,7 @@ import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 import pytest
@@ -121,3 +121,24 @@ def test_what_it_must_answer_is_asked_where_it_is_defined():
 def test_something_else_is_refused():
     with pytest.raises(fh.InputError, match=r"not a boundary that serves here.*limit: Auto, Exact, Extended"):
         simulation("sponge")
+
+
+def test_other_classes_do_not_disturb_case_files(sponge):
+    """A side that is no dataclass has no table; fields of all kinds are taken."""
+
+    class Plain(fh.Side):
+        pass
+
+    @dataclass(frozen=True)
+    class Mixed(fh.Side):
+        kind: Literal["a", "b"] = "a"
+        places: list[float] | None = None
+        odd: complex = 1j
+
+    found = Case(CASE.replace('"power-sponge", nodes = 20', '"mixed", kind = "b", places = [1.0]')).setup["boundary"]
+    assert found == {"all": Mixed("b", [1.0])} and "plain" not in json.dumps(schema())
+    with pytest.raises(fh.InputError, match=r"unknown type.*plain"):
+        Case(CASE.replace('"power-sponge", nodes = 20', '"plain"'))
+    with pytest.raises(TypeError, match=r"there is a side 'Sponge' already, in farhorizon.boundaries.sponge"):
+        type("Sponge", (fh.Side,), {})
+    assert Side.known["Sponge"] is fh.Sponge

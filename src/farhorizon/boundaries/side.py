@@ -69,7 +69,8 @@ class Side:
     Raises
     ------
     TypeError
-        At the definition of an endless side without `wanted`, or of a stretched one without `make_layer`.
+        At the definition of an endless side without `wanted`, of a stretched one without `make_layer`, of a damped one
+        without `damping`, or of one with the name of another module's.
 
     Examples
     --------
@@ -108,6 +109,9 @@ class Side:
         for asked, answer in (("endless", "wanted"), ("stretched", "make_layer"), ("damped", "damping")):
             if getattr(cls, asked) and getattr(cls, answer) is getattr(Side, answer):
                 raise TypeError(f"{cls.__name__}.{asked} is true, so that the class needs a method {answer!r}")
+        known = Side.known.get(cls.__name__)
+        if known is not None and known.__module__ != cls.__module__:
+            raise TypeError(f"there is a side {cls.__name__!r} already, in {known.__module__}: give yours another name")
         words = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", cls.__name__).lower()
         cls.tag = words.replace(" ", "-")
         if "label" not in cls.__dict__:
@@ -149,6 +153,6 @@ class Side:
         return np.inf
 
 
-def names(serves: Callable[[type[Side]], bool] = lambda _: True) -> str:
+def names(serves: Callable[[type[Side]], bool]) -> str:
     """Names of the sides that serve, for messages."""
     return ", ".join(sorted(name for name, kind in Side.known.items() if not isabstract(kind) and serves(kind)))

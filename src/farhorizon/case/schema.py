@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, fields, is_dataclass
 from dataclasses import Field as ClassField
 from functools import lru_cache, reduce
 from inspect import isabstract
@@ -323,26 +323,31 @@ class CasePart(Part):
 
 def side_kinds() -> dict[str, Any]:
     """The sides by what they are called, the recommended one first, those that users define among them."""
-    known = [kind for kind in Side.known.values() if not isabstract(kind)]
+    known = [kind for kind in Side.known.values() if is_dataclass(kind) and not isabstract(kind)]
     return {kind.tag: kind for kind in sorted(known, key=lambda kind: (kind.__name__ != "LatticePML", kind.__name__))}
 
 
 @lru_cache(maxsize=64)
 def side_part(kind: Any) -> type[Part]:
     """The table of a side: its keys are the fields of the dataclass."""
-    hints = get_type_hints(kind)
+    try:
+        hints = get_type_hints(kind)
+    except NameError:  # of types that are known in a function alone
+        hints = {}
     given: dict[str, Any] = {"type": (Literal[kind.tag], ...)}
     for one in fields(kind):
-        given[one.name] = (_taken(hints[one.name], one), ... if one.default is MISSING else one.default)
+        given[one.name] = (_taken(hints.get(one.name, Any), one), ... if one.default is MISSING else one.default)
     return create_model(f"{kind.__name__}Part", __base__=Part, **given)
 
 
 def _taken(hint: Any, one: ClassField[Any]) -> Any:
     """What TOML gives for a field of some type. It has no None: the field is left out, or false where that is not the
-    default.
+    default. Where a type has no counterpart the class itself sees what it is given.
     """
     options = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
     found = [kind for option in options if (kind := _of_toml(option)) is not None]
+    if not found:
+        return Any
     if NoneType in options:
         found.append(None if one.default is None else Literal[False])
     return reduce(or_, found)
@@ -350,10 +355,12 @@ def _taken(hint: Any, one: ClassField[Any]) -> Any:
 
 def _of_toml(hint: Any) -> Any:
     """The counterpart of one type; None where there is none."""
-    inner = get_args(hint)
-    if get_origin(hint) is tuple:
-        return list[_of_toml(inner[0])]  # type: ignore[misc]
-    if get_origin(hint) is not None and issubclass(get_origin(hint), Mapping):
+    inner, origin = get_args(hint), get_origin(hint)
+    if origin is Literal:
+        return hint
+    if origin in (tuple, list):
+        return list[_of_toml(inner[0]) or Any]  # type: ignore[misc]
+    if isinstance(origin, type) and issubclass(origin, Mapping):
         values = reduce(or_, map(_of_toml, get_args(inner[1]) or inner[1:]))
         return dict[str, values]  # type: ignore[valid-type]
     return {float: Number, int: int, bool: bool, str: str, np.ndarray: list[Number]}.get(hint)

@@ -117,7 +117,8 @@ def crossing_steps(sim: Examined) -> int:
         n + sum(layer.columns for (a, _), layer in sim.engine.layers.items() if a == axis)
         for axis, n in enumerate(sim.engine.core.nodes)
     )
-    duration = sim.model.crossing(nodes * sim.lattice.spacing, max(sim.strongest, 1e-300))
+    factor = max(sim.strongest, 1e-300) / sim.model.strongest  # of a coefficient; bonds between phases are no medium
+    duration = sim.model.crossing(nodes * sim.lattice.spacing, factor)
     return max(1, int(np.ceil(duration / (1 if sim.model.order == 2 else _SPREADS) / sim.dt)))
 
 
