@@ -53,6 +53,7 @@ __all__ = [
     "Probes",
     "Rectangle",
     "RungeKuttaChebyshev",
+    "Setup",
     "Side",
     "Simulation",
     "Source",

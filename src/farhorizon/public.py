@@ -35,6 +35,7 @@ from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
 from farhorizon.models import Beam, Corrosion, Diffusion, Elastic, Heat, Wave, speed_of_current
 from farhorizon.simulation.probes import Probes
+from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.simulation import Simulation
 from farhorizon.simulation.steps import WholeSteps
 from farhorizon.studies.tuning import tuned
@@ -83,6 +84,7 @@ __all__ = [
     "Probes",
     "Rectangle",
     "RungeKuttaChebyshev",
+    "Setup",
     "Side",
     "Simulation",
     "Source",

@@ -228,14 +228,14 @@ def test_a_case_is_the_run_of_python():
         case.lattice, fh.Wave(fh.Kernel(0.5)), fh.Extended(1e-4), {"u": "exp(-4*(x**2+y**2))"}, dt=sim.dt
     ).run(until=8.0)
     assert np.array_equal(sim.fields["u"], same.fields["u"]) and sim.extents == same.extents
-    assert sim.energy() == same.energy() < 0.05 * fh.Simulation(**case.setup).energy()  # of the near field
+    assert sim.energy() == same.energy() < 0.05 * fh.Simulation.of(case.setup).energy()  # of the near field
 
 
 def test_check_compares_it_with_layers():
     """`check` of either one prices the other, in time and memory; the extended domain is certified, as all nodes of the
     medium are.
     """
-    ours = fh.Simulation(**Case(CASE).setup).check(8.0)
+    ours = fh.Simulation.of(Case(CASE).setup).check(8.0)
     page = str(ours)
     assert ours.certificate.verdict == "certified" and "layers instead" in page and "extended x-" in page
     assert ours.numbers["layer_nodes"] >= 2 and ours.numbers["layer_cost"] > 0 and ours.numbers["layer_memory"] > 0

@@ -119,8 +119,9 @@ def test_heat_case():
     case = Case(HEAT)
     model = case.model
     assert isinstance(model, fh.Heat) and model.coefficient == 0.5 and model.integrator == fh.RungeKuttaChebyshev(12)
-    assert case.setup["cracks"] == [fh.Crack([[1.0, 0.3], [1.0, 0.7]], 0.1, 0.02)]
-    left, right, inside = case.setup["constraints"]
+    [crack] = case.setup.cracks
+    assert (np.array(crack.cut.points).tolist(), crack.factor, crack.opens) == ([[1.0, 0.3], [1.0, 0.7]], 0.1, 0.02)
+    left, right, inside = case.setup.constraints
     assert (
         isinstance(left.value, fh.Expression)
         and left.kind == "mirror"

@@ -86,7 +86,7 @@ def test_a_checkpoint_holds_it(sponge, tmp_path):
 def test_a_case_file_has_it(sponge, tmp_path, capsys):
     path = tmp_path / "case.toml"
     path.write_text(CASE, encoding="utf-8")
-    assert Case.read(path).setup["boundary"] == {"all": sponge(nodes=20)}
+    assert set(Case.read(path).setup.sides.values()) == {sponge(nodes=20)}
     properties = json.dumps(schema())
     assert "power-sponge" in properties
     for command in (
@@ -135,8 +135,8 @@ def test_other_classes_do_not_disturb_case_files(sponge):
         places: list[float] | None = None
         odd: complex = 1j
 
-    found = Case(CASE.replace('"power-sponge", nodes = 20', '"mixed", kind = "b", places = [1.0]')).setup["boundary"]
-    assert found == {"all": Mixed("b", [1.0])} and "plain" not in json.dumps(schema())
+    found = Case(CASE.replace('"power-sponge", nodes = 20', '"mixed", kind = "b", places = [1.0]')).setup.sides.values()
+    assert all(side == Mixed("b", [1.0]) for side in found) and "plain" not in json.dumps(schema())
     with pytest.raises(fh.InputError, match=r"unknown type.*plain"):
         Case(CASE.replace('"power-sponge", nodes = 20', '"plain"'))
     with pytest.raises(TypeError, match=r"there is a side 'Sponge' already, in farhorizon.boundaries.sponge"):

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +74,7 @@ class Case:
             if isinstance(self.parts.model, BodyPart):
                 self.kind: type[Run] = fh.Body
                 self.vector = True
-                self.setup = self._body_setup(self.parts.model)
+                self.setup: fh.Setup | dict[str, Any] = self._body_setup(self.parts.model)
             else:
                 self.kind = fh.Simulation
                 self.model = self._model(self.parts.model)
@@ -155,9 +156,14 @@ class Case:
     def run(self, **changes: Any) -> Run:
         """A new run of the case: a `Simulation` or a `Body`."""
         with self.naming():
-            made = self.kind(**{**self.setup, **changes})
+            made = self._made(**changes)
             self._asked.check(made.dt, "run.dt")
             return made
+
+    def _made(self, observe: Sequence[Callable[[Any], None]] = (), **changes: Any) -> Run:
+        if isinstance(self.setup, fh.Setup):
+            return fh.Simulation.of(replace(self.setup, **changes), observe)
+        return self.kind(**{**self.setup, "observe": observe, **changes})
 
     def simulation(self, **changes: Any) -> fh.Simulation:
         """A new simulation of the case.
@@ -273,7 +279,7 @@ class Case:
                 )
         return boundary
 
-    def _setup(self) -> dict[str, Any]:
+    def _setup(self) -> fh.Setup:
         parts = self.parts
         if parts.load and not self.vector:
             raise InputError(
@@ -297,29 +303,29 @@ class Case:
             coefficient = np.broadcast_to(
                 expression(*self.lattice.coordinates()) if callable(expression) else expression, self.lattice.shape
             )
-        return {
-            "lattice": self.lattice,
-            "model": self.model,
-            "initial": self._initial(),
-            "boundary": self._boundary() or fh.LatticePML(until=parts.run.until),
-            "sources": [self._expression(s.value, "source.value") for s in parts.source]
+        return fh.Setup(
+            lattice=self.lattice,
+            model=self.model,
+            initial=self._initial(),
+            boundary=self._boundary() or fh.LatticePML(until=parts.run.until),
+            sources=[self._expression(s.value, "source.value") for s in parts.source]
             + [self._incident(w) for w in parts.incident],
-            "specimens": [
+            specimens=[
                 fh.Specimen(s.region.build(f"specimen[{i}].region"), s.concentration)
                 for i, s in enumerate(parts.specimen)
             ],
-            "cracks": [self._crack(c) for c in parts.crack],
-            "constraints": [self._constraint(c, f"constraint[{i}]") for i, c in enumerate(parts.constraint)],
-            "coefficient": coefficient,
-            "rule": parts.rule,
-            "rim": parts.rim,
-            "background": parts.background,
-            "loads": [self._load(load, f"load[{i}]") for i, load in enumerate(parts.load)],
-            "balance": parts.output.balance,
-            "dt": self._given_step,
-            "dtype": parts.run.dtype,
-            "threads": parts.run.threads,
-        }
+            cracks=[self._crack(c) for c in parts.crack],
+            constraints=[self._constraint(c, f"constraint[{i}]") for i, c in enumerate(parts.constraint)],
+            coefficient=coefficient,
+            rule=parts.rule,
+            rim=parts.rim,
+            background=parts.background,
+            loads=[self._load(load, f"load[{i}]") for i, load in enumerate(parts.load)],
+            balance=parts.output.balance,
+            dt=self._given_step,
+            dtype=parts.run.dtype,
+            threads=parts.run.threads,
+        )
 
     def _incident(self, part: IncidentPart) -> fh.IncidentWave:
         signal = self._of_time(part.signal, "incident.signal")

@@ -1,4 +1,4 @@
-"""Simulation: runs what `farhorizon.simulation.setup` has put together, and says what comes out."""
+"""Simulation: runs what `farhorizon.simulation.assembly` has put together, and says what comes out."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -28,11 +28,12 @@ from farhorizon.inputs.specimens import Specimen
 from farhorizon.machine import available_memory
 from farhorizon.medium.integrators import stage_effects
 from farhorizon.models import LatticeModel
+from farhorizon.simulation.assembly import Assembly
 from farhorizon.simulation.described import describe, rebuild
 from farhorizon.simulation.flux import nodal_flux, power_across
 from farhorizon.simulation.overstretch import Rim, rim_of
 from farhorizon.simulation.run import MOST_STEPS, Run
-from farhorizon.simulation.setup import Assembly
+from farhorizon.simulation.setup import Setup, side_name
 
 _SHATTERS = 10.0  # a load whose first strain is so many times the critical stretch breaks whatever it meets
 _SUPERSATURATED = 0.05  # part of the saturation by which liquid may exceed it without a word
@@ -87,6 +88,11 @@ class Simulation(Assembly, Run):
     time : float
     step_count : int
     dt : float
+    setup : Setup
+        What was given.
+    settled : Setup
+        The same with the time step, the sides and the factors on bonds as they were chosen: run again it does not
+        choose anew.
     stop_requested : bool
         Set it (from a signal handler, an observer) to end `run` with KeyboardInterrupt between two steps.
     closure : Closure or None
@@ -136,64 +142,67 @@ class Simulation(Assembly, Run):
         specimens: Sequence[Specimen] = (),
         loads: Sequence[BodyForce | Traction] = (),
     ) -> None:
-        super().__init__(
-            lattice,
-            model,
-            boundary,
-            {} if initial is None else initial,
-            sources,
-            cracks,
-            coefficient,
-            background,
-            dt,
-            dtype,
-            threads,
-            rule,
-            rim,
-            constraints,
-            specimens,
-            loads,
-            balance,
+        self._begin(
+            Setup(
+                lattice,
+                model,
+                boundary,
+                initial,
+                sources,
+                cracks,
+                coefficient,
+                background,
+                dt,
+                dtype,
+                threads,
+                rule,
+                rim,
+                constraints,
+                balance,
+                specimens,
+                loads,
+            ),
+            observe,
         )
+
+    @classmethod
+    def of(cls, setup: Setup, observe: Sequence[Callable[[Simulation], None]] = ()) -> Self:
+        """A run of a set-up.
+
+        Parameters
+        ----------
+        setup : Setup
+        observe : sequence of callable
+            As of the constructor.
+        """
+        run = cls.__new__(cls)
+        run._begin(setup, observe)
+        return run
+
+    def _begin(self, setup: Setup, observe: Sequence[Callable[[Simulation], None]]) -> None:
+        """Be at the start of a set-up."""
+        super().__init__(setup)
         self._at_start(observe, int(np.prod(self.engine.core.nodes)))
         self._source_peaks: dict[int, float] = {}
-        self._initial_given = initial
         self._end = 0.0  # of the run, as far as it is known
-        self._settled = 0.0  # length of the run that the sides are good for, as far as they are chosen for one
+        self._good_for = 0.0  # length of the run that the sides are good for, as far as they are chosen for one
         self._why: list[str] = []  # how sides that leave the choice were chosen
         self._open_ended = [key for key, b in self.sides.items() if b.open_ended]
         self._looked = 0.0  # up to this time
-        self._balance = balance
-        self._books = balance and not self.lasting
+        self._books = setup.balance and not self.lasting
         self._opened = len(self._cracks)
         self._open_cracks()
         self._first_cuts = self.engine.absent_bonds
         held = [abs(b.held - self.background) for b in self.sides.values() if b.held is not None]
-        self._setup: dict[str, Any] = {
-            "lattice": lattice,
-            "model": model,
-            "boundary": self._settled_sides(),
-            "sources": list(sources),
-            "cracks": self._cracks,
-            "constraints": list(constraints),
-            "balance": balance,
-            "coefficient": self._factor,
-            "background": self.background,
-            "dt": self.dt,
-            "specimens": list(specimens),
-            "dtype": dtype,
-            "threads": threads,
-            "rule": rule,
-            "rim": rim,
-            "loads": list(loads),
-        }
+        self.setup = setup
+        self.settled = replace(setup, boundary=self._settled_sides(), coefficient=self._factor, dt=self.dt)
         self._scale = max(
             [float(np.abs(self.start_u).max()), float(np.abs(self.start_v).max()) * self.dt, 1e-300, *held]
         )
         self._start(self.start_u, self.start_v)
         if self.bondwise:
             self._check_stretch()
-        self._first_energy = self.energy() if balance and self.lasting else 0.0
+        self._first_energy = self.energy() if setup.balance and self.lasting else 0.0
         if self._books:
             self._open_books()
         self._set_rim()
@@ -406,7 +415,7 @@ class Simulation(Assembly, Run):
     def _settle(self, until: float) -> None:
         """Sides that depend on the length of the run, if it is longer than they are good for and nothing has run
         yet."""
-        if self.step_count or not until > self._settled * (1 + 1e-9):
+        if self.step_count or not until > self._good_for * (1 + 1e-9):
             return
         if self.autos:
             self._decide(until)
@@ -416,7 +425,7 @@ class Simulation(Assembly, Run):
             except InputError:  # what layers keep then is noted
                 if any(self.sides[key].extended for key in self._open_ended):
                     raise
-        self._settled = until
+        self._good_for = until
 
     def _lasts(self) -> list[float]:
         """Lengths of runs that the sides which follow from them were chosen for."""
@@ -444,11 +453,9 @@ class Simulation(Assembly, Run):
 
     def _become(self, sides: Mapping[tuple[int, int], Side]) -> None:
         """Be at the start of the same run with some other sides."""
-        named = {AXES[axis] + "-+"[side > 0]: boundary for (axis, side), boundary in sides.items()}
-        other = type(self)(
-            **{**self._setup, "initial": self._initial_given, "boundary": self._setup["boundary"] | named}
-        )
-        kept = ("observers", "stop_requested", "probes", "autos", "_open_ended", "_why")
+        named = {side_name(*key): boundary for key, boundary in {**self.settled.sides, **sides}.items()}
+        other = self.of(replace(self.settled, boundary=named))
+        kept = ("setup", "observers", "stop_requested", "probes", "autos", "_open_ended", "_why")
         self.__dict__ = other.__dict__ | {name: getattr(self, name) for name in kept}
         if self.probes is not None:
             self._watch(self.probes.nodes)
@@ -728,7 +735,7 @@ class Simulation(Assembly, Run):
                 key="balance",
             )
         engine, lead = self.engine, 3 - self.lattice.dim
-        self._book_names = [f"constraint[{i}]" for i in range(len(self._setup["constraints"]))]
+        self._book_names = [f"constraint[{i}]" for i in range(len(self.setup.constraints))]
         core = np.zeros(engine.core.nodes)
         beyond = {}
         for (axis, side), boundary in self.sides.items():
@@ -831,7 +838,7 @@ class Simulation(Assembly, Run):
         InputError
             The simulation does not record it.
         """
-        if not self._balance:
+        if not self.setup.balance:
             raise InputError(
                 "this simulation records no balance", key="balance", remedy="Simulation(..., balance=True)"
             )
@@ -972,7 +979,7 @@ class Simulation(Assembly, Run):
         else:
             start["u"] = self.start_u + float(changes.get("background", self.background))
             start |= {"v": self.start_v} if self.model.order == 2 else {}
-        return Simulation(**{**self._setup, "initial": start, **changes})
+        return Simulation.of(replace(self.settled, **{"initial": start, **changes}))
 
     @property
     def exact_ends(self) -> ExactEnds | None:
@@ -1087,7 +1094,7 @@ class Simulation(Assembly, Run):
         if self._books:
             arrays |= {"flows": self.engine.flows, "powers": self._powers}
             meta["first_amounts"] = self._first_amounts
-        meta["setup"] = describe(self._setup, arrays)
+        meta["setup"] = describe({k: v for k, v in self.settled.arguments.items() if k != "initial"}, arrays)
         write_checkpoint(path, arrays, meta)
 
     @classmethod

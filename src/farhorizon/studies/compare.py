@@ -6,7 +6,7 @@ In one dimension exact ends stand beside layers, and layers beside exact ends.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -23,7 +23,10 @@ from farhorizon.inputs.incidence import IncidentWave
 from farhorizon.inputs.loads import BodyForce
 from farhorizon.inputs.sources import Source
 from farhorizon.models import Elastic
+from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.simulation import Simulation
+
+Given = Setup | Mapping[str, Any]  # of a simulation, and of a body
 
 _KERNEL = 1e7  # steps times reach squared of an exact end whose kernel takes half a minute
 
@@ -111,7 +114,7 @@ def growth_rate(times: Sequence[float], values: Sequence[float]) -> float:
 
 
 def compare(
-    setup: dict[str, Any],
+    setup: Setup | Mapping[str, Any],
     until: float,
     times: Sequence[float] | None = None,
     shown: float | None = None,
@@ -126,8 +129,8 @@ def compare(
 
     Parameters
     ----------
-    setup : dict
-        Arguments of `Simulation`, or of `Body`.
+    setup : Setup or mapping
+        A set-up, or arguments of `Simulation` or of `Body` by name.
     until : float
     times : sequence of float, optional
         When to compare; 40 even times unless given.
@@ -148,7 +151,9 @@ def compare(
     if times is not None and not (np.size(times) and np.isfinite(times).all() and np.min(times) > 0):
         raise InputError("the times of a comparison must be positive", value=list(times), limit="> 0", key="times")
     wanted = np.linspace(0, until, 41)[1:] if times is None else np.sort(np.asarray(times, float))
-    ours = kind(**setup)
+    if kind is Simulation and not isinstance(setup, Setup):
+        setup = Setup(**setup)
+    ours = Simulation.of(setup) if isinstance(setup, Setup) else kind(**setup)
     ours.prepare(until)
     steps = sorted({max(1, round(t / ours.dt)) for t in wanted})
     shown_step = None if shown is None else min(steps, key=lambda n: abs(n * ours.dt - shown))
@@ -194,7 +199,7 @@ def compare(
         if step == shown_step or (shown_step is None and worth > most):
             result.fields, result.shown_time, most = now, step * ours.dt, worth
     # driven by sources or prescribed values: the largest value of the run is the scale
-    if result.initial == 0 or setup.get("constraints"):
+    if result.initial == 0 or (isinstance(setup, Setup) and setup.constraints):
         result.initial, result.scale = max(size), "largest value of the run"
     for name, error in errors.items():
         result.curves[name] = {
@@ -216,11 +221,11 @@ def compare(
     return result
 
 
-def _infinite(setup: dict[str, Any], ours: Simulation | Body, steps: int) -> tuple[str, Callable[[int], np.ndarray]]:
+def _infinite(setup: Given, ours: Simulation | Body, steps: int) -> tuple[str, Callable[[int], np.ndarray]]:
     """The infinite medium: how it is computed, and its field on the near field after a number of steps, which do not
     decrease.
     """
-    if isinstance(ours, Simulation) and _homogeneous(setup, ours):
+    if isinstance(setup, Setup) and isinstance(ours, Simulation) and _homogeneous(setup, ours):
         lattice = InfiniteLattice(
             ours.stencil,
             ours.model.coefficient / ours.lattice.spacing**2,
@@ -232,11 +237,7 @@ def _infinite(setup: dict[str, Any], ours: Simulation | Body, steps: int) -> tup
             ours.model.damping,
         )
         return "exact solution on the infinite lattice by FFT", lambda step: lattice.after(step) + ours.background
-    far = (
-        _extended(setup, ours, steps * ours.dt)
-        if isinstance(ours, Simulation)
-        else _extended_body(setup, ours, steps * ours.dt)
-    )
+    far = _extended(setup, ours, steps * ours.dt)
 
     def after(step: int) -> np.ndarray:
         far.step(step - far.step_count)
@@ -245,20 +246,20 @@ def _infinite(setup: dict[str, Any], ours: Simulation | Body, steps: int) -> tup
     return f"domain of {' x '.join(map(str, far.lattice.shape))} nodes", after
 
 
-def _homogeneous(setup: dict[str, Any], ours: Simulation) -> bool:
+def _homogeneous(setup: Setup, ours: Simulation) -> bool:
     """Whether there is nothing but a linear medium without end and initial data."""
-    changed = (
-        any(setup.get(name) for name in ("cracks", "constraints", "specimens")) or setup.get("coefficient") is not None
-    )
+    changed = setup.cracks or setup.constraints or setup.specimens or setup.coefficient is not None
     endless = all(b.endless for b in ours.sides.values()) and ours.lattice.body is None
     return endless and not changed and not ours.sources and not ours.bondwise
 
 
-def _besides(setup: dict[str, Any], ours: Simulation | Body, steps: int) -> dict[str, Simulation | Body]:
+def _besides(setup: Given, ours: Simulation | Body, steps: int) -> dict[str, Simulation | Body]:
     """What is run beside a set-up: the other absorber, a fixed and a free edge, as far as they serve."""
     if isinstance(ours, Body):
+        assert isinstance(setup, Mapping)
         ends: dict[str, Any] = {"fixed edge": Fixed(), "free edge": Free()}
         return {name: Body(**{**setup, "boundary": _with(ours, end), "dt": ours.dt}) for name, end in ends.items()}
+    assert isinstance(setup, Setup)
     served = [rim for rim, end in (("fixed", Fixed), ("free", Free)) if ours.model.serves(end)]
     return {**_other_absorber(setup, ours, steps), **{f"{rim} edge": _ended(setup, ours, rim) for rim in served}}
 
@@ -277,7 +278,7 @@ def _long_kernel(ours: Simulation, steps: int) -> bool:
     return steps * ours.stencil.reach[0] ** 2 > _KERNEL
 
 
-def _other_absorber(setup: dict[str, Any], ours: Simulation, steps: int) -> dict[str, Simulation]:
+def _other_absorber(setup: Setup, ours: Simulation, steps: int) -> dict[str, Simulation]:
     """In one dimension, where layers and exact ends both serve: the set-up with the one in place of the other.
 
     Exact ends whose kernel would take minutes are left out.
@@ -286,7 +287,7 @@ def _other_absorber(setup: dict[str, Any], ours: Simulation, steps: int) -> dict
         if new is not None and ours.lattice.dim == 1 and any(isinstance(b, old) for b in ours.sides.values()):
             boundary = {name: new if isinstance(b, old) else b for name, b in _by_name(ours).items()}
             try:
-                other = Simulation(**{**setup, "boundary": boundary, "dt": ours.dt})
+                other = Simulation.of(replace(setup, boundary=boundary, dt=ours.dt))
                 other.prepare(steps * ours.dt)
             except InputError:  # a model, an integrator or data for which the other one does not serve
                 continue
@@ -294,7 +295,7 @@ def _other_absorber(setup: dict[str, Any], ours: Simulation, steps: int) -> dict
     return {}
 
 
-def _ended(setup: dict[str, Any], ours: Simulation, rim: str) -> Simulation:
+def _ended(setup: Setup, ours: Simulation, rim: str) -> Simulation:
     """The same set-up in a medium that ends where the near field does, at a fixed or a free edge: on the outline of a
     window, if it is one.
     """
@@ -305,7 +306,7 @@ def _ended(setup: dict[str, Any], ours: Simulation, rim: str) -> Simulation:
     lattice = ours.lattice
     if lattice.window is not None:
         changes |= {"lattice": Lattice(lattice.spacing, lattice.lower, lattice.upper, body=lattice.window), "rim": rim}
-    return Simulation(**{**setup, **changes})
+    return Simulation.of(replace(setup, **changes))
 
 
 def _by_name(sim: Simulation | Body) -> dict[str, Any]:
@@ -323,7 +324,15 @@ def far_slices(far: Simulation | Body, ours: Simulation | Body) -> tuple[Any, ..
     return (..., *(slice(i, i + n) for i, n in zip(first, ours.lattice.shape, strict=True)))
 
 
-def _extended(setup: dict[str, Any], ours: Simulation, until: float) -> Simulation:
+def _extended(setup: Given, ours: Simulation | Body, until: float) -> Simulation | Body:
+    """The same set-up on a domain so large that nothing returns from its ends."""
+    if isinstance(setup, Setup) and isinstance(ours, Simulation):
+        return _extended_simulation(setup, ours, until)
+    assert isinstance(setup, Mapping) and isinstance(ours, Body)
+    return _extended_body(setup, ours, until)
+
+
+def _extended_simulation(setup: Setup, ours: Simulation, until: float) -> Simulation:
     """The same set-up on a domain so large that nothing returns from its ends."""
     lattice = ours.lattice
     more = undisturbed(ours.stencil, ours.rate_limit / ours.stencil.symbol_maximum, ours.model.order, until)
@@ -336,28 +345,25 @@ def _extended(setup: dict[str, Any], ours: Simulation, until: float) -> Simulati
             return Source(widen(value.value), value.time)
         return _widened(value, lattice, open_sides, mode)
 
-    changed = {
+    changed: dict[str, Any] = {
         "lattice": lattice.extended(open_sides),
         "boundary": _with(ours, Fixed(ours.background)),
         "dt": ours.dt,
-        "initial": {k: widen(v) for k, v in (setup.get("initial") or {}).items()},
-        "sources": [widen(s) for s in setup.get("sources", ())],
-        "loads": _widened_loads(setup, lattice, open_sides),
+        "initial": {k: widen(v) for k, v in (setup.initial or {}).items()},
+        "sources": [widen(s) for s in setup.sources],
+        "loads": _widened_loads(setup.loads, lattice, open_sides),
         "constraints": [
-            replace(c, where=widen(c.where)) if np.asarray(c.where).dtype == bool else c
-            for c in setup.get("constraints", ())
+            replace(c, where=widen(c.where)) if np.asarray(c.where).dtype == bool else c for c in setup.constraints
         ],
         "specimens": [
-            replace(s, where=widen(s.where)) if not isinstance(s.where, Shape) else s
-            for s in setup.get("specimens", ())
+            replace(s, where=widen(s.where)) if not isinstance(s.where, Shape) else s for s in setup.specimens
         ],
-        "cracks": [as_cut(c, lattice.dim) for c in setup.get("cracks", ())],
-        "coefficient": widen(setup["coefficient"], "edge") if setup.get("coefficient") is not None else None,
+        "coefficient": None if setup.coefficient is None else widen(setup.coefficient, "edge"),
     }
-    return Simulation(**{**setup, **changed})
+    return Simulation.of(replace(setup, **changed))
 
 
-def _extended_body(setup: dict[str, Any], ours: Body, until: float) -> Body:
+def _extended_body(setup: Mapping[str, Any], ours: Body, until: float) -> Body:
     """The same body, so large that nothing returns from its ends; the material goes on along the normals."""
     if ours.split:
         raise InputError(
@@ -385,7 +391,7 @@ def _extended_body(setup: dict[str, Any], ours: Body, until: float) -> Body:
         "dt": ours.dt,
         "balance": False,
         "initial": {k: _widened(v, lattice, open_sides) for k, v in (setup.get("initial") or {}).items()},
-        "loads": _widened_loads(setup, lattice, open_sides),
+        "loads": _widened_loads(setup.get("loads", ()), lattice, open_sides),
         "cracks": [as_cut(c, lattice.dim) for c in setup.get("cracks", ())],
     }
     for name, value in material.items():
@@ -395,11 +401,11 @@ def _extended_body(setup: dict[str, Any], ours: Body, until: float) -> Body:
     return Body(**{**setup, **changed})
 
 
-def _widened_loads(setup: dict[str, Any], lattice: Lattice, nodes: dict[tuple[int, int], int]) -> list[Any]:
+def _widened_loads(loads: Sequence[Any], lattice: Lattice, nodes: dict[tuple[int, int], int]) -> list[Any]:
     """Loads where they are on a larger lattice."""
     return [
         replace(one, value=_widened(one.value, lattice, nodes)) if isinstance(one, BodyForce) else one.bounded(lattice)
-        for one in setup.get("loads", ())
+        for one in loads
     ]
 
 

@@ -1,0 +1,82 @@
+"""A set-up is one value: kept as it is given, changed by `replace`, run by `Simulation.of`, written once."""
+
+from dataclasses import FrozenInstanceError, fields, replace
+from inspect import signature
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+
+LINE = fh.Lattice(1.0, -20, 20)
+WAVE = fh.Wave(fh.Kernel(2.0))
+GIVEN = {
+    "lattice": LINE,
+    "model": WAVE,
+    "boundary": {"x-": fh.LatticePML(target=1e-4), "x+": fh.Free()},
+    "initial": {"u": "exp(-x**2/8)"},
+    "sources": ["exp(-x**2/8)*sin(t)"],
+    "cracks": [12.5],
+    "coefficient": 1 + (LINE.axes[0] > 5),
+}
+
+
+def test_it_has_the_arguments_of_a_simulation_in_their_order():
+    given = [name for name in signature(fh.Simulation).parameters if name != "observe"]
+    assert [field.name for field in fields(fh.Setup)] == given
+
+
+def test_a_set_up_runs_as_its_arguments_do():
+    one, other = fh.Simulation(**GIVEN), fh.Simulation.of(fh.Setup(**GIVEN))
+    for sim in (one, other):
+        sim.run(20.0, progress=False)
+    np.testing.assert_array_equal(one.fields["u"], other.fields["u"])
+    assert one.notes == other.notes
+
+
+def test_what_is_given_is_kept_and_what_was_chosen_is_beside_it():
+    setup = fh.Setup(**GIVEN)
+    sim = fh.Simulation.of(setup)
+    assert sim.setup is setup and setup.dt is None and setup.sides[0, -1] == GIVEN["boundary"]["x-"]
+    assert sim.settled.dt == sim.dt and sim.settled.sides[0, -1].nodes == sim.engine.layers[2, -1].columns
+    again = fh.Simulation.of(sim.settled)  # as it was chosen: nothing is chosen anew
+    assert again.settled.sides[0, -1].nodes == sim.settled.sides[0, -1].nodes and not again.thickness
+    np.testing.assert_array_equal(again.engine.memory.shape, sim.engine.memory.shape)
+
+
+def test_it_is_frozen_and_replaced():
+    setup = fh.Setup(**GIVEN)
+    with pytest.raises(FrozenInstanceError):
+        setup.background = 1.0
+    changed = replace(setup, background=0.5)
+    assert (setup.background, changed.background) == (0.0, 0.5)
+    assert [crack.cut.x for crack in changed.cracks] == [12.5]
+    assert changed.initial["u"] is setup.initial["u"]  # what has its kind already stays as it is
+
+
+def test_a_run_that_chooses_between_sides_keeps_what_was_given():
+    sim = fh.Simulation(LINE, WAVE, fh.Auto(target=1e-3), {"u": "exp(-x**2/8)"})
+    sim.prepare(50.0)
+    assert set(sim.setup.sides.values()) == {fh.Auto(target=1e-3)}
+    assert not any(isinstance(side, fh.Auto) for side in sim.settled.sides.values())
+
+
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [
+        ({"lattice": 1.0}, "lattice"),
+        ({"model": "wave"}, "model"),
+        ({"initial": {"u": "y"}}, "initial.u"),
+        ({"sources": ["z*t"]}, "source"),
+        ({"dtype": "int8"}, "dtype"),
+        ({"rule": "mean"}, "rule"),
+        ({"rim": "fixed"}, "rim"),
+        ({"loads": [1.0]}, "load[0]"),
+        ({"balance": "yes"}, "balance"),
+        ({"boundary": {"x-": fh.Free()}}, "boundary"),
+    ],
+)
+def test_other_kinds_are_refused_at_once(changes, key):
+    with pytest.raises(fh.InputError) as refused:
+        fh.Setup(**{**GIVEN, **changes})
+    assert refused.value.key == key
