@@ -6,6 +6,7 @@ import importlib.util
 import json
 import re
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +48,7 @@ def test_case_and_python_of_the_readme_are_one_run(capsys):
     exec(compile(program, "README.md", "exec"), names)
     assert "reflection" in capsys.readouterr().out
     # a case has outputs besides, which its own step divides
-    sim = fh.Simulation(**Case(case).setup | {"dt": names["sim"].dt})
+    sim = fh.Simulation.of(replace(Case(case).setup, dt=names["sim"].dt))
     sim.run(until=30.0)
     assert names["sim"].step_count == sim.step_count and np.abs(sim.fields["u"]).max() > 1e-4
     assert np.allclose(names["sim"].fields["u"], sim.fields["u"], rtol=0, atol=1e-13)
