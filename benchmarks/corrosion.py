@@ -91,7 +91,7 @@ def fronts(repeats: int) -> list[dict[str, Any]]:
             repeats,
         )
         engine = simulation(n, solid, 1).engine
-        solids, volumes, _ = engine._tiles
+        solids, volumes = engine.tables.phases.solids, engine.tables.phases.volumes
         rows.append(
             {
                 "one thread": name,

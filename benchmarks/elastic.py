@@ -170,7 +170,7 @@ def breaking(given: argparse.Namespace) -> list[dict[str, Any]]:
             engine.levels *= 1e-4  # of the spacing: far from breaking
             engine.set_bonds(stiffness, 1.0, zone, nonlinear, 0.2)
             if name == "linear, not calm":
-                engine._bonds.limit[1] = 0
+                engine.tables.bonds.limit[1] = 0
             if share:
                 cut_planes(engine, share)
             if name == "all odd":

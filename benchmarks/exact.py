@@ -41,7 +41,7 @@ def timed(sim: Simulation) -> Callable[[int], None]:
     run = steps(sim.engine)
 
     def call(count: int) -> None:
-        sim.engine.clock[0] = 0
+        sim.engine.ends.clock[0] = 0
         run(count)
 
     return call

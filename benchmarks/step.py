@@ -188,7 +188,7 @@ def memory() -> list[dict[str, Any]]:
                 "m=3": f"{dim}D {n}^{dim}",
                 "sides": "layers, 12 nodes" if layers else "fixed",
                 "time levels": sim.engine.levels.nbytes / field,
-                "slots": sim.engine.slots.nbytes / field,
+                "slots": sim.engine.tables.layers.slots.nbytes / field,
                 "layer memory": sim.engine.memory.nbytes / field,
                 "held": held / field,
                 "peak running": running / field,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from farhorizon import Elastic, Fixed, Free, Kernel, LatticePML, Periodic, Simulation
+from farhorizon import Elastic, Fixed, Free, Kernel, LatticePML, Periodic, Simulation, Source
 from helpers import RULES, lattice_of
 
 LAWS = {"linear": False, "nonlinear": True}
@@ -154,6 +154,19 @@ def test_threads_agree_to_the_last_bit(shape):
     assert one.energies() == two.energies()
 
 
+def test_threads_agree_on_the_work_of_sources():
+    """No thread writes over a level from which another still adds up work."""
+    shape, found = (210, 200), []
+    field = np.random.default_rng(4).standard_normal((2, *shape))
+    for threads in (1, 2):
+        model = Elastic(Kernel(1.0, 1), 1.0)
+        sources = [Source(field, "sin(3*t)")]
+        sim = Simulation(lattice_of(shape, 0.5), model, Free(), sources=sources, balance=True, threads=threads)
+        sim.step(60)
+        found.append(sim.engine.tables.work)
+    np.testing.assert_array_equal(*found)
+
+
 @pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
 def test_single_precision(nonlinear):
     """A run without breaking to the precision of float32."""
@@ -168,11 +181,11 @@ def test_single_precision(nonlinear):
 def test_a_plain_tile_and_one_looked_at_bond_by_bond_give_the_same():
     """Whether a tile is plain is a matter of speed: all tiles made odd change nothing but rounding."""
     one, two = (shaken((30, 41), True, speed=0.01) for _ in range(2))
-    two.engine._bonds.kinds[...] = 1
+    two.engine.tables.bonds.kinds[...] = 1
     for sim in (one, two):
         sim.step(40)
     np.testing.assert_allclose(one.fields["u"], two.fields["u"], rtol=0, atol=1e-13)
-    assert (one.engine._bonds.kinds == 0).any()
+    assert (one.engine.tables.bonds.kinds == 0).any()
 
 
 def test_masks_cost_a_word_of_bits_for_64_bonds():
@@ -198,7 +211,7 @@ def test_calm_pieces_are_swept_by_the_stencil(shape):
         Simulation(lattice_of(shape, 0.5), model, Free(), {"v": np.stack([0.4 * bump] * len(shape))}, threads=1)
         for _ in range(2)
     ]
-    runs[1].engine._bonds.limit[1] = 0
+    runs[1].engine.tables.bonds.limit[1] = 0
     for sim in runs:
         sim.step(25)
     one, two = (sim.fields for sim in runs)

@@ -419,7 +419,7 @@ def test_a_near_field_thinner_than_the_stencil_is_refused():
         Simulation(lattice_of((6, 20)), Wave(kernel_stencil(2, 3)), Free())
 
 
-@pytest.mark.parametrize("table", ["history", "source_times", "held_values", "tied_times"])
+@pytest.mark.parametrize("table", ["history", "source_times", "held_values", "dependent_times"])
 def test_tables_without_room_are_refused_before_the_loop(table):
     """The compiled loop looks at no bounds: a table that does not reach as far as the steps and stages is an
     IndexError, and nothing has run.

@@ -73,8 +73,8 @@ def test_factors_on_bonds(stencil, shape, rule):
 
 def test_mirrored_stencils_are_compiled_and_others_are_not():
     """Compiled rows serve stencils that look alike along all axes."""
-    assert check_apply((9, 18), STENCILS["2D m2"][0])._box[1]
-    assert not check_apply((9, 18), STENCILS["2D without symmetry"][0])._box[1]
+    assert check_apply((9, 18), STENCILS["2D m2"][0]).tables.sweep.function
+    assert not check_apply((9, 18), STENCILS["2D without symmetry"][0]).tables.sweep.function
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -89,10 +89,10 @@ def test_layers_are_swept_alike_with_and_without_compiled_rows(dim, monkeypatch)
         return sim
 
     fast = run()
-    assert fast.engine._box[1]
+    assert fast.engine.tables.sweep.function
     monkeypatch.setattr("farhorizon.engine.rows.choose.UNROLLED_LIMIT", 0)
     slow = run()
-    assert not slow.engine._box[1]
+    assert not slow.engine.tables.sweep.function
     for name in ("levels", "memory"):
         np.testing.assert_allclose(getattr(fast.engine, name), getattr(slow.engine, name), rtol=0, atol=1e-12)
 
@@ -197,7 +197,7 @@ def test_a_state_has_all_that_a_run_needs(name):
     before = state.read()
     sim.step(5)
     after = sim.fields["u"]
-    sim.engine.slots[:] = 0  # scratch
+    sim.engine.tables.layers.slots[:] = 0  # scratch
     np.testing.assert_array_equal(state.read(), state.after(before, 5))
     np.testing.assert_array_equal(sim.fields["u"], after)
     assert np.abs(state.after(np.eye(state.size)[-1])).max() > 0

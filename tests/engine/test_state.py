@@ -79,7 +79,7 @@ def test_a_state_has_all_that_a_run_needs(name):
     before = state.read()
     sim.step(5)
     u, after = sim.fields["u"], state.read()
-    sim.engine.slots[:] = 0  # scratch
+    sim.engine.tables.layers.slots[:] = 0  # scratch
     assert np.array_equal(state.after(before, 5), after)
     assert np.array_equal(sim.fields["u"], u, equal_nan=True)  # images beyond a wall are shown as nan
 

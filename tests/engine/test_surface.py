@@ -139,7 +139,7 @@ def test_a_run_is_that_of_a_list_of_bonds(name, monkeypatch):
     one, two = (fh.Simulation(lattice, model, boundary, start, threads=n, **rest) for n in (1, 2))
     monkeypatch.setattr(Engine, "set_cuts", listed(Engine.set_cuts))
     bonds = [fh.Simulation(lattice, model, boundary, start, threads=n, **rest) for n in (1, 2)]
-    assert not bonds[0].engine._rim[1].size and one.engine._rim[1].size
+    assert not bonds[0].engine.tables.surface.stretches.size and one.engine.tables.surface.stretches.size
     assert bonds[0].engine.absent_bonds == one.engine.absent_bonds
     for sim in (one, two, *bonds):
         sim.step(30)

@@ -115,8 +115,9 @@ def test_a_body_with_a_hole_against_plain_numpy(sides, limited):
 def check_counts(sim):
     """The tiles' counts and runs are those of a new classification."""
     engine = sim.engine
-    (solids, volumes, changed), (runs, _) = engine._tiles, engine._runs
-    anew = engine._count_solid()
+    phases = engine.tables.phases
+    solids, volumes, changed, runs = phases.solids, phases.volumes, phases.changed, phases.runs
+    anew = engine.count_solid()
     np.testing.assert_array_equal(solids, anew[0])
     np.testing.assert_array_equal(volumes, anew[1])
     assert not changed.any()

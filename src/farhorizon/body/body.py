@@ -851,9 +851,7 @@ class Body(Run):
                 self._watched,
                 self._seen,
             )
-            side_by_side(
-                lambda lane, lanes, sync: engine.advance_split(lane, lanes, sync, count, *state), self._threads
-            )
+            side_by_side(lambda thread: engine.advance_split(thread, count, *state), self._threads)
             return
         moments = (done + np.arange(count)) * self.dt
         factors = np.array([[time(t) for time in self._times] for t in moments], float).reshape(count, len(self._times))
@@ -889,7 +887,7 @@ class Body(Run):
             self._watched,
             self._seen,
         )
-        side_by_side(lambda lane, lanes, sync: engine.advance(lane, lanes, sync, count, *state), self._threads)
+        side_by_side(lambda thread: engine.advance(thread, count, *state), self._threads)
 
     def _watch(self, nodes: np.ndarray) -> None:
         self._watched = (

@@ -29,7 +29,7 @@ from numba.extending import intrinsic
 
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.rows.vectors import Vectors
-from farhorizon.engine.threads import barrier
+from farhorizon.engine.threads import barrier, share
 
 TILE = 256
 #: Kinds of a tile, to be added: bonds missing, in a layer, may break, under load.
@@ -38,7 +38,7 @@ ODD, LAYER, BREAKABLE, LOADED = 1, 2, 4, 8
 #: this over the
 #: node's density, and the inverse.
 LAME, SHEAR, PULL, LIGHTNESS, MASS = range(5)
-#: What is added up over time, by lane: of the last whole step the kinetic and the strain energy; since the start the
+#: What is added up over time, by thread: of the last whole step the kinetic and the strain energy; since the start the
 #: rest.
 KINETIC, STRAIN, WORK, BROKEN, DRAG, OUTFLOW, PENDING_WORK, PENDING_OUTFLOW, BONDS, BOOKS = range(10)
 _UNROLLED = 2  # vectors of sums that go through the bonds together
@@ -565,13 +565,13 @@ def _force(p, tile, pairs, bonds, slots, layers, first, work):
 
 
 @njit(error_model="numpy", cache=True)
-def _outflow(v, p, u, ago, medium, crossing, bonds, lane, lanes):
+def _outflow(v, p, u, ago, medium, crossing, bonds, thread):
     """Power that the near field gains along the bonds which leave it, with the displacements a time `ago` before u."""
     distances, weights, steps = bonds
     dim = steps.shape[1]
     pull, stride = medium[0][PULL], medium[1]
     total = 0.0
-    for number in range(lane, crossing.shape[0], lanes):
+    for number in range(thread.number, crossing.shape[0], thread.threads):
         i, k = crossing[number, 0], crossing[number, 1]
         j = i + distances[k]
         for a in range(dim):
@@ -630,9 +630,7 @@ def _move(u, v, smoothed, tile, dt, kick, force, outside, damping, medium, book)
 
 @njit(error_model="numpy", nogil=True, cache=True)
 def advance(
-    lane,
-    lanes,
-    sync,
+    thread,
     steps_to_do,
     done,
     dt,
@@ -657,12 +655,11 @@ def advance(
     watched,
     seen,
 ):
-    """Displacement Verlet; one lane's share of the tiles.
+    """Displacement Verlet; one thread's share of the tiles.
 
     Parameters
     ----------
-    lane, lanes, sync
-        Threads that share the work, and where they meet.
+    thread : Thread
     steps_to_do, done : int
         Steps, and those before; the very first starts from velocities at its own time.
     dt, drag : float
@@ -696,7 +693,7 @@ def advance(
         Forces from outside over the reference density, and their factors in each step.
     crossing : ndarray of int, shape (C, 2)
         Nodes of the near field and their bonds that leave it.
-    books : ndarray, shape (lanes, BOOKS)
+    books : ndarray, shape (threads, BOOKS)
         Energies over the reference mass of a node, as named above, of the near field.
     watched : ndarray of int, shape (n,)
         Nodes whose displacements after each step go into `seen`, shape (steps, dim, n).
@@ -704,8 +701,8 @@ def advance(
     dim = u.shape[0]
     rows = dim * dim
     work = np.zeros((3 * rows + 1, TILE))
-    book, (bits, inverse, full) = books[lane], slots
-    first_tile, last_tile = lane * tiles.shape[0] // lanes, (lane + 1) * tiles.shape[0] // lanes
+    book, (bits, inverse, full) = books[thread.number], slots
+    first_tile, last_tile = share(thread, tiles.shape[0])
     for step in range(steps_to_do):
         first = done + step == 0
         smoothing = drag > 0 and not first
@@ -732,13 +729,12 @@ def advance(
                     book[STRAIN] += _stabilisation_energy(u, tile, medium, bonds, bits, work)
             if smoothing:
                 _smooth(v, spare, tile, bonds[0], bits, full, drag, work)
-        barrier(sync, lanes)
+        barrier(thread)
         if not first:
-            book[OUTFLOW] -= book[PENDING_OUTFLOW] + dt / 2 * _outflow(
-                v, p, u, 0.0, medium, crossing, bonds, lane, lanes
-            )
+            outflow = _outflow(v, p, u, 0.0, medium, crossing, bonds, thread)
+            book[OUTFLOW] -= book[PENDING_OUTFLOW] + dt / 2 * outflow
             book[WORK] += book[PENDING_WORK]
-            barrier(sync, lanes)
+            barrier(thread)
         book[KINETIC] = book[PENDING_WORK] = 0
         for number in range(first_tile, last_tile):
             tile = tiles[number]
@@ -751,23 +747,23 @@ def advance(
             _move(u, v, smoothed, tile, dt, dt / 2 if first else dt, work, work[dim : 2 * dim], layers[3], medium, book)
         if first:
             book[WORK] = 0
-        barrier(sync, lanes)
-        book[PENDING_OUTFLOW] = dt / 2 * _outflow(v, p, u, dt, medium, crossing, bonds, lane, lanes)
-        _see(lane, lanes, u, watched, seen[step])
-        barrier(sync, lanes)
+        barrier(thread)
+        book[PENDING_OUTFLOW] = dt / 2 * _outflow(v, p, u, dt, medium, crossing, bonds, thread)
+        _see(thread, u, watched, seen[step])
+        barrier(thread)
 
 
 @njit(error_model="numpy", cache=True)
-def _see(lane, lanes, u, watched, seen):
+def _see(thread, u, watched, seen):
     """Copy the displacements of some nodes."""
     for a in range(u.shape[0]):
-        for i in range(lane, watched.size, lanes):
+        for i in range(thread.number, watched.size, thread.threads):
             seen[a, i] = u[a, watched[i]]
 
 
 @njit(error_model="numpy", nogil=True, cache=True)
 def advance_split(
-    lane, lanes, sync, steps_to_do, dt, u, parts, histories, p, tiles, medium, pairs, bonds, slots, phi, watched, seen
+    thread, steps_to_do, dt, u, parts, histories, p, tiles, medium, pairs, bonds, slots, phi, watched, seen
 ):
     """The published scheme: forward Euler on split fields (Wildman and Gazonas 2012, eqs 2-30 and 2-31, which are the
     same two steps at a time).
@@ -789,7 +785,7 @@ def advance_split(
     rows = dim * dim
     lame, shear = medium[0][LAME, 0], medium[0][SHEAR, 0]
     work = np.zeros((3 * rows + 1, TILE))
-    first_tile, last_tile = lane * tiles.shape[0] // lanes, (lane + 1) * tiles.shape[0] // lanes
+    first_tile, last_tile = share(thread, tiles.shape[0])
     still = np.zeros(TILE)
     for step in range(steps_to_do):
         for number in range(first_tile, last_tile):
@@ -815,7 +811,7 @@ def advance_split(
                             if a == b:
                                 rate += shear * work[c * dim + a, i]
                             history[i] += dt * rate
-        barrier(sync, lanes)
+        barrier(thread)
         for number in range(first_tile, last_tile):
             tile = tiles[number]
             start, count = tile[0], tile[1]
@@ -828,8 +824,8 @@ def advance_split(
                     for i in range(count):
                         part[i] += dt * (work[a * dim + b, i] - fade[i] * part[i])
                         u[a, start + i] += part[i]
-        barrier(sync, lanes)
-        _see(lane, lanes, u, watched, seen[step])
+        barrier(thread)
+        _see(thread, u, watched, seen[step])
 
 
 @njit(error_model="numpy", cache=True)

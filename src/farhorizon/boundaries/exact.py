@@ -170,7 +170,7 @@ class ExactEnds:
     @property
     def step(self) -> int:
         """Number of the next step."""
-        return int(self.engine.clock[0])
+        return int(self.engine.ends.clock[0])
 
     @property
     def convolved(self) -> bool:
@@ -210,7 +210,7 @@ class ExactEnds:
         own unless given.
         """
         engine = self.engine
-        history, forces = engine.history[:, : self.step] if history is None else history, engine.forces
+        history, forces = engine.ends.history[:, : self.step] if history is None else history, engine.ends.forces
         count = history.shape[1]
         kernels = {
             w.tobytes(): _make_kernel(tuple(w.tolist()), self.recursion, steps)
@@ -219,15 +219,16 @@ class ExactEnds:
         }
         poles = [None if s is None else (s.poles, s.inputs, s.outputs) for s in sums]
         engine.set_ends(self.nodes, self.recursion.first, poles, BLOCK if kernels else 0)
-        engine.clock[0], engine.history, engine.forces[...] = count, np.array(history), forces
+        engine.set_history(np.array(history))
+        engine.ends.clock[0], engine.ends.forces[...] = count, forces
         self.sums, self.steps = list(sums), steps
         for end, found in enumerate(sums):
             if found is None:
                 self.convolutions[end] = self._convolution(end, kernels[self.weights[end].tobytes()])
             else:
                 self.convolutions[end] = None
-                state, half = found.replay(history[end]), engine.states.shape[1] // 2
-                engine.states[end, : found.modes], engine.states[end, half : half + found.modes] = (
+                state, half = found.replay(history[end]), engine.ends.states.shape[1] // 2
+                engine.ends.states[end, : found.modes], engine.ends.states[end, half : half + found.modes] = (
                     state.real,
                     state.imag,
                 )
@@ -236,24 +237,24 @@ class ExactEnds:
         """A convolution that has seen the history but for the current block, which the engine holds."""
         made = BlockConvolution(kernel, BLOCK)
         for start in range(0, self.step - BLOCK + 1, BLOCK):
-            made.samples[:] = self.engine.history[end, start : start + BLOCK]
+            made.samples[:] = self.engine.ends.history[end, start : start + BLOCK]
             if start + BLOCK < self.step:
                 made.next_block()
-        self.engine.heads[end], self.engine.past[end] = made.head, made.past
+        self.engine.ends.heads[end], self.engine.ends.past[end] = made.head, made.past
         return made
 
     def allow(self, wanted: int) -> int:
         """Prepare the next steps; returns how many of the `wanted` ones may be run at once."""
         self.cover(self.step + wanted)
-        if not self.engine.heads.shape[1]:
+        if not self.engine.ends.heads.shape[1]:
             return wanted
         place = self.step % BLOCK
         if place == 0 and self.step:
             for end, found in enumerate(self.convolutions):
                 if found is not None:
-                    found.samples[:] = self.engine.history[end, self.step - BLOCK : self.step]
+                    found.samples[:] = self.engine.ends.history[end, self.step - BLOCK : self.step]
                     found.next_block()
-                    self.engine.past[end] = found.past
+                    self.engine.ends.past[end] = found.past
         return min(wanted, BLOCK - place)
 
     def describe(self, end: int, dt: float) -> str:
@@ -284,13 +285,15 @@ class ExactEnds:
         engine, step = self.engine, self.step
         out = np.zeros(self.nodes.shape)
         for end, (found, convolution) in enumerate(zip(self.sums, self.convolutions, strict=True)):
-            half = engine.states.shape[1] // 2
+            half = engine.ends.states.shape[1] // 2
             if found is not None:
                 out[end] = found.force(
-                    engine.states[end, : found.modes] + 1j * engine.states[end, half : half + found.modes]
+                    engine.ends.states[end, : found.modes] + 1j * engine.ends.states[end, half : half + found.modes]
                 )
             elif convolution is not None:
-                out[end] = np.einsum("aim,am->i", convolution.kernel[1 : step + 1], engine.history[end, :step][::-1])
+                out[end] = np.einsum(
+                    "aim,am->i", convolution.kernel[1 : step + 1], engine.ends.history[end, :step][::-1]
+                )
         return out
 
     def fill(self, level: np.ndarray, older: np.ndarray) -> None:
@@ -298,7 +301,7 @@ class ExactEnds:
         before.
         """
         reach = self.nodes.shape[1]
-        for values, forces in ((level, self.forces()), (older, self.engine.forces[:, :reach])):
+        for values, forces in ((level, self.forces()), (older, self.engine.ends.forces[:, :reach])):
             for weights, nodes, force, name in zip(self.weights, self.nodes, forces, self.names, strict=True):
                 ghosts = np.linalg.lstsq(chain.driver_matrix(weights).T, force, rcond=None)[0]
                 values[nodes[0] + (1 if name == "x+" else -1) * np.arange(1, reach + 1)] = ghosts
@@ -308,9 +311,9 @@ class ExactEnds:
     def save(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays and numbers of a checkpoint."""
         arrays = {
-            "exact_history": self.engine.history[:, : self.step],
-            "exact_states": self.engine.states,
-            "exact_forces": self.engine.forces,
+            "exact_history": self.engine.ends.history[:, : self.step],
+            "exact_states": self.engine.ends.states,
+            "exact_forces": self.engine.ends.forces,
         }
         meta: dict[str, Any] = {"steps": self.steps, "errors": [None if s is None else s.error for s in self.sums]}
         for end, found in enumerate(self.sums):
@@ -329,4 +332,4 @@ class ExactEnds:
             sums.append(None if error is None else ExponentialSum(poles, inputs, outputs, steps, error))
         if steps:
             self._take(sums, steps, arrays["exact_history"])
-            self.engine.states[...], self.engine.forces[...] = arrays["exact_states"], arrays["exact_forces"]
+            self.engine.ends.states[...], self.engine.ends.forces[...] = arrays["exact_states"], arrays["exact_forces"]

@@ -20,8 +20,9 @@ import numpy as np
 
 from farhorizon.engine.rows.bond_sweeps import LANES, PLACES, ROWS, call_bonds, call_steepness
 from farhorizon.engine.rows.compiled import njit
+from farhorizon.engine.threads import barrier
 
-PLAIN, ODD = 0, 1
+PLAIN, DAMAGED = 0, 1
 #: Entries of the table of the zone, each for the three axes: where bonds follow the law (first node, extent), and its
 #: nodes (first, end).
 LAW_FIRST, LAW_EXTENT, FIRST, END = 0, 3, 6, 9
@@ -29,7 +30,7 @@ LAW_FIRST, LAW_EXTENT, FIRST, END = 0, 3, 6, 9
 PHASES = 3
 #: Rows, and most nodes of a row, of the pieces of the zone that the stencil sweeps where nothing can break: whole
 #: tiles, the same for all threads.
-CALM_ROWS, CALM_NODES = 16, 8 * LANES
+PIECE_ROWS, PIECE_NODES = 16, 8 * LANES
 #: Sources whose work is added up by one thread at a time, in their order.
 CHUNK = 1024
 
@@ -42,7 +43,7 @@ class Bonds(NamedTuple):
     Attributes
     ----------
     functions : ndarray of int, shape (3,)
-        Addresses of the sweeps of plain tiles and of an odd one, and of the bound of their stretch.
+        Addresses of the sweeps of plain tiles and of a damaged one, and of the bound of their stretch.
     table : ndarray, shape (K, components + 2)
         ``xi``, ``1 / |xi|^2`` and c, in units of the update, of each bond.
     places : ndarray of int, shape (K, 4)
@@ -50,13 +51,13 @@ class Bonds(NamedTuple):
     alive : ndarray of uint64, shape (words, places of the core)
         Bits.
     kinds : ndarray, shape (planes, rows of tiles, tiles)
-        `PLAIN` or `ODD`.
+        `PLAIN` or `DAMAGED`.
     zone : ndarray of int, shape (12,)
         See `Zone.table`.
     limit : ndarray, shape (2,)
         Of the strain e, and of what `bond_sweeps.steepness` returns: below it no bond breaks.
     nonlinear : bool
-    book : ndarray, shape (planes, rows of tiles, 2)
+    broken : ndarray, shape (planes, rows of tiles, 2)
         Energy, in units of c, and number of the bonds that have broken.
     """
 
@@ -68,7 +69,7 @@ class Bonds(NamedTuple):
     zone: np.ndarray
     limit: np.ndarray
     nonlinear: bool
-    book: np.ndarray
+    broken: np.ndarray
 
 
 def no_bonds(dtype: np.dtype) -> Bonds:
@@ -174,53 +175,52 @@ def elongation(e, nonlinear):
 
 
 @njit(error_model="numpy", inline="always")
-def bond_energy(u, old, node, bond, table, places, components, nonlinear, coefficient, rule):
+def bond_energy(u, old, node, bond, components, nonlinear, material, bonds):
     """``c d d' / 2`` of one bond from its elongations now and a step ago."""
-    xi = table[bond]
+    xi, distance, coefficient = bonds.table[bond], bonds.places[bond, 0], material.coefficient
     length = 0.0
     for c in range(components):
         length += np.float64(xi[c]) ** 2
-    now = elongation(strain_of(u, node, places[bond, 0], xi, components, nonlinear), nonlinear)
-    before = elongation(strain_of(old, node, places[bond, 0], xi, components, nonlinear), nonlinear)
+    now = elongation(strain_of(u, node, distance, xi, components, nonlinear), nonlinear)
+    before = elongation(strain_of(old, node, distance, xi, components, nonlinear), nonlinear)
     factor = np.float64(xi[components + 1])
     if coefficient.size > 1:
-        factor *= bond_factor(rule, coefficient[node], coefficient[node + places[bond, 0]])
+        factor *= bond_factor(material.rule, coefficient[node], coefficient[node + distance])
     return 0.5 * factor * length * now * before
 
 
 @njit(error_model="numpy", cache=True)
-def book_broken(
-    u, old, alive, kept, node, step, count, n, table, places, components, nonlinear, coefficient, rule, book
-):
+def add_broken(stage, material, bonds, kept, node, step, count, n, broken):
     """Add half the energy, and half the number, of the bonds that have broken now: those of a tile whose bits are
-    `kept` but no longer `alive`.
+    `kept` but no longer alive.
     """
     for row in range(count):
         for i in range(n):
-            for word in range(alive.shape[0]):
-                gone = kept[word, row, i] & ~alive[word, node + row * step + i]
+            for word in range(bonds.alive.shape[0]):
+                gone = kept[word, row, i] & ~bonds.alive[word, node + row * step + i]
                 bond = 64 * word
                 while gone != 0:
                     if gone & np.uint64(1) != 0:
                         place = node + row * step + i
-                        book[0] += 0.5 * bond_energy(
-                            u, old, place, bond, table, places, components, nonlinear, coefficient, rule
+                        broken[0] += 0.5 * bond_energy(
+                            stage.src, stage.base, place, bond, stage.components, bonds.nonlinear, material, bonds
                         )
-                        book[1] += 0.5
+                        broken[1] += 0.5
                     gone >>= np.uint64(1)
                     bond += 1
 
 
 @njit(error_model="numpy", cache=True)
-def next_piece(src, block, reach, i0, first, last, begin, components, varied, bonds):
-    """Where a piece of the rows `first` to `last` of a plane ends that begins at a node, and whether it is calm: it has
-    all its bonds, and none may break, so that the stencil serves, too (for a `varied` material it takes longer than the
-    bonds one by one)."""
-    high, start, end = _ROWS_3 if components == 3 else _ROWS_2, bonds.zone[FIRST + 2], bonds.zone[END + 2]
-    if bonds.nonlinear or varied:
+def next_piece(stage, sweep, material, bonds, i0, first, last, begin):
+    """Where a piece of the rows `first` to `last` of a plane ends that begins at a node, and whether it is whole: it
+    has all its bonds, and none may break, so that the stencil serves, too (for a material that varies it takes longer
+    than the bonds one by one)."""
+    block, reach, src = sweep.block, sweep.reach, stage.src
+    high, start, end = _ROWS_3 if stage.components == 3 else _ROWS_2, bonds.zone[FIRST + 2], bonds.zone[END + 2]
+    if bonds.nonlinear or material.coefficient.size > 1:
         return end, False
     whole, stop = True, begin
-    while stop < min(begin + CALM_NODES, end):
+    while stop < min(begin + PIECE_NODES, end):
         plain = True
         for row in range(first // high, (last + high - 1) // high):
             plain &= bonds.kinds[i0, row, (stop - start) // LANES] == PLAIN
@@ -241,16 +241,16 @@ def next_piece(src, block, reach, i0, first, last, begin, components, varied, bo
         stop - begin + 2 * reach[2],
         block[4],
         block[5],
-        src.size // components,
+        src.size // stage.components,
     )
     return stop, steep < bonds.limit[1]
 
 
 @njit(error_model="numpy", cache=True)
-def sweep_tiles(src, base, out, block, i0, first, last, begin, end, a, b, components, coefficient, rule, bonds):
+def sweep_tiles(stage, sweep, material, bonds, i0, first, last, begin, end):
     """Nodes `begin` to `end` of the rows `first` to `last` of a plane of the zone; they end where tiles end."""
-    functions, table, places, alive, kinds, zone, limit, nonlinear, book = bonds
-    size, apart, high = src.itemsize, src.size // components, _ROWS_3 if components == 3 else _ROWS_2
+    src, block, alive, kinds, zone = stage.src, sweep.block, bonds.alive, bonds.kinds, bonds.zone
+    size, apart, high = src.itemsize, src.size // stage.components, _ROWS_3 if stage.components == 3 else _ROWS_2
     kept = np.empty((alive.shape[0], high, LANES), np.uint64)
     start = zone[FIRST + 2]
     for tile_row in range(first // high, (last + high - 1) // high):
@@ -263,21 +263,21 @@ def sweep_tiles(src, base, out, block, i0, first, last, begin, end, a, b, compon
                 stop += 1
             i2 = start + number * LANES
             node, n = block[0] + i0 * block[4] + row * block[5] + i2, min(start + stop * LANES, end) - i2
-            if kind == ODD:
+            if kind == DAMAGED:
                 for word in range(alive.shape[0]):
                     for j in range(count):
                         for i in range(n):
                             kept[word, j, i] = alive[word, node + j * block[5] + i]
             found = call_bonds(
-                functions[kind],
+                bonds.functions[kind],
                 src.ctypes.data + node * size,
-                base.ctypes.data + node * size,
-                out.ctypes.data + node * size,
-                coefficient.ctypes.data + node * size,
+                stage.base.ctypes.data + node * size,
+                stage.out.ctypes.data + node * size,
+                material.coefficient.ctypes.data + node * size,
                 alive.ctypes.data + 8 * node,
-                table.ctypes.data,
-                places.ctypes.data,
-                places.shape[0],
+                bonds.table.ctypes.data,
+                bonds.places.ctypes.data,
+                bonds.places.shape[0],
                 zone.ctypes.data,
                 alive.shape[1],
                 n,
@@ -287,43 +287,30 @@ def sweep_tiles(src, base, out, block, i0, first, last, begin, end, a, b, compon
                 i0,
                 row,
                 i2,
-                a,
-                b,
-                limit[0],
+                stage.a_difference,
+                stage.b,
+                bonds.limit[0],
             )
             if kind == PLAIN:
                 number += found
                 if number < stop:
-                    kinds[i0, tile_row, number] = ODD
+                    kinds[i0, tile_row, number] = DAMAGED
             else:
                 number += 1
                 if found:
-                    book_broken(
-                        src,
-                        base,
-                        alive,
-                        kept,
-                        node,
-                        block[5],
-                        count,
-                        n,
-                        table,
-                        places,
-                        components,
-                        nonlinear,
-                        coefficient,
-                        rule,
-                        book[i0, tile_row],
-                    )
+                    add_broken(stage, material, bonds, kept, node, block[5], count, n, bonds.broken[i0, tile_row])
 
 
 @njit(error_model="numpy", cache=True)
-def book_work(lane, lanes, work, base, out, nodes, fields, times):
+def add_work(thread, stage, work, inputs, times):
     """Add the work of sources over one step, ``f . (u(n+1) - u(n-1)) / 2``."""
-    for chunk in range(lane, (nodes.size + CHUNK - 1) // CHUNK, lanes):
+    nodes, fields = inputs.source_nodes, inputs.source_fields
+    for chunk in range(thread.number, (nodes.size + CHUNK - 1) // CHUNK, thread.threads):
         for j in range(fields.shape[0]):
             for i in range(chunk * CHUNK, min(nodes.size, (chunk + 1) * CHUNK)):
-                work[chunk] += 0.5 * times[j] * fields[j, i] * (np.float64(out[nodes[i]]) - np.float64(base[nodes[i]]))
+                change = np.float64(stage.out[nodes[i]]) - np.float64(stage.base[nodes[i]])
+                work[chunk] += 0.5 * times[j] * fields[j, i] * change
+    barrier(thread)  # the next sweep writes over the older level
 
 
 @njit(error_model="numpy", cache=True)
@@ -362,11 +349,12 @@ def curved_part(zone, i0, i1, offset, first, end):
 
 
 @njit(error_model="numpy", cache=True)
-def strain_energy(u, old, block, first, end, nodes, whole, components, coefficient, rule, bonds):
+def strain_energy(u, old, block, first, end, nodes, whole, components, material, bonds):
     """Energy of all bonds of the nodes `first` to `end` of the core, in units of c; bonds to other nodes count half,
     across sides `whole` fully.
     """
     table, places, alive, zone = bonds.table, bonds.places, bonds.alive, bonds.zone
+    coefficient, rule = material.coefficient, material.rule
     width = end[2] - first[2]
     now, before, energy = np.empty(width), np.empty(width), np.empty(width)
     total = 0.0
@@ -411,7 +399,7 @@ def strain_energy(u, old, block, first, end, nodes, whole, components, coefficie
                         if leaves and bits[i2 - first[2]] & mask != 0:
                             curved = bonds.nonlinear and start <= i2 < stop
                             energy[i2 - first[2]] += 0.5 * bond_energy(
-                                u, old, node + i2, bond, table, places, components, curved, coefficient, rule
+                                u, old, node + i2, bond, components, curved, material, bonds
                             )
             line = 0.0
             for i2 in range(width):

@@ -5,9 +5,106 @@ An end is a sum of exponentials (states of which each step costs the same) or a 
 earlier blocks is known, the block's own samples act here). See `farhorizon.analysis.exact.chain` for the kernels.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
 from farhorizon.engine.rows.compiled import njit
 
+Poles = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+_MODES = 8  # modes of an end are filled up to whole vectors
 _ANY_ORDER = {"reassoc", "contract", "nsz"}  # sums may be taken in vectors
+
+
+class Ends(NamedTuple):
+    """The chains beyond the ends of a bar. K4 is K rounded up to whole fours; what is beyond K there is zero.
+
+    Attributes
+    ----------
+    clock : ndarray of int, shape (1,)
+        Number of the step; counted on.
+    first : float
+        Weight of the sample at step 0.
+    nodes : ndarray of int, shape (ends, K)
+        Drivers, from each end inwards.
+    poles : ndarray, shape (ends, 2, P)
+        Real and imaginary parts.
+    inputs, outputs : ndarray, shape (ends, K4, 2 P)
+        Real parts, then imaginary ones, of c_p, and of b_p with the sign of the latter turned, so that the force is a
+        product with the states.
+    states : ndarray, shape (ends, 2 P)
+    sample : ndarray, shape (K4,)
+        Work space.
+    forces : ndarray, shape (ends, K4)
+        Accelerations of the drivers.
+    heads, past : ndarray, shapes (ends, B, K, K), (ends, B, K)
+        Of convolutions in blocks of B steps; B = 0 without.
+    history : ndarray, shape (ends, steps, K)
+        The drivers' values, at step 0 times `first`.
+    """
+
+    clock: np.ndarray
+    first: float
+    nodes: np.ndarray
+    poles: np.ndarray
+    inputs: np.ndarray
+    outputs: np.ndarray
+    states: np.ndarray
+    sample: np.ndarray
+    forces: np.ndarray
+    heads: np.ndarray
+    past: np.ndarray
+    history: np.ndarray
+
+
+def ends_table(nodes: np.ndarray, first: float, sums: Sequence[Poles | None] = (), block: int = 0) -> Ends:
+    """The ends, their states zero.
+
+    Parameters
+    ----------
+    nodes : ndarray of int, shape (ends, K)
+        Drivers in a level, from each end inwards.
+    first : float
+        Weight of the sample at step 0.
+    sums : sequence of (poles, inputs, outputs), or None
+        Complex arrays of shapes (P,), (P, K), (P, K) for each end that is a sum of exponentials.
+    block : int
+        Steps in a block of convolutions, 0 without.
+    """
+    ends, reach = nodes.shape
+    rows = -(-reach // 4) * 4
+    most = max((len(s[0]) for s in sums if s is not None), default=0)
+    count = -(-most // _MODES) * _MODES
+    poles, inputs, outputs = (
+        np.zeros((ends, 2, count)),
+        np.zeros((ends, rows, 2 * count)),
+        np.zeros((ends, rows, 2 * count)),
+    )
+    for end, found in enumerate(sums):
+        if found is not None:
+            z, c, b = found
+            used, imaginary = slice(len(z)), slice(count, count + len(z))
+            poles[end, 0, used], poles[end, 1, used] = z.real, z.imag
+            inputs[end, :reach, used], inputs[end, :reach, imaginary] = c.real.T, c.imag.T
+            outputs[end, :reach, used], outputs[end, :reach, imaginary] = b.real.T, -b.imag.T
+    return Ends(
+        clock=np.zeros(1, np.int64),
+        first=float(first),
+        nodes=nodes.astype(np.int64),
+        poles=poles,
+        inputs=inputs,
+        outputs=outputs,
+        states=np.zeros((ends, 2 * count)),
+        sample=np.zeros(rows),
+        forces=np.zeros((ends, rows)),
+        heads=np.zeros((ends, block, reach, reach)),
+        past=np.zeros((ends, block, reach)),
+        history=np.zeros((ends, 0, reach)),
+    )
 
 
 @njit(error_model="numpy", fastmath=_ANY_ORDER, cache=True)
@@ -56,73 +153,25 @@ def convolve(step, heads, past, history, force):
 
 
 @njit(error_model="numpy", cache=True)
-def exact_ends(
-    src,
-    base,
-    out,
-    scale,
-    increments,
-    clock,
-    first,
-    nodes,
-    poles,
-    inputs,
-    outputs,
-    states,
-    sample,
-    forces,
-    heads,
-    past,
-    history,
-):
-    """Add to one step, from the state `src`, the forces of all chains beyond.
-
-    K4 is K rounded up to whole fours; what is beyond K there is zero.
-
-    Parameters
-    ----------
-    src, base, out : ndarray
-        Levels of the stage.
-    scale : float
-        Factor of the operator in this stage.
-    increments : bool
-    clock : ndarray of int, shape (1,)
-        Number of the step; counted on.
-    first : float
-        Weight of the sample at step 0.
-    nodes : ndarray of int, shape (ends, K)
-        Drivers, from each end inwards.
-    poles : ndarray, shape (ends, 2, P)
-        Real and imaginary parts.
-    inputs, outputs : ndarray, shape (ends, K4, 2 P)
-        Real parts, then imaginary ones, of c_p, and of b_p with the sign of the latter turned, so that the force is a
-        product with the states.
-    states : ndarray, shape (ends, 2 P)
-    sample : ndarray, shape (K4,)
-        Work space.
-    forces : ndarray, shape (ends, K4)
-        Written: accelerations of the drivers.
-    heads, past : ndarray, shapes (ends, B, K, K), (ends, B, K)
-        Of convolutions in blocks of B steps; B = 0 without.
-    history : ndarray, shape (ends, steps, K)
-        Written: the drivers' values, at step 0 times `first`.
-    """
-    step = clock[0]
-    clock[0] = step + 1
-    share = first if step == 0 else 1.0
+def exact_ends(stage, ends):
+    """Add to one step, from the state of its stage, the forces of all chains beyond."""
+    step = ends.clock[0]
+    ends.clock[0] = step + 1
+    share = ends.first if step == 0 else 1.0
+    nodes, sample, forces = ends.nodes, ends.sample, ends.forces
     reach = nodes.shape[1]
     for end in range(nodes.shape[0]):
         for m in range(reach):
-            sample[m] = share * src[nodes[end, m]]
-            history[end, step, m] = sample[m]
-        force_of_states(end, outputs, states, forces)
-        advance_states(end, poles, inputs, sample, states)
-        if heads.shape[1]:
-            convolve(step, heads[end], past[end], history[end], forces[end])
+            sample[m] = share * stage.src[nodes[end, m]]
+            ends.history[end, step, m] = sample[m]
+        force_of_states(end, ends.outputs, ends.states, forces)
+        advance_states(end, ends.poles, ends.inputs, sample, ends.states)
+        if ends.heads.shape[1]:
+            convolve(step, ends.heads[end], ends.past[end], ends.history[end], forces[end])
         for m in range(reach):
-            node, gain = nodes[end, m], scale * forces[end, m]
-            if increments:
-                base[node] += gain
-                out[node] = src[node] + base[node]
+            node, gain = nodes[end, m], stage.scale * forces[end, m]
+            if stage.increments:
+                stage.base[node] += gain
+                stage.out[node] = stage.src[node] + stage.base[node]
             else:
-                out[node] += gain
+                stage.out[node] += gain

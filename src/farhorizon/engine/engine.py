@@ -13,31 +13,30 @@ from typing import Any
 import numpy as np
 
 from farhorizon.engine import bonds as bond_laws
-from farhorizon.engine.bonds import END, FIRST, ODD, PHASES, PLAIN, Bonds, Zone, all_bits, no_bonds
-from farhorizon.engine.filter import damped_nodes, filter_tables
-from farhorizon.engine.fringe import split_sums
-from farhorizon.engine.layout import ALIGN, Layout
+from farhorizon.engine.bonds import DAMAGED, END, FIRST, PHASES, PLAIN, Bonds, Zone, all_bits, no_bonds
+from farhorizon.engine.ends import Ends, Poles, ends_table
+from farhorizon.engine.filter import Filter, damped_nodes, filter_tables
+from farhorizon.engine.fringe import fringe_table, no_fringe
+from farhorizon.engine.layout import Layout, aligned_zeros
 from farhorizon.engine.nested import LayerTables
-from farhorizon.engine.phases import NEVER, count_solid, find_runs
+from farhorizon.engine.operations import Tables, operations_of, operator_operations, sweep_operations
+from farhorizon.engine.phases import NEVER, count_solid, one_phase, phases_table
 from farhorizon.engine.rows.bond_sweeps import LANES, ROWS
 from farhorizon.engine.rows.build import load_bonds, load_driver
 from farhorizon.engine.rows.choose import compiled_rows
-from farhorizon.engine.rows.vectors import TILE, TILE_ROWS, WINDOW
+from farhorizon.engine.rows.vectors import TILE, TILE_ROWS
 from farhorizon.engine.surface import bare_bonds, shared_rows
+from farhorizon.engine.tables import Cuts, Damping, Dependents, Flows, Inputs, Material, Stage, Surface, Sweep, no_flows
+from farhorizon.engine.threads import ALONE, side_by_side
 
 __all__ = ["NEVER", "Engine", "Layer", "Layout", "Zone", "available_threads"]
 
 _NO_ENDS = np.zeros((0, 0), np.int64)
-_MODES = 8  # modes of an exact end are filled up to whole vectors
-_ALONE = np.zeros(1, np.int64)  # what threads share when there is one
 RULES = ("both", "arithmetic", "harmonic", "phases")
 _SECOND_CACHE = 600_000  # bytes of the second cache that a part of the box may take
 _SET_BITS = np.array([number.bit_count() for number in range(256)], np.uint8)
 # of the field, and a quarter of the layers' memory: fewer are through before a second thread is there
 _PARALLEL_NUMBERS = 40_000
-
-
-Poles = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -86,15 +85,6 @@ def available_threads() -> int:
 
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return min(cores, int(getattr(numba.config, "NUMBA_NUM_THREADS", cores)))
-
-
-def _zeros(count: int, dtype: np.dtype, rows: int = 0) -> np.ndarray:
-    """Zeros that begin on a cache line, shape (rows, count) or (count,)."""
-    total = max(rows, 1) * count
-    raw = np.zeros(total + ALIGN, dtype)
-    first = -raw.ctypes.data // dtype.itemsize % ALIGN
-    values = raw[first : first + total]
-    return values.reshape(rows, count) if rows else values
 
 
 class Engine:
@@ -156,62 +146,73 @@ class Engine:
         self.remember = any(np.any(layer.sigma) for layer in self.layers.values())
         recursion = {name: layer.recursion(dt) for name, layer in self.layers.items()}
         matrices = self.weights.reshape(len(self.weights), self.components, self.components)
-        self._tables = LayerTables(
+        self._layer_tables = LayerTables(
             self.layout, self.offsets, matrices, recursion, self.dtype, self.remember, coefficient is None
         )
-        self._layers = self._tables.layers
-        self.levels = _zeros(self.components * self.layout.size, self.dtype, stages.levels)
-        self.slots = _zeros(self._tables.slots, self.dtype)
-        self.memory = _zeros(self._tables.memory if self.remember else ALIGN * 4, self.dtype)
-        numbers = self.components * int(np.prod(core)) + (self.memory.size // 4 if self.remember else 0)
+        self.levels = aligned_zeros(self.components * self.layout.size, self.dtype, stages.levels)
+        memory = self._layer_tables.layers.memory.size // 4 if self.remember else 0
+        numbers = self.components * int(np.prod(core)) + memory
         self.threads = threads if numbers >= _PARALLEL_NUMBERS else 1
         self.phase, self.steps_done = 0, 0
-        self._work = _zeros(self._tables.scratch, self.dtype, self.threads)
-        self._coefficient = np.ones(1, self.dtype)
-        self._rule = RULES.index(rule)
-        self._collect_sweep(coefficient is not None)
-        self._copies = self.layout.copies()
+        self.tables = self._first_tables(coefficient is not None, RULES.index(rule))
         if coefficient is not None:
-            self._coefficient = self.spread(coefficient)
-        self._bonds, self._work_done = no_bonds(self.dtype), np.zeros(0)
-        self.set_cuts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, *self.weights.shape[1:])))
-        self.set_damping(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros(0))
-        self._set_tiles(
-            np.zeros((0, 0), np.int64), np.zeros((0, 0), np.int64), np.zeros(0, np.int64), (1.0, np.inf), 0.0
-        )
-        self.set_ends(np.zeros((0, 0), np.int64), 1.0)
-        self.hold(np.zeros(0, np.int64))
-        self.set_tied(np.zeros(0, np.int64), np.zeros(1, np.int64), np.zeros(0, np.int64), np.zeros(0))
+            self._replace(material=self.tables.material._replace(coefficient=self.spread(coefficient)))
         none = np.zeros(0, np.int64)
-        self.set_fringe(none, 1, np.zeros(1, np.int64), none, np.zeros(1, np.int64), none, np.zeros(0), none)
-        self.set_books(none, none, none, np.zeros(0), np.zeros(len(stages.numbers)), 0)
+        self.set_cuts(none, none, np.zeros((0, *self.weights.shape[1:])))
+        self.hold(none)
         self.watched, self.seen = none, np.zeros((0, 0))
-        self._collect_filter()
 
     # --- tables of the compiled loop ---------------------------------------------------------------------------
 
-    def _collect_sweep(self, heterogeneous: bool) -> None:
-        """What the sweep of the box takes: its row, compiled rows or 0, how many at a time, their weights, offsets,
-        weights of the general sweep.
-        """
+    def _first_tables(self, heterogeneous: bool, rule: int) -> Tables:
+        """Those of a medium without anything that may be set later."""
+        none, nothing, one = np.zeros(0, np.int64), np.zeros(0, self.dtype), self.dtype.type(1)
+        numbers = [(a + s * self._centre, a, b, s, g) for a, b, s, g in self.stages.numbers]
+        return Tables(
+            operations=np.zeros((0, 2), np.int64),
+            starts=np.zeros(len(numbers) + 1, np.int64),
+            rotation=np.array(self.stages.rotation, np.int64),
+            numbers=np.array(numbers).astype(self.dtype),
+            increments=self.stages.increments,
+            components=self.components,
+            sweep=self._sweep(heterogeneous),
+            layers=self._layer_tables.layers,
+            work_space=aligned_zeros(self._layer_tables.scratch, self.dtype, self.threads),
+            copies=self.layout.copies(),
+            material=Material(np.ones(1, self.dtype), rule, one, self.dtype.type(np.inf)),
+            cuts=Cuts(none, none, nothing),
+            surface=Surface(np.zeros((0, 2), np.int64), np.zeros((0, 3), np.int64), np.zeros((1, 0), self.dtype)),
+            phases=one_phase(),
+            bonds=no_bonds(self.dtype),
+            work=np.zeros(0),
+            damping=Damping(none, nothing, nothing, nothing),
+            ends=ends_table(np.zeros((0, 0), np.int64), 1.0),
+            dependents=Dependents(none, np.zeros(1, np.int64), none, nothing),
+            flows=no_flows(len(numbers), self.dtype),
+            fringe=no_fringe(),
+            filter=self._filter(),
+        )
+
+    def _replace(self, **tables: Any) -> None:
+        """Put others in the place of some tables."""
+        self.tables = self.tables._replace(**tables)
+
+    def _sweep(self, heterogeneous: bool) -> Sweep:
         function, row = (
             (0, np.zeros(1))
             if heterogeneous
             else compiled_rows(self.offsets, self.weights, self.dtype.name, self.stages.increments)
         )
         scale = np.array([n[2] for n in self.stages.numbers])
-        self._box = [
+        return Sweep(
             self.layout.table(),
             function,
             self._depth(),
             (scale[:, None] * row).astype(self.dtype),
             self.offsets @ np.array(self.layout.box.stride),
             (scale[:, None] * self.weights.ravel()).astype(self.dtype),
-        ]
-        self._numbers = np.array([(a + s * self._centre, a, b, s, g) for a, b, s, g in self.stages.numbers]).astype(
-            self.dtype
+            np.array(self.layout.reach),
         )
-        self._rotation = np.array(self.stages.rotation, np.int64)
 
     @property
     def _centre(self) -> float:
@@ -231,19 +232,20 @@ class Engine:
             )
         return -(-rows // -(-rows // max(most, 8)))
 
-    def _collect_filter(self) -> None:
-        """Tables of the filter that damps short waves in the layers; all layers share the longest one, and what it is
-        applied to.
-        """
+    def _filter(self) -> Filter:
+        """What damps short waves in the layers; all layers share the longest filter, and what it is applied to."""
         layers = self.layers.values()
         taps = max((layer.taps for layer in layers), key=len, default=np.zeros(1))
         rates = {
             name: layer.damping if layer.damping.size else np.zeros(layer.columns)
             for name, layer in self.layers.items()
         }
-        tables = filter_tables(self.layout, rates, taps, self.dt)
-        self._filter = tuple(a.astype(self.dtype) if a.dtype == np.float64 else a for a in tables)
-        self._whole = any(layer.whole for layer in layers)
+        return filter_tables(self.layout, rates, taps, self.dt, self.dtype, any(layer.whole for layer in layers))
+
+    @property
+    def memory(self) -> np.ndarray:
+        """What the layers remember."""
+        return self.tables.layers.memory
 
     def spread(self, core: np.ndarray, beyond: Mapping[tuple[int, int], float] | None = None) -> np.ndarray:
         """Nodal values of the core on every place of a level: constant along each normal from the core's edge on.
@@ -285,7 +287,7 @@ class Engine:
         kept = self.exists[nodes] & self.exists[neighbours]
         nodes, neighbours, weights = nodes[kept], neighbours[kept], weights[kept]
         self.absent_bonds = len(nodes)
-        self._open_rim()
+        self._open_surface()
         swept = self._clear(nodes, neighbours) if self.has_bonds else np.zeros(len(nodes), bool)
         nodes, neighbours, weights = (
             nodes[~swept].astype(np.int64),
@@ -293,10 +295,13 @@ class Engine:
             weights[~swept],
         )
         order = np.lexsort((neighbours, nodes))
-        self._cuts = nodes[order], neighbours[order], weights[order].astype(self.dtype).ravel()
-        self._layers = self._tables.cut(*self._cuts[:2], weights[order])
+        nodes, neighbours, weights = nodes[order], neighbours[order], weights[order]
+        self._replace(
+            cuts=Cuts(nodes, neighbours, weights.astype(self.dtype).ravel()),
+            layers=self._layer_tables.cut(nodes, neighbours, weights),
+        )
 
-    def _open_rim(self) -> None:
+    def _open_surface(self) -> None:
         """Tables of the nodes with bonds to places without a node (see `engine.surface`), and the nodes `outside`."""
         exists, box = self.exists, self.layout.box
         at: tuple[np.ndarray, ...] = (np.zeros(0, np.int64),) * 3
@@ -304,7 +309,8 @@ class Engine:
         if not exists.all():
             self.levels.reshape(len(self.levels), self.components, -1)[..., ~exists] = 0
             # nothing passes the layers' filter from or to there
-            self._filter[3][np.flatnonzero(~exists[damped_nodes(self._filter[4])])] = 0
+            found = self.tables.filter
+            found.strengths[np.flatnonzero(~exists[damped_nodes(found.runs)])] = 0
             at, bare = bare_bonds(box, self.offsets, exists)
         flat = np.asarray(box.origin + sum(i * s for i, s in zip(at, box.stride, strict=True)))
         self.absent_bonds += int(bare.sum())
@@ -317,7 +323,7 @@ class Engine:
         order = np.lexsort((third, second, first))
         counts = np.bincount(first * box.nodes[1] + second, minlength=box.nodes[0] * box.nodes[1])
         weights = self._weights_of(flat[kept], bare[:, kept])[order].astype(self.dtype).reshape(-1, self.components**2)
-        self._rim = shared_rows(np.cumsum(np.append(0, counts)), third[order], weights)
+        self._replace(surface=Surface(*shared_rows(np.cumsum(np.append(0, counts)), third[order], weights)))
 
     def _weights_of(self, nodes: np.ndarray, chosen: np.ndarray) -> np.ndarray:
         """Sum of the weights of the `chosen` bonds, shape (K, S), of nodes; shape (S,) or (S, d, d).
@@ -328,7 +334,7 @@ class Engine:
         for offset, weight, which in zip(self.offsets, self.weights, chosen, strict=True):
             mine = nodes[which]
             other = mine + int(offset @ np.array(self.layout.box.stride))
-            factors = np.ones(len(mine)) if self._rule == PHASES else self.bond_factors(mine, other)
+            factors = np.ones(len(mine)) if self.tables.material.rule == PHASES else self.bond_factors(mine, other)
             total[which] += np.multiply.outer(factors, weight)
         return total
 
@@ -362,48 +368,42 @@ class Engine:
         zone = zone.moved(self.layout.low)
         rows = block.nodes[0], -(-block.nodes[1] // high)
         kinds = np.zeros((*rows, -(-(zone.end[2] - zone.first[2]) // LANES)), np.uint8)
-        rule = RULES[self._rule] if self._coefficient.size > 1 else None
+        rule = RULES[self.tables.material.rule] if self.tables.material.coefficient.size > 1 else None
         functions = np.array(load_bonds(components, nonlinear, self.dtype.name, rule), np.int64)
         limits = np.array([limit, (limit / 2 * spacing) ** 2], self.dtype)
-        self._bonds = Bonds(
-            functions,
-            table,
-            places,
-            alive,
-            kinds,
-            zone.table(self.layout.reach),
-            limits,
-            nonlinear,
-            np.zeros((*rows, 2)),
-        )
-        self._sweep_in_pieces(bond_laws.CALM_ROWS)
+        at = zone.table(self.layout.reach)
+        broken = np.zeros((*rows, 2))
+        self._replace(bonds=Bonds(functions, table, places, alive, kinds, at, limits, nonlinear, broken))
+        self._sweep_in_pieces(bond_laws.PIECE_ROWS)
         self._find_kinds()
 
     def record_work(self) -> None:
         """From now on add up the work of the sources; the older level must outlive a step."""
-        self._work_done = np.zeros(-(-self.components * int(np.prod(self.core.nodes)) // bond_laws.CHUNK))
+        self._replace(work=np.zeros(-(-self.components * int(np.prod(self.core.nodes)) // bond_laws.CHUNK)))
 
     @property
     def nonlinear(self) -> bool:
         """Whether the law of the bonds is."""
-        return self._bonds.nonlinear
+        return self.tables.bonds.nonlinear
 
     @property
     def has_bonds(self) -> bool:
         """Whether there are bonds that follow a law of their own."""
-        return len(self._bonds.places) > 0
+        return len(self.tables.bonds.places) > 0
 
     def _clear(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
         """Clear the bits of bonds of the core; says which of them have their node in the zone, where bits alone
         count."""
-        block, places = self.layout.box, self._bonds.places
-        number = np.full(self._bonds.alive.shape[1], -1)
+        block, places = self.layout.box, self.tables.bonds.places
+        number = np.full(self.tables.bonds.alive.shape[1], -1)
         number[block.node_indices().ravel()] = np.arange(int(np.prod(block.nodes)))
         mine = np.flatnonzero((nodes < len(number)) & (neighbours < self.layout.size))
         mine = mine[number[nodes[mine]] >= 0]
         order = np.argsort(places[:, 0])
         bond = order[np.searchsorted(places[order, 0], neighbours[mine] - nodes[mine])]
-        np.bitwise_and.at(self._bonds.alive, (bond >> 6, nodes[mine]), ~(np.uint64(1) << (bond & 63).astype(np.uint64)))
+        np.bitwise_and.at(
+            self.tables.bonds.alive, (bond >> 6, nodes[mine]), ~(np.uint64(1) << (bond & 63).astype(np.uint64))
+        )
         self._find_kinds()
         swept = np.zeros(len(nodes), bool)
         swept[mine] = self._in_zone(np.stack(np.unravel_index(number[nodes[mine]], block.nodes), axis=1))
@@ -412,37 +412,42 @@ class Engine:
     def _clear_bits(self, nodes: np.ndarray, gone: np.ndarray) -> None:
         """Clear the bits of the bonds of nodes of the core that are `gone`, shape (K, nodes)."""
         for bond, which in enumerate(gone):
-            self._bonds.alive[bond >> 6, nodes[which]] &= ~(np.uint64(1) << np.uint64(bond & 63))
+            self.tables.bonds.alive[bond >> 6, nodes[which]] &= ~(np.uint64(1) << np.uint64(bond & 63))
 
     def _in_zone(self, at: np.ndarray) -> np.ndarray:
         """Which nodes of the core, shape (N, 3), are in the zone of bonds with their own law: bits alone count
         there."""
-        zone = self._bonds.zone
+        zone = self.tables.bonds.zone
         return np.asarray(((at >= zone[FIRST:END]) & (at < zone[END:])).all(1))
 
     def _find_kinds(self) -> None:
         """Which tiles of the zone are plain: all bonds there, and none leaves the box where bonds follow the law."""
-        block, high, kinds, zone = self.layout.box, ROWS[self.components], self._bonds.kinds, self._bonds.zone
-        full = all_bits(len(self._bonds.places))[:, None, None, None]
-        odd = (self._bonds.alive[:, block.node_indices()] != full).any(0)
+        block, high, kinds, zone = (
+            self.layout.box,
+            ROWS[self.components],
+            self.tables.bonds.kinds,
+            self.tables.bonds.zone,
+        )
+        full = all_bits(len(self.tables.bonds.places))[:, None, None, None]
+        damaged = (self.tables.bonds.alive[:, block.node_indices()] != full).any(0)
         for axis, m in enumerate(self.layout.reach):
             i = np.arange(block.nodes[axis])
-            odd |= ((i - m < zone[axis]) | (i + m >= zone[axis] + zone[3 + axis])).reshape(
+            damaged |= ((i - m < zone[axis]) | (i + m >= zone[axis] + zone[3 + axis])).reshape(
                 [-1 if a == axis else 1 for a in range(3)]
             )
         first, end = zone[FIRST:END], zone[END:]
-        odd[:, : first[1]] = odd[:, end[1] :] = False  # rows of tiles that are not in the zone
-        odd = odd[:, :, first[2] : end[2]]
+        damaged[:, : first[1]] = damaged[:, end[1] :] = False  # rows of tiles that are not in the zone
+        damaged = damaged[:, :, first[2] : end[2]]
         missing = [
-            (0, count * size - n) for n, count, size in zip(odd.shape, kinds.shape, (1, high, LANES), strict=True)
+            (0, count * size - n) for n, count, size in zip(damaged.shape, kinds.shape, (1, high, LANES), strict=True)
         ]
-        tiles = np.pad(odd, missing).reshape(kinds.shape[0], kinds.shape[1], high, kinds.shape[2], LANES)
-        kinds[...] = np.where(tiles.any((2, 4)), ODD, PLAIN)
+        tiles = np.pad(damaged, missing).reshape(kinds.shape[0], kinds.shape[1], high, kinds.shape[2], LANES)
+        kinds[...] = np.where(tiles.any((2, 4)), DAMAGED, PLAIN)
 
     @property
     def alive(self) -> np.ndarray:
         """Bonds that are left of each node of the core."""
-        bits = np.ascontiguousarray(self._bonds.alive[:, self.core.node_indices()])
+        bits = np.ascontiguousarray(self.tables.bonds.alive[:, self.core.node_indices()])
         return _SET_BITS[bits[..., None].view(np.uint8)].sum((0, -1), dtype=np.int64)
 
     @property
@@ -451,26 +456,26 @@ class Engine:
         work; they share memory.
         """
         bonds = (
-            {"bonds": self._bonds.alive, "kinds": self._bonds.kinds, "broken": self._bonds.book}
+            {"bonds": self.tables.bonds.alive, "kinds": self.tables.bonds.kinds, "broken": self.tables.bonds.broken}
             if self.has_bonds
             else {}
         )
-        return bonds | ({"work": self._work_done} if self._work_done.size else {})
+        return bonds | ({"work": self.tables.work} if self.tables.work.size else {})
 
     @property
     def broken(self) -> tuple[float, int]:
         """Energy of the bonds when they broke, for a unit of mass a node, and their number."""
-        energy, count = self._bonds.book.sum((0, 1))
+        energy, count = self.tables.bonds.broken.sum((0, 1))
         return float(energy) / self.stages.numbers[0][2], round(float(count))
 
     def book_cut(self, energy: float) -> None:
         """Add the energy, for a unit of mass a node, of bonds that were cut."""
-        self._bonds.book[0, 0, 0] += energy * self.stages.numbers[0][2]
+        self.tables.bonds.broken[0, 0, 0] += energy * self.stages.numbers[0][2]
 
     @property
     def work(self) -> float:
         """Work of the sources, for a unit of mass a node."""
-        return float(self._work_done.sum())
+        return float(self.tables.work.sum())
 
     def bond_energy(self, first: tuple[int, ...], end: tuple[int, ...], nodes: np.ndarray, whole: np.ndarray) -> float:
         """Energy of the bonds of some nodes from the elongations now and a step ago, for a unit of mass a node.
@@ -484,29 +489,30 @@ class Engine:
         total = bond_laws.strain_energy(
             self.current,
             self.older,
-            self._box[0],
+            self.tables.sweep.block,
             *bounds,
             nodes,
             whole,
             self.components,
-            self._coefficient,
-            self._rule,
-            self._bonds,
+            self.tables.material,
+            self.tables.bonds,
         )
         return float(total) / self.stages.numbers[0][2]
 
     def largest_strain(self) -> float:
         """Largest ``|xi + eta|^2 / |xi|^2 - 1`` (linearised: ``2 xi . eta / |xi|^2``) of the bonds that may break."""
         self.complete(self.current)
-        return float(bond_laws.largest_strain(self.current, self._box[0], self.components, self._bonds))
+        return float(
+            bond_laws.largest_strain(self.current, self.tables.sweep.block, self.components, self.tables.bonds)
+        )
 
     def present_bonds(self, nodes: tuple[slice, ...]) -> np.ndarray:
         """Bits of the bonds that are there and carry something, of the nodes in a part of the core; shape (words,
         *part).
         """
         places = self.core.node_indices()[nodes]
-        bits = self._bonds.alive[:, places]
-        for k, distance in enumerate(self._bonds.places[:, 0] if self._coefficient.size > 1 else ()):
+        bits = self.tables.bonds.alive[:, places]
+        for k, distance in enumerate(self.tables.bonds.places[:, 0] if self.varied else ()):
             idle = (self.bond_factors(places.ravel(), places.ravel() + distance) == 0).reshape(places.shape)
             bits[k >> 6, idle] &= ~(np.uint64(1) << np.uint64(k & 63))
         return bits
@@ -514,7 +520,7 @@ class Engine:
     @property
     def bond_limit(self) -> float:
         """Largest e of a bond that does not break, see `set_bonds`."""
-        return float(self._bonds.limit[0])
+        return float(self.tables.bonds.limit[0])
 
     def set_damping(self, nodes: np.ndarray, before: np.ndarray, after: np.ndarray, leak: np.ndarray) -> None:
         """Nodal factors of an absorbing zone: on the old increment, on the new increment, and a loss rate.
@@ -522,13 +528,10 @@ class Engine:
         Nodes whose new increment is taken whole stay where they are.
         """
         if nodes.size:
-            self._filter[3][np.flatnonzero(np.isin(damped_nodes(self._filter[4]), nodes[after == 0]))] = 0
-        self._damping = (
-            nodes.astype(np.int64),
-            before.astype(self.dtype),
-            after.astype(self.dtype),
-            leak.astype(self.dtype),
-        )
+            found = self.tables.filter
+            found.strengths[np.flatnonzero(np.isin(damped_nodes(found.runs), nodes[after == 0]))] = 0
+        factors = (factor.astype(self.dtype) for factor in (before, after, leak))
+        self._replace(damping=Damping(nodes.astype(np.int64), *factors))
 
     def set_phases(self, dissolved: np.ndarray, interface: float, saturation: float, limited: bool = False) -> None:
         """Two phases: bonds between solid nodes carry nothing, those between phases `interface` times their weight, and
@@ -544,39 +547,27 @@ class Engine:
         """
         solid = dissolved == NEVER
         beyond = {(axis, side): 1.0 for axis in range(3) for side in (-1, 1) if axis not in self.layout.periodic}
-        self._rule = RULES.index("phases")
-        self._coefficient = self.spread(np.where(solid, -interface, 1.0), beyond)
         steps = np.zeros(self.layout.size, np.int64)
         self.core.view(steps)[...] = dissolved
+        factors = (self.dtype.type(v) for v in (interface, saturation if limited else np.inf))
+        coefficient = self.spread(np.where(solid, -interface, 1.0), beyond)
+        self._replace(material=Material(coefficient, RULES.index("phases"), *factors))
         self._sweep_in_pieces(TILE_ROWS)
-        self._set_tiles(*self._count_solid(), steps, (interface, saturation if limited else np.inf), saturation)
-
-    def _count_solid(self) -> tuple[np.ndarray, np.ndarray]:
-        """Solid nodes, and all nodes, of each tile and within one reach of it."""
-        return count_solid(self.layout.box.all(self._coefficient) < 0, self.layout.reach, (1, TILE_ROWS, TILE))
-
-    def _set_tiles(
-        self,
-        solids: np.ndarray,
-        volumes: np.ndarray,
-        dissolved: np.ndarray,
-        interface: tuple[float, float],
-        saturation: float,
-    ) -> None:
+        solids, volumes = self.count_solid()
         period = np.array([n if a in self.layout.periodic else 0 for a, n in enumerate(self.layout.box.nodes)])
-        changed, runs = np.ones(len(solids), bool), np.zeros((*solids.shape, 2), np.int32)
-        if len(solids):
-            find_runs(0, 1, solids, volumes, changed, runs)
-        self._runs = runs, (self.dtype.type(interface[0]), self.dtype.type(interface[1]))
-        self._tiles = solids, volumes, changed
-        self._dissolution = dissolved, np.zeros(1, np.int64), float(saturation), period
+        self._replace(phases=phases_table(solids, volumes, steps, saturation, period))
+
+    def count_solid(self) -> tuple[np.ndarray, np.ndarray]:
+        """Solid nodes, and all nodes, of each tile and within one reach of it."""
+        solid = self.layout.box.all(self.tables.material.coefficient) < 0
+        return count_solid(solid, self.layout.reach, (1, TILE_ROWS, TILE))
 
     @property
     def dissolved(self) -> np.ndarray:
         """Step at which each node of the core became liquid, `NEVER` for solid ones, where there are phases; shares
         memory.
         """
-        return self.core.view(self._dissolution[0])
+        return self.core.view(self.tables.phases.dissolved)
 
     def hold(self, nodes: np.ndarray) -> None:
         """Nodes with prescribed values: those of the columns of `held_values` in `advance`."""
@@ -597,57 +588,31 @@ class Engine:
         block : int
             Steps in a block of convolutions, 0 without.
         """
-        ends, reach = nodes.shape
-        rows = -(-reach // 4) * 4
-        most = max((len(s[0]) for s in sums if s is not None), default=0)
-        count = -(-most // _MODES) * _MODES
-        poles, inputs, outputs = (
-            np.zeros((ends, 2, count)),
-            np.zeros((ends, rows, 2 * count)),
-            np.zeros((ends, rows, 2 * count)),
-        )
-        for end, found in enumerate(sums):
-            if found is not None:
-                z, c, b = found
-                used, imaginary = slice(len(z)), slice(count, count + len(z))
-                poles[end, 0, used], poles[end, 1, used] = z.real, z.imag
-                inputs[end, :reach, used], inputs[end, :reach, imaginary] = c.real.T, c.imag.T
-                outputs[end, :reach, used], outputs[end, :reach, imaginary] = b.real.T, -b.imag.T
-        self.clock, self.poles = np.zeros(1, np.int64), poles
-        self.states, self.forces = np.zeros((ends, 2 * count)), np.zeros((ends, rows))
-        self.heads, self.past, self.history = (
-            np.zeros((ends, block, reach, reach)),
-            np.zeros((ends, block, reach)),
-            np.zeros((ends, 0, reach)),
-        )
-        self._ends = (
-            self.clock,
-            float(first),
-            nodes.astype(np.int64),
-            poles,
-            inputs,
-            outputs,
-            self.states,
-            np.zeros(rows),
-            self.forces,
-        )
+        self._replace(ends=ends_table(nodes, first, sums, block))
+
+    @property
+    def ends(self) -> Ends:
+        """The exact ends."""
+        return self.tables.ends
+
+    def set_history(self, history: np.ndarray) -> None:
+        """Values of the exact ends' drivers so far, shape (ends, steps, K)."""
+        self._replace(ends=self.tables.ends._replace(history=history))
 
     def _lengthen_history(self, steps: int) -> None:
-        """Room for the drivers' values of some steps more."""
-        ends, length, reach = self.history.shape
-        if ends and length < self.clock[0] + steps:
-            more = max(int(self.clock[0]) + steps - length, min(length, 1 << 20), 256)
-            self.history = np.concatenate([self.history, np.zeros((ends, more, reach))], axis=1)
+        """Room for the values of the exact ends' drivers in some steps more."""
+        ends = self.tables.ends
+        count, length, reach = ends.history.shape
+        if count and length < ends.clock[0] + steps:
+            more = max(int(ends.clock[0]) + steps - length, min(length, 1 << 20), 256)
+            history = np.concatenate([ends.history, np.zeros((count, more, reach))], axis=1)
+            self._replace(ends=ends._replace(history=history))
 
     def set_tied(self, nodes: np.ndarray, starts: np.ndarray, sources: np.ndarray, weights: np.ndarray) -> None:
         """Nodes with prescribed values: node i is the sum of weights[k] times node sources[k], k from starts[i] to
         starts[i + 1], plus what `advance` is told. They are set in this order after each stage."""
-        self._tied = (
-            nodes.astype(np.int64),
-            starts.astype(np.int64),
-            sources.astype(np.int64),
-            weights.astype(self.dtype),
-        )
+        nodes, starts, sources = (a.astype(np.int64) for a in (nodes, starts, sources))
+        self._replace(dependents=Dependents(nodes, starts, sources, weights.astype(self.dtype)))
 
     def set_fringe(
         self,
@@ -663,25 +628,14 @@ class Engine:
         """Halo nodes along an outline that are sums over a fringe of `nodes`, as `fringe.split_sums` has it; `rows`:
         places of the halo nodes there.
 
-        The rows of `fringe_history`, shape (levels - 1, S), are the fringe's values one step ago, two and so on; a step
-        forgets the last.
+        A step forgets the last row of `fringe_history`.
         """
-        count = nodes.size * (levels - 1)
-        # the last windows reach beyond it
-        history = _zeros(count + WINDOW, np.dtype(float))[:count].reshape(nodes.size, levels - 1)
-        self.fringe_history = history.T
-        edges = np.flatnonzero(np.diff(np.sort(outside), prepend=-2, append=-2) != 1)
-        runs = (
-            np.stack([np.sort(outside)[edges[:-1]], np.sort(outside)[edges[1:] - 1] + 1], axis=1)
-            if outside.size
-            else np.zeros((0, 2))
-        )
-        self._fringe = (
-            nodes.astype(np.uint32),
-            history,
-            *split_sums(fronts, rows, starts, columns, np.asarray(weights, float), nodes, levels),
-            runs.astype(np.int64),
-        )
+        self._replace(fringe=fringe_table(nodes, levels, fronts, rows, starts, columns, weights, outside))
+
+    @property
+    def fringe_history(self) -> np.ndarray:
+        """Values of the fringe's nodes one step ago, two and so on, shape (levels - 1, S); shares memory."""
+        return self.tables.fringe.history.T
 
     def set_books(
         self,
@@ -701,48 +655,61 @@ class Engine:
         books of the drivers of exact ends, -1 for none. `sides`: the book of a layer (axis, side), and the nodes next
         to it into which what it adds to these flows is counted. First-order equations only.
         """
-        self.flows = np.zeros((2, count))
         near, rows = [np.zeros(0, np.int64)], []
         for (axis, _), (number, at) in (sides or {}).items():
             first = sum(map(len, near))
             rows.append((axis, number, first, first + len(at)))
             near.append(at)
-        self._books = (
-            books.astype(np.int64),
-            nodes.astype(np.int64),
-            neighbours.astype(np.int64),
-            weights.astype(float),
-            effects.astype(float),
-            ends,
-            np.array(rows, np.int64).reshape(-1, 4),
-            np.concatenate(near),
-            np.zeros(self.layout.size if rows else 0, self.dtype),
+        self._replace(
+            flows=Flows(
+                books.astype(np.int64),
+                nodes.astype(np.int64),
+                neighbours.astype(np.int64),
+                weights.astype(float),
+                effects.astype(float),
+                ends,
+                np.array(rows, np.int64).reshape(-1, 4),
+                np.concatenate(near),
+                np.zeros(self.layout.size if rows else 0, self.dtype),
+                np.zeros((2, count)),
+            )
         )
+
+    @property
+    def flows(self) -> np.ndarray:
+        """Sums of what has flowed, and the rounding of them, shape (2, count)."""
+        return self.tables.flows.totals
 
     def tie(self, values: np.ndarray) -> None:
         """Set the prescribed nodes of the current level; `values` has what is added to the combinations, one a
         prescribed node.
         """
-        level = self.current
-        self._driver.tie(
-            level, level, level, False, *self._tied, np.asarray(values, self.dtype)[None], np.ones(1, self.dtype)
-        )
+        level, one = self.current, self.dtype.type(1)
+        stage = Stage(level, level, level, 0, one, one, one, one, False, self.components)
+        fields = np.asarray(values, self.dtype)[None]
+        self._driver.depend(stage, self.tables.dependents, fields, np.ones(1, self.dtype))
+
+    @property
+    def varied(self) -> bool:
+        """Whether bonds have factors of their own."""
+        return self.tables.material.coefficient.size > 1
 
     def bond_factors(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
         """Factor of each bond from the coefficients of its ends (flat indices)."""
-        if self._coefficient.size == 1:
+        if not self.varied:
             return np.ones(len(nodes))
-        mine, other = self._coefficient[nodes].astype(float), self._coefficient[neighbours].astype(float)
-        if self._rule == PHASES:
+        coefficient, rule = self.tables.material.coefficient, self.tables.material.rule
+        mine, other = coefficient[nodes].astype(float), coefficient[neighbours].astype(float)
+        if rule == PHASES:
             return np.maximum(np.maximum(mine, other), 0) * np.abs(np.minimum(mine, other))
-        if self._rule == 0:
+        if rule == 0:
             return np.minimum(mine, other)
         total = mine + other
-        return 0.5 * total if self._rule == 1 else 2 * mine * other / np.where(total > 0, total, 1.0)
+        return 0.5 * total if rule == 1 else 2 * mine * other / np.where(total > 0, total, 1.0)
 
     def lost(self, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray | float) -> np.ndarray:
         """What is absent of the `weights` of bonds of the core (places), whatever the coefficients."""
-        cut_nodes, cut_neighbours, cut_weights = self._cuts
+        cut_nodes, cut_neighbours, cut_weights = self.tables.cuts
         keys = cut_nodes * self.layout.size + cut_neighbours
         cut = np.zeros(len(nodes))
         if keys.size:
@@ -757,20 +724,19 @@ class Engine:
     @property
     def _driver(self) -> ModuleType:
         """The compiled loop that has what this run needs."""
-        fringe, work = self._fringe[0], self._work_done
-        return load_driver(
-            bool(self._runs[0].size or self.has_bonds or work.size or self.history.shape[0] or fringe.size)
-        )
+        tables = self.tables
+        rare = (tables.phases.runs, tables.bonds.places, tables.work, tables.ends.nodes, tables.fringe.nodes)
+        return load_driver(any(table.size for table in rare))
 
     @property
     def current(self) -> np.ndarray:
         """The flat level that holds the state."""
-        return self.levels[self._rotation[self.phase, 0, 0]]
+        return self.levels[self.tables.rotation[self.phase, 0, 0]]
 
     @property
     def older(self) -> np.ndarray:
         """The level with the state one step ago, halos included (second-order integrators)."""
-        rotation = self._rotation[self.phase, 0]
+        rotation = self.tables.rotation[self.phase, 0]
         return self.levels[rotation[2 if self.stages.increments else 1]]
 
     def all_components(self, nodes: np.ndarray) -> np.ndarray:
@@ -780,92 +746,56 @@ class Engine:
 
     def complete(self, level: np.ndarray) -> None:
         """Fill the halo of a level across periodic axes."""
-        self._driver.copy(level, self._copies, self.components)
+        self._driver.copy(level, self.tables.copies, self.components)
 
     def remind(self, level: np.ndarray) -> None:
         """The layers' memory goes through one step in which the field is `level`."""
-        self._stage(level, self.memory)
+        self._operate(level, operator_operations(self.tables), self.memory)
 
     def apply(self, level: np.ndarray) -> np.ndarray:
         """The operator L on a level, as a level (its nodes only are meaningful); fills the halo of `level`."""
-        return self._stage(level, self.memory.copy())
-
-    def _stage(self, level: np.ndarray, memory: np.ndarray) -> np.ndarray:
-        out, base, numbers = self._plain(level)
-        self._driver.stage(
-            0,
-            1,
-            _ALONE,
-            level,
-            base,
-            out,
-            numbers,
-            self.stages.increments,
-            False,
-            self.slots,
-            memory,
-            self._work,
-            self.components,
-            self._first_box,
-            self._layers,
-            self._copies,
-            self._coefficient,
-            self._rule,
-            self._cuts,
-            self._rim,
-            *self._runs,
-            self._lasting_bonds,
-            self._reach,
-        )
-        return (base if self.stages.increments else out) / numbers[3]
+        return self._operate(level, operator_operations(self.tables), self.memory.copy())
 
     def apply_core(self, level: np.ndarray) -> np.ndarray:
         """The operator L on a level with whatever its halo holds, with plain shifts everywhere."""
-        out, base, numbers = self._plain(level)
-        self._driver.sweep_box(
-            0,
-            1,
-            _ALONE,
-            level,
-            base,
-            out,
-            numbers,
-            self.stages.increments,
-            False,
-            self.components,
-            self._first_box,
-            self._coefficient,
-            self._rule,
-            self._cuts,
-            self._rim,
-            *self._runs,
-            self._lasting_bonds,
-            self._reach,
-        )
-        return (base if self.stages.increments else out) / numbers[3]
+        return self._operate(level, sweep_operations(self.tables), self.memory)
 
-    def _plain(self, level: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Empty output and base, and the numbers of a stage that writes ``scale * L``."""
+    def _operate(self, level: np.ndarray, operations: list[tuple[int, int]], memory: np.ndarray) -> np.ndarray:
+        """What some operations make of a level, without the rest of a stage, as a level: of bonds none breaks."""
         scale = self.stages.numbers[0][2]  # the last stage may be without operator
-        return np.zeros_like(level), np.zeros_like(level), np.array([scale * self._centre, 0, 0, scale, 0], self.dtype)
+        levels = np.stack([level, np.zeros_like(level), np.zeros_like(level)])
+        tables = self.tables._replace(
+            operations=np.array(operations, np.int64).reshape(-1, 2),
+            starts=np.array([0, len(operations)]),
+            rotation=np.arange(3).reshape(1, 1, 3),
+            numbers=np.array([[scale * self._centre, 0, 0, scale, 0]], self.dtype),
+            layers=self.tables.layers._replace(memory=memory),
+            bonds=self.tables.bonds._replace(limit=np.array([np.inf, np.inf], self.dtype)),
+        )
+        self._driver.run(ALONE, 1, 0, levels, tables, self._no_inputs(1))
+        level[:] = levels[0]
+        return levels[1 if self.stages.increments else 2] / tables.numbers[0, 3]
 
-    @property
-    def _lasting_bonds(self) -> Bonds:
-        """The bonds as they are, of which none breaks."""
-        return self._bonds._replace(limit=np.array([np.inf, np.inf], self.dtype))
-
-    @property
-    def _first_box(self) -> tuple[Any, ...]:
-        block, function, depth, weights, offsets, general = self._box
-        return block, function, depth, weights[0], offsets, general[0]
-
-    @property
-    def _reach(self) -> np.ndarray:
-        return np.array(self.layout.reach)
+    def _no_inputs(self, steps: int) -> Inputs:
+        """Nothing from outside for some steps; prescribed values are zero."""
+        none, times = np.zeros(0, np.int64), np.zeros((steps, len(self.stages.numbers), 0), self.dtype)
+        return Inputs(
+            self.steps_done,
+            none,
+            np.zeros((0, 0), self.dtype),
+            times,
+            self.held,
+            np.zeros((steps, len(self.held))),
+            np.zeros((0, len(self.tables.dependents.nodes)), self.dtype),
+            times,
+            self.watched,
+            np.zeros((steps, self.watched.size)),
+        )
 
     def _sweep_in_pieces(self, rows: int) -> None:
         """From now on sweep whole multiples of some rows at a time."""
-        self._box[2] = -(-self._box[2] // rows) * rows
+        sweep = self.tables.sweep
+        self._replace(sweep=sweep._replace(depth=-(-sweep.depth // rows) * rows))
 
     def advance(
         self,
@@ -885,82 +815,37 @@ class Engine:
             A table does not match the steps: the compiled loop, which looks at no bounds, is not entered.
         """
         self._lengthen_history(steps)
-        self.seen = np.zeros((steps, self.watched.size))
-        if tied_fields is None or tied_times is None:
-            tied_fields, tied_times = (
-                np.zeros((0, len(self._tied[0])), self.dtype),
-                np.zeros((steps, len(self.stages.numbers), 0), self.dtype),
-            )
-        held_values = np.zeros((0, 0)) if held_values is None else held_values
-        self._check_room(steps, source_nodes, source_fields, source_times, held_values, tied_fields, tied_times)
-        state = (
-            self.phase,
-            self.levels,
-            self._rotation,
-            self._numbers,
-            self.stages.increments,
-            self.slots,
-            self.memory,
-            self._work,
-            self.components,
-            *self._box,
-            self._layers,
-            self._copies,
-            self._coefficient,
-            self._rule,
-            self._cuts,
-            self._rim,
-            *self._runs,
-            self._bonds,
-            self._reach,
-            self._work_done,
-            *self._tiles,
-            *self._dissolution,
-            self.steps_done,
-            *self._damping,
-            (*self._ends, self.heads, self.past, self.history),
-            *self._tied,
-            *self._books,
-            self.flows,
-            self._fringe,
-            (*self._filter, self._whole),
-            source_nodes,
-            source_fields,
-            source_times,
-            self.held,
-            held_values,
-            tied_fields,
-            tied_times,
-            self.watched,
-            self.seen,
-        )
-        from farhorizon.engine.threads import side_by_side
-
-        side_by_side(lambda lane, lanes, sync: self._driver.run(lane, lanes, sync, steps, *state), self.threads)
-        self.phase = (self.phase + steps) % len(self._rotation)
+        nothing = self._no_inputs(steps)
+        self.seen = nothing.seen
+        inputs = nothing._replace(source_nodes=source_nodes, source_fields=source_fields, source_times=source_times)
+        if held_values is not None:
+            inputs = inputs._replace(held_values=np.asarray(held_values, float))
+        if tied_fields is not None and tied_times is not None:
+            times = np.ascontiguousarray(tied_times)
+            inputs = inputs._replace(dependent_fields=tied_fields, dependent_times=times)
+        self._check_room(steps, inputs)
+        tables = self.tables
+        operations, starts = operations_of(tables, inputs)
+        tables = tables._replace(operations=operations, starts=starts)
+        run, phase = self._driver.run, self.phase
+        side_by_side(lambda thread: run(thread, steps, phase, self.levels, tables, inputs), self.threads)
+        self.phase = (self.phase + steps) % len(tables.rotation)
         self.steps_done += steps
 
-    def _check_room(
-        self,
-        steps: int,
-        source_nodes: np.ndarray,
-        source_fields: np.ndarray,
-        source_times: np.ndarray,
-        held_values: np.ndarray,
-        tied_fields: np.ndarray,
-        tied_times: np.ndarray,
-    ) -> None:
+    def _check_room(self, steps: int, inputs: Inputs) -> None:
         """Every table that the compiled loop indexes by step and stage is large enough; exact ends count their clock
         once a stage.
         """
-        stages, ends = len(self.stages.numbers), len(self.history)
+        stages, ends, dependents = len(self.stages.numbers), self.tables.ends, len(self.tables.dependents.nodes)
+        clock = int(ends.clock[0]) + steps * stages if len(ends.history) else 0
+        fields, sums = inputs.source_fields, inputs.dependent_fields
         for name, shape, least in (
-            ("history", self.history.shape[1:2], (int(self.clock[0]) + steps * stages if ends else 0,)),
-            ("source_times", source_times.shape, (steps, stages, len(source_fields))),
-            ("source_fields", source_fields.shape[1:], (len(source_nodes) if len(source_fields) else 0,)),
-            ("held_values", held_values.shape, (steps if len(self.held) else 0, len(self.held))),
-            ("tied_times", tied_times.shape, (steps, stages, len(tied_fields))),
-            ("tied_fields", tied_fields.shape[1:], (len(self._tied[0]),)),
+            ("history", ends.history.shape[1:2], (clock,)),
+            ("source_times", inputs.source_times.shape, (steps, stages, len(fields))),
+            ("source_fields", fields.shape[1:], (len(inputs.source_nodes) if len(fields) else 0,)),
+            ("held_values", inputs.held_values.shape, (steps if len(self.held) else 0, len(self.held))),
+            ("dependent_times", inputs.dependent_times.shape, (steps, stages, len(sums))),
+            ("dependent_fields", sums.shape[1:], (dependents,)),
         ):
             if len(shape) != len(least) or any(have < want for have, want in zip(shape, least, strict=True)):
                 raise IndexError(
@@ -969,10 +854,9 @@ class Engine:
 
     def digest(self) -> str:
         """Hash of all that decides the map of a step: engines of one digest have one map."""
+        rule = self.tables.material.rule
         mark = hashlib.sha256(
-            repr(
-                (self.dt, self.stages, self.core.nodes, sorted(self.layout.periodic), self._rule, self.dtype.name)
-            ).encode()
+            repr((self.dt, self.stages, self.core.nodes, sorted(self.layout.periodic), rule, self.dtype.name)).encode()
         )
         layers = [
             a
@@ -980,19 +864,19 @@ class Engine:
             for a in (layer.kappa, layer.sigma, layer.alpha, layer.damping, layer.taps)
         ]
         mark.update(repr([(name, layer.columns, layer.whole) for name, layer in sorted(self.layers.items())]).encode())
-        ends = [np.asarray(a) for a in self._ends[2:6]]
-        fringe = [a for a in self._fringe if a is not self._fringe[1]]
+        tables = self.tables
+        ends, fringe = tables.ends, tables.fringe._replace(history=np.zeros(0))
         for array in (
             self.offsets,
             self.weights,
             *layers,
-            self._coefficient,
-            *self._cuts,
-            *self._rim,
-            *self._damping,
-            *self._tied,
+            tables.material.coefficient,
+            *tables.cuts,
+            *tables.surface,
+            *tables.damping,
+            *tables.dependents,
             self.held,
-            *ends,
+            *(ends.nodes, ends.poles, ends.inputs, ends.outputs),
             *fringe,
         ):
             mark.update(np.ascontiguousarray(array).tobytes())
@@ -1001,18 +885,16 @@ class Engine:
     @contextmanager
     def as_before(self) -> Iterator[None]:
         """Whatever runs inside leaves no trace."""
+        tables = self.tables
+        ends, phases = tables.ends, tables.phases
         arrays = [
             self.levels,
             self.memory,
-            self.states,
-            self.forces,
-            self.clock,
-            self.flows,
-            self.fringe_history,
-            self._coefficient,
-            self._runs[0],
-            *self._tiles,
-            *self._dissolution[:2],
+            *(ends.states, ends.forces, ends.clock),
+            tables.flows.totals,
+            tables.fringe.history,
+            tables.material.coefficient,
+            *(phases.runs, phases.solids, phases.volumes, phases.changed, phases.dissolved, phases.total),
             *self.bond_state.values(),
         ]
         kept, phase, steps = [a.copy() for a in arrays], self.phase, self.steps_done
@@ -1025,37 +907,20 @@ class Engine:
 
     def advance_alone(self, steps: int) -> None:
         """Run steps with nothing from outside: no sources, and prescribed values that are zero."""
-        held = np.zeros((steps, len(self.held)), self.dtype) if len(self.held) else None
-        self.advance(
-            steps,
-            np.zeros(0, np.int64),
-            np.zeros((0, 0), self.dtype),
-            np.zeros((steps, len(self.stages.numbers), 0), self.dtype),
-            held,
-        )
+        inputs = self._no_inputs(steps)
+        self.advance(steps, inputs.source_nodes, inputs.source_fields, inputs.source_times)
 
     @property
     def layer_memory(self) -> list[tuple[tuple[int, int], np.ndarray]]:
         """Places of the memory that is ever used: (axis, side) of a layer, and an array by component, number, and line;
         see `LayerTables.cells`.
         """
-        return self._tables.cells(self._layers.f != 0) if self.remember else []
+        return self._layer_tables.cells(self.tables.layers.f != 0) if self.remember else []
 
     @property
     def nbytes(self) -> int:
         """Bytes of all time levels, slots, layer memory, phases, exact ends, fringes, the filter and absent bonds."""
-        ends = (
-            self.heads.nbytes + self.past.nbytes + self.history.nbytes + sum(np.asarray(a).nbytes for a in self._ends)
-        )
-        phases = sum(np.asarray(a).nbytes for a in (*self._runs, *self._tiles, *self._dissolution))
-        phases += sum(np.asarray(a).nbytes for a in self._bonds)
-        sparse = sum(np.asarray(a).nbytes for a in (*self._fringe, *self._filter, *self._cuts, *self._rim))
-        return (
-            self.levels.nbytes
-            + self.slots.nbytes
-            + self.memory.nbytes
-            + self._coefficient.nbytes
-            + ends
-            + phases
-            + sparse
-        )
+        tables = self.tables
+        parts = (tables.ends, tables.phases, tables.bonds, tables.fringe, tables.filter, tables.cuts, tables.surface)
+        held = (self.levels, tables.layers.slots, self.memory, tables.material.coefficient)
+        return sum(np.asarray(a).nbytes for part in (held, *parts) for a in part)

@@ -13,21 +13,57 @@ which the layers are a frame.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
 from farhorizon.engine.layout import SLACK, Layout
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.rows.vectors import take_passed, weigh_change
-from farhorizon.engine.threads import barrier
+from farhorizon.engine.threads import barrier, share
 
-_PIECE = 256  # nodes of a run that one lane takes at a time
+_PIECE = 256  # nodes of a run that one thread takes at a time
+
+
+class Filter(NamedTuple):
+    """What damps short waves in the layers.
+
+    Attributes
+    ----------
+    taps : ndarray, shape (R + 1,)
+        Filter along one axis: its weight of the node itself, of both neighbours, and so on.
+    steps : ndarray of int
+        Distances in the box between neighbours along the axes.
+    box : ndarray
+        All nodes in their natural order, with margins; it goes on for `SLACK` values.
+    strengths : ndarray
+        Of the damped nodes, run by run; they go on for `SLACK` values.
+    runs : ndarray of int, shape (P, 4)
+        Pieces of neighbouring nodes: place in the box, place in a level, first entry, entries.
+    copies : ndarray of int, shape (2, C)
+        Places of the box that repeat what lies across periodic axes, and those.
+    whole : bool
+        Whether the waves themselves are filtered, not their increments alone.
+    """
+
+    taps: np.ndarray
+    steps: np.ndarray
+    box: np.ndarray
+    strengths: np.ndarray
+    runs: np.ndarray
+    copies: np.ndarray
+    whole: bool
 
 
 def filter_tables(
-    layout: Layout, rates: Mapping[tuple[int, int], np.ndarray], taps: np.ndarray, dt: float
-) -> tuple[np.ndarray, ...]:
-    """What `damp_short_waves` reads, for float64; empty runs where nothing is damped.
+    layout: Layout,
+    rates: Mapping[tuple[int, int], np.ndarray],
+    taps: np.ndarray,
+    dt: float,
+    real: np.dtype | str = "float64",
+    whole: bool = False,
+) -> Filter:
+    """What `damp_short_waves` reads; empty runs where nothing is damped.
 
     Parameters
     ----------
@@ -37,15 +73,13 @@ def filter_tables(
     taps : ndarray, shape (R + 1,)
         Filter along one axis: its weight of the node itself, of both neighbours, and so on.
     dt : float
-
-    Returns
-    -------
-    taps, steps, box, strengths, runs, copies : ndarray
-        The box and the strengths go on for `SLACK` values.
+    real : dtype
+    whole : bool
     """
     if not any(np.any(rate) for rate in rates.values()):
-        none = np.zeros(0, np.int64)
-        return np.zeros(1), none, np.zeros(0), np.zeros(0), np.zeros((0, 4), np.int64), np.zeros((2, 0), np.int64)
+        none, empty = np.zeros(0, np.int64), np.zeros(0, real)
+        pieces, copies = np.zeros((0, 4), np.int64), np.zeros((2, 0), np.int64)
+        return Filter(np.zeros(1, real), none, empty, empty, pieces, copies, whole)
     nodes, axes = layout.box.nodes, [a for a in range(3) if layout.reach[a]]
     pads = [len(taps) - 1 if a in axes else 0 for a in range(3)]
     extent = [n + 2 * pad for n, pad in zip(nodes, pads, strict=True)]
@@ -59,13 +93,14 @@ def filter_tables(
     parts = [(pad + np.arange(n)) * s for pad, n, s in zip(pads, nodes, step, strict=True)]
     places = np.add.outer(np.add.outer(parts[0], parts[1]), parts[2])
     damped = strengths > 0
-    return (
-        np.asarray(taps, float),
+    return Filter(
+        np.ascontiguousarray(taps, real),
         step[axes],
-        np.zeros(int(np.prod(extent)) + SLACK),
-        np.append(strengths[damped], np.zeros(SLACK)),
+        np.zeros(int(np.prod(extent)) + SLACK, real),
+        np.append(strengths[damped], np.zeros(SLACK)).astype(real),
         _runs(places[damped], layout.box.node_indices()[damped]),
         _wrapped(places[damped], layout, step, pads, extent),
+        whole,
     )
 
 
@@ -124,24 +159,23 @@ def _wrapped(places: np.ndarray, layout: Layout, step: np.ndarray, pads: list[in
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def _damp(lane, lanes, sync, level, before, share, other, twice, taps, steps, box, strengths, runs, copies):
-    """Take ``D F D (level - share before)`` from `level`, and if `twice` from `other`, too; the rest as of
-    `damp_short_waves`.
-    """
+def _damp(thread, level, before, part, other, twice, tables):
+    """Take ``D F D (level - part before)`` from `level`, and if `twice` from `other`, too."""
+    taps, steps, box, runs, copies = tables.taps, tables.steps, tables.box, tables.runs, tables.copies
     size, like = level.itemsize, level[0]
     levels, befores, others = level.ctypes.data, before.ctypes.data, other.ctypes.data
-    places, weights, filtered = box.ctypes.data, strengths.ctypes.data, taps.ctypes.data
-    own = lane * runs.shape[0] // lanes, (lane + 1) * runs.shape[0] // lanes
+    places, weights, filtered = box.ctypes.data, tables.strengths.ctypes.data, taps.ctypes.data
+    own = share(thread, runs.shape[0])
     for piece in range(own[0], own[1]):
         place, node, first, count = runs[piece]
         weigh_change(
-            places + place * size, levels + node * size, befores + node * size, share, weights + first * size, count
+            places + place * size, levels + node * size, befores + node * size, part, weights + first * size, count
         )
-    barrier(sync, lanes)
+    barrier(thread)
     if copies.shape[1]:
-        for i in range(lane, copies.shape[1], lanes):
+        for i in range(thread.number, copies.shape[1], thread.threads):
             box[copies[0, i]] = box[copies[1, i]]
-        barrier(sync, lanes)
+        barrier(thread)
     for piece in range(own[0], own[1]):
         place, node, first, count = runs[piece]
         here, strength = places + place * size, weights + first * size
@@ -160,31 +194,20 @@ def _damp(lane, lanes, sync, level, before, share, other, twice, taps, steps, bo
                 like,
                 count,
             )
-    barrier(sync, lanes)
+    barrier(thread)
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def damp_short_waves(lane, lanes, sync, src, base, out, increments, taps, steps, box, strengths, runs, copies, whole):
-    """Filter the increments of a step, ``out - src`` or `base`, or both levels; one lane's share.
-
-    Parameters
-    ----------
-    lane, lanes, sync
-        Threads that share the work, and where they meet.
-    src, base, out : ndarray
-        Levels of the step.
-    increments : bool
-        Whether `base` holds the increments.
-    taps, steps, box, strengths, runs, copies : ndarray
-        From `filter_tables`.
-    whole : bool
-        Whether the waves themselves are filtered, not their increments alone.
-    """
-    one = out.dtype.type(1)
-    tables = taps, steps, box, strengths, runs, copies
-    if whole:
-        older = base if increments else src
-        _damp(lane, lanes, sync, out, src, 0 * one, base, False, *tables)
-        _damp(lane, lanes, sync, older, src, 0 * one, base, False, *tables)
-    else:
-        _damp(lane, lanes, sync, out, src, one, base, increments, *tables)
+def damp_short_waves(thread, stage, tables):
+    """Filter the increments of a step, ``out - src`` or `base`, or both levels; one thread's share."""
+    size = stage.src.size // stage.components
+    one = stage.out.dtype.type(1)
+    for c in range(stage.components):
+        src, base = stage.src[c * size : (c + 1) * size], stage.base[c * size : (c + 1) * size]
+        out = stage.out[c * size : (c + 1) * size]
+        if tables.whole:
+            older = base if stage.increments else src
+            _damp(thread, out, src, 0 * one, base, False, tables)
+            _damp(thread, older, src, 0 * one, base, False, tables)
+        else:
+            _damp(thread, out, src, one, base, stage.increments, tables)

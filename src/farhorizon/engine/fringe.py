@@ -9,12 +9,74 @@ of `WINDOW` values from any place on. Sums over equally many windows are taken i
 from __future__ import annotations
 
 import itertools
+from typing import NamedTuple
 
 import numpy as np
 
+from farhorizon.engine.layout import aligned_zeros
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.rows.vectors import BUNDLE, WINDOW, clear, move_up, window_sums
-from farhorizon.engine.threads import barrier
+from farhorizon.engine.threads import barrier, share
+
+
+class Fringe(NamedTuple):
+    """Halo nodes along an outline, and what they are sums of.
+
+    Attributes
+    ----------
+    nodes : ndarray of unsigned int, shape (S,)
+        Nodes of the fringe in a level: all that any sum reads, and those with sums.
+    history : ndarray, shape (S, L)
+        Their values one step ago (first), two and so on; moved on by one step, after which the present ones come first.
+    outside : ndarray of int, shape (N, 2)
+        First and last + 1 of neighbouring nodes beyond the halo, which stay at zero.
+    fronts, owners, starts, places, kinds, table, new_starts, new_nodes, new_weights : ndarray
+        The sums, see `split_sums`. Those of one front read new values of earlier fronts only.
+    """
+
+    nodes: np.ndarray
+    history: np.ndarray
+    outside: np.ndarray
+    fronts: np.ndarray
+    owners: np.ndarray
+    starts: np.ndarray
+    places: np.ndarray
+    kinds: np.ndarray
+    table: np.ndarray
+    new_starts: np.ndarray
+    new_nodes: np.ndarray
+    new_weights: np.ndarray
+
+
+def fringe_table(
+    nodes: np.ndarray,
+    levels: int,
+    fronts: np.ndarray,
+    rows: np.ndarray,
+    starts: np.ndarray,
+    columns: np.ndarray,
+    weights: np.ndarray,
+    outside: np.ndarray,
+) -> Fringe:
+    """Sums over a fringe of `nodes`, as `split_sums` has it, and places `outside` that stay at zero; its history is
+    zero."""
+    count = nodes.size * (levels - 1)
+    # the last windows reach beyond it
+    history = aligned_zeros(count + WINDOW, np.dtype(float))[:count].reshape(nodes.size, levels - 1)
+    edges = np.flatnonzero(np.diff(np.sort(outside), prepend=-2, append=-2) != 1)
+    runs = (
+        np.stack([np.sort(outside)[edges[:-1]], np.sort(outside)[edges[1:] - 1] + 1], axis=1)
+        if outside.size
+        else np.zeros((0, 2))
+    )
+    sums = split_sums(fronts, rows, starts, columns, np.asarray(weights, float), nodes, levels)
+    return Fringe(nodes.astype(np.uint32), history, runs.astype(np.int64), *sums)
+
+
+def no_fringe() -> Fringe:
+    """None: nothing closes along an outline."""
+    none, one = np.zeros(0, np.int64), np.zeros(1, np.int64)
+    return fringe_table(none, 1, one, none, one, none, np.zeros(0), none)
 
 
 def split_sums(
@@ -138,64 +200,31 @@ def _gathered(starts: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 
 @njit(error_model="numpy", cache=True)
-def close_fringe(
-    lane,
-    lanes,
-    sync,
-    src,
-    base,
-    out,
-    increments,
-    nodes,
-    history,
-    fronts,
-    owners,
-    starts,
-    places,
-    kinds,
-    table,
-    new_starts,
-    new_nodes,
-    new_weights,
-    outside,
-):
-    """Give the halo nodes of a step's new level `out` their values; one lane's share.
-
-    Parameters
-    ----------
-    lane, lanes, sync
-        Threads that share the work, and where they meet.
-    src, base, out : ndarray
-        Levels of the stage.
-    increments : bool
-    nodes : ndarray of unsigned int, shape (S,)
-        Nodes of the fringe in a level: all that any sum reads, and those with sums.
-    history : ndarray, shape (S, L)
-        Their values one step ago (first), two and so on; moved on by one step, after which the present ones come first.
-    fronts, owners, starts, places, kinds, table, new_starts, new_nodes, new_weights : ndarray
-        The sums, see `split_sums`. Those of one front read new values of earlier fronts only.
-    outside : ndarray of int, shape (N, 2)
-        First and last + 1 of neighbouring nodes beyond the halo, which stay at zero.
-    """
-    first, last = lane * nodes.size // lanes, (lane + 1) * nodes.size // lanes
+def close_fringe(thread, stage, fringe):
+    """Give the halo nodes of a step's new level their values; one thread's share."""
+    nodes, history, src, base, out = fringe.nodes, fringe.history, stage.src, stage.base, stage.out
+    first, last = share(thread, nodes.size)
     present, read = history[first:last, 0], nodes[first:last]
     # all at once: the last value of a place makes room for the present one of the next
     if last > first and history.shape[1] > 1:
         move_up(present.ctypes.data, (last - first) * history.shape[1] - 1)
     for i in range(last - first):
         present[i] = src[read[i]]
-    for run in range(lane * len(outside) // lanes, (lane + 1) * len(outside) // lanes):
-        start, count = outside[run, 0], outside[run, 1] - outside[run, 0]
+    first, last = share(thread, len(fringe.outside))
+    for run in range(first, last):
+        start, count = fringe.outside[run, 0], fringe.outside[run, 1] - fringe.outside[run, 0]
         clear(out.ctypes.data + start * out.itemsize, count, out[0])
-        if increments:
+        if stage.increments:
             clear(base.ctypes.data + start * out.itemsize, count, out[0])
-    barrier(sync, lanes)
-    memory = history.ctypes.data
-    totals, first_place, first_weight, width = np.empty(BUNDLE), places.ctypes.data, table.ctypes.data, 8 * WINDOW
-    sums = totals.ctypes.data
-    for front in range(fronts.size - 1):
-        first, count = fronts[front], fronts[front + 1] - fronts[front]
-        for bundle in range(first + lane * count // lanes, first + (lane + 1) * count // lanes):
+    barrier(thread)
+    owners, starts, kinds = fringe.owners, fringe.starts, fringe.kinds
+    new_starts, new_nodes, new_weights = fringe.new_starts, fringe.new_nodes, fringe.new_weights
+    memory, totals, width = history.ctypes.data, np.empty(BUNDLE), 8 * WINDOW
+    first_place, first_weight, sums = fringe.places.ctypes.data, fringe.table.ctypes.data, totals.ctypes.data
+    for front in range(fringe.fronts.size - 1):
+        begin = fringe.fronts[front]
+        first, last = share(thread, fringe.fronts[front + 1] - begin)
+        for bundle in range(begin + first, begin + last):
             start, stop = np.int64(starts[bundle]), np.int64(starts[bundle + 1])
             window_sums(
                 sums,
@@ -213,8 +242,8 @@ def close_fringe(
                         totals[i] += new_weights[k] * out[new_nodes[k]]
             for i in range(BUNDLE):
                 out[owners[bundle, i]] = totals[i]
-            if increments:
+            if stage.increments:
                 for i in range(BUNDLE):
                     node = owners[bundle, i]
                     base[node] = out[node] - src[node]
-        barrier(sync, lanes)
+        barrier(thread)

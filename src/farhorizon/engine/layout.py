@@ -90,6 +90,15 @@ def aligned(count: int) -> int:
     return -(-count // ALIGN) * ALIGN
 
 
+def aligned_zeros(count: int, dtype: np.dtype, rows: int = 0) -> np.ndarray:
+    """Zeros that begin on a cache line, shape (rows, count) or (count,)."""
+    total = max(rows, 1) * count
+    raw = np.zeros(total + ALIGN, dtype)
+    first = -raw.ctypes.data // dtype.itemsize % ALIGN
+    values = raw[first : first + total]
+    return values.reshape(rows, count) if rows else values
+
+
 @dataclass
 class Layout:
     """The box of a core of given size and its layers.

@@ -29,13 +29,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from farhorizon.engine.bonds import bond_factor
-from farhorizon.engine.layout import SLACK, Layout
+from farhorizon.engine.layout import ALIGN, SLACK, Layout, aligned_zeros
 from farhorizon.engine.rows.build import load_parts, load_shifts
 from farhorizon.engine.rows.choose import UNROLLED_LIMIT, mirrored
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.rows.layer_sums import call_mirrored
 from farhorizon.engine.rows.vectors import TURNED, add_lines, call_parts, call_shifts, clear, fetch, turn
-from farhorizon.engine.threads import barrier
+from farhorizon.engine.threads import barrier, share
 
 #: Values that go through side by side.
 LINES = 32
@@ -99,6 +99,8 @@ class Layers(NamedTuple):
         1 where layers have memory, else 0.
     unit : float
         Sum of the weights' sizes, over which all weights here are taken.
+    slots, memory : ndarray
+        Values of the bands, and the layers' memory.
     """
 
     faces: np.ndarray
@@ -126,6 +128,8 @@ class Layers(NamedTuple):
     sizes: np.ndarray
     cell: int
     unit: Any
+    slots: np.ndarray
+    memory: np.ndarray
 
 
 class LayerTables:
@@ -146,8 +150,8 @@ class LayerTables:
     ----------
     layers : Layers
         Without cuts.
-    memory, slots, scratch : int
-        Numbers of the layers' memory, of the slots, and of the work space of each thread.
+    scratch : int
+        Numbers of the work space of each thread.
     """
 
     def __init__(
@@ -225,6 +229,8 @@ class LayerTables:
             self._sizes(),
             int(remember),
             dtype.type(self.unit),
+            aligned_zeros(self.slots, dtype),
+            aligned_zeros(self.memory if remember else ALIGN * 4, dtype),
         )
 
     def _mirrors(self, axis: int) -> bool:
@@ -699,8 +705,9 @@ def tables_of(layers):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def weigh_bonds(layers, number, sums, src, node, slots, slot, band, work, to, count, coefficient, rule):
+def weigh_bonds(layers, number, sums, src, node, slot, band, work, to, count, material):
     """The same, of so many sums, where bonds have coefficients; places in arrays, `to` a row of the work space."""
+    coefficient, rule, slots = material.coefficient, material.rule, layers.slots
     work[to * LINES : (to + sums) * LINES] = 0
     for part in range(1 if band < 0 else 2):
         ends = layers.ends[3 * number + (0 if part == 0 else 1 + band)]
@@ -717,8 +724,9 @@ def weigh_bonds(layers, number, sums, src, node, slots, slot, band, work, to, co
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def continue_band(lane, lanes, number, src, layers, slots, memory, work, components):
+def continue_band(thread, number, stage, layers, work):
     """Fill the slots of a band: continue the field of all its lines, side by side, and advance the memory."""
+    src, components, slots, memory = stage.src, stage.components, layers.slots, layers.memory
     band, sizes = layers.bands[number], layers.sizes
     columns, m, sets, step, width = band[COLUMNS], band[REACH], band[SETS], band[STEP], band[WIDTH]
     group, size, like = sizes[7], src.itemsize, work[0]
@@ -735,7 +743,8 @@ def continue_band(lane, lanes, number, src, layers, slots, memory, work, compone
     clear(found + (columns + m) * m * row, (width - columns - m) * m * LINES, like)
     if sets == 2:
         clear(found + far, width * m * LINES, like)
-    for item in range(lane * components * groups // lanes, (lane + 1) * components * groups // lanes):
+    own = share(thread, components * groups)
+    for item in range(own[0], own[1]):
         c, x, y = item // groups, item % groups // each, item % each * group
         count = min(group, sizes[1] - y)
         at = address(src) + (c * apart + first + x * band[PLANE] + y * band[ROW]) * size
@@ -818,8 +827,10 @@ def slot_steps(layers, number, size):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def add_bands(lane, lanes, src, base, out, scale, increments, layers, slots, work, components, coefficient, rule):
+def add_bands(thread, stage, layers, work, material):
     """Add what the layers along the last axis contribute to all nodes in their bands."""
+    src, base, out, components, slots = stage.src, stage.base, stage.out, stage.components, layers.slots
+    scale, coefficient = stage.scale * layers.unit, material.coefficient
     sizes, size = layers.sizes, src.itemsize
     apart, to = src.size // components, address(work)
     tables = tables_of(layers)
@@ -835,10 +846,11 @@ def add_bands(lane, lanes, src, base, out, scale, increments, layers, slots, wor
         step, shift, ahead, behind = slot_steps(layers, number, size)
         width = band[WIDTH]
         # Narrow bands, whose lines are neighbours, go through several lines at a time: the same ones with any number of
-        # lanes, as sums depend on it.
+        # threads, as sums depend on it.
         several = LINES // width if width <= LINES and coefficient.size == 1 else 1
         each = (sizes[1] + several - 1) // several
-        for group in range(lane * sizes[0] * each // lanes, (lane + 1) * sizes[0] * each // lanes):
+        own = share(thread, sizes[0] * each)
+        for group in range(own[0], own[1]):
             x, y = group // each, group % each * several
             together = min(several, sizes[1] - y)
             node = sizes[8] + x * band[PLANE] + y * band[ROW] + tile[TILE_FIRST]
@@ -866,9 +878,7 @@ def add_bands(lane, lanes, src, base, out, scale, increments, layers, slots, wor
             for c in range(components):
                 here = to + (c * LINES * size if sums else 0)
                 if coefficient.size > 1:
-                    weigh_bonds(
-                        layers, sizes[4] + c, 1, src, node, slots, slot, number, work, 0, count, coefficient, rule
-                    )
+                    weigh_bonds(layers, sizes[4] + c, 1, src, node, slot, number, work, 0, count, material)
                 elif not sums:
                     ends = tables[0] + (3 * (sizes[4] + c) + 1 + number) * tables[1]
                     call_parts(
@@ -877,27 +887,27 @@ def add_bands(lane, lanes, src, base, out, scale, increments, layers, slots, wor
                 for i in range(together):
                     place = (node + c * apart + i * band[ROW]) * size
                     add_lines(here + i * width * size, news + place, scale, count)
-                    if increments:
+                    if stage.increments:
                         add_lines(here + i * width * size, olds + place, scale, count)
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def stretch_edge(number, c, t, apart, src, layers, slots, memory, work, coefficient, rule):
+def stretch_edge(number, c, t, stage, layers, work, material):
     """What the second axis' layer adds to the parts of the first one's, for the rows of an edge and one tile; into the
     last rows of the work space.
 
     Row ((set * reach + k - 1) * columns + column of the first axis) * columns + column of the second, both counted from
     -reach.
     """
+    src, slots, memory, coefficient = stage.src, layers.slots, layers.memory, material.coefficient
     edge, tile, sizes = layers.edges[number], layers.tiles[t], layers.sizes
     face, other = layers.faces[edge[EDGE_FACE]], layers.faces[edge[EDGE_OTHER]]
     band, count, vectors = tile[TILE_BAND], tile[TILE_COUNT], tile[TILE_VECTORS]
     m, n = face[REACH], other[REACH]
     size, like = src.itemsize, work[0]
     row, start = LINES * size, address(work)
-    components = src.size // apart
-    parts, half = components * sizes[5], sizes[5] // 2
-    target = (components + 2) * sizes[5] + c * sizes[9]
+    parts, half = stage.components * sizes[5], sizes[5] // 2
+    target = (stage.components + 2) * sizes[5] + c * sizes[9]
     wide, high = face[COLUMNS] + m + 1, other[COLUMNS] + n + 1
     r, e, f = address(layers.r[other[PROFILE]]), address(layers.e[other[PROFILE]]), address(layers.f[other[PROFILE]])
     tables = tables_of(layers)
@@ -925,9 +935,7 @@ def stretch_edge(number, c, t, apart, src, layers, slots, memory, work, coeffici
                         slot = line + (p * face[SLOT_STEP] + q * other[SLOT_STEP]) * width
                         place = parts + inward * half + (q + n) * n
                         if coefficient.size > 1:
-                            weigh_bonds(
-                                layers, sums, most, src, node, slots, slot, band, work, place, count, coefficient, rule
-                            )
+                            weigh_bonds(layers, sums, most, src, node, slot, band, work, place, count, material)
                         else:
                             weigh(
                                 tables,
@@ -980,10 +988,12 @@ def stretch_edge(number, c, t, apart, src, layers, slots, memory, work, coeffici
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def stretch_face(item, src, base, out, scale, increments, layers, slots, memory, work, components, coefficient, rule):
+def stretch_face(item, stage, layers, work, material):
     """Add what a face's layer contributes to some rows of one tile, on its columns and on those of the core next to it;
     advances its memory.
     """
+    src, base, out, components = stage.src, stage.base, stage.out, stage.components
+    scale, slots, memory, coefficient = stage.scale * layers.unit, layers.slots, layers.memory, material.coefficient
     face, tile, sizes = layers.faces[item[0]], layers.tiles[item[3]], layers.sizes
     columns, m, sets = face[COLUMNS], face[REACH], face[SETS]
     band, count, vectors = tile[TILE_BAND], tile[TILE_COUNT], tile[TILE_VECTORS]
@@ -1009,7 +1019,7 @@ def stretch_face(item, src, base, out, scale, increments, layers, slots, memory,
     on, back = (0, (sets - 1) * half * wide) if face[STEP] > 0 else ((sets - 1) * half * wide, 0)
     across, slots_across = face[ROW_STEP] * size, face[SLOT_ROW] * width * size
     for c in range(components if edge >= 0 else 0):
-        stretch_edge(edge, c, item[3], apart, src, layers, slots, memory, work, coefficient, rule)
+        stretch_edge(edge, c, item[3], stage, layers, work, material)
     for row in range(item[1], item[2]):
         first = face[ORIGIN] + row * face[ROW_STEP] + tile[TILE_FIRST]
         for p in range(-m, columns + 1):
@@ -1057,7 +1067,7 @@ def stretch_face(item, src, base, out, scale, increments, layers, slots, memory,
                     continue
                 here, number = c * sizes[5] + own * half + to, face[SUMS] + c * sets + own
                 if coefficient.size > 1:
-                    weigh_bonds(layers, number, m, src, node, slots, slot, band, work, here, count, coefficient, rule)
+                    weigh_bonds(layers, number, m, src, node, slot, band, work, here, count, material)
                 elif not sums:
                     weigh(
                         tables,
@@ -1080,9 +1090,8 @@ def stretch_face(item, src, base, out, scale, increments, layers, slots, memory,
                     )
                     add_lines(start + (added + far) * wide, start + (here + k) * wide, work.dtype.type(1), LINES)
                 if layers.cuts.shape[0]:
-                    take_cuts(
-                        face, c, row, item[3], own, p, node, slot, src, layers, slots, work, here, coefficient, rule
-                    )
+                    cuts = face[CUTS] + (c * face[ROWS] + row) * layers.tiles.shape[0] + item[3]
+                    take_cuts(cuts, own, p, node, slot, band, src, layers, work, here, material)
         for c in range(components):
             kept = face[MEMORY] + ((c * face[ROWS] + row) * sizes[6] + tile[TILE_PLACE]) * cells
             memo = address(memory) + layers.cell * kept * size
@@ -1107,107 +1116,74 @@ def stretch_face(item, src, base, out, scale, increments, layers, slots, memory,
             for p in range(1 - m, columns + 1):
                 place = (first + p * face[STEP] + c * apart) * size
                 add_lines(there + p * wide, news + place, scale, count)
-                if increments:
+                if stage.increments:
                     add_lines(there + p * wide, olds + place, scale, count)
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def take_cuts(face, c, row, t, own, p, node, slot, src, layers, slots, work, parts, coefficient, rule):
+def take_cuts(cuts, own, p, node, slot, band, src, layers, work, parts, material):
     """Take the absent bonds of a row of a face from the parts on one column."""
-    start = face[CUTS] + (c * face[ROWS] + row) * layers.tiles.shape[0] + t
-    band = layers.tiles[t, TILE_BAND]
-    for i in range(layers.cut_ranges[start], layers.cut_ranges[start + 1]):
-        lane, which, k, near, far, material = layers.cuts[i]
+    coefficient = material.coefficient
+    for i in range(layers.cut_ranges[cuts], layers.cut_ranges[cuts + 1]):
+        place, which, k, near, far, there = layers.cuts[i]
         if which != own or k < -p - 1:
             continue
-        value = src[node + lane + near]
+        value = src[node + place + near]
         if band >= 0 and far >= 0:
-            value += slots[slot + lane + far]
+            value += layers.slots[slot + place + far]
         w = layers.cut_weights[i]
         if coefficient.size > 1:
-            w *= bond_factor(rule, coefficient[node + lane], coefficient[node + lane + material])
-        work[(parts + k) * LINES + lane] -= w * value
+            w *= bond_factor(material.rule, coefficient[node + place], coefficient[node + place + there])
+        work[(parts + k) * LINES + place] -= w * value
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def take_band_cuts(base, out, scale, increments, layers, slots, coefficient, rule):
+def take_band_cuts(stage, layers, material):
     """Take the absent bonds of the lines of bands from what these have added."""
+    coefficient, slots, scale = material.coefficient, layers.slots, stage.scale * layers.unit
     for i in range(layers.band_cuts.shape[0]):
         number, node, slot, here, there = layers.band_cuts[i]
         w = scale * layers.band_cut_weights[i]
         if coefficient.size > 1:
-            w *= bond_factor(rule, coefficient[here], coefficient[there])
+            w *= bond_factor(material.rule, coefficient[here], coefficient[there])
         for p in range(layers.bands[number, COLUMNS] + layers.bands[number, REACH]):
-            out[node + p] -= w * slots[slot + p]
-            if increments:
-                base[node + p] -= w * slots[slot + p]
+            stage.out[node + p] -= w * slots[slot + p]
+            if stage.increments:
+                stage.base[node + p] -= w * slots[slot + p]
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def continue_lines(lane, lanes, sync, src, layers, slots, memory, work, components):
+def continue_lines(thread, stage, layers, work):
     """Fill the slots from a level whose halo is complete, and advance the memory of the last axis."""
     for number in range(2):
         if layers.bands[number, COLUMNS]:
-            continue_band(lane, lanes, number, src, layers, slots, memory, work, components)
+            continue_band(thread, number, stage, layers, work)
     if layers.copies.shape[1]:
-        barrier(sync, lanes)
-        if lane == 0:
+        barrier(thread)
+        if thread.number == 0:
             for i in range(layers.copies.shape[1]):
-                slots[layers.copies[0, i]] = slots[layers.copies[1, i]]
+                layers.slots[layers.copies[0, i]] = layers.slots[layers.copies[1, i]]
+
+
+def has_layers(layers: Layers, axis: int) -> bool:
+    """Whether there are any along an axis."""
+    return bool(layers.bands[:, COLUMNS].any() if axis == 2 else np.diff(layers.item_ranges)[1 - axis])
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def add_layers(
-    lane,
-    lanes,
-    sync,
-    axis,
-    src,
-    base,
-    out,
-    scale,
-    increments,
-    layers,
-    slots,
-    memory,
-    work,
-    components,
-    coefficient,
-    rule,
-):
+def add_layers(thread, axis, stage, layers, work, material):
     """Add what the layers along one axis contribute to ``out``, and to ``base`` where that holds increments;
     `continue_lines` comes before.
 
-    Lanes write the same nodes along different axes, so they meet after each.
+    Threads write the same nodes along different axes, so they meet after each.
     """
-    scale = scale * layers.unit
     if axis == 2:
-        if layers.bands[0, COLUMNS] or layers.bands[1, COLUMNS]:
-            add_bands(
-                lane, lanes, src, base, out, scale, increments, layers, slots, work, components, coefficient, rule
-            )
-            if layers.band_cuts.shape[0]:
-                barrier(sync, lanes)
-                if lane == 0:
-                    take_band_cuts(base, out, scale, increments, layers, slots, coefficient, rule)
-            barrier(sync, lanes)
-        return
-    first, last = layers.item_ranges[1 - axis], layers.item_ranges[2 - axis]
-    if first < last:
-        for i in range(first + lane, last, lanes):
-            stretch_face(
-                layers.items[i],
-                src,
-                base,
-                out,
-                scale,
-                increments,
-                layers,
-                slots,
-                memory,
-                work,
-                components,
-                coefficient,
-                rule,
-            )
-        barrier(sync, lanes)
+        add_bands(thread, stage, layers, work, material)
+        if layers.band_cuts.shape[0]:
+            barrier(thread)
+            if thread.number == 0:
+                take_band_cuts(stage, layers, material)
+    else:
+        for i in range(layers.item_ranges[1 - axis] + thread.number, layers.item_ranges[2 - axis], thread.threads):
+            stretch_face(layers.items[i], stage, layers, work, material)
+    barrier(thread)

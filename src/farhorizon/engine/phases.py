@@ -10,15 +10,67 @@ row of tiles; they are found anew in the rows whose counts have changed.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.rows.vectors import TILE, TILE_ROWS, any_below
-from farhorizon.engine.threads import add
+from farhorizon.engine.threads import ALONE, add, share
 
 LIQUID, MIXED, SOLID = 0, 1, 2
 #: Step of dissolution of a node that is still solid.
 NEVER = np.iinfo(np.int64).max
+
+
+class Phases(NamedTuple):
+    """What the compiled loop knows of the two phases.
+
+    Attributes
+    ----------
+    runs : ndarray of int32, shape (rows of tiles, tiles, 2)
+        Of each run of a row, its kind and the tile after its last.
+    solids, volumes : ndarray of int, shape (rows of tiles, tiles)
+        Solid nodes, and all nodes, of each tile and within one reach of it.
+    changed : ndarray of bool, shape (rows of tiles,)
+        Rows whose counts have changed since their runs were found.
+    dissolved : ndarray of int
+        Step at which each place became liquid.
+    total : ndarray of int, shape (1,)
+        How many nodes have become liquid.
+    saturation : float
+        Below it a solid node dissolves.
+    period : ndarray of int, shape (3,)
+        Nodes after which an axis repeats itself, 0 for those that do not.
+    """
+
+    runs: np.ndarray
+    solids: np.ndarray
+    volumes: np.ndarray
+    changed: np.ndarray
+    dissolved: np.ndarray
+    total: np.ndarray
+    saturation: float
+    period: np.ndarray
+
+
+def phases_table(
+    solids: np.ndarray, volumes: np.ndarray, dissolved: np.ndarray, saturation: float, period: np.ndarray
+) -> Phases:
+    """What the loop knows, from the counts of tiles; the arrays are kept."""
+    runs, changed = np.zeros((*solids.shape, 2), np.int32), np.ones(len(solids), bool)
+    phases = Phases(
+        runs, solids, volumes, changed, dissolved, np.zeros(1, np.int64), float(saturation), period.astype(np.int64)
+    )
+    if len(solids):
+        find_runs(ALONE, phases)
+    return phases
+
+
+def one_phase() -> Phases:
+    """None: there is but one."""
+    none = np.zeros((0, 0), np.int64)
+    return phases_table(none, none, np.zeros(0, np.int64), 0.0, np.zeros(3))
 
 
 def count_solid(solid: np.ndarray, reach: tuple[int, ...], sizes: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
@@ -58,12 +110,12 @@ def phase_of(solid, volume):
 
 
 @njit(error_model="numpy", cache=True)
-def find_runs(lane, lanes, solids, volumes, changed, runs):
-    """Runs of the rows of tiles that have `changed`: ``runs[row, i]`` is the kind of a run and the tile after its last;
-    one lane's share.
-    """
+def find_runs(thread, phases):
+    """Find the runs of the rows of tiles that have changed; one thread's share."""
+    solids, volumes, changed, runs = phases.solids, phases.volumes, phases.changed, phases.runs
     rows, tiles = solids.shape
-    for row in range(lane * rows // lanes, (lane + 1) * rows // lanes):
+    first, last = share(thread, rows)
+    for row in range(first, last):
         if not changed[row]:
             continue
         changed[row], found = False, 0
@@ -74,9 +126,10 @@ def find_runs(lane, lanes, solids, volumes, changed, runs):
 
 
 @njit(error_model="numpy", cache=True)
-def uncount(at, nodes, reach, period, solids, changed):
+def uncount(at, nodes, reach, phases):
     """Take the node at the three coordinates `at`, and its periodic images, off the counts of all tiles around it."""
-    word = np.int64(solids.ctypes.data)
+    period, tiles = phases.period, phases.solids.shape[1]
+    word = np.int64(phases.solids.ctypes.data)
     for i0 in range(at[0] - period[0], at[0] + period[0] + 1, max(period[0], 1)):
         for i1 in range(at[1] - period[1], at[1] + period[1] + 1, max(period[1], 1)):
             for i2 in range(at[2] - period[2], at[2] + period[2] + 1, max(period[2], 1)):
@@ -89,26 +142,24 @@ def uncount(at, nodes, reach, period, solids, changed):
                         for t1 in range(
                             max(i1 - reach[1], 0) // TILE_ROWS, min(i1 + reach[1], nodes[1] - 1) // TILE_ROWS + 1
                         ):
-                            changed[t1 * nodes[0] + t0] = True
+                            phases.changed[t1 * nodes[0] + t0] = True
                             for t2 in range(
                                 max(i2 - reach[2], 0) // TILE, min(i2 + reach[2], nodes[2] - 1) // TILE + 1
                             ):
-                                add(word + 8 * ((t1 * nodes[0] + t0) * solids.shape[1] + t2), -1)
+                                add(word + 8 * ((t1 * nodes[0] + t0) * tiles + t2), -1)
 
 
 @njit(error_model="numpy", cache=True)
-def dissolve(
-    lane, lanes, u, coefficient, dissolved, total, step, block, solids, changed, saturation, period, runs, reach
-):
-    """Solid nodes of mixed tiles whose value is below `saturation` become liquid; `dissolved` says at which step,
-    `total` how many there were.
+def dissolve(thread, u, coefficient, sweep, phases, step):
+    """Solid nodes of mixed tiles whose value is below the saturation become liquid at this step.
 
-    Lanes share the rows of tiles; the runs stay as they are meanwhile.
+    Threads share the rows of tiles; the runs stay as they are meanwhile.
     """
+    block, runs = sweep.block, phases.runs
     nodes = (block[1], block[2], block[3])
-    limit = u.dtype.type(saturation)
+    limit = u.dtype.type(phases.saturation)
     metal, values = coefficient.ctypes.data, u.ctypes.data
-    for number in range(lane, solids.shape[0], lanes):
+    for number in range(thread.number, runs.shape[0], thread.threads):
         i0, first = number % nodes[0], (number // nodes[0]) * TILE_ROWS
         corner = block[0] + i0 * block[4] + first * block[5]
         run, stop = 0, 0
@@ -123,6 +174,6 @@ def dissolve(
                 for i2 in range(start, stop):
                     if coefficient[row + i2] <= 0 and u[row + i2] < limit:
                         coefficient[row + i2] = 1
-                        dissolved[row + i2] = step
-                        uncount((i0, i1, i2), nodes, reach, period, solids, changed)
-                        add(np.int64(total.ctypes.data), 1)
+                        phases.dissolved[row + i2] = step
+                        uncount((i0, i1, i2), nodes, sweep.reach, phases)
+                        add(np.int64(phases.total.ctypes.data), 1)

@@ -32,7 +32,7 @@ class State:
         nodes = engine.layout.box.node_indices().ravel()
         self._nodes = engine.all_components(nodes[engine.exists[nodes]])
         self._memory = np.concatenate([np.zeros(0, np.int64), *(cells.ravel() for _, cells in engine.layer_memory)])
-        poles = engine.poles
+        poles = engine.ends.poles
         self._modes = np.nonzero(np.concatenate([poles.any(1)] * 2, axis=1))
         self.size = len(self.read())
 
@@ -46,14 +46,14 @@ class State:
     def write(self, values: np.ndarray) -> None:
         """Put the engine into a state."""
         engine, count, levels = self.engine, len(self._nodes), self._levels(0)
-        engine.levels[...], engine.memory[...], engine.states[...], engine.fringe_history[...] = 0, 0, 0, 0
-        engine.phase, engine.clock[0] = 0, 1  # a later step than the first, whose sample counts half at exact ends
+        engine.levels[...], engine.memory[...], engine.ends.states[...], engine.fringe_history[...] = 0, 0, 0, 0
+        engine.phase, engine.ends.clock[0] = 0, 1  # a later step than the first, whose sample counts half at exact ends
         for i, level in enumerate(levels):
             engine.levels[level, self._nodes] = values[i * count : (i + 1) * count]
         end = len(levels) * count
         engine.memory[self._memory] = values[end : end + len(self._memory)]
         start, end = end + len(self._memory), end + len(self._memory) + len(self._modes[0])
-        engine.states[self._modes] = values[start:end]
+        engine.ends.states[self._modes] = values[start:end]
         # a step forgets the last row
         engine.fringe_history[:-1] = values[end:].reshape(engine.fringe_history[:-1].shape)
 
@@ -62,7 +62,7 @@ class State:
         engine = self.engine
         levels = [engine.levels[level, self._nodes] for level in self._levels(engine.phase)]
         return np.concatenate(
-            [*levels, engine.memory[self._memory], engine.states[self._modes], engine.fringe_history[:-1].ravel()]
+            [*levels, engine.memory[self._memory], engine.ends.states[self._modes], engine.fringe_history[:-1].ravel()]
         )
 
     def after(self, values: np.ndarray, steps: int = 1) -> np.ndarray:

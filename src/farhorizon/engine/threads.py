@@ -10,7 +10,7 @@ import os
 import platform
 import threading
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from llvmlite import ir
@@ -21,7 +21,7 @@ from numba.extending import intrinsic
 from farhorizon.engine.rows.compiled import njit
 
 _LINE = 16  # elements from one shared word to the next: each has cache lines of its own
-_ARRIVED, _ROUND, _CLAIMED = range(0, 3 * _LINE, _LINE)  # the last one for lane 0, those of the others follow
+_ARRIVED, _ROUND, _CLAIMED = range(0, 3 * _LINE, _LINE)  # the last one for thread 0, those of the others follow
 
 # some ten microseconds; then the thread sleeps, which on a busy machine brings the others on sooner than yielding
 _SPINS = 2000
@@ -32,6 +32,18 @@ _sleep = (
     if os.name == "nt"
     else types.ExternalFunction("usleep", types.int32(types.int32))
 )
+
+
+class Thread(NamedTuple):
+    """One of the threads that go through the loop: its number, how many there are, and the words that they share."""
+
+    number: int
+    threads: int
+    shared: np.ndarray
+
+
+#: The only one.
+ALONE = Thread(0, 1, np.zeros(1, np.int64))
 
 
 @intrinsic
@@ -60,15 +72,15 @@ def _read(typingctx, address):
 
 
 @njit(cache=True)
-def barrier(sync, lanes):
-    """Wait until all lanes are here and take back all claims; `sync` is the int64 array that they share."""
-    if lanes == 1:
+def barrier(thread):
+    """Wait until all threads are here, and take back all claims."""
+    if thread.threads == 1:
         return
-    word = np.int64(sync.ctypes.data)
+    word = np.int64(thread.shared.ctypes.data)
     now = _read(word + 8 * _ROUND)
-    if add(word + 8 * _ARRIVED, 1) == lanes - 1:
-        add(word + 8 * _ARRIVED, -lanes)
-        sync[_CLAIMED:] = 0
+    if add(word + 8 * _ARRIVED, 1) == thread.threads - 1:
+        add(word + 8 * _ARRIVED, -thread.threads)
+        thread.shared[_CLAIMED:] = 0
         add(word + 8 * _ROUND, 1)
         return
     spins = 0
@@ -79,17 +91,25 @@ def barrier(sync, lanes):
 
 
 @njit(cache=True)
-def claim(sync, owner):
-    """Number of the next piece of a lane's share that nobody has claimed since the last barrier."""
-    return add(np.int64(sync.ctypes.data) + 8 * (_CLAIMED + owner * _LINE), 1)
+def claim(thread, owner):
+    """Number of the next piece of a thread's share that nobody has claimed since the last barrier."""
+    return add(np.int64(thread.shared.ctypes.data) + 8 * (_CLAIMED + owner * _LINE), 1)
 
 
-def side_by_side(work: Callable[[int, int, np.ndarray], None], lanes: int) -> None:
-    """Call ``work(lane, lanes, sync)``, which must release the interpreter's lock, for every lane at the same time."""
-    sync = np.zeros(_CLAIMED + lanes * _LINE, np.int64)
-    others = [threading.Thread(target=work, args=(lane, lanes, sync), daemon=True) for lane in range(1, lanes)]
+@njit(cache=True)
+def share(thread, count):
+    """First and last + 1 of the pieces, among so many, that are a thread's."""
+    return thread.number * count // thread.threads, (thread.number + 1) * count // thread.threads
+
+
+def side_by_side(work: Callable[[Thread], None], count: int) -> None:
+    """Call `work`, which must release the interpreter's lock, for every thread at the same time."""
+    shared = np.zeros(_CLAIMED + count * _LINE, np.int64)
+    others = [
+        threading.Thread(target=work, args=(Thread(number, count, shared),), daemon=True) for number in range(1, count)
+    ]
     for thread in others:
         thread.start()
-    work(0, lanes, sync)
+    work(Thread(0, count, shared))
     for thread in others:
         thread.join()

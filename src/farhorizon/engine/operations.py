@@ -1,0 +1,132 @@
+"""The operations of which a step consists, and the tables that they read.
+
+A step is one or more stages. Each stage is a list of operations, which the compiled loop works off in their order; an
+operation has a number beside it where it needs one. The numpy interpreter (`farhorizon.engine.interpreter`) works off
+the same lists.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import NamedTuple
+
+import numpy as np
+
+from farhorizon.engine.bonds import Bonds
+from farhorizon.engine.ends import Ends
+from farhorizon.engine.filter import Filter
+from farhorizon.engine.fringe import Fringe
+from farhorizon.engine.nested import Layers, has_layers
+from farhorizon.engine.phases import Phases
+from farhorizon.engine.tables import Cuts, Damping, Dependents, Flows, Inputs, Material, Surface, Sweep
+
+COPY = 0  # the halo repeats what lies across periodic axes
+DAMP_OLD = 1  # an absorbing zone damps the increment of the last step
+LINES = 2  # layers continue the field along lines of the last axis
+SWEEP = 3  # out = a*src + b*base + scale*L(src), with plain shifts
+CUT = 4  # absent bonds are taken back
+STRETCH = 5  # the layers along an axis add what stretched shifts add
+ENDS = 6  # exact ends
+FEED = 7  # sources
+DAMP_NEW = 8  # an absorbing zone damps the increment of this step
+FILTER = 9  # layers damp short waves
+HOLD = 10  # nodes with given values
+WORK = 11  # the work of sources is added up
+FLOW_LAYERS = 12  # what layers bring is added to the flows
+FLOW = 13  # what flows along bonds is added to the flows
+DEPEND = 14  # nodes whose values depend on those of others
+FRINGE = 15  # the halo along an outline
+DISSOLVE = 16  # solid nodes become liquid
+WATCH = 17  # values of watched nodes are kept
+
+
+class Tables(NamedTuple):
+    """All that the loop reads and keeps beside the levels and what comes from outside.
+
+    Attributes
+    ----------
+    operations : ndarray of int, shape (n, 2)
+        Those of all stages, one after the other: the operation, and a number.
+    starts : ndarray of int, shape (stages + 1,)
+        First operation of each stage.
+    rotation : ndarray of int, shape (rotations, stages, 3)
+        Numbers of the levels (src, base, out).
+    numbers : ndarray, shape (stages, 5)
+        (a, a for differences, b, scale, source scale).
+    increments : bool
+    components : int
+    copies : ndarray of int, shape (2, n)
+        Places of the halo that repeat others, and those.
+    work_space : ndarray, shape (threads, n)
+    work : ndarray, shape (n,)
+        Where the work of sources is added up, or empty.
+    """
+
+    operations: np.ndarray
+    starts: np.ndarray
+    rotation: np.ndarray
+    numbers: np.ndarray
+    increments: bool
+    components: int
+    sweep: Sweep
+    layers: Layers
+    work_space: np.ndarray
+    copies: np.ndarray
+    material: Material
+    cuts: Cuts
+    surface: Surface
+    phases: Phases
+    bonds: Bonds
+    work: np.ndarray
+    damping: Damping
+    ends: Ends
+    dependents: Dependents
+    flows: Flows
+    fringe: Fringe
+    filter: Filter
+
+
+def operations_of(tables: Tables, inputs: Inputs) -> tuple[np.ndarray, np.ndarray]:
+    """What there is to do in a step: the `operations` and `starts` of tables that lack them."""
+    lists = [_stage(tables, inputs, stage) for stage in range(len(tables.numbers))]
+    lists[-1] += _chosen((DISSOLVE, tables.phases.runs.size), (WATCH, inputs.watched.size))
+    starts = np.cumsum([0, *map(len, lists)])
+    return np.array(list(itertools.chain(*lists)), np.int64).reshape(-1, 2), starts
+
+
+def _stage(tables: Tables, inputs: Inputs, stage: int) -> list[tuple[int, int]]:
+    damped, fed, flows = tables.damping.nodes.size, len(inputs.source_fields), tables.flows.effects[stage] != 0
+    return (
+        _chosen((DAMP_OLD, damped))
+        + operator_operations(tables)
+        + _chosen(
+            (ENDS, len(tables.ends.nodes)),
+            (FEED, fed),
+            (DAMP_NEW, damped),
+            (FILTER, tables.filter.runs.size),
+            (HOLD, inputs.held.size),
+            (WORK, fed and tables.work.size),
+            (FLOW_LAYERS, flows and tables.flows.inflow.size),
+            (FLOW, flows and tables.flows.accounts.size),
+            (DEPEND, tables.dependents.nodes.size),
+            (FRINGE, tables.fringe.nodes.size),
+        )
+    )
+
+
+def operator_operations(tables: Tables) -> list[tuple[int, int]]:
+    """The operator: its halo filled, layers included."""
+    layers = [(STRETCH, axis) for axis in (2, 1, 0) if has_layers(tables.layers, axis)]
+    return (
+        _chosen((COPY, tables.copies.size), (LINES, has_layers(tables.layers, 2))) + sweep_operations(tables) + layers
+    )
+
+
+def sweep_operations(tables: Tables) -> list[tuple[int, int]]:
+    """The operator with plain shifts, whatever the halo holds."""
+    return _chosen((SWEEP, 1), (CUT, tables.cuts.nodes.size))
+
+
+def _chosen(*wanted: tuple[int, int]) -> list[tuple[int, int]]:
+    """Of (operation, whether there is anything to do), the operations."""
+    return [(operation, 0) for operation, there in wanted if there]

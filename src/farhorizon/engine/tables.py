@@ -1,0 +1,210 @@
+"""What all kernels of the compiled loop are given: named tuples of plain arrays."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+
+class Stage(NamedTuple):
+    """One stage of a step: ``out = a*src + b*base + scale*L(src)`` on all nodes.
+
+    Attributes
+    ----------
+    src, base, out : ndarray
+        Levels, laid out by `farhorizon.engine.layout`. Of a field of several components each holds as many copies of
+        the layout, one after the other.
+    part : int
+        Number of the stage in its step.
+    a, a_difference, b, scale : float
+        `a` is the factor of a node's own value in the compiled rows, whose weights leave the node itself out, and
+        `a_difference` that in sums over differences.
+    increments : bool
+        Whether `base` holds the increment ``out - src``, which the stage renews.
+    components : int
+    """
+
+    src: np.ndarray
+    base: np.ndarray
+    out: np.ndarray
+    part: int
+    a: Any
+    a_difference: Any
+    b: Any
+    scale: Any
+    increments: bool
+    components: int
+
+
+class Sweep(NamedTuple):
+    """The stencil, and the box of all nodes that it is swept over.
+
+    Attributes
+    ----------
+    block : ndarray of int
+        See `layout.BOX_FIELDS`.
+    function : int
+        Address of the compiled rows; 0 for a stencil without.
+    depth : int
+        Rows that are swept at a time.
+    weights : ndarray, shape (stages, n)
+        Of the compiled rows.
+    offsets : ndarray of int, shape (K,)
+        Distances to the neighbours in a level.
+    general : ndarray, shape (stages, K * components**2)
+        Weights of the neighbours.
+    reach : ndarray of int, shape (3,)
+    """
+
+    block: np.ndarray
+    function: int
+    depth: int
+    weights: np.ndarray
+    offsets: np.ndarray
+    general: np.ndarray
+    reach: np.ndarray
+
+
+class Material(NamedTuple):
+    """Coefficients of the nodes, from which bonds have their factors.
+
+    Attributes
+    ----------
+    coefficient : ndarray
+        On every place of a level; of one number where all bonds are alike.
+    rule : int
+        See `bonds.bond_factor`.
+    interface, ceiling : float
+        Of two phases: the factor of bonds between them, and the value above which none counts there.
+    """
+
+    coefficient: np.ndarray
+    rule: int
+    interface: Any
+    ceiling: Any
+
+
+class Cuts(NamedTuple):
+    """Bonds that are absent: places of their nodes and neighbours, sorted, and the weights that are taken away."""
+
+    nodes: np.ndarray
+    neighbours: np.ndarray
+    weights: np.ndarray
+
+
+class Surface(NamedTuple):
+    """What nodes at the edge of a body lack, see `farhorizon.engine.surface.shared_rows`.
+
+    Attributes
+    ----------
+    ranges : ndarray of int, shape (rows, 2)
+        Stretches of each row of the box: first, last + 1.
+    stretches : ndarray of int, shape (n, 3)
+        First node in its row, last + 1, and how far its weights are from it.
+    weights : ndarray, shape (components**2, n)
+    """
+
+    ranges: np.ndarray
+    stretches: np.ndarray
+    weights: np.ndarray
+
+
+class Damping(NamedTuple):
+    """Nodes of an absorbing zone: factors of the old and of the new increment, and a rate of loss."""
+
+    nodes: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    leak: np.ndarray
+
+
+class Dependents(NamedTuple):
+    """Nodes whose values depend on those of others: node i is the sum of weights[k] times node sources[k], k from
+    starts[i] to starts[i + 1], plus what comes from outside. They are set in this order.
+    """
+
+    nodes: np.ndarray
+    starts: np.ndarray
+    sources: np.ndarray
+    weights: np.ndarray
+
+
+class Flows(NamedTuple):
+    """What flows into the near field, summed over time in some accounts.
+
+    Attributes
+    ----------
+    accounts, nodes, neighbours : ndarray of int, shape (n,)
+        Of each bond: the account, its node, and the neighbour, below 0 where that is at zero.
+    weights : ndarray, shape (n,)
+    effects : ndarray, shape (stages,)
+        What the flow of each stage adds to a step's.
+    ends : ndarray of int, shape (ends, K)
+        Accounts of the drivers of exact ends, below 0 for none.
+    sides : ndarray of int, shape (n, 4)
+        Of layers: axis, account, and the first and last + 1 of `beside`.
+    beside : ndarray of int
+        Nodes next to layers.
+    inflow : ndarray
+        A level to work in, empty without layers.
+    totals : ndarray, shape (2, accounts)
+        The sums, and the rounding of them (Neumaier).
+    """
+
+    accounts: np.ndarray
+    nodes: np.ndarray
+    neighbours: np.ndarray
+    weights: np.ndarray
+    effects: np.ndarray
+    ends: np.ndarray
+    sides: np.ndarray
+    beside: np.ndarray
+    inflow: np.ndarray
+    totals: np.ndarray
+
+
+def no_flows(stages: int, real: np.dtype) -> Flows:
+    """None: nothing is added up."""
+    none = np.zeros(0, np.int64)
+    return Flows(
+        *(none, none, none, np.zeros(0), np.zeros(stages)),
+        np.zeros((0, 0), np.int64),
+        np.zeros((0, 4), np.int64),
+        none,
+        np.zeros(0, real),
+        np.zeros((2, 0)),
+    )
+
+
+class Inputs(NamedTuple):
+    """What comes from outside in some steps, and what is watched.
+
+    Attributes
+    ----------
+    before : int
+        Steps that were done before.
+    source_nodes : ndarray of int, shape (S,)
+    source_fields : ndarray, shape (J, S)
+    source_times : ndarray, shape (steps, stages, J)
+        Amplitudes of the fields.
+    held : ndarray of int, shape (H,)
+        Nodes with the values ``held_values[step]`` after each step.
+    held_values : ndarray, shape (steps, H)
+    dependent_fields, dependent_times : ndarray, shapes (M, n), (steps, stages, M)
+        What is added to the values of `Dependents`.
+    watched : ndarray of int, shape (W,)
+        Nodes whose values are copied to ``seen[step]`` after each step.
+    seen : ndarray, shape (steps, W)
+    """
+
+    before: int
+    source_nodes: np.ndarray
+    source_fields: np.ndarray
+    source_times: np.ndarray
+    held: np.ndarray
+    held_values: np.ndarray
+    dependent_fields: np.ndarray
+    dependent_times: np.ndarray
+    watched: np.ndarray
+    seen: np.ndarray
