@@ -83,6 +83,7 @@ def _more() -> dict[str, Callable[[], Any]]:
     slow = fh.LatticePML(nodes=6)
     ball, half = fh.Disc(12.0, (14.0, 14.0)), "1+(x>12)"
     elastic = fh.Elastic(fh.Kernel(2.0), young=1.0)
+    state_based = fh.Elastic(fh.Kernel(2.0), young=1.0, poisson=0.2, material="state-based")
     push = {"u": ["exp(-((x-9)**2+(y-9)**2)/9)/100", "0"]}
 
     def sim(*args: Any, **more: Any) -> Callable[[], Any]:
@@ -116,9 +117,7 @@ def _more() -> dict[str, Callable[[], Any]]:
             constraints=[fh.Temperature("x-", 1.0), fh.Convection("x+", 0.4, 0.0)],
         ),
         "elastic, 2D": sim(lattice(30, 31), elastic, slow, push),
-        "elastic, 2D, general": sim(
-            lattice(30, 31), fh.Elastic(fh.Kernel(2.0), young=1.0, poisson=0.2, material="state-based"), slow, push
-        ),
+        "elastic, 2D, state-based": sim(lattice(30, 31), state_based, slow, push),
         "elastic, breaking": sim(
             lattice(30, 31),
             fh.Elastic(fh.Kernel(2.0), young=1.0, critical_stretch=4e-3),
