@@ -27,7 +27,7 @@ from farhorizon.engine.rows.choose import compiled_rows
 from farhorizon.engine.rows.vectors import TILE, TILE_ROWS
 from farhorizon.engine.surface import bare_bonds, shared_rows
 from farhorizon.engine.tables import Cuts, Damping, Dependents, Flows, Inputs, Material, Stage, Surface, Sweep, no_flows
-from farhorizon.engine.threads import ALONE, side_by_side
+from farhorizon.engine.threads import side_by_side
 
 __all__ = ["NEVER", "Engine", "Layer", "Layout", "Zone", "available_threads"]
 
@@ -116,6 +116,8 @@ class Engine:
     outside : ndarray of int
         Places in a level, of the first component, of nodes that do not exist but have bonds to some that do: they
         must be held at zero.
+    loop : callable
+        What works off the table of operations: the compiled loop, or a `farhorizon.engine.interpreter.Interpreter`.
     watched : ndarray of int, shape (n,)
         Places in a level whose values after each step of an `advance` are in `seen`, shape (steps, n).
     """
@@ -161,6 +163,7 @@ class Engine:
         self.set_cuts(none, none, np.zeros((0, *self.weights.shape[1:])))
         self.hold(none)
         self.watched, self.seen = none, np.zeros((0, 0))
+        self.loop = self._compiled
 
     # --- tables of the compiled loop ---------------------------------------------------------------------------
 
@@ -728,6 +731,12 @@ class Engine:
         rare = (tables.phases.runs, tables.bonds.places, tables.work, tables.ends.nodes, tables.fringe.nodes)
         return load_driver(any(table.size for table in rare))
 
+    def _compiled(self, steps: int, phase: int, levels: np.ndarray, tables: Tables, inputs: Inputs) -> None:
+        """Work off the table of operations, on all threads for those of the engine's own levels."""
+        run = self._driver.run
+        threads = self.threads if levels is self.levels else 1
+        side_by_side(lambda thread: run(thread, steps, phase, levels, tables, inputs), threads)
+
     @property
     def current(self) -> np.ndarray:
         """The flat level that holds the state."""
@@ -772,7 +781,7 @@ class Engine:
             layers=self.tables.layers._replace(memory=memory),
             bonds=self.tables.bonds._replace(limit=np.array([np.inf, np.inf], self.dtype)),
         )
-        self._driver.run(ALONE, 1, 0, levels, tables, self._no_inputs(1))
+        self.loop(1, 0, levels, tables, self._no_inputs(1))
         level[:] = levels[0]
         return levels[1 if self.stages.increments else 2] / tables.numbers[0, 3]
 
@@ -827,8 +836,7 @@ class Engine:
         tables = self.tables
         operations, starts = operations_of(tables, inputs)
         tables = tables._replace(operations=operations, starts=starts)
-        run, phase = self._driver.run, self.phase
-        side_by_side(lambda thread: run(thread, steps, phase, self.levels, tables, inputs), self.threads)
+        self.loop(steps, self.phase, self.levels, tables, inputs)
         self.phase = (self.phase + steps) % len(tables.rotation)
         self.steps_done += steps
 

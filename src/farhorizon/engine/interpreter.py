@@ -1,0 +1,409 @@
+"""A plain numpy program that works off the same table of operations as the compiled loop (`farhorizon.engine.program`):
+the reference in tests, and a pattern for other machines.
+
+It goes by the definitions: each bond one after the other, each stretched shift written out with a memory of its own for
+every offset of the stencil. It is slow, and keeps the layers' memory to itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from farhorizon.engine import operations as op
+from farhorizon.engine.bonds import PHASES, bond_factor, follows_law
+from farhorizon.engine.engine import Engine
+from farhorizon.engine.tables import Inputs, Material, Stage
+
+_bond_factor, _follows_law = np.vectorize(bond_factor.py_func), np.vectorize(follows_law.py_func, excluded=[0])
+
+
+class Interpreter:
+    """Advances an engine whose layers remember nothing yet.
+
+    Parameters
+    ----------
+    engine : Engine
+        Its `loop` becomes this one.
+    """
+
+    def __init__(self, engine: Engine) -> None:
+        if engine.memory.any():
+            raise ValueError("the layers' memory is not empty")
+        self.engine, self.components = engine, engine.components
+        self.box = engine.layout.box
+        self.places = self.box.node_indices()
+        self.nodes = self.places.ravel()
+        self.matrices = engine.weights.reshape(len(engine.offsets), self.components, self.components)
+        self.memory: dict[object, np.ndarray] = {}
+        self.fields: dict[tuple[int, ...], np.ndarray] = {}
+        self.edges = [self._edges(axis) for axis in range(3)]
+        engine.loop = self.run
+        self.methods: dict[int, Callable[..., None]] = {
+            op.COPY: self._copy,
+            op.DAMP_OLD: self._damp_old,
+            op.LINES: lambda: None,  # `_stretch` continues the field itself
+            op.SWEEP: self._sweep,
+            op.CUT: self._cut,
+            op.STRETCH: self._stretch,
+            op.ENDS: self._exact_ends,
+            op.FEED: self._feed,
+            op.DAMP_NEW: self._damp_new,
+            op.FILTER: self._filter,
+            op.HOLD: lambda: self._set(self.inputs.held, self.inputs.held_values[self.step]),
+            op.WORK: self._work,
+            op.FLOW_LAYERS: self._flow_of_layers,
+            op.FLOW: self._flow,
+            op.DEPEND: self._depend,
+            op.FRINGE: self._fringe,
+            op.DISSOLVE: self._dissolve,
+            op.WATCH: self._watch,
+        }
+
+    def run(self, steps: int, phase: int, levels: np.ndarray, tables: op.Tables, inputs: Inputs) -> None:
+        """As `program.run`; with another memory than that of the engine, the layers' own is left as it is."""
+        kept = None if tables.layers.memory is self.engine.memory else {k: a.copy() for k, a in self.memory.items()}
+        self.tables, self.inputs = tables, inputs
+        for self.step in range(steps):
+            for part in range(tables.rotation.shape[1]):
+                src, base, out = (levels[i] for i in tables.rotation[phase, part])
+                a, a_difference, b, scale, _ = tables.numbers[part]
+                self.stage = Stage(src, base, out, part, a, a_difference, b, scale, tables.increments, self.components)
+                for operation, number in tables.operations[tables.starts[part] : tables.starts[part + 1]].tolist():
+                    self.methods[operation](*[number] * (operation == op.STRETCH))
+            phase = (phase + 1) % len(tables.rotation)
+        if kept is not None:
+            self.memory = kept
+
+    # --- levels ------------------------------------------------------------------------------------------------
+
+    def _split(self, level: np.ndarray) -> np.ndarray:
+        """A level by component; shares memory."""
+        return level.reshape(self.components, -1)
+
+    def _set(self, nodes: np.ndarray, values: np.ndarray) -> None:
+        """Give nodes their values at the new step."""
+        stage = self.stage
+        stage.out[nodes] = values
+        if stage.increments:
+            stage.base[nodes] = stage.out[nodes] - stage.src[nodes]
+
+    def _add(self, values: np.ndarray, nodes: np.ndarray | None = None) -> None:
+        """Add to the new step what nodes gain, shape (components, nodes), of all nodes unless they are given."""
+        nodes = self.nodes if nodes is None else nodes
+        for level in (self.stage.out, self.stage.base)[: 1 + self.stage.increments]:
+            for component, gains in zip(self._split(level), values, strict=True):
+                np.add.at(component, nodes, gains)
+
+    def _copy(self) -> None:
+        levels = self._split(self.stage.src)
+        for to, source in self.tables.copies.T:  # later ones copy what earlier ones have copied
+            levels[:, to] = levels[:, source]
+
+    def _watch(self) -> None:
+        self.inputs.seen[self.step] = self.stage.out[self.inputs.watched]
+
+    # --- bonds -------------------------------------------------------------------------------------------------
+
+    def _factors(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
+        """Factors of bonds from the coefficients of their ends."""
+        coefficient, rule = self.tables.material.coefficient, self.tables.material.rule
+        if coefficient.size == 1:
+            return np.ones(len(nodes))
+        return np.asarray(_bond_factor(rule, coefficient[nodes], coefficient[others]))
+
+    def _gaps(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
+        """Differences of the values at the ends of bonds, shape (components, bonds)."""
+        src, material = self._split(self.stage.src), self.tables.material
+        here, there = src[:, nodes], src[:, others]
+        if material.rule == PHASES:
+            between = material.coefficient[nodes] * material.coefficient[others] < 0
+            here, there = (np.where(between, np.minimum(v, material.ceiling), v) for v in (here, there))
+        return np.asarray(there - here)
+
+    def _sweep(self) -> None:
+        stage, nodes = self.stage, self.nodes
+        total = np.zeros((self.components, nodes.size))
+        for distance, weight in zip(self.tables.sweep.offsets, self.matrices, strict=True):
+            total += weight @ (self._factors(nodes, nodes + distance) * self._gaps(nodes, nodes + distance))
+        total += self._released()
+        total *= stage.scale
+        if self.tables.bonds.places.size:
+            self._pull_bonds(total)
+        src, base, out = (self._split(level) for level in stage[:3])
+        if stage.increments:
+            base[:, nodes] = stage.b * base[:, nodes] + total
+            out[:, nodes] = src[:, nodes] + base[:, nodes]
+        else:
+            out[:, nodes] = stage.a_difference * src[:, nodes] + stage.b * base[:, nodes] + total
+
+    def _released(self) -> np.ndarray:
+        """What bonds to places without a node have taken of the nodes' own values."""
+        exists, nodes = self.engine.exists, self.nodes
+        found = np.zeros((self.components, nodes.size))
+        zone = self._zone() if self.tables.bonds.places.size else np.zeros(nodes.size, bool)
+        for distance, weight in zip(self.tables.sweep.offsets, self.matrices, strict=True):
+            bare = exists[nodes] & ~exists[nodes + distance] & ~zone
+            found -= bare * (weight @ (self._factors(nodes, nodes + distance) * self._gaps(nodes, nodes + distance)))
+        return found
+
+    def _zone(self) -> np.ndarray:
+        """Which nodes have bonds that are looked at one by one."""
+        zone = self.tables.bonds.zone
+        at = np.indices(self.box.nodes).reshape(3, -1)
+        return np.asarray(((at >= zone[6:9, None]) & (at < zone[9:, None])).all(0))
+
+    def _pull_bonds(self, total: np.ndarray) -> None:
+        """The forces of bonds with a law of their own, in the place of those of the stencil; some break."""
+        bonds, src, d = self.tables.bonds, self._split(self.stage.src), self.components
+        inside = np.flatnonzero(self._zone())
+        nodes, at = self.nodes[inside], np.indices(self.box.nodes).reshape(3, -1)[:, inside]
+        total[:, inside] = 0
+        for bond, (place, *offset) in enumerate(bonds.places):
+            xi, inverse, stiffness = bonds.table[bond, :d, None], bonds.table[bond, d], bonds.table[bond, d + 1]
+            curved = _follows_law(bonds.zone, *at) & _follows_law(bonds.zone, *(at + np.array(offset)[:, None]))
+            eta = src[:, nodes + place] - src[:, nodes]
+            bent = np.where(curved & bonds.nonlinear, eta, 0)
+            e = (eta * (2 * xi + bent)).sum(0) * inverse
+            mask = np.uint64(1) << np.uint64(bond & 63)
+            alive = bonds.alive[bond >> 6, nodes] & mask != 0
+            gone = alive & curved & (e > bonds.limit[0])
+            bonds.alive[bond >> 6, nodes[gone]] &= ~mask
+            c = stiffness * self._factors(nodes, nodes + place)
+            self._count_broken(nodes[gone], place, xi, c[gone])
+            pull = np.where(curved & bonds.nonlinear, 1 / (1 + e + np.sqrt(np.maximum(1 + e, 0))), 0.5)
+            total[:, inside] += (alive & ~gone) * c * e * pull * (xi + bent)
+
+    def _count_broken(self, nodes: np.ndarray, place: int, xi: np.ndarray, stiffness: np.ndarray) -> None:
+        """Half the energy of bonds that break, from their elongations now and a step ago, and half their number."""
+        length = np.sqrt((xi**2).sum())
+        stretched = []
+        for level in (self.stage.src, self.stage.base):
+            u = self._split(level)
+            eta = u[:, nodes + place] - u[:, nodes]
+            longer = np.sqrt(((xi + eta) ** 2).sum(0)) - length if self.tables.bonds.nonlinear else xi.T @ eta / length
+            stretched.append(np.ravel(longer))
+        self.tables.bonds.broken[0, 0] += 0.25 * (stiffness * stretched[0] * stretched[1]).sum(), 0.5 * len(nodes)
+
+    def _cut(self) -> None:
+        cuts, d = self.tables.cuts, self.components
+        lost = self._factors(cuts.nodes, cuts.neighbours) * self._gaps(cuts.nodes, cuts.neighbours)
+        weights = cuts.weights.reshape(-1, d, d)
+        self._add(-self.stage.scale * np.einsum("iab,bi->ai", weights, lost), cuts.nodes)
+
+    # --- layers ------------------------------------------------------------------------------------------------
+
+    def _edges(self, axis: int) -> tuple[np.ndarray, ...]:
+        """The recursion on the edges of an axis with its halo; edge i lies between the nodes i - 1 and i."""
+        engine, m = self.engine, self.box.reach[axis]
+        tables = np.zeros((3, self.box.nodes[axis] + 2 * m + 1))
+        for (a, side), layer in engine.layers.items():
+            if a == axis:
+                inner = tables[:, m : tables.shape[1] - m]
+                at = slice(None, layer.columns + 1) if side < 0 else slice(-layer.columns - 1, None)
+                inner[:, at] = np.array(layer.recursion(engine.dt))[:, ::side]
+        if not engine.remember:
+            tables[1:] = 0
+        return tables[0], tables[1], tables[2]
+
+    def _shift(self, u: np.ndarray, axis: int, sign: int, key: object) -> np.ndarray:
+        """A field on the box and its halo, one node on along an axis: ``v(p) = u(p + 1) + r (u(p) - v(p + 1)) - N``."""
+        r, e, f = (t if sign > 0 else t[::-1] for t in self.edges[axis])
+        u = np.moveaxis(u, axis, 0)[::sign]
+        past = self.memory.setdefault(key, np.zeros((len(u) + 1, *u.shape[1:])))
+        v, ahead, beyond = np.zeros_like(u), np.zeros_like(u[0]), np.zeros_like(u[0])
+        for p in range(len(u) - 1, -1, -1):
+            d = u[p] - ahead
+            v[p] = beyond + r[p + 1] * d - past[p]
+            past[p] = e[p + 1] * past[p] + f[p + 1] * d
+            ahead, beyond = v[p], u[p]
+        return np.moveaxis(v[::sign], 0, axis)
+
+    def _continued(self, offset: tuple[int, ...], axis: int) -> np.ndarray:
+        """The field shifted along this axis and later ones by stretched shifts, shape (components, *box and halo)."""
+        stretched = tuple(o if a >= axis else 0 for a, o in enumerate(offset))
+        if self.fields.get(stretched) is None:
+            first = next(a for a in range(3) if stretched[a])
+            sign = int(np.sign(stretched[first]))
+            nearer = tuple(o - sign * (a == first) for a, o in enumerate(stretched))
+            before = self._continued(nearer, axis)
+            made = [self._shift(u, first, sign, (stretched, c)) for c, u in enumerate(before)]
+            self.fields[stretched] = np.stack(made)
+        return self.fields[stretched]
+
+    def _stretch(self, axis: int) -> None:
+        self._add(self.stage.scale * self._stretched(axis).reshape(self.components, -1))
+
+    def _stretched(self, axis: int) -> np.ndarray:
+        """What stretched shifts along an axis add to plain ones, where later axes have theirs; L of all nodes."""
+        engine, shape = self.engine, (self.components, *self.box.nodes)
+        if axis == max(a for a in range(3) if self._has_layers(a)):
+            level = self._split(self.stage.src)
+            self.fields = {(0, 0, 0): np.stack([self.box.all(level[c]).astype(float) for c in range(self.components)])}
+        total = np.zeros(shape)
+        for offset, weight in zip(engine.offsets.tolist(), self.matrices, strict=True):
+            if offset[axis]:
+                more = self._moved(self._continued(tuple(offset), axis), offset, axis)
+                later = next((a for a in range(axis + 1, 3) if self._has_layers(a)), 3)
+                less = self._moved(self._continued(tuple(offset), later), offset, later)
+                at = self.nodes + int(np.dot(offset, self.box.stride))
+                there = self._present(self.nodes, at) * self._factors(self.nodes, at)
+                total += np.tensordot(weight, (more - less) * there.reshape(self.box.nodes), 1)
+        return total
+
+    def _has_layers(self, axis: int) -> bool:
+        return any(a == axis for a, _ in self.engine.layers)
+
+    def _present(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
+        """Which bonds are there, by the absent ones and by the places without a node."""
+        engine, cuts = self.engine, self.tables.cuts
+        size = engine.layout.size
+        absent = np.isin(nodes * size + others, cuts.nodes * size + cuts.neighbours)
+        return np.asarray(~absent & (engine.exists[nodes] == engine.exists[others]))
+
+    def _moved(self, field: np.ndarray, offset: list[int], axis: int) -> np.ndarray:
+        """The nodes' values of a field that is shifted plainly along the axes before this one."""
+        parts = [
+            slice(m + (o if a < axis else 0), m + (o if a < axis else 0) + n)
+            for a, (o, m, n) in enumerate(zip(offset, self.box.reach, self.box.nodes, strict=True))
+        ]
+        return field[(slice(None), *parts)]
+
+    # --- the rest of a stage -----------------------------------------------------------------------------------
+
+    def _damp_old(self) -> None:
+        stage, (nodes, before, _, _) = self.stage, self.tables.damping
+        if stage.increments:
+            stage.base[nodes] *= before
+        else:
+            stage.base[nodes] = stage.src[nodes] - (stage.src[nodes] - stage.base[nodes]) * before
+
+    def _damp_new(self) -> None:
+        stage, (nodes, _, after, leak) = self.stage, self.tables.damping
+        u = stage.src[nodes]
+        self._set(nodes, u + (stage.out[nodes] - u) * after - stage.scale * leak * u)
+
+    def _exact_ends(self) -> None:
+        stage, ends = self.stage, self.tables.ends
+        step, reach, half = int(ends.clock[0]), ends.nodes.shape[1], ends.poles.shape[2]
+        ends.clock[0] += 1
+        for end, nodes in enumerate(ends.nodes):
+            sample = (ends.first if step == 0 else 1.0) * stage.src[nodes]
+            ends.history[end, step] = sample
+            ends.forces[end] = ends.outputs[end] @ ends.states[end]
+            y = ends.states[end] + sample @ ends.inputs[end, :reach]
+            z = (ends.poles[end, 0] + 1j * ends.poles[end, 1]) * (y[:half] + 1j * y[half:])
+            ends.states[end] = np.concatenate([z.real, z.imag])
+            if ends.heads.shape[1]:
+                place = step % ends.heads.shape[1]
+                ends.forces[end, :reach] += ends.past[end, place]
+                for lag in range(1, place + 1):
+                    ends.forces[end, :reach] += ends.heads[end, lag] @ ends.history[end, step - lag]
+            self._add(stage.scale * ends.forces[end : end + 1, :reach], nodes)
+            counted = self.tables.flows.ends[end] >= 0 if len(self.tables.flows.ends) else np.zeros(reach, bool)
+            gains = self.tables.flows.effects[stage.part] * ends.forces[end, :reach][counted]
+            self._count(self.tables.flows.ends[end][counted] if counted.any() else nodes[:0], gains)
+
+    def _feed(self) -> None:
+        stage, inputs = self.stage, self.inputs
+        amplitudes = self.tables.numbers[stage.part, 4] * inputs.source_times[self.step, stage.part]
+        for level in (stage.out, stage.base)[: 1 + stage.increments]:
+            level[inputs.source_nodes] += amplitudes @ inputs.source_fields
+
+    def _filter(self) -> None:
+        stage, tables = self.stage, self.tables.filter
+        for c in range(self.components):
+            src, base, out = (self._split(level)[c] for level in stage[:3])
+            if tables.whole:
+                for level in (out, base if stage.increments else src):
+                    level -= self._passed(level)
+            else:
+                taken = self._passed(out - src)
+                out -= taken
+                if stage.increments:
+                    base -= taken
+
+    def _passed(self, values: np.ndarray) -> np.ndarray:
+        """What a filter takes of the values of one component."""
+        taps, steps, box, strengths, runs, copies, _ = self.tables.filter
+        index = [(place + i, node + i, first + i) for place, node, first, count in runs for i in range(count)]
+        places, nodes, entries = np.array(index).T
+        weighed = np.zeros_like(box)
+        weighed[places] = strengths[entries] * values[nodes]
+        weighed[copies[0]] = weighed[copies[1]]
+        passed = np.zeros(len(places))
+        for distance in steps:
+            passed += taps[0] * weighed[places]
+            for k, tap in enumerate(taps[1:], 1):
+                passed += tap * (weighed[places + k * distance] + weighed[places - k * distance])
+        taken = np.zeros_like(values)
+        taken[nodes] = strengths[entries] * passed
+        return taken
+
+    def _work(self) -> None:
+        stage, inputs = self.stage, self.inputs
+        change = stage.out[inputs.source_nodes] - stage.base[inputs.source_nodes]
+        fields, times = inputs.source_fields, inputs.source_times[self.step, stage.part]
+        self.tables.work[0] += 0.5 * (times @ fields) @ change
+
+    def _count(self, accounts: np.ndarray, gains: np.ndarray) -> None:
+        np.add.at(self.tables.flows.totals[0], accounts, gains)
+
+    def _flow(self) -> None:
+        flows, src = self.tables.flows, self.stage.src
+        inner = flows.neighbours >= 0
+        others = np.where(inner, flows.neighbours, flows.nodes)
+        gaps = self._factors(flows.nodes, others) * self._gaps(flows.nodes, others)[0]
+        gaps = np.where(inner, gaps, -src[flows.nodes])
+        self._count(flows.accounts, flows.effects[self.stage.part] * flows.weights * gaps)
+
+    def _flow_of_layers(self) -> None:
+        flows = self.tables.flows
+        for axis in (2, 1, 0):
+            if self._has_layers(axis):
+                level = np.zeros(self.engine.layout.size)
+                level[self.nodes] = self._stretched(axis).ravel()
+                for at, account, first, last in flows.sides:
+                    if at == axis:
+                        gains = flows.effects[self.stage.part] * level[flows.beside[first:last]]
+                        self._count(np.full(last - first, account), gains)
+
+    def _depend(self) -> None:
+        nodes, starts, sources, weights = self.tables.dependents
+        added = self.inputs.dependent_times[self.step, self.stage.part] @ self.inputs.dependent_fields
+        for i, node in enumerate(nodes):
+            at = slice(starts[i], starts[i + 1])
+            value = weights[at] @ self.stage.out[sources[at]] + (added[i] if np.ndim(added) else 0.0)
+            self._set(np.array([node]), np.array([value]))
+
+    def _fringe(self) -> None:
+        stage, fringe = self.stage, self.tables.fringe
+        if fringe.history.shape[1]:
+            fringe.history[:, 1:] = fringe.history[:, :-1].copy()
+            fringe.history[:, 0] = stage.src[fringe.nodes]
+        for first, last in fringe.outside:
+            for level in (stage.out, stage.base)[: 1 + stage.increments]:
+                level[first:last] = 0
+        places = fringe.places.reshape(-1, fringe.owners.shape[1])
+        values = np.append(fringe.history.ravel(), np.zeros(fringe.table.shape[1]))
+        window = np.arange(fringe.table.shape[1])
+        for bundle, owners in enumerate(fringe.owners):
+            start, stop = int(fringe.starts[bundle]), int(fringe.starts[bundle + 1])
+            for i, owner in enumerate(owners):
+                seen = values[places[start:stop, i, None].astype(int) // 8 + window]
+                kind, number = int(fringe.kinds[bundle, i]), len(owners) * bundle + i
+                new = slice(int(fringe.new_starts[number]), int(fringe.new_starts[number + 1]))
+                total = (fringe.table[kind : kind + stop - start] * seen).sum()
+                total += fringe.new_weights[new] @ stage.out[fringe.new_nodes[new]]
+                self._set(np.array([owner]), np.array([total]))
+
+    def _dissolve(self) -> None:
+        material: Material = self.tables.material
+        phases, nodes = self.tables.phases, self.nodes
+        gone = nodes[(material.coefficient[nodes] <= 0) & (self.stage.out[nodes] < phases.saturation)]
+        material.coefficient[gone] = 1
+        phases.dissolved[gone] = self.inputs.before + self.step + 1
+        phases.total[0] += len(gone)
+        for to, source in self.tables.copies.T:
+            material.coefficient[to] = material.coefficient[source]

@@ -1,0 +1,147 @@
+"""The compiled loop against the plain numpy program that works off the same table of operations."""
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.engine.interpreter import Interpreter
+
+SEED = 20261122
+WAVE, SLOW = fh.Wave(fh.Kernel(2.0)), fh.LatticePML(nodes=3)
+ELASTIC = {"young": 1.0, "critical_stretch": 0.02}
+
+
+def lattice(*shape, **more):
+    """A box whose first node is at the origin."""
+    return fh.Lattice(spacing=1.0, lower=[0.0] * len(shape), upper=[n - 1.0 for n in shape], **more)
+
+
+def bump(shape, components=0):
+    """Random values on a few nodes in the middle: the layers remember nothing at the start."""
+    values = np.zeros((components, *shape) if components else shape)
+    middle = tuple(slice(n // 2 - 1, n // 2 + 2) for n in shape)
+    at = (..., *middle)
+    values[at] = np.random.default_rng([SEED, components, *shape]).standard_normal(values[at].shape)
+    return values
+
+
+def source(shape, components=0):
+    """A source of two functions of time."""
+    return [fh.Source(bump(shape, components), "sin(2*t)"), fh.Source(bump(shape, components) ** 2, "cos(t)")]
+
+
+def waves(shape, sides=SLOW, model=WAVE, **more):
+    return fh.Simulation(lattice(*shape), model, sides, {"u": bump(shape)}, **more)
+
+
+def half(shape):
+    """A coefficient that varies in the middle."""
+    values = np.ones(shape)
+    values[tuple(slice(n // 2, n // 2 + 2) for n in shape)] = 0.5
+    return values
+
+
+CASES = {
+    "1D": lambda: waves((23,)),
+    "1D, source": lambda: waves((23,), sources=source((23,))),
+    "2D": lambda: waves((15, 16)),
+    "2D, corner, periodic": lambda: waves((15, 16), {"x": fh.Periodic(), "y": SLOW}, sources=source((15, 16))),
+    "2D, free and sponge": lambda: waves((15, 16), {"x-": fh.Free(), "x+": fh.Sponge(4), "y": SLOW}),
+    "2D, coefficient": lambda: waves((17, 18), coefficient=half((17, 18)), rule="harmonic"),
+    "2D, crack into a layer": lambda: waves((15, 16), cracks=[[(8.5, 8.2), (8.5, 40.0)]]),
+    "2D, body": lambda: fh.Simulation(
+        lattice(15, 16, body=fh.Disc(6.0, (7.0, 8.0))), WAVE, fh.Free(), {"u": bump((15, 16))}
+    ),
+    "2D, ground": lambda: fh.Simulation(
+        lattice(15, 18, body=fh.Polygon([(-99, -99), (99, -99), (99, 15.2), (-99, 15.2)])),
+        WAVE,
+        {"x": SLOW, "y-": SLOW, "y+": fh.Free()},
+        {"u": bump((15, 18))},
+    ),
+    "2D, held for a while": lambda: fh.Simulation(
+        lattice(15, 16), WAVE, SLOW, constraints=[fh.Prescribed([(7.0, 8.0)], "sin(t)", until=4.0)]
+    ),
+    "2D, window": lambda: fh.Simulation(
+        fh.Lattice(1.0, window=fh.Disc(7.0)), WAVE, fh.Higdon(), {"u": "exp(-(x**2+y**2)*2)"}
+    ),
+    "3D": lambda: waves((11, 12, 13)),
+    "3D, reach 1 and 2": lambda: waves((11, 12, 13), {"x": SLOW, "y-": fh.Fixed(0.0), "y+": SLOW, "z": fh.Periodic()}),
+    "exact ends": lambda: waves((40,), fh.Exact(), sources=source((40,))),
+    "diffusion, Chebyshev": lambda: waves(
+        (15, 16), SLOW, fh.Diffusion(fh.Kernel(2.0), integrator=fh.RungeKuttaChebyshev(4)), sources=source((15, 16))
+    ),
+    "diffusion, balance": lambda: waves((15, 16), SLOW, fh.Diffusion(fh.Kernel(2.0)), balance=True),
+    "heat, conditions": lambda: fh.Simulation(
+        lattice(15, 16),
+        fh.Heat(fh.Kernel(2.0)),
+        {"x": fh.Free(), "y": fh.Periodic()},
+        constraints=[fh.Temperature("x-", "sin(t)", kind="mirror"), fh.Convection("x+", 0.4, 1.0)],
+        balance=True,
+    ),
+    "elastic": lambda: fh.Simulation(
+        lattice(13, 14), fh.Elastic(fh.Kernel(2.0), 1.0), fh.LatticePML(nodes=5), {"u": 1e-3 * bump((13, 14), 2)}
+    ),
+    "breaking bonds": lambda: fh.Simulation(
+        lattice(13, 14),
+        fh.Elastic(fh.Kernel(2.0), **ELASTIC),
+        {"x": SLOW, "y": fh.Free()},
+        {"v": 0.03 * bump((13, 14), 2)},
+        sources=[fh.Source(1e-3 * bump((13, 14), 2), "sin(t)")],
+        balance=True,
+    ),
+    "nonlinear bonds": lambda: fh.Simulation(
+        lattice(13, 14),
+        fh.Elastic(fh.Kernel(2.0), nonlinear=True, **ELASTIC),
+        fh.Periodic(),
+        {"v": 0.03 * bump((13, 14), 2)},
+        balance=True,
+        coefficient=half((13, 14)),
+    ),
+}
+
+
+@pytest.mark.parametrize("make", CASES.values(), ids=CASES)
+def test_both_compute_the_same(make):
+    """Levels, flows, damage and work, to rounding."""
+    print("seed", SEED)
+    compiled, plain = make(), make()
+    Interpreter(plain.engine)
+    for sim in (compiled, plain):
+        sim.step(13)
+    one, two = compiled.engine, plain.engine
+    assert np.abs(one.current).max() > 1e-6
+    for a, b in ((one.current, two.current), (one.older, two.older)):
+        np.testing.assert_allclose(one.core.view(b), one.core.view(a), rtol=0, atol=1e-12 * np.abs(a).max())
+    np.testing.assert_allclose(two.flows.sum(0), one.flows.sum(0), rtol=1e-10, atol=1e-13)
+    np.testing.assert_array_equal(two.tables.bonds.alive, one.tables.bonds.alive)
+    assert two.work == pytest.approx(one.work, rel=1e-10, abs=1e-18)
+    if one.has_bonds:
+        assert one.broken[1] == two.broken[1]
+        assert two.broken[0] == pytest.approx(one.broken[0], rel=1e-10)
+
+
+def test_corrosion():
+    """The same nodes dissolve at the same steps."""
+    shape = (21, 22)
+    solid = np.zeros(shape, bool)
+    solid[8:14, 8:14] = True
+    model = fh.Corrosion(fh.Kernel(2.0), saturation=0.5, interface=0.3)
+    sims = [
+        fh.Simulation(lattice(*shape), model, {"x": SLOW, "y": fh.Periodic()}, specimens=[fh.Specimen(solid, 1.0)])
+        for _ in range(2)
+    ]
+    Interpreter(sims[1].engine)
+    for sim in sims:
+        sim.step(60)
+    one, two = (sim.fields for sim in sims)
+    assert 0 < np.isfinite(one["dissolved"]).sum() and (one["dissolved"] > 0).any()
+    for name in one:
+        np.testing.assert_allclose(two[name], one[name], rtol=0, atol=1e-12)
+
+
+def test_layers_that_remember_are_refused():
+    """The interpreter keeps their memory in another form."""
+    sim = waves((15, 16))
+    sim.step(60)
+    with pytest.raises(ValueError, match="memory"):
+        Interpreter(sim.engine)
