@@ -7,7 +7,7 @@ import farhorizon as fh
 from farhorizon.boundaries import Extended, LatticePML
 from farhorizon.case.case import Case
 from farhorizon.checks.price import Price
-from farhorizon.simulation import simulation
+from farhorizon.simulation import settling
 from farhorizon.studies.compare import compare
 
 LATTICE = fh.Lattice(0.25, (-3.0, -2.0), (3.0, 2.0))
@@ -38,8 +38,8 @@ def dear(monkeypatch):
     """Makes the extended domain so many times as dear as layers."""
 
     def set_price(times):
-        monkeypatch.setattr(simulation, "price", lambda sim: Price(1.0, 1.0, 1.0))
-        monkeypatch.setattr(simulation, "extended_price", lambda sim, until, sides: Price(1.0, times, 1.0))
+        monkeypatch.setattr(settling, "price", lambda sim: Price(1.0, 1.0, 1.0))
+        monkeypatch.setattr(settling, "extended_price", lambda sim, until, sides: Price(1.0, times, 1.0))
 
     return set_price
 

@@ -143,7 +143,7 @@ def test_a_run_outlives_its_kernel(end):
     lengths = set()
     for count in (1, 62, 3, 958, 1, 1, 500, 1074):
         sim.step(count)
-        lengths.add(sim._ends.steps)
+        lengths.add(sim.exact_ends.steps)
         assert np.abs(sim.fields["u"] - infinite.run(count)[near]).max() <= (1e-12 if end == CONVOLVED else 1e-11)
     assert lengths == {1024, 2048, 4096}
     assert "to step 4096" in sim.ends["x-"]
@@ -300,7 +300,7 @@ def test_bounded_over_a_million_steps(tolerance, monkeypatch):
             {"u": initial},
             dt=0.005,
         )
-        sim._ends.cover(10**6)
+        sim.exact_ends.cover(10**6)
         for _ in range(4):
             sim.step(250_000)
             assert np.abs(sim.fields["u"]).max() <= bound

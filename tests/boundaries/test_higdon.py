@@ -54,7 +54,7 @@ def one_step_map(sim):
     """Matrix of one step of a simulation without sources on its near field, halo and memory."""
     engine, columns = sim.engine, []
     state = [engine.levels, engine.fringe_history]
-    places = [np.concatenate([sim._near_indices(), sim.closure.unmoved]), np.arange(engine.fringe_history.shape[1])]
+    places = [np.concatenate([sim.parts.grid.indices, sim.closure.unmoved]), np.arange(engine.fringe_history.shape[1])]
     levels = [engine.current, engine.older]
     for part, level in [(0, 0), (0, 1), *[(1, row) for row in range(engine.fringe_history.shape[0])]]:
         for place in places[part]:

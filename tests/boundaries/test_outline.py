@@ -29,10 +29,10 @@ def noise(sim, seed=1):
     values = np.random.default_rng(seed).standard_normal(sim.lattice.shape)
     values = values if sim.lattice.mask is None else np.where(sim.lattice.mask, values, 0.0)
     for level in (engine.current, engine.older)[: sim.model.order]:
-        near = engine.core.view(level)[sim._near]
+        near = sim.parts.grid.view(level)
         near[...] = values.reshape(near.shape)
     sim.closure.start()
-    sim._scale = 1e6
+    sim._feed.scale = 1e6
     return sim
 
 

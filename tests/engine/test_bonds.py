@@ -104,7 +104,7 @@ def test_bonds_break_as_one_by_one(shape, held, nonlinear):
         plain.step()
     sim.step(40)
     np.testing.assert_allclose(sim.fields["u"], plain.field, rtol=0, atol=1e-12 * np.abs(plain.field).max())
-    np.testing.assert_array_equal(sim._bonds_left(), plain.bonds_left)
+    np.testing.assert_array_equal(sim.parts.breaking.left(), plain.bonds_left)
     assert sim.broken_bonds == (~plain.alive).sum() // 2 > 20
 
 
@@ -123,7 +123,7 @@ def test_bonds_of_coefficients_that_vary(shape, held, rule, nonlinear):
         plain.step()
     sim.step(40)
     np.testing.assert_allclose(sim.fields["u"], plain.field, rtol=0, atol=1e-12 * np.abs(plain.field).max())
-    np.testing.assert_array_equal(sim._bonds_left(), plain.bonds_left)
+    np.testing.assert_array_equal(sim.parts.breaking.left(), plain.bonds_left)
     assert sim.broken_bonds == (~plain.alive).sum() // 2 > 20
 
 

@@ -12,6 +12,13 @@ from collections.abc import Callable
 
 import numpy as np
 
+from farhorizon import kinds
+from farhorizon.errors import InputError
+from farhorizon.geometry.lattice import AXES, Lattice
+from farhorizon.simulation.grid import Grid
+from farhorizon.simulation.near_field import NearField
+from farhorizon.simulation.phases import Phases
+
 Bonds = Callable[[int], np.ndarray]
 _SINGULAR = 1e-8  # second moments of the bonds left, relative to those of all
 
@@ -122,3 +129,45 @@ def power_across(
         exists = factor[cut] > 0
         total += weights[number] * float(np.where(exists, factor[cut] * (u[crossing][cut] - ends[cut]), 0.0).sum())
     return total * spacing ** (u.ndim - 2)
+
+
+def flux_tables(near: NearField, grid: Grid, phases: Phases | None) -> tuple[np.ndarray, np.ndarray, np.ndarray, Bonds]:
+    """What `nodal_flux` and `power_across` need of a run: the field, offsets and weights of the bonds, and the factor
+    of the bond from each node of the near field along an offset, 0 where there is none within it.
+    """
+    engine, stencil = grid.engine, near.stencil
+    u = grid.view(engine.current).reshape(near.lattice.shape).astype(float)
+    if phases is not None and phases.dissolution.limited:  # what bonds between the phases carry
+        u = np.where(phases.solid, phases.dissolution.saturation - near.background, u)
+    nodes = grid.nodes.ravel()
+    inside = np.zeros(engine.layout.size, bool)
+    inside[nodes] = True
+
+    def factor(number: int) -> np.ndarray:
+        other = nodes + int(engine.offsets[number] @ np.array(engine.core.stride))
+        weight = engine.weights[number]
+        left = engine.bond_factors(nodes, other) * (1 - engine.lost(nodes, other, weight) / weight)
+        return np.where(inside[other] & (left > 1e-12), left, 0.0).reshape(near.lattice.shape)
+
+    return u, stencil.offsets, stencil.weights * near.model.coefficient / near.model.source_factor, factor
+
+
+def plane(lattice: Lattice, axis: str, position: float) -> tuple[int, int]:
+    """Number of the axis that a plane is normal to, and of the last row of nodes before it.
+
+    Raises
+    ------
+    InputError
+        An axis that the lattice has not, a plane outside it.
+    """
+    number = AXES.index(kinds.one_of(axis, "axis", AXES[: lattice.dim], "the lattice has no such axis"))
+    position = kinds.number(position, "position")
+    row = int(np.floor((position - lattice.lower[number]) / lattice.spacing + 1e-9))
+    if not 0 <= row < lattice.shape[number] - 1:
+        raise InputError(
+            "the plane lies outside the near field",
+            value=position,
+            key="position",
+            limit=f"{lattice.lower[number]} to {lattice.upper[number]}",
+        )
+    return number, row

@@ -21,6 +21,9 @@ from farhorizon.inputs.specimens import Specimen
 from farhorizon.models import LatticeModel
 from farhorizon.simulation.run import wanted_threads
 
+Key = tuple[int, int]  # axis and side, -1 or +1
+Sides = dict[Key, Any]  # what stands there
+
 
 def keys(name: str, values: Sequence[Any]) -> list[str]:
     """What the entries of a list are called in messages."""
@@ -119,9 +122,16 @@ constraints, balance, specimens, loads
         )
 
     @property
-    def sides(self) -> dict[tuple[int, int], Any]:
+    def sides(self) -> Sides:
         """What stands on each side by (axis, side), side = -1 or +1."""
         return sides(self.boundary, self.lattice.dim)
+
+    @property
+    def lasting(self) -> bool:
+        """Whether the older time level outlives a step, which the energies of bonds one by one and the work of sources
+        need.
+        """
+        return self.model.bond_law is not None or (self.model.mechanical and self.balance)
 
     @property
     def arguments(self) -> dict[str, Any]:

@@ -1,46 +1,45 @@
-"""Simulation: runs what `farhorizon.simulation.assembly` has put together, and says what comes out."""
+"""Simulation: a set-up that runs, and what comes out of it."""
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from time import perf_counter
 from typing import Any, Self
 
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.analysis.extent import Extent
 from farhorizon.boundaries import ExactEnds, Side
 from farhorizon.checks.certificate import BUDGET, Certificate, certify
-from farhorizon.checks.price import extended_price, price
 from farhorizon.checks.report import Report
 from farhorizon.errors import InputError
 from farhorizon.files.results import Caution, read_checkpoint, write_checkpoint
-from farhorizon.geometry.lattice import AXES, Lattice
+from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.conditions import Constraint
 from farhorizon.inputs.loads import BodyForce, Traction
 from farhorizon.inputs.prescribed import Prescribed
-from farhorizon.inputs.sources import steady
 from farhorizon.inputs.specimens import Specimen
-from farhorizon.machine import available_memory
-from farhorizon.medium.integrators import stage_effects
 from farhorizon.models import LatticeModel
-from farhorizon.simulation.assembly import Assembly
+from farhorizon.simulation.assembly import Parts, assemble
+from farhorizon.simulation.books import Books
+from farhorizon.simulation.checkpoint import fingerprint, state_of, take_rest, take_state
 from farhorizon.simulation.described import describe, rebuild
-from farhorizon.simulation.flux import nodal_flux, power_across
-from farhorizon.simulation.overstretch import Rim, rim_of
+from farhorizon.simulation.drives import Moving
+from farhorizon.simulation.energies import energies
+from farhorizon.simulation.feed import Feed
+from farhorizon.simulation.flux import flux_tables, nodal_flux, plane, power_across
+from farhorizon.simulation.guard import likely_cause
 from farhorizon.simulation.run import MOST_STEPS, Run
-from farhorizon.simulation.setup import Setup, side_name
+from farhorizon.simulation.settling import Settling, late, settled_sides
+from farhorizon.simulation.setup import Key, Setup, side_name
+from farhorizon.simulation.start import Motion
+from farhorizon.simulation.steps import seconds_of
 
-_SHATTERS = 10.0  # a load whose first strain is so many times the critical stretch breaks whatever it meets
-_SUPERSATURATED = 0.05  # part of the saturation by which liquid may exceed it without a word
-_TABLE = 1 << 20  # numbers in one table of source amplitudes
 
-
-class Simulation(Assembly, Run):
+class Simulation(Run):
     """One run of a model on a lattice.
 
     Parameters
@@ -181,300 +180,139 @@ class Simulation(Assembly, Run):
 
     def _begin(self, setup: Setup, observe: Sequence[Callable[[Simulation], None]]) -> None:
         """Be at the start of a set-up."""
-        super().__init__(setup)
-        self._at_start(observe, int(np.prod(self.engine.core.nodes)))
-        self._source_peaks: dict[int, float] = {}
-        self._end = 0.0  # of the run, as far as it is known
-        self._good_for = 0.0  # length of the run that the sides are good for, as far as they are chosen for one
-        self._why: list[str] = []  # how sides that leave the choice were chosen
-        self._open_ended = [key for key, b in self.sides.items() if b.open_ended]
-        self._looked = 0.0  # up to this time
-        self._books = setup.balance and not self.lasting
-        self._opened = len(self._cracks)
-        self._open_cracks()
-        self._first_cuts = self.engine.absent_bonds
-        held = [abs(b.held - self.background) for b in self.sides.values() if b.held is not None]
         self.setup = setup
-        self.settled = replace(setup, boundary=self._settled_sides(), coefficient=self._factor, dt=self.dt)
-        self._scale = max(
-            [float(np.abs(self.start_u).max()), float(np.abs(self.start_v).max()) * self.dt, 1e-300, *held]
+        parts = self._put_together(setup)
+        self._at_start(observe, int(np.prod(parts.grid.engine.core.nodes)))
+        open_ended = [key for key, b in self.sides.items() if b.open_ended]
+        self._settling = Settling(parts.autos, open_ended)
+        self._lay_start()
+
+    def _put_together(self, setup: Setup) -> Parts:
+        """Make the parts, and show what others read of them."""
+        self.parts = parts = assemble(setup)
+        near, around = parts.near, parts.around
+        self.lattice, self.model, self.background, self.dt = near.lattice, near.model, near.background, near.dt
+        self.stencil, self.engine, self.sides, self.closure = (
+            near.stencil,
+            parts.grid.engine,
+            around.sides,
+            parts.closure,
         )
-        self._start(self.start_u, self.start_v)
-        if self.bondwise:
-            self._check_stretch()
-        self._first_energy = self.energy() if setup.balance and self.lasting else 0.0
-        if self._books:
-            self._open_books()
-        self._set_rim()
+        self.step_limit, self.rate_limit, self.field_shape = near.step_limit, near.rate_limit, near.field_shape
+        self.strongest, self.conditions = near.strongest, near.conditions
+        self.varied = bool(parts.start.solid.any() or (near.factor is not None and np.ptp(near.factor) > 0))
+        self.start_u, self.start_v = parts.start.u, parts.start.v
+        self.sources, self.incident = parts.drives.sources, parts.incident
+        self.coefficients, self.thickness, self.extents = around.coefficients, around.thickness, around.extents
+        sides = settled_sides(around, near.model)
+        self.settled = replace(setup, boundary=sides, coefficient=near.factor, dt=near.dt)
+        return parts
 
-    # --- start -------------------------------------------------------------------------------------------------
-
-    def _start(self, u: np.ndarray, v: np.ndarray) -> None:
-        engine = self.engine
+    def _lay_start(self) -> None:
+        """Give the engine the start, and what goes on from it."""
+        parts, near, engine = self.parts, self.parts.near, self.engine
+        self._end = 0.0  # of the run, as far as it is known
+        self._moving = Moving(parts.drives.unsplit, parts.beyond, near.dt)
+        self._books: Books | None = None
+        self._opened = len(self.setup.cracks)
+        self._open_cracks()
+        self._first_cuts = engine.absent_bonds
+        held = [abs(b.held - near.background) for b in self.sides.values() if b.held is not None]
+        largest = float(np.abs(self.start_u).max()), float(np.abs(self.start_v).max()) * near.dt
+        self._feed = Feed(near, parts.grid, parts.driving, parts.phases, max([*largest, 1e-300, *held]))
+        self._motion = Motion(near, parts.grid, parts.ends, self._feed.force)
         # all, for the sweep leaves out metal that nothing reaches
         for level in engine.levels[: 1 if self.model.order == 2 else None]:
-            engine.core.view(level)[self._near] = u.reshape(engine.core.view(level)[self._near].shape)
-        near = self._near_indices()
-        self._source_nodes = near if self._drives else np.zeros(0, np.int64)
-        table = self.conditions
-        engine.set_tied(near[table.nodes], table.starts, near[table.references], table.weights)
-        if table.nodes.size:
-            fields, amplitudes = self._tables(table.drives, table.nodes.shape, (0.0,), np.ones((1, 1)), 1)
-            self._scale = max(self._scale, float(np.abs(fields).max(initial=0) * np.abs(amplitudes).max(initial=0)))
-            engine.tie(amplitudes[0, 0] @ fields)
-        self._hold()
-        self._step_back(v)
+            parts.grid.view(level)[...] = self.start_u.reshape(parts.grid.view(level).shape)
+        self._feed.tie()
+        self._feed.hold(0)
+        if self.model.order == 2:
+            # the medium beyond an outline is at rest
+            outside = np.zeros(0, np.int64) if self.closure is None else self.closure.unmoved
+            self._motion.step_back(self.start_v, np.concatenate([parts.held, outside]))
         if self.closure is not None:
             self.closure.start()
-
-    def _step_back(self, v: np.ndarray) -> None:
-        """The level one step before the start, for equations of second order."""
-        engine = self.engine
-        if self.model.order == 1:
-            return
-        acceleration = self._acceleration()
-        change = -(self.dt**2) / 2 * acceleration
-        rate = engine.core.view(change)[self._near]
-        rate += (self.dt * (1 + self.model.damping * self.dt) * v).reshape(rate.shape)
-        change[self._held] = 0
-        if self.closure is not None:
-            change[self.closure.unmoved] = 0  # the medium beyond the outline is at rest
-        if engine.stages.increments:
-            engine.levels[2][:] = change
-        box = engine.layout.box
-        box.view(engine.levels[1])[...] = box.view(engine.levels[0]) - box.view(change)
-        engine.memory[:] = 0  # the layers are at rest one step before the start
-        engine.remind(engine.levels[1])
-
-    def _acceleration(self) -> np.ndarray:
-        """What the medium, what lies beyond exact ends and the sources do to the present state, as a level."""
-        acceleration = self.engine.apply(self.engine.current)
-        if self._ends is not None:
-            acceleration[self._ends.nodes] += self._ends.forces()
-        near = self.engine.core.view(acceleration)[self._near]
-        near += self._source_now(self.time).reshape(near.shape)
-        return acceleration
-
-    def _hold(self) -> None:
-        """Tell the engine which nodes are held from now on."""
-        self.engine.hold(self._near_indices()[self._holds.held(self.step_count)])
-
-    def _check_stretch(self) -> None:
-        """Bonds that the start, or the first strain of a load, would break at once."""
-        law = self.model.bond_law
-        limit = np.inf if law is None else law.critical_stretch_on(self.lattice.spacing, self.lattice.dim)
-        if law is None or not np.isfinite(limit):
-            return
-        factor = np.broadcast_to(1.0 if self._factor is None else self._factor, self.field_shape)
-        strain = self.engine.largest_strain()
-        stretch = float(np.sqrt(1 + strain) - 1 if law.nonlinear else strain / 2)
-        if stretch > limit:
-            raise InputError(
-                "the initial displacements stretch bonds beyond the critical stretch",
-                value=f"{limit:.6g}",
-                limit=f"> {stretch:.4g}",
-                key="model.critical_stretch",
-                remedy="a smaller start, or cracks",
+        if parts.breaking is not None:
+            parts.breaking.check_start(self._feed.force(0.0))
+        self._first_energy = self.energy() if self.setup.balance and self.setup.lasting else 0.0
+        if self.setup.balance and not self.setup.lasting:
+            self._books = Books(
+                self.setup, near, self.sides, parts.grid, parts.phases, parts.ends, self._feed, len(self.sources)
             )
-        force = np.abs(self._source_now(0.0)) / self.model.source_factor
-        strain = (
-            float(np.divide(force, factor, out=np.zeros_like(force), where=factor > 0).max(initial=0))
-            * self.lattice.spacing
-        )
-        strain /= law.p_modulus
-        if strain > _SHATTERS * limit:
-            raise InputError(
-                "the critical stretch is far below the first strain of the load, which would shatter what it meets",
-                value=f"{limit:.6g}",
-                limit=f">= {strain / _SHATTERS:.3g}",
-                key="model.critical_stretch",
-                remedy="a smaller load, or one that rises in time",
-            )
-        if strain > limit:
-            self._beyond.notes.append(
-                f"the load's first strain, about {strain:.3g}, is above the critical stretch {limit:.3g}: bonds break "
-                "at once"
-            )
+        self._set_rim()
 
     # --- running -----------------------------------------------------------------------------------------------
 
-    def _release(self) -> None:
-        """Let nodes go whose constraint ends now: the next step is their first, as the start is of all."""
-        engine = self.engine
-        for nodes, rate in self._holds.released(self.step_count) if self.model.order == 2 else ():
-            at = self._near_indices()[nodes]
-            change = self.dt * (1 + self.model.damping * self.dt) * rate - self.dt**2 / 2 * self._acceleration()[at]
-            engine.older[at] = engine.current[at] - change
-            if engine.stages.increments:
-                engine.levels[2][at] = change
-        self._hold()
-
     def _open_cracks(self) -> None:
         """Cut what has opened by now."""
-        due = [crack for crack in self._cracks if crack.opens <= self.time + 1e-9 * self.dt]
-        if len(due) != self._opened:
-            stored = self._strain_energy() if self.bondwise and self.step_count else 0.0
-            if self.bondwise and not self.step_count:
-                self._set_bonds()
-            self._cut(due)
-            if stored:
-                self.engine.book_cut((stored - self._strain_energy()) / self._mass)
-            self._opened = len(due)
-            if self._books and self.step_count:
-                self._open_books()
-            if self.step_count:
-                self._set_rim()
+        due = [crack for crack in self.setup.cracks if crack.opens <= self.time + 1e-9 * self.dt]
+        if len(due) == self._opened:
+            return
+        breaking, begun = self.parts.breaking, bool(self.step_count)
+        stored = breaking.strain_energy() if breaking is not None and begun else 0.0
+        if breaking is not None and not begun:
+            breaking.begin()
+        self.parts.cuts.cut(due)
+        if breaking is not None and stored:
+            self.engine.book_cut((stored - breaking.strain_energy()) / breaking.mass)
+        self._opened = len(due)
+        if self._books is not None and begun:
+            self._books.reopen()
+        if begun:
+            self._set_rim()
 
     def _set_rim(self) -> None:
-        """Where bonds would break, but cannot; looked at each time that a longitudinal wave has crossed one reach."""
-        self._rim: Rim | None = None
-        law = self.model.bond_law
-        if law is None:
-            return
-        engine, lattice, lead = self.engine, self.lattice, 3 - self.lattice.dim
-        low, high = (
-            np.array(edge[lead:]) - [self._margins[a, -1] for a in range(lattice.dim)]
-            for edge in (self._zone.first, self._zone.end)
-        )
-        crossing = min(self.stencil.reach) * lattice.spacing / np.sqrt(law.p_modulus / law.density * self.strongest)
-        part = self._near[-3:]
-        self._rim = rim_of(
-            lattice.shape,
-            tuple(slice(a, b) for a, b in zip(low, high, strict=True)),
-            engine.core.node_indices()[part].reshape(lattice.shape),
-            self.stencil.offsets,
-            engine.present_bonds(part).reshape(-1, *lattice.shape),
-            engine.offsets @ np.array(engine.core.stride),
-            lattice.spacing * self.stencil.offsets,
-            engine.bond_limit,
-            law.nonlinear,
-            max(1, int(crossing / self.dt)),
-        )
+        """Where bonds would break, but cannot."""
+        self._rim = None if self.parts.breaking is None else self.parts.breaking.rim()
         if self._rim is not None:
             self._guard_steps = min(self._guard_steps, self._rim.every)
 
-    def _look_at_saturation(self) -> None:
-        """Say it if the liquid holds more than can be dissolved in it."""
-        dissolution = self.model.dissolution
-        if dissolution is not None and not self.cautions and self._first_solid:
-            liquid = np.where(
-                self._solid, -np.inf, self.engine.core.view(self.engine.current)[self._near].reshape(self.lattice.shape)
-            )
-            most = float(liquid.max()) / (dissolution.saturation - self.background)
-            if most > 1 + _SUPERSATURATED:
-                self._caution(
-                    "supersaturated",
-                    f"the liquid holds up to {most:.3g} times the saturation: metal dissolves faster than it diffuses "
-                    "away; take limited = true, or an interface for the speed of the front (Corrosion.interface_for)",
-                )
-
-    def _until_opening(self) -> int:
-        """Steps until the next crack opens; very many without."""
-        waits = [int(np.ceil(c.opens / self.dt - 1e-9)) - self.step_count for c in self._cracks]
-        return min((w for w in waits if w > 0), default=sys.maxsize)
-
     def check_sources(self, until: float) -> None:
-        """Look beyond the absorbing sides at sources that do not split into space and time, at up to 64 even times;
-        `run` calls it.
-
-        Parameters
-        ----------
-        until : float
-            End of the run. What was looked at before is not looked at again.
+        """Look beyond the absorbing sides at sources that do not split into space and time, at up to 64 even times up
+        to the end of the run; `run` calls it.
 
         Raises
         ------
         InputError
             The near field would miss more of a source than the side's target.
         """
-        if self._unsplit and until > self._looked:
-            times = np.linspace(self._looked, until, min(64, int(np.ceil((until - self._looked) / self.dt))) + 1)
-            for number, source in enumerate(self._unsplit):
-                self._source_peaks[number] = self._beyond.check_moving(
-                    source, times, self._source_peaks.get(number, 0.0)
-                )
-            self._looked = until
+        self._moving.check(until)
 
     def prepare(self, until: float) -> int:
-        """What `run` does first: `check_sources`, and kernels of exact ends that last to the end of the run; returns
-        the number of the last step.
+        """What `run` does first: sides that depend on the length of the run, `check_sources`, and kernels of exact ends
+        that last to the end of the run; returns the number of the last step.
 
         Raises
         ------
         InputError
-            As `check_sources`; a kernel that does not fit into memory.
+            As `check_sources`; a kernel or a domain that does not fit into memory.
         """
         self._settle(until)
         self.check_sources(until)
         self._end = max(self._end, until)
         last = super().prepare(until)
-        if self._ends is not None:
-            self._ends.cover(last)
+        if self.exact_ends is not None:
+            self.exact_ends.cover(last)
         return last
 
     def _settle(self, until: float) -> None:
-        """Sides that depend on the length of the run, if it is longer than they are good for and nothing has run
-        yet."""
-        if self.step_count or not until > self._good_for * (1 + 1e-9):
-            return
-        if self.autos:
-            self._decide(until)
-        elif any(until > end * (1 + 1e-9) for end in self._lasts()):
-            try:
-                self._become({key: replace(self.sides[key], nodes=None, until=until) for key in self._open_ended})
-            except InputError:  # what layers keep then is noted
-                if any(self.sides[key].extended for key in self._open_ended):
-                    raise
-        self._good_for = until
+        if not self.step_count:
+            self._settling.settle(self, until)
 
-    def _lasts(self) -> list[float]:
-        """Lengths of runs that the sides which follow from them were chosen for."""
-        return [found.until for found in self.thickness.values()] + [found.until for found in self.extents.values()]
+    def take(self, sides: Mapping[Key, Side]) -> None:
+        """Be at the start of the same run with some other sides.
 
-    def _decide(self, until: float) -> None:
-        """Take layers or the extended domain on the sides that leave the choice, whichever takes less time."""
-        far_sides: dict[tuple[int, int], Side] = {key: b.domain(until) for key, b in self.autos.items()}
-        near_sides: dict[tuple[int, int], Side] = {
-            key: b.layer(until, self.model.target) for key, b in self.autos.items()
-        }
-        try:
-            if any(self.sides[key] != layer for key, layer in near_sides.items()):
-                self._become(near_sides)
-        except InputError as error:
-            self._become(far_sides)
-            self._why = [f"the domain is extended, for layers do not serve: {error.message}"]
-            return
-        layers, far = price(self), extended_price(self, until, list(self.autos))
-        if far.seconds >= layers.seconds or far.memory > available_memory():
-            self._why = [f"layers: the extended domain would take {far.over(layers)}"]
-            return
-        self._become(far_sides)
-        self._why = [f"the domain is extended: layers would take {layers.over(far)}"]
-
-    def _become(self, sides: Mapping[tuple[int, int], Side]) -> None:
-        """Be at the start of the same run with some other sides."""
+        Raises
+        ------
+        InputError
+            Sides that do not serve; the run is as it was.
+        """
         named = {side_name(*key): boundary for key, boundary in {**self.settled.sides, **sides}.items()}
         other = self.of(replace(self.settled, boundary=named))
-        kept = ("setup", "observers", "stop_requested", "probes", "autos", "_open_ended", "_why")
+        kept = ("setup", "observers", "stop_requested", "probes", "_settling")
         self.__dict__ = other.__dict__ | {name: getattr(self, name) for name in kept}
         if self.probes is not None:
             self._watch(self.probes.nodes)
-
-    def _late(self, until: float) -> list[str]:
-        """What is to be said of a run that outlasts what its sides were chosen for, by more than its last step."""
-        chosen = {
-            "the layers keep their target up to t = {:.6g}, later perhaps not: LatticePML(target=..., until=...) "
-            "chooses them for a longer run": [found.until for found in self.thickness.values()],
-            "nothing comes back from the end of the extended domain up to t = {:.6g}, later something does: "
-            "Extended(until=...)": [found.until for found in self.extents.values()],
-        }
-        return [said.format(min(ends)) for said, ends in chosen.items() if ends and until > min(ends) + self.dt]
-
-    def _source_now(self, t: float) -> np.ndarray:
-        total = np.zeros(self.field_shape)
-        for space, time in self._drives:
-            total += time(t) if space is None else space * time(t)
-        return total * self.model.source_factor
 
     def step(self, count: int = 1) -> None:
         """Advance by `count` steps; the compiled loop runs them without returning to Python.
@@ -485,160 +323,77 @@ class Simulation(Assembly, Run):
             The field became non-finite or exploded.
         """
         count, done = kinds.integer(count, "count", least=0, most=MOST_STEPS), 0
+        holds, ends = self.parts.near.holds, self.exact_ends
         while done < count:
             self._open_cracks()
-            steps = min(count - done, self._guard_steps, self._until_opening())
-            if self._holds.constraints:
-                steps = self._holds.allow(self.step_count, steps)
-            if self._ends is not None:
-                steps = self._ends.allow(steps)
+            opening = [int(np.ceil(c.opens / self.dt - 1e-9)) - self.step_count for c in self.setup.cracks]
+            steps = min(
+                count - done, self._guard_steps, min((wait for wait in opening if wait > 0), default=sys.maxsize)
+            )
+            if holds.constraints:
+                steps = holds.allow(self.step_count, steps)
+            if ends is not None:
+                steps = ends.allow(steps)
             self._advance(steps)
-            if self._holds.constraints:
-                self._release()
+            if holds.constraints:
+                if self.model.order == 2:
+                    self._motion.release(self.step_count)
+                self._feed.hold(self.step_count)
             done += steps
-            self._guard()
-            self._look_at_saturation()
-            self._look_at(self._rim, self.engine.current)
+            self._look()
 
     def _advance(self, steps: int) -> None:
-        engine = self.engine
-        dtype, stages, held = engine.dtype, len(engine.stages.numbers), self.conditions
-        if not self._drives and not held.nodes.size:
-            engine.advance(
-                steps,
-                np.zeros(0, np.int64),
-                np.zeros((0, 0), dtype),
-                np.zeros((steps, stages, 0), dtype),
-                self._prescribed(steps),
+        for batch in self._feed.advance(self.step_count, steps):
+            if self.probes is not None:  # the engine has seen the steps that come after the present one
+                seen = self.engine.seen.reshape(len(self.engine.seen), self.engine.components, -1) + self.background
+                hidden = self.parts.near.hidden
+                if hidden is not None:
+                    seen[..., hidden.ravel()[self.probes.nodes]] = np.nan
+                rows = seen[:, 0] if self.engine.components == 1 else seen.swapaxes(1, 2)
+                self.probes.add(self.step_count + 1, self.dt, rows)
+            if self._books is not None:
+                self._books.add(batch)
+            self._tick(batch.steps)
+
+    def _look(self) -> None:
+        """See whether the state is sound."""
+        level, phases = self.engine.current, self.parts.phases
+        self._refuse_explosion(
+            self.engine.core.view(level), self.parts.grid.origin, self._feed.scale, lambda: likely_cause(self)
+        )
+        most = None if phases is None or self.cautions else phases.supersaturated()
+        if most is not None:
+            self._caution(
+                "supersaturated",
+                f"the liquid holds up to {most:.3g} times the saturation: metal dissolves faster than it diffuses "
+                "away; take limited = true, or an interface for the speed of the front (Corrosion.interface_for)",
             )
-            self._note_probes()
-            self._tick(steps)
-            return
-        samples, weights = self.model.integrator.source_samples(self.dt)
-        tied_samples, held_weights = self.model.integrator.tied_samples(self.dt)
-        weights = weights * self.model.source_factor
-        drives = self._drives + held.drives
-        general = any(space is None for space, _ in drives)
-        batch = 1 if general else max(1, min(steps, _TABLE // max(stages * len(drives), 1)))
-        done = 0
-        while done < steps:
-            n = min(batch, steps - done)
-            strength, amplitudes = self._tables(self._drives, self.field_shape, samples, weights, n)
-            if general and self.model.dissolution is not None:
-                self._refuse_wet(np.any(strength != 0, axis=0).reshape(self.lattice.shape))
-            values, times = self._tables(held.drives, held.nodes.shape, tied_samples, held_weights, n)
-            used = np.any(strength, axis=0)
-            engine.advance(
-                n,
-                self._source_nodes[used] if self._drives else self._source_nodes,
-                np.ascontiguousarray(strength[:, used], dtype),
-                amplitudes.astype(dtype),
-                self._prescribed(n),
-                values.astype(dtype),
-                times.astype(dtype),
-            )
-            self._note_probes()
-            if self._books:
-                self._book_sources(strength, amplitudes)
-            explained = float(np.abs(strength).max(initial=0) * np.abs(amplitudes).max(initial=0)) * n * self.dt
-            self._scale += explained * (max(1.0, self.time) if self.model.order == 2 else 1.0)
-            self._scale = max(self._scale, float(np.abs(values).max(initial=0) * np.abs(times).max(initial=0)))
-            self._tick(n)
-            done += n
+        self._look_at(self._rim, level)
 
     def _watch(self, nodes: np.ndarray) -> None:
-        self.engine.watched = self._near_indices().reshape(self.engine.components, -1)[:, nodes].ravel()
-
-    def _note_probes(self) -> None:
-        """Give the probes what the engine has seen in the steps that come after the present one."""
-        if self.probes is not None:
-            seen = self.engine.seen.reshape(len(self.engine.seen), self.engine.components, -1) + self.background
-            if self._hidden is not None:
-                seen[..., self._hidden.ravel()[self.probes.nodes]] = np.nan
-            self.probes.add(
-                self.step_count + 1, self.dt, seen[:, 0] if self.engine.components == 1 else seen.swapaxes(1, 2)
-            )
-
-    def _prescribed(self, steps: int) -> np.ndarray | None:
-        """Values of the held nodes after each of the next steps."""
-        if not self._holds.constraints:
-            return None
-        values = self._holds.table(self.step_count, steps)
-        self._scale = max(self._scale, float(np.abs(values).max(initial=0)))
-        return values
-
-    def _tables(
-        self,
-        drives: Sequence[tuple[np.ndarray | None, Callable[..., Any]]],
-        shape: tuple[int, ...],
-        samples: Sequence[float],
-        weights: np.ndarray,
-        count: int,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Fields over nodes, shape (j, nodes), and their amplitudes in each stage of the next `count` steps, shape
-        (count, stages, j).
-
-        What does not split into space and time takes one field for each sample time of the next step.
-        """
-        times = self.dt * (self.step_count + np.arange(count))
-        fields, table = [], []
-        for space, time in drives:
-            if space is None:
-                fields += [np.broadcast_to(np.asarray(time(times[0] + s), float), shape).ravel() for s in samples]
-                table += [np.broadcast_to(weights[:, i], (1, len(weights))) for i in range(len(samples))]
-            else:
-                fields.append(np.asarray(space, float).ravel())
-                if time is steady:
-                    table.append(np.broadcast_to(weights.sum(1), (count, len(weights))))
-                else:
-                    table.append(np.array([[time(t + s) for s in samples] for t in times], float) @ weights.T)
-        if not fields:
-            return np.zeros((0, int(np.prod(shape)))), np.zeros((count, len(weights), 0))
-        amplitudes = np.stack(table, axis=-1)
-        if not np.isfinite(amplitudes).all():
-            raise InputError("a source or condition is not finite", value=f"t = {times[0]:g}", key="source")
-        return np.stack(fields), amplitudes
-
-    def _guard(self) -> None:
-        def cause() -> str:
-            if self.closure is not None:
-                names = ", ".join(sorted({type(b).__name__ for b in self.sides.values() if b.closing}))
-                return (
-                    f"{names} grows on this outline, which `check` tells before the run: try `farhorizon check "
-                    "--tune`, or LatticePML"
-                )
-            backward = self.stencil.backward_waves()
-            if backward and self._layers:
-                return (
-                    "the stencil has backward waves, which grow in layers that do not damp them (up to "
-                    f"{backward.growth:.2g} sigma)"
-                )
-            return "check dt, sources and coefficient"
-
-        self._refuse_explosion(self.engine.core.view(self.engine.current), self._origin, self._scale, cause)
+        self.engine.watched = self.parts.grid.indices.reshape(self.engine.components, -1)[:, nodes].ravel()
 
     # --- what comes out ----------------------------------------------------------------------------------------
 
-    def _shown(self, level: np.ndarray, offset: float) -> np.ndarray:
-        values = self.engine.core.view(level)[self._near].reshape(self.field_shape) + offset
-        return self._visible(values)
-
     def _visible(self, values: np.ndarray) -> np.ndarray:
         """The values, nan on nodes that are not shown."""
-        return values if self._hidden is None else np.where(self._hidden, np.nan, values)
+        hidden = self.parts.near.hidden
+        return values if hidden is None else np.where(hidden, np.nan, values)
 
     @property
     def fields(self) -> dict[str, np.ndarray]:
         """Copies of the near field."""
-        out = {"u": self._shown(self.engine.current, self.background)}
+        parts, shape = self.parts, self.field_shape
+        out = {"u": self._visible(parts.grid.view(self.engine.current).reshape(shape) + self.background)}
         if self.model.order == 2:
-            out["v"] = (out["u"] - self._shown(self.engine.older, self.background)) / self.dt
-        if self.bondwise:
-            out["damage"] = self._visible(1 - self._bonds_left() / np.maximum(self._families, 1))
-        if self.model.dissolution is not None:
-            steps = self.engine.dissolved[self._near].reshape(self.lattice.shape)
-            out["solid"] = self._visible(self._solid.astype(float))
-            out["dissolved"] = self._visible(np.where(self._solid, np.nan, self.dt * steps))
+            before = self._visible(parts.grid.view(self.engine.older).reshape(shape) + self.background)
+            out["v"] = (out["u"] - before) / self.dt
+        if parts.breaking is not None:
+            out["damage"] = self._visible(parts.breaking.damage)
+        if parts.phases is not None:
+            solid = parts.phases.solid
+            out["solid"] = self._visible(solid.astype(float))
+            out["dissolved"] = self._visible(np.where(solid, np.nan, self.dt * parts.phases.steps))
         return out
 
     def energy(self) -> float:
@@ -658,164 +413,13 @@ class Simulation(Assembly, Run):
         broke. Where no energy leaves through the sides and nothing is damped, kinetic + strain + broken - work stays as
         it was: exactly for linear bonds, else up to the error of the time step.
         """
-        engine, cell = self.engine, self.lattice.spacing**self.lattice.dim / self.model.source_factor
-
-        def near(level: np.ndarray) -> np.ndarray:
-            part = engine.core.view(np.ascontiguousarray(level))[self._near].reshape(self.field_shape)
-            return part if self.lattice.mask is None else part[..., self.lattice.mask]
-
-        if self.model.order == 1:
-            return {
-                "stored": float(
-                    0.5 * self.lattice.spacing**self.lattice.dim * (near(engine.current).astype(float) ** 2).sum()
-                )
-            }
-        if self.bondwise:
-            kinetic = (near(engine.current).astype(float) - near(engine.older)) / self.dt
-            return {
-                "kinetic": float(cell * 0.5 * (kinetic**2).sum()),
-                "strain": self._strain_energy(),
-                "work": self._mass * engine.work,
-                "broken": self._mass * engine.broken[0],
-            }
-        engine.complete(engine.current)
-        u, old = engine.current.astype(float), engine.older.astype(float)
-        if self._ends is not None:
-            self._ends.fill(u, old)
-
-        def apply(level: np.ndarray) -> np.ndarray:
-            return engine.apply_core(level.astype(engine.dtype)).astype(float)
-
-        strain = -u * apply(old) - old * apply(u)
-        each, ago = u.reshape(engine.components, -1), old.reshape(engine.components, -1)
-        for number, total in enumerate(strain.reshape(each.shape)):  # component by component: sum_b L_ab (u_a old_b)
-            total += apply((each[number] * ago).ravel()).reshape(each.shape)[number]
-        at_rest = {(3 - self.lattice.dim + a, s): 0.0 for (a, s), b in self.sides.items() if b.held == self.background}
-        if at_rest:  # the other half of the bonds to sides where u is zero
-            there = engine.spread(np.ones(engine.core.nodes), at_rest) * engine.exists
-            for unit, before in zip(np.eye(engine.components), ago, strict=True):
-                strain -= (each * before * apply(np.multiply.outer(unit, there).ravel()).reshape(each.shape)).ravel()
-        kinetic = ((near(u) - near(old)) / self.dt) ** 2
-        found = {"kinetic": float(cell * 0.5 * kinetic.sum()), "strain": float(cell * 0.25 * near(strain).sum())}
-        return found | ({"work": self._mass * engine.work} if self.lasting else {})
-
-    @property
-    def _mass(self) -> float:
-        """Mass of a node."""
-        return self.lattice.spacing**self.lattice.dim / self.model.source_factor
-
-    def _strain_energy(self) -> float:
-        """Strain energy of bonds that are nonlinear or break."""
-        lattice, lead = self.lattice, 3 - self.lattice.dim
-        first = [0] * lead + [self._margins[a, -1] for a in range(lattice.dim)]
-        box = (1,) * lead + lattice.shape
-        nodes = np.ones(box, bool) if lattice.mask is None else lattice.mask.reshape(box)
-        whole = np.zeros((3, 2), bool)
-        for (axis, side), boundary in self.sides.items():
-            whole[lead + axis, int(side > 0)] = boundary.held is not None
-        return self._mass * self.engine.bond_energy(
-            tuple(first), tuple(f + n for f, n in zip(first, box, strict=True)), nodes, whole
-        )
+        parts = self.parts
+        return energies(parts.near, self.sides, parts.grid, parts.ends, parts.breaking, self.setup.lasting)
 
     @property
     def broken_bonds(self) -> int:
         """Bonds that have broken since the start."""
         return self.engine.broken[1]
-
-    # --- heat balance ------------------------------------------------------------------------------------------
-
-    def _open_books(self) -> None:
-        """One book for each condition, each side that the field flows through, and the fixed rim: bonds from there into
-        free nodes.
-        """
-        if self.model.order != 1:
-            raise InputError(
-                "a balance is recorded for equations of first order in time, and for elasticity",
-                value=type(self.model).__name__,
-                key="balance",
-            )
-        engine, lead = self.engine, 3 - self.lattice.dim
-        self._book_names = [f"constraint[{i}]" for i in range(len(self.setup.constraints))]
-        core = np.zeros(engine.core.nodes)
-        beyond = {}
-        for (axis, side), boundary in self.sides.items():
-            if boundary.periodic:
-                continue
-            self._book_names.append(AXES[axis] + "-+"[side > 0])
-            beyond[lead + axis, side] = float(len(self._book_names))
-            width = self._margins[axis, side]
-            strip = slice(0, width) if side < 0 else slice(core.shape[lead + axis] - width, None)
-            core[tuple(strip if a == lead + axis else slice(None) for a in range(3))] = len(self._book_names)
-        near = core[self._near].reshape(self.lattice.shape)
-        near.flat[self.conditions.nodes] = self.conditions.owner + 1  # also where `near` is no whole array
-        if self.lattice.mask is not None and (self.lattice.body is not None or self._near_field is not None):
-            number = -1  # bonds to a free rim are absent: no book
-            if self.rim == "fixed" or self._near_field is not None:
-                self._book_names.append("rim" if self.rim == "fixed" else "outline")
-                number = len(self._book_names)
-            near[~self.lattice.mask] = number
-        core[self._near] = near.reshape(core[self._near].shape)
-        self._free = near == 0
-        where = np.round(engine.spread(core, beyond)).astype(int)
-        block = engine.core
-        flat = block.node_indices()
-        found = []
-        for offset, weight in zip(engine.offsets, engine.weights, strict=True):
-            other = flat + int(offset @ np.array(block.stride))
-            flows = (where[flat] == 0) & (where[other] != 0)
-            found.append((where[other[flows]] - 1, flat[flows], other[flows], np.full(int(flows.sum()), weight)))
-        books, nodes, neighbours, weights = (np.concatenate([f[i] for f in found]) for i in range(4))
-        weights = weights - engine.lost(nodes, neighbours, weights)
-        for number, leak in self.conditions.leaks:
-            lossy = np.flatnonzero((leak > 0) & self._free)
-            books = np.append(books, np.full(lossy.size, number))
-            nodes, neighbours = (
-                np.append(nodes, self._near_indices()[lossy]),
-                np.append(neighbours, np.full(lossy.size, -1)),
-            )
-            weights = np.append(weights, self.model.source_factor * leak.ravel()[lossy])
-        layers = {}
-        for axis, side in engine.layers:
-            reach = engine.layout.reach[axis]
-            beside = np.take(flat, np.arange(reach) - (reach if side > 0 else 0), axis).ravel()
-            layers[axis, side] = self._book_names.index(AXES[axis - lead] + "-+"[side > 0]), beside[where[beside] == 0]
-        kept = weights != 0
-        if self._ends is None:
-            ends = np.zeros((0, 0), np.int64)
-        else:
-            numbers = np.array([[self._book_names.index(name)] for name in self._ends.names])
-            ends = np.where(where[self._ends.nodes] == 0, numbers, -1)
-        flows_so_far = engine.flows
-        effects = stage_effects(engine.stages) * np.array([n[2] for n in engine.stages.numbers])
-        engine.set_books(
-            books[kept], nodes[kept], neighbours[kept], weights[kept], effects, len(self._book_names), ends, layers
-        )
-        if self.step_count:  # opened anew, as a crack has
-            engine.flows[...] = flows_so_far
-        else:
-            self._powers = np.zeros(len(self._drives))
-            self._first_amounts = self._amounts()
-
-    def _amounts(self) -> dict[str, float]:
-        """Sums of the field over the free nodes of the near field: "stored", and "metal" and "dissolved" of a
-        corrosion.
-        """
-        near = self.engine.core.view(self.engine.current)[self._near].reshape(self.lattice.shape)
-
-        def total(where: np.ndarray, level: float = 0.0) -> float:
-            return math.fsum(near[self._free & where].astype(float) + level)
-
-        phases = {"metal": self._solid, "dissolved": ~self._solid} if self.model.dissolution is not None else {}
-        return {"stored": total(self._free)} | {name: total(where, self.background) for name, where in phases.items()}
-
-    def _book_sources(self, fields: np.ndarray, amplitudes: np.ndarray) -> None:
-        effects = stage_effects(self.engine.stages) * np.array([n[3] for n in self.engine.stages.numbers])
-        totals = np.einsum("p,npj->j", effects, amplitudes) * fields[:, self._free.ravel()].sum(1)
-        row, samples = 0, len(self.model.integrator.source_samples(self.dt)[0])
-        for number, (space, _) in enumerate(self._drives):
-            count = samples if space is None else 1
-            self._powers[number] += totals[row : row + count].sum()
-            row += count
 
     def balance(self) -> dict[str, float]:
         """What the near field has gained since the start, and from where, for simulations with ``balance=True``.
@@ -842,52 +446,10 @@ class Simulation(Assembly, Run):
             raise InputError(
                 "this simulation records no balance", key="balance", remedy="Simulation(..., balance=True)"
             )
-        if self.lasting:
-            found = self.energies()
-            return {**found, "lost": self._first_energy + 2 * found["work"] - sum(found.values())}
-        unit = self.lattice.spacing**self.lattice.dim / self.model.source_factor
-        inflow = {
-            name: unit * float(value) for name, value in zip(self._book_names, self.engine.flows.sum(0), strict=True)
-        }
-        owners = [f"source[{i}]" for i in range(len(self.sources))] + [
-            f"constraint[{i}]" for i, _ in self.conditions.sources
-        ]
-        for name, power in zip(owners, self._powers, strict=True):
-            inflow[name] = inflow.get(name, 0.0) + unit * float(power)
-        gains = {name: unit * (amount - self._first_amounts[name]) for name, amount in self._amounts().items()}
-        return {**gains, **inflow, "residual": gains["stored"] - math.fsum(inflow.values())}
-
-    # --- flux --------------------------------------------------------------------------------------------------
-
-    def _bonds(self) -> Callable[[int], np.ndarray]:
-        """Factor of the bond from each node of the near field along an offset, given by its number; 0 where there is
-        none within it.
-        """
-        engine = self.engine
-        block = engine.core
-        nodes = block.node_indices()[self._near].ravel()
-        inside = np.zeros(engine.layout.size, bool)
-        inside[nodes] = True
-
-        def factor(number: int) -> np.ndarray:
-            other = nodes + int(engine.offsets[number] @ np.array(block.stride))
-            weight = engine.weights[number]
-            left = engine.bond_factors(nodes, other) * (1 - engine.lost(nodes, other, weight) / weight)
-            return np.where(inside[other] & (left > 1e-12), left, 0.0).reshape(self.lattice.shape)
-
-        return factor
-
-    def _flux_tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, Callable[[int], np.ndarray]]:
-        u = self.engine.core.view(self.engine.current)[self._near].reshape(self.lattice.shape).astype(float)
-        dissolution = self.model.dissolution
-        if dissolution is not None and dissolution.limited:  # what bonds between the phases carry
-            u = np.where(self._solid, dissolution.saturation - self.background, u)
-        return (
-            u,
-            self.stencil.offsets,
-            self.stencil.weights * self.model.coefficient / self.model.source_factor,
-            self._bonds(),
-        )
+        if self._books is not None:
+            return self._books.balance()
+        found = self.energies()
+        return {**found, "lost": self._first_energy + 2 * found["work"] - sum(found.values())}
 
     def flux(self) -> np.ndarray:
         """Heat flux (or that of a diffusing field) at the nodes along each axis, positive towards larger coordinates.
@@ -899,7 +461,8 @@ class Simulation(Assembly, Run):
         -------
         ndarray, shape (dim, n..)
         """
-        found = nodal_flux(*self._flux_tables(), self.lattice.spacing)
+        tables = flux_tables(self.parts.near, self.parts.grid, self.parts.phases)
+        found = nodal_flux(*tables, self.lattice.spacing)
         return found if self.lattice.mask is None else np.where(self.lattice.mask, found, np.nan)
 
     def power_across(self, axis: str, position: float) -> float:
@@ -918,53 +481,49 @@ class Simulation(Assembly, Run):
         InputError
             An axis that the lattice has not, a plane outside it.
         """
-        number = AXES.index(kinds.one_of(axis, "axis", AXES[: self.lattice.dim], "the lattice has no such axis"))
-        position = kinds.number(position, "position")
-        row = int(np.floor((position - self.lattice.lower[number]) / self.lattice.spacing + 1e-9))
-        if not 0 <= row < self.lattice.shape[number] - 1:
-            raise InputError(
-                "the plane lies outside the near field",
-                value=position,
-                key="position",
-                limit=f"{self.lattice.lower[number]} to {self.lattice.upper[number]}",
-            )
-        return power_across(*self._flux_tables(), self.lattice.spacing, number, row)
+        place = plane(self.lattice, axis, position)
+        tables = flux_tables(self.parts.near, self.parts.grid, self.parts.phases)
+        return power_across(*tables, self.lattice.spacing, *place)
 
     @property
     def notes(self) -> list[str]:
         """What lies beyond the near field and is missed, but within the sides' targets, or cannot be known."""
-        ends = [] if self._ends is None else self._ends.notes()
-        return self._beyond.notes + ends + self._remarks + self._why + self._late(max(self._end, self.time))
+        ends = [] if self.exact_ends is None else self.exact_ends.notes()
+        overdue = late(self.parts.around, max(self._end, self.time), self.dt)
+        return self.parts.beyond.notes + ends + self._remarks + self._settling.why + overdue
 
     @property
     def ends(self) -> dict[str, str]:
         """What serves each exact end: modes and error bound of its sum, and for how many steps."""
-        return (
-            {}
-            if self._ends is None
-            else {name: self._ends.describe(i, self.dt) for i, name in enumerate(self._ends.names)}
-        )
+        ends = self.exact_ends
+        return {} if ends is None else {name: ends.describe(i, self.dt) for i, name in enumerate(ends.names)}
 
-    def _settled_sides(self) -> dict[str, Side]:
-        """The sides by name, with the layers that were chosen for the data: on another lattice, or without data, they
-        stay what they are.
+    # --- what the checks ask -----------------------------------------------------------------------------------
+
+    @property
+    def exact_ends(self) -> ExactEnds | None:
+        """The exact ends; None without."""
+        return self.parts.ends
+
+    @property
+    def crossing(self) -> float:
+        """The set-up's own unit of time: in it the fastest wave crosses the near field, or what diffuses empties it,
+        ``R^2/D``.
         """
-        named = {
-            AXES[axis] + "-+"[side > 0]: (boundary, self._layers.get((axis, side)))
-            for (axis, side), boundary in self.sides.items()
-        }
-        chosen = {
-            AXES[axis] + "-+"[side > 0]: found
-            for (axis, side), found in self.extents.items()
-            if np.isfinite(found.until)
-        }
-        wanted = self.model.target
-        return {
-            name: replace(boundary, target=boundary.wanted(wanted), nodes=layer.columns, profile=layer)
-            if layer is not None and name in self.thickness
-            else boundary
-            for name, (boundary, layer) in named.items()
-        } | {name: replace(named[name][0], nodes=found.nodes, until=found.until) for name, found in chosen.items()}
+        return self.parts.near.crossing
+
+    @property
+    def targets(self) -> dict[Key, float]:
+        """What may be missed beyond each side that absorbs, as a part of the largest value."""
+        return self.parts.beyond.targets
+
+    def leak(self) -> np.ndarray:
+        """Rate at which each node loses its value to what surrounds the body; of the lattice's shape, empty without."""
+        return self.parts.near.leak
+
+    def extents_for(self, wanted: Mapping[Key, float], until: float) -> dict[Key, Extent]:
+        """How far the medium must be computed beyond some sides; see `farhorizon.simulation.extension`."""
+        return self.parts.emitters.extents_for(wanted, until)
 
     def remade(self, **changes: Any) -> Simulation:
         """The same set-up at its start with some arguments changed; on another lattice nothing is there, and the medium
@@ -974,17 +533,12 @@ class Simulation(Assembly, Run):
         if "lattice" in changes:
             nothing = dict.fromkeys(("sources", "loads", "cracks", "constraints", "specimens"), ())
             changes = {**nothing, "coefficient": None, "rim": "free", "balance": False, **changes}
-            if self._factor is not None and self.strongest > 0:
+            if self.parts.near.factor is not None and self.strongest > 0:
                 changes["model"] = changes.get("model", self.model).scaled(self.strongest)
         else:
             start["u"] = self.start_u + float(changes.get("background", self.background))
             start |= {"v": self.start_v} if self.model.order == 2 else {}
         return Simulation.of(replace(self.settled, **{"initial": start, **changes}))
-
-    @property
-    def exact_ends(self) -> ExactEnds | None:
-        """The exact ends; None without."""
-        return self._ends
 
     def certificate(self, budget: float = BUDGET, until: float = np.inf) -> Certificate:
         """Whether the complete update, near field and all memory of the boundaries, is stable; see
@@ -1003,16 +557,7 @@ class Simulation(Assembly, Run):
         """Time of a step on this machine now, measured for a tenth of a second without sources; the state stays as it
         is.
         """
-        engine = self.engine
-        with engine.as_before():
-            engine.advance_alone(1)  # the first one loads compiled programs
-            count, spent = 1, 0.0
-            while spent < 0.05 and count < 10_000:
-                count = count if spent == 0 else int(count * np.clip(0.1 / spent, 2, 50))
-                begin = perf_counter()
-                engine.advance_alone(count)
-                spent = perf_counter() - begin
-        return spent / count
+        return seconds_of(self.engine)
 
     def check(self, until: float | None = None, budget: float | None = None) -> Report:
         """Step limit, stability certificate, predicted reflection, layer, memory, time, warnings and notes, before
@@ -1033,68 +578,21 @@ class Simulation(Assembly, Run):
     # --- state -------------------------------------------------------------------------------------------------
 
     def _fingerprint(self) -> dict[str, Any]:
-        """What a checkpoint and the run that goes on from it have in common."""
-        engine, law, dissolution = self.engine, self.model.bond_law, self.model.dissolution
-        found = {
-            "levels": list(engine.levels.shape),
-            "memory": int(engine.memory.size),
-            "dtype": engine.dtype.name,
-            "dt": self.dt,
-            "shape": list(self.lattice.shape),
-            "spacing": self.lattice.spacing,
-            "lower": self.lattice.lower.tolist(),
-            "model": type(self.model).__name__,
-            "coefficient": self.model.coefficient,
-            "damping": self.model.damping,
-            "weights": float(self.stencil.weights.sum()),
-            "neighbours": len(self.stencil.weights),
-            "cuts": self._first_cuts,
-            "held": len(self._held),
-            "conditions": len(self.conditions.nodes),
-            "opens": [c.opens for c in self._cracks],
-        }
-        if self._ends is not None:
-            found["exact"] = self._ends.names
-        if self.closure is not None:
-            found |= {"fringe": list(engine.fringe_history.shape), "update": self.closure.mark()}
-        if law is not None:
-            found["bonds"] = [law.nonlinear, law.critical_stretch_on(self.lattice.spacing, self.lattice.dim)]
-        if self._holds.constraints:
-            found["constraints"] = len(self._holds.constraints)
-        if dissolution is not None:
-            found |= {"solid": self._first_solid, "saturation": dissolution.saturation}
-            found |= {"interface": dissolution.interface} | ({"limited": True} if dissolution.limited else {})
-        return found
+        return fingerprint(self.setup, self.parts, self._first_cuts)
 
     def save(self, path: str | Path, **extra: Any) -> None:
         """Write the complete state, boundary memory included, under a temporary name and rename it."""
         self._open_cracks()  # as the next step begins: `load` opens what is due at that time
-        meta = {
+        arrays, meta = state_of(self.parts, self._books)
+        meta |= {
             "fingerprint": self._fingerprint(),
             "step": self.step_count,
-            "phase": int(self.engine.phase),
-            "scale": self._scale,
+            "scale": self._feed.scale,
             "cautions": self.cautions,
             "extra": extra,
         }
-        arrays = {
-            "levels": self.engine.levels,
-            "memory": self.engine.memory,
-            "start_u": self.start_u,
-            "start_v": self.start_v,
-        }
-        if self._ends is not None:
-            more, meta["exact"] = self._ends.save()
-            arrays |= more
-        arrays |= self.engine.bond_state
-        if self.model.dissolution is not None:
-            arrays["dissolved"] = np.ascontiguousarray(self.engine.dissolved[self._near])
-        if self.closure is not None:
-            arrays["fringe"] = self.engine.fringe_history
-        if self._books:
-            arrays |= {"flows": self.engine.flows, "powers": self._powers}
-            meta["first_amounts"] = self._first_amounts
-        meta["setup"] = describe({k: v for k, v in self.settled.arguments.items() if k != "initial"}, arrays)
+        given = {name: value for name, value in self.settled.arguments.items() if name != "initial"}
+        meta["setup"] = describe(given, arrays)
         write_checkpoint(path, arrays, meta)
 
     @classmethod
@@ -1108,32 +606,19 @@ class Simulation(Assembly, Run):
         if self.step_count or "setup" not in meta:
             return
         theirs = rebuild(meta["setup"]["dict"]["boundary"], arrays)
-        names = {key: AXES[key[0]] + "-+"[key[1] > 0] for key in {*self._open_ended, *self.autos}}
+        names = {key: side_name(*key) for key in {*self._settling.open_ended, *self._settling.autos}}
         if all(theirs[name].stretched or theirs[name].extended for name in names.values() if name in theirs):
-            self._become({key: theirs[name] for key, name in names.items()})
+            self.take({key: theirs[name] for key, name in names.items()})
 
     def load(self, path: str | Path) -> dict[str, Any]:
-        if self._open_ended or self.autos:
+        if self._settling.open_ended or self._settling.autos:
             self._adopt(path)
         arrays, meta = self._read(path)
-        self.engine.levels[...] = arrays["levels"]
-        self.engine.memory[...] = arrays["memory"]
-        if self._ends is not None:
-            self._ends.load(arrays, meta["exact"])
-        if self.closure is not None:
-            self.engine.fringe_history[...] = arrays["fringe"]
-        self.engine.phase, self._scale = int(meta["phase"]), float(meta["scale"])
-        self.step_count = 0
+        self.step_count, self._feed.scale = 0, float(meta["scale"])
         self._tick(int(meta["step"]))
         self.cautions = [Caution(*entry) for entry in meta["cautions"]]
-        self.engine.steps_done = self.step_count
-        if self.model.dissolution is not None:
-            self._set_phases(arrays["dissolved"])
-        self._hold()
+        take_state(self.parts, arrays, meta, self.step_count)
+        self._feed.hold(self.step_count)
         self._open_cracks()
-        for name, array in self.engine.bond_state.items():
-            array[...] = arrays[name]
-        if self._books:
-            self.engine.flows[...], self._powers[...] = arrays["flows"], arrays["powers"]
-            self._first_amounts = meta["first_amounts"]
+        take_rest(self.parts, self._books, arrays, meta)
         return dict(meta["extra"])

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from time import perf_counter
+
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.engine.engine import Engine
 from farhorizon.errors import InputError
 
 #: An interval is a whole number of steps if no more than this part of a step is missing: what is left of one that was
@@ -155,3 +158,18 @@ def _beside(interval: float, unit: float) -> str:
     """The multiples of a unit on either side of an interval."""
     count = max(1, int(interval / unit))
     return f"{count * unit:.10g} or {(count + 1) * unit:.10g}"
+
+
+def seconds_of(engine: Engine) -> float:
+    """Time of a step on this machine now, measured for a tenth of a second without sources; the state stays as it
+    is.
+    """
+    with engine.as_before():
+        engine.advance_alone(1)  # the first one loads compiled programs
+        count, spent = 1, 0.0
+        while spent < 0.05 and count < 10_000:
+            count = count if spent == 0 else int(count * np.clip(0.1 / spent, 2, 50))
+            begin = perf_counter()
+            engine.advance_alone(count)
+            spent = perf_counter() - begin
+    return spent / count

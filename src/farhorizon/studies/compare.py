@@ -250,7 +250,7 @@ def _homogeneous(setup: Setup, ours: Simulation) -> bool:
     """Whether there is nothing but a linear medium without end and initial data."""
     changed = setup.cracks or setup.constraints or setup.specimens or setup.coefficient is not None
     endless = all(b.endless for b in ours.sides.values()) and ours.lattice.body is None
-    return endless and not changed and not ours.sources and not ours.bondwise
+    return endless and not changed and not ours.sources and ours.model.bond_law is None
 
 
 def _besides(setup: Given, ours: Simulation | Body, steps: int) -> dict[str, Simulation | Body]:

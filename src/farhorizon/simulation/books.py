@@ -1,0 +1,178 @@
+"""The books of a diffusion: what flows into the free nodes of the near field, and from where."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from farhorizon.boundaries import ExactEnds
+from farhorizon.errors import InputError
+from farhorizon.medium.integrators import stage_effects
+from farhorizon.simulation.feed import Batch, Feed
+from farhorizon.simulation.grid import Grid
+from farhorizon.simulation.near_field import NearField
+from farhorizon.simulation.phases import Phases
+from farhorizon.simulation.setup import Setup, Sides, side_name
+
+
+class Books:
+    """One book for each condition, each side that the field flows through, and the fixed rim: bonds from there into
+    free nodes, which no condition prescribes.
+
+    Parameters
+    ----------
+    setup : Setup
+    near : NearField
+    sides : dict of (axis, side) to Side
+    grid : Grid
+    phases : Phases or None
+    ends : ExactEnds or None
+    feed : Feed
+    sources : int
+        Number of drives that are sources; conditions come after them.
+
+    Attributes
+    ----------
+    names : list of str
+        Of the books.
+    powers : ndarray
+        What each drive has brought.
+    first : dict of str to float
+        What was there at the start.
+
+    Raises
+    ------
+    InputError
+        An equation that is not of first order in time.
+    """
+
+    def __init__(
+        self,
+        setup: Setup,
+        near: NearField,
+        sides: Sides,
+        grid: Grid,
+        phases: Phases | None,
+        ends: ExactEnds | None,
+        feed: Feed,
+        sources: int,
+    ) -> None:
+        if near.model.order != 1:
+            raise InputError(
+                "a balance is recorded for equations of first order in time, and for elasticity",
+                value=type(near.model).__name__,
+                key="balance",
+            )
+        self.near, self.sides, self.grid, self.phases, self.ends, self.feed = near, sides, grid, phases, ends, feed
+        self._setup = setup
+        self._owners = [f"source[{i}]" for i in range(sources)]
+        self._owners += [f"constraint[{i}]" for i, _ in near.conditions.sources]
+        self._open()
+        self.powers = np.zeros(len(feed.drives))
+        self.first = self._amounts()
+
+    def reopen(self) -> None:
+        """Go on with other bonds, as a crack has opened."""
+        so_far = self.grid.engine.flows
+        self._open()
+        self.grid.engine.flows[...] = so_far
+
+    def _places(self) -> tuple[list[str], np.ndarray, np.ndarray]:
+        """Names of the books, the number from 1 on of that to which each place of a level belongs, 0 of free nodes, and
+        the free nodes of the near field.
+        """
+        near, grid, engine, lead = self.near, self.grid, self.grid.engine, self.grid.lead
+        lattice, rim = near.lattice, self._setup.rim
+        names = [f"constraint[{i}]" for i in range(len(self._setup.constraints))]
+        core = np.zeros(engine.core.nodes)
+        beyond = {}
+        for (axis, side), boundary in self.sides.items():
+            if boundary.periodic:
+                continue
+            names.append(side_name(axis, side))
+            beyond[lead + axis, side] = float(len(names))
+            width = grid.margins[axis, side]
+            strip = slice(0, width) if side < 0 else slice(core.shape[lead + axis] - width, None)
+            core[tuple(strip if a == lead + axis else slice(None) for a in range(3))] = len(names)
+        inner = core[grid.near].reshape(lattice.shape)
+        inner.flat[near.conditions.nodes] = near.conditions.owner + 1  # also where it is no whole array
+        if lattice.mask is not None and (lattice.body is not None or near.closed is not None):
+            number = -1  # bonds to a free rim are absent: no book
+            if rim == "fixed" or near.closed is not None:
+                names.append("rim" if rim == "fixed" else "outline")
+                number = len(names)
+            inner[~lattice.mask] = number
+        core[grid.near] = inner.reshape(core[grid.near].shape)
+        return names, np.round(engine.spread(core, beyond)).astype(int), inner == 0
+
+    def _open(self) -> None:
+        """Give the engine the bonds that are booked."""
+        near, grid, engine = self.near, self.grid, self.grid.engine
+        self.names, where, self._free = self._places()
+        block = engine.core
+        flat = block.node_indices()
+        found = []
+        for offset, weight in zip(engine.offsets, engine.weights, strict=True):
+            other = flat + int(offset @ np.array(block.stride))
+            flows = (where[flat] == 0) & (where[other] != 0)
+            found.append((where[other[flows]] - 1, flat[flows], other[flows], np.full(int(flows.sum()), weight)))
+        books, nodes, neighbours, weights = (np.concatenate([f[i] for f in found]) for i in range(4))
+        weights = weights - engine.lost(nodes, neighbours, weights)
+        for number, leak in near.conditions.leaks:
+            lossy = np.flatnonzero((leak > 0) & self._free)
+            books = np.append(books, np.full(lossy.size, number))
+            nodes, neighbours = np.append(nodes, grid.indices[lossy]), np.append(neighbours, np.full(lossy.size, -1))
+            weights = np.append(weights, near.model.source_factor * leak.ravel()[lossy])
+        layers = {}
+        for axis, side in engine.layers:
+            reach = engine.layout.reach[axis]
+            beside = np.take(flat, np.arange(reach) - (reach if side > 0 else 0), axis).ravel()
+            number = self.names.index(side_name(axis - grid.lead, side))
+            layers[axis, side] = number, beside[where[beside] == 0]
+        kept = weights != 0
+        if self.ends is None:
+            ends = np.zeros((0, 0), np.int64)
+        else:
+            numbers = np.array([[self.names.index(name)] for name in self.ends.names])
+            ends = np.where(where[self.ends.nodes] == 0, numbers, -1)
+        effects = stage_effects(engine.stages) * np.array([n[2] for n in engine.stages.numbers])
+        engine.set_books(
+            books[kept], nodes[kept], neighbours[kept], weights[kept], effects, len(self.names), ends, layers
+        )
+
+    def _amounts(self) -> dict[str, float]:
+        """Sums of the field over the free nodes of the near field: "stored", and "metal" and "dissolved" of a
+        corrosion.
+        """
+        values = self.grid.view(self.grid.engine.current).reshape(self.near.lattice.shape)
+
+        def total(where: np.ndarray, level: float = 0.0) -> float:
+            return math.fsum(values[self._free & where].astype(float) + level)
+
+        solid = None if self.phases is None else self.phases.solid
+        phases = {} if solid is None else {"metal": solid, "dissolved": ~solid}
+        background = self.near.background
+        return {"stored": total(self._free)} | {name: total(where, background) for name, where in phases.items()}
+
+    def add(self, batch: Batch) -> None:
+        """Book what the sources have done."""
+        stages = self.grid.engine.stages
+        effects = stage_effects(stages) * np.array([n[3] for n in stages.numbers])
+        totals = np.einsum("p,npj->j", effects, batch.amplitudes) * batch.fields[:, self._free.ravel()].sum(1)
+        row, samples = 0, len(self.near.model.integrator.source_samples(self.near.dt)[0])
+        for number, (space, _) in enumerate(self.feed.drives):
+            count = samples if space is None else 1
+            self.powers[number] += totals[row : row + count].sum()
+            row += count
+
+    def balance(self) -> dict[str, float]:
+        """What the near field has gained since the start, and from where; see `farhorizon.Simulation.balance`."""
+        lattice = self.near.lattice
+        unit = lattice.spacing**lattice.dim / self.near.model.source_factor
+        flows = self.grid.engine.flows.sum(0)
+        inflow = {name: unit * float(value) for name, value in zip(self.names, flows, strict=True)}
+        for name, power in zip(self._owners, self.powers, strict=True):
+            inflow[name] = inflow.get(name, 0.0) + unit * float(power)
+        gains = {name: unit * (amount - self.first[name]) for name, amount in self._amounts().items()}
+        return {**gains, **inflow, "residual": gains["stored"] - math.fsum(inflow.values())}

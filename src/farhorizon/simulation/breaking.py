@@ -1,0 +1,165 @@
+"""Bonds that follow a law of their own stretch: nonlinear ones, and those that break."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from farhorizon.engine.engine import Zone
+from farhorizon.errors import InputError
+from farhorizon.models.model import BondLaw
+from farhorizon.simulation.cuts import Cuts
+from farhorizon.simulation.grid import Grid
+from farhorizon.simulation.near_field import NearField
+from farhorizon.simulation.overstretch import Rim, rim_of
+from farhorizon.simulation.setup import Sides
+
+_SHATTERS = 10.0  # a load whose first strain is so many times the critical stretch breaks whatever it meets
+
+
+class Breaking:
+    """Bonds with a law of a near field on its grid. The engine is given them whole and uncut.
+
+    Parameters
+    ----------
+    law : BondLaw
+    near : NearField
+    sides : dict of (axis, side) to Side
+    grid : Grid
+    cuts : Cuts
+
+    Attributes
+    ----------
+    families : ndarray of int
+        Bonds of each node, whole and uncut; shape of the lattice.
+    """
+
+    def __init__(self, law: BondLaw, near: NearField, sides: Sides, grid: Grid, cuts: Cuts) -> None:
+        self.law, self.near, self.sides, self.grid, self.cuts = law, near, sides, grid, cuts
+        self.begin()
+        self.families = self.left()
+
+    @cached_property
+    def zone(self) -> Zone:
+        """Where the law holds: one reach away from sides that are not free."""
+        lattice, lead, margins = self.near.lattice, self.grid.lead, self.grid.margins
+        first, end, around = [0] * 3, [1] * 3, [False] * 3
+        for axis, n in enumerate(lattice.shape):
+            around[lead + axis] = self.sides[axis, -1].periodic
+            apart = [
+                0 if b.periodic or not b.bonded else self.near.stencil.reach[axis]
+                for b in (self.sides[axis, -1], self.sides[axis, 1])
+            ]
+            first[lead + axis] = margins[axis, -1] + apart[0]
+            end[lead + axis] = margins[axis, -1] + n - apart[1]
+        return Zone((first[0], first[1], first[2]), (end[0], end[1], end[2]), (around[0], around[1], around[2]))
+
+    @property
+    def critical_stretch(self) -> float:
+        """Of bonds on this lattice."""
+        return float(self.law.critical_stretch_on(self.near.lattice.spacing, self.near.lattice.dim))
+
+    def begin(self) -> None:
+        """Give the engine the law of the bonds, whole and uncut."""
+        law, spacing, stretch = self.law, self.near.lattice.spacing, self.critical_stretch
+        limit = stretch * (2 + stretch) if law.nonlinear else 2 * stretch
+        stiffness = law.bond_stiffness(self.near.stencil, spacing) / law.density
+        self.grid.engine.set_bonds(stiffness, spacing, self.zone, law.nonlinear, limit)
+        self.cuts.cut(())
+
+    def left(self) -> np.ndarray:
+        """Bonds of each node of the near field that are there; shape of the lattice."""
+        return self.grid.engine.alive[self.grid.near].reshape(self.near.lattice.shape)
+
+    @property
+    def damage(self) -> np.ndarray:
+        """Part of the bonds of each node that are cut or broken."""
+        return 1 - self.left() / np.maximum(self.families, 1)
+
+    def loose(self) -> int:
+        """Nodes of the near field that have lost all their bonds."""
+        return int(((self.left() == 0) & (self.families > 0)).sum())
+
+    @property
+    def mass(self) -> float:
+        """Mass of a node."""
+        return self.near.lattice.spacing**self.near.lattice.dim / self.near.model.source_factor
+
+    def strain_energy(self) -> float:
+        """Strain energy of the bonds of the near field; those across its edge count half, to a held side whole."""
+        lattice, lead = self.near.lattice, self.grid.lead
+        first = [0] * lead + [self.grid.margins[a, -1] for a in range(lattice.dim)]
+        box = (1,) * lead + lattice.shape
+        nodes = np.ones(box, bool) if lattice.mask is None else lattice.mask.reshape(box)
+        whole = np.zeros((3, 2), bool)
+        for (axis, side), boundary in self.sides.items():
+            whole[lead + axis, int(side > 0)] = boundary.held is not None
+        return self.mass * self.grid.engine.bond_energy(
+            tuple(first), tuple(f + n for f, n in zip(first, box, strict=True)), nodes, whole
+        )
+
+    def rim(self) -> Rim | None:
+        """Where bonds would break, but cannot; looked at each time that a longitudinal wave has crossed one reach."""
+        engine, lattice, law, near = self.grid.engine, self.near.lattice, self.law, self.near
+        low, high = (
+            np.array(edge[self.grid.lead :]) - [self.grid.margins[a, -1] for a in range(lattice.dim)]
+            for edge in (self.zone.first, self.zone.end)
+        )
+        crossing = min(near.stencil.reach) * lattice.spacing / np.sqrt(law.p_modulus / law.density * near.strongest)
+        part = self.grid.near
+        return rim_of(
+            lattice.shape,
+            tuple(slice(a, b) for a, b in zip(low, high, strict=True)),
+            engine.core.node_indices()[part].reshape(lattice.shape),
+            near.stencil.offsets,
+            engine.present_bonds(part).reshape(-1, *lattice.shape),
+            engine.offsets @ np.array(engine.core.stride),
+            lattice.spacing * near.stencil.offsets,
+            engine.bond_limit,
+            law.nonlinear,
+            max(1, int(crossing / near.dt)),
+        )
+
+    def check_start(self, force: np.ndarray) -> None:
+        """Look for bonds that the start, or the first strain of a load, would break at once.
+
+        Parameters
+        ----------
+        force : ndarray
+            What the sources do at the start, of the field's shape.
+
+        Raises
+        ------
+        InputError
+        """
+        limit, near = self.critical_stretch, self.near
+        if not np.isfinite(limit):
+            return
+        strain = self.grid.engine.largest_strain()
+        stretch = float(np.sqrt(1 + strain) - 1 if self.law.nonlinear else strain / 2)
+        if stretch > limit:
+            raise InputError(
+                "the initial displacements stretch bonds beyond the critical stretch",
+                value=f"{limit:.6g}",
+                limit=f"> {stretch:.4g}",
+                key="model.critical_stretch",
+                remedy="a smaller start, or cracks",
+            )
+        factor = np.broadcast_to(1.0 if near.factor is None else near.factor, near.field_shape)
+        force = np.abs(force) / near.model.source_factor
+        largest = float(np.divide(force, factor, out=np.zeros_like(force), where=factor > 0).max(initial=0))
+        strain = largest * near.lattice.spacing / self.law.p_modulus
+        if strain > _SHATTERS * limit:
+            raise InputError(
+                "the critical stretch is far below the first strain of the load, which would shatter what it meets",
+                value=f"{limit:.6g}",
+                limit=f">= {strain / _SHATTERS:.3g}",
+                key="model.critical_stretch",
+                remedy="a smaller load, or one that rises in time",
+            )
+        if strain > limit:
+            self.cuts.notes.append(
+                f"the load's first strain, about {strain:.3g}, is above the critical stretch {limit:.3g}: bonds break "
+                "at once"
+            )

@@ -1,0 +1,112 @@
+"""Sides that close the near field by what its own nodes tell: conditions along its outline, and exact ends."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from farhorizon.analysis.exact.chain import Recursion, half_weights
+from farhorizon.boundaries import Closure, Exact, ExactEnds, Outline
+from farhorizon.boundaries.outline import SERIES, Medium
+from farhorizon.errors import InputError
+from farhorizon.medium.kernel import Kernel
+from farhorizon.simulation.grid import Grid
+from farhorizon.simulation.near_field import NearField
+from farhorizon.simulation.setup import Sides, side_name
+
+
+def close(near: NearField, sides: Sides, grid: Grid, solid: np.ndarray) -> Closure | None:
+    """The conditions along the outline; None without.
+
+    Raises
+    ------
+    InputError
+        What they read is not the homogeneous medium, or solid.
+    """
+    closing = {key: b for key, b in sides.items() if b.closing}
+    if not closing:
+        return None
+    lattice, model, stencil, factor = near.lattice, near.model, near.stencil, near.factor
+    dx = lattice.spacing
+    shape = grid.engine.core.nodes[grid.lead :]
+    inside = np.zeros(shape, bool)
+    inside[grid.near[-lattice.dim :]] = True if near.closed is None else near.closed
+    outline = Outline(
+        grid.origin,
+        dx,
+        inside,
+        lattice.window,
+        closing,
+        frozenset(a for (a, _), b in sides.items() if b.periodic),
+        frozenset(key for key, b in sides.items() if not b.bonded),
+        stencil.offsets,
+    )
+    first = 0 if near.closed is None else tuple(np.argwhere(near.closed)[0])
+    scale = 1.0 if factor is None else float(factor[first].flat[0])
+    kernel = model.operator if isinstance(model.operator, Kernel) else None
+    medium = Medium(
+        model.order,
+        model.coefficient * scale,
+        near.dt,
+        model.damping,
+        dx * stencil.offsets,
+        stencil.weights * model.coefficient * scale / dx**2,
+        0.0 if kernel is None else kernel.horizon,
+        () if kernel is None else tuple(kernel.series(lattice.dim, SERIES)),
+    )
+    closure = Closure(outline, medium)
+    closure.attach(grid.engine, grid.engine.core.node_indices().reshape(shape))
+    _check_fringe(closure, near, grid, solid)
+    return closure
+
+
+def _check_fringe(closure: Closure, near: NearField, grid: Grid, solid: np.ndarray) -> None:
+    """What a condition along the outline reads is the homogeneous medium: no other material, no body's end, no
+    constraint.
+    """
+    material = near.material
+    for nodes in (*near.holds.nodes, near.conditions.nodes, np.flatnonzero(near.leak), np.flatnonzero(solid)):
+        material.flat[nodes] = np.nan
+    grown = grid.grown(material).reshape(closure.halo.shape)
+    if not np.ptp(grown[tuple(closure.fringe.index.T)]) == 0:
+        raise InputError(
+            "a condition along the outline reads metal, or nodes where the material varies, the body ends or a "
+            "constraint holds",
+            key="boundary",
+            limit=f"uniform within {closure.fringe.depth:g} of the outline",
+            remedy="enlarge the near field, or use a LatticePML",
+        )
+
+
+def exact_ends(near: NearField, sides: Sides, grid: Grid) -> ExactEnds | None:
+    """The exact ends, whose chains have the bonds of the last nodes; None without.
+
+    Raises
+    ------
+    InputError
+        No bonds at an end.
+    """
+    factor = near.factor
+    found = [(side, b) for (_, side), b in sides.items() if isinstance(b, Exact)]
+    if not found:
+        return None
+    if factor is not None and any(factor[0 if side < 0 else -1] == 0 for side, _ in found):
+        raise InputError(
+            "the medium beyond an exact end needs bonds",
+            value=0.0,
+            limit="positive at the end",
+            key="coefficient",
+            remedy="Free",
+        )
+    recursion = Recursion.of(near.model.integrator, near.dt, near.model.damping)
+    bonds = half_weights(near.stencil, near.model.coefficient / near.lattice.spacing**2)
+    line = grid.engine.core.node_indices().ravel()
+    return ExactEnds(
+        grid.engine,
+        [side_name(0, side) for side, _ in found],
+        [b for _, b in found],
+        [bonds * (1.0 if factor is None else factor[0 if side < 0 else -1]) for side, _ in found],
+        recursion,
+        np.array(
+            [line[0] + np.arange(bonds.size) if side < 0 else line[-1] - np.arange(bonds.size) for side, _ in found]
+        ),
+    )

@@ -1,0 +1,180 @@
+"""Absent bonds: cut by cracks, across a free side, to nodes outside a body, or beyond a thin halo."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from farhorizon.boundaries import Closure
+from farhorizon.errors import InputError
+from farhorizon.geometry.shapes import Cut
+from farhorizon.inputs.cracks import Crack, cut_bonds
+from farhorizon.simulation.grid import Grid, check_material
+from farhorizon.simulation.near_field import NearField
+from farhorizon.simulation.setup import Key, side_name
+from farhorizon.simulation.surroundings import Surroundings
+
+# nodes, the neighbours at the other ends of their bonds, and what these bonds lose
+_Bonds = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False)
+class Cuts:
+    """Where bonds of a near field on its grid are absent.
+
+    Attributes
+    ----------
+    near : NearField
+    around : Surroundings
+    grid : Grid
+    closure : Closure or None
+    free_rim : bool
+        Whether bonds to nodes outside a body are absent.
+    notes : list of str
+        Gets what is to be known.
+    """
+
+    near: NearField
+    around: Surroundings
+    grid: Grid
+    closure: Closure | None
+    free_rim: bool
+    notes: list[str]
+
+    def cut(self, cracks: Sequence[Crack]) -> None:
+        """Leave out the bonds across some cracks, and those that are absent in any case.
+
+        Raises
+        ------
+        InputError
+            A crack that what stands on a side cannot continue, or does not bear.
+        """
+        engine, block, lead = self.grid.engine, self.grid.engine.core, self.grid.lead
+        offsets = engine.offsets
+        found: list[_Bonds] = []
+        for crack in cracks:
+            cut, lost = crack.cut, 1 - crack.factor
+            crossed = self._crossed(cut)
+            nodes, bonds = cut_bonds(
+                cut, self.grid.origin, self.near.lattice.spacing, block.nodes[lead:], self.near.stencil.offsets
+            )
+            flat = block.origin + nodes @ np.array(block.stride[lead:])
+            found.append((flat, flat + offsets[bonds] @ np.array(block.stride), lost * engine.weights[bonds]))
+            if self.closure is not None and np.isin(flat, self.closure.nodes).any():
+                raise InputError(
+                    "a crack cuts bonds of nodes that a condition along the outline reads",
+                    key="crack",
+                    value=[b.tolist() for b in cut.bounds()],
+                    remedy="enlarge the near field, or use a LatticePML",
+                )
+            for key in crossed:
+                *ends, weights = self._continued(cut, nodes, bonds, key)
+                found.append((ends[0], ends[1], lost * weights))
+        if self.closure is not None:
+            found += self._beyond_halo(self.closure)
+        found.append((np.zeros(0, np.int64), np.zeros(0, np.int64), engine.weights[:0]))
+        nodes, neighbours, weights = (np.concatenate([f[i] for f in found]) for i in range(3))
+        size = np.abs(weights).max(axis=tuple(range(1, weights.ndim)))
+        order = np.argsort(-size, kind="stable")  # of two cracks across a bond the one that takes more counts
+        nodes, neighbours, weights = nodes[order], neighbours[order], weights[order]
+        _, first = np.unique(nodes * engine.layout.size + neighbours, return_index=True)
+        bare = self.free_rim or not all(b.bonded for b in self.around.sides.values())
+        engine.set_cuts(nodes[first], neighbours[first], weights[first], self.existing(self.free_rim) if bare else None)
+
+    def existing(self, body: bool) -> np.ndarray:
+        """True where a node of the medium is, False beyond free sides and, if wanted, outside the body; over a
+        level.
+        """
+        lattice, engine = self.near.lattice, self.grid.engine
+        core = np.ones(engine.core.nodes)
+        if body and lattice.body is not None and lattice.mask is not None:
+            core = self.grid.grown(lattice.mask.astype(float))
+            check_material(self.near, self.around, self.grid.margins, core)
+        beyond = {key: 0.0 for key, b in self.around.sides.items() if not b.bonded}
+        return engine.spread(core, self.grid.keyed(beyond)) > 0.5
+
+    def _beyond_halo(self, closure: Closure) -> list[_Bonds]:
+        """Bonds of the near field beyond a halo that is thinner than the stencil reaches."""
+        engine, block = self.grid.engine, self.grid.engine.core
+        at_rest = self.grid.keyed(dict.fromkeys(closure.outline.sides, 0.0))
+        exists = engine.spread(np.reshape(~closure.outside, block.nodes), at_rest) > 0.5
+        near = block.node_indices().reshape(closure.halo.shape)[closure.outline.near]
+        rows = []
+        for offset, weight in zip(engine.offsets, engine.weights, strict=True):
+            other = near + int(offset @ np.array(block.stride))
+            lost = ~exists[other]
+            rows.append((near[lost], other[lost], np.full(int(lost.sum()), weight)))
+        return rows
+
+    def _crossed(self, cut: Cut) -> list[Key]:
+        """Sides with a layer that a crack runs into; InputError where it crosses a sponge or a periodic side.
+
+        Beyond an extended side it is cut as it is given.
+        """
+        lattice, crossed = self.near.lattice, []
+        for (axis, side), boundary in self.around.sides.items():
+            edge = (lattice.lower, lattice.upper)[(side + 1) // 2][axis]
+            end = cut.bounds()[(side + 1) // 2][axis]
+            if side * (end - edge) > 1e-9 * lattice.spacing and boundary.cracks != "end":
+                if boundary.cracks == "refuse":
+                    raise InputError(
+                        "a crack crosses a side that cannot continue it",
+                        value=side_name(axis, side),
+                        key="crack",
+                        remedy="shorten it, or use a LatticePML there",
+                    )
+                crossed.append((axis, side))
+        return crossed
+
+    def _continued(self, cut: Cut, nodes: np.ndarray, bonds: np.ndarray, key: Key) -> _Bonds:
+        """Bonds that a crack parallel to a layer's normal cuts inside the layer, from those at the core's last
+        nodes.
+        """
+        engine, block, lead = self.grid.engine, self.grid.engine.core, self.grid.lead
+        axis, side = key
+        count, m = block.nodes[lead + axis], self.near.stencil.reach[axis]
+        last = [count - 1 - j if side > 0 else j for j in range(m + 1)]
+        found = []
+        for column in last:
+            at = nodes[:, axis] == column
+            rest = nodes[at].copy()
+            rest[:, axis] = 0
+            found.append({(*r, b) for r, b in zip(rest.tolist(), bonds[at].tolist(), strict=True)})
+        if any(f != found[0] for f in found):
+            raise self._oblique(cut, key)
+        self._check_straight(cut, found[0], key)
+        table = np.array(sorted(found[0]), int).reshape(-1, self.near.lattice.dim + 1)
+        columns = self.around.layers[key].columns
+        beyond = (count if side > 0 else -columns) + np.arange(columns)[:, None]
+        flat = block.origin + table[:, :-1] @ np.array(block.stride[lead:]) + beyond * block.stride[lead + axis]
+        other = flat + engine.offsets[table[:, -1]] @ np.array(block.stride)
+        return flat.ravel(), other.ravel(), np.concatenate([engine.weights[table[:, -1]]] * columns)
+
+    def _check_straight(self, cut: Cut, continued: set[tuple[int, ...]], key: Key) -> None:
+        """Beyond the core a crack may end, but cut nothing that its straight continuation does not cut."""
+        axis, side = key
+        spacing, columns = self.near.lattice.spacing, self.around.layers[key].columns
+        shape = list(self.grid.engine.core.nodes[self.grid.lead :])
+        origin = self.grid.origin.copy()
+        origin[axis] += spacing * (shape[axis] if side > 0 else -columns)
+        shape[axis] = columns
+        nodes, bonds = cut_bonds(cut, origin, spacing, tuple(shape), self.near.stencil.offsets)
+        nodes[:, axis] = 0
+        if not {(*r, b) for r, b in zip(nodes.tolist(), bonds.tolist(), strict=True)} <= continued:
+            raise self._oblique(cut, key)
+        note = f"the crack that runs into the layer at {side_name(*key)} is taken to go on straight without end"
+        if continued and note not in self.notes:
+            self.notes.append(note)
+
+    def _oblique(self, cut: Cut, key: Key) -> InputError:
+        lattice = self.near.lattice
+        return InputError(
+            f"a crack may run across the absorbing side {side_name(*key)} only straight along its normal, "
+            "and beyond its first nodes",
+            key="crack",
+            value=[b.tolist() for b in cut.bounds()],
+            limit=f"{lattice.lower.tolist()} to {lattice.upper.tolist()}",
+            remedy="end it inside, turn it, or enlarge the near field",
+        )

@@ -1,0 +1,168 @@
+"""What drives a run: sources, loads and incident waves as functions of space times functions of time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from farhorizon.errors import InputError
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.geometry.shapes import Cut
+from farhorizon.inputs.incidence import Incidence, IncidentWave, check_scatterers
+from farhorizon.inputs.loads import BodyForce, Traction, force_density
+from farhorizon.inputs.outside import Beyond
+from farhorizon.inputs.sources import Source, as_source, by_component, parts, split, steady
+from farhorizon.medium.integrators import Verlet
+from farhorizon.simulation.grid import Grid
+from farhorizon.simulation.near_field import NearField
+from farhorizon.simulation.setup import Setup, Sides, keys, side_name
+
+Drive = tuple[np.ndarray | None, Callable[..., Any]]
+
+_SAID = 1e-9  # part of an incident wave's signal that a note is worth
+
+
+@dataclass(frozen=True)
+class Drives:
+    """Sources and loads of a run.
+
+    Attributes
+    ----------
+    sources : list of Drive
+        (space, time) of each, of a vector field of each of its components, as `farhorizon.inputs.sources.split` gives
+        them.
+    unsplit : list of callable
+        Those that do not split, as functions of the coordinates and t.
+    """
+
+    sources: list[Drive]
+    unsplit: list[Callable[..., Any]]
+
+
+class Moving:
+    """Sources that do not split into space and time, which are looked at beyond the absorbing sides as far as the run
+    goes.
+
+    Parameters
+    ----------
+    sources : sequence of callable
+        As functions of the coordinates and t.
+    beyond : Beyond
+    dt : float
+    """
+
+    def __init__(self, sources: Sequence[Callable[..., Any]], beyond: Beyond, dt: float) -> None:
+        self._sources, self._beyond, self._dt = sources, beyond, dt
+        self._looked = 0.0  # up to this time
+        self._peaks: dict[int, float] = {}
+
+    def check(self, until: float) -> None:
+        """Look at up to 64 even times up to one; what was looked at before is not looked at again.
+
+        Raises
+        ------
+        InputError
+            The near field would miss more of a source than the side's target.
+        """
+        if self._sources and until > self._looked:
+            times = np.linspace(self._looked, until, min(64, int(np.ceil((until - self._looked) / self._dt))) + 1)
+            for number, source in enumerate(self._sources):
+                self._peaks[number] = self._beyond.check_moving(source, times, self._peaks.get(number, 0.0))
+            self._looked = until
+
+
+def given(setup: Setup, sides: Sides) -> list[tuple[str, Any]]:
+    """Sources, those of incident waves left out, and loads as sources, each after what it is called in messages."""
+    sources = [s for s in setup.sources if not isinstance(s, IncidentWave)]
+    loads = [(f"load[{i}]", _of_load(load, setup.lattice, sides, f"load[{i}]")) for i, load in enumerate(setup.loads)]
+    return [*zip(keys("source", sources), sources, strict=True), *loads]
+
+
+def _of_load(load: BodyForce | Traction, lattice: Lattice, sides: Sides, key: str) -> Source:
+    """A load as the force per volume that it is."""
+    value = force_density(load, lattice, sides, key) if isinstance(load, Traction) else list(load.value)
+    found: Source = as_source(Source(value, load.time or steady), lattice.dim, f"{key}.value")
+    return found
+
+
+def incident_waves(setup: Setup, near: NearField, sides: Sides) -> list[IncidentWave]:
+    """Incident waves with their boxes."""
+    walls = [key for key, b in sides.items() if not (b.endless or b.periodic)]
+    waves = [source for source in setup.sources if isinstance(source, IncidentWave)]
+    return [wave.resolved(setup.lattice, near.stencil.reach, walls) for wave in waves]
+
+
+def split_drives(sources: Sequence[tuple[str, Any]], near: NearField, beyond: Beyond) -> Drives:
+    """Sources as functions of space times functions of time where they split.
+
+    Raises
+    ------
+    InputError
+        What the near field would miss of them.
+    """
+    drives = Drives([], [])
+    for key, source in sources:
+        for part, unit in by_component(source, near.lattice, near.stencil.components):
+            drives.sources.append(_split_part(part, unit, key, near, beyond, drives.unsplit))
+    return drives
+
+
+def _split_part(
+    source: Any, unit: Any, key: str, near: NearField, beyond: Beyond, unsplit: list[Callable[..., Any]]
+) -> Drive:
+    """One part of a source, to be multiplied with `unit`; one with a unit vector is a scalar."""
+    space, time = parts(source)
+    whole = np.ndim(unit) == 0
+    values, moment = split(source, near.lattice, near.stencil.components if whole else 1)
+    if space is None or values is None:
+        unsplit.append(near.function(time))
+        return None, lambda t: unit * moment(t)
+    if isinstance(space, np.ndarray):
+        beyond.check_values(near.size(values) if whole else values, key)
+    else:
+        peak = float(np.abs(values if near.closed is None else values[near.closed]).max(initial=0))
+        beyond.check_function(near.function(space), peak, key, missed="source value")
+    return unit * values, moment
+
+
+def incidence(
+    wave: IncidentWave, near: NearField, sides: Sides, grid: Grid, cuts: Sequence[Cut], notes: list[str]
+) -> Incidence:
+    """What joins the total field inside a wave's box to the scattered one outside it; `notes` gets what is to be known.
+
+    Raises
+    ------
+    InputError
+        A medium in which no such wave travels, or one that scatters outside the box.
+    """
+    lattice, model, engine = near.lattice, near.model, grid.engine
+    if not isinstance(model.integrator, Verlet) or model.damping:
+        raise InputError(
+            "an incident wave travels through an undamped medium of second order",
+            value=type(model).__name__,
+            key="incident",
+            limit="Wave or Elastic with damping = 0",
+            remedy="a source, or initial data",
+        )
+    walls = [side_name(*key) for key, b in sides.items() if not b.endless]
+    if walls:
+        notes.append(f"only what is scattered meets {', '.join(walls)}: an incident wave knows the open medium alone")
+    material = near.material
+    check_scatterers(wave, lattice, near.stencil.reach, cuts, material)
+
+    def operator(values: np.ndarray) -> np.ndarray:
+        level = np.zeros_like(engine.current)
+        part = grid.view(level)
+        part[...] = values.reshape(part.shape)
+        return grid.view(engine.apply_core(level)).reshape(values.shape)
+
+    found = Incidence(wave, lattice, near.stencil, model.coefficient * float(material.flat[0]), near.dt, operator)
+    if found.pulse.lost > _SAID:
+        notes.append(
+            f"a part of {found.pulse.lost:.1g} of an incident wave's signal is shorter than the lattice carries: "
+            "so much leaks from its box"
+        )
+    return found

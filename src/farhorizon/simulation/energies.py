@@ -1,0 +1,63 @@
+"""Energies of the near field."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from farhorizon.boundaries import ExactEnds
+from farhorizon.simulation.breaking import Breaking
+from farhorizon.simulation.grid import Grid
+from farhorizon.simulation.near_field import NearField
+from farhorizon.simulation.setup import Sides
+
+
+def energies(
+    near: NearField, sides: Sides, grid: Grid, ends: ExactEnds | None, breaking: Breaking | None, work: bool
+) -> dict[str, float]:
+    """Energies by name, see `farhorizon.Simulation.energies`; `work` says whether that of the sources is recorded."""
+    engine, lattice = grid.engine, near.lattice
+    if near.model.order == 1:
+        total = (_shown(near, grid, engine.current).astype(float) ** 2).sum()
+        return {"stored": float(0.5 * lattice.spacing**lattice.dim * total)}
+    mass = lattice.spacing**lattice.dim / near.model.source_factor
+    if breaking is not None:
+        kinetic = (_shown(near, grid, engine.current).astype(float) - _shown(near, grid, engine.older)) / near.dt
+        return {
+            "kinetic": float(mass * 0.5 * (kinetic**2).sum()),
+            "strain": breaking.strain_energy(),
+            "work": mass * engine.work,
+            "broken": mass * engine.broken[0],
+        }
+    engine.complete(engine.current)
+    u, old = engine.current.astype(float), engine.older.astype(float)
+    if ends is not None:
+        ends.fill(u, old)
+    rate = ((_shown(near, grid, u) - _shown(near, grid, old)) / near.dt) ** 2
+    strain = _shown(near, grid, _strain(near, sides, grid, u, old))
+    found = {"kinetic": float(mass * 0.5 * rate.sum()), "strain": float(mass * 0.25 * strain.sum())}
+    return found | ({"work": mass * engine.work} if work else {})
+
+
+def _strain(near: NearField, sides: Sides, grid: Grid, u: np.ndarray, old: np.ndarray) -> np.ndarray:
+    """Four times the strain energy at each place of a level over its mass."""
+    engine = grid.engine
+
+    def apply(level: np.ndarray) -> np.ndarray:
+        return engine.apply_core(level.astype(engine.dtype)).astype(float)
+
+    strain = -u * apply(old) - old * apply(u)
+    each, ago = u.reshape(engine.components, -1), old.reshape(engine.components, -1)
+    for number, total in enumerate(strain.reshape(each.shape)):  # component by component: sum_b L_ab (u_a old_b)
+        total += apply((each[number] * ago).ravel()).reshape(each.shape)[number]
+    at_rest = grid.keyed({key: 0.0 for key, b in sides.items() if b.held == near.background})
+    if at_rest:  # the other half of the bonds to sides where u is zero
+        there = engine.spread(np.ones(engine.core.nodes), at_rest) * engine.exists
+        for unit, before in zip(np.eye(engine.components), ago, strict=True):
+            strain -= (each * before * apply(np.multiply.outer(unit, there).ravel()).reshape(each.shape)).ravel()
+    return strain
+
+
+def _shown(near: NearField, grid: Grid, level: np.ndarray) -> np.ndarray:
+    """A level on the nodes of the near field that there are."""
+    part = grid.view(np.ascontiguousarray(level)).reshape(near.field_shape)
+    return part if near.lattice.mask is None else part[..., near.lattice.mask]

@@ -1,0 +1,124 @@
+"""How far the medium is computed beyond the sides that extend it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from farhorizon.analysis.extent import Extent, Waves, extent, largest
+from farhorizon.analysis.layers.returned import Datum
+from farhorizon.machine import available_memory
+from farhorizon.simulation.drives import Drive
+from farhorizon.simulation.near_field import NearField
+from farhorizon.simulation.setup import Key, Setup, Sides
+from farhorizon.simulation.start import Start
+from farhorizon.simulation.surroundings import Surroundings, enlarged, memory_needed, too_large
+
+
+@dataclass(frozen=True, eq=False)
+class Emitters:
+    """All that sends waves or diffuses, which the size of an extended domain follows from.
+
+    Attributes
+    ----------
+    near : NearField
+    sides : dict of (axis, side) to Side
+    start : Start
+    drives : sequence of Drive
+    everywhere : bool
+        Waves may come from anywhere: where a source is at which time is not known.
+    """
+
+    near: NearField
+    sides: Sides
+    start: Start
+    drives: Sequence[Drive]
+    everywhere: bool
+
+    def extents_for(self, wanted: Mapping[Key, float], until: float) -> dict[Key, Extent]:
+        """How far the medium must be computed beyond some sides for nothing to return in a run.
+
+        Parameters
+        ----------
+        wanted : mapping of (axis, side) to float
+            Error of each.
+        until : float
+            Length of the run.
+
+        Raises
+        ------
+        InputError
+            A domain that does not fit into memory.
+        """
+        near, model, lattice, stencil = self.near, self.near.model, self.near.lattice, self.near.stencil
+        steps = max(1, int(np.ceil(until / near.dt - 1e-9)))
+        rate = model.coefficient * max(near.strongest, 1e-300) / lattice.spacing**2
+        medium = Waves(stencil, rate, model.integrator, near.dt, model.damping, steps)
+        least = {key: max(0, int(medium.front - lattice.shape[key[0]]) // 2) for key in wanted}
+        if enlarged(lattice.shape, least) * stencil.components * 16 > available_memory():
+            raise too_large(lattice.shape, least, stencil.components, 8)
+        data = self._data(medium)
+        sizes = [largest(medium, datum) for datum in data]
+        found: dict[Key, Extent] = {}
+        known: dict[Any, Extent] = {}
+        for (axis, side), error in wanted.items():
+            turned = [datum.turned(axis, side) for datum in data]
+            mirror = self.sides[axis, -side].image
+            normal = stencil.along(axis)
+            like = error, mirror, normal, *(datum.values.tobytes() for datum in turned)
+            if like not in known:
+                known[like] = replace(
+                    extent(replace(medium, stencil=normal), turned, sizes, mirror, error), until=until
+                )
+            found[axis, side] = known[like]
+        return found
+
+    def _data(self, medium: Waves) -> list[Datum]:
+        """The emitters component by component. What is known by its place alone counts from the start and relative to
+        itself.
+        """
+        near, lattice, waves = self.near, self.near.lattice, self.near.model.order == 2
+        busy = near.busy | (self.everywhere or any(space is None for space, _ in self.drives))
+        for (axis, side), boundary in self.sides.items():
+            if boundary.held is not None and boundary.held != near.background:
+                np.moveaxis(busy, axis, 0)[0 if side < 0 else -1] = True
+        data = [
+            ("u", self.start.u, np.zeros(0)),
+            ("v", self.start.v, np.zeros(0)),
+            ("u", busy.astype(float), np.zeros(0)),
+        ]
+        times = near.dt * np.arange(medium.steps if waves else 0)
+        for space, time in self.drives:
+            if space is not None:
+                course = np.array([float(time(t)) for t in times])
+                data.append(("source" if waves else "u", space * near.model.source_factor, course))
+        found = [
+            Datum(part, kind, time) for kind, values, time in data for part in np.reshape(values, (-1, *lattice.shape))
+        ]
+        found = [datum for datum in found if datum.values.any() and (datum.kind != "source" or datum.time.any())]
+        return found or [Datum(np.ones(lattice.shape), "u")]
+
+
+def extend(setup: Setup, around: Surroundings, emitters: Emitters) -> Surroundings:
+    """Choose how far the medium is computed beyond the sides that extend it.
+
+    Raises
+    ------
+    InputError
+        A domain that does not fit into memory.
+    """
+    near = emitters.near
+    extended = {key: b for key, b in around.sides.items() if b.extended}
+    extents = {key: Extent(b.nodes, b.until or np.inf) for key, b in extended.items() if b.nodes is not None}
+    wanted = {key: b.wanted(near.model.target) for key, b in extended.items() if b.nodes is None}
+    lengths = {extended[key].until or near.crossing for key in wanted}
+    if lengths:
+        extents |= emitters.extents_for(wanted, max(lengths))
+    found = replace(around, extents=extents)
+    if extended and memory_needed(setup, near.stencil, found) > available_memory():
+        nodes = {key: one.nodes for key, one in extents.items()}
+        raise too_large(near.lattice.shape, nodes, near.stencil.components, np.dtype(setup.dtype).itemsize)
+    return found

@@ -1,0 +1,197 @@
+"""The near field on the engine: which nodes of the core are its own, and which were put around it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+
+from farhorizon.engine.engine import Engine
+from farhorizon.errors import InputError
+from farhorizon.geometry.lattice import AXES, Lattice
+from farhorizon.geometry.shapes import Cut
+from farhorizon.medium.integrators import Verlet
+from farhorizon.simulation.near_field import NearField
+from farhorizon.simulation.run import wanted_threads
+from farhorizon.simulation.setup import Key, Setup
+from farhorizon.simulation.surroundings import Surroundings
+
+_FAINT = 1e-11  # part of the data that may touch a layer of given thickness, which may be good to rounding
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """An engine, and where the near field lies in it.
+
+    Attributes
+    ----------
+    lattice : Lattice
+    margins : dict of (axis, side) to int
+        Nodes of the core beyond the near field.
+    engine : Engine
+    """
+
+    lattice: Lattice
+    margins: dict[Key, int]
+    engine: Engine
+
+    @property
+    def lead(self) -> int:
+        """Axes of the engine, which has three, before those of the lattice."""
+        return 3 - self.lattice.dim
+
+    @cached_property
+    def near(self) -> tuple[slice, ...]:
+        """The near field in the core, along the engine's three axes."""
+        slices = [slice(self.margins[a, -1], self.margins[a, -1] + n) for a, n in enumerate(self.lattice.shape)]
+        return (*[slice(None)] * self.lead, *slices)
+
+    @cached_property
+    def origin(self) -> np.ndarray:
+        """Coordinates of the core's first node."""
+        below = np.array([self.margins[a, -1] for a in range(self.lattice.dim)])
+        return self.lattice.lower - self.lattice.spacing * below
+
+    def view(self, level: np.ndarray) -> np.ndarray:
+        """The near field of a level, components first; what is written there is written into the level."""
+        where: tuple[Any, ...] = (..., *self.near)
+        return self.engine.core.view(level)[where]
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """Places of the near field's nodes in a level of one component."""
+        return self.engine.core.node_indices()[self.near]
+
+    @property
+    def indices(self) -> np.ndarray:
+        """Places of the near field in a level, of all components."""
+        return self.engine.all_components(self.nodes)
+
+    def grown(self, values: np.ndarray, mode: Literal["edge", "constant"] = "edge") -> np.ndarray:
+        """Values on the near field over the core, as at the edge around it; of the core's shape."""
+        pads = [(self.margins[a, -1], self.margins[a, 1]) for a in range(self.lattice.dim)]
+        return np.pad(values, pads, mode=mode).reshape(self.engine.core.nodes)
+
+    def keyed(self, of_sides: dict[Key, float]) -> dict[Key, float]:
+        """Values by side, with the engine's numbers of the axes."""
+        return {(self.lead + axis, side): value for (axis, side), value in of_sides.items()}
+
+
+def choose_margins(
+    near: NearField, around: Surroundings, data: Sequence[np.ndarray], factor: np.ndarray | None, cuts: Sequence[Cut]
+) -> dict[Key, int]:
+    """Nodes of the core beyond the near field: a sponge, or unstretched nodes in front of a layer.
+
+    A layer's entrance must be free of sources, data, cracks and changes of the material. One node keeps sources out;
+    the others need as many more as the stencil reaches. An exact end must be free of cracks and changes of the
+    material.
+
+    Parameters
+    ----------
+    near : NearField
+    around : Surroundings
+    data : sequence of ndarray
+        Initial data.
+    factor : ndarray or None
+        Factor on bonds, or the phases of a corrosion.
+    cuts : sequence of Cut
+    """
+    lattice, margins = near.lattice, {}
+    for (axis, side), boundary in around.sides.items():
+        margins[axis, side] = around.width((axis, side), near.stencil, lattice.spacing)
+        if boundary.uniform:
+            m = near.stencil.reach[axis]
+            last = np.arange(m + 1) if side < 0 else lattice.shape[axis] - 1 - np.arange(m + 1)
+            least = int(boundary.stretched)
+            asked = boundary.open_ended or boundary.target is not None
+            faint = 1e-3 * boundary.wanted(near.model.target) if asked else _FAINT
+            busy = bool(least) and any(
+                np.abs(np.take(f, last, axis)).max() > faint * np.abs(f).max() for f in map(near.size, data)
+            )
+            busy |= factor is not None and bool(np.ptp(np.take(factor, last, axis), axis=axis).any())
+            edge = (lattice.lower if side < 0 else lattice.upper)[axis]
+            close = [side * (edge - cut.bounds()[(side + 1) // 2][axis]) < (m + 1) * lattice.spacing for cut in cuts]
+            margins[axis, side] = 1 + m if busy or any(close) else least
+    return margins
+
+
+def make_grid(setup: Setup, near: NearField, around: Surroundings, margins: dict[Key, int]) -> Grid:
+    """The engine of a near field and its sides.
+
+    Raises
+    ------
+    InputError
+        A material that varies along the normal of a side that continues it, a fixed side beside a layer.
+    """
+    lattice, model, stencil, sides = near.lattice, near.model, near.stencil, around.sides
+    lead = 3 - lattice.dim
+    core = (1,) * lead + tuple(n + margins[a, -1] + margins[a, 1] for a, n in enumerate(lattice.shape))
+    offsets = np.zeros((len(stencil.weights), 3), int)
+    offsets[:, lead:] = stencil.offsets
+    layers = {(lead + axis, side): layer for (axis, side), layer in around.layers.items()}
+    periodic = frozenset(lead + a for (a, side), b in sides.items() if side < 0 and b.periodic)
+    if isinstance(model.integrator, Verlet):
+        stages = model.integrator.stages(near.dt, model.damping, lattice.dim == 1, setup.lasting)
+    else:
+        stages = model.integrator.stages(near.dt, model.damping)
+    grown = None
+    if near.factor is not None:
+        pads = [(margins[a, -1], margins[a, 1]) for a in range(lattice.dim)]
+        grown = np.pad(near.factor, pads, mode="edge").reshape(core)
+        check_material(near, around, margins, grown)
+    engine = Engine(
+        core,
+        offsets,
+        stencil.weights * model.coefficient / lattice.spacing**2,
+        stages,
+        near.dt,
+        layers=layers,
+        periodic=periodic,
+        real=setup.dtype,
+        threads=wanted_threads(setup.threads),
+        coefficient=grown,
+        rule=setup.rule,
+    )
+    grid = Grid(lattice, margins, engine)
+    for (axis, side), boundary in sides.items():
+        if boundary.held is not None and boundary.held != near.background:
+            _hold_beyond(grid, near, around, (axis, side), boundary.held)
+    return grid
+
+
+def check_material(near: NearField, around: Surroundings, margins: dict[Key, int], core: np.ndarray) -> None:
+    """A layer, and an exact end, continue the material along the normal: it must not vary there within one reach."""
+    lead = 3 - near.lattice.dim
+    for (axis, side), boundary in around.sides.items():
+        if boundary.uniform:
+            n, m = core.shape[lead + axis], near.stencil.reach[axis]
+            last = np.take(core, np.arange(m + 1) if side < 0 else np.arange(n - m - 1, n), lead + axis)
+            if np.any(np.ptp(last, axis=lead + axis) > 0):
+                raise InputError(
+                    f"the material varies along {AXES[axis]} within one reach of an absorbing side",
+                    key="coefficient",
+                    limit=f"constant over the last {m + 1 - margins[axis, side]} nodes",
+                    remedy="enlarge the near field",
+                )
+
+
+def _hold_beyond(grid: Grid, near: NearField, around: Surroundings, key: Key, value: float) -> None:
+    """Set the halo of a side, in every level, to its value."""
+    axis, side = grid.lead + key[0], key[1]
+    if any(b.stretched for (a, _), b in around.sides.items() if a != key[0]):
+        raise InputError(
+            "a Fixed value beside a LatticePML must equal the background: the layer would have to absorb a state "
+            "that never decays",
+            value=value,
+            limit=near.background,
+            key="boundary",
+            remedy="set background, or use Periodic or Free",
+        )
+    engine, block = grid.engine, grid.engine.core
+    m = block.reach[axis]
+    strip = tuple((slice(0, m) if side < 0 else slice(-m, None)) if a == axis else slice(None) for a in range(3))
+    for level in engine.levels[: 3 - engine.stages.increments]:
+        block.all(level)[strip] = value - near.background

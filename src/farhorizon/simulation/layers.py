@@ -1,0 +1,194 @@
+"""The layers of a set-up that choose themselves, for its data and the length of its run, and what those given by hand
+keep.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from farhorizon.analysis.exact.chain import Recursion
+from farhorizon.analysis.layers.returned import Datum
+from farhorizon.analysis.layers.thickness import Thickness, distance_to_side, thinnest_for_diffusion
+from farhorizon.errors import InputError
+from farhorizon.inputs.incidence import IncidentWave
+from farhorizon.inputs.sources import by_component, field, split
+from farhorizon.simulation.far_field import CROSSINGS, FORESEEN, LASTING, MOST_CROSSINGS, FarField, stand_ins
+from farhorizon.simulation.near_field import NearField
+from farhorizon.simulation.phases import placed
+from farhorizon.simulation.setup import Key, Setup, Sides, side_name
+from farhorizon.simulation.surroundings import Surroundings
+
+
+def choose_layers(setup: Setup, near: NearField, around: Surroundings, sources: Sequence[Any]) -> Surroundings:
+    """Give each side whose layer chooses for itself the thinnest that keeps its target, and see what one given by hand
+    keeps of its own.
+
+    Parameters
+    ----------
+    setup : Setup
+    near : NearField
+    around : Surroundings
+        With layers that follow from their targets alone or are given.
+    sources : sequence
+        Sources, incident waves and loads.
+
+    Raises
+    ------
+    InputError
+        No layer keeps a target.
+    """
+    layers = {
+        key: b for key, b in around.sides.items() if b.stretched and b.profile is None and (b.open_ended or b.target)
+    }
+    choice = _Choice(setup, near, around, sources, {}, {})
+    if layers and near.model.order == 1:
+        choice.for_diffusion({key: b for key, b in layers.items() if b.open_ended})
+    elif layers:
+        choice.for_waves(layers)
+    thickness = {side_name(*key): found for key, found in choice.found.items()}
+    notes = [words.format(nodes, ", ".join(named), aim) for (words, nodes, aim), named in choice.missed.items()]
+    chosen = {key: found.layer for key, found in choice.found.items()}
+    return replace(around, layers=around.layers | chosen, thickness=thickness, notes=notes)
+
+
+@dataclass(frozen=True)
+class _Choice:
+    """A choice that goes on.
+
+    Attributes
+    ----------
+    found : dict of (axis, side) to Thickness
+    missed : dict
+        Names of the sides whose layers may miss their targets, by what is said of them, nodes and target.
+    """
+
+    setup: Setup
+    near: NearField
+    around: Surroundings
+    sources: Sequence[Any]
+    found: dict[Key, Thickness]
+    missed: dict[tuple[str, int, float], list[str]]
+
+    def for_waves(self, layers: Sides) -> None:
+        """By what the layers send back of the data until the end of the run, or by a formula."""
+        near, around, model = self.near, self.around, self.near.model
+        crossing = near.crossing
+        lengths = {key: min(b.until or CROSSINGS * crossing, MOST_CROSSINGS * crossing) for key, b in layers.items()}
+        # a formula looks at no course in time
+        watched = max((lengths[key] for key, b in layers.items() if b.target is not None), default=0.0)
+        far = FarField(
+            near.lattice.shape,
+            near.stencil,
+            around.coefficients,
+            near.lattice.spacing,
+            Recursion.of(model.integrator, near.dt, model.damping),
+            near.dt,
+            around.sides,
+            self._data(watched),
+            FORESEEN * crossing,
+            self._scatterers(),
+        )
+        for key, boundary in layers.items():
+            wanted, until = boundary.wanted(model.target), lengths[key]
+            if boundary.open_ended:
+                found = far.layer(*key, boundary, wanted, until)
+                if found is not None:
+                    self._take(key, found, wanted)
+            else:
+                layer = around.layers[key]
+                error = far.returned(*key, layer, wanted, min(until, far.foreseen))
+                if error > wanted:
+                    self._miss(
+                        key,
+                        f"layers of {{}} nodes ({{}}) are predicted to send back {error:.1g} of the largest value, "
+                        "more than the target {:g}",
+                        layer.columns,
+                        wanted,
+                    )
+
+    def for_diffusion(self, layers: Sides) -> None:
+        """What counts is the way from the data, the metal or a condition to the side."""
+        near, model = self.near, self.near.model
+        diffusivity = model.coefficient * near.strongest
+        busy = self._scatterers().astype(float)
+        busy.ravel()[near.conditions.nodes] = 1
+        if self.setup.specimens:
+            busy[placed(self.setup, self.around.sides)[0]] = 1
+        data = self._data(0.0)
+        for key, boundary in layers.items():
+            turned = [datum.turned(*key).values for datum in [*data, Datum(busy, "u")]]
+            distance = near.lattice.spacing * distance_to_side(turned)
+            until = min(boundary.until or LASTING * near.crossing, MOST_CROSSINGS * near.crossing)
+            wanted = boundary.wanted(model.target)
+            found = thinnest_for_diffusion(near.lattice.spacing, diffusivity * until, distance, wanted)
+            if found.predicted > wanted and boundary.target is not None:
+                raise InputError(
+                    "no layer keeps the target for so long a run",
+                    value=wanted,
+                    key="boundary.target",
+                    remedy="a larger target, a shorter run, or data farther from the side",
+                )
+            self._take(key, replace(found, until=until), wanted)
+
+    def _take(self, key: Key, found: Thickness, wanted: float) -> None:
+        """Give a side the layer that was found for it."""
+        self.found[key] = found
+        if found.predicted > wanted:
+            words = "the run is long: layers of {} nodes ({}) may miss the target {:g}"
+            self._miss(key, words, found.layer.columns, wanted)
+
+    def _miss(self, key: Key, words: str, columns: int, wanted: float) -> None:
+        self.missed.setdefault((words, columns, wanted), []).append(side_name(*key))
+
+    def _data(self, until: float) -> list[Datum]:
+        """What sends waves: the start, and sources over a time; pulses in the middle and beside each side where that
+        cannot be known.
+        """
+        near, lattice = self.near, self.near.lattice
+        components, reach = near.stencil.components, max(near.stencil.reach)
+        initial = self.setup.initial or {}
+        found = []
+        for name in ("u", "v"):
+            if name in initial:
+                values = field(initial[name], lattice, components, f"initial.{name}")
+                found += self._by_component(near.inside(values - (near.background if name == "u" else 0.0)), name)
+        times = np.arange(int(np.ceil(until / near.dt)) + 1) * near.dt
+        for source in self.sources:
+            if isinstance(source, IncidentWave):
+                return stand_ins(lattice.shape, reach, components)
+            for part, unit in by_component(source, lattice, components):
+                space, time = split(part, lattice, components if np.ndim(unit) == 0 else 1)
+                if space is None:
+                    return stand_ins(lattice.shape, reach, components)
+                course = np.array([float(time(t)) for t in times])
+                found += self._by_component(unit * space * near.model.source_factor, "source", course)
+        return found or stand_ins(lattice.shape, reach, components)
+
+    def _by_component(self, values: np.ndarray, kind: str, time: np.ndarray | None = None) -> list[Datum]:
+        """A datum for each component that is not at rest."""
+        time = np.zeros(0) if time is None else time
+        moves = kind != "source" or bool(time.any())
+        return [
+            Datum(part, kind, time, i)
+            for i, part in enumerate(values.reshape(-1, *self.near.lattice.shape))
+            if moves and part.any()
+        ]
+
+    def _scatterers(self) -> np.ndarray:
+        """Nodes that scatter waves: around cracks, beside nodes that do not exist, and where the medium changes."""
+        lattice, factor = self.near.lattice, self.near.factor
+        found = np.zeros(lattice.shape, bool)
+        for crack in self.setup.cracks:
+            low, high = (np.asarray(bound, float) for bound in crack.cut.bounds())
+            first, last = (np.round((bound - lattice.lower) / lattice.spacing).astype(int) for bound in (low, high))
+            found[tuple(slice(max(a, 0), max(b, 0) + 1) for a, b in zip(first, last, strict=True))] = True
+        if lattice.body is not None and lattice.mask is not None:
+            found |= ~lattice.mask
+        if factor is not None:
+            for axis in range(lattice.dim):
+                found |= np.abs(np.gradient(factor, axis=axis)) > 0
+        return found

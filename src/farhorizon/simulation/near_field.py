@@ -1,0 +1,209 @@
+"""The near field of a set-up in numbers: its medium, its conditions and its time step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.errors import InputError
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.inputs.conditions import Conditions, resolve
+from farhorizon.inputs.prescribed import Holds, Prescribed
+from farhorizon.inputs.sources import field, largest_component
+from farhorizon.medium.stencil import Stencil
+from farhorizon.models import LatticeModel
+from farhorizon.simulation.setup import Setup, Sides
+from farhorizon.simulation.validation import closed_window
+
+
+@dataclass(frozen=True, eq=False)
+class NearField:
+    """What is known of the near field alone.
+
+    Attributes
+    ----------
+    lattice : Lattice
+    model : LatticeModel
+    background : float
+    stencil : Stencil
+    closed : ndarray of bool, or None
+        Nodes of a window that a condition closes along its outline.
+    factor : ndarray or None
+        Factor on bonds, of the lattice's shape.
+    conditions : Conditions
+    rate_limit : float
+        Largest rate of the operator (1/time, or 1/time^2 of waves).
+    dt : float
+    holds : Holds
+        Nodes that follow a value for a while.
+    """
+
+    lattice: Lattice
+    model: LatticeModel
+    background: float
+    stencil: Stencil
+    closed: np.ndarray | None
+    factor: np.ndarray | None
+    conditions: Conditions
+    rate_limit: float
+    dt: float
+    holds: Holds
+
+    @property
+    def step_limit(self) -> float:
+        """Largest stable time step."""
+        return self.model.integrator.step_limit(self.rate_limit)
+
+    @property
+    def field_shape(self) -> tuple[int, ...]:
+        """That of the lattice, of vectors with the components first."""
+        shape, components = self.lattice.shape, self.stencil.components
+        return shape if components == 1 else (components, *shape)
+
+    @cached_property
+    def strongest(self) -> float:
+        """Largest factor on bonds."""
+        return _strongest(self.model, self.factor)
+
+    @cached_property
+    def leak(self) -> np.ndarray:
+        """Rate at which each node loses its value to what surrounds the body; of the lattice's shape, empty without."""
+        return _leak(self.model, self.conditions)
+
+    @cached_property
+    def hidden(self) -> np.ndarray | None:
+        """Nodes of the lattice whose values are not of the body or window; None if there are none."""
+        hidden = np.zeros(self.lattice.shape, bool) if self.lattice.mask is None else ~self.lattice.mask
+        hidden.ravel()[self.conditions.images] = True
+        return hidden if hidden.any() else None
+
+    @property
+    def crossing(self) -> float:
+        """The set-up's own unit of time: in it the fastest wave crosses the near field, or what diffuses empties it,
+        ``R^2/D``.
+        """
+        return self.model.crossing(max(self.lattice.shape) * self.lattice.spacing, max(self.strongest, 1e-300))
+
+    @property
+    def material(self) -> np.ndarray:
+        """The factor on bonds at each node, nan where there is no node."""
+        lattice = self.lattice
+        found = np.ones(lattice.shape) if self.factor is None else self.factor.copy()
+        if lattice.body is not None and lattice.mask is not None:
+            found[~lattice.mask] = np.nan
+        return found
+
+    @property
+    def busy(self) -> np.ndarray:
+        """Nodes that a condition holds, of the lattice's shape."""
+        found = np.zeros(self.lattice.shape, bool)
+        found.ravel()[np.concatenate([self.conditions.nodes, *self.holds.nodes]).astype(int)] = True
+        return found
+
+    def inside(self, values: np.ndarray) -> np.ndarray:
+        """Zero outside a body, where there are no nodes, and beyond a window's outline if a condition closes it."""
+        if self.closed is not None:
+            return np.where(self.closed, values, 0.0)
+        lattice = self.lattice
+        return np.where(lattice.mask, values, 0.0) if lattice.body is not None and lattice.mask is not None else values
+
+    def size(self, values: np.ndarray) -> np.ndarray:
+        """The largest magnitude of any component; a scalar as it is."""
+        return values if self.stencil.components == 1 else np.abs(values).max(0)
+
+    def function(self, value: Any) -> Callable[..., Any]:
+        """A value as a function of the coordinates; of vectors its size."""
+        if self.stencil.components > 1:
+            return largest_component(value)
+        return value if callable(value) else lambda *_: value
+
+
+def near_field(setup: Setup, sides: Sides, stencil: Stencil, factor: np.ndarray | None) -> NearField:
+    """The near field of a set-up.
+
+    Parameters
+    ----------
+    setup : Setup
+    sides : dict of (axis, side) to Side
+        They may bear shorter steps only.
+    stencil : Stencil
+    factor : ndarray or None
+        Factor on bonds, of the lattice's shape.
+
+    Raises
+    ------
+    InputError
+        Conditions that cannot hold, a time step above the stable limit.
+    """
+    lattice, model = setup.lattice, setup.model
+    conditions = _resolve(setup, stencil, factor)
+    rate = stencil.symbol_maximum * model.coefficient / lattice.spacing**2 * max(_strongest(model, factor), 1e-300)
+    rate += float(_leak(model, conditions).max(initial=0))
+    dt = _choose_step(setup, sides, model.integrator.step_limit(rate))
+    prescribed = tuple(c for c in setup.constraints if isinstance(c, Prescribed))
+    return NearField(
+        lattice,
+        model,
+        setup.background,
+        stencil,
+        closed_window(setup, sides),
+        factor,
+        conditions,
+        rate,
+        dt,
+        Holds(prescribed, lattice, model.integrator, dt, setup.background),
+    )
+
+
+def bond_factor(setup: Setup) -> np.ndarray | None:
+    """The factor on bonds at each node; None without. InputError where it is negative."""
+    if setup.coefficient is None:
+        return None
+    factor = field(setup.coefficient, setup.lattice, 1, "coefficient")
+    if (factor < 0).any():
+        raise InputError(
+            "a coefficient must not be negative", value=float(factor.min()), limit=">= 0", key="coefficient"
+        )
+    return factor
+
+
+def _strongest(model: LatticeModel, factor: np.ndarray | None) -> float:
+    return model.strongest if factor is None else float(factor.max())
+
+
+def _leak(model: LatticeModel, conditions: Conditions) -> np.ndarray:
+    leaks = [leak for _, leak in conditions.leaks]
+    return model.source_factor * sum(leaks[1:], leaks[0]) if leaks else np.zeros(0)
+
+
+def _resolve(setup: Setup, stencil: Stencil, factor: np.ndarray | None) -> Conditions:
+    if not setup.constraints:
+        return resolve((), setup.lattice, stencil.reach)
+    conductivity = setup.model.coefficient / setup.model.source_factor * (1.0 if factor is None else factor)
+    return resolve(setup.constraints, setup.lattice, stencil.reach, conductivity, setup.background)
+
+
+def _choose_step(setup: Setup, sides: Sides, limit: float) -> float:
+    """The time step that is given, or half the stable limit and what the sides bear."""
+    dt, model, lattice = setup.dt, setup.model, setup.lattice
+    if dt is None or callable(dt):
+        borne = [b.step_limit(model.order, model.coefficient, lattice.spacing, lattice.dim) for b in sides.values()]
+        default = 0.5 * min(limit, *borne)
+        if dt is None:
+            return default
+        dt = kinds.function(dt, "run.dt", "the default step")(default)
+    dt = kinds.number(dt, "run.dt", above=0)
+    if dt > limit * (1 + 1e-12):
+        raise InputError(
+            "the time step is above the stable limit",
+            value=dt,
+            limit=f"{limit:.6g}",
+            key="run.dt",
+            remedy=f"dt <= {0.9 * limit:.4g}, or leave dt out",
+        )
+    return dt

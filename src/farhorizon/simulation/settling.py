@@ -1,0 +1,118 @@
+"""Sides that follow from the length of a run, and the sides of a run as they were chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from farhorizon.boundaries import Auto, Side
+from farhorizon.checks.examined import Examined
+from farhorizon.checks.price import extended_price, price
+from farhorizon.errors import InputError
+from farhorizon.machine import available_memory
+from farhorizon.models import LatticeModel
+from farhorizon.simulation.setup import Key, side_name
+from farhorizon.simulation.surroundings import Surroundings
+
+
+class Changeable(Examined, Protocol):
+    """A set-up before its run that can have other sides."""
+
+    def take(self, sides: Mapping[Key, Side]) -> None:
+        """Be at the start of the same run with some other sides."""
+
+
+@dataclass
+class Settling:
+    """The choice of sides by the length of the run.
+
+    Attributes
+    ----------
+    autos : dict of (axis, side) to Auto
+        Sides that are layers or extend the domain, whichever takes less time.
+    open_ended : list of (axis, side)
+        Those that follow from the length of the run.
+    good_for : float
+        Length of the run that the sides are good for, as far as they are chosen for one.
+    why : list of str
+        How it was chosen.
+    """
+
+    autos: dict[Key, Auto]
+    open_ended: list[Key]
+    good_for: float = 0.0
+    why: list[str] = field(default_factory=list)
+
+    def settle(self, run: Changeable, until: float) -> None:
+        """Choose anew for a run that has not begun if it is longer than the sides are good for.
+
+        Raises
+        ------
+        InputError
+            An extended domain that does not fit into memory.
+        """
+        if not until > self.good_for * (1 + 1e-9):
+            return
+        if self.autos:
+            self._decide(run, until)
+        elif any(until > end * (1 + 1e-9) for end in (*_ends(run.thickness), *_ends(run.extents))):
+            sides: dict[Key, Any] = dict(run.sides)
+            try:
+                run.take({key: replace(sides[key], nodes=None, until=until) for key in self.open_ended})
+            except InputError:  # what layers keep then is noted
+                if any(sides[key].extended for key in self.open_ended):
+                    raise
+        self.good_for = until
+
+    def _decide(self, run: Changeable, until: float) -> None:
+        """Take layers or the extended domain on the sides that leave the choice, whichever takes less time."""
+        far_sides: dict[Key, Side] = {key: b.domain(until) for key, b in self.autos.items()}
+        near_sides: dict[Key, Side] = {key: b.layer(until, run.model.target) for key, b in self.autos.items()}
+        try:
+            if any(run.sides[key] != layer for key, layer in near_sides.items()):
+                run.take(near_sides)
+        except InputError as error:
+            run.take(far_sides)
+            self.why = [f"the domain is extended, for layers do not serve: {error.message}"]
+            return
+        layers, far = price(run), extended_price(run, until, list(self.autos))
+        if far.seconds >= layers.seconds or far.memory > available_memory():
+            self.why = [f"layers: the extended domain would take {far.over(layers)}"]
+            return
+        run.take(far_sides)
+        self.why = [f"the domain is extended: layers would take {layers.over(far)}"]
+
+
+def late(around: Surroundings, until: float, dt: float) -> list[str]:
+    """What is to be said of a run that outlasts what its sides were chosen for, by more than its last step."""
+    chosen = {
+        "the layers keep their target up to t = {:.6g}, later perhaps not: LatticePML(target=..., until=...) "
+        "chooses them for a longer run": _ends(around.thickness),
+        "nothing comes back from the end of the extended domain up to t = {:.6g}, later something does: "
+        "Extended(until=...)": _ends(around.extents),
+    }
+    return [said.format(min(ends)) for said, ends in chosen.items() if ends and until > min(ends) + dt]
+
+
+def settled_sides(around: Surroundings, model: LatticeModel) -> dict[str, Side]:
+    """The sides by name, with the layers that were chosen for the data: on another lattice, or without data, they stay
+    what they are.
+    """
+    found: dict[str, Side] = {}
+    for key, side in around.sides.items():
+        name, extent = side_name(*key), around.extents.get(key)
+        found[name] = side
+        if name in around.thickness:
+            layer = around.layers[key]
+            found[name] = replace(side, target=side.wanted(model.target), nodes=layer.columns, profile=layer)
+        elif extent is not None and np.isfinite(extent.until):
+            found[name] = replace(side, nodes=extent.nodes, until=extent.until)
+    return found
+
+
+def _ends(chosen: Mapping[Any, Any]) -> list[float]:
+    """Lengths of runs that sides were chosen for."""
+    return [found.until for found in chosen.values()]

@@ -1,0 +1,128 @@
+"""The start of a run: initial values, and the level one step before them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from farhorizon.boundaries import ExactEnds
+from farhorizon.errors import InputError
+from farhorizon.geometry.shapes import Shape
+from farhorizon.inputs.outside import Beyond
+from farhorizon.inputs.sources import field
+from farhorizon.simulation.grid import Grid
+from farhorizon.simulation.near_field import NearField
+from farhorizon.simulation.phases import placed
+from farhorizon.simulation.setup import Setup, Sides
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Initial data of a run.
+
+    Attributes
+    ----------
+    u, v : ndarray
+        Values less the background, and velocities; of the field's shape.
+    solid : ndarray of bool
+        The metal of a corrosion, of the lattice's shape.
+    """
+
+    u: np.ndarray
+    v: np.ndarray
+    solid: np.ndarray
+
+
+def start_of(setup: Setup, near: NearField, sides: Sides, beyond: Beyond) -> Start:
+    """The initial data of a set-up.
+
+    Raises
+    ------
+    InputError
+        Data that the infinite medium would have beyond the near field, too, an unknown field.
+    """
+    model, initial = near.model, setup.initial or {}
+    u = _initial("u", setup, near, beyond)
+    known = ("u", "v") if model.order == 2 else ("u",)
+    moving = "v" in initial and model.order == 2
+    v = _initial("v", setup, near, beyond) if moving else np.broadcast_to(0.0, near.field_shape)
+    for name in set(map(str, initial)) - set(known):
+        raise InputError("unknown initial field", value=name, limit=", ".join(known), key="initial")
+    u = near.holds.start(u)
+    solid, metal = placed(setup, sides)
+    for number, specimen in enumerate(setup.specimens):
+        if isinstance(specimen.where, Shape):
+            shape = specimen.where
+            beyond.check_function(lambda *at, shape=shape: shape.contains(np.stack(at, -1)), 1.0, f"specimen[{number}]")
+    return Start(np.where(solid, metal - setup.background, u) if solid.any() else u, v, solid)
+
+
+def _initial(name: str, setup: Setup, near: NearField, beyond: Beyond) -> np.ndarray:
+    """Initial values less the background; refuses data that the infinite medium would have beyond the near field."""
+    initial = setup.initial or {}
+    level = near.background if name == "u" else 0.0
+    value, key = initial.get(name, level), f"initial.{name}"
+    whole = value if name in initial else np.full(near.field_shape, level)
+    given = field(whole, near.lattice, near.stencil.components, key) - level
+    values = near.inside(given)
+    if isinstance(value, np.ndarray):
+        beyond.check_values(near.size(given if near.closed is not None else values), key)
+    elif name in initial:
+        peak = float(np.abs(values).max(initial=0))
+        beyond.check_function(near.function(value), peak, key, level, "initial value")
+    return values
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """What becomes of the levels of an equation of second order where a run starts and where nodes are let go.
+
+    Attributes
+    ----------
+    near : NearField
+    grid : Grid
+    ends : ExactEnds or None
+    force : callable
+        What the sources do at a time, of the field's shape.
+    """
+
+    near: NearField
+    grid: Grid
+    ends: ExactEnds | None
+    force: Callable[[float], np.ndarray]
+
+    def acceleration(self, time: float) -> np.ndarray:
+        """What the medium, what lies beyond exact ends and the sources do to the present state, as a level."""
+        engine = self.grid.engine
+        acceleration: np.ndarray = engine.apply(engine.current)
+        if self.ends is not None:
+            acceleration[self.ends.nodes] += self.ends.forces()
+        part = self.grid.view(acceleration)
+        part += self.force(time).reshape(part.shape)
+        return acceleration
+
+    def step_back(self, v: np.ndarray, resting: np.ndarray) -> None:
+        """The level one step before the start; some places of a level do not move."""
+        engine, dt, model = self.grid.engine, self.near.dt, self.near.model
+        change = -(dt**2) / 2 * self.acceleration(0.0)
+        rate = self.grid.view(change)
+        rate += (dt * (1 + model.damping * dt) * v).reshape(rate.shape)
+        change[resting] = 0
+        if engine.stages.increments:
+            engine.levels[2][:] = change
+        box = engine.layout.box
+        box.view(engine.levels[1])[...] = box.view(engine.levels[0]) - box.view(change)
+        engine.memory[:] = 0  # the layers are at rest one step before the start
+        engine.remind(engine.levels[1])
+
+    def release(self, step: int) -> None:
+        """Let nodes go whose constraint ends at a step: the next one is their first, as the start is of all."""
+        engine, dt, model = self.grid.engine, self.near.dt, self.near.model
+        for nodes, rate in self.near.holds.released(step):
+            at = self.grid.indices[nodes]
+            change = dt * (1 + model.damping * dt) * rate - dt**2 / 2 * self.acceleration(step * dt)[at]
+            engine.older[at] = engine.current[at] - change
+            if engine.stages.increments:
+                engine.levels[2][at] = change

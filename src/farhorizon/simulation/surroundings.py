@@ -1,0 +1,136 @@
+"""What stands beyond each side of a near field, and what it takes of memory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from farhorizon.analysis.extent import Extent
+from farhorizon.analysis.layers.thickness import Thickness
+from farhorizon.engine.engine import Layer
+from farhorizon.errors import InputError
+from farhorizon.machine import available_memory
+from farhorizon.medium.stencil import Stencil
+from farhorizon.simulation.setup import Key, Setup, Sides
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """The sides of a near field as far as they are chosen.
+
+    Attributes
+    ----------
+    sides : dict of (axis, side) to Side
+    coefficients : dict of (axis, side) to float
+        Squared speed or diffusivity of the medium at each side.
+    layers : dict of (axis, side) to Layer
+    thickness : dict of str to Thickness
+        By side, what the layers that chose themselves are predicted to do.
+    extents : dict of (axis, side) to Extent
+        How far the medium is computed beyond sides that extend it.
+    notes : list of str
+        Layers that may miss their targets.
+    """
+
+    sides: Sides
+    coefficients: dict[Key, float]
+    layers: dict[Key, Layer]
+    thickness: dict[str, Thickness] = field(default_factory=dict)
+    extents: dict[Key, Extent] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    def width(self, key: Key, stencil: Stencil, spacing: float) -> int:
+        """Nodes of the core beyond the near field that a sponge, an extended side or a condition along the outline
+        takes.
+        """
+        if key in self.extents:
+            return self.extents[key].nodes
+        return self.sides[key].width(stencil.reach[key[0]], spacing)
+
+    def depth(self, stencil: Stencil, spacing: float, shape: tuple[int, ...]) -> dict[Key, int]:
+        """Nodes beyond each absorbing side at which data and sources are looked at: its layer or sponge, or one reach
+        if that is more.
+
+        Beyond an exact end and an extended side as many as the near field has.
+        """
+        nodes = {key: layer.columns for key, layer in self.layers.items()}
+        for key, b in self.sides.items():
+            if b.endless and not b.stretched:
+                nodes[key] = shape[key[0]] if b.exact or b.extended else self.width(key, stencil, spacing)
+        return {key: max(n, stencil.reach[key[0]]) for key, n in nodes.items()}
+
+
+def by_target(setup: Setup, sides: Sides, stencil: Stencil, factor: np.ndarray | None = None) -> Surroundings:
+    """The sides with layers that follow from their targets alone or are given, for the speed of the medium at each."""
+    lattice, model = setup.lattice, setup.model
+    coefficients = {
+        key: model.coefficient * (1.0 if factor is None else _factor_at(factor, stencil, *key)) for key in sides
+    }
+    half_width = max(float((lattice.upper - lattice.lower).max()) / 2, lattice.spacing)
+    layers = {
+        key: boundary.make_layer(model.order, stencil.along(key[0]), coefficients[key], lattice.spacing, half_width)
+        for key, boundary in sides.items()
+        if boundary.stretched
+    }
+    return Surroundings(sides, coefficients, layers)
+
+
+def _factor_at(factor: np.ndarray, stencil: Stencil, axis: int, side: int) -> float:
+    """The largest factor on bonds within one reach of a side, for a layer goes by the fastest waves that it meets; that
+    of the whole near field where nothing reaches the side.
+    """
+    last = np.arange(stencil.reach[axis] + 1)
+    found = float(np.take(factor, last if side < 0 else -1 - last, axis).max())
+    return found or float(factor.max()) or 1.0
+
+
+def memory_needed(setup: Setup, stencil: Stencil, around: Surroundings) -> float:
+    """Bytes at the peak, in setting up: three levels and the layers' memory once more, and about seven fields besides
+    coordinates.
+    """
+    lattice, reach, itemsize = setup.lattice, stencil.reach, np.dtype(setup.dtype).itemsize
+    more = {key: around.width(key, stencil, lattice.spacing) for key in around.sides}
+    shape = [n + sum(width for (a, _), width in more.items() if a == axis) for axis, n in enumerate(lattice.shape)]
+    columns = [
+        sum(layer.columns for (a, _), layer in around.layers.items() if a == axis) for axis in range(lattice.dim)
+    ]
+    nodes = [float(n + 2 * m + c) for n, m, c in zip(shape, reach, columns, strict=True)]
+    sides = [2 * m * c * np.prod(nodes) / n for c, m, n in zip(columns, reach, nodes, strict=True)]
+    # the edges of the first two axes
+    memory = sum(sides) + (sides[0] * sides[1] / np.prod(nodes) / 2 if lattice.dim == 3 else 0.0)
+    levels = setup.model.integrator.stages(1.0, 0.0, lattice.dim == 1).levels + setup.lasting
+    bits = 8 * -(-len(stencil.weights) // 64) * (setup.model.bond_law is not None)
+    fields = itemsize * ((levels + 3) * np.prod(nodes) + 2 * memory + sides[-1]) + 8 * 7 * np.prod(lattice.shape)
+    return float(stencil.components * fields + (8 * lattice.dim + bits) * np.prod(lattice.shape))
+
+
+def check_memory(setup: Setup, stencil: Stencil, around: Surroundings) -> None:
+    """InputError where the run does not fit into memory."""
+    need = memory_needed(setup, stencil, around)
+    if need > available_memory():
+        raise InputError(
+            "the run does not fit into memory",
+            value=f"about {need / 2**30:.3g} GiB for {int(np.prod(setup.lattice.shape))} nodes",
+            limit=f"{available_memory() / 2**30:.3g} GiB available",
+            key="lattice",
+            remedy="a coarser or smaller lattice, thinner layers, or float32",
+        )
+
+
+def enlarged(shape: tuple[int, ...], more: Mapping[Key, int]) -> float:
+    """Nodes of a near field with so many more beyond some sides."""
+    return float(np.prod([float(n + more.get((a, -1), 0) + more.get((a, 1), 0)) for a, n in enumerate(shape)]))
+
+
+def too_large(shape: tuple[int, ...], more: Mapping[Key, int], components: int, itemsize: int) -> InputError:
+    """What is said of an extended domain that does not fit into memory."""
+    need = 3.0 * itemsize * components * enlarged(shape, more)
+    return InputError(
+        "the extended domain does not fit into memory",
+        value=f"about {need / 2**30:.3g} GiB for {enlarged(shape, more):.3g} nodes",
+        limit=f"{available_memory() / 2**30:.3g} GiB available",
+        key="boundary",
+        remedy="LatticePML, a shorter run, a larger target or float32",
+    )

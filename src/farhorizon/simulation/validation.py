@@ -1,0 +1,137 @@
+"""What of a set-up does not go together: a model with its sides, bonds and phases, a stencil with its lattice."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from farhorizon.boundaries import names
+from farhorizon.errors import InputError
+from farhorizon.geometry.lattice import AXES
+from farhorizon.medium.integrators import Euler, Verlet
+from farhorizon.medium.stencil import Stencil
+from farhorizon.simulation.setup import Setup, Sides, side_name
+
+
+def check_model(setup: Setup, sides: Sides) -> None:
+    """Sides, bonds, phases and loads that the model does not have.
+
+    Raises
+    ------
+    InputError
+    """
+    model, cracks, coefficient = setup.model, setup.cracks, setup.coefficient
+    for key, boundary in sides.items():
+        if not model.serves(type(boundary)):
+            raise InputError(
+                f"{model.title} has no such side",
+                value=type(boundary).__name__,
+                limit=names(model.serves),
+                key=f"boundary.{side_name(*key)}",
+                remedy=model.combinations,
+            )
+    if not model.bonds and (len(cracks) or coefficient is not None or setup.lattice.body is not None):
+        given = "crack" if len(cracks) else "coefficient" if coefficient is not None else "lattice.body"
+        raise InputError(
+            f"the bonds of a {type(model).__name__} cannot be cut or weakened one by one",
+            key=given,
+            remedy="leave it out",
+        )
+    if model.dissolution is not None and coefficient is not None:
+        raise InputError("the phases are the coefficient of a Corrosion", key="coefficient", remedy="leave it out")
+    if len(setup.specimens) and model.dissolution is None:
+        raise InputError(
+            "only a Corrosion has specimens", value=type(model).__name__, key="specimens", remedy="Corrosion(...)"
+        )
+    if len(setup.loads) and not model.mechanical:
+        raise InputError(
+            "loads act on an elastic medium",
+            value=type(model).__name__,
+            key="load",
+            remedy="a source, or a condition on a side",
+        )
+    if model.bond_law is not None:
+        _check_bonds(setup)
+
+
+def _check_bonds(setup: Setup) -> None:
+    """What bonds that follow a law of their own stretch do not have."""
+    if setup.rim == "fixed":
+        raise InputError(
+            "bonds that are nonlinear or break have no fixed rim",
+            value=setup.rim,
+            key="rim",
+            remedy='rim="free", or Fixed sides',
+        )
+    if any(crack.factor for crack in setup.cracks):
+        raise InputError(
+            "bonds that are nonlinear or break are whole or cut", key="crack.factor", limit=0, remedy="leave it out"
+        )
+
+
+def check_stencil(setup: Setup, sides: Sides, stencil: Stencil) -> None:
+    """What fields of several components do not have, integrators that conditions along an outline do not serve, and a
+    near field that is thinner than the stencil.
+
+    Raises
+    ------
+    InputError
+    """
+    if stencil.components > 1:
+        _check_vector(setup, sides)
+    _check_closing(setup, sides)
+    for axis, (n, m) in enumerate(zip(setup.lattice.shape, stencil.reach, strict=True)):
+        if n < 2 * m + 1:
+            raise InputError(
+                "the near field is thinner than the stencil",
+                value=f"{n} nodes along {AXES[axis]}",
+                limit=f">= {2 * m + 1}",
+                key="lattice",
+                remedy="enlarge the lattice or refine it",
+            )
+
+
+def _check_vector(setup: Setup, sides: Sides) -> None:
+    """What fields of several components do not have."""
+    name = type(setup.model).__name__
+    if len(setup.constraints):
+        raise InputError(f"constraints are for scalar fields, not for {name}", key="constraints", remedy="a body force")
+    if setup.background != 0:
+        raise InputError(
+            "the background of a vector field is zero", value=setup.background, key="background", remedy="leave it out"
+        )
+    for key, boundary in sides.items():
+        if not boundary.vectors or boundary.held:
+            raise InputError(
+                f"{name} has no such side",
+                value=repr(boundary),
+                key=f"boundary.{side_name(*key)}",
+                limit="LatticePML, Extended, Sponge, Fixed(0), Free, Periodic",
+            )
+
+
+def _check_closing(setup: Setup, sides: Sides) -> None:
+    """Conditions along an outline: integrators of one stage, windows closed by one condition all around."""
+    closing = [b for b in sides.values() if b.closing]
+    if not closing:
+        return
+    name, integrator = type(closing[0]).__name__, setup.model.integrator
+    if not isinstance(integrator, Euler | Verlet):
+        raise InputError(
+            f"{name} goes along with one stage a step",
+            value=integrator.name,
+            key="model.integrator",
+            limit="forward Euler, velocity Verlet",
+            remedy='integrator="euler", or LatticePML',
+        )
+    if setup.lattice.window is not None and (len(closing) < len(sides) or len({repr(b) for b in closing}) > 1):
+        raise InputError(
+            f"{name} closes a window along its outline, all around",
+            key="boundary",
+            remedy="the same condition on all sides",
+        )
+
+
+def closed_window(setup: Setup, sides: Sides) -> np.ndarray | None:
+    """Nodes of a window that a condition closes along its outline; None where none does."""
+    closes = setup.lattice.window is not None and any(b.closing for b in sides.values())
+    return setup.lattice.mask if closes else None
