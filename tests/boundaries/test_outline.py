@@ -32,7 +32,7 @@ def noise(sim, seed=1):
         near = sim.parts.grid.view(level)
         near[...] = values.reshape(near.shape)
     sim.closure.start()
-    sim._feed.scale = 1e6
+    sim._march.feed.scale = 1e6
     return sim
 
 

@@ -37,6 +37,7 @@ from farhorizon.medium.stencil import Stencil
 from farhorizon.models.elastic import COMBINATIONS
 from farhorizon.simulation.described import describe
 from farhorizon.simulation.overstretch import Rim, rim_of
+from farhorizon.simulation.resume import matching
 from farhorizon.simulation.run import MOST_STEPS, Run, wanted_threads
 
 PLANES = ("strain", "stress")
@@ -1225,7 +1226,7 @@ class Body(Run):
         write_checkpoint(path, arrays, {**meta, "setup": describe(self._setup, arrays)})
 
     def load(self, path: str | Path) -> dict[str, Any]:
-        arrays, meta = self._read(path)
+        arrays, meta = matching(path, self._fingerprint())
         if arrays["books"].shape != self._books.shape:  # another number of threads: who wrote it down does not matter
             arrays["books"] = np.concatenate([arrays["books"].sum(0)[None], np.zeros_like(self._books[1:])])
         for name, array in self._state().items():

@@ -56,6 +56,8 @@ class Examined(Timed, Protocol):
         (space, time) of each, as `farhorizon.inputs.sources.split` gives them.
     incident : list of Incidence
     conditions : Conditions
+    leak : ndarray
+        Rate at which each node loses its value to what surrounds the body; of the lattice's shape, empty without.
     closure : Closure or None
         What closes the near field along its outline.
     coefficients : dict of (axis, side) to float
@@ -82,6 +84,7 @@ class Examined(Timed, Protocol):
     sources: list[tuple[np.ndarray | None, Callable[..., Any]]]
     incident: list[Incidence]
     conditions: Conditions
+    leak: np.ndarray
     closure: Closure | None
     coefficients: dict[tuple[int, int], float]
     thickness: dict[str, Thickness]
@@ -110,9 +113,6 @@ class Examined(Timed, Protocol):
     @property
     def notes(self) -> list[str]:
         """What is allowed, but to be known."""
-
-    def leak(self) -> np.ndarray:
-        """Rate at which each node loses its value to what surrounds the body; of the lattice's shape, empty without."""
 
     def extents_for(self, wanted: Mapping[tuple[int, int], float], until: float) -> dict[tuple[int, int], Extent]:
         """How far the medium must be computed beyond some sides for nothing to return in a run."""

@@ -112,6 +112,10 @@ class NearField:
         lattice = self.lattice
         return np.where(lattice.mask, values, 0.0) if lattice.body is not None and lattice.mask is not None else values
 
+    def visible(self, values: np.ndarray) -> np.ndarray:
+        """The values, nan on nodes that are not shown."""
+        return values if self.hidden is None else np.where(self.hidden, np.nan, values)
+
     def size(self, values: np.ndarray) -> np.ndarray:
         """The largest magnitude of any component; a scalar as it is."""
         return values if self.stencil.components == 1 else np.abs(values).max(0)

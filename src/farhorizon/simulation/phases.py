@@ -84,10 +84,15 @@ class Phases:
                 remedy="keep sources and conditions in the liquid",
             )
 
-    def supersaturated(self) -> float | None:
-        """How many times the saturation the liquid holds where that is too much; None where it is not."""
+    def warning(self) -> str | None:
+        """What is said where the liquid holds more than can be dissolved in it; None where it does not."""
         if not self.first.any():
             return None
         liquid = np.where(self.solid, -np.inf, self.grid.view(self.grid.engine.current).reshape(self.first.shape))
         most = float(liquid.max()) / (self.dissolution.saturation - self.background)
-        return most if most > 1 + _SUPERSATURATED else None
+        if most <= 1 + _SUPERSATURATED:
+            return None
+        return (
+            f"the liquid holds up to {most:.3g} times the saturation: metal dissolves faster than it diffuses "
+            "away; take limited = true, or an interface for the speed of the front (Corrosion.interface_for)"
+        )

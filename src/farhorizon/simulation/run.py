@@ -4,7 +4,6 @@ check before it.
 
 from __future__ import annotations
 
-import json
 import sys
 import warnings
 from abc import ABC, abstractmethod
@@ -17,13 +16,13 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.checks.certificate import UNDECIDED, Certificate
 from farhorizon.engine.engine import available_threads
-from farhorizon.errors import FileFormatError, InputError, UnstableError, ValidityWarning
-from farhorizon.files.results import Caution, read_checkpoint
+from farhorizon.errors import InputError, UnstableError, ValidityWarning
+from farhorizon.files.results import Caution
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.medium.stencil import Stencil
-from farhorizon.simulation.described import rebuild
 from farhorizon.simulation.overstretch import Rim
 from farhorizon.simulation.probes import Probes
+from farhorizon.simulation.resume import stored
 from farhorizon.simulation.steps import last_step, steps_between
 
 if TYPE_CHECKING:
@@ -360,41 +359,6 @@ class Run(ABC):
         FileFormatError
             A damaged or foreign file, or changes that make another set-up.
         """
-        arrays, meta = read_checkpoint(path)
-        if "setup" not in meta or meta.get("fingerprint", {}).get("run", "Simulation") != cls.__name__:
-            raise FileFormatError(
-                f"the file holds no {cls.__name__}",
-                value=str(path),
-                remedy=f"a checkpoint written by {cls.__name__}.save",
-            )
-        stored = {name: value for name, value in meta["setup"]["dict"].items() if name not in changes}
-        setup = {name: rebuild(value, arrays, name) for name, value in stored.items()}
-        run = cls(**{**setup, **cls._start_of(arrays, meta), **changes})
+        run = cls(**{**stored(path, cls.__name__, changes), **changes})
         run.load(path)
         return run
-
-    @classmethod
-    def _start_of(cls, arrays: dict[str, np.ndarray], meta: dict[str, Any]) -> dict[str, Any]:
-        """Arguments of the constructor that a checkpoint holds as arrays of the state."""
-        return {}
-
-    def _read(self, path: str | Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Arrays and facts of a checkpoint of this set-up.
-
-        Raises
-        ------
-        FileFormatError
-            A damaged file, or the checkpoint of another set-up.
-        """
-        arrays, meta = read_checkpoint(path)
-        mine = json.loads(json.dumps(self._fingerprint()))
-        theirs = meta.get("fingerprint", {})
-        different = sorted(k for k in {*mine, *theirs} if mine.get(k) != theirs.get(k))
-        if different:
-            raise FileFormatError(
-                "the checkpoint belongs to another set-up",
-                value=str(path),
-                limit=f"same {', '.join(different)}",
-                remedy="resume with the case that wrote it",
-            )
-        return arrays, meta

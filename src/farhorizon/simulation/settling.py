@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -12,14 +13,18 @@ from farhorizon.boundaries import Auto, Side
 from farhorizon.checks.examined import Examined
 from farhorizon.checks.price import extended_price, price
 from farhorizon.errors import InputError
+from farhorizon.files.results import read_checkpoint
 from farhorizon.machine import available_memory
 from farhorizon.models import LatticeModel
+from farhorizon.simulation.described import rebuild
 from farhorizon.simulation.setup import Key, side_name
 from farhorizon.simulation.surroundings import Surroundings
 
 
 class Changeable(Examined, Protocol):
     """A set-up before its run that can have other sides."""
+
+    step_count: int
 
     def take(self, sides: Mapping[Key, Side]) -> None:
         """Be at the start of the same run with some other sides."""
@@ -54,7 +59,7 @@ class Settling:
         InputError
             An extended domain that does not fit into memory.
         """
-        if not until > self.good_for * (1 + 1e-9):
+        if run.step_count or not until > self.good_for * (1 + 1e-9):
             return
         if self.autos:
             self._decide(run, until)
@@ -66,6 +71,18 @@ class Settling:
                 if any(sides[key].extended for key in self.open_ended):
                     raise
         self.good_for = until
+
+    def adopt(self, run: Changeable, path: str | Path) -> None:
+        """Take the sides of the run that wrote a checkpoint, as far as its length or its price chose them."""
+        names = {key: side_name(*key) for key in {*self.open_ended, *self.autos}}
+        if run.step_count or not names:
+            return
+        arrays, meta = read_checkpoint(path)
+        if "setup" not in meta:
+            return
+        theirs = rebuild(meta["setup"]["dict"]["boundary"], arrays)
+        if all(theirs[name].stretched or theirs[name].extended for name in names.values() if name in theirs):
+            run.take({key: theirs[name] for key, name in names.items()})
 
     def _decide(self, run: Changeable, until: float) -> None:
         """Take layers or the extended domain on the sides that leave the choice, whichever takes less time."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,26 +15,23 @@ from farhorizon.boundaries import ExactEnds, Side
 from farhorizon.checks.certificate import BUDGET, Certificate, certify
 from farhorizon.checks.report import Report
 from farhorizon.errors import InputError
-from farhorizon.files.results import Caution, read_checkpoint, write_checkpoint
+from farhorizon.files.results import Caution, write_checkpoint
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.conditions import Constraint
 from farhorizon.inputs.loads import BodyForce, Traction
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.inputs.specimens import Specimen
 from farhorizon.models import LatticeModel
-from farhorizon.simulation.assembly import Parts, assemble
-from farhorizon.simulation.books import Books
-from farhorizon.simulation.checkpoint import fingerprint, state_of, take_rest, take_state
-from farhorizon.simulation.described import describe, rebuild
-from farhorizon.simulation.drives import Moving
-from farhorizon.simulation.energies import energies
-from farhorizon.simulation.feed import Feed
+from farhorizon.simulation.assembly import assemble
+from farhorizon.simulation.checkpoint import fingerprint
+from farhorizon.simulation.described import describe
 from farhorizon.simulation.flux import flux_tables, nodal_flux, plane, power_across
 from farhorizon.simulation.guard import likely_cause
+from farhorizon.simulation.march import March
+from farhorizon.simulation.resume import matching
 from farhorizon.simulation.run import MOST_STEPS, Run
 from farhorizon.simulation.settling import Settling, late, settled_sides
 from farhorizon.simulation.setup import Key, Setup, side_name
-from farhorizon.simulation.start import Motion
 from farhorizon.simulation.steps import seconds_of
 
 
@@ -179,93 +175,27 @@ class Simulation(Run):
         return run
 
     def _begin(self, setup: Setup, observe: Sequence[Callable[[Simulation], None]]) -> None:
-        """Be at the start of a set-up."""
+        """Be at the start of a set-up, and show what others read of its parts."""
         self.setup = setup
-        parts = self._put_together(setup)
-        self._at_start(observe, int(np.prod(parts.grid.engine.core.nodes)))
-        open_ended = [key for key, b in self.sides.items() if b.open_ended]
-        self._settling = Settling(parts.autos, open_ended)
-        self._lay_start()
-
-    def _put_together(self, setup: Setup) -> Parts:
-        """Make the parts, and show what others read of them."""
         self.parts = parts = assemble(setup)
         near, around = parts.near, parts.around
         self.lattice, self.model, self.background, self.dt = near.lattice, near.model, near.background, near.dt
-        self.stencil, self.engine, self.sides, self.closure = (
-            near.stencil,
-            parts.grid.engine,
-            around.sides,
-            parts.closure,
-        )
+        self.stencil, self.engine = near.stencil, parts.grid.engine
+        self.sides, self.closure = around.sides, parts.closure
         self.step_limit, self.rate_limit, self.field_shape = near.step_limit, near.rate_limit, near.field_shape
-        self.strongest, self.conditions = near.strongest, near.conditions
+        self.strongest, self.conditions, self.leak = near.strongest, near.conditions, near.leak
         self.varied = bool(parts.start.solid.any() or (near.factor is not None and np.ptp(near.factor) > 0))
         self.start_u, self.start_v = parts.start.u, parts.start.v
         self.sources, self.incident = parts.drives.sources, parts.incident
         self.coefficients, self.thickness, self.extents = around.coefficients, around.thickness, around.extents
         sides = settled_sides(around, near.model)
         self.settled = replace(setup, boundary=sides, coefficient=near.factor, dt=near.dt)
-        return parts
-
-    def _lay_start(self) -> None:
-        """Give the engine the start, and what goes on from it."""
-        parts, near, engine = self.parts, self.parts.near, self.engine
+        self._at_start(observe, int(np.prod(self.engine.core.nodes)))
         self._end = 0.0  # of the run, as far as it is known
-        self._moving = Moving(parts.drives.unsplit, parts.beyond, near.dt)
-        self._books: Books | None = None
-        self._opened = len(self.setup.cracks)
-        self._open_cracks()
-        self._first_cuts = engine.absent_bonds
-        held = [abs(b.held - near.background) for b in self.sides.values() if b.held is not None]
-        largest = float(np.abs(self.start_u).max()), float(np.abs(self.start_v).max()) * near.dt
-        self._feed = Feed(near, parts.grid, parts.driving, parts.phases, max([*largest, 1e-300, *held]))
-        self._motion = Motion(near, parts.grid, parts.ends, self._feed.force)
-        # all, for the sweep leaves out metal that nothing reaches
-        for level in engine.levels[: 1 if self.model.order == 2 else None]:
-            parts.grid.view(level)[...] = self.start_u.reshape(parts.grid.view(level).shape)
-        self._feed.tie()
-        self._feed.hold(0)
-        if self.model.order == 2:
-            # the medium beyond an outline is at rest
-            outside = np.zeros(0, np.int64) if self.closure is None else self.closure.unmoved
-            self._motion.step_back(self.start_v, np.concatenate([parts.held, outside]))
-        if self.closure is not None:
-            self.closure.start()
-        if parts.breaking is not None:
-            parts.breaking.check_start(self._feed.force(0.0))
-        self._first_energy = self.energy() if self.setup.balance and self.setup.lasting else 0.0
-        if self.setup.balance and not self.setup.lasting:
-            self._books = Books(
-                self.setup, near, self.sides, parts.grid, parts.phases, parts.ends, self._feed, len(self.sources)
-            )
-        self._set_rim()
+        self._settling = Settling(parts.autos, [key for key, b in self.sides.items() if b.open_ended])
+        self._march = March(setup, parts)
 
     # --- running -----------------------------------------------------------------------------------------------
-
-    def _open_cracks(self) -> None:
-        """Cut what has opened by now."""
-        due = [crack for crack in self.setup.cracks if crack.opens <= self.time + 1e-9 * self.dt]
-        if len(due) == self._opened:
-            return
-        breaking, begun = self.parts.breaking, bool(self.step_count)
-        stored = breaking.strain_energy() if breaking is not None and begun else 0.0
-        if breaking is not None and not begun:
-            breaking.begin()
-        self.parts.cuts.cut(due)
-        if breaking is not None and stored:
-            self.engine.book_cut((stored - breaking.strain_energy()) / breaking.mass)
-        self._opened = len(due)
-        if self._books is not None and begun:
-            self._books.reopen()
-        if begun:
-            self._set_rim()
-
-    def _set_rim(self) -> None:
-        """Where bonds would break, but cannot."""
-        self._rim = None if self.parts.breaking is None else self.parts.breaking.rim()
-        if self._rim is not None:
-            self._guard_steps = min(self._guard_steps, self._rim.every)
 
     def check_sources(self, until: float) -> None:
         """Look beyond the absorbing sides at sources that do not split into space and time, at up to 64 even times up
@@ -276,7 +206,7 @@ class Simulation(Run):
         InputError
             The near field would miss more of a source than the side's target.
         """
-        self._moving.check(until)
+        self._march.moving.check(until)
 
     def prepare(self, until: float) -> int:
         """What `run` does first: sides that depend on the length of the run, `check_sources`, and kernels of exact ends
@@ -287,17 +217,13 @@ class Simulation(Run):
         InputError
             As `check_sources`; a kernel or a domain that does not fit into memory.
         """
-        self._settle(until)
+        self._settling.settle(self, until)
         self.check_sources(until)
         self._end = max(self._end, until)
         last = super().prepare(until)
         if self.exact_ends is not None:
             self.exact_ends.cover(last)
         return last
-
-    def _settle(self, until: float) -> None:
-        if not self.step_count:
-            self._settling.settle(self, until)
 
     def take(self, sides: Mapping[Key, Side]) -> None:
         """Be at the start of the same run with some other sides.
@@ -322,78 +248,41 @@ class Simulation(Run):
         UnstableError
             The field became non-finite or exploded.
         """
-        count, done = kinds.integer(count, "count", least=0, most=MOST_STEPS), 0
-        holds, ends = self.parts.near.holds, self.exact_ends
-        while done < count:
-            self._open_cracks()
-            opening = [int(np.ceil(c.opens / self.dt - 1e-9)) - self.step_count for c in self.setup.cracks]
-            steps = min(
-                count - done, self._guard_steps, min((wait for wait in opening if wait > 0), default=sys.maxsize)
-            )
-            if holds.constraints:
-                steps = holds.allow(self.step_count, steps)
-            if ends is not None:
-                steps = ends.allow(steps)
-            self._advance(steps)
-            if holds.constraints:
-                if self.model.order == 2:
-                    self._motion.release(self.step_count)
-                self._feed.hold(self.step_count)
-            done += steps
-            self._look()
-
-    def _advance(self, steps: int) -> None:
-        for batch in self._feed.advance(self.step_count, steps):
-            if self.probes is not None:  # the engine has seen the steps that come after the present one
-                seen = self.engine.seen.reshape(len(self.engine.seen), self.engine.components, -1) + self.background
-                hidden = self.parts.near.hidden
-                if hidden is not None:
-                    seen[..., hidden.ravel()[self.probes.nodes]] = np.nan
-                rows = seen[:, 0] if self.engine.components == 1 else seen.swapaxes(1, 2)
-                self.probes.add(self.step_count + 1, self.dt, rows)
-            if self._books is not None:
-                self._books.add(batch)
-            self._tick(batch.steps)
-
-    def _look(self) -> None:
-        """See whether the state is sound."""
-        level, phases = self.engine.current, self.parts.phases
-        self._refuse_explosion(
-            self.engine.core.view(level), self.parts.grid.origin, self._feed.scale, lambda: likely_cause(self)
-        )
-        most = None if phases is None or self.cautions else phases.supersaturated()
-        if most is not None:
-            self._caution(
-                "supersaturated",
-                f"the liquid holds up to {most:.3g} times the saturation: metal dissolves faster than it diffuses "
-                "away; take limited = true, or an interface for the speed of the front (Corrosion.interface_for)",
-            )
-        self._look_at(self._rim, level)
+        count, march = kinds.integer(count, "count", least=0, most=MOST_STEPS), self._march
+        last = self.step_count + count
+        while self.step_count < last:
+            march.open_cracks(self.step_count)
+            steps = march.allow(self.step_count, min(last - self.step_count, self._guard_steps))
+            for made in march.advance(self.step_count, steps):
+                if self.probes is not None:
+                    self.probes.add(self.step_count + 1, self.dt, march.seen(self.probes.nodes))
+                self._tick(made)
+            origin, values = self.parts.grid.origin, self.engine.core.view(self.engine.current)
+            self._refuse_explosion(values, origin, march.feed.scale, lambda: likely_cause(self))
+            warning = None if self.parts.phases is None or self.cautions else self.parts.phases.warning()
+            if warning is not None:
+                self._caution("supersaturated", warning)
+            self._look_at(march.rim, self.engine.current)
 
     def _watch(self, nodes: np.ndarray) -> None:
-        self.engine.watched = self.parts.grid.indices.reshape(self.engine.components, -1)[:, nodes].ravel()
+        self._march.watch(nodes)
 
     # --- what comes out ----------------------------------------------------------------------------------------
-
-    def _visible(self, values: np.ndarray) -> np.ndarray:
-        """The values, nan on nodes that are not shown."""
-        hidden = self.parts.near.hidden
-        return values if hidden is None else np.where(hidden, np.nan, values)
 
     @property
     def fields(self) -> dict[str, np.ndarray]:
         """Copies of the near field."""
-        parts, shape = self.parts, self.field_shape
-        out = {"u": self._visible(parts.grid.view(self.engine.current).reshape(shape) + self.background)}
+        parts, shape, visible = self.parts, self.field_shape, self.parts.near.visible
+        out = {"u": visible(parts.grid.view(self.engine.current).reshape(shape) + self.background)}
         if self.model.order == 2:
-            before = self._visible(parts.grid.view(self.engine.older).reshape(shape) + self.background)
+            before = visible(parts.grid.view(self.engine.older).reshape(shape) + self.background)
             out["v"] = (out["u"] - before) / self.dt
         if parts.breaking is not None:
-            out["damage"] = self._visible(parts.breaking.damage)
+            out["damage"] = visible(parts.breaking.damage)
         if parts.phases is not None:
             solid = parts.phases.solid
-            out["solid"] = self._visible(solid.astype(float))
-            out["dissolved"] = self._visible(np.where(solid, np.nan, self.dt * parts.phases.steps))
+            out["solid"] = visible(solid.astype(float))
+            out["dissolved"] = visible(np.where(solid, np.nan, self.dt * parts.phases.steps))
         return out
 
     def energy(self) -> float:
@@ -413,8 +302,7 @@ class Simulation(Run):
         broke. Where no energy leaves through the sides and nothing is damped, kinetic + strain + broken - work stays as
         it was: exactly for linear bonds, else up to the error of the time step.
         """
-        parts = self.parts
-        return energies(parts.near, self.sides, parts.grid, parts.ends, parts.breaking, self.setup.lasting)
+        return self._march.energies()
 
     @property
     def broken_bonds(self) -> int:
@@ -446,10 +334,7 @@ class Simulation(Run):
             raise InputError(
                 "this simulation records no balance", key="balance", remedy="Simulation(..., balance=True)"
             )
-        if self._books is not None:
-            return self._books.balance()
-        found = self.energies()
-        return {**found, "lost": self._first_energy + 2 * found["work"] - sum(found.values())}
+        return self._march.balance()
 
     def flux(self) -> np.ndarray:
         """Heat flux (or that of a diffusing field) at the nodes along each axis, positive towards larger coordinates.
@@ -517,10 +402,6 @@ class Simulation(Run):
         """What may be missed beyond each side that absorbs, as a part of the largest value."""
         return self.parts.beyond.targets
 
-    def leak(self) -> np.ndarray:
-        """Rate at which each node loses its value to what surrounds the body; of the lattice's shape, empty without."""
-        return self.parts.near.leak
-
     def extents_for(self, wanted: Mapping[Key, float], until: float) -> dict[Key, Extent]:
         """How far the medium must be computed beyond some sides; see `farhorizon.simulation.extension`."""
         return self.parts.emitters.extents_for(wanted, until)
@@ -572,53 +453,26 @@ class Simulation(Run):
             30 without `until`.
         """
         if until is not None:
-            self._settle(until)
+            self._settling.settle(self, until)
         return Report.of(self, until, budget)
 
     # --- state -------------------------------------------------------------------------------------------------
 
     def _fingerprint(self) -> dict[str, Any]:
-        return fingerprint(self.setup, self.parts, self._first_cuts)
+        return fingerprint(self.setup, self.parts, self._march.first_cuts)
 
     def save(self, path: str | Path, **extra: Any) -> None:
         """Write the complete state, boundary memory included, under a temporary name and rename it."""
-        self._open_cracks()  # as the next step begins: `load` opens what is due at that time
-        arrays, meta = state_of(self.parts, self._books)
-        meta |= {
-            "fingerprint": self._fingerprint(),
-            "step": self.step_count,
-            "scale": self._feed.scale,
-            "cautions": self.cautions,
-            "extra": extra,
-        }
+        arrays, meta = self._march.state(self.step_count)
+        meta |= {"fingerprint": self._fingerprint(), "cautions": self.cautions, "extra": extra}
         given = {name: value for name, value in self.settled.arguments.items() if name != "initial"}
         meta["setup"] = describe(given, arrays)
         write_checkpoint(path, arrays, meta)
 
-    @classmethod
-    def _start_of(cls, arrays: dict[str, np.ndarray], meta: dict[str, Any]) -> dict[str, Any]:
-        initial = {"u": arrays["start_u"] + rebuild(meta["setup"]["dict"]["background"], arrays)}
-        return {"initial": initial | ({"v": arrays["start_v"]} if np.any(arrays["start_v"]) else {})}
-
-    def _adopt(self, path: str | Path) -> None:
-        """Take the sides of the run that wrote a checkpoint, as far as its length or its price chose them."""
-        arrays, meta = read_checkpoint(path)
-        if self.step_count or "setup" not in meta:
-            return
-        theirs = rebuild(meta["setup"]["dict"]["boundary"], arrays)
-        names = {key: side_name(*key) for key in {*self._settling.open_ended, *self._settling.autos}}
-        if all(theirs[name].stretched or theirs[name].extended for name in names.values() if name in theirs):
-            self.take({key: theirs[name] for key, name in names.items()})
-
     def load(self, path: str | Path) -> dict[str, Any]:
-        if self._settling.open_ended or self._settling.autos:
-            self._adopt(path)
-        arrays, meta = self._read(path)
-        self.step_count, self._feed.scale = 0, float(meta["scale"])
-        self._tick(int(meta["step"]))
+        self._settling.adopt(self, path)
+        arrays, meta = matching(path, self._fingerprint())
+        self.step_count = 0
+        self._tick(self._march.take(arrays, meta))
         self.cautions = [Caution(*entry) for entry in meta["cautions"]]
-        take_state(self.parts, arrays, meta, self.step_count)
-        self._feed.hold(self.step_count)
-        self._open_cracks()
-        take_rest(self.parts, self._books, arrays, meta)
         return dict(meta["extra"])

@@ -1,0 +1,170 @@
+"""A run on its way: what drives it, what is recorded of it, and which of its cracks are open."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.books import Books
+from farhorizon.simulation.checkpoint import Arrays, state_of, take_rest, take_state
+from farhorizon.simulation.drives import Moving
+from farhorizon.simulation.energies import energies
+from farhorizon.simulation.feed import Feed
+from farhorizon.simulation.overstretch import Rim
+from farhorizon.simulation.setup import Setup
+from farhorizon.simulation.start import Motion
+
+
+class March:
+    """The parts of a run in motion. The engine is at the start when it is made.
+
+    Parameters
+    ----------
+    setup : Setup
+    parts : Parts
+
+    Attributes
+    ----------
+    feed : Feed
+    moving : Moving
+    books : Books or None
+        Of a diffusion whose balance is recorded.
+    rim : Rim or None
+        Where bonds would break, but cannot.
+    first_cuts : int
+        Absent bonds at the start.
+    first_energy : float
+        Energy at the start of an elastic medium whose balance is recorded.
+
+    Raises
+    ------
+    InputError
+        A start that would break bonds at once, a balance of what has none.
+    """
+
+    def __init__(self, setup: Setup, parts: Parts) -> None:
+        self.setup, self.parts = setup, parts
+        near, grid, sides, start = parts.near, parts.grid, parts.around.sides, parts.start
+        self.moving = Moving(parts.drives.unsplit, parts.beyond, near.dt)
+        self.books: Books | None = None
+        self._opened = len(setup.cracks)
+        self.open_cracks(0)
+        self.first_cuts = int(grid.engine.absent_bonds)
+        held = [abs(b.held - near.background) for b in sides.values() if b.held is not None]
+        largest = float(np.abs(start.u).max()), float(np.abs(start.v).max()) * near.dt
+        self.feed = Feed(near, grid, parts.driving, parts.phases, max([*largest, 1e-300, *held]))
+        self._motion = Motion(near, grid, parts.ends, self.feed.force)
+        self._lay_start()
+        if parts.breaking is not None:
+            parts.breaking.check_start(self.feed.force(0.0))
+        self.first_energy = 0.0
+        if setup.balance and setup.lasting:
+            found = self.energies()
+            self.first_energy = found["kinetic"] + found["strain"]
+        elif setup.balance:
+            count = len(parts.drives.sources)
+            self.books = Books(setup, near, sides, grid, parts.phases, parts.ends, self.feed, count)
+        self.rim = self._find_rim()
+
+    def _lay_start(self) -> None:
+        """Give the engine the level of the start, and that one step before it."""
+        near, grid, closure, start = self.parts.near, self.parts.grid, self.parts.closure, self.parts.start
+        # all, for the sweep leaves out metal that nothing reaches
+        for level in grid.engine.levels[: 1 if near.model.order == 2 else None]:
+            grid.view(level)[...] = start.u.reshape(grid.view(level).shape)
+        self.feed.tie()
+        self.feed.hold(0)
+        if near.model.order == 2:
+            # the medium beyond an outline is at rest
+            outside = np.zeros(0, np.int64) if closure is None else closure.unmoved
+            self._motion.step_back(start.v, np.concatenate([self.parts.held, outside]))
+        if closure is not None:
+            closure.start()
+
+    def energies(self) -> dict[str, float]:
+        """Energies of the near field by name, see `farhorizon.Simulation.energies`."""
+        parts = self.parts
+        return energies(parts.near, parts.around.sides, parts.grid, parts.ends, parts.breaking, self.setup.lasting)
+
+    def _find_rim(self) -> Rim | None:
+        return None if self.parts.breaking is None else self.parts.breaking.rim()
+
+    def open_cracks(self, step: int) -> None:
+        """Cut what has opened before a step."""
+        dt, breaking, engine = self.parts.near.dt, self.parts.breaking, self.parts.grid.engine
+        due = [crack for crack in self.setup.cracks if crack.opens <= step * dt + 1e-9 * dt]
+        if len(due) == self._opened:
+            return
+        stored = breaking.strain_energy() if breaking is not None and step else 0.0
+        if breaking is not None and not step:
+            breaking.begin()
+        self.parts.cuts.cut(due)
+        if breaking is not None and stored:
+            engine.book_cut((stored - breaking.strain_energy()) / breaking.mass)
+        self._opened = len(due)
+        if self.books is not None and step:
+            self.books.reopen()
+        if step:
+            self.rim = self._find_rim()
+
+    def allow(self, step: int, wanted: int) -> int:
+        """How many of the wanted steps may be made from one on before something has to be seen to."""
+        opening = [int(np.ceil(c.opens / self.parts.near.dt - 1e-9)) - step for c in self.setup.cracks]
+        steps = min(wanted, min((wait for wait in opening if wait > 0), default=sys.maxsize))
+        if self.rim is not None:
+            steps = min(steps, self.rim.every - step % self.rim.every)
+        if self.parts.near.holds.constraints:
+            steps = self.parts.near.holds.allow(step, steps)
+        return steps if self.parts.ends is None else self.parts.ends.allow(steps)
+
+    def advance(self, step: int, steps: int) -> Iterator[int]:
+        """Make some steps from one on; after each batch of them the caller has its turn, and is told their number."""
+        for batch in self.feed.advance(step, steps):
+            if self.books is not None:
+                self.books.add(batch)
+            yield batch.steps
+        if self.parts.near.holds.constraints:
+            if self.parts.near.model.order == 2:
+                self._motion.release(step + steps)
+            self.feed.hold(step + steps)
+
+    def watch(self, nodes: np.ndarray) -> None:
+        """Look at some nodes of the near field after every step from now on."""
+        engine = self.parts.grid.engine
+        engine.watched = self.parts.grid.indices.reshape(engine.components, -1)[:, nodes].ravel()
+
+    def seen(self, nodes: np.ndarray) -> np.ndarray:
+        """What the nodes that are looked at had after each of the last steps; shape (steps, nodes), of vectors (steps,
+        nodes, components).
+        """
+        near, engine = self.parts.near, self.parts.grid.engine
+        values = engine.seen.reshape(len(engine.seen), engine.components, -1) + near.background
+        if near.hidden is not None:
+            values[..., near.hidden.ravel()[nodes]] = np.nan
+        return np.asarray(values[:, 0] if engine.components == 1 else values.swapaxes(1, 2))
+
+    def balance(self) -> dict[str, float]:
+        """Gains since the start and where they came from, see `farhorizon.Simulation.balance`."""
+        if self.books is not None:
+            return self.books.balance()
+        found = self.energies()
+        return {**found, "lost": self.first_energy + 2 * found["work"] - sum(found.values())}
+
+    def state(self, step: int) -> tuple[Arrays, dict[str, Any]]:
+        """All that is not in the set-up, before a step: arrays, and facts as JSON."""
+        self.open_cracks(step)  # as the next step begins: `take` opens what is due at that time
+        arrays, meta = state_of(self.parts, self.books)
+        return arrays, meta | {"step": step, "scale": self.feed.scale}
+
+    def take(self, arrays: Arrays, meta: dict[str, Any]) -> int:
+        """Be in a state that `state` gave; returns its step."""
+        step, self.feed.scale = int(meta["step"]), float(meta["scale"])
+        take_state(self.parts, arrays, meta, step)
+        self.feed.hold(step)
+        self.open_cracks(step)
+        take_rest(self.parts, self.books, arrays, meta)
+        return step

@@ -1,0 +1,65 @@
+"""What a run that goes on takes from a checkpoint."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Container
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from farhorizon.errors import FileFormatError
+from farhorizon.files.results import read_checkpoint
+from farhorizon.simulation.described import rebuild
+
+
+def stored(path: str | Path, kind: str, left_out: Container[str]) -> dict[str, Any]:
+    """Arguments of the run that wrote a checkpoint, some left out; the initial data are arrays of its state.
+
+    Parameters
+    ----------
+    path : str or Path
+    kind : str
+        Name of its class.
+    left_out : container of str
+
+    Raises
+    ------
+    InputError
+        A Python function, which a file cannot hold.
+    FileFormatError
+        A damaged or foreign file.
+    """
+    arrays, meta = read_checkpoint(path)
+    if "setup" not in meta or meta.get("fingerprint", {}).get("run", "Simulation") != kind:
+        raise FileFormatError(
+            f"the file holds no {kind}", value=str(path), remedy=f"a checkpoint written by {kind}.save"
+        )
+    given = {name: value for name, value in meta["setup"]["dict"].items() if name not in left_out}
+    found = {name: rebuild(value, arrays, name) for name, value in given.items()}
+    if "start_u" in arrays:
+        found["initial"] = {"u": arrays["start_u"] + rebuild(meta["setup"]["dict"]["background"], arrays)}
+        found["initial"] |= {"v": arrays["start_v"]} if np.any(arrays["start_v"]) else {}
+    return found
+
+
+def matching(path: str | Path, fingerprint: dict[str, Any]) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Arrays and facts of a checkpoint of a set-up with such a fingerprint.
+
+    Raises
+    ------
+    FileFormatError
+        A damaged file, or the checkpoint of another set-up.
+    """
+    arrays, meta = read_checkpoint(path)
+    mine, theirs = json.loads(json.dumps(fingerprint)), meta.get("fingerprint", {})
+    different = sorted(k for k in {*mine, *theirs} if mine.get(k) != theirs.get(k))
+    if different:
+        raise FileFormatError(
+            "the checkpoint belongs to another set-up",
+            value=str(path),
+            limit=f"same {', '.join(different)}",
+            remedy="resume with the case that wrote it",
+        )
+    return arrays, meta
