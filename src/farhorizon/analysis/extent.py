@@ -204,15 +204,15 @@ def largest(medium: Waves, datum: Datum) -> float:
     box = [2 * n + 2 for n in part.shape]
     place = np.unravel_index(int(np.argmax(np.abs(part))), part.shape)
     angles = np.meshgrid(*(2 * np.pi * np.fft.fftfreq(n) for n in box), indexing="ij")
-    squared = (
-        float(medium.stencil.branches(1e-3, *[0.0] * (medium.stencil.dim - 1)).max()) * 1e6 * medium.rate / stride**2
-    )
-    eigenvalue = squared * sum(4 * np.sin(angle / 2) ** 2 for angle in angles)
+    own = medium.rate * medium.stencil.reaction
+    long = float(medium.stencil.branches(1e-3, *[0.0] * (medium.stencil.dim - 1)).max()) - medium.stencil.reaction
+    squared = long * 1e6 * medium.rate / stride**2
+    eigenvalue = squared * sum(4 * np.sin(angle / 2) ** 2 for angle in angles) + own
     weights = (
         fft.fftn(part, box) * np.exp(1j * sum(int(p) * angle for p, angle in zip(place, angles, strict=True)))
     ).real / np.prod(box)
     # a wide stencil's own step is too long for nearest neighbours
-    finer = int(np.ceil(medium.dt * np.sqrt(4 * part.ndim * squared)))
+    finer = int(np.ceil(medium.dt * np.sqrt(4 * part.ndim * squared + own)))
     dt = medium.dt / finer
     leave = max(1, int(min(box) / 2 / (np.sqrt(squared) * dt)))
     strengths = np.zeros(leave) if datum.kind == "v" else np.repeat(datum.time, finer)

@@ -230,6 +230,10 @@ class Body(Run):
         self.stencil = (
             Stencil.from_kernel(operator, lattice.spacing, self.dim) if isinstance(operator, Kernel) else operator
         )
+        if self.stencil.reaction:
+            raise InputError(
+                "a body has no reaction", value=self.stencil.reaction, key="model.kernel", remedy="Elastic(...)"
+            )
         self._set_sides(boundary)
         self._critical, self._balance, self._stabilisation = critical_stretch, balance, stabilisation
         self._lay_out(threads)

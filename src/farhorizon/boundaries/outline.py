@@ -97,6 +97,7 @@ class Closing(Side, ABC):
     endless: ClassVar[bool] = True
     closing: ClassVar[bool] = True
     vectors: ClassVar[bool] = False
+    reactive: ClassVar[bool] = False  # its waves are those of the bonds alone
     #: Thickness of the halo that it fills; as far as the stencil reads unless given.
     layer: float | None = None
 

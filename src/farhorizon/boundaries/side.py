@@ -52,6 +52,8 @@ class Side:
         may.
     vectors : bool
         Fields of several components have it.
+    reactive : bool
+        Media whose stencil has a reaction have it.
     dims : tuple of int
         The numbers of dimensions that have it.
     label : str
@@ -95,6 +97,7 @@ class Side:
     passive: ClassVar[bool] = False
     cracks: ClassVar[Literal["end", "continue", "refuse"]] = "refuse"
     vectors: ClassVar[bool] = True
+    reactive: ClassVar[bool] = True
     dims: ClassVar[tuple[int, ...]] = (1, 2, 3)
     label: ClassVar[str]
     tag: ClassVar[str]

@@ -447,7 +447,7 @@ def _proof(sim: Examined) -> str:
             np.diff(sim.conditions.starts) > 0
         )
         bonds = sim.strongest * float(sim.engine.weights.sum())
-        share = sim.dt * (bonds + float(sim.leak.max(initial=0)) + damped)
+        share = sim.dt * (bonds + sim.engine.reaction + float(sim.leak.max(initial=0)) + damped)
         if model.integrator.name == "forward Euler" and positive and share <= 1 and rows.max(initial=0) <= 1 + 1e-12:
             return (
                 "each new value is a mean of old ones with weights that are not negative, or plus or minus such a "

@@ -44,8 +44,9 @@ class Examined(Timed, Protocol):
     engine : Engine
     sides : dict of (axis, side) to Side
     background : float
-    step_limit, rate_limit : float
-        Largest stable time step; largest rate of the operator (1/time, or 1/time^2 of waves).
+    step_limit, rate_limit, fastest_rate : float
+        Largest stable time step; largest rate of the operator, and largest factor on the stencil (1/time, or 1/time^2
+        of waves).
     strongest : float
         Largest factor on bonds; `varied`: whether it varies.
     field_shape : tuple of int
@@ -76,6 +77,7 @@ class Examined(Timed, Protocol):
     background: float
     step_limit: float
     rate_limit: float
+    fastest_rate: float
     strongest: float
     varied: bool
     field_shape: tuple[int, ...]
@@ -113,6 +115,9 @@ class Examined(Timed, Protocol):
     @property
     def notes(self) -> list[str]:
         """What is allowed, but to be known."""
+
+    def medium_at(self, axis: int, side: int) -> Stencil:
+        """The stencil of the medium at a side, in units of the coefficient there, with the normal first."""
 
     def extents_for(self, wanted: Mapping[tuple[int, int], float], until: float) -> dict[tuple[int, int], Extent]:
         """How far the medium must be computed beyond some sides for nothing to return in a run."""

@@ -61,7 +61,7 @@ def extended_price(sim: Examined, until: float, sides: Sequence[tuple[int, int]]
         more = {key: found.nodes for key, found in sim.extents_for(wanted, until).items()}
     except InputError:
         more = dict.fromkeys(
-            wanted, undisturbed(sim.stencil, sim.rate_limit / sim.stencil.symbol_maximum, sim.model.order, until)
+            wanted, undisturbed(sim.stencil.with_reaction(0.0), sim.fastest_rate, sim.model.order, until)
         )
     nodes = float(
         np.prod([float(n + more.get((a, -1), 0) + more.get((a, 1), 0)) for a, n in enumerate(sim.lattice.shape)])

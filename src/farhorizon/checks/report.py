@@ -446,7 +446,8 @@ def content(sim: Examined, until: float | None = None) -> Band | None:
     ]
     for space, factor in sim.sources:
         if space is not None:
-            found.append((space, 0, gain_of_time(factor, until, rate) if waves and until is not None else None))
+            gain = gain_of_time(factor, until, rate, sim.engine.reaction) if waves and until is not None else None
+            found.append((space, 0, gain))
     found += [(one.field(one.midway), sim.model.order - 1, None) for one in sim.incident]
     scalars = [(part, order, gain) for field, order, gain in found for part in field.reshape(-1, *sim.lattice.shape)]
     fields, orders, gains = zip(*scalars, strict=True)
@@ -496,7 +497,7 @@ def _layer_side(sim: Examined, axis: int, side: int, layer: Layer) -> LayerSide:
     waves = sim.model.order == 2
     recursion = Recursion.of(sim.model.integrator, sim.dt, sim.model.damping) if waves else Recursion(0.0, sim.dt, 1.0)
     return LayerSide(
-        LatticeMedium(sim.stencil.along(axis), sim.coefficients[axis, side], sim.lattice.spacing, recursion, sim.dt),
+        LatticeMedium(sim.medium_at(axis, side), sim.coefficients[axis, side], sim.lattice.spacing, recursion, sim.dt),
         layer,
         not waves,
     )

@@ -1,7 +1,7 @@
 """Compiled loops of the exact one-dimensional boundary on plain arrays: a chain, a bar with a history at its ends.
 
-Every scheme here is the recursion ``d <- keep d + scale A u, u <- u + d`` in increments
-(`farhorizon.analysis.exact.chain.Recursion`), with the operator in differences, so that rounding does not drift.
+Every scheme here is the recursion ``d <- keep d + scale (A u - reaction u), u <- u + d`` in increments
+(`farhorizon.analysis.exact.chain.Recursion`), with the bonds A in differences, so that rounding does not drift.
 """
 
 from __future__ import annotations
@@ -14,15 +14,17 @@ _CHUNK = 512  # nodes whose increments stay in the nearest cache while the bonds
 
 
 @njit(cache=True, error_model="numpy")
-def _chain_increment(u: np.ndarray, d: np.ndarray, scaled: np.ndarray, keep: float, first: int, last: int) -> None:
-    """``d <- keep d + sum over k of scaled[k - 1] (u[i - k] - 2 u[i] + u[i + k])`` for nodes first .. last - 1, four
-    bonds a sweep.
+def _chain_increment(
+    u: np.ndarray, d: np.ndarray, scaled: np.ndarray, keep: float, own: float, first: int, last: int
+) -> None:
+    """``d <- keep d - own u + sum over k of scaled[k - 1] (u[i - k] - 2 u[i] + u[i + k])`` for nodes first .. last - 1,
+    four bonds a sweep.
     """
     # Views, whose indices start at 0, so that the compiler need not care for negative ones and can vectorise.
     reach, count = scaled.size, last - first
     here, out = u[first:last], d[first:last]
     for i in range(count):
-        out[i] *= keep
+        out[i] = keep * out[i] - own * here[i]
     whole = reach - reach % 4
     for k in range(1, whole + 1, 4):
         w0, w1, w2, w3 = scaled[k - 1], scaled[k], scaled[k + 1], scaled[k + 2]
@@ -39,7 +41,7 @@ def _chain_increment(u: np.ndarray, d: np.ndarray, scaled: np.ndarray, keep: flo
 
 
 @njit(cache=True, error_model="numpy")
-def chain_responses(weights: np.ndarray, keep: float, scale: float, window: np.ndarray) -> np.ndarray:
+def chain_responses(weights: np.ndarray, keep: float, scale: float, reaction: float, window: np.ndarray) -> np.ndarray:
     """Ghost values of a chain at rest, of which one driver has the value 1 at step 0 only: column m for driver m + 1.
 
     ``window[n]`` nodes of the chain are advanced to step n. Returns shape (steps + 1, K, K).
@@ -55,7 +57,7 @@ def chain_responses(weights: np.ndarray, keep: float, scale: float, window: np.n
         for step in range(1, steps + 1):
             last = reach + window[step]
             for start in range(reach, last, _CHUNK):
-                _chain_increment(u, d, scaled, keep, start, min(start + _CHUNK, last))
+                _chain_increment(u, d, scaled, keep, scale * reaction, start, min(start + _CHUNK, last))
             u[reach - 1 - driver] = 0
             for i in range(reach, last):
                 u[i] += d[i]

@@ -106,6 +106,8 @@ class Engine:
     threads : int
     coefficient : ndarray, shape `core`, optional
         Factor on bonds, combined by `rule`.
+    reaction : float
+        In units of the operator: what it takes of each node's own value, whatever the coefficient.
 
     Attributes
     ----------
@@ -136,9 +138,10 @@ class Engine:
         threads=1,
         coefficient=None,
         rule="both",
+        reaction=0.0,
     ) -> None:
         self.dtype = np.dtype(real)
-        self.stages, self.dt = stages, dt
+        self.stages, self.dt, self.reaction = stages, dt, float(reaction)
         self.offsets, self.weights = np.asarray(offsets, np.int64), np.asarray(weights, float)
         self.components = 1 if self.weights.ndim == 1 else self.weights.shape[1]
         self.layers = dict(layers)
@@ -170,7 +173,7 @@ class Engine:
     def _first_tables(self, heterogeneous: bool, rule: int) -> Tables:
         """Those of a medium without anything that may be set later."""
         none, nothing, one = np.zeros(0, np.int64), np.zeros(0, self.dtype), self.dtype.type(1)
-        numbers = [(a + s * self._centre, a, b, s, g) for a, b, s, g in self.stages.numbers]
+        numbers = [self._numbers_of(*one) for one in self.stages.numbers]
         return Tables(
             operations=np.zeros((0, 2), np.int64),
             starts=np.zeros(len(numbers) + 1, np.int64),
@@ -217,10 +220,13 @@ class Engine:
             np.array(self.layout.reach),
         )
 
-    @property
-    def _centre(self) -> float:
-        """The operator's weight of a node itself, where the rows do not have it among their weights."""
-        return -float(self.weights.sum()) if self.components == 1 else 0.0
+    def _numbers_of(self, a: float, b: float, scale: float, source_scale: float) -> tuple[float, ...]:
+        """The numbers of a stage as the sweeps take them: how much of a node's own value beside the rows' weights and
+        beside differences, and the rest. Rows of increments are differences, and leave out the value that stays.
+        """
+        own = a - float(self.stages.increments) - scale * self.reaction
+        rows = -float(self.weights.sum()) if self.components == 1 and not self.stages.increments else 0.0
+        return own + scale * rows, own, b, scale, source_scale
 
     def _depth(self) -> int:
         """Rows to sweep at a time: few enough that each thread gets some and that, in 3D, the planes they read stay in
@@ -777,7 +783,7 @@ class Engine:
             operations=np.array(operations, np.int64).reshape(-1, 2),
             starts=np.array([0, len(operations)]),
             rotation=np.arange(3).reshape(1, 1, 3),
-            numbers=np.array([[scale * self._centre, 0, 0, scale, 0]], self.dtype),
+            numbers=np.array([self._numbers_of(float(self.stages.increments), 0.0, scale, 0.0)], self.dtype),
             layers=self.tables.layers._replace(memory=memory),
             bonds=self.tables.bonds._replace(limit=np.array([np.inf, np.inf], self.dtype)),
         )
@@ -864,7 +870,17 @@ class Engine:
         """Hash of all that decides the map of a step: engines of one digest have one map."""
         rule = self.tables.material.rule
         mark = hashlib.sha256(
-            repr((self.dt, self.stages, self.core.nodes, sorted(self.layout.periodic), rule, self.dtype.name)).encode()
+            repr(
+                (
+                    self.dt,
+                    self.stages,
+                    self.reaction,
+                    self.core.nodes,
+                    sorted(self.layout.periodic),
+                    rule,
+                    self.dtype.name,
+                )
+            ).encode()
         )
         layers = [
             a

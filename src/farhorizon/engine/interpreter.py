@@ -133,7 +133,7 @@ class Interpreter:
             self._pull_bonds(total)
         src, base, out = (self._split(level) for level in stage[:3])
         if stage.increments:
-            base[:, nodes] = stage.b * base[:, nodes] + total
+            base[:, nodes] = stage.a_difference * src[:, nodes] + stage.b * base[:, nodes] + total
             out[:, nodes] = src[:, nodes] + base[:, nodes]
         else:
             out[:, nodes] = stage.a_difference * src[:, nodes] + stage.b * base[:, nodes] + total

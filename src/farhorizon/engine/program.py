@@ -88,7 +88,7 @@ def sweep_general(stage, sweep, material, start, to, count):
         node = to + first
         if stage.increments:
             for i in range(n):
-                base[node + i] = b * base[node + i] + acc[i]
+                base[node + i] = a * here[i] + b * base[node + i] + acc[i]
                 out[node + i] = here[i] + base[node + i]
         else:
             for i in range(n):

@@ -19,7 +19,7 @@ class Stage(NamedTuple):
         Number of the stage in its step.
     a, a_difference, b, scale : float
         `a` is the factor of a node's own value in the compiled rows, whose weights leave the node itself out, and
-        `a_difference` that in sums over differences.
+        `a_difference` that in sums over differences; of increments both are what the increment takes of the value.
     increments : bool
         Whether `base` holds the increment ``out - src``, which the stage renews.
     components : int

@@ -40,7 +40,8 @@ class BackwardWaves:
 
 
 class Stencil:
-    """A translation-invariant operator ``(L u)_i = sum_k w_k (u_(i+k) - u_i)`` for unit spacing and coefficient.
+    """A translation-invariant operator ``(L u)_i = sum_k w_k (u_(i+k) - u_i) - r u_i``, for unit spacing and
+    coefficient.
 
     Parameters
     ----------
@@ -48,12 +49,16 @@ class Stencil:
         Neighbours, without the centre.
     weights : array_like, shape (K,), or (K, dim, dim) for a field of dim components
         A model scales them by ``coefficient / spacing^2``.
+    reaction : float
+        r, what a node's own value is drawn back by, scaled as the weights are: the squared mass of a Klein-Gordon
+        field, the stiffness of an elastic foundation, the rate of a decay. A coefficient that varies from node to node
+        is one of the bonds and does not touch it.
 
     Raises
     ------
     InputError
         Repeated or zero offsets, weights that are not finite, a stencil that is not symmetric, ``w_(-k) = w_k`` (of
-        matrices the transpose).
+        matrices the transpose), a reaction below zero.
 
     Examples
     --------
@@ -64,7 +69,7 @@ class Stencil:
     8.0
     """
 
-    def __init__(self, offsets: np.ndarray, weights: np.ndarray) -> None:
+    def __init__(self, offsets: np.ndarray, weights: np.ndarray, reaction: float = 0.0) -> None:
         given = np.atleast_2d(kinds.array(offsets, "stencil.offsets"))
         weights, offsets = (
             kinds.array(weights, "stencil.weights"),
@@ -88,6 +93,7 @@ class Stencil:
         order = np.lexsort(offsets.T[::-1])
         self.offsets, self.weights = offsets[order], weights[order]
         self.dim = dim
+        self.reaction = kinds.number(reaction, "stencil.reaction", least=0)
         unlike = self._unlike(-self.offsets, np.swapaxes(self.weights, 1, 2) if weights.ndim == 3 else self.weights)
         if unlike is not None:
             raise InputError(
@@ -101,15 +107,21 @@ class Stencil:
             isinstance(other, Stencil)
             and np.array_equal(self.offsets, other.offsets)
             and np.array_equal(self.weights, other.weights)
+            and self.reaction == other.reaction
         )
 
     def __hash__(self) -> int:
-        return hash((self.offsets.tobytes(), self.weights.tobytes()))
+        return hash((self.offsets.tobytes(), self.weights.tobytes(), self.reaction))
 
     @property
     def components(self) -> int:
         """Components of the field: 1 with numbers, dim with matrices."""
         return 1 if self.weights.ndim == 1 else self.dim
+
+    @property
+    def own(self) -> float | np.ndarray:
+        """What the reaction takes of a node's own value, of matrices one."""
+        return self.reaction if self.components == 1 else self.reaction * np.eye(self.dim)
 
     def _unlike(self, offsets: np.ndarray, weights: np.ndarray) -> list[int] | None:
         """The first offset at which another table differs from this one; None if they are alike."""
@@ -232,7 +244,15 @@ class Stencil:
     def along(self, axis: int) -> Stencil:
         """The same stencil with another axis (and component) first, the rest in their order."""
         order = [axis, *(a for a in range(self.dim) if a != axis)]
-        return Stencil(self.offsets[:, order], self._reordered(order))
+        return Stencil(self.offsets[:, order], self._reordered(order), self.reaction)
+
+    def with_reaction(self, reaction: float) -> Stencil:
+        """The same bonds with another reaction."""
+        return self if reaction == self.reaction else Stencil(self.offsets, self.weights, reaction)
+
+    def beside(self, factor: float) -> Stencil:
+        """The stencil of a medium whose bonds are stronger by a factor, in units of these: the reaction is the same."""
+        return self.with_reaction(self.reaction / factor)
 
     @cached_property
     def reach(self) -> tuple[int, ...]:
@@ -240,7 +260,7 @@ class Stencil:
         return tuple(int(n) for n in np.abs(self.offsets).max(0))
 
     def symbol(self, *angles: np.ndarray | float) -> np.ndarray:
-        """``sum_k w_k (1 - exp(i k . angle))`` at wavenumbers times spacing, one array an axis (broadcast).
+        """``sum_k w_k (1 - exp(i k . angle)) + r`` at wavenumbers times spacing, one array an axis (broadcast).
 
         Returns
         -------
@@ -248,7 +268,8 @@ class Stencil:
             Real, of the shape of the angles; of matrices Hermitian, two more axes at the end, complex if any weight is
             not symmetric.
         """
-        return self._sum_up(lambda o, phase: (2 * np.sin(phase / 2) ** 2, np.sin(phase)), *angles)
+        bonds = self._sum_up(lambda o, phase: (2 * np.sin(phase / 2) ** 2, np.sin(phase)), *angles)
+        return bonds + self.own
 
     def symbol_gradient(self, axis: int, *angles: np.ndarray | float) -> np.ndarray:
         """Derivative of the symbol along one axis."""
@@ -340,7 +361,8 @@ class Stencil:
         )
 
     def __repr__(self) -> str:
-        return f"Stencil(dim={self.dim}, neighbours={len(self.weights)}, reach={self.reach})"
+        more = f", reaction={self.reaction:g}" if self.reaction else ""
+        return f"Stencil(dim={self.dim}, neighbours={len(self.weights)}, reach={self.reach}{more})"
 
 
 @lru_cache(maxsize=32)  # each copy of a set-up asks again
@@ -359,7 +381,7 @@ def _symbol_maximum(stencil: Stencil) -> float:
         index = np.unravel_index(flat, values.shape)
         start = [float(axis.ravel()[i]) for axis, i in zip(zone, index, strict=True)]
         found = minimize(lambda a: -largest(a), start, method="BFGS", options={"gtol": 1e-12})
-        best = max(best, -float(found.fun))
+        best = max(best, stencil.reaction - float(found.fun))
     return best
 
 

@@ -52,6 +52,8 @@ class LatticeModel:
         Squared speed or diffusivity.
     damping : float
         d in ``2 d u_t`` (1/time), second-order models only.
+    reaction : float
+        r in ``- r (u - background)`` on the right-hand side, 1/time or, of second order, 1/time^2; not below zero.
     integrator : Verlet, Euler, RungeKutta4 or RungeKuttaChebyshev
     source_factor : float
         Factor on sources: 1, or what turns power into a rate of temperature.
@@ -70,6 +72,7 @@ class LatticeModel:
 
     coefficient: float
     damping: float = 0.0
+    reaction: float = 0.0
     integrator: Integrator
     source_factor: float = 1.0
     combinations: str = ""
@@ -77,6 +80,8 @@ class LatticeModel:
     strongest: float = 1.0
     mechanical: bool = False
     target: float = 1e-5
+    _given: Stencil | None = None  # in place of what follows from the operator
+    _stronger: float = 1.0  # bonds over those of the operator
 
     def __init__(self, operator: Kernel | Stencil) -> None:
         self.operator = kinds.instance(
@@ -132,19 +137,34 @@ class LatticeModel:
         return length / float(np.sqrt(coefficient)) if self.order == 2 else (length / 2) ** 2 / coefficient
 
     def with_stencil(self, stencil: Stencil) -> Self:
-        """The same model with a stencil in place of its operator."""
+        """The same model with a stencil, its reaction included, in place of its operator."""
         model = copy.copy(self)
-        model.operator = stencil
+        model._given, model._stronger = stencil, 1.0
         return model
 
     def scaled(self, factor: float) -> Self:
         """The model of a medium whose bonds are all stiffer, or conduct better, by a factor."""
         model = copy.copy(self)
         model.coefficient = factor * self.coefficient
+        model._stronger = factor * self._stronger
         return model
 
+    def medium(self, spacing: float, dim: int) -> Stencil:
+        """Dimensionless stencil on a lattice, with the reaction of the model.
+
+        Raises
+        ------
+        InputError
+            As `stencil`; a reaction below zero.
+        """
+        if self._given is not None:
+            return self._given.beside(self._stronger)
+        bonds = self.stencil(spacing, dim).beside(self._stronger)
+        reaction = kinds.number(self.reaction, "model.reaction", least=0)
+        return bonds.with_reaction(bonds.reaction + reaction * spacing**2 / self.coefficient)
+
     def stencil(self, spacing: float, dim: int) -> Stencil:
-        """Dimensionless stencil on a lattice."""
+        """Dimensionless stencil of the operator on a lattice."""
         if isinstance(self.operator, Kernel):
             return Stencil.from_kernel(self.operator, spacing, dim)
         if self.operator.dim != dim:

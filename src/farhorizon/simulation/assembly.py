@@ -91,7 +91,7 @@ def assemble(setup: Setup) -> Parts:
     autos = {key: b for key, b in setup.sides.items() if isinstance(b, Auto)}
     sides = setup.sides | {key: b.layer(None, model.target) for key, b in autos.items()}
     check_model(setup, sides)
-    stencil = model.stencil(lattice.spacing, lattice.dim)
+    stencil = model.medium(lattice.spacing, lattice.dim)
     check_stencil(setup, sides, stencil)
     check_memory(setup, stencil, by_target(setup, sides, stencil))
     factor = bond_factor(setup)

@@ -18,7 +18,7 @@ from farhorizon.simulation.setup import Setup, Sides, side_name
 
 class Books:
     """One book for each condition, each side that the field flows through, and the fixed rim: bonds from there into
-    free nodes, which no condition prescribes.
+    free nodes, which no condition prescribes; and one for what a reaction takes of these.
 
     Parameters
     ----------
@@ -124,6 +124,12 @@ class Books:
             books = np.append(books, np.full(lossy.size, number))
             nodes, neighbours = np.append(nodes, grid.indices[lossy]), np.append(neighbours, np.full(lossy.size, -1))
             weights = np.append(weights, near.model.source_factor * leak.ravel()[lossy])
+        if engine.reaction:
+            self.names.append("reaction")
+            free = grid.indices[self._free.ravel()]
+            books = np.append(books, np.full(free.size, len(self.names) - 1))
+            nodes, neighbours = np.append(nodes, free), np.append(neighbours, np.full(free.size, -1))
+            weights = np.append(weights, np.full(free.size, engine.reaction))
         layers = {}
         for axis, side in engine.layers:
             reach = engine.layout.reach[axis]

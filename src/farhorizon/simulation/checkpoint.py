@@ -39,6 +39,8 @@ def fingerprint(setup: Setup, parts: Parts, cuts: int) -> dict[str, Any]:
         "conditions": len(near.conditions.nodes),
         "opens": [c.opens for c in setup.cracks],
     }
+    if engine.reaction:
+        found["reaction"] = engine.reaction
     if parts.ends is not None:
         found["exact"] = parts.ends.names
     if parts.closure is not None:

@@ -20,9 +20,13 @@ def energies(
         total = (_shown(near, grid, engine.current).astype(float) ** 2).sum()
         return {"stored": float(0.5 * lattice.spacing**lattice.dim * total)}
     mass = lattice.spacing**lattice.dim / near.model.source_factor
+    own = {}
+    if engine.reaction:
+        squared = _shown(near, grid, engine.current).astype(float) * _shown(near, grid, engine.older)
+        own["reaction"] = float(mass * 0.5 * engine.reaction * squared.sum())
     if breaking is not None:
         kinetic = (_shown(near, grid, engine.current).astype(float) - _shown(near, grid, engine.older)) / near.dt
-        return {
+        return own | {
             "kinetic": float(mass * 0.5 * (kinetic**2).sum()),
             "strain": breaking.strain_energy(),
             "work": mass * engine.work,
@@ -35,15 +39,15 @@ def energies(
     rate = ((_shown(near, grid, u) - _shown(near, grid, old)) / near.dt) ** 2
     strain = _shown(near, grid, _strain(near, sides, grid, u, old))
     found = {"kinetic": float(mass * 0.5 * rate.sum()), "strain": float(mass * 0.25 * strain.sum())}
-    return found | ({"work": mass * engine.work} if work else {})
+    return found | own | ({"work": mass * engine.work} if work else {})
 
 
 def _strain(near: NearField, sides: Sides, grid: Grid, u: np.ndarray, old: np.ndarray) -> np.ndarray:
     """Four times the strain energy at each place of a level over its mass."""
     engine = grid.engine
 
-    def apply(level: np.ndarray) -> np.ndarray:
-        return engine.apply_core(level.astype(engine.dtype)).astype(float)
+    def apply(level: np.ndarray) -> np.ndarray:  # the bonds alone
+        return engine.apply_core(level.astype(engine.dtype)).astype(float) + engine.reaction * level
 
     strain = -u * apply(old) - old * apply(u)
     each, ago = u.reshape(engine.components, -1), old.reshape(engine.components, -1)

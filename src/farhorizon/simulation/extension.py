@@ -53,10 +53,9 @@ class Emitters:
         InputError
             A domain that does not fit into memory.
         """
-        near, model, lattice, stencil = self.near, self.near.model, self.near.lattice, self.near.stencil
+        near, model, lattice, stencil = self.near, self.near.model, self.near.lattice, self.near.fastest
         steps = max(1, int(np.ceil(until / near.dt - 1e-9)))
-        rate = model.coefficient * max(near.strongest, 1e-300) / lattice.spacing**2
-        medium = Waves(stencil, rate, model.integrator, near.dt, model.damping, steps)
+        medium = Waves(stencil, near.fastest_rate, model.integrator, near.dt, model.damping, steps)
         least = {key: max(0, int(medium.front - lattice.shape[key[0]]) // 2) for key in wanted}
         if enlarged(lattice.shape, least) * stencil.components * 16 > available_memory():
             raise too_large(lattice.shape, least, stencil.components, 8)

@@ -48,6 +48,8 @@ class FarField:
     shape : tuple of int
         Nodes of the near field.
     stencil : Stencil
+    coefficient : float
+        Squared speed of the medium that the stencil is of.
     coefficients : mapping of (axis, side) to float
         Squared speed of the medium at each side, as which all of it is taken from there.
     spacing : float
@@ -64,6 +66,7 @@ class FarField:
 
     shape: tuple[int, ...]
     stencil: Stencil
+    coefficient: float
     coefficients: Mapping[tuple[int, int], float]
     spacing: float
     recursion: Recursion
@@ -80,24 +83,24 @@ class FarField:
     def layer(self, axis: int, side: int, boundary: LatticePML, wanted: float, until: float) -> Thickness | None:
         """The thinnest layer of one side that is predicted to keep an error to the end of a run.
 
-        Where the side does not ask for one, that which a formula finds in no time, or None. The layer says for how long
-        a run it is.
+        Where the side does not ask for one, that which a formula finds in no time, or None; the formula knows no
+        reaction, with which waves may be as slow as they like. The layer says for how long a run it is.
 
         Raises
         ------
         InputError
             No layer keeps it.
         """
-        coefficient = self.coefficients[axis, side]
-        if boundary.target is None or until > self.foreseen:
+        coefficient, facing = self.coefficients[axis, side], self._facing(axis, side)
+        if not facing.reaction and (boundary.target is None or until > self.foreseen):
             data = [datum.values for datum in self._turned(axis, side)]
-            found = by_formula(self._facing(axis), np.sqrt(coefficient) / self.spacing, until, data, wanted)
+            found = by_formula(facing, np.sqrt(coefficient) / self.spacing, until, data, wanted)
             if found is None and boundary.target is None:
                 return None
             if found is not None and (boundary.target is None or found.predicted <= wanted):
                 # what it is designed for: of waves of a few nodes the bound tells too much
                 return replace(found, predicted=wanted)
-            until = self.foreseen
+        until = min(until, self.foreseen)
         alike, medium, sent, size = self._arriving(axis, side, until, wanted)
         if (boundary, *alike) in self._known:
             return self._known[boundary, *alike]
@@ -108,6 +111,8 @@ class FarField:
 
         members = family(medium.stencil, medium.speed / self.spacing, until, distance, wanted, steep)
         found = thinnest(members, sent, wanted, size)
+        if found is None and boundary.target is None:
+            return None
         if found is None:
             raise InputError(
                 "no layer keeps the target for these data",
@@ -139,7 +144,7 @@ class FarField:
         """What is the same at sides that are alike, the medium seen from a side, what arrives there, and the largest of
         the data.
         """
-        stencil, turned = self._facing(axis), self._turned(axis, side)
+        stencil, turned = self._facing(axis, side), self._turned(axis, side)
         medium = LatticeMedium(stencil, self.coefficients[axis, side], self.spacing, self.recursion, self.dt)
         alike = (
             until,
@@ -160,10 +165,12 @@ class FarField:
         """The data as a side sees them."""
         return [self._from_scatterers(datum.turned(axis, side), axis, side) for datum in self.data]
 
-    def _facing(self, axis: int) -> Stencil:
-        """The stencil with an axis first; the same one for all axes where these may be exchanged."""
+    def _facing(self, axis: int, side: int) -> Stencil:
+        """The stencil of the medium at a side with an axis first; the same one for all axes where these may be
+        exchanged.
+        """
         alike = all(self.stencil.same_along(0, other) for other in range(1, self.stencil.dim))
-        return self.stencil.along(0 if alike else axis)
+        return self.stencil.along(0 if alike else axis).beside(self.coefficients[axis, side] / self.coefficient)
 
     def _beside(self, axis: int) -> list[Side]:
         """The sides along the other axes."""

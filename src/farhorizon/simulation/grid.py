@@ -154,6 +154,7 @@ def make_grid(setup: Setup, near: NearField, around: Surroundings, margins: dict
         threads=wanted_threads(setup.threads),
         coefficient=grown,
         rule=setup.rule,
+        reaction=stencil.reaction * model.coefficient / lattice.spacing**2,
     )
     grid = Grid(lattice, margins, engine)
     for (axis, side), boundary in sides.items():

@@ -83,6 +83,7 @@ class _Choice:
         far = FarField(
             near.lattice.shape,
             near.stencil,
+            model.coefficient,
             around.coefficients,
             near.lattice.spacing,
             Recursion.of(model.integrator, near.dt, model.damping),

@@ -31,6 +31,7 @@ class NearField:
     model : LatticeModel
     background : float
     stencil : Stencil
+        Of the medium where its coefficient is that of the model.
     closed : ndarray of bool, or None
         Nodes of a window that a condition closes along its outline.
     factor : ndarray or None
@@ -69,6 +70,16 @@ class NearField:
     def strongest(self) -> float:
         """Largest factor on bonds."""
         return _strongest(self.model, self.factor)
+
+    @property
+    def fastest_rate(self) -> float:
+        """``coefficient / spacing^2`` where the medium is fastest, the factor on the stencil `fastest`."""
+        return _fastest_rate(self.lattice.spacing, self.model, self.factor)
+
+    @property
+    def fastest(self) -> Stencil:
+        """The stencil of the medium where it is fastest."""
+        return self.stencil.beside(self.strongest or 1.0)
 
     @cached_property
     def leak(self) -> np.ndarray:
@@ -146,8 +157,8 @@ def near_field(setup: Setup, sides: Sides, stencil: Stencil, factor: np.ndarray 
     """
     lattice, model = setup.lattice, setup.model
     conditions = _resolve(setup, stencil, factor)
-    rate = stencil.symbol_maximum * model.coefficient / lattice.spacing**2 * max(_strongest(model, factor), 1e-300)
-    rate += float(_leak(model, conditions).max(initial=0))
+    rate = _fastest_rate(lattice.spacing, model, factor) * stencil.with_reaction(0.0).symbol_maximum
+    rate += stencil.reaction * model.coefficient / lattice.spacing**2 + float(_leak(model, conditions).max(initial=0))
     dt = _choose_step(setup, sides, model.integrator.step_limit(rate))
     prescribed = tuple(c for c in setup.constraints if isinstance(c, Prescribed))
     return NearField(
@@ -178,6 +189,10 @@ def bond_factor(setup: Setup) -> np.ndarray | None:
 
 def _strongest(model: LatticeModel, factor: np.ndarray | None) -> float:
     return model.strongest if factor is None else float(factor.max())
+
+
+def _fastest_rate(spacing: float, model: LatticeModel, factor: np.ndarray | None) -> float:
+    return model.coefficient / spacing**2 * max(_strongest(model, factor), 1e-300)
 
 
 def _leak(model: LatticeModel, conditions: Conditions) -> np.ndarray:

@@ -21,6 +21,7 @@ from farhorizon.inputs.conditions import Constraint
 from farhorizon.inputs.loads import BodyForce, Traction
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.inputs.specimens import Specimen
+from farhorizon.medium.stencil import Stencil
 from farhorizon.models import LatticeModel
 from farhorizon.simulation.assembly import assemble
 from farhorizon.simulation.checkpoint import fingerprint
@@ -184,6 +185,7 @@ class Simulation(Run):
         self.sides, self.closure = around.sides, parts.closure
         self.step_limit, self.rate_limit, self.field_shape = near.step_limit, near.rate_limit, near.field_shape
         self.strongest, self.conditions, self.leak = near.strongest, near.conditions, near.leak
+        self.fastest_rate = near.fastest_rate
         self.varied = bool(parts.start.solid.any() or (near.factor is not None and np.ptp(near.factor) > 0))
         self.start_u, self.start_v = parts.start.u, parts.start.v
         self.sources, self.incident = parts.drives.sources, parts.incident
@@ -287,15 +289,16 @@ class Simulation(Run):
 
     def energy(self) -> float:
         """Energy of the near field, kinetic and strain or stored, of `energies`."""
-        return sum(value for name, value in self.energies().items() if name in ("kinetic", "strain", "stored"))
+        held = ("kinetic", "strain", "reaction", "stored")
+        return sum(value for name, value in self.energies().items() if name in held)
 
     def energies(self) -> dict[str, float]:
         """Energies of the near field; bonds across its edge count half, to a side fixed at the background whole.
 
         Waves: "kinetic" and "strain", half a step ago, ``1/2 v . v`` and ``1/4 sum_k (u_k - u) . w_k (u_k^- - u^-)``
-        times the density of an elastic medium; the undamped scheme conserves their sum exactly. Of an elastic medium
-        with ``balance=True`` "work", done by sources and loads since the start. Diffusion: "stored", ``1/2 integral (u
-        - background)^2``.
+        times the density of an elastic medium, and with a reaction r "reaction", ``1/2 r u . u^-``; the undamped scheme
+        conserves their sum exactly. Of an elastic medium with ``balance=True`` "work", done by sources and loads since
+        the start. Diffusion: "stored", ``1/2 integral (u - background)^2``.
 
         Bonds that are nonlinear or break: the strain energy is ``c d d^- / 2`` of the elongations d and d^- now and a
         step ago, and there are "work", done by the sources since the start, and "broken", what bonds held when they
@@ -323,7 +326,8 @@ class Simulation(Run):
         dict
             "stored", the gain, of a corrosion the sum of the gains of "metal" (what it has lost, negative) and
             "dissolved" (of the liquid); "source[i]", "constraint[i]", "x-", .. and "rim" or "outline": what came in
-            from there; "residual": "stored" less all that came in, which is rounding.
+            from there; "reaction": minus what it has taken; "residual": "stored" less all that came in, which is
+            rounding.
 
         Raises
         ------
@@ -401,6 +405,10 @@ class Simulation(Run):
     def targets(self) -> dict[Key, float]:
         """What may be missed beyond each side that absorbs, as a part of the largest value."""
         return self.parts.beyond.targets
+
+    def medium_at(self, axis: int, side: int) -> Stencil:
+        """The stencil of the medium at a side, in units of the coefficient there, with the normal first."""
+        return self.stencil.along(axis).beside(self.coefficients[axis, side] / self.model.coefficient)
 
     def extents_for(self, wanted: Mapping[Key, float], until: float) -> dict[Key, Extent]:
         """How far the medium must be computed beyond some sides; see `farhorizon.simulation.extension`."""

@@ -70,7 +70,13 @@ def by_target(setup: Setup, sides: Sides, stencil: Stencil, factor: np.ndarray |
     }
     half_width = max(float((lattice.upper - lattice.lower).max()) / 2, lattice.spacing)
     layers = {
-        key: boundary.make_layer(model.order, stencil.along(key[0]), coefficients[key], lattice.spacing, half_width)
+        key: boundary.make_layer(
+            model.order,
+            stencil.along(key[0]).beside(coefficients[key] / model.coefficient),
+            coefficients[key],
+            lattice.spacing,
+            half_width,
+        )
         for key, boundary in sides.items()
         if boundary.stretched
     }

@@ -7,6 +7,7 @@ import numpy as np
 from farhorizon.boundaries import names
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import AXES
+from farhorizon.inputs.incidence import IncidentWave
 from farhorizon.medium.integrators import Euler, Verlet
 from farhorizon.medium.stencil import Stencil
 from farhorizon.simulation.setup import Setup, Sides, side_name
@@ -69,8 +70,8 @@ def _check_bonds(setup: Setup) -> None:
 
 
 def check_stencil(setup: Setup, sides: Sides, stencil: Stencil) -> None:
-    """What fields of several components do not have, integrators that conditions along an outline do not serve, and a
-    near field that is thinner than the stencil.
+    """What fields of several components and media with a reaction do not have, integrators that conditions along an
+    outline do not serve, and a near field that is thinner than the stencil.
 
     Raises
     ------
@@ -78,6 +79,8 @@ def check_stencil(setup: Setup, sides: Sides, stencil: Stencil) -> None:
     """
     if stencil.components > 1:
         _check_vector(setup, sides)
+    if stencil.reaction:
+        _check_reaction(setup, sides, stencil.reaction)
     _check_closing(setup, sides)
     for axis, (n, m) in enumerate(zip(setup.lattice.shape, stencil.reach, strict=True)):
         if n < 2 * m + 1:
@@ -107,6 +110,30 @@ def _check_vector(setup: Setup, sides: Sides) -> None:
                 key=f"boundary.{side_name(*key)}",
                 limit="LatticePML, Extended, Sponge, Fixed(0), Free, Periodic",
             )
+
+
+def _check_reaction(setup: Setup, sides: Sides, reaction: float) -> None:
+    """What a medium that draws its nodes back does not have."""
+    model, value = setup.model, f"reaction {reaction * setup.model.coefficient / setup.lattice.spacing**2:g}"
+    for key, boundary in sides.items():
+        if not boundary.reactive:
+            raise InputError(
+                f"{type(boundary).__name__} does not know media with a reaction",
+                value=value,
+                key=f"boundary.{side_name(*key)}",
+                limit=names(lambda kind: kind.reactive and model.serves(kind)),
+                remedy="LatticePML",
+            )
+    if model.dissolution is not None:
+        raise InputError("metal that dissolves has no reaction", value=value, key="model", limit=0)
+    if any(isinstance(source, IncidentWave) for source in setup.sources):
+        raise InputError(
+            "an incident wave travels through a medium without a reaction",
+            value=value,
+            key="incident",
+            limit=0,
+            remedy="a source, or initial data",
+        )
 
 
 def _check_closing(setup: Setup, sides: Sides) -> None:

@@ -335,7 +335,7 @@ def _extended(setup: Given, ours: Simulation | Body, until: float) -> Simulation
 def _extended_simulation(setup: Setup, ours: Simulation, until: float) -> Simulation:
     """The same set-up on a domain so large that nothing returns from its ends."""
     lattice = ours.lattice
-    more = undisturbed(ours.stencil, ours.rate_limit / ours.stencil.symbol_maximum, ours.model.order, until)
+    more = undisturbed(ours.stencil.with_reaction(0.0), ours.fastest_rate, ours.model.order, until)
     open_sides = {key: more for key, b in ours.sides.items() if b.endless}
 
     def widen(value: Any, mode: Literal["constant", "edge"] = "constant") -> Any:

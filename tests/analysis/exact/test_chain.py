@@ -119,9 +119,8 @@ def test_nothing_travels_beyond_the_front(kind, share):
     """A chain twice as long gives the same kernel up to rounding (other loop lengths sum in another order)."""
     recursion = recursion_at(BAR, kind, share)
     kernel = run_kernel(BAR, recursion, 300)
-    longer = chain_responses(
-        BAR, recursion.keep, recursion.scale, np.full(301, 2 * int(fronts(BAR, recursion, 300)[-1]))
-    )
+    nodes = np.full(301, 2 * int(fronts(BAR, recursion, 300)[-1]))
+    longer = chain_responses(BAR, recursion.keep, recursion.scale, recursion.reaction, nodes)
     assert np.abs(kernel - longer).max() < 1e-15
 
 

@@ -32,7 +32,7 @@ _OVERSAMPLING = 16
 
 @dataclass(frozen=True)
 class Recursion:
-    """A scheme in increments: ``d <- keep d + scale A u, u <- u + d``.
+    """A scheme in increments: ``d <- keep d + scale (A u - reaction u), u <- u + d``.
 
     Attributes
     ----------
@@ -44,14 +44,17 @@ class Recursion:
     first : float
         Weight of the sample at step 0: the first Verlet step is ``u(1) = u(0) + (1 - d dt) dt v(0) + dt^2/2 A u(0)``,
         that is (1 + d dt)/2 of a later one for what starts at rest; 1 for forward Euler.
+    reaction : float
+        Of a chain, whose bonds A is; 0 where A is all of the operator.
     """
 
     keep: float
     scale: float
     first: float
+    reaction: float = 0.0
 
     @classmethod
-    def of(cls, integrator: Integrator, dt: float, damping: float = 0.0) -> Recursion:
+    def of(cls, integrator: Integrator, dt: float, damping: float = 0.0, reaction: float = 0.0) -> Recursion:
         """The recursion of an integrator.
 
         Raises
@@ -68,15 +71,15 @@ class Recursion:
                 remedy="integrator = euler",
             )
         _, keep, scale, _ = numbers[0]
-        return cls(keep, scale, dt**2 / 2 / scale if isinstance(integrator, Verlet) else 1.0)
+        return cls(keep, scale, dt**2 / 2 / scale if isinstance(integrator, Verlet) else 1.0, reaction)
 
     def eigenvalue(self, z: np.ndarray) -> np.ndarray:
-        """Eigenvalue sigma of A for which a mode gains the factor z a step: ``(z - 1)(1 - keep/z)/scale``."""
-        return (z - 1) * (1 - self.keep / z) / self.scale
+        """Eigenvalue of A for which a mode gains the factor z a step: ``(z - 1)(1 - keep/z)/scale + reaction``."""
+        return (z - 1) * (1 - self.keep / z) / self.scale + self.reaction
 
     def growth(self, eigenvalue: np.ndarray) -> np.ndarray:
         """Largest modulus of the factor a step for eigenvalues of A."""
-        half = (1 + self.keep + self.scale * eigenvalue.astype(complex)) / 2
+        half = (1 + self.keep + self.scale * (eigenvalue.astype(complex) - self.reaction)) / 2
         root = np.sqrt(half**2 - self.keep)
         return np.maximum(np.abs(half + root), np.abs(half - root))
 
@@ -158,7 +161,8 @@ def run_kernel(weights: np.ndarray, recursion: Recursion, steps: int) -> np.ndar
     from farhorizon.engine.chain_loops import chain_responses  # late: Numba is slow to import
 
     front = fronts(weights, recursion, steps)
-    return chain_responses(weights, recursion.keep, recursion.scale, np.minimum(front, front[::-1]))
+    window = np.minimum(front, front[::-1])
+    return chain_responses(weights, recursion.keep, recursion.scale, recursion.reaction, window)
 
 
 def surface_response(weights: np.ndarray, eigenvalue: np.ndarray) -> np.ndarray:
@@ -223,7 +227,7 @@ def largest_angle(weights: np.ndarray, recursion: Recursion) -> float:
     """
     if recursion.keep <= 0:  # forward Euler, or damping so strong that d dt >= 1
         return np.pi
-    largest = float(symbol(weights, np.linspace(0, np.pi, 4097)).max())
+    largest = float(symbol(weights, np.linspace(0, np.pi, 4097)).max()) + recursion.reaction
     half = (1 + recursion.keep - recursion.scale * largest) / (2 * np.sqrt(recursion.keep))
     return float(np.arccos(max(half, -1.0))) if half < 1 else np.pi
 

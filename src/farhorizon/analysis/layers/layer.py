@@ -121,7 +121,7 @@ class LatticeMedium:
         # speeds along the normal, P first
         squared = 0.5 * np.einsum("kii,k->i", stencil.weights, stencil.offsets[:, 0] ** 2)
         weights = np.trace(stencil.weights, axis1=1, axis2=2) * squared[kind] / squared.sum()
-        return replace(self, stencil=Stencil(stencil.offsets[weights != 0], weights[weights != 0]))
+        return replace(self, stencil=Stencil(stencil.offsets[weights != 0], weights[weights != 0], stencil.reaction))
 
     def wave(
         self,
@@ -182,8 +182,9 @@ class LatticeMedium:
         """What diffuses from a source of one frequency, ``exp(i w t - (a + i b) x + i q y)``: a phase that runs to the
         side while it dies out.
 
-        In the continuum ``(a + i b)^2 = q^2 + i w / D``; ``b = sqrt(w cos(angle) / 2 D)``, ``q = b tan(angle)``. The
-        layer's stretch does not depend on the frequency, so time is taken to be continuous.
+        In the continuum ``(a + i b)^2 = q^2 + (r + i w) / D``, r the reaction; without it ``b = sqrt(w cos(angle) / 2
+        D)``, ``q = b tan(angle)``, and with it the angle stands for the same q. The layer's stretch does not depend on
+        the frequency, so time is taken to be continuous.
 
         Parameters
         ----------
@@ -201,7 +202,8 @@ class LatticeMedium:
         frequency = 2 * self.rate * (2 * np.pi / wavelength) ** 2
         normal = 2 * np.pi / wavelength * np.sqrt(np.cos(tilt))
         along = np.array([normal * np.tan(tilt), 0.0])[: self.stencil.dim - 1]
-        return self.wave(along, 1 + 1j * frequency * self.recursion.scale, np.exp(-normal * (1 / np.cos(tilt) + 1j)))
+        decay = np.sqrt((along**2).sum() + self.stencil.reaction + 1j * frequency / self.rate)
+        return self.wave(along, 1 + 1j * frequency * self.recursion.scale, np.exp(-decay))
 
 
 def layer_amplitudes(wave: ArrivingWave, layer: Layer) -> np.ndarray:

@@ -64,13 +64,13 @@ def chain_weights(stencil: Stencil, angles: Sequence[float]) -> np.ndarray:
     Returns
     -------
     ndarray of complex, shape (2 K + 1,), of matrices (2 K + 1, d, d)
-        Weights of the offsets -K .. K, the sum over all bonds taken off the middle one.
+        Weights of the offsets -K .. K, the sum over all bonds and the reaction taken off the middle one.
     """
     reach = stencil.reach[0]
     found = np.zeros((2 * reach + 1, *stencil.weights.shape[1:]), complex)
     phase = np.exp(1j * stencil.offsets[:, 1:] @ np.asarray(angles, float))
     np.add.at(found, stencil.offsets[:, 0] + reach, (stencil.weights.T * phase).T)
-    found[reach] -= stencil.weights.sum(0)
+    found[reach] -= stencil.weights.sum(0) + stencil.own
     return found
 
 

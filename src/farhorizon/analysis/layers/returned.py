@@ -383,9 +383,9 @@ def _slowest(medium: LatticeMedium, eigenvalue: np.ndarray, along: np.ndarray) -
     for offset, weight in zip(stencil.offsets, stencil.weights, strict=True):
         if offset[0] >= 0:
             lines[offset[0]] += weight * np.cos(offset[1:] @ along)
-    lines[0] -= stencil.weights.sum()
+    lines[0] -= stencil.weights.sum() + stencil.reaction
     target = eigenvalue[:, None] / rate
-    squared = (4 * np.sin(along / 2) ** 2).sum(0)
+    squared = (4 * np.sin(along / 2) ** 2).sum(0) + stencil.reaction
     exponent = -np.sqrt(target + squared)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         for _ in range(_NEWTON):

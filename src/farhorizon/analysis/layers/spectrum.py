@@ -74,7 +74,9 @@ def band(
     return Band(longest, typical, shortest)
 
 
-def gain_of_time(time: Callable[[float], float], until: float, rate: float) -> Callable[[np.ndarray], np.ndarray]:
+def gain_of_time(
+    time: Callable[[float], float], until: float, rate: float, lowest: float = 0.0
+) -> Callable[[np.ndarray], np.ndarray]:
     """What a source's factor of time picks out of its waves: its spectrum at the frequency of each wavenumber.
 
     Parameters
@@ -84,9 +86,11 @@ def gain_of_time(time: Callable[[float], float], until: float, rate: float) -> C
         End of the run.
     rate : float
         Speed over spacing.
+    lowest : float
+        Squared frequency of the longest waves.
     """
     moments = np.linspace(0, until, _MOMENTS)
     values = np.array([time(float(t)) for t in moments])
     amplitudes = np.abs(np.fft.rfft(values, 2 * _MOMENTS))
     frequencies = 2 * np.pi * np.fft.rfftfreq(2 * _MOMENTS, moments[1])
-    return lambda number: np.interp(rate * number, frequencies, amplitudes, right=0.0)
+    return lambda number: np.interp(np.sqrt((rate * number) ** 2 + lowest), frequencies, amplitudes, right=0.0)

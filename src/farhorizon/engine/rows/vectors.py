@@ -310,7 +310,7 @@ def strided_sweep(shape: Shape, classes: tuple[int, ...], real: str, increments:
     read by itself.
 
     With ``increments`` the sum runs over differences, which do not cancel, and advances ``base`` in place:
-    ``base = b*base + sum_k w_k (src_{+k} + src_{-k} - 2 src)`` and ``out = src + base``.
+    ``base = a*src + b*base + sum_k w_k (src_{+k} + src_{-k} - 2 src)`` and ``out = src + base``.
     """
     members: dict[int, list[tuple[int, int, int]]] = {}
     for number, (o0, o1, i) in zip(classes, shape, strict=True):
@@ -341,12 +341,11 @@ def strided_sweep(shape: Shape, classes: tuple[int, ...], real: str, increments:
                         total, w[number], vectors.sum([builder.fsub(v, own) for v in values] if increments else values)
                     )
                 total = vectors.multiply_add(total, b_all, vectors.load(builder.add(old, at)))
+                total = vectors.multiply_add(total, a_all, own)
                 if increments:
                     store(total, builder.add(old, at))
-                store(
-                    builder.fadd(own, total) if increments else vectors.multiply_add(total, a_all, own),
-                    builder.add(new, at),
-                )
+                    total = builder.fadd(own, total)
+                store(total, builder.add(new, at))
 
             vectors.in_chunks(n, chunk)
 
