@@ -41,6 +41,7 @@ __all__ = [
     "Insulated",
     "Kernel",
     "Lattice",
+    "LatticeModel",
     "LatticePML",
     "NonlocalPML",
     "Periodic",

@@ -10,6 +10,7 @@ import difflib
 import inspect
 import numbers
 import operator
+import re
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -248,6 +249,11 @@ def settle(target: Any, /, **values: Any) -> None:
     """Set attributes of a frozen dataclass to what converters returned."""
     for name, value in values.items():
         object.__setattr__(target, name, value)
+
+
+def hyphened(name: str) -> str:
+    """The name of a class as case files have it: ``LatticePML`` is "lattice-pml"."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", "-", name).lower()
 
 
 def said(value: Any) -> str:

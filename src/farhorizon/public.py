@@ -33,7 +33,7 @@ from farhorizon.inputs.specimens import Specimen
 from farhorizon.medium.integrators import RungeKuttaChebyshev
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
-from farhorizon.models import Beam, Corrosion, Diffusion, Elastic, Heat, Wave, speed_of_current
+from farhorizon.models import Beam, Corrosion, Diffusion, Elastic, Heat, LatticeModel, Wave, speed_of_current
 from farhorizon.simulation.probes import Probes
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.simulation import Simulation
@@ -72,6 +72,7 @@ __all__ = [
     "Insulated",
     "Kernel",
     "Lattice",
+    "LatticeModel",
     "LatticePML",
     "NonlocalPML",
     "Periodic",

@@ -34,6 +34,11 @@ def waves(shape, sides=SLOW, model=WAVE, **more):
     return fh.Simulation(lattice(*shape), model, sides, {"u": bump(shape)}, **more)
 
 
+def drawn_back(dim):
+    """Waves of a stencil with a reaction."""
+    return fh.Wave(fh.Stencil.from_kernel(fh.Kernel(2.0), 1.0, dim).with_reaction(0.2))
+
+
 def half(shape):
     """A coefficient that varies in the middle."""
     values = np.ones(shape)
@@ -48,6 +53,10 @@ CASES = {
     "2D, corner, periodic": lambda: waves((15, 16), {"x": fh.Periodic(), "y": SLOW}, sources=source((15, 16))),
     "2D, free and sponge": lambda: waves((15, 16), {"x-": fh.Free(), "x+": fh.Sponge(4), "y": SLOW}),
     "2D, coefficient": lambda: waves((17, 18), coefficient=half((17, 18)), rule="harmonic"),
+    "1D, reaction": lambda: waves((23,), model=drawn_back(1)),
+    "1D, reaction, coefficient": lambda: waves((23,), model=drawn_back(1), coefficient=half((23,))),
+    "2D, reaction": lambda: waves((15, 16), model=drawn_back(2)),
+    "2D, reaction, coefficient": lambda: waves((17, 18), model=drawn_back(2), coefficient=half((17, 18))),
     "2D, crack into a layer": lambda: waves((15, 16), cracks=[[(8.5, 8.2), (8.5, 40.0)]]),
     "2D, body": lambda: fh.Simulation(
         lattice(15, 16, body=fh.Disc(6.0, (7.0, 8.0))), WAVE, fh.Free(), {"u": bump((15, 16))}

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from inspect import isabstract
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 
+from farhorizon import kinds
 from farhorizon.engine.engine import Layer
 from farhorizon.medium.stencil import Stencil
 
@@ -115,10 +115,9 @@ class Side:
         known = Side.known.get(cls.__name__)
         if known is not None and known.__module__ != cls.__module__:
             raise TypeError(f"there is a side {cls.__name__!r} already, in {known.__module__}: give yours another name")
-        words = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", cls.__name__).lower()
-        cls.tag = words.replace(" ", "-")
+        cls.tag = kinds.hyphened(cls.__name__)
         if "label" not in cls.__dict__:
-            cls.label = words
+            cls.label = cls.tag.replace("-", " ")
         Side.known[cls.__name__] = cls
 
     @property

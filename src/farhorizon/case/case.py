@@ -6,6 +6,7 @@ import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +16,15 @@ from pydantic import ValidationError
 from farhorizon import public as fh
 from farhorizon.case.problems import explain, nearest
 from farhorizon.case.schema import (
-    BeamPart,
     BodyForcePart,
     BodyPart,
     ConstraintPart,
-    CorrosionPart,
     CrackPart,
-    DiffusionPart,
-    ElasticPart,
     IncidentPart,
     PrescribedPart,
     TractionPart,
-    WavePart,
     case_part,
+    model_kinds,
     side_kinds,
     under,
 )
@@ -145,11 +142,14 @@ class Case:
         return self.kind is fh.Simulation and self.model.bond_law is not None
 
     @property
+    def _dissolves(self) -> bool:
+        return self.kind is fh.Simulation and self.model.dissolution is not None
+
+    @property
     def fields(self) -> tuple[str, ...]:
         """What is written: u unless given, of a corrosion the times of dissolution too, of what breaks the damage."""
-        more = {"corrosion": ["dissolved"], "correspondence": ["damage"]}.get(
-            self.parts.model.type, ["damage"] if self._bondwise else []
-        )
+        whole = self.kind is not fh.Simulation or self._bondwise
+        more = ["dissolved"] * self._dissolves + ["damage"] * whole
         default = ["u", *more]
         return tuple(default if self.parts.output.fields is None else self.parts.output.fields)
 
@@ -202,36 +202,35 @@ class Case:
         body = part.body.build("lattice.body") if part.body else None
         return fh.Lattice(part.spacing, part.lower, part.upper, window=window, body=body)
 
-    def _model(self, part: Any) -> fh.Wave | fh.Diffusion | fh.Heat | fh.Corrosion | fh.Beam | fh.Elastic:
-        if isinstance(part, BeamPart):
-            return fh.Beam(part.stiffness, part.damping)
-        if isinstance(part, ElasticPart):
-            kernel = None if part.kernel is None else fh.Kernel(**part.kernel.model_dump())
-            return fh.Elastic(kernel, **part.model_dump(exclude={"type", "kernel"}))
+    def _model(self, part: Any) -> fh.LatticeModel:
+        values = part.model_dump(exclude={"type", "kernel", "stencil", "stages"})
+        kind = model_kinds()[part.type]
+        takes = signature(kind).parameters
+        if "operator" in takes:
+            values["operator"] = self._operator(part)
+        elif "kernel" in takes:
+            values["kernel"] = None if part.kernel is None else fh.Kernel(**part.kernel.model_dump())
+        if "integrator" in takes and part.stages is not None:
+            if part.integrator != "rkc":
+                raise InputError(
+                    "only Runge-Kutta-Chebyshev has stages to choose",
+                    value=part.integrator,
+                    limit="rkc",
+                    key="model.stages",
+                )
+            values["integrator"] = fh.RungeKuttaChebyshev(part.stages)
+        try:
+            return kind(**values)
+        except InputError as error:
+            raise error.at(under("model", error.key)) from None
+
+    def _operator(self, part: Any) -> fh.Kernel | fh.Stencil:
         if (part.kernel is None) == (part.stencil is None):
             raise InputError("give either [model.kernel] or stencil", key="model")
-        operator: fh.Kernel | fh.Stencil
         if part.kernel is not None:
-            operator = fh.Kernel(**part.kernel.model_dump())
-        else:
-            make = fh.Stencil.finite_difference if part.stencil == "finite-difference" else fh.Stencil.finite_element
-            operator = make(self.lattice.dim)
-        if isinstance(part, WavePart):
-            return fh.Wave(operator, part.speed, part.damping)
-        if isinstance(part, DiffusionPart):
-            return fh.Diffusion(operator, part.diffusivity, part.integrator)
-        if isinstance(part, CorrosionPart):
-            options = part.model_dump(include={"saturation", "interface", "limited", "integrator"})
-            return fh.Corrosion(operator, part.diffusivity, **options)
-        if part.stages is not None and part.integrator != "rkc":
-            raise InputError(
-                "only Runge-Kutta-Chebyshev has stages to choose",
-                value=part.integrator,
-                limit="rkc",
-                key="model.stages",
-            )
-        integrator = part.integrator if part.stages is None else fh.RungeKuttaChebyshev(part.stages)
-        return fh.Heat(operator, part.density, part.specific_heat, part.conductivity, integrator, part.self_term)
+            return fh.Kernel(**part.kernel.model_dump())
+        make = fh.Stencil.finite_difference if part.stencil == "finite-difference" else fh.Stencil.finite_element
+        return make(self.lattice.dim)
 
     def _expression(self, value: str | float | list[str | float], key: str) -> Any:
         if isinstance(value, list):
@@ -477,11 +476,11 @@ class Case:
 
     def _check_output(self) -> None:
         out = self.parts.output
-        known = {"correspondence": ["u", "v", "damage"], "corrosion": ["u", "solid", "dissolved"]}.get(
-            self.parts.model.type, ["u"]
-        )
-        if self.kind is fh.Simulation and self.model.order == 2:
-            known = [*known, "v", *(["damage"] if self._bondwise else [])]
+        if self.kind is not fh.Simulation:
+            known = ["u", "v", "damage"]
+        else:
+            known = ["u", *["solid", "dissolved"] * self._dissolves, *["v"] * (self.model.order == 2)]
+            known += ["damage"] * self._bondwise
         for name in self.fields:
             if name not in known:
                 raise InputError(

@@ -12,19 +12,13 @@ from farhorizon.boundaries.lattice_pml import BY_TARGET
 from farhorizon.case.schema import (
     AnyConstraint,
     AnyLoad,
-    AnyModel,
-    BeamPart,
     BodyForcePart,
     BodyPart,
     BoxPart,
     CasePart,
     ConstraintPart,
-    CorrosionPart,
     CrackPart,
-    DiffusionPart,
     DiscPart,
-    ElasticPart,
-    HeatPart,
     ImagePart,
     IncidentPart,
     KernelPart,
@@ -40,7 +34,8 @@ from farhorizon.case.schema import (
     SpecimenPart,
     TextPart,
     TractionPart,
-    WavePart,
+    model_kinds,
+    model_part,
     side_kinds,
     side_part,
 )
@@ -64,12 +59,6 @@ _PARTS: dict[str, type[Part]] = {
     "polygon": PolygonPart,
     "text": TextPart,
     "image": ImagePart,
-    "wave": WavePart,
-    "beam": BeamPart,
-    "diffusion": DiffusionPart,
-    "heat": HeatPart,
-    "corrosion": CorrosionPart,
-    "elastic": ElasticPart,
     "correspondence": BodyPart,
     "material": MaterialPart,
     "load": TractionPart,
@@ -95,6 +84,7 @@ def _known(location: tuple[Any, ...]) -> list[str]:
     """Keys allowed at a place of the schema, following the data's own path."""
     parts: type[Part] = CasePart
     known = _PARTS | {name: side_part(kind) for name, kind in side_kinds().items()}
+    known |= {name: model_part(kind) for name, kind in model_kinds().items()}
     for step in location:
         if step == "disc" and parts is RegionPart:
             parts = DiscPart
@@ -126,7 +116,9 @@ def _types(table: str) -> list[str]:
     """The types that a table of the case may have."""
     if table == "boundary":
         return list(side_kinds())
-    union = {"model": AnyModel, "load": AnyLoad, "constraint": AnyConstraint}[table]
+    if table == "model":
+        return [*model_kinds(), "correspondence"]
+    union = {"load": AnyLoad, "constraint": AnyConstraint}[table]
     return [name for part in get_args(union) for name in get_args(part.model_fields["type"].annotation)]
 
 

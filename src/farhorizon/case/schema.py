@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass
-from dataclasses import Field as ClassField
 from functools import lru_cache, reduce
-from inspect import isabstract
+from inspect import isabstract, signature
 from operator import or_
 from pathlib import Path
 from types import NoneType, UnionType
@@ -20,6 +19,7 @@ from farhorizon import public as fh
 from farhorizon.boundaries import Side
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Shape
+from farhorizon.models import LatticeModel
 
 
 class Part(BaseModel):
@@ -120,68 +120,6 @@ class KernelPart(Part):
     width: Number | None = None
     volume: str = "ramp"
     calibrate: bool = True
-
-
-class WavePart(Part):
-    type: Literal["wave"]
-    speed: Number = 1.0
-    damping: Number = 0.0
-    kernel: KernelPart | None = None
-    stencil: Literal["finite-difference", "finite-element"] | None = None
-
-
-class BeamPart(Part):
-    type: Literal["beam"]
-    stiffness: Number = 1.0
-    damping: Number = 0.0
-
-
-class DiffusionPart(Part):
-    type: Literal["diffusion"]
-    diffusivity: Number = 1.0
-    integrator: str = "euler"
-    kernel: KernelPart | None = None
-    stencil: Literal["finite-difference", "finite-element"] | None = None
-
-
-class HeatPart(Part):
-    type: Literal["heat"]
-    density: Number = 1.0
-    specific_heat: Number = 1.0
-    conductivity: Number = 1.0
-    integrator: str = "euler"
-    stages: int | None = None
-    self_term: str = "centre"
-    kernel: KernelPart | None = None
-    stencil: Literal["finite-difference", "finite-element"] | None = None
-
-
-class CorrosionPart(Part):
-    type: Literal["corrosion"]
-    diffusivity: Number = 1.0
-    saturation: Number
-    interface: Number = 0.1
-    limited: bool = False
-    integrator: str = "euler"
-    kernel: KernelPart | None = None
-    stencil: Literal["finite-difference", "finite-element"] | None = None
-
-
-class ElasticPart(Part):
-    type: Literal["elastic"]
-    young: Number | None = None
-    poisson: Number | None = None
-    bulk: Number | None = None
-    shear: Number | None = None
-    density: Number = 1.0
-    material: str = "bond-based"
-    plane: str | None = None
-    damping: Number = 0.0
-    stabilisation: Number = 0.0
-    nonlinear: bool = False
-    critical_stretch: Number | None = None
-    fracture_energy: Number | None = None
-    kernel: KernelPart | None = None
 
 
 class BodyPart(Part):
@@ -293,14 +231,13 @@ class OutputPart(Part):
     balance: bool = False
 
 
-AnyModel = WavePart | DiffusionPart | HeatPart | CorrosionPart | BeamPart | ElasticPart | BodyPart
 AnyLoad = TractionPart | BodyForcePart
 AnyConstraint = ConstraintPart | PrescribedPart
 
 
 class CasePart(Part):
     lattice: LatticePart
-    model: Annotated[AnyModel, Field(discriminator="type")]
+    model: Any
     material: list[MaterialPart] = []
     initial: dict[Literal["u", "v"], Value] = {}
     boundary: dict[str, Any] = {}
@@ -318,7 +255,7 @@ class CasePart(Part):
     output: OutputPart = OutputPart()
 
 
-# --- sides -----------------------------------------------------------------------------------------------------
+# --- sides and models ------------------------------------------------------------------------------------------
 
 
 def side_kinds() -> dict[str, Any]:
@@ -327,30 +264,58 @@ def side_kinds() -> dict[str, Any]:
     return {kind.tag: kind for kind in sorted(known, key=lambda kind: (kind.__name__ != "LatticePML", kind.__name__))}
 
 
+def model_kinds() -> dict[str, Any]:
+    """The models by what they are called, those that users define among them."""
+    known = [kind for kind in LatticeModel.known.values() if not isabstract(kind)]
+    return {kind.tag: kind for kind in sorted(known, key=lambda kind: (kind.__name__ != "Wave", kind.__name__))}
+
+
 @lru_cache(maxsize=64)
 def side_part(kind: Any) -> type[Part]:
     """The table of a side: its keys are the fields of the dataclass."""
-    try:
-        hints = get_type_hints(kind)
-    except NameError:  # of types that are known in a function alone
-        hints = {}
-    given: dict[str, Any] = {"type": (Literal[kind.tag], ...)}
-    for one in fields(kind):
-        given[one.name] = (_taken(hints.get(one.name, Any), one), ... if one.default is MISSING else one.default)
+    return _table(kind, {one.name: _key(_hints(kind).get(one.name, Any), one.default) for one in fields(kind)})
+
+
+@lru_cache(maxsize=64)
+def model_part(kind: Any) -> type[Part]:
+    """The table of a model: its keys are the parameters of the class, with two for an operator and one more for an
+    integrator.
+    """
+    hints = _hints(kind.__init__)
+    keys: dict[str, Any] = {}
+    for name, one in signature(kind).parameters.items():
+        if name in ("operator", "kernel"):
+            keys["kernel"] = (KernelPart | None, None)
+        else:
+            keys[name] = _key(hints.get(name, Any), MISSING if one.default is one.empty else one.default)
+        if name == "operator":
+            keys["stencil"] = (Literal["finite-difference", "finite-element"] | None, None)
+        if name == "integrator":
+            keys["stages"] = (int | None, None)
+    return _table(kind, keys)
+
+
+def _table(kind: Any, keys: dict[str, Any]) -> type[Part]:
+    given: dict[str, Any] = {"type": (Literal[kind.tag], ...), **keys}
     return create_model(f"{kind.__name__}Part", __base__=Part, **given)
 
 
-def _taken(hint: Any, one: ClassField[Any]) -> Any:
-    """What TOML gives for a field of some type. It has no None: the field is left out, or false where that is not the
-    default. Where a type has no counterpart the class itself sees what it is given.
+def _hints(given: Any) -> dict[str, Any]:
+    try:
+        return get_type_hints(given)
+    except NameError:  # of types that are known in a function alone
+        return {}
+
+
+def _key(hint: Any, default: Any) -> tuple[Any, Any]:
+    """Type and default of a key. TOML has no None: the key is left out, or false where None is not the default. Where a
+    type has no counterpart the class itself sees what it is given.
     """
     options = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
     found = [kind for option in options if (kind := _of_toml(option)) is not None]
-    if not found:
-        return Any
-    if NoneType in options:
-        found.append(None if one.default is None else Literal[False])
-    return reduce(or_, found)
+    if found and NoneType in options:
+        found.append(None if default is None else Literal[False])
+    return reduce(or_, found) if found else Any, ... if default is MISSING else default
 
 
 def _of_toml(hint: Any) -> Any:
@@ -367,14 +332,15 @@ def _of_toml(hint: Any) -> Any:
 
 
 def case_part() -> type[CasePart]:
-    """A whole case file, with the sides that are known now."""
-    return _with_sides(tuple(side_kinds().values()))
+    """A whole case file, with the sides and models that are known now."""
+    return _case_part(tuple(side_kinds().values()), tuple(model_kinds().values()))
 
 
 @lru_cache(maxsize=64)
-def _with_sides(kinds: tuple[Any, ...]) -> type[CasePart]:
-    sides: Any = Annotated[reduce(or_, map(side_part, kinds)), Field(discriminator="type")]
-    return create_model("CasePart", __base__=CasePart, boundary=(dict[str, sides], {}))
+def _case_part(sides: tuple[Any, ...], models: tuple[Any, ...]) -> type[CasePart]:
+    side: Any = Annotated[reduce(or_, map(side_part, sides)), Field(discriminator="type")]
+    model: Any = Annotated[reduce(or_, map(model_part, models), BodyPart), Field(discriminator="type")]
+    return create_model("CasePart", __base__=CasePart, boundary=(dict[str, side], {}), model=(model, ...))
 
 
 def under(place: str, key: str) -> str:

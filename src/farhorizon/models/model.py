@@ -4,7 +4,8 @@ components.)"""
 from __future__ import annotations
 
 import copy
-from typing import Any, Protocol, Self
+import inspect
+from typing import Any, ClassVar, Protocol, Self, get_args
 
 import numpy as np
 
@@ -13,6 +14,9 @@ from farhorizon.errors import InputError
 from farhorizon.medium.integrators import Euler, Integrator, RungeKutta4, RungeKuttaChebyshev, Verlet
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
+
+_TAKEN = ("type", "stencil", "stages")  # keys of its table that are not the class's own
+_OTHERS = {"farhorizon.Body": "correspondence"}  # in case files beside the models of this kind
 
 
 class BondLaw(Protocol):
@@ -46,6 +50,10 @@ class Dissolution(Protocol):
 class LatticeModel:
     """A linear model of one field u, a scalar unless its stencil has matrices, whose operator is ``coefficient * L``.
 
+    A model is a class that derives from it, and thereby known to case files and checkpoints. Its ``__init__`` sets
+    `coefficient` and `integrator`, and whatever else of the following differs, and keeps each of its parameters, which
+    are the keys in a case file, as an attribute of that name.
+
     Attributes
     ----------
     coefficient : float
@@ -68,6 +76,22 @@ class LatticeModel:
     target : float
         Error that sides keep unless they are given one: of waves relative to the largest value, of diffusion to the
         largest at the same time.
+    tag : str
+        Its `type` in a case file: ``KleinGordon`` is "klein-gordon".
+    known : dict of str to type
+        All models by name, those that users define among them.
+
+    Raises
+    ------
+    InputError
+        At the definition of a class that cannot have set the first two, has parameters that cannot be given by name, or
+        is called as another.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> isinstance(fh.Wave(fh.Kernel(2.0)), fh.LatticeModel), fh.Wave.tag
+    (True, 'wave')
     """
 
     coefficient: float
@@ -80,6 +104,8 @@ class LatticeModel:
     strongest: float = 1.0
     mechanical: bool = False
     target: float = 1e-5
+    tag: ClassVar[str]
+    known: ClassVar[dict[str, type[LatticeModel]]] = {}
     _given: Stencil | None = None  # in place of what follows from the operator
     _stronger: float = 1.0  # bonds over those of the operator
 
@@ -87,6 +113,49 @@ class LatticeModel:
         self.operator = kinds.instance(
             operator, "model", (Kernel, Stencil), "a Kernel or a Stencil", remedy="Kernel(horizon=3*spacing)"
         )
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        sets = cls.__init__ is not LatticeModel.__init__ or hasattr(cls, "__post_init__")
+        missing = [name for name in ("coefficient", "integrator") if not (sets or hasattr(cls, name))]
+        if missing:
+            words = f"the model {cls.__name__} has no {' and no '.join(missing)}"
+            raise InputError(words, remedy="set them in __init__")
+        for name, one in inspect.signature(cls.__init__).parameters.items():
+            if name in _TAKEN or one.kind not in (one.POSITIONAL_OR_KEYWORD, one.KEYWORD_ONLY):
+                raise InputError(
+                    f"the model {cls.__name__} has a parameter that a case file cannot give by its name",
+                    value=str(one),
+                    remedy="give it another name" if name in _TAKEN else "name each parameter",
+                )
+        cls.tag = kinds.hyphened(cls.__name__)
+        mine = f"{cls.__module__}.{cls.__name__}"
+        tags = {f"{one.__module__}.{one.__name__}": one.tag for one in LatticeModel.known.values()} | _OTHERS
+        for other, tag in tags.items():
+            if tag == cls.tag and other != mine:
+                words = f"there is a model {tag!r} already"
+                raise InputError(words, value=other, remedy="give yours another name")
+        LatticeModel.known[cls.__name__] = cls
+
+    def check(self) -> None:
+        """Refuse a model whose ``__init__`` has left something out.
+
+        Raises
+        ------
+        InputError
+            It names what is missing.
+        """
+        asked = ["coefficient", "integrator", *inspect.signature(type(self)).parameters]
+        missing = [name for name in asked if not hasattr(self, name)]
+        if missing:
+            raise InputError(
+                f"{self.title} has not kept what a model answers by",
+                value=", ".join(missing),
+                key="model",
+                remedy=f"self.{missing[0]} = ... in __init__",
+            )
+        kinds.number(self.coefficient, "model.coefficient", above=0)
+        kinds.instance(self.integrator, "model.integrator", get_args(Integrator), "a time integrator")
 
     @property
     def title(self) -> str:

@@ -23,7 +23,7 @@ from farhorizon.inputs.specimens import Specimen
 from farhorizon.medium.integrators import RungeKuttaChebyshev
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
-from farhorizon.models import Beam, Corrosion, Diffusion, Elastic, Heat, Wave
+from farhorizon.models import LatticeModel
 from farhorizon.models.model import INTEGRATORS
 
 _TYPES = {
@@ -32,30 +32,16 @@ _TYPES = {
         *(getattr(shapes, n) for n in ("Disc", "Ball", "Box", "Polygon", "Union", "Intersection", "Difference")),
         *(getattr(masks, n) for n in ("ImageMask", "Text")),
         *(getattr(shapes, n) for n in ("PointCut", "Polyline", "Rectangle", "DiscCut", "PolygonCut")),
-        *(
-            Beam,
-            Convection,
-            Crack,
-            Diffusion,
-            Expression,
-            Flux,
-            Heat,
-            Insulated,
-            Kernel,
-            Lattice,
-            Layer,
-            Prescribed,
-            RungeKuttaChebyshev,
-        ),
+        *(Convection, Crack, Expression, Flux, Insulated, Kernel, Lattice, Layer, Prescribed, RungeKuttaChebyshev),
         *(Source, Stencil),
-        *(BodyForce, Corrosion, Elastic, IncidentWave, Specimen, Traction, Temperature, Wave),
+        *(BodyForce, IncidentWave, Specimen, Traction, Temperature),
     )
 }
 
 
 def _types() -> dict[str, type]:
-    """What may be described, by name: sides, which know themselves, and the rest."""
-    return _TYPES | Side.known
+    """What may be described, by name: models and sides, which know themselves, and the rest."""
+    return LatticeModel.known | Side.known | _TYPES
 
 
 def describe(value: Any, arrays: dict[str, np.ndarray]) -> Any:

@@ -87,6 +87,7 @@ constraints, balance, specimens, loads
         kinds.instance(
             self.model, "model", LatticeModel, "a model", remedy="Wave, Diffusion, Heat, Corrosion, Elastic or Beam"
         )
+        self.model.check()
         initial = {} if self.initial is None else self.initial
         kinds.settle(self, background=kinds.number(self.background, "background"))
         kinds.instance(initial, "initial", Mapping, "a mapping of fields to their values", remedy='{"u": ...}')
