@@ -1,7 +1,11 @@
 """The rooms of the package: each imports from those before it, and nothing goes in a circle."""
 
 import ast
+import importlib
+import inspect
+from functools import cached_property
 from pathlib import Path
+from types import FunctionType
 
 import pytest
 
@@ -169,3 +173,17 @@ def test_a_circle_is_seen():
 def test_rooms_of_rooms():
     names = ("", ".engine.engine", ".engine.rows.vectors", ".analysis", ".cli")
     assert [room_of(f"farhorizon{name}") for name in names] == ["", "engine", "engine.rows", "analysis", "cli"]
+
+
+def test_a_run_is_composed_of_parts():
+    """No class of the room has more than 40 methods and properties, those it inherits counted; no file is long."""
+    seen = set()
+    for path in (PACKAGE / "simulation").glob("*.py"):
+        assert len(path.read_text().splitlines()) < 500, path.name
+        module = importlib.import_module(f"farhorizon.simulation.{path.stem}")
+        seen |= {one for one in vars(module).values() if inspect.isclass(one) and one.__module__ == module.__name__}
+    for kind in seen:
+        own = [base for base in kind.__mro__ if base.__module__.startswith("farhorizon")]
+        kinds_of_methods = (FunctionType, property, classmethod, staticmethod, cached_property)
+        methods = {name for base in own for name, value in vars(base).items() if isinstance(value, kinds_of_methods)}
+        assert len(methods) <= 40, (kind.__name__, sorted(methods))

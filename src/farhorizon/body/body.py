@@ -36,6 +36,7 @@ from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
 from farhorizon.models.elastic import COMBINATIONS
 from farhorizon.simulation.described import describe
+from farhorizon.simulation.guard import refuse_explosion
 from farhorizon.simulation.overstretch import Rim, rim_of
 from farhorizon.simulation.resume import matching
 from farhorizon.simulation.run import MOST_STEPS, Run, wanted_threads
@@ -915,10 +916,13 @@ class Body(Run):
 
         displacement, velocity = self._start
         scale = max(displacement + velocity * self.time + self._push * self.time**2 / 2, 1e-300)
-        self._refuse_explosion(
+        refuse_explosion(
             self._view(self._u)[(slice(None), *self._near_slices)].reshape(self.dim, *self.lattice.shape),
             np.asarray(self.lattice.lower, float),
+            self.lattice.spacing,
             scale,
+            self.step_count,
+            self.time,
             cause,
         )
 

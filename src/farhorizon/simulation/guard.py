@@ -2,7 +2,55 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+import numpy as np
+
 from farhorizon.checks.examined import Examined
+from farhorizon.errors import UnstableError
+
+EXPLODED = 1e6  # growth of the largest value over all that initial data and what drives the run explain
+
+
+def refuse_explosion(
+    values: np.ndarray,
+    first: np.ndarray,
+    spacing: float,
+    scale: float,
+    step: int,
+    time: float,
+    cause: Callable[[], str],
+) -> None:
+    """Refuse a state that is not finite, or has grown beyond all that explains it.
+
+    Parameters
+    ----------
+    values : ndarray, shape (..., n..)
+        The field u; its last axes are those of the lattice.
+    first : ndarray, shape (dim,)
+        Coordinates of its first node.
+    spacing : float
+    scale : float
+        What the data of the run explain.
+    step : int
+    time : float
+    cause : callable
+        Says what is likely to be wrong.
+
+    Raises
+    ------
+    UnstableError
+        With step, time, value and place of the worst.
+    """
+    top, low = float(values.max()), float(values.min())
+    if np.isfinite(top) and np.isfinite(low) and max(top, -low) <= EXPLODED * scale:
+        return
+    worst = np.unravel_index(int(np.argmax(np.where(np.isfinite(values), np.abs(values), np.inf))), values.shape)
+    place = first + spacing * np.array(worst[-first.size :])
+    raise UnstableError(
+        f"unstable at step {step}, t = {time:.6g}: u = {values[worst]:.3g} near {np.round(place, 6).tolist()}; "
+        f"likely cause: {cause()}"
+    )
 
 
 def likely_cause(run: Examined) -> str:

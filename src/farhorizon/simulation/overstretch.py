@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from farhorizon.engine.bonds import steepest
+from farhorizon.geometry.lattice import Lattice
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +50,18 @@ class Rim:
         """
         node, strain = steepest(level, self.nodes, self.bits, self.distances, self.bonds, self.nonlinear)
         return self.corners[node] if strain > self.limit else None
+
+    def warning(self, level: np.ndarray, lattice: Lattice) -> str | None:
+        """What is said where such a bond is; None where there is none."""
+        found = self.overstretched(level)
+        if found is None:
+            return None
+        place = (lattice.lower + lattice.spacing * found).round(9).tolist()
+        return (
+            f"bonds near {place} are stretched beyond the critical stretch where they cannot break, within one "
+            "reach of a side that is not free: a crack stops there, and what follows is not valid; enlarge the "
+            "near field"
+        )
 
 
 def rim_of(

@@ -14,12 +14,13 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from farhorizon import kinds
-from farhorizon.checks.certificate import UNDECIDED, Certificate
+from farhorizon.checks.certificate import Certificate
 from farhorizon.engine.engine import available_threads
-from farhorizon.errors import InputError, UnstableError, ValidityWarning
+from farhorizon.errors import InputError, ValidityWarning
 from farhorizon.files.results import Caution
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.medium.stencil import Stencil
+from farhorizon.simulation.examination import Examination
 from farhorizon.simulation.overstretch import Rim
 from farhorizon.simulation.probes import Probes
 from farhorizon.simulation.resume import stored
@@ -31,9 +32,6 @@ if TYPE_CHECKING:
 _GUARD_STEPS = 200  # steps between two looks of the instability guard, at most; fewer on lattices above
 _GUARD_NODES = 1_000_000  # this many nodes, so that an interrupt is heard within seconds
 MOST_STEPS = 2**53  # their numbers are exact in double precision
-_LEAST = 2.0  # seconds that the examination of a run's modes may take, at least
-_LONG = 100_000_000  # bonds times steps of a run that may take so long that its time is estimated
-EXPLODED = 1e6  # growth of the largest value over all that initial data and what drives the run explain
 
 
 def wanted_threads(threads: int | None) -> int:
@@ -85,8 +83,7 @@ class Run(ABC):
         self.cautions: list[Caution] = []
         self._next_look = 0  # step of the next look at the rim
         self.time, self.step_count = 0.0, 0
-        self._examined: Certificate | None = None
-        self._asked = 0.0  # length of the run for which that was
+        self._examination = Examination()
         self._remarks: list[str] = []
         self._guard_steps = max(1, min(_GUARD_STEPS, _GUARD_STEPS * _GUARD_NODES // max(nodes, 1)))
 
@@ -194,49 +191,13 @@ class Run(ABC):
         if rim is None or self.step_count < self._next_look:
             return
         self._next_look = (self.step_count // rim.every + 1) * rim.every
-        found = rim.overstretched(level)
-        if found is not None:
-            place = (self.lattice.lower + self.lattice.spacing * found).round(9).tolist()
-            self._caution(
-                "crack at the rim",
-                f"bonds near {place} are stretched beyond the critical stretch where they cannot break, within one "
-                "reach of a side that is not free: a crack stops there, and what follows is not valid; enlarge the "
-                "near field",
-            )
+        warning = rim.warning(level, self.lattice)
+        if warning is not None:
+            self._caution("crack at the rim", warning)
 
     @abstractmethod
     def _watch(self, nodes: np.ndarray) -> None:
         """From now on give the probes their rows: u on nodes of the lattice (flat indices) after every step."""
-
-    def _refuse_explosion(self, values: np.ndarray, first: np.ndarray, scale: float, cause: Callable[[], str]) -> None:
-        """The instability guard.
-
-        Parameters
-        ----------
-        values : ndarray, shape (..., n..)
-            The field u; its last axes are those of the lattice.
-        first : ndarray, shape (dim,)
-            Coordinates of its first node.
-        scale : float
-            What the data of the run explain.
-        cause : callable
-            Says what is likely to be wrong.
-
-        Raises
-        ------
-        UnstableError
-            With step, time, value and place of the worst.
-        """
-        top, low = float(values.max()), float(values.min())
-        if np.isfinite(top) and np.isfinite(low) and max(top, -low) <= EXPLODED * scale:
-            return
-        worst = np.unravel_index(int(np.argmax(np.where(np.isfinite(values), np.abs(values), np.inf))), values.shape)
-        place = first + self.lattice.spacing * np.array(worst[-self.lattice.dim :])
-        raise UnstableError(
-            f"unstable at step {self.step_count}, t = {self.time:.6g}: u = {values[worst]:.3g} near "
-            f"{np.round(place, 6).tolist()}; "
-            f"likely cause: {cause()}"
-        )
 
     # --- what comes out ----------------------------------------------------------------------------------------
 
@@ -297,16 +258,7 @@ class Run(ABC):
         InputError
             What grows does so tenfold or more until then.
         """
-        known = self._examined
-        if known is None or (known.verdict == UNDECIDED and known.quiet < until and self._asked < until):
-            # a run in many pieces is examined a few times only
-            asked = until if known is None else max(until, 2 * self._asked)
-            steps = until / self.dt - self.step_count
-            work = steps * self.lattice.nodes * len(self.stencil.weights)
-            seconds = self.seconds_per_step() * steps if work > _LONG else 0.0
-            self._examined, self._asked = self.certificate(max(_LEAST, 0.5 * seconds), asked), asked
-        certificate = self._examined
-        assert certificate is not None
+        certificate = self._examination.of(self, until)
         if certificate.grows_within(until) and not allow_unstable:
             raise InputError(
                 "the run is not stable",

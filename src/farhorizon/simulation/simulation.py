@@ -27,7 +27,7 @@ from farhorizon.simulation.assembly import assemble
 from farhorizon.simulation.checkpoint import fingerprint
 from farhorizon.simulation.described import describe
 from farhorizon.simulation.flux import flux_tables, nodal_flux, plane, power_across
-from farhorizon.simulation.guard import likely_cause
+from farhorizon.simulation.guard import likely_cause, refuse_explosion
 from farhorizon.simulation.march import March
 from farhorizon.simulation.resume import matching
 from farhorizon.simulation.run import MOST_STEPS, Run
@@ -260,7 +260,8 @@ class Simulation(Run):
                     self.probes.add(self.step_count + 1, self.dt, march.seen(self.probes.nodes))
                 self._tick(made)
             origin, values = self.parts.grid.origin, self.engine.core.view(self.engine.current)
-            self._refuse_explosion(values, origin, march.feed.scale, lambda: likely_cause(self))
+            place = origin, self.lattice.spacing, march.feed.scale, self.step_count, self.time
+            refuse_explosion(values, *place, lambda: likely_cause(self))
             warning = None if self.parts.phases is None or self.cautions else self.parts.phases.warning()
             if warning is not None:
                 self._caution("supersaturated", warning)

@@ -1,0 +1,48 @@
+"""What a run knows of its stability before it begins."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from farhorizon.checks.certificate import UNDECIDED, Certificate
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.medium.stencil import Stencil
+
+_LEAST = 2.0  # seconds that the examination of a run's modes may take, at least
+_LONG = 100_000_000  # bonds times steps of a run that may take so long that its time is estimated
+
+
+class Examinable(Protocol):
+    """A run that can be examined."""
+
+    lattice: Lattice
+    stencil: Stencil
+    dt: float
+    step_count: int
+
+    def seconds_per_step(self) -> float:
+        """Time of a step on this machine now."""
+
+    def certificate(self, budget: float, until: float) -> Certificate:
+        """Whether the complete update is stable, in at most `budget` seconds."""
+
+
+class Examination:
+    """The certificate of a run, made again only where it says too little."""
+
+    def __init__(self) -> None:
+        self._known: Certificate | None = None
+        self._asked = 0.0  # length of the run for which it was made
+
+    def of(self, run: Examinable, until: float) -> Certificate:
+        """The certificate of a run up to a time."""
+        known = self._known
+        if known is None or (known.verdict == UNDECIDED and known.quiet < until and self._asked < until):
+            # a run in many pieces is examined a few times only
+            asked = until if known is None else max(until, 2 * self._asked)
+            steps = until / run.dt - run.step_count
+            work = steps * run.lattice.nodes * len(run.stencil.weights)
+            seconds = run.seconds_per_step() * steps if work > _LONG else 0.0
+            known = run.certificate(max(_LEAST, 0.5 * seconds), asked)
+            self._known, self._asked = known, asked
+        return known
