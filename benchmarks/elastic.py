@@ -145,7 +145,7 @@ def cut_planes(engine: Engine, share: float) -> None:
         at = nodes[here != there[None, :, None]]
         found.append((at, at + int(offset @ np.array(engine.core.stride))))
     pairs = [np.concatenate(part) for part in zip(*found, strict=True)]
-    engine.set_cuts(*pairs, np.zeros((len(pairs[0]), engine.components, engine.components)))
+    engine.absent.set(*pairs, np.zeros((len(pairs[0]), engine.components, engine.components)))
 
 
 def breaking(given: argparse.Namespace) -> list[dict[str, Any]]:
@@ -168,21 +168,21 @@ def breaking(given: argparse.Namespace) -> list[dict[str, Any]]:
         for name, (nonlinear, share) in laws.items():
             engines[name] = engine = bare_engine(stencil, (n,) * dim, 1, lasting=True)
             engine.levels *= 1e-4  # of the spacing: far from breaking
-            engine.set_bonds(stiffness, 1.0, zone, nonlinear, 0.2)
+            engine.bonds.set(stiffness, 1.0, zone, nonlinear, 0.2)
             if name == "linear, not calm":
                 engine.tables.bonds.limit[1] = 0
             if share:
                 cut_planes(engine, share)
             if name == "all odd":
-                engine.bond_state["kinds"][...] = ODD
+                engine.bonds.state["kinds"][...] = ODD
         times = interleaved(
             {name: steps(engine) for name, engine in engines.items()} | {"peak": peak_case}, given.repeats
         )
         for name, engine in engines.items():
-            own = engine.has_bonds
+            own = engine.bonds
             work = np.count_nonzero(stencil.weights)
             if own:
-                work = len(stencil.weights) * (5 * dim + 7 if engine.nonlinear else 3 * dim + 4)
+                work = len(stencil.weights) * (5 * dim + 7 if engine.bonds.nonlinear else 3 * dim + 4)
             rate = n**dim / median(times, name)
             wanted = dim == 3 and own
             whole = len(stencil.weights) * n**dim
@@ -193,8 +193,8 @@ def breaking(given: argparse.Namespace) -> list[dict[str, Any]]:
                     "Mnodes/s": rate / 1e6,
                     "over linear": ratio(times, name, "linear stencil"),
                     "of peak": ratio(times, "peak", name) * work * n**dim / (PEAK_STEP * CHAINS * 8),
-                    "cut": 1 - float(engine.alive.sum()) / whole if own else 0.0,
-                    "odd tiles": float(engine.bond_state["kinds"].mean()) if own else 0.0,
+                    "cut": 1 - float(engine.bonds.left.sum()) / whole if own else 0.0,
+                    "odd tiles": float(engine.bonds.state["kinds"].mean()) if own else 0.0,
                     "bytes/node": engine.nbytes / n**dim,
                     "met": verdict(rate, 5e6, True) if wanted else "",
                 }

@@ -181,9 +181,9 @@ def test_thin_layer_cuts_bonds():
     lattice = fh.Lattice(SPACING, (-5.0,), (5.0,))
     sim = fh.Simulation(lattice, fh.Diffusion(fh.Kernel(3 * SPACING, 1)), fh.PlaneWave(layer=SPACING))
     assert sim.closure.halo.sum() == 2
-    assert sim.engine.absent_bonds == 2 * (2 + 1)
+    assert sim.engine.absent.count == 2 * (2 + 1)
     whole = fh.Simulation(lattice, fh.Diffusion(fh.Kernel(3 * SPACING, 1)), fh.PlaneWave())
-    assert whole.closure.halo.sum() == 6 and whole.engine.absent_bonds == 0
+    assert whole.closure.halo.sum() == 6 and whole.engine.absent.count == 0
 
 
 def test_balance_through_an_outline():

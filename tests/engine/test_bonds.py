@@ -194,7 +194,7 @@ def test_masks_cost_a_word_of_bits_for_64_bonds():
     """
     model = Elastic(Kernel(3.0, 1, volume="full"), 1.0, nonlinear=True, critical_stretch=0.1)
     sim = Simulation(lattice_of((20, 20, 20)), model, Free())
-    state, level = sim.engine.bond_state, sim.engine.levels[0].nbytes
+    state, level = sim.engine.bonds.state, sim.engine.levels[0].nbytes
     assert len(sim.stencil.weights) == 122
     assert state["bonds"].nbytes < 2 / 3 * level
     assert sum(array.nbytes for array in state.values()) < 0.75 * level

@@ -124,9 +124,9 @@ def test_both_compute_the_same(make):
     np.testing.assert_allclose(two.flows.sum(0), one.flows.sum(0), rtol=1e-10, atol=1e-13)
     np.testing.assert_array_equal(two.tables.bonds.alive, one.tables.bonds.alive)
     assert two.work == pytest.approx(one.work, rel=1e-10, abs=1e-18)
-    if one.has_bonds:
-        assert one.broken[1] == two.broken[1]
-        assert two.broken[0] == pytest.approx(one.broken[0], rel=1e-10)
+    if one.bonds:
+        assert one.bonds.broken[1] == two.bonds.broken[1]
+        assert two.bonds.broken[0] == pytest.approx(one.bonds.broken[0], rel=1e-10)
 
 
 def test_corrosion():

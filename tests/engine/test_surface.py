@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.engine.engine import Engine, available_threads
+from farhorizon.engine.absent import AbsentBonds
+from farhorizon.engine.engine import available_threads
 from farhorizon.engine.state import State
 from helpers import RULES, dense_operator, engine_apply, kernel_stencil, lattice_of
 
@@ -83,7 +84,7 @@ def test_the_operator_is_the_sum_over_the_bonds_that_are_there(seed):
 
 
 def listed(set_cuts):
-    """`Engine.set_cuts` with every bond to a place without a node in the list of cuts."""
+    """`AbsentBonds.set` with every bond to a place without a node in the list of cuts."""
 
     def with_list(self, nodes, neighbours, weights, exists=None):
         set_cuts(self, nodes, neighbours, weights, exists)
@@ -91,9 +92,10 @@ def listed(set_cuts):
             return
         outside, kept = self.outside, exists[nodes] & exists[neighbours]
         found = [(nodes[kept], neighbours[kept], weights[kept])]
-        flat = self.layout.box.node_indices()
-        for offset, weight in zip(self.offsets, self.weights, strict=True):
-            other = flat + int(offset @ np.array(self.layout.box.stride))
+        engine = self.engine
+        flat = engine.layout.box.node_indices()
+        for offset, weight in zip(engine.offsets, engine.weights, strict=True):
+            other = flat + int(offset @ np.array(engine.layout.box.stride))
             bare = exists[flat] != exists[other]
             found.append((flat[bare], other[bare], np.repeat(np.asarray(weight)[None], int(bare.sum()), axis=0)))
         set_cuts(self, *(np.concatenate([f[i] for f in found]) for i in range(3)))
@@ -137,10 +139,10 @@ def test_a_run_is_that_of_a_list_of_bonds(name, monkeypatch):
     shape = (lattice.dim, *lattice.shape) if isinstance(model, fh.Elastic) else lattice.shape
     start = {"u": np.random.default_rng(4).standard_normal(shape)}
     one, two = (fh.Simulation(lattice, model, boundary, start, threads=n, **rest) for n in (1, 2))
-    monkeypatch.setattr(Engine, "set_cuts", listed(Engine.set_cuts))
+    monkeypatch.setattr(AbsentBonds, "set", listed(AbsentBonds.set))
     bonds = [fh.Simulation(lattice, model, boundary, start, threads=n, **rest) for n in (1, 2)]
     assert not bonds[0].engine.tables.surface.stretches.size and one.engine.tables.surface.stretches.size
-    assert bonds[0].engine.absent_bonds == one.engine.absent_bonds
+    assert bonds[0].engine.absent.count == one.engine.absent.count
     for sim in (one, two, *bonds):
         sim.step(30)
     scale = np.abs(one.fields["u"][np.isfinite(one.fields["u"])]).max()
@@ -150,7 +152,7 @@ def test_a_run_is_that_of_a_list_of_bonds(name, monkeypatch):
     np.testing.assert_array_equal(bonds[0].engine.levels, bonds[1].engine.levels)
     nodes = one.engine.layout.box.node_indices()
     for level in one.engine.levels:
-        assert not level.reshape(one.engine.components, -1)[:, nodes[~one.engine.exists[nodes]]].any()
+        assert not level.reshape(one.engine.components, -1)[:, nodes[~one.engine.absent.exists[nodes]]].any()
 
 
 def test_a_free_body_with_a_hole_keeps_energy_and_momenta():
@@ -208,7 +210,7 @@ def test_faces_of_a_box_hold_little():
     lattice = lattice_of((40, 40, 40))
     free, fixed = (fh.Simulation(lattice, fh.Wave(kernel_stencil(3, 2)), side) for side in (fh.Free(), fh.Fixed()))
     near = 40**3 - 36**3
-    assert free.engine.absent_bonds > 10 * near
+    assert free.engine.absent.count > 10 * near
     assert (free.engine.nbytes - fixed.engine.nbytes) / near < 12
 
 

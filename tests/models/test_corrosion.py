@@ -9,6 +9,8 @@ from scipy.special import erfc
 
 import farhorizon as fh
 from farhorizon.case.case import Case
+from farhorizon.engine.phases import count_solid
+from farhorizon.engine.rows.vectors import TILE, TILE_ROWS
 from farhorizon.studies.compare import compare
 from helpers import kernel_stencil, lattice_of
 
@@ -117,7 +119,8 @@ def check_counts(sim):
     engine = sim.engine
     phases = engine.tables.phases
     solids, volumes, changed, runs = phases.solids, phases.volumes, phases.changed, phases.runs
-    anew = engine.count_solid()
+    solid = engine.layout.box.all(engine.tables.material.coefficient) < 0
+    anew = count_solid(solid, engine.layout.reach, (1, TILE_ROWS, TILE))
     np.testing.assert_array_equal(solids, anew[0])
     np.testing.assert_array_equal(volumes, anew[1])
     assert not changed.any()

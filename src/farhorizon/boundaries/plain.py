@@ -53,7 +53,7 @@ class Free(Side):
     >>> plate = fh.Lattice(1.0, (-9.0, -9.0), (9.0, 0.0))
     >>> half_space = {"all": fh.LatticePML(), "y+": fh.Free()}
     >>> sim = fh.Simulation(plate, fh.Elastic(fh.Kernel(2.0), young=1.0), half_space)
-    >>> sim.engine.absent_bonds > 0
+    >>> sim.engine.absent.count > 0
     True
     """
 

@@ -454,7 +454,7 @@ def _proof(sim: Examined) -> str:
                 "mean: the maximum cannot grow"
             )
         return ""
-    whole = all(b.bonded for b in sides) and not (sim.engine.absent_bonds or sim.varied)
+    whole = all(b.bonded for b in sides) and not (sim.engine.absent.count or sim.varied)
     limit = sim.step_limit if model.order == 2 else model.integrator.step_limit(sim.rate_limit + damped)
     if (positive or whole) and sim.dt <= limit * (_MARGIN if model.order == 2 else 1 + 1e-12):
         return (
@@ -486,7 +486,7 @@ def _outline_proof(sim: Examined, positive: bool) -> str:
         return ""
     # stiffness that the sides add
     held = 2 * float(np.sqrt(model.coefficient)) * model.damping * sim.lattice.dim / sim.lattice.spacing
-    if (positive or not sim.engine.absent_bonds) and sim.dt <= _MARGIN * 2 / np.sqrt(sim.rate_limit + held):
+    if (positive or not sim.engine.absent.count) and sim.dt <= _MARGIN * 2 / np.sqrt(sim.rate_limit + held):
         return (
             "bonds act alike in both directions, the sides add damping and stiffness that are not negative, and "
             "the step is below the limit"

@@ -265,7 +265,7 @@ class Report:
             f"{engine.nbytes / 2**20:.3g} MiB = "
             f"{engine.nbytes / (np.prod(sim.field_shape) * engine.dtype.itemsize):.3g} near fields",
         )
-        say("absent bonds", str(engine.absent_bonds))
+        say("absent bonds", str(engine.absent.count))
         if (law := sim.model.bond_law) is not None:
             stretch = law.critical_stretch_on(lattice.spacing, lattice.dim)
             breaking = (

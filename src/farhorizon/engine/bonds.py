@@ -20,14 +20,16 @@ import numpy as np
 
 from farhorizon.engine.rows.bond_sweeps import LANES, PLACES, ROWS, call_bonds, call_steepness
 from farhorizon.engine.rows.compiled import njit
+from farhorizon.engine.tables import Material
 from farhorizon.engine.threads import barrier
 
 PLAIN, DAMAGED = 0, 1
 #: Entries of the table of the zone, each for the three axes: where bonds follow the law (first node, extent), and its
 #: nodes (first, end).
 LAW_FIRST, LAW_EXTENT, FIRST, END = 0, 3, 6, 9
-#: Rule of `bond_factor` for solid and liquid nodes.
-PHASES = 3
+#: Rules of `bond_factor`; the last one is that of solid and liquid nodes.
+RULES = ("both", "arithmetic", "harmonic", "phases")
+PHASES = RULES.index("phases")
 #: Rows, and most nodes of a row, of the pieces of the zone that the stencil sweeps where nothing can break: whole
 #: tiles, the same for all threads.
 PIECE_ROWS, PIECE_NODES = 16, 8 * LANES
@@ -136,6 +138,19 @@ def bond_factor(rule, mine, other):
     if rule == 1:
         return total / 2
     return 2 * mine * other / total if total > 0 else 0 * total
+
+
+def factors_of(material: Material, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
+    """Factors of bonds from the coefficients of their ends, given by places in a level: `bond_factor` for arrays."""
+    if material.coefficient.size == 1:
+        return np.ones(len(nodes))
+    mine, other = material.coefficient[nodes].astype(float), material.coefficient[neighbours].astype(float)
+    if material.rule == PHASES:
+        return np.asarray(np.maximum(np.maximum(mine, other), 0) * np.abs(np.minimum(mine, other)))
+    if material.rule == 0:
+        return np.asarray(np.minimum(mine, other))
+    total = mine + other
+    return np.asarray(0.5 * total if material.rule == 1 else 2 * mine * other / np.where(total > 0, total, 1.0))
 
 
 @njit(error_model="numpy", inline="always")

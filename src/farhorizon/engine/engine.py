@@ -12,29 +12,25 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.engine import bonds as bond_laws
-from farhorizon.engine.bonds import DAMAGED, END, FIRST, PHASES, PLAIN, Bonds, Zone, all_bits, no_bonds
+from farhorizon.engine.absent import AbsentBonds
+from farhorizon.engine.bond_zone import BondZone
+from farhorizon.engine.bonds import CHUNK, RULES, Zone
 from farhorizon.engine.ends import Ends, Poles, ends_table
-from farhorizon.engine.filter import Filter, damped_nodes, filter_tables
-from farhorizon.engine.fringe import fringe_table, no_fringe
+from farhorizon.engine.filter import damped_nodes
+from farhorizon.engine.fringe import fringe_table
 from farhorizon.engine.layout import Layout, aligned_zeros
 from farhorizon.engine.nested import LayerTables
 from farhorizon.engine.operations import Tables, operations_of, operator_operations, sweep_operations
-from farhorizon.engine.phases import NEVER, count_solid, one_phase, phases_table
-from farhorizon.engine.rows.bond_sweeps import LANES, ROWS
-from farhorizon.engine.rows.build import load_bonds, load_driver
-from farhorizon.engine.rows.choose import compiled_rows
+from farhorizon.engine.phases import NEVER, count_solid, phases_table
+from farhorizon.engine.plain_tables import first_tables, numbers_of
+from farhorizon.engine.rows.build import load_driver
 from farhorizon.engine.rows.vectors import TILE, TILE_ROWS
-from farhorizon.engine.surface import bare_bonds, shared_rows
-from farhorizon.engine.tables import Cuts, Damping, Dependents, Flows, Inputs, Material, Stage, Surface, Sweep, no_flows
+from farhorizon.engine.tables import Damping, Dependents, Flows, Inputs, Material, Stage
 from farhorizon.engine.threads import side_by_side
 
 __all__ = ["NEVER", "Engine", "Layer", "Layout", "Zone", "available_threads"]
 
 _NO_ENDS = np.zeros((0, 0), np.int64)
-RULES = ("both", "arithmetic", "harmonic", "phases")
-_SECOND_CACHE = 600_000  # bytes of the second cache that a part of the box may take
-_SET_BITS = np.array([number.bit_count() for number in range(256)], np.uint8)
 # of the field, and a quarter of the layers' memory: fewer are through before a second thread is there
 _PARALLEL_NUMBERS = 40_000
 
@@ -111,13 +107,11 @@ class Engine:
 
     Attributes
     ----------
-    absent_bonds : int
-        Bonds that are absent, counted from each end that is a node of a level.
-    exists : ndarray of bool, shape (places,)
-        Where nodes are.
-    outside : ndarray of int
-        Places in a level, of the first component, of nodes that do not exist but have bonds to some that do: they
-        must be held at zero.
+    tables : Tables
+        What the loop works off; the methods `set_..` put others in their place.
+    bonds : BondZone
+        Those that follow a law of their own.
+    absent : AbsentBonds
     loop : callable
         What works off the table of operations: the compiled loop, or a `farhorizon.engine.interpreter.Interpreter`.
     watched : ndarray of int, shape (n,)
@@ -151,105 +145,22 @@ class Engine:
         self.remember = any(np.any(layer.sigma) for layer in self.layers.values())
         recursion = {name: layer.recursion(dt) for name, layer in self.layers.items()}
         matrices = self.weights.reshape(len(self.weights), self.components, self.components)
-        self._layer_tables = LayerTables(
+        self.layer_tables = LayerTables(
             self.layout, self.offsets, matrices, recursion, self.dtype, self.remember, coefficient is None
         )
         self.levels = aligned_zeros(self.components * self.layout.size, self.dtype, stages.levels)
-        memory = self._layer_tables.layers.memory.size // 4 if self.remember else 0
+        memory = self.layer_tables.layers.memory.size // 4 if self.remember else 0
         numbers = self.components * int(np.prod(core)) + memory
         self.threads = threads if numbers >= _PARALLEL_NUMBERS else 1
         self.phase, self.steps_done = 0, 0
-        self.tables = self._first_tables(coefficient is not None, RULES.index(rule))
+        self.tables = first_tables(self, coefficient is not None, RULES.index(rule))
         if coefficient is not None:
-            self._replace(material=self.tables.material._replace(coefficient=self.spread(coefficient)))
-        none = np.zeros(0, np.int64)
-        self.set_cuts(none, none, np.zeros((0, *self.weights.shape[1:])))
-        self.hold(none)
-        self.watched, self.seen = none, np.zeros((0, 0))
+            self.replace(material=self.tables.material._replace(coefficient=self.spread(coefficient)))
+        self.bonds = BondZone(self)
+        self.absent = AbsentBonds(self, self.bonds)
+        self.hold(np.zeros(0, np.int64))
+        self.watched, self.seen = np.zeros(0, np.int64), np.zeros((0, 0))
         self.loop = self._compiled
-
-    # --- tables of the compiled loop ---------------------------------------------------------------------------
-
-    def _first_tables(self, heterogeneous: bool, rule: int) -> Tables:
-        """Those of a medium without anything that may be set later."""
-        none, nothing, one = np.zeros(0, np.int64), np.zeros(0, self.dtype), self.dtype.type(1)
-        numbers = [self._numbers_of(*one) for one in self.stages.numbers]
-        return Tables(
-            operations=np.zeros((0, 2), np.int64),
-            starts=np.zeros(len(numbers) + 1, np.int64),
-            rotation=np.array(self.stages.rotation, np.int64),
-            numbers=np.array(numbers).astype(self.dtype),
-            increments=self.stages.increments,
-            components=self.components,
-            sweep=self._sweep(heterogeneous),
-            layers=self._layer_tables.layers,
-            work_space=aligned_zeros(self._layer_tables.scratch, self.dtype, self.threads),
-            copies=self.layout.copies(),
-            material=Material(np.ones(1, self.dtype), rule, one, self.dtype.type(np.inf)),
-            cuts=Cuts(none, none, nothing),
-            surface=Surface(np.zeros((0, 2), np.int64), np.zeros((0, 3), np.int64), np.zeros((1, 0), self.dtype)),
-            phases=one_phase(),
-            bonds=no_bonds(self.dtype),
-            work=np.zeros(0),
-            damping=Damping(none, nothing, nothing, nothing),
-            ends=ends_table(np.zeros((0, 0), np.int64), 1.0),
-            dependents=Dependents(none, np.zeros(1, np.int64), none, nothing),
-            flows=no_flows(len(numbers), self.dtype),
-            fringe=no_fringe(),
-            filter=self._filter(),
-        )
-
-    def _replace(self, **tables: Any) -> None:
-        """Put others in the place of some tables."""
-        self.tables = self.tables._replace(**tables)
-
-    def _sweep(self, heterogeneous: bool) -> Sweep:
-        function, row = (
-            (0, np.zeros(1))
-            if heterogeneous
-            else compiled_rows(self.offsets, self.weights, self.dtype.name, self.stages.increments)
-        )
-        scale = np.array([n[2] for n in self.stages.numbers])
-        return Sweep(
-            self.layout.table(),
-            function,
-            self._depth(),
-            (scale[:, None] * row).astype(self.dtype),
-            self.offsets @ np.array(self.layout.box.stride),
-            (scale[:, None] * self.weights.ravel()).astype(self.dtype),
-            np.array(self.layout.reach),
-        )
-
-    def _numbers_of(self, a: float, b: float, scale: float, source_scale: float) -> tuple[float, ...]:
-        """The numbers of a stage as the sweeps take them: how much of a node's own value beside the rows' weights and
-        beside differences, and the rest. Rows of increments are differences, and leave out the value that stays.
-        """
-        own = a - float(self.stages.increments) - scale * self.reaction
-        rows = -float(self.weights.sum()) if self.components == 1 and not self.stages.increments else 0.0
-        return own + scale * rows, own, b, scale, source_scale
-
-    def _depth(self) -> int:
-        """Rows to sweep at a time: few enough that each thread gets some and that, in 3D, the planes they read stay in
-        the second cache.
-        """
-        box, reach = self.layout.box, self.layout.reach
-        rows, planes = box.nodes[1], 2 * reach[0] + 1
-        most = min(64, -(-box.nodes[0] * rows // (8 * self.threads)))
-        if planes > 1:
-            most = min(
-                most, _SECOND_CACHE // (self.components * box.stride[1] * self.dtype.itemsize * planes) - 2 * reach[0]
-            )
-        return -(-rows // -(-rows // max(most, 8)))
-
-    def _filter(self) -> Filter:
-        """What damps short waves in the layers; all layers share the longest filter, and what it is applied to."""
-        layers = self.layers.values()
-        taps = max((layer.taps for layer in layers), key=len, default=np.zeros(1))
-        rates = {
-            name: layer.damping if layer.damping.size else np.zeros(layer.columns)
-            for name, layer in self.layers.items()
-        }
-        return filter_tables(self.layout, rates, taps, self.dt, self.dtype, any(layer.whole for layer in layers))
 
     @property
     def memory(self) -> np.ndarray:
@@ -275,261 +186,11 @@ class Engine:
         layout.box.all(values)[...] = padded
         return values
 
+    def replace(self, **tables: Any) -> None:
+        """Put others in the place of some tables."""
+        self.tables = self.tables._replace(**tables)
+
     # --- parts that may be set after construction --------------------------------------------------------------
-
-    def set_cuts(
-        self, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray, exists: np.ndarray | None = None
-    ) -> None:
-        """Bonds that are absent.
-
-        Parameters
-        ----------
-        nodes, neighbours : ndarray of int, shape (bonds,)
-            Node in a level and its neighbour's place (of the first component); one row a direction.
-        weights : ndarray, shape (bonds,) or (bonds, d, d)
-            What is taken away, without coefficients.
-        exists : ndarray of bool, shape (places,), optional
-            Where nodes are, everywhere unless given. No bond leads from or to a place without a node, where all levels
-            must hold zero: they do beyond the core and the layers, and the nodes `outside` must be kept so.
-        """
-        self.exists = np.ones(self.layout.size, bool) if exists is None else exists
-        kept = self.exists[nodes] & self.exists[neighbours]
-        nodes, neighbours, weights = nodes[kept], neighbours[kept], weights[kept]
-        self.absent_bonds = len(nodes)
-        self._open_surface()
-        swept = self._clear(nodes, neighbours) if self.has_bonds else np.zeros(len(nodes), bool)
-        nodes, neighbours, weights = (
-            nodes[~swept].astype(np.int64),
-            neighbours[~swept].astype(np.int64),
-            weights[~swept],
-        )
-        order = np.lexsort((neighbours, nodes))
-        nodes, neighbours, weights = nodes[order], neighbours[order], weights[order]
-        self._replace(
-            cuts=Cuts(nodes, neighbours, weights.astype(self.dtype).ravel()),
-            layers=self._layer_tables.cut(nodes, neighbours, weights),
-        )
-
-    def _open_surface(self) -> None:
-        """Tables of the nodes with bonds to places without a node (see `engine.surface`), and the nodes `outside`."""
-        exists, box = self.exists, self.layout.box
-        at: tuple[np.ndarray, ...] = (np.zeros(0, np.int64),) * 3
-        bare = np.zeros((len(self.offsets), 0), bool)
-        if not exists.all():
-            self.levels.reshape(len(self.levels), self.components, -1)[..., ~exists] = 0
-            # nothing passes the layers' filter from or to there
-            found = self.tables.filter
-            found.strengths[np.flatnonzero(~exists[damped_nodes(found.runs)])] = 0
-            at, bare = bare_bonds(box, self.offsets, exists)
-        flat = np.asarray(box.origin + sum(i * s for i, s in zip(at, box.stride, strict=True)))
-        self.absent_bonds += int(bare.sum())
-        self.outside = flat[~exists[flat]]
-        kept = exists[flat]
-        if self.has_bonds:
-            self._clear_bits(flat, bare)
-            kept &= ~self._in_zone(np.stack(at, axis=1))
-        first, second, third = (i[kept] for i in at)
-        order = np.lexsort((third, second, first))
-        counts = np.bincount(first * box.nodes[1] + second, minlength=box.nodes[0] * box.nodes[1])
-        weights = self._weights_of(flat[kept], bare[:, kept])[order].astype(self.dtype).reshape(-1, self.components**2)
-        self._replace(surface=Surface(*shared_rows(np.cumsum(np.append(0, counts)), third[order], weights)))
-
-    def _weights_of(self, nodes: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-        """Sum of the weights of the `chosen` bonds, shape (K, S), of nodes; shape (S,) or (S, d, d).
-
-        With coefficients, but for those of phases, which change.
-        """
-        total = np.zeros((len(nodes), *self.weights.shape[1:]))
-        for offset, weight, which in zip(self.offsets, self.weights, chosen, strict=True):
-            mine = nodes[which]
-            other = mine + int(offset @ np.array(self.layout.box.stride))
-            factors = np.ones(len(mine)) if self.tables.material.rule == PHASES else self.bond_factors(mine, other)
-            total[which] += np.multiply.outer(factors, weight)
-        return total
-
-    def set_bonds(self, stiffness: np.ndarray, spacing: float, zone: Zone, nonlinear: bool, limit: float) -> None:
-        """Bonds that follow a law of their own stretch and may break, where both ends lie in a zone of the core; see
-        `engine.bonds`.
-
-        Parameters
-        ----------
-        stiffness : ndarray, shape (K,)
-            Force on a unit of mass over elongation, of each offset, without coefficients.
-        spacing : float
-            Of the nodes, in the unit of the field.
-        zone : Zone
-            Of the core.
-        nonlinear : bool
-        limit : float
-            Largest ``|xi + eta|^2 / |xi|^2 - 1`` of a bond (linearised: ``2 xi . eta / |xi|^2``) that does not break;
-            may be infinite.
-        """
-        block, components, high = self.layout.box, self.components, ROWS[self.components]
-        xi = spacing * self.offsets[:, 3 - components :].astype(float)
-        table = np.column_stack([xi, 1 / (xi**2).sum(1), self.stages.numbers[0][2] * np.asarray(stiffness)]).astype(
-            self.dtype
-        )
-        places = np.column_stack([self.offsets @ np.array(block.stride), self.offsets]).astype(np.int64)
-        alive = np.zeros(
-            (len(all_bits(len(places))), block.origin + block.nodes[0] * block.stride[0] + LANES), np.uint64
-        )
-        alive[:, block.node_indices()] = all_bits(len(places))[:, None, None, None]
-        zone = zone.moved(self.layout.low)
-        rows = block.nodes[0], -(-block.nodes[1] // high)
-        kinds = np.zeros((*rows, -(-(zone.end[2] - zone.first[2]) // LANES)), np.uint8)
-        rule = RULES[self.tables.material.rule] if self.tables.material.coefficient.size > 1 else None
-        functions = np.array(load_bonds(components, nonlinear, self.dtype.name, rule), np.int64)
-        limits = np.array([limit, (limit / 2 * spacing) ** 2], self.dtype)
-        at = zone.table(self.layout.reach)
-        broken = np.zeros((*rows, 2))
-        self._replace(bonds=Bonds(functions, table, places, alive, kinds, at, limits, nonlinear, broken))
-        self._sweep_in_pieces(bond_laws.PIECE_ROWS)
-        self._find_kinds()
-
-    def record_work(self) -> None:
-        """From now on add up the work of the sources; the older level must outlive a step."""
-        self._replace(work=np.zeros(-(-self.components * int(np.prod(self.core.nodes)) // bond_laws.CHUNK)))
-
-    @property
-    def nonlinear(self) -> bool:
-        """Whether the law of the bonds is."""
-        return self.tables.bonds.nonlinear
-
-    @property
-    def has_bonds(self) -> bool:
-        """Whether there are bonds that follow a law of their own."""
-        return len(self.tables.bonds.places) > 0
-
-    def _clear(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
-        """Clear the bits of bonds of the core; says which of them have their node in the zone, where bits alone
-        count."""
-        block, places = self.layout.box, self.tables.bonds.places
-        number = np.full(self.tables.bonds.alive.shape[1], -1)
-        number[block.node_indices().ravel()] = np.arange(int(np.prod(block.nodes)))
-        mine = np.flatnonzero((nodes < len(number)) & (neighbours < self.layout.size))
-        mine = mine[number[nodes[mine]] >= 0]
-        order = np.argsort(places[:, 0])
-        bond = order[np.searchsorted(places[order, 0], neighbours[mine] - nodes[mine])]
-        np.bitwise_and.at(
-            self.tables.bonds.alive, (bond >> 6, nodes[mine]), ~(np.uint64(1) << (bond & 63).astype(np.uint64))
-        )
-        self._find_kinds()
-        swept = np.zeros(len(nodes), bool)
-        swept[mine] = self._in_zone(np.stack(np.unravel_index(number[nodes[mine]], block.nodes), axis=1))
-        return swept
-
-    def _clear_bits(self, nodes: np.ndarray, gone: np.ndarray) -> None:
-        """Clear the bits of the bonds of nodes of the core that are `gone`, shape (K, nodes)."""
-        for bond, which in enumerate(gone):
-            self.tables.bonds.alive[bond >> 6, nodes[which]] &= ~(np.uint64(1) << np.uint64(bond & 63))
-
-    def _in_zone(self, at: np.ndarray) -> np.ndarray:
-        """Which nodes of the core, shape (N, 3), are in the zone of bonds with their own law: bits alone count
-        there."""
-        zone = self.tables.bonds.zone
-        return np.asarray(((at >= zone[FIRST:END]) & (at < zone[END:])).all(1))
-
-    def _find_kinds(self) -> None:
-        """Which tiles of the zone are plain: all bonds there, and none leaves the box where bonds follow the law."""
-        block, high, kinds, zone = (
-            self.layout.box,
-            ROWS[self.components],
-            self.tables.bonds.kinds,
-            self.tables.bonds.zone,
-        )
-        full = all_bits(len(self.tables.bonds.places))[:, None, None, None]
-        damaged = (self.tables.bonds.alive[:, block.node_indices()] != full).any(0)
-        for axis, m in enumerate(self.layout.reach):
-            i = np.arange(block.nodes[axis])
-            damaged |= ((i - m < zone[axis]) | (i + m >= zone[axis] + zone[3 + axis])).reshape(
-                [-1 if a == axis else 1 for a in range(3)]
-            )
-        first, end = zone[FIRST:END], zone[END:]
-        damaged[:, : first[1]] = damaged[:, end[1] :] = False  # rows of tiles that are not in the zone
-        damaged = damaged[:, :, first[2] : end[2]]
-        missing = [
-            (0, count * size - n) for n, count, size in zip(damaged.shape, kinds.shape, (1, high, LANES), strict=True)
-        ]
-        tiles = np.pad(damaged, missing).reshape(kinds.shape[0], kinds.shape[1], high, kinds.shape[2], LANES)
-        kinds[...] = np.where(tiles.any((2, 4)), DAMAGED, PLAIN)
-
-    @property
-    def alive(self) -> np.ndarray:
-        """Bonds that are left of each node of the core."""
-        bits = np.ascontiguousarray(self.tables.bonds.alive[:, self.core.node_indices()])
-        return _SET_BITS[bits[..., None].view(np.uint8)].sum((0, -1), dtype=np.int64)
-
-    @property
-    def bond_state(self) -> dict[str, np.ndarray]:
-        """What a checkpoint holds of the bonds: bits, kinds of tiles, and what has been added up of broken bonds and of
-        work; they share memory.
-        """
-        bonds = (
-            {"bonds": self.tables.bonds.alive, "kinds": self.tables.bonds.kinds, "broken": self.tables.bonds.broken}
-            if self.has_bonds
-            else {}
-        )
-        return bonds | ({"work": self.tables.work} if self.tables.work.size else {})
-
-    @property
-    def broken(self) -> tuple[float, int]:
-        """Energy of the bonds when they broke, for a unit of mass a node, and their number."""
-        energy, count = self.tables.bonds.broken.sum((0, 1))
-        return float(energy) / self.stages.numbers[0][2], round(float(count))
-
-    def book_cut(self, energy: float) -> None:
-        """Add the energy, for a unit of mass a node, of bonds that were cut."""
-        self.tables.bonds.broken[0, 0, 0] += energy * self.stages.numbers[0][2]
-
-    @property
-    def work(self) -> float:
-        """Work of the sources, for a unit of mass a node."""
-        return float(self.tables.work.sum())
-
-    def bond_energy(self, first: tuple[int, ...], end: tuple[int, ...], nodes: np.ndarray, whole: np.ndarray) -> float:
-        """Energy of the bonds of some nodes from the elongations now and a step ago, for a unit of mass a node.
-
-        `nodes`, of the box from `first` to `end` of the core, says which; bonds to nodes beyond the box count half,
-        across sides that are `whole`, shape (3, 2), fully.
-        """
-        self.complete(self.current)
-        low = np.array(self.layout.low)
-        bounds = np.array(first, np.int64) + low, np.array(end, np.int64) + low
-        total = bond_laws.strain_energy(
-            self.current,
-            self.older,
-            self.tables.sweep.block,
-            *bounds,
-            nodes,
-            whole,
-            self.components,
-            self.tables.material,
-            self.tables.bonds,
-        )
-        return float(total) / self.stages.numbers[0][2]
-
-    def largest_strain(self) -> float:
-        """Largest ``|xi + eta|^2 / |xi|^2 - 1`` (linearised: ``2 xi . eta / |xi|^2``) of the bonds that may break."""
-        self.complete(self.current)
-        return float(
-            bond_laws.largest_strain(self.current, self.tables.sweep.block, self.components, self.tables.bonds)
-        )
-
-    def present_bonds(self, nodes: tuple[slice, ...]) -> np.ndarray:
-        """Bits of the bonds that are there and carry something, of the nodes in a part of the core; shape (words,
-        *part).
-        """
-        places = self.core.node_indices()[nodes]
-        bits = self.tables.bonds.alive[:, places]
-        for k, distance in enumerate(self.tables.bonds.places[:, 0] if self.varied else ()):
-            idle = (self.bond_factors(places.ravel(), places.ravel() + distance) == 0).reshape(places.shape)
-            bits[k >> 6, idle] &= ~(np.uint64(1) << np.uint64(k & 63))
-        return bits
-
-    @property
-    def bond_limit(self) -> float:
-        """Largest e of a bond that does not break, see `set_bonds`."""
-        return float(self.tables.bonds.limit[0])
 
     def set_damping(self, nodes: np.ndarray, before: np.ndarray, after: np.ndarray, leak: np.ndarray) -> None:
         """Nodal factors of an absorbing zone: on the old increment, on the new increment, and a loss rate.
@@ -540,7 +201,7 @@ class Engine:
             found = self.tables.filter
             found.strengths[np.flatnonzero(np.isin(damped_nodes(found.runs), nodes[after == 0]))] = 0
         factors = (factor.astype(self.dtype) for factor in (before, after, leak))
-        self._replace(damping=Damping(nodes.astype(np.int64), *factors))
+        self.replace(damping=Damping(nodes.astype(np.int64), *factors))
 
     def set_phases(self, dissolved: np.ndarray, interface: float, saturation: float, limited: bool = False) -> None:
         """Two phases: bonds between solid nodes carry nothing, those between phases `interface` times their weight, and
@@ -560,16 +221,12 @@ class Engine:
         self.core.view(steps)[...] = dissolved
         factors = (self.dtype.type(v) for v in (interface, saturation if limited else np.inf))
         coefficient = self.spread(np.where(solid, -interface, 1.0), beyond)
-        self._replace(material=Material(coefficient, RULES.index("phases"), *factors))
-        self._sweep_in_pieces(TILE_ROWS)
-        solids, volumes = self.count_solid()
+        self.replace(material=Material(coefficient, RULES.index("phases"), *factors))
+        self.sweep_in_pieces(TILE_ROWS)
+        solid = self.layout.box.all(coefficient) < 0
+        solids, volumes = count_solid(solid, self.layout.reach, (1, TILE_ROWS, TILE))
         period = np.array([n if a in self.layout.periodic else 0 for a, n in enumerate(self.layout.box.nodes)])
-        self._replace(phases=phases_table(solids, volumes, steps, saturation, period))
-
-    def count_solid(self) -> tuple[np.ndarray, np.ndarray]:
-        """Solid nodes, and all nodes, of each tile and within one reach of it."""
-        solid = self.layout.box.all(self.tables.material.coefficient) < 0
-        return count_solid(solid, self.layout.reach, (1, TILE_ROWS, TILE))
+        self.replace(phases=phases_table(solids, volumes, steps, saturation, period))
 
     @property
     def dissolved(self) -> np.ndarray:
@@ -597,7 +254,7 @@ class Engine:
         block : int
             Steps in a block of convolutions, 0 without.
         """
-        self._replace(ends=ends_table(nodes, first, sums, block))
+        self.replace(ends=ends_table(nodes, first, sums, block))
 
     @property
     def ends(self) -> Ends:
@@ -606,7 +263,7 @@ class Engine:
 
     def set_history(self, history: np.ndarray) -> None:
         """Values of the exact ends' drivers so far, shape (ends, steps, K)."""
-        self._replace(ends=self.tables.ends._replace(history=history))
+        self.replace(ends=self.tables.ends._replace(history=history))
 
     def _lengthen_history(self, steps: int) -> None:
         """Room for the values of the exact ends' drivers in some steps more."""
@@ -615,13 +272,13 @@ class Engine:
         if count and length < ends.clock[0] + steps:
             more = max(int(ends.clock[0]) + steps - length, min(length, 1 << 20), 256)
             history = np.concatenate([ends.history, np.zeros((count, more, reach))], axis=1)
-            self._replace(ends=ends._replace(history=history))
+            self.replace(ends=ends._replace(history=history))
 
     def set_tied(self, nodes: np.ndarray, starts: np.ndarray, sources: np.ndarray, weights: np.ndarray) -> None:
         """Nodes with prescribed values: node i is the sum of weights[k] times node sources[k], k from starts[i] to
         starts[i + 1], plus what `advance` is told. They are set in this order after each stage."""
         nodes, starts, sources = (a.astype(np.int64) for a in (nodes, starts, sources))
-        self._replace(dependents=Dependents(nodes, starts, sources, weights.astype(self.dtype)))
+        self.replace(dependents=Dependents(nodes, starts, sources, weights.astype(self.dtype)))
 
     def set_fringe(
         self,
@@ -639,7 +296,7 @@ class Engine:
 
         A step forgets the last row of `fringe_history`.
         """
-        self._replace(fringe=fringe_table(nodes, levels, fronts, rows, starts, columns, weights, outside))
+        self.replace(fringe=fringe_table(nodes, levels, fronts, rows, starts, columns, weights, outside))
 
     @property
     def fringe_history(self) -> np.ndarray:
@@ -669,7 +326,7 @@ class Engine:
             first = sum(map(len, near))
             rows.append((axis, number, first, first + len(at)))
             near.append(at)
-        self._replace(
+        self.replace(
             flows=Flows(
                 books.astype(np.int64),
                 nodes.astype(np.int64),
@@ -703,32 +360,16 @@ class Engine:
         """Whether bonds have factors of their own."""
         return self.tables.material.coefficient.size > 1
 
-    def bond_factors(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
-        """Factor of each bond from the coefficients of its ends (flat indices)."""
-        if not self.varied:
-            return np.ones(len(nodes))
-        coefficient, rule = self.tables.material.coefficient, self.tables.material.rule
-        mine, other = coefficient[nodes].astype(float), coefficient[neighbours].astype(float)
-        if rule == PHASES:
-            return np.maximum(np.maximum(mine, other), 0) * np.abs(np.minimum(mine, other))
-        if rule == 0:
-            return np.minimum(mine, other)
-        total = mine + other
-        return 0.5 * total if rule == 1 else 2 * mine * other / np.where(total > 0, total, 1.0)
-
-    def lost(self, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray | float) -> np.ndarray:
-        """What is absent of the `weights` of bonds of the core (places), whatever the coefficients."""
-        cut_nodes, cut_neighbours, cut_weights = self.tables.cuts
-        keys = cut_nodes * self.layout.size + cut_neighbours
-        cut = np.zeros(len(nodes))
-        if keys.size:
-            order = np.argsort(keys)
-            wanted = nodes * self.layout.size + neighbours
-            at = np.minimum(np.searchsorted(keys[order], wanted), keys.size - 1)
-            cut = np.where(keys[order][at] == wanted, cut_weights[order][at].astype(float), 0.0)
-        return np.where(self.exists[nodes] == self.exists[neighbours], cut, weights)
-
     # --- the work ----------------------------------------------------------------------------------------------
+
+    def record_work(self) -> None:
+        """From now on add up the work of the sources; the older level must outlive a step."""
+        self.replace(work=np.zeros(-(-self.components * int(np.prod(self.core.nodes)) // CHUNK)))
+
+    @property
+    def work(self) -> float:
+        """Work of the sources, for a unit of mass a node."""
+        return float(self.tables.work.sum())
 
     @property
     def _driver(self) -> ModuleType:
@@ -783,7 +424,7 @@ class Engine:
             operations=np.array(operations, np.int64).reshape(-1, 2),
             starts=np.array([0, len(operations)]),
             rotation=np.arange(3).reshape(1, 1, 3),
-            numbers=np.array([self._numbers_of(float(self.stages.increments), 0.0, scale, 0.0)], self.dtype),
+            numbers=np.array([numbers_of(self, float(self.stages.increments), 0.0, scale, 0.0)], self.dtype),
             layers=self.tables.layers._replace(memory=memory),
             bonds=self.tables.bonds._replace(limit=np.array([np.inf, np.inf], self.dtype)),
         )
@@ -807,10 +448,10 @@ class Engine:
             np.zeros((steps, self.watched.size)),
         )
 
-    def _sweep_in_pieces(self, rows: int) -> None:
+    def sweep_in_pieces(self, rows: int) -> None:
         """From now on sweep whole multiples of some rows at a time."""
         sweep = self.tables.sweep
-        self._replace(sweep=sweep._replace(depth=-(-sweep.depth // rows) * rows))
+        self.replace(sweep=sweep._replace(depth=-(-sweep.depth // rows) * rows))
 
     def advance(
         self,
@@ -919,7 +560,7 @@ class Engine:
             tables.fringe.history,
             tables.material.coefficient,
             *(phases.runs, phases.solids, phases.volumes, phases.changed, phases.dissolved, phases.total),
-            *self.bond_state.values(),
+            *self.bonds.state.values(),
         ]
         kept, phase, steps = [a.copy() for a in arrays], self.phase, self.steps_done
         try:
@@ -939,7 +580,7 @@ class Engine:
         """Places of the memory that is ever used: (axis, side) of a layer, and an array by component, number, and line;
         see `LayerTables.cells`.
         """
-        return self._layer_tables.cells(self.tables.layers.f != 0) if self.remember else []
+        return self.layer_tables.cells(self.tables.layers.f != 0) if self.remember else []
 
     @property
     def nbytes(self) -> int:

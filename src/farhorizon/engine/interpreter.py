@@ -12,11 +12,11 @@ from collections.abc import Callable
 import numpy as np
 
 from farhorizon.engine import operations as op
-from farhorizon.engine.bonds import PHASES, bond_factor, follows_law
+from farhorizon.engine.bonds import PHASES, factors_of, follows_law
 from farhorizon.engine.engine import Engine
 from farhorizon.engine.tables import Inputs, Material, Stage
 
-_bond_factor, _follows_law = np.vectorize(bond_factor.py_func), np.vectorize(follows_law.py_func, excluded=[0])
+_follows_law = np.vectorize(follows_law.py_func, excluded=[0])
 
 
 class Interpreter:
@@ -108,10 +108,7 @@ class Interpreter:
 
     def _factors(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
         """Factors of bonds from the coefficients of their ends."""
-        coefficient, rule = self.tables.material.coefficient, self.tables.material.rule
-        if coefficient.size == 1:
-            return np.ones(len(nodes))
-        return np.asarray(_bond_factor(rule, coefficient[nodes], coefficient[others]))
+        return factors_of(self.tables.material, nodes, others)
 
     def _gaps(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
         """Differences of the values at the ends of bonds, shape (components, bonds)."""
@@ -140,7 +137,7 @@ class Interpreter:
 
     def _released(self) -> np.ndarray:
         """What bonds to places without a node have taken of the nodes' own values."""
-        exists, nodes = self.engine.exists, self.nodes
+        exists, nodes = self.engine.absent.exists, self.nodes
         found = np.zeros((self.components, nodes.size))
         zone = self._zone() if self.tables.bonds.places.size else np.zeros(nodes.size, bool)
         for distance, weight in zip(self.tables.sweep.offsets, self.matrices, strict=True):
@@ -260,7 +257,7 @@ class Interpreter:
         engine, cuts = self.engine, self.tables.cuts
         size = engine.layout.size
         absent = np.isin(nodes * size + others, cuts.nodes * size + cuts.neighbours)
-        return np.asarray(~absent & (engine.exists[nodes] == engine.exists[others]))
+        return np.asarray(~absent & (engine.absent.exists[nodes] == engine.absent.exists[others]))
 
     def _moved(self, field: np.ndarray, offset: list[int], axis: int) -> np.ndarray:
         """The nodes' values of a field that is shifted plainly along the axes before this one."""

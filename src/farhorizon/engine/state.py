@@ -30,7 +30,7 @@ class State:
     def __init__(self, engine: Engine) -> None:
         self.engine = engine
         nodes = engine.layout.box.node_indices().ravel()
-        self._nodes = engine.all_components(nodes[engine.exists[nodes]])
+        self._nodes = engine.all_components(nodes[engine.absent.exists[nodes]])
         self._memory = np.concatenate([np.zeros(0, np.int64), *(cells.ravel() for _, cells in engine.layer_memory)])
         poles = engine.ends.poles
         self._modes = np.nonzero(np.concatenate([poles.any(1)] * 2, axis=1))

@@ -496,7 +496,7 @@ class PointCut(Cut):
     >>> import farhorizon as fh
     >>> bar = fh.Lattice(1.0, -9, 9)
     >>> sim = fh.Simulation(bar, fh.Wave(fh.Kernel(2.0)), cracks=[fh.PointCut(0.5)])
-    >>> sim.engine.absent_bonds  # three bonds, of both ends
+    >>> sim.engine.absent.count  # three bonds, of both ends
     6
     """
 
@@ -541,7 +541,7 @@ class Polyline(Cut):
     >>> import farhorizon as fh
     >>> kinked = fh.Polyline([(-3.0, 0.5), (0.0, 0.5), (3.0, 2.5)])
     >>> lattice = fh.Lattice(1.0, (-9.0, -9.0), (9.0, 9.0))
-    >>> fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), cracks=[kinked]).engine.absent_bonds > 0
+    >>> fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), cracks=[kinked]).engine.absent.count > 0
     True
     """
 
@@ -644,7 +644,7 @@ class Rectangle(Cut):
     >>> import farhorizon as fh
     >>> cut = fh.Rectangle(corner=(-2.0, -2.0, 0.5), edge1=(4.0, 0.0, 0.0), edge2=(0.0, 4.0, 0.0))
     >>> lattice = fh.Lattice(1.0, (-4.0,) * 3, (4.0,) * 3)
-    >>> fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), fh.Fixed(), cracks=[cut]).engine.absent_bonds
+    >>> fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), fh.Fixed(), cracks=[cut]).engine.absent.count
     210
     """
 
@@ -713,7 +713,7 @@ class DiscCut(Cut):
     >>> import farhorizon as fh
     >>> penny = fh.DiscCut(centre=(0.0, 0.0, 0.5), normal=(0.0, 0.0, 1.0), radius=2.0)
     >>> lattice = fh.Lattice(1.0, (-4.0,) * 3, (4.0,) * 3)
-    >>> fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), fh.Fixed(), cracks=[penny]).engine.absent_bonds
+    >>> fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), fh.Fixed(), cracks=[penny]).engine.absent.count
     122
     """
 
@@ -762,7 +762,7 @@ class PolygonCut(Cut):
     >>> import farhorizon as fh
     >>> fault = fh.PolygonCut([(-2.0, -2.0, 0.5), (2.0, -2.0, 0.5), (2.0, 2.0, 0.5), (-2.0, 2.0, 0.5)])
     >>> lattice = fh.Lattice(1.0, (-4.0,) * 3, (4.0,) * 3)
-    >>> fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), fh.Fixed(), cracks=[fault]).engine.absent_bonds
+    >>> fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), fh.Fixed(), cracks=[fault]).engine.absent.count
     210
     """
 

@@ -35,7 +35,7 @@ class Crack:
     >>> weak = fh.Crack([(-3.0, 0.5), (3.0, 0.5)], factor=0.2)  # bonds across it keep a fifth
     >>> lattice = fh.Lattice(1.0, (-9.0, -9.0), (9.0, 9.0))
     >>> sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), cracks=[weak])
-    >>> sim.engine.absent_bonds > 0
+    >>> sim.engine.absent.count > 0
     True
     """
 

@@ -118,7 +118,7 @@ class Books:
             flows = (where[flat] == 0) & (where[other] != 0)
             found.append((where[other[flows]] - 1, flat[flows], other[flows], np.full(int(flows.sum()), weight)))
         books, nodes, neighbours, weights = (np.concatenate([f[i] for f in found]) for i in range(4))
-        weights = weights - engine.lost(nodes, neighbours, weights)
+        weights = weights - engine.absent.lost(nodes, neighbours, weights)
         for number, leak in near.conditions.leaks:
             lossy = np.flatnonzero((leak > 0) & self._free)
             books = np.append(books, np.full(lossy.size, number))

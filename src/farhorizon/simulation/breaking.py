@@ -65,12 +65,12 @@ class Breaking:
         law, spacing, stretch = self.law, self.near.lattice.spacing, self.critical_stretch
         limit = stretch * (2 + stretch) if law.nonlinear else 2 * stretch
         stiffness = law.bond_stiffness(self.near.stencil, spacing) / law.density
-        self.grid.engine.set_bonds(stiffness, spacing, self.zone, law.nonlinear, limit)
+        self.grid.engine.bonds.set(stiffness, spacing, self.zone, law.nonlinear, limit)
         self.cuts.cut(())
 
     def left(self) -> np.ndarray:
         """Bonds of each node of the near field that are there; shape of the lattice."""
-        return self.grid.engine.alive[self.grid.near].reshape(self.near.lattice.shape)
+        return self.grid.engine.bonds.left[self.grid.near].reshape(self.near.lattice.shape)
 
     @property
     def damage(self) -> np.ndarray:
@@ -95,7 +95,7 @@ class Breaking:
         whole = np.zeros((3, 2), bool)
         for (axis, side), boundary in self.sides.items():
             whole[lead + axis, int(side > 0)] = boundary.held is not None
-        return self.mass * self.grid.engine.bond_energy(
+        return self.mass * self.grid.engine.bonds.energy(
             tuple(first), tuple(f + n for f, n in zip(first, box, strict=True)), nodes, whole
         )
 
@@ -113,10 +113,10 @@ class Breaking:
             tuple(slice(a, b) for a, b in zip(low, high, strict=True)),
             engine.core.node_indices()[part].reshape(lattice.shape),
             near.stencil.offsets,
-            engine.present_bonds(part).reshape(-1, *lattice.shape),
+            engine.bonds.present(part).reshape(-1, *lattice.shape),
             engine.offsets @ np.array(engine.core.stride),
             lattice.spacing * near.stencil.offsets,
-            engine.bond_limit,
+            engine.bonds.limit,
             law.nonlinear,
             max(1, int(crossing / near.dt)),
         )
@@ -136,7 +136,7 @@ class Breaking:
         limit, near = self.critical_stretch, self.near
         if not np.isfinite(limit):
             return
-        strain = self.grid.engine.largest_strain()
+        strain = self.grid.engine.bonds.largest_strain()
         stretch = float(np.sqrt(1 + strain) - 1 if self.law.nonlinear else strain / 2)
         if stretch > limit:
             raise InputError(

@@ -63,7 +63,7 @@ def state_of(parts: Parts, books: Books | None) -> tuple[Arrays, dict[str, Any]]
     if parts.ends is not None:
         more, meta["exact"] = parts.ends.save()
         arrays |= more
-    arrays |= engine.bond_state
+    arrays |= engine.bonds.state
     if parts.phases is not None:
         arrays["dissolved"] = np.ascontiguousarray(engine.dissolved[parts.grid.near])
     if parts.closure is not None:
@@ -91,7 +91,7 @@ def take_state(parts: Parts, arrays: Arrays, meta: dict[str, Any], step: int) ->
 def take_rest(parts: Parts, books: Books | None, arrays: Arrays, meta: dict[str, Any]) -> None:
     """What `take_state` leaves out, once the cracks are open."""
     engine = parts.grid.engine
-    for name, array in engine.bond_state.items():
+    for name, array in engine.bonds.state.items():
         array[...] = arrays[name]
     if books is not None:
         engine.flows[...], books.powers[...] = arrays["flows"], arrays["powers"]

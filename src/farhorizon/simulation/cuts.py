@@ -81,7 +81,9 @@ class Cuts:
         nodes, neighbours, weights = nodes[order], neighbours[order], weights[order]
         _, first = np.unique(nodes * engine.layout.size + neighbours, return_index=True)
         bare = self.free_rim or not all(b.bonded for b in self.around.sides.values())
-        engine.set_cuts(nodes[first], neighbours[first], weights[first], self.existing(self.free_rim) if bare else None)
+        engine.absent.set(
+            nodes[first], neighbours[first], weights[first], self.existing(self.free_rim) if bare else None
+        )
 
     def existing(self, body: bool) -> np.ndarray:
         """True where a node of the medium is, False beyond free sides and, if wanted, outside the body; over a

@@ -30,7 +30,7 @@ def energies(
             "kinetic": float(mass * 0.5 * (kinetic**2).sum()),
             "strain": breaking.strain_energy(),
             "work": mass * engine.work,
-            "broken": mass * engine.broken[0],
+            "broken": mass * engine.bonds.broken[0],
         }
     engine.complete(engine.current)
     u, old = engine.current.astype(float), engine.older.astype(float)
@@ -55,7 +55,7 @@ def _strain(near: NearField, sides: Sides, grid: Grid, u: np.ndarray, old: np.nd
         total += apply((each[number] * ago).ravel()).reshape(each.shape)[number]
     at_rest = grid.keyed({key: 0.0 for key, b in sides.items() if b.held == near.background})
     if at_rest:  # the other half of the bonds to sides where u is zero
-        there = engine.spread(np.ones(engine.core.nodes), at_rest) * engine.exists
+        there = engine.spread(np.ones(engine.core.nodes), at_rest) * engine.absent.exists
         for unit, before in zip(np.eye(engine.components), ago, strict=True):
             strain -= (each * before * apply(np.multiply.outer(unit, there).ravel()).reshape(each.shape)).ravel()
     return strain

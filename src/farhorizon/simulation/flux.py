@@ -13,6 +13,7 @@ from collections.abc import Callable
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.engine.bonds import factors_of
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.simulation.grid import Grid
@@ -146,7 +147,8 @@ def flux_tables(near: NearField, grid: Grid, phases: Phases | None) -> tuple[np.
     def factor(number: int) -> np.ndarray:
         other = nodes + int(engine.offsets[number] @ np.array(engine.core.stride))
         weight = engine.weights[number]
-        left = engine.bond_factors(nodes, other) * (1 - engine.lost(nodes, other, weight) / weight)
+        missing = engine.absent.lost(nodes, other, weight) / weight
+        left = factors_of(engine.tables.material, nodes, other) * (1 - missing)
         return np.where(inside[other] & (left > 1e-12), left, 0.0).reshape(near.lattice.shape)
 
     return u, stencil.offsets, stencil.weights * near.model.coefficient / near.model.source_factor, factor

@@ -53,7 +53,7 @@ class March:
         self.books: Books | None = None
         self._opened = len(setup.cracks)
         self.open_cracks(0)
-        self.first_cuts = int(grid.engine.absent_bonds)
+        self.first_cuts = int(grid.engine.absent.count)
         held = [abs(b.held - near.background) for b in sides.values() if b.held is not None]
         largest = float(np.abs(start.u).max()), float(np.abs(start.v).max()) * near.dt
         self.feed = Feed(near, grid, parts.driving, parts.phases, max([*largest, 1e-300, *held]))
@@ -104,7 +104,7 @@ class March:
             breaking.begin()
         self.parts.cuts.cut(due)
         if breaking is not None and stored:
-            engine.book_cut((stored - breaking.strain_energy()) / breaking.mass)
+            engine.bonds.count_cut((stored - breaking.strain_energy()) / breaking.mass)
         self._opened = len(due)
         if self.books is not None and step:
             self.books.reopen()

@@ -311,7 +311,7 @@ class Simulation(Run):
     @property
     def broken_bonds(self) -> int:
         """Bonds that have broken since the start."""
-        return self.engine.broken[1]
+        return self.engine.bonds.broken[1]
 
     def balance(self) -> dict[str, float]:
         """What the near field has gained since the start, and from where, for simulations with ``balance=True``.

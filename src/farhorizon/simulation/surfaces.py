@@ -78,7 +78,7 @@ def rest_and_damp(near: NearField, around: Surroundings, cuts: Cuts, fixed_rim: 
         Places in a level that never move, of all components.
     """
     grid, engine = cuts.grid, cuts.grid.engine
-    held = engine.outside
+    held = engine.absent.outside
     if fixed_rim:
         exists = cuts.existing(True)
         nodes = engine.layout.box.node_indices()

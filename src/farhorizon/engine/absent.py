@@ -1,0 +1,127 @@
+"""Bonds that are absent, and places without a node: their tables, and what is missing because of them.
+
+See `farhorizon.engine.surface` for nodes at the edge of a body.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from farhorizon.engine.bond_zone import BondZone
+from farhorizon.engine.bonds import PHASES, factors_of
+from farhorizon.engine.field import Field
+from farhorizon.engine.filter import damped_nodes
+from farhorizon.engine.surface import bare_bonds, shared_rows
+from farhorizon.engine.tables import Cuts, Surface
+
+
+class AbsentBonds:
+    """What an engine's medium lacks.
+
+    Parameters
+    ----------
+    engine : Field
+    bonds : BondZone
+
+    Attributes
+    ----------
+    count : int
+        Bonds that are absent, counted from each end that is a node of a level.
+    exists : ndarray of bool, shape (places,)
+        Where nodes are.
+    outside : ndarray of int
+        Places in a level, of the first component, of nodes that do not exist but have bonds to some that do: they
+        must be held at zero.
+    """
+
+    def __init__(self, engine: Field, bonds: BondZone) -> None:
+        self.engine, self.bonds = engine, bonds
+        none = np.zeros(0, np.int64)
+        self.set(none, none, np.zeros((0, *engine.weights.shape[1:])))
+
+    def set(
+        self, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray, exists: np.ndarray | None = None
+    ) -> None:
+        """Bonds that are absent.
+
+        Parameters
+        ----------
+        nodes, neighbours : ndarray of int, shape (bonds,)
+            Node in a level and its neighbour's place (of the first component); one row a direction.
+        weights : ndarray, shape (bonds,) or (bonds, d, d)
+            What is taken away, without coefficients.
+        exists : ndarray of bool, shape (places,), optional
+            Where nodes are, everywhere unless given. No bond leads from or to a place without a node, where all levels
+            must hold zero: they do beyond the core and the layers, and the nodes `outside` must be kept so.
+        """
+        engine = self.engine
+        self.exists = np.ones(engine.layout.size, bool) if exists is None else exists
+        kept = self.exists[nodes] & self.exists[neighbours]
+        nodes, neighbours, weights = nodes[kept], neighbours[kept], weights[kept]
+        self.count = len(nodes)
+        self._open_surface()
+        swept = self.bonds.clear(nodes, neighbours) if self.bonds else np.zeros(len(nodes), bool)
+        nodes, neighbours, weights = (
+            nodes[~swept].astype(np.int64),
+            neighbours[~swept].astype(np.int64),
+            weights[~swept],
+        )
+        order = np.lexsort((neighbours, nodes))
+        nodes, neighbours, weights = nodes[order], neighbours[order], weights[order]
+        engine.replace(
+            cuts=Cuts(nodes, neighbours, weights.astype(engine.dtype).ravel()),
+            layers=engine.layer_tables.cut(nodes, neighbours, weights),
+        )
+
+    def _open_surface(self) -> None:
+        """Tables of the nodes with bonds to places without a node (see `engine.surface`), and the nodes `outside`."""
+        engine, exists, box = self.engine, self.exists, self.engine.layout.box
+        at: tuple[np.ndarray, ...] = (np.zeros(0, np.int64),) * 3
+        bare = np.zeros((len(engine.offsets), 0), bool)
+        if not exists.all():
+            engine.levels.reshape(len(engine.levels), engine.components, -1)[..., ~exists] = 0
+            # nothing passes the layers' filter from or to there
+            found = engine.tables.filter
+            found.strengths[np.flatnonzero(~exists[damped_nodes(found.runs)])] = 0
+            at, bare = bare_bonds(box, engine.offsets, exists)
+        flat = np.asarray(box.origin + sum(i * s for i, s in zip(at, box.stride, strict=True)))
+        self.count += int(bare.sum())
+        self.outside = flat[~exists[flat]]
+        kept = exists[flat]
+        if self.bonds:
+            self.bonds.clear_bits(flat, bare)
+            kept &= ~self.bonds.contains(np.stack(at, axis=1))
+        first, second, third = (i[kept] for i in at)
+        order = np.lexsort((third, second, first))
+        counts = np.bincount(first * box.nodes[1] + second, minlength=box.nodes[0] * box.nodes[1])
+        weights = self._weights_of(flat[kept], bare[:, kept])[order].astype(engine.dtype)
+        weights = weights.reshape(-1, engine.components**2)
+        engine.replace(surface=Surface(*shared_rows(np.cumsum(np.append(0, counts)), third[order], weights)))
+
+    def _weights_of(self, nodes: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+        """Sum of the weights of the `chosen` bonds, shape (K, S), of nodes; shape (S,) or (S, d, d).
+
+        With coefficients, but for those of phases, which change.
+        """
+        engine = self.engine
+        material = engine.tables.material
+        total = np.zeros((len(nodes), *engine.weights.shape[1:]))
+        for offset, weight, which in zip(engine.offsets, engine.weights, chosen, strict=True):
+            mine = nodes[which]
+            other = mine + int(offset @ np.array(engine.layout.box.stride))
+            factors = np.ones(len(mine)) if material.rule == PHASES else factors_of(material, mine, other)
+            total[which] += np.multiply.outer(factors, weight)
+        return total
+
+    def lost(self, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray | float) -> np.ndarray:
+        """What is absent of the `weights` of bonds of the core (places), whatever the coefficients."""
+        cut_nodes, cut_neighbours, cut_weights = self.engine.tables.cuts
+        size = self.engine.layout.size
+        keys = cut_nodes * size + cut_neighbours
+        cut = np.zeros(len(nodes))
+        if keys.size:
+            order = np.argsort(keys)
+            wanted = nodes * size + neighbours
+            at = np.minimum(np.searchsorted(keys[order], wanted), keys.size - 1)
+            cut = np.where(keys[order][at] == wanted, cut_weights[order][at].astype(float), 0.0)
+        return np.where(self.exists[nodes] == self.exists[neighbours], cut, weights)

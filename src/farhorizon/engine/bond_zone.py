@@ -1,0 +1,201 @@
+"""Bonds of a field that follow a law of their own stretch and may break: their tables, and what can be said of them.
+
+See `farhorizon.engine.bonds` for the kernels.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from farhorizon.engine import bonds as laws
+from farhorizon.engine.bonds import DAMAGED, END, FIRST, PLAIN, RULES, Bonds, Zone, all_bits, factors_of
+from farhorizon.engine.field import Field
+from farhorizon.engine.rows.bond_sweeps import LANES, ROWS
+from farhorizon.engine.rows.build import load_bonds
+
+_SET_BITS = np.array([number.bit_count() for number in range(256)], np.uint8)
+
+
+class BondZone:
+    """The zone of an engine where bonds follow a law of their own; there is none until it is `set`.
+
+    Parameters
+    ----------
+    engine : Field
+    """
+
+    def __init__(self, engine: Field) -> None:
+        self.engine = engine
+
+    @property
+    def table(self) -> Bonds:
+        """What the compiled loop knows of the bonds."""
+        return self.engine.tables.bonds
+
+    def set(self, stiffness: np.ndarray, spacing: float, zone: Zone, nonlinear: bool, limit: float) -> None:
+        """Lay the zone out: bonds follow a law of their own stretch and may break where both ends lie in it.
+
+        Parameters
+        ----------
+        stiffness : ndarray, shape (K,)
+            Force on a unit of mass over elongation, of each offset, without coefficients.
+        spacing : float
+            Of the nodes, in the unit of the field.
+        zone : Zone
+            Of the core.
+        nonlinear : bool
+        limit : float
+            Largest ``|xi + eta|^2 / |xi|^2 - 1`` of a bond (linearised: ``2 xi . eta / |xi|^2``) that does not break;
+            may be infinite.
+        """
+        engine = self.engine
+        block, components, high = engine.layout.box, engine.components, ROWS[engine.components]
+        xi = spacing * engine.offsets[:, 3 - components :].astype(float)
+        scaled = engine.stages.numbers[0][2] * np.asarray(stiffness)
+        table = np.column_stack([xi, 1 / (xi**2).sum(1), scaled]).astype(engine.dtype)
+        places = np.column_stack([self.engine.offsets @ np.array(block.stride), self.engine.offsets]).astype(np.int64)
+        alive = np.zeros(
+            (len(all_bits(len(places))), block.origin + block.nodes[0] * block.stride[0] + LANES), np.uint64
+        )
+        alive[:, block.node_indices()] = all_bits(len(places))[:, None, None, None]
+        zone = zone.moved(self.engine.layout.low)
+        rows = block.nodes[0], -(-block.nodes[1] // high)
+        kinds = np.zeros((*rows, -(-(zone.end[2] - zone.first[2]) // LANES)), np.uint8)
+        rule = RULES[self.engine.tables.material.rule] if self.engine.tables.material.coefficient.size > 1 else None
+        functions = np.array(load_bonds(components, nonlinear, self.engine.dtype.name, rule), np.int64)
+        limits = np.array([limit, (limit / 2 * spacing) ** 2], self.engine.dtype)
+        at = zone.table(self.engine.layout.reach)
+        broken = np.zeros((*rows, 2))
+        engine.replace(bonds=Bonds(functions, table, places, alive, kinds, at, limits, nonlinear, broken))
+        engine.sweep_in_pieces(laws.PIECE_ROWS)
+        self._find_kinds()
+
+    @property
+    def nonlinear(self) -> bool:
+        """Whether the law of the bonds is."""
+        return self.table.nonlinear
+
+    def __bool__(self) -> bool:
+        """Whether there is one."""
+        return len(self.table.places) > 0
+
+    def clear(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
+        """Clear the bits of bonds of the core; says which of them have their node in the zone, where bits alone
+        count."""
+        block, places = self.engine.layout.box, self.table.places
+        number = np.full(self.table.alive.shape[1], -1)
+        number[block.node_indices().ravel()] = np.arange(int(np.prod(block.nodes)))
+        mine = np.flatnonzero((nodes < len(number)) & (neighbours < self.engine.layout.size))
+        mine = mine[number[nodes[mine]] >= 0]
+        order = np.argsort(places[:, 0])
+        bond = order[np.searchsorted(places[order, 0], neighbours[mine] - nodes[mine])]
+        np.bitwise_and.at(self.table.alive, (bond >> 6, nodes[mine]), ~(np.uint64(1) << (bond & 63).astype(np.uint64)))
+        self._find_kinds()
+        swept = np.zeros(len(nodes), bool)
+        swept[mine] = self.contains(np.stack(np.unravel_index(number[nodes[mine]], block.nodes), axis=1))
+        return swept
+
+    def clear_bits(self, nodes: np.ndarray, gone: np.ndarray) -> None:
+        """Clear the bits of the bonds of nodes of the core that are `gone`, shape (K, nodes)."""
+        for bond, which in enumerate(gone):
+            self.table.alive[bond >> 6, nodes[which]] &= ~(np.uint64(1) << np.uint64(bond & 63))
+
+    def contains(self, at: np.ndarray) -> np.ndarray:
+        """Which nodes of the core, shape (N, 3), are in the zone of bonds with their own law: bits alone count
+        there."""
+        zone = self.table.zone
+        return np.asarray(((at >= zone[FIRST:END]) & (at < zone[END:])).all(1))
+
+    def _find_kinds(self) -> None:
+        """Which tiles of the zone are plain: all bonds there, and none leaves the box where bonds follow the law."""
+        block, high, kinds, zone = (
+            self.engine.layout.box,
+            ROWS[self.engine.components],
+            self.table.kinds,
+            self.table.zone,
+        )
+        full = all_bits(len(self.table.places))[:, None, None, None]
+        damaged = (self.table.alive[:, block.node_indices()] != full).any(0)
+        for axis, m in enumerate(self.engine.layout.reach):
+            i = np.arange(block.nodes[axis])
+            damaged |= ((i - m < zone[axis]) | (i + m >= zone[axis] + zone[3 + axis])).reshape(
+                [-1 if a == axis else 1 for a in range(3)]
+            )
+        first, end = zone[FIRST:END], zone[END:]
+        damaged[:, : first[1]] = damaged[:, end[1] :] = False  # rows of tiles that are not in the zone
+        damaged = damaged[:, :, first[2] : end[2]]
+        missing = [
+            (0, count * size - n) for n, count, size in zip(damaged.shape, kinds.shape, (1, high, LANES), strict=True)
+        ]
+        tiles = np.pad(damaged, missing).reshape(kinds.shape[0], kinds.shape[1], high, kinds.shape[2], LANES)
+        kinds[...] = np.where(tiles.any((2, 4)), DAMAGED, PLAIN)
+
+    @property
+    def left(self) -> np.ndarray:
+        """Bonds that are left of each node of the core."""
+        bits = np.ascontiguousarray(self.table.alive[:, self.engine.core.node_indices()])
+        return _SET_BITS[bits[..., None].view(np.uint8)].sum((0, -1), dtype=np.int64)
+
+    @property
+    def state(self) -> dict[str, np.ndarray]:
+        """What a checkpoint holds of the bonds: bits, kinds of tiles, and what has been added up of broken bonds and of
+        work; they share memory.
+        """
+        bonds = {"bonds": self.table.alive, "kinds": self.table.kinds, "broken": self.table.broken} if self else {}
+        work = self.engine.tables.work
+        return bonds | ({"work": work} if work.size else {})
+
+    @property
+    def broken(self) -> tuple[float, int]:
+        """Energy of the bonds when they broke, for a unit of mass a node, and their number."""
+        energy, count = self.table.broken.sum((0, 1))
+        return float(energy) / self.engine.stages.numbers[0][2], round(float(count))
+
+    def count_cut(self, energy: float) -> None:
+        """Add the energy, for a unit of mass a node, of bonds that were cut."""
+        self.table.broken[0, 0, 0] += energy * self.engine.stages.numbers[0][2]
+
+    def energy(self, first: tuple[int, ...], end: tuple[int, ...], nodes: np.ndarray, whole: np.ndarray) -> float:
+        """Energy of the bonds of some nodes from the elongations now and a step ago, for a unit of mass a node.
+
+        `nodes`, of the box from `first` to `end` of the core, says which; bonds to nodes beyond the box count half,
+        across sides that are `whole`, shape (3, 2), fully.
+        """
+        self.engine.complete(self.engine.current)
+        low = np.array(self.engine.layout.low)
+        bounds = np.array(first, np.int64) + low, np.array(end, np.int64) + low
+        total = laws.strain_energy(
+            self.engine.current,
+            self.engine.older,
+            self.engine.tables.sweep.block,
+            *bounds,
+            nodes,
+            whole,
+            self.engine.components,
+            self.engine.tables.material,
+            self.table,
+        )
+        return float(total) / self.engine.stages.numbers[0][2]
+
+    def largest_strain(self) -> float:
+        """Largest ``|xi + eta|^2 / |xi|^2 - 1`` (linearised: ``2 xi . eta / |xi|^2``) of the bonds that may break."""
+        self.engine.complete(self.engine.current)
+        return float(
+            laws.largest_strain(self.engine.current, self.engine.tables.sweep.block, self.engine.components, self.table)
+        )
+
+    def present(self, nodes: tuple[slice, ...]) -> np.ndarray:
+        """Bits of the bonds that are there and carry something, of the nodes in a part of the core; shape (words,
+        *part).
+        """
+        places = self.engine.core.node_indices()[nodes]
+        bits = self.table.alive[:, places]
+        for k, distance in enumerate(self.table.places[:, 0] if self.engine.varied else ()):
+            factors = factors_of(self.engine.tables.material, places.ravel(), places.ravel() + distance)
+            bits[k >> 6, (factors == 0).reshape(places.shape)] &= ~(np.uint64(1) << np.uint64(k & 63))
+        return bits
+
+    @property
+    def limit(self) -> float:
+        """Largest e of a bond that does not break, see `set`."""
+        return float(self.table.limit[0])

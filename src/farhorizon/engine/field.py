@@ -1,0 +1,40 @@
+"""What the parts of an engine know of it."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from farhorizon.engine.layout import Block, Layout
+from farhorizon.engine.nested import LayerTables
+from farhorizon.engine.operations import Tables
+
+
+class Field(Protocol):
+    """Levels, tables and geometry; see `farhorizon.engine.engine.Engine`, whose constructor has its parameters."""
+
+    layout: Layout
+    core: Block
+    stages: Any
+    dt: float
+    reaction: float
+    dtype: np.dtype
+    components: int
+    threads: int
+    offsets: np.ndarray
+    weights: np.ndarray
+    layers: dict[tuple[int, int], Any]
+    layer_tables: LayerTables
+    levels: np.ndarray
+    tables: Tables
+
+    @property
+    def current(self) -> np.ndarray: ...
+    @property
+    def older(self) -> np.ndarray: ...
+    @property
+    def varied(self) -> bool: ...
+    def complete(self, level: np.ndarray) -> None: ...
+    def replace(self, **tables: Any) -> None: ...
+    def sweep_in_pieces(self, rows: int) -> None: ...

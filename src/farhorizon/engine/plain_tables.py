@@ -1,0 +1,100 @@
+"""The tables of the compiled loop for a medium without anything that may be set later."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from farhorizon.engine.bonds import no_bonds
+from farhorizon.engine.ends import ends_table
+from farhorizon.engine.field import Field
+from farhorizon.engine.filter import Filter, filter_tables
+from farhorizon.engine.fringe import no_fringe
+from farhorizon.engine.layout import aligned_zeros
+from farhorizon.engine.operations import Tables
+from farhorizon.engine.phases import one_phase
+from farhorizon.engine.rows.choose import compiled_rows
+from farhorizon.engine.tables import Cuts, Damping, Dependents, Material, Surface, Sweep, no_flows
+
+_SECOND_CACHE = 600_000  # bytes of the second cache that a part of the box may take
+
+
+def first_tables(engine: Field, heterogeneous: bool, rule: int) -> Tables:
+    """Those of a medium without anything that may be set later."""
+    none, nothing, one = np.zeros(0, np.int64), np.zeros(0, engine.dtype), engine.dtype.type(1)
+    numbers = [numbers_of(engine, *stage) for stage in engine.stages.numbers]
+    return Tables(
+        operations=np.zeros((0, 2), np.int64),
+        starts=np.zeros(len(numbers) + 1, np.int64),
+        rotation=np.array(engine.stages.rotation, np.int64),
+        numbers=np.array(numbers).astype(engine.dtype),
+        increments=engine.stages.increments,
+        components=engine.components,
+        sweep=_sweep(engine, heterogeneous),
+        layers=engine.layer_tables.layers,
+        work_space=aligned_zeros(engine.layer_tables.scratch, engine.dtype, engine.threads),
+        copies=engine.layout.copies(),
+        material=Material(np.ones(1, engine.dtype), rule, one, engine.dtype.type(np.inf)),
+        cuts=Cuts(none, none, nothing),
+        surface=Surface(np.zeros((0, 2), np.int64), np.zeros((0, 3), np.int64), np.zeros((1, 0), engine.dtype)),
+        phases=one_phase(),
+        bonds=no_bonds(engine.dtype),
+        work=np.zeros(0),
+        damping=Damping(none, nothing, nothing, nothing),
+        ends=ends_table(np.zeros((0, 0), np.int64), 1.0),
+        dependents=Dependents(none, np.zeros(1, np.int64), none, nothing),
+        flows=no_flows(len(numbers), engine.dtype),
+        fringe=no_fringe(),
+        filter=_filter(engine),
+    )
+
+
+def _sweep(engine: Field, heterogeneous: bool) -> Sweep:
+    function, row = (
+        (0, np.zeros(1))
+        if heterogeneous
+        else compiled_rows(engine.offsets, engine.weights, engine.dtype.name, engine.stages.increments)
+    )
+    scale = np.array([n[2] for n in engine.stages.numbers])
+    return Sweep(
+        engine.layout.table(),
+        function,
+        _depth(engine),
+        (scale[:, None] * row).astype(engine.dtype),
+        engine.offsets @ np.array(engine.layout.box.stride),
+        (scale[:, None] * engine.weights.ravel()).astype(engine.dtype),
+        np.array(engine.layout.reach),
+    )
+
+
+def numbers_of(engine: Field, a: float, b: float, scale: float, source_scale: float) -> tuple[float, ...]:
+    """The numbers of a stage as the sweeps take them: how much of a node's own value beside the rows' weights and
+    beside differences, and the rest. Rows of increments are differences, and leave out the value that stays.
+    """
+    increments = engine.stages.increments
+    own = a - float(increments) - scale * engine.reaction
+    rows = -float(engine.weights.sum()) if engine.components == 1 and not increments else 0.0
+    return own + scale * rows, own, b, scale, source_scale
+
+
+def _depth(engine: Field) -> int:
+    """Rows to sweep at a time: few enough that each thread gets some and that, in 3D, the planes they read stay in
+    the second cache.
+    """
+    box, reach = engine.layout.box, engine.layout.reach
+    rows, planes = box.nodes[1], 2 * reach[0] + 1
+    most = min(64, -(-box.nodes[0] * rows // (8 * engine.threads)))
+    if planes > 1:
+        most = min(
+            most, _SECOND_CACHE // (engine.components * box.stride[1] * engine.dtype.itemsize * planes) - 2 * reach[0]
+        )
+    return -(-rows // -(-rows // max(most, 8)))
+
+
+def _filter(engine: Field) -> Filter:
+    """What damps short waves in the layers; all layers share the longest filter, and what it is applied to."""
+    layers = engine.layers.values()
+    taps = max((layer.taps for layer in layers), key=len, default=np.zeros(1))
+    rates = {
+        name: layer.damping if layer.damping.size else np.zeros(layer.columns) for name, layer in engine.layers.items()
+    }
+    return filter_tables(engine.layout, rates, taps, engine.dt, engine.dtype, any(layer.whole for layer in layers))
