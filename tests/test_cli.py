@@ -482,3 +482,135 @@ def test_a_killed_run_of_a_breaking_body_goes_on(tmp_path, monkeypatch, capsys):
     said = capsys.readouterr().out
     assert all(word in said for word in ("stable limit", "memory", "stability", "steps to t = 90"))
     assert main(["check", str(BODY), "--tune"]) == 2
+
+
+def test_version(capsys):
+    import farhorizon
+
+    with pytest.raises(SystemExit) as end:
+        main(["--version"])
+    assert end.value.code == 0 and capsys.readouterr().out == f"farhorizon {farhorizon.__version__}\n"
+
+
+def test_quiet_leaves_errors_and_the_result(small, capsys):
+    """Nothing of it depends on whether anything is compiled, noted or estimated on the way."""
+    Path("small.toml").write_text(SMALL.replace("1-4*x**2)**2", "1-4*x**2)**2 + 1e-9*exp(-x**2/9)"))
+    assert main(["run", "small.toml", "--quiet"]) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith("results: small.h5") and out.count("\n") == 1 and err == ""
+    assert main(["run", "small.toml", "--force"]) == 0
+    assert "note: " in capsys.readouterr().err  # what is not said
+    assert main(["check", "small.toml", "--quiet"]) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith("small: ") and "certified" in out and out.count("\n") == 1 and err == ""
+    assert main(["compare", "small.toml", "--quiet", "--json", "errors.json"]) == 0
+    out, err = capsys.readouterr()
+    curve = json.loads(Path("errors.json").read_text())["lattice PML"]
+    assert out.count("\n") == 1 and "small: error of the lattice PML at most" in out and err == ""
+    told = float(out.split("at most ")[1].split()[0])
+    assert told == pytest.approx(max(curve["error_rel_initial"]), rel=0.05)
+    assert main(["run", "small.toml", "--force", "--quiet", "--set", "run.dt=5"]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.startswith("farhorizon: small.toml: run.dt") and err.count("\n") == 1
+
+
+def test_a_doubtful_result_is_told_to_those_who_want_quiet(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    crack = [  # through the side at which nothing can break
+        "crack[0].points=[[-2.0, 0.0], [11.0, 0.0]]",
+        "run.until=12",
+    ]
+    assert main(["new", "fracture", "-o", "f.toml"]) == 0
+    capsys.readouterr()
+    assert main(["run", "f.toml", "--quiet", *[word for change in crack for word in ("--set", change)]]) == 0
+    out, err = capsys.readouterr()
+    doubtful = open_results("f.h5").cautions
+    assert len(doubtful) == err.count("\n") == err.count("warning: not valid from t = ") and out.count("\n") == 1
+
+
+def test_set_changes_the_case_and_what_the_results_keep(small, capsys):
+    """And the advice of an interrupted run, so that it goes on with the same case."""
+    assert main(["run", "small.toml", "--set", "run.until=3.0", "--set", "model.speed=2", "--json", "run.json"]) == 0
+    assert json.loads(Path("run.json").read_text())["time"] >= 3
+    assert "speed = 2" in open_results("small.h5").case and "until = 3.0" in open_results("small.h5").case
+    assert main(["run", "small.toml", "--resume", "--until", "4"]) == 2
+    assert "another set-up" in capsys.readouterr().err
+    same = ["--set", "run.until=3.0", "--set", "model.speed=2"]
+    assert main(["run", "small.toml", "--resume", "--until", "4", *same]) == 0
+    capsys.readouterr()
+    for command in ("run", "check", "compare"):
+        assert main([command, "small.toml", "--set", "model.sped=2"]) == 2
+        assert "unknown key model.sped; did you mean 'speed'?" in capsys.readouterr().err
+    assert main(["check", "small.toml", "--set", "model.speed"]) == 2
+    assert "--set: give a key" in capsys.readouterr().err
+    assert main(["plot", "small.h5"]) == 0
+
+
+def test_an_interrupted_run_goes_on_with_its_changes(tmp_path):
+    said, code = stopped(tmp_path, signal.SIGINT, "--set", "model.damping=0.02", "--threads", "1", "--quiet")
+    assert code == 130
+    advice = shlex.split(said.strip().splitlines()[-1].split("go on with: ")[1])
+    words = ["--threads", "1", "--set", "model.damping=0.02", "--quiet"]
+    assert advice == ["farhorizon", "run", "long.toml", "--resume", *words]
+
+
+def test_threads(small, capsys, monkeypatch):
+    """Those of the case give way; more than there are, and less than one, are refused."""
+    import farhorizon.engine.engine as engine
+
+    monkeypatch.setattr("numba.config.NUMBA_NUM_THREADS", 2)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: {0, 1}, raising=False)
+    Path("small.toml").write_text(SMALL.replace("until = 2.0", "until = 2.0, threads = 2"))
+    seen = []
+    whole = engine.Engine.__init__
+
+    def look(self, *given, **named):
+        seen.append(named.get("threads"))
+        whole(self, *given, **named)
+
+    monkeypatch.setattr(engine.Engine, "__init__", look)
+    assert main(["run", "small.toml", "--threads", "1"]) == 0
+    assert seen and set(seen) == {1}
+    for wrong in ("0", "3", "-1"):
+        assert main(["run", "small.toml", "--threads", wrong, "--force"]) == 2
+        assert "threads" in capsys.readouterr().err
+    capsys.readouterr()
+    assert main(["reproduce", "hermann2023-ex1", "--threads", "3"]) == 2
+    assert "threads" in capsys.readouterr().err
+    with engine.at_most(1):
+        assert engine.available_threads() == 1
+    assert engine.available_threads() == 2
+
+
+def test_new_writes_a_case_and_overwrites_nothing(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["new"]) == 0
+    kinds = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
+    assert kinds == ["wave", "elastic", "fracture", "diffusion", "heat", "corrosion", "exact-bar"]
+    assert main(["new", "heat"]) == 0
+    text = capsys.readouterr().out
+    Path("there.toml").write_text("mine")
+    assert main(["new", "heat", "-o", "there.toml"]) == 2
+    assert "--force" in capsys.readouterr().err and Path("there.toml").read_text() == "mine"
+    assert main(["new", "heat", "-o", "there.toml", "--force"]) == 0
+    assert Path("there.toml").read_text() == text
+    assert main(["new", "haet"]) == 2
+    assert "did you mean 'heat'?" in capsys.readouterr().err
+    assert main(["new", "heat", "-o", "none/x.toml"]) == 2
+    assert capsys.readouterr().err.startswith("farhorizon: No such file or directory: none/x.toml")
+
+
+def test_keys_are_explained_at_the_prompt(capsys):
+    assert main(["keys", "model.kernel"]) == 0
+    assert "horizon" in capsys.readouterr().out
+    assert main(["keys", "model.kernl"]) == 2
+    assert "did you mean model.kernel" in capsys.readouterr().err
+
+
+def test_shells_complete_commands(tmp_path):
+    """As bash asks: the answer comes on file descriptor 8."""
+    pytest.importorskip("argcomplete")
+    asked = {"_ARGCOMPLETE": "1", "COMP_LINE": "farhorizon ch", "COMP_POINT": "13", "_ARGCOMPLETE_IFS": "\n"}
+    script = f"exec 8>answer; {sys.executable} -m farhorizon"
+    subprocess.run(["bash", "-c", script], cwd=tmp_path, env={**os.environ, **asked}, check=True)
+    assert (tmp_path / "answer").read_text().split() == ["check"]

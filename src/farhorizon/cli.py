@@ -1,4 +1,4 @@
-"""The command line: run, check, compare, plot, reproduce, demo, info."""
+"""The command line: new, keys, run, check, compare, plot, reproduce, demo, info."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import sys
 import time
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -41,10 +41,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command line, by default that of the process; returns the exit code."""
     try:
         options = _parser().parse_args(arguments)
+        options.output, options.errors = sys.stdout, sys.stderr
         import farhorizon.case.case  # noqa: F401
 
         _check_json(getattr(options, "json", None))
-        code = int(options.command(options) or GOOD)
+        with _silence() if getattr(options, "quiet", False) else nullcontext():
+            code = int(options.command(options) or GOOD)
         sys.stdout.flush()  # here a full disk can still be told
         return code
     except KeyboardInterrupt:  # first: it comes while the names of other errors are imported, too
@@ -52,6 +54,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return INTERRUPTED
     except Exception as error:
         return _tell(error)
+
+
+@contextmanager
+def _silence() -> Iterator[None]:
+    """Within it nobody hears what is printed, but for what goes to `options.output` and `options.errors`: the result
+    and errors.
+    """
+    with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
+        yield
 
 
 def _tell(error: Exception) -> int:
@@ -91,15 +102,25 @@ def _let_go_of_stdout() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
+class _Version(argparse.Action):
+    """Prints the version; it is looked up only then."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *given: Any) -> NoReturn:
+        import farhorizon
+
+        print(f"farhorizon {farhorizon.__version__}")
+        parser.exit()
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="farhorizon",
         description="Waves, diffusion, heat and corrosion in an unbounded peridynamic or classical medium, computed "
         "on a small grid.",
-        epilog="Start with 'farhorizon demo', then 'farhorizon run CASE.toml'. Exit code: 0 good, 1 run failed, 2 bad "
-        "input, "
-        "130 interrupted (Ctrl-C), 143 terminated.",
+        epilog="Start with 'farhorizon demo'; then 'farhorizon new wave -o my.toml' and 'farhorizon run my.toml'. Exit "
+        "code: 0 good, 1 run failed, 2 bad input, 130 interrupted (Ctrl-C), 143 terminated.",
     )
+    parser.add_argument("--version", action=_Version, nargs=0, help="print the version")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
     def add(name: str, function: Any, text: str) -> argparse.ArgumentParser:
@@ -107,6 +128,12 @@ def _parser() -> argparse.ArgumentParser:
         sub.set_defaults(command=function)
         return sub
 
+    new = add("new", _new, "write a commented case to start from; without a kind, list them")
+    new.add_argument("kind", nargs="?", metavar="KIND", help="what it is about, such as wave")
+    new.add_argument("-o", "--out", metavar="FILE", help="the file (default: print it)")
+    new.add_argument("--force", action="store_true", help="overwrite the file")
+    keys = add("keys", _keys, "explain the keys of a case file, such as model.kernel; without one, list the tables")
+    keys.add_argument("prefix", nargs="?", default="", metavar="KEY", help="a key with dots, or the first part of one")
     run = add("run", _run, "run a case: writes NAME.h5 (opens in ParaView) and pictures in NAME/")
     run.add_argument("case", help="case file (TOML)")
     run.add_argument("--out", metavar="DIR", default=".", help="folder of the results (default: here)")
@@ -158,9 +185,29 @@ def _parser() -> argparse.ArgumentParser:
     )
     add("schema", _schema, "the JSON Schema of case files, with which editors complete and check them")
     add("info", _info, "versions, threads, caches")
+    for sub in (run, check, compare):
+        sub.add_argument(
+            "--set",
+            action="append",
+            default=[],
+            metavar="KEY=VALUE",
+            help="another value of a key of the case, such as model.speed=2.0; may be repeated",
+        )
     for sub in (run, check, compare, reproduce, demo):
         sub.add_argument("--json", metavar="FILE", help="write the figures as JSON too")
+        sub.add_argument("--threads", type=int, metavar="N", help="threads of the time loop (default: all there are)")
+        sub.add_argument("--quiet", action="store_true", help="print errors and the result only")
+    _offer_completion(parser)
     return parser
+
+
+def _offer_completion(parser: argparse.ArgumentParser) -> None:
+    """Answer the shell that asks what a command line may go on with, where argcomplete is installed."""
+    if "_ARGCOMPLETE" in os.environ:
+        with suppress(ImportError):
+            import argcomplete
+
+            argcomplete.autocomplete(parser)
 
 
 def _write_json(path: str | None, content: dict[str, Any]) -> None:
@@ -213,9 +260,23 @@ def _again(options: argparse.Namespace) -> str:
         ("--out", options.out, "."),
         ("--until", options.until, None),
         ("--json", options.json, None),
+        ("--threads", options.threads, None),
+        *(("--set", change, None) for change in options.set),
     ):
         words += [name, str(value)] if value != default else []
-    return shlex.join(words + ["--allow-unstable"] * options.allow_unstable)
+    return shlex.join(words + ["--allow-unstable"] * options.allow_unstable + ["--quiet"] * options.quiet)
+
+
+def _case(options: argparse.Namespace) -> Any:
+    """The case file with the changes of the command line."""
+    from farhorizon.case.case import Case
+    from farhorizon.case.changes import parsed
+
+    return Case.read(options.case, dict(map(parsed, options.set)) | _thread_change(options))
+
+
+def _thread_change(options: argparse.Namespace) -> dict[str, Any]:
+    return {} if options.threads is None else {"run.threads": options.threads}
 
 
 def _refuse_finished(result: Path, options: argparse.Namespace) -> None:
@@ -263,13 +324,12 @@ def _files(options: argparse.Namespace, case: Any) -> tuple[Path, Path]:
 def _run(options: argparse.Namespace) -> int:
     import numpy as np
 
-    from farhorizon.case.case import Case
     from farhorizon.errors import InputError
     from farhorizon.files.results import open_results
     from farhorizon.files.storage import locked, remove_leftovers
     from farhorizon.pictures.plot import plot_results
 
-    case = Case.read(options.case)
+    case = _case(options)
     until = case.parts.run.until if options.until is None else options.until
     if not (np.isfinite(until) and until > 0):
         raise InputError("the end of the run must be positive", value=until, key="--until")
@@ -297,9 +357,10 @@ def _run(options: argparse.Namespace) -> int:
             return code
         results = open_results(result)
         for caution in results.cautions:
-            print(f"warning: not valid from t = {caution.time:.6g} on: {caution.brief}", file=sys.stderr)
+            print(f"warning: not valid from t = {caution.time:.6g} on: {caution.brief}", file=options.errors)
         pictures = plot_results(results, folder / case.name, case.parts.output.pictures, _polylines(case))
-        print(f"results: {result} ({len(results.times)} outputs); pictures: {', '.join(str(p) for p in pictures)}")
+        named = ", ".join(map(str, pictures))
+        print(f"results: {result} ({len(results.times)} outputs); pictures: {named}", file=options.output)
         _write_json(
             options.json,
             {
@@ -398,15 +459,15 @@ def _compute(
     except KeyboardInterrupt:
         if len(came) == 1:  # it ended between two steps
             keep(sim)
-        print(f"\ninterrupted at t = {sim.time:g}; go on with: {_again(options)}", file=sys.stderr)
+        print(f"\ninterrupted at t = {sim.time:g}; go on with: {_again(options)}", file=options.errors)
         return writer, 128 + came[0] if came else INTERRUPTED
     except FarhorizonError:
-        print(f"the last good checkpoint is {checkpoint}", file=sys.stderr)
+        print(f"the last good checkpoint is {checkpoint}", file=options.errors)
         raise
     except OSError:
         print(
             f"the last good checkpoint is {checkpoint}; when files can be written again go on with: {_again(options)}",
-            file=sys.stderr,
+            file=options.errors,
         )
         raise
     keep(sim)
@@ -433,12 +494,11 @@ def _said_plainly() -> Iterator[None]:
 
 
 def _check(options: argparse.Namespace) -> int:
-    from farhorizon.case.case import Case
     from farhorizon.simulation.probes import Probes
 
     if options.out:
         _check_folder(options.out)
-    case = Case.read(options.case)
+    case = _case(options)
     sim = case.run()
     with case.naming():
         sim.prepare(case.parts.run.until)
@@ -464,8 +524,10 @@ def _check(options: argparse.Namespace) -> int:
         }
     _write_json(options.json, facts)
     if report.refused:
-        print("farhorizon: run refuses this case: it is not stable", file=sys.stderr)
+        print("farhorizon: run refuses this case: it is not stable", file=options.errors)
         return BAD_INPUT
+    if options.quiet:
+        print(f"{case.name}: {report.headline}", file=options.output)
     return GOOD
 
 
@@ -477,7 +539,7 @@ def _polylines(case: Any) -> list[Any]:
 
 
 def _compare_case(
-    case: Any, folder: Path, times: Sequence[float] | None, moment: float | None, json_file: str | None
+    options: argparse.Namespace, case: Any, folder: Path, times: Sequence[float] | None, moment: float | None
 ) -> None:
     from farhorizon.pictures.plot import error_history, field_panels, magnitude
     from farhorizon.studies.compare import compare
@@ -499,18 +561,18 @@ def _compare_case(
     curves = {name: (c["times"], c["error_rel_initial"]) for name, c in result.curves.items()}
     error_history(curves, history, f"max error / {result.scale}", "Error against the infinite medium")
     print(f"pictures: {picture}, {history}")
+    if options.quiet:
+        print(f"{case.name}: {result.headline}", file=options.output)
     curves_and_growth = {
         n: {**c, "growth_rate": result.growth[n]} if n in result.growth else c for n, c in result.curves.items()
     }
-    _write_json(json_file, curves_and_growth)
+    _write_json(options.json, curves_and_growth)
 
 
 def _compare(options: argparse.Namespace) -> int:
-    from farhorizon.case.case import Case
-
     _check_folder(options.out)
-    case = Case.read(options.case)
-    _compare_case(case, Path(options.out) / case.name, options.times, None, options.json)
+    case = _case(options)
+    _compare_case(options, case, Path(options.out) / case.name, options.times, None)
     return GOOD
 
 
@@ -533,13 +595,14 @@ def _plot(options: argparse.Namespace) -> int:
 
 
 def _reproduce(options: argparse.Namespace) -> int:
+    from farhorizon.engine.engine import at_most
     from farhorizon.papers.registry import find, reproductions, table
 
     if options.name is None:
         known = reproductions()
         width, longest = max(map(len, known)), max(len(entry.duration) for entry in known.values())
         for name, entry in known.items():
-            print(f"{name:{width}}  {entry.duration:{longest}}  {entry.title}")
+            print(f"{name:{width}}  {entry.duration:{longest}}  {entry.title}", file=options.output)
         _write_json(
             options.json,
             {
@@ -550,8 +613,9 @@ def _reproduce(options: argparse.Namespace) -> int:
         return GOOD
     entry = find(options.name)
     print(f"{entry.paper}\n{entry.name}: {entry.title}")
-    outcome = entry.run(_folder(options.out), options.full)
-    print(table(outcome))
+    with at_most(options.threads):
+        outcome = entry.run(_folder(options.out), options.full)
+    print(table(outcome), file=options.output)
     if outcome.pictures:
         print(f"pictures: {', '.join(str(p) for p in outcome.pictures)}")
     _write_json(options.json, entry.as_json(outcome))
@@ -564,12 +628,45 @@ def _demo(options: argparse.Namespace) -> int:
 
     from farhorizon.case.case import Case
 
-    case = Case(files("farhorizon.case").joinpath("demo.toml").read_text(encoding="utf-8"), "two_notches.toml")
+    text = files("farhorizon.case").joinpath("demo.toml").read_text(encoding="utf-8")
+    case = Case(text, "two_notches.toml", _thread_change(options))
     print("An infinite membrane with two notches, seen through a disc of radius 26 (example 3 of Hermann et al. 2023).")
     print(
         "Running it with the lattice PML, with a fixed and a free edge, and on a domain from which nothing returns ..."
     )
-    _compare_case(case, Path(options.out), None, 30.0, options.json)
+    _compare_case(options, case, Path(options.out), None, 30.0)
+    return GOOD
+
+
+def _new(options: argparse.Namespace) -> int:
+    from farhorizon.case.problems import nearest
+    from farhorizon.case.templates import KINDS, brief, template
+    from farhorizon.errors import InputError
+
+    if options.kind is None:
+        print("\n".join(f"{kind:12}{brief(kind)}" for kind in KINDS))
+        return GOOD
+    if options.kind not in KINDS:
+        raise InputError("no such kind of case", value=options.kind, key="new", remedy=nearest(options.kind, KINDS))
+    if options.out is None:
+        print(template(options.kind), end="")
+        return GOOD
+    path = Path(options.out)
+    try:
+        with path.open("w" if options.force else "x", encoding="utf-8") as file:
+            file.write(template(options.kind))
+    except FileExistsError:
+        raise InputError(f"{path} exists", key="--out", remedy="--force overwrites it") from None
+    print(f"{path}: farhorizon check {path} tells what is to be expected, farhorizon run {path} computes it")
+    return GOOD
+
+
+def _keys(options: argparse.Namespace) -> int:
+    from shutil import get_terminal_size
+
+    from farhorizon.case.keys import explain_keys
+
+    print(explain_keys(options.prefix, min(get_terminal_size().columns, 120)))
     return GOOD
 
 

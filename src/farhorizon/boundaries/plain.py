@@ -16,6 +16,7 @@ class Fixed(Side):
     Parameters
     ----------
     value : float
+        On every node beyond the side.
 
     Examples
     --------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from inspect import signature
@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from farhorizon import public as fh
+from farhorizon.case.changes import changed
 from farhorizon.case.problems import explain, nearest
 from farhorizon.case.schema import (
     BodyForcePart,
@@ -28,6 +29,7 @@ from farhorizon.case.schema import (
     side_kinds,
     under,
 )
+from farhorizon.case.toml import document
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.geometry.lattice import AXES
 from farhorizon.inputs.expressions import as_given, as_signal
@@ -48,6 +50,9 @@ class Case:
         TOML.
     path : Path or str
         Named in messages; its stem names the results.
+    changes : mapping of str to values, optional
+        What stands at dotted keys in place of what the text has ("model.speed"). `text` is then that of the changed
+        case.
 
     Raises
     ------
@@ -55,12 +60,16 @@ class Case:
         Anything wrong, with file, key, value, limit and remedy.
     """
 
-    def __init__(self, text: str, path: str | Path = "case.toml") -> None:
+    def __init__(self, text: str, path: str | Path = "case.toml", changes: Mapping[str, Any] | None = None) -> None:
         self.text, self.path = text, Path(path)
         try:
             data = tomllib.loads(text)
         except (ValueError, RecursionError) as error:  # of numbers and of nesting beyond what Python takes, too
             raise InputError(f"{self.path}: not valid TOML: {error}") from None
+        if changes:
+            with self.naming():
+                data = changed(data, changes)
+            self.text = document(data)
         try:
             self.parts = case_part().model_validate(data, context={"folder": self.path.parent})
         except ValidationError as error:
@@ -80,7 +89,7 @@ class Case:
             self._check_output()
 
     @classmethod
-    def read(cls, path: str | Path) -> Case:
+    def read(cls, path: str | Path, changes: Mapping[str, Any] | None = None) -> Case:
         """Read a case file."""
         try:
             text = Path(path).read_text(encoding="utf-8")
@@ -88,7 +97,7 @@ class Case:
             raise InputError(f"cannot read the case file {path}: {error.strerror}", remedy="check the path") from None
         except UnicodeDecodeError:
             raise FileFormatError(f"{path} is not a text file", remedy="a case file is TOML") from None
-        return cls(text, path)
+        return cls(text, path, changes)
 
     @property
     def name(self) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
+from collections.abc import Sequence
 from typing import Any, get_args
 
 from pydantic import ValidationError
@@ -42,7 +43,7 @@ from farhorizon.case.schema import (
 from farhorizon.errors import InputError
 
 
-def nearest(word: str, words: list[str]) -> str:
+def nearest(word: str, words: Sequence[str]) -> str:
     near = difflib.get_close_matches(word, words, 1, 0.6)
     return (f"did you mean {near[0]!r}? " if near else "") + f"known: {', '.join(words)}"
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+import re
 from collections.abc import Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from functools import lru_cache, reduce
@@ -13,6 +15,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, create_model, field_validator
+from pydantic.fields import FieldInfo
 
 from farhorizon import __version__
 from farhorizon import public as fh
@@ -23,9 +26,9 @@ from farhorizon.models import LatticeModel
 
 
 class Part(BaseModel):
-    """A table."""
+    """A table. What stands below a key explains it, in the JSON Schema and at the prompt (`farhorizon keys`)."""
 
-    model_config = ConfigDict(extra="forbid", strict=False)
+    model_config = ConfigDict(extra="forbid", strict=False, use_attribute_docstrings=True)
 
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -34,31 +37,45 @@ Value = str | Number | list[str | Number]  # an expression or a number, of vecto
 
 class DiscPart(Part):
     radius: Number
+    """Radius."""
     centre: list[Number] | None = None
+    """Centre; the origin unless given."""
 
 
 class BoxPart(Part):
     lower: list[Number]
+    """Least coordinate along each axis."""
     upper: list[Number]
+    """Largest coordinate along each axis."""
 
 
 class PolygonPart(Part):
     points: list[list[Number]]
+    """Corners, in order."""
 
 
 class TextPart(Part):
     text: str
+    """What is written."""
     height: Number
+    """Height of a capital letter."""
     centre: list[Number] | None = None
+    """Centre of what is drawn; the origin unless given."""
     font: str = "DejaVu Sans"
+    """A font family that matplotlib finds."""
     bold: bool = False
+    """Bold letters."""
 
 
 class ImagePart(Part):
     file: str
+    """A picture (PNG, JPEG), by its path from the case file; its dark pixels are the region."""
     width: Number
+    """Width of the whole picture."""
     centre: list[Number] | None = None
+    """Centre of the whole picture; the origin unless given."""
     threshold: Number = 0.5
+    """Between 0 (black) and 1 (white): darker pixels are taken."""
 
     @field_validator("file")
     @classmethod
@@ -70,12 +87,19 @@ class RegionPart(Part):
     """One shape, with shapes taken out of it."""
 
     disc: DiscPart | None = None
+    """A disc (2D)."""
     ball: DiscPart | None = None
+    """A ball (3D)."""
     box: BoxPart | None = None
+    """An interval, a rectangle or a box."""
     polygon: PolygonPart | None = None
+    """A polygon (2D)."""
     text: TextPart | None = None
+    """Letters (2D)."""
     image: ImagePart | None = None
+    """The dark part of a picture (2D)."""
     without: list[RegionPart] = []
+    """Regions that are taken out of it."""
 
     def build(self, key: str) -> Shape:
         """The shape itself; InputError names the key."""
@@ -107,128 +131,198 @@ class RegionPart(Part):
 
 class LatticePart(Part):
     spacing: Number
+    """Distance of neighbouring nodes, the same along every axis."""
     lower: list[Number] | None = None
+    """Least coordinate of the near field along each axis: a node lies there."""
     upper: list[Number] | None = None
+    """Largest coordinate of the near field along each axis, a whole number of spacings from lower."""
     window: RegionPart | None = None
+    """Part of the medium that is shown, instead of lower and upper; nothing ends at its edge."""
     body: RegionPart | None = None
+    """A body that ends, within lower and upper: nodes outside it do not exist."""
 
 
 class KernelPart(Part):
     horizon: Number
+    """Radius within which nodes interact; three spacings is usual."""
     exponent: int = 2
+    """p in the weight w(r)/r^p of a bond, 0 to 3."""
     influence: str = "constant"
+    """Influence function w(r): constant, linear (1 - r/horizon) or gaussian (exp(-(r/width)^2))."""
     width: Number | None = None
+    """Width of the gaussian; a third of the horizon unless given."""
     volume: str = "ramp"
+    """ramp: partial volumes at the edge of the family; full: whole cells whose centre lies within the horizon."""
     calibrate: bool = True
+    """Rescale the weights so that long waves have exactly the given speed or diffusivity."""
 
 
 class BodyPart(Part):
     """`fh.Body`: correspondence elasticity with damage."""
 
     type: Literal["correspondence"]
+    """A body of correspondence elasticity with damage."""
     young: str | Number
+    """Young's modulus, force / area; may vary in space."""
     poisson: str | Number
+    """Poisson's ratio; may vary in space."""
     density: str | Number = 1.0
+    """Mass / volume; may vary in space."""
     plane: str = "strain"
+    """In 2D strain or stress."""
     critical_stretch: Number | None = None
+    """Bonds break that have grown by more than this part of their length; none unless given."""
     shape_tensor: str = "recomputed"
+    """Of nodes that lose bonds: recomputed or kept."""
     drag: Number = 0.0
+    """Rate at which a velocity moves towards the mean of its neighbours, 1 / time."""
     stabilisation: Number = 0.0
+    """Part put back of the energy of displacements that the gradient does not see, 0 to 1."""
     kernel: KernelPart
+    """The family of a node and its weights."""
 
 
 class MaterialPart(Part):
     """Constants of a body in a region, in place of the model's."""
 
     region: RegionPart
+    """Where; later regions go before earlier ones."""
     young: str | Number | None = None
+    """Young's modulus there."""
     poisson: str | Number | None = None
+    """Poisson's ratio there."""
     density: str | Number | None = None
+    """Density there."""
 
 
 class CrackPart(Part):
     points: list[list[Number]] | None = None
+    """Polyline (2D), corners of a polygon (3D), or a position (1D)."""
     rectangle: dict[Literal["corner", "edge1", "edge2"], list[Number]] | None = None
+    """In 3D: corner and two edges."""
     disc: dict[Literal["centre", "normal", "radius"], list[Number] | Number] | None = None
+    """In 3D: centre, normal and radius."""
     factor: Number = 0.0
+    """What is left of the bonds that it crosses: 0 nothing, 1 all."""
     opens: Number = 0.0
+    """Time from which on it is there."""
 
 
 class ConstraintPart(Part):
     """A condition on a side, or in a region."""
 
     type: Literal["temperature", "flux", "insulated", "convection"]
+    """Condition of heat conduction or diffusion."""
     side: str | None = None
+    """A side, such as "x-"; or give a region."""
     region: RegionPart | None = None
+    """The nodes in it; or give a side."""
     value: str | Number | None = None
+    """Temperature, flux into the body, or of convection the ambient temperature; may depend on place and time."""
     kind: str | None = None
+    """How a side holds it: node, volume or mirror; a flux: source, layer or mirror."""
     transfer: Number | None = None
+    """Of convection: power / (area temperature)."""
     within: RegionPart | None = None
+    """Only nodes in it."""
 
 
 class SpecimenPart(Part):
     region: RegionPart
+    """Where metal is."""
     concentration: Number = 1.0
+    """Of the metal, in the units of the saturation."""
 
 
 class SourcePart(Part):
     field: Literal["u"] = "u"
+    """The field that it drives."""
     value: Value
+    """Right-hand side of the equation, a function of place and time t; of vectors one a component."""
 
 
 class IncidentPart(Part):
     """A plane wave that comes from far away."""
 
     direction: list[Number]
+    """Along which it travels; its length does not matter."""
     signal: str
+    """Displacement as a function of t, where the wave meets the near field first."""
     duration: Number
+    """The signal is zero before 0 and after it."""
     polarisation: Literal["P", "S"] | list[Number] = "P"
+    """Of elastic waves P, S or a direction."""
     within: BoxPart | None = None
+    """Contains all that scatters; the near field less two reaches of the stencil unless given."""
 
 
 class TractionPart(Part):
     """A force per area on a free side of an elastic medium."""
 
     type: Literal["traction"]
+    """A force per area on a free side."""
     side: str
+    """"x-", "y+", ..."""
     value: list[Number]
+    """One component an axis."""
     between: list[tuple[Number, Number]] | None = None
+    """Where it acts, along each of the other axes; the whole side unless given."""
     time: str | Number = 1.0
+    """Factor of t."""
 
 
 class BodyForcePart(Part):
     """A force per volume on an elastic medium."""
 
     type: Literal["body-force"]
+    """A force per volume."""
     value: list[str | Number]
+    """One component an axis, functions of place and time."""
     time: str | Number = 1.0
+    """Factor of t."""
 
 
 class PrescribedPart(Part):
     """Nodes that follow a value for a while."""
 
     type: Literal["prescribed"]
+    """Nodes that follow a value."""
     points: list[list[Number]] | None = None
+    """Each stands for the node nearest to it; or give a region."""
     region: RegionPart | None = None
+    """The nodes in it; or give points."""
     value: str | Number
+    """Value as a function of t."""
     until: Number | None = None
+    """The nodes are let go after it; never unless given."""
     rate: str | Number | None = None
+    """Of waves: velocity with which they are let go; the derivative of value unless given."""
 
 
 class RunPart(Part):
     until: Number
+    """End of the run."""
     dt: Number | None = None
+    """Time step; half of the largest stable one unless given."""
     dtype: str = "float64"
+    """float64, or float32 for half the memory."""
     threads: int | None = None
+    """Threads of the time loop; all that there are unless given."""
 
 
 class OutputPart(Part):
     fields: list[Literal["u", "v", "damage", "solid", "dissolved"]] | None = None
+    """Fields in the results file; u, and what breaks or dissolves, unless given."""
     every: Number | None = None
+    """Time between two outputs; a fortieth of the run unless given."""
     probes: list[list[Number]] = []
+    """Places where u is recorded."""
     probe_every: Number | None = None
+    """Time between two records of the probes; every step unless given."""
     pictures: list[Number] | None = None
+    """Times of the pictures; four even ones unless given."""
     balance: bool = False
+    """Record energies, or what has flowed in and out."""
 
 
 AnyLoad = TractionPart | BodyForcePart
@@ -237,22 +331,39 @@ AnyConstraint = ConstraintPart | PrescribedPart
 
 class CasePart(Part):
     lattice: LatticePart
+    """The near field and its nodes."""
     model: Any
+    """The physics."""
     material: list[MaterialPart] = []
+    """Regions with other constants, of a body."""
     initial: dict[Literal["u", "v"], Value] = {}
+    """Values at t = 0, functions of place: u, of waves v = u_t too."""
     boundary: dict[str, Any] = {}
+    """What stands on the sides: all, "x", "x-", "x+", ...; a lattice-pml all round unless given."""
     specimen: list[SpecimenPart] = []
+    """Metal, of a corrosion."""
     crack: list[CrackPart] = []
+    """Cuts of bonds."""
     source: list[SourcePart] = []
+    """Right-hand sides."""
     incident: list[IncidentPart] = []
+    """Plane waves from far away."""
     load: list[Annotated[AnyLoad, Field(discriminator="type")]] = []
+    """Forces on an elastic medium."""
     constraint: list[Annotated[AnyConstraint, Field(discriminator="type")]] = []
+    """Conditions on nodes."""
     coefficient: str | Number | None = None
+    """Factor of the bonds, a function of place: another material in part of the medium."""
     rule: str = "both"
+    """Factor of a bond from those of its ends: both (the smaller one), arithmetic or harmonic."""
     rim: str = "free"
+    """What the rim of a body does: free or fixed."""
     background: Number = 0.0
+    """Uniform state of the medium, which the absorbing sides keep."""
     run: RunPart
+    """Time."""
     output: OutputPart = OutputPart()
+    """What is recorded."""
 
 
 # --- sides and models ------------------------------------------------------------------------------------------
@@ -285,19 +396,48 @@ def model_part(kind: Any) -> type[Part]:
     keys: dict[str, Any] = {}
     for name, one in signature(kind).parameters.items():
         if name in ("operator", "kernel"):
-            keys["kernel"] = (KernelPart | None, None)
+            words = "The family of a node and its weights."
+            keys["kernel"] = (KernelPart | None, Field(None, description=words))
         else:
             keys[name] = _key(hints.get(name, Any), MISSING if one.default is one.empty else one.default)
         if name == "operator":
-            keys["stencil"] = (Literal["finite-difference", "finite-element"] | None, None)
+            words = "Instead of a kernel the classical operator."
+            given = Literal["finite-difference", "finite-element"] | None
+            keys["stencil"] = (given, Field(None, description=words))
         if name == "integrator":
-            keys["stages"] = (int | None, None)
+            keys["stages"] = (int | None, Field(None, description="Of an integrator that has a choice; chosen for it."))
     return _table(kind, keys)
 
 
 def _table(kind: Any, keys: dict[str, Any]) -> type[Part]:
-    given: dict[str, Any] = {"type": (Literal[kind.tag], ...), **keys}
+    """A table of these keys, of which the docstring of the class says what they are."""
+    brief, says = explained(kind)
+    for name in says.keys() & keys.keys():
+        hint, default = keys[name]
+        if not isinstance(default, FieldInfo):  # which says what it is
+            keys[name] = (hint, Field(default, description=says[name]))
+    given: dict[str, Any] = {"type": (Literal[kind.tag], Field(description=brief)), **keys}
     return create_model(f"{kind.__name__}Part", __base__=Part, **given)
+
+
+def explained(kind: type) -> tuple[str, dict[str, str]]:
+    """What the docstring of a class says: its first paragraph, and for each parameter the values to choose from and the
+    text below it.
+    """
+    text = inspect.cleandoc(kind.__doc__ or "")
+    listed = re.search(r"^Parameters\n-+\n(.*?)(?=^\w+\n-+$|\Z)", text, re.DOTALL | re.MULTILINE)
+    says: dict[str, str] = {}
+    one = re.compile(r"^(\w[\w, ]*?)(?: : ([^\n]*))?\n((?:[ \t]+[^\n]*\n|\n)*)", re.MULTILINE)
+    for names, given, below in one.findall(f"{listed[1]}\n" if listed else ""):
+        choice = re.match(r"\{(.*)\}", given)
+        words = f"{choice[1]}. {_line(below)}".strip() if choice else _line(below)
+        says |= {name.strip(): words for name in names.split(",") if words}
+    return _line(text.split("\n\n")[0]), says
+
+
+def _line(text: str) -> str:
+    """A paragraph of a docstring as one line, without formulas and marks of code."""
+    return " ".join(re.sub(r",? :math:`[^`]*`|`", "", text).split())
 
 
 def _hints(given: Any) -> dict[str, Any]:
@@ -340,7 +480,13 @@ def case_part() -> type[CasePart]:
 def _case_part(sides: tuple[Any, ...], models: tuple[Any, ...]) -> type[CasePart]:
     side: Any = Annotated[reduce(or_, map(side_part, sides)), Field(discriminator="type")]
     model: Any = Annotated[reduce(or_, map(model_part, models), BodyPart), Field(discriminator="type")]
-    return create_model("CasePart", __base__=CasePart, boundary=(dict[str, side], {}), model=(model, ...))
+    words = {name: CasePart.model_fields[name].description for name in ("boundary", "model")}
+    return create_model(
+        "CasePart",
+        __base__=CasePart,
+        boundary=(dict[str, side], Field({}, description=words["boundary"])),
+        model=(model, Field(description=words["model"])),
+    )
 
 
 def under(place: str, key: str) -> str:

@@ -161,6 +161,16 @@ class Report:
         """Whether `farhorizon run` refuses the set-up because it grows."""
         return self.certificate is not None and self.certificate.grows_within(self.until)
 
+    @property
+    def headline(self) -> str:
+        """The report in one line."""
+        parts = [] if self.certificate is None else [self.certificate.verdict]
+        if "seconds" in self.numbers:
+            parts.append(f"about {seconds(self.numbers['seconds'])}")
+        if self.warnings:
+            parts.append(f"{len(self.warnings)} warning{'s' * (len(self.warnings) > 1)}")
+        return ", ".join(parts)
+
     def _predict(self, sim: Examined, wavelengths: tuple[float, ...], end: float) -> None:
         """Reflection by each kind of absorbing side, the typical wave first; what there is no time for is noted."""
         for names, side in _sides(sim):

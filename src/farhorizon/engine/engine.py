@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from farhorizon import kinds
 from farhorizon.engine.absent import AbsentBonds
 from farhorizon.engine.bond_zone import BondZone
 from farhorizon.engine.bonds import CHUNK, RULES, Zone
@@ -76,11 +77,32 @@ class Layer:
 
 
 def available_threads() -> int:
-    """Threads that the machine and Numba (NUMBA_NUM_THREADS) offer to this process."""
+    """Threads that the machine and Numba (NUMBA_NUM_THREADS) offer to this process, and `at_most` allows."""
     import numba
 
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return min(cores, int(getattr(numba.config, "NUMBA_NUM_THREADS", cores)))
+    return min(cores, int(getattr(numba.config, "NUMBA_NUM_THREADS", cores)), *_allowed)
+
+
+_allowed: list[int] = []
+
+
+@contextmanager
+def at_most(threads: int | None) -> Iterator[None]:
+    """Within it the whole process has no more threads than these; None allows all.
+
+    Raises
+    ------
+    InputError
+        Less than one thread, or more than there are.
+    """
+    allowed = [] if threads is None else [kinds.integer(threads, "threads", least=1, most=available_threads())]
+    _allowed.extend(allowed)
+    try:
+        yield
+    finally:
+        for _ in allowed:
+            _allowed.pop()
 
 
 class Engine:

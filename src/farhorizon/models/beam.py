@@ -24,7 +24,7 @@ class Beam(LatticeModel):
     Parameters
     ----------
     stiffness : float
-        :math:`\beta = EI/(\rho A)` (length^4 / time^2).
+        Bending stiffness over mass per length, :math:`\beta = EI/(\rho A)` (length^4 / time^2).
     damping : float
         Viscous damping d (1 / time).
 

@@ -49,8 +49,10 @@ class Elastic(LatticeModel):
         material), or of the weights of state-based and correspondence materials; None for finite elements. A `Stencil`
         of matrices, for unit P modulus, replaces the material's.
     young, poisson, bulk, shear : float, optional
-        Two of the four; bond-based materials, whose Poisson's ratio is fixed, need one.
+        Young's modulus, Poisson's ratio, bulk and shear modulus: two of the four; bond-based materials, whose Poisson's
+        ratio is fixed, need one.
     density : float
+        Mass per volume.
     material : {"bond-based", "state-based", "correspondence", "finite-element"}
     plane : {"strain", "stress"}, optional
         In two dimensions; "strain" unless given.
@@ -64,7 +66,7 @@ class Elastic(LatticeModel):
     critical_stretch : float, optional
         Bond-based: bonds whose length has grown by more than this part break for good.
     fracture_energy : float, optional
-        Instead of it the energy that a new crack takes per area; see `critical_stretch_on`.
+        Instead of the critical stretch the energy that a new crack takes per area; see `critical_stretch_on`.
 
     Attributes
     ----------

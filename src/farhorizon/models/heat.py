@@ -24,9 +24,13 @@ class Heat(LatticeModel):
     ----------
     operator : Kernel or Stencil
         The micro-conductivity k: influence "constant" or "linear" (triangular) with exponent 2 are those of the paper.
-    density, specific_heat, conductivity : float
-        :math:`\rho`, c and :math:`\kappa`; positive. `Simulation`'s `coefficient` multiplies the conductivity from node
-        to node.
+    density : float
+        Mass per volume :math:`\rho`; positive.
+    specific_heat : float
+        Energy per mass and temperature, c; positive.
+    conductivity : float
+        Power per length and temperature :math:`\kappa`; positive. `Simulation`'s `coefficient` multiplies it from node to
+        node.
     integrator : {"euler", "rk4", "rkc"} or RungeKuttaChebyshev
     self_term : {"centre", "neighbour", "none"}
         What the cell of a node itself contributes to the integral over its family: the micro-conductivity at its

@@ -69,6 +69,12 @@ class Comparison:
     growth_bound: float = 0.0
     left_out: str = ""
 
+    @property
+    def headline(self) -> str:
+        """The error of the given boundary in one line."""
+        name, curve = next(iter(self.curves.items()))
+        return f"error of the {name} at most {curve['error_max_over_run'] / self.initial:.2g} of the {self.scale}"
+
     def table(self) -> str:
         """Errors at up to eight times, one row a time, relative to the initial maximum."""
         names = list(self.curves)

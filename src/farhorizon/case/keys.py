@@ -1,0 +1,220 @@
+"""The keys of a case file, explained at the prompt from the JSON Schema."""
+
+from __future__ import annotations
+
+import difflib
+import re
+import textwrap
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from farhorizon.case.changes import steps
+from farhorizon.case.schema import schema
+from farhorizon.case.toml import literal
+from farhorizon.errors import InputError
+
+_KINDS = {
+    "number": "number",
+    "integer": "whole number",
+    "string": "text",
+    "boolean": "true or false",
+    "object": "table",
+}
+_SIDE = "all"  # stands for every name of a side
+
+
+@dataclass(frozen=True)
+class Key:
+    """A key of a case file.
+
+    Attributes
+    ----------
+    path : str
+        With dots, of sides ``boundary.all...``; entries of lists have no number.
+    types : tuple of str
+        Types of the tables around it, where these have one.
+    kind, default, text : str
+        What is given, what holds unless it is given, and what it is.
+    """
+
+    path: str
+    types: tuple[str, ...]
+    kind: str
+    default: str
+    text: str
+
+    @property
+    def parent(self) -> str:
+        """The path of its table."""
+        return self.path.rpartition(".")[0]
+
+    @property
+    def name(self) -> str:
+        """The last part of its path."""
+        return self.path.rpartition(".")[2]
+
+    @property
+    def brief(self) -> str:
+        """The first sentence of the text."""
+        return re.split(r"(?<!\.)\.(?: (?=[A-Z\"])|$)", self.text)[0]
+
+
+def all_keys() -> list[Key]:
+    """Every key, tables before what is in them."""
+    whole = schema()
+    return list(_inside(whole, whole["$defs"], "", (), ()))
+
+
+def _inside(
+    table: dict[str, Any], defs: dict[str, Any], path: str, types: tuple[str, ...], within: tuple[str, ...]
+) -> Iterator[Key]:
+    """The keys of a table and of the tables in it; `within` names those around it, which a region may have again."""
+    for name, found in table["properties"].items():
+        place = f"{path}.{name}".lstrip(".")
+        needed, default = name in table.get("required", ()), found.get("default")
+        said = "required" if needed else "optional" if default is None or _empty(default) else literal(default)
+        text = found.get("description", "")
+        yield Key(place, types, _kind(found, defs), said, text)
+        for kind, inner in _tables(found, defs):
+            if kind not in within:
+                tag = inner["properties"].get("type", {}).get("const")
+                step = f"{place}.{_SIDE}" if place == "boundary" else place
+                yield from _inside(inner, defs, step, (*types, tag) if tag else types, (*within, kind))
+
+
+def _empty(default: Any) -> bool:
+    """Whether a default is a list or a table, which has defaults of its own if anything."""
+    return isinstance(default, dict) or default == []
+
+
+def _tables(found: dict[str, Any], defs: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Name and schema of each kind of table that a key may have, or a list of them."""
+    if "$ref" in found:
+        name = found["$ref"].rpartition("/")[2]
+        yield name, defs[name]
+    for one in (*found.get("anyOf", ()), *found.get("oneOf", ()), *found.get("allOf", ())):
+        yield from _tables(one, defs)
+    for inner in (found.get("items"), found.get("additionalProperties")):
+        if isinstance(inner, dict):
+            yield from _tables(inner, defs)
+
+
+def _kind(found: dict[str, Any], defs: dict[str, Any]) -> str:
+    """What a key takes, in words."""
+    options = [*found.get("anyOf", ()), *found.get("oneOf", ())]
+    if options:
+        return " or ".join(dict.fromkeys(_kind(one, defs) for one in options if one.get("type") != "null"))
+    if "enum" in found or "const" in found:
+        return " or ".join(literal(value) for value in found.get("enum", [found.get("const")]))
+    if "$ref" in found:
+        return "table"
+    if found.get("type") == "array":
+        of = _kind(found["items"], defs) if found.get("items") else ""
+        return (
+            f"list of {of}s"
+            if of in ("number", "text", "table", "whole number")
+            else f"list of ({of})"
+            if of
+            else "list"
+        )
+    return _KINDS.get(found.get("type", ""), "as in Python")
+
+
+def explain_keys(prefix: str, width: int = 100) -> str:
+    """What is known of a key and of the keys below it, as text.
+
+    Parameters
+    ----------
+    prefix : str
+        A key with dots: the first part of its path or all of it, with entries of lists and types of tables where
+        wanted ("crack[0]", "model.elastic.young", "boundary.x-"). Of an empty one the tables of a case.
+    width : int
+        Characters a line.
+
+    Raises
+    ------
+    InputError
+        There is no such key; the nearest ones are named.
+    """
+    keys = all_keys()
+    path, types = _place(prefix, keys)
+    own = [key for key in keys if key.path == path]
+    keys = [key for key in keys if types <= set(key.types)]
+    lines = []
+    for key, kinds in _merged([key for key in keys if key.path == path] or own):
+        lines += [f"{key.path}{_of(kinds)}: {key.kind}, {_default(key)}", *_wrapped(key.text, "  ", width)]
+    if path == "boundary":
+        path = f"boundary.{_SIDE}"
+    groups: dict[tuple[str, ...], list[Key]] = {}
+    for key, kinds in _merged([key for key in keys if key.parent == path and key.path]):
+        groups.setdefault(kinds, []).append(key)
+    if len(groups) > 1:
+        some = [(key.types[-1], key.brief) for key in keys if key.parent == path and key.name == "type"]
+        return "\n".join([*lines, "", f"types; keys {prefix}.TYPE lists what each has", *_listed(some, width)])
+    for kinds, these in groups.items():
+        lines += ["", f"{path}{_of(kinds)}" if path else "tables and keys of a case file"]
+        lines += _listed([(key.name, f"{key.brief} ({key.kind}, {_default(key)})") for key in these], width)
+    return "\n".join(lines).strip("\n")
+
+
+def _place(prefix: str, keys: Sequence[Key]) -> tuple[str, set[str]]:
+    """The path that is meant, and the types of tables named on the way."""
+    wanted, path, types = [step for step in steps(prefix) if step and not step.isdecimal()], "", set()
+    for number, step in enumerate(wanted):
+        known = {kind for key in keys if f"{key.path}.".startswith(f"{path}.") for kind in key.types}
+        if any(key.parent == path and key.name == step for key in keys):
+            path = f"{path}.{step}".lstrip(".")
+        elif path == "boundary" and (step in known or re.fullmatch(r"all|[xyz][-+]?", step)):
+            path = f"boundary.{_SIDE}"
+            types |= {step} & known
+        elif step in known and path:
+            types.add(step)
+        else:
+            raise _unknown(prefix, ".".join([path, *wanted[number:]]).lstrip("."), keys)
+    return path, types
+
+
+def _listed(entries: Sequence[tuple[str, str]], width: int) -> list[str]:
+    """Names with what they are, in two columns."""
+    longest = max(len(name) for name, _ in entries)
+    return [line for name, text in entries for line in _wrapped(text, f"  {name:{longest}}  ", width)]
+
+
+def _default(key: Key) -> str:
+    return key.default if key.default in ("required", "optional") else f"default {key.default}"
+
+
+def _merged(keys: Sequence[Key]) -> list[tuple[Key, tuple[str, ...]]]:
+    """Keys of the same path that say the same, as one, with the types of the tables that have it."""
+    found: dict[tuple[str, str, str, str], list[str]] = {}
+    first: dict[tuple[str, str, str, str], Key] = {}
+    for key in keys:
+        same = key.path, key.kind, key.default, key.text
+        first.setdefault(same, key)
+        found.setdefault(same, []).extend(key.types[-1:])
+    return [(first[same], tuple(dict.fromkeys(kinds))) for same, kinds in found.items()]
+
+
+def _of(kinds: Sequence[str]) -> str:
+    return f" (type {', '.join(kinds)})" if kinds else ""
+
+
+def _wrapped(text: str, head: str, width: int) -> list[str]:
+    return textwrap.wrap(text, max(width, 40), initial_indent=head, subsequent_indent=" " * len(head))
+
+
+def _unknown(given: str, place: str, keys: Sequence[Key]) -> InputError:
+    """The refusal of a key that is not there, with those nearest to it."""
+    typed = (f"{key.parent.removesuffix(f'.{_SIDE}')}.{key.types[-1]}" for key in keys if key.types)
+    paths = list(dict.fromkeys([*(key.path for key in keys), *typed]))
+    last = place.rpartition(".")[2]
+    alike = difflib.get_close_matches(last, {path.rpartition(".")[2] for path in paths}, 2, 0.7)
+    near = [path for name in alike for path in paths if path.rpartition(".")[2] == name][:4]
+    near = near or difflib.get_close_matches(place, paths, 3, 0.5)
+    return InputError(
+        "a case file has no such key",
+        value=given,
+        remedy=f"did you mean {' or '.join(near)}?" if near else "farhorizon keys lists the tables",
+        key="keys",
+    )
