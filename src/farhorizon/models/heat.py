@@ -29,8 +29,8 @@ class Heat(LatticeModel):
     specific_heat : float
         Energy per mass and temperature, c; positive.
     conductivity : float
-        Power per length and temperature :math:`\kappa`; positive. `Simulation`'s `coefficient` multiplies it from node to
-        node.
+        Power per length and temperature :math:`\kappa`; positive. `Simulation`'s `coefficient` multiplies it from node
+        to node.
     integrator : {"euler", "rk4", "rkc"} or RungeKuttaChebyshev
     self_term : {"centre", "neighbour", "none"}
         What the cell of a node itself contributes to the integral over its family: the micro-conductivity at its
