@@ -2,6 +2,9 @@
 conserves.
 """
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 
@@ -417,6 +420,19 @@ def test_a_near_field_thinner_than_the_stencil_is_refused():
     """Fewer than 2 m + 1 nodes along an axis."""
     with pytest.raises(InputError, match=r"thinner than the stencil.*>= 7"):
         Simulation(lattice_of((6, 20)), Wave(kernel_stencil(2, 3)), Free())
+
+
+def test_an_engine_goes_as_soon_as_nobody_holds_it():
+    """Levels may take gigabytes, which must not wait for a collection of circles."""
+    gc.disable()
+    try:
+        sim = Simulation(lattice_of((20, 20)), Wave(kernel_stencil(2, 2)), LatticePML(nodes=4))
+        sim.step(3)
+        engine = weakref.ref(sim.engine)
+        del sim
+        assert engine() is None
+    finally:
+        gc.enable()
 
 
 @pytest.mark.parametrize("table", ["history", "source_times", "held_values", "dependent_times"])

@@ -5,6 +5,8 @@ See `farhorizon.engine.surface` for nodes at the edge of a body.
 
 from __future__ import annotations
 
+import weakref
+
 import numpy as np
 
 from farhorizon.engine.bond_zone import BondZone
@@ -35,7 +37,8 @@ class AbsentBonds:
     """
 
     def __init__(self, engine: Field, bonds: BondZone) -> None:
-        self.engine, self.bonds = engine, bonds
+        self.engine: Field = weakref.proxy(engine)  # which holds this: a circle would keep its levels
+        self.bonds = bonds
         none = np.zeros(0, np.int64)
         self.set(none, none, np.zeros((0, *engine.weights.shape[1:])))
 

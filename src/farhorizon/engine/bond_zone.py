@@ -5,6 +5,8 @@ See `farhorizon.engine.bonds` for the kernels.
 
 from __future__ import annotations
 
+import weakref
+
 import numpy as np
 
 from farhorizon.engine import bonds as laws
@@ -25,7 +27,7 @@ class BondZone:
     """
 
     def __init__(self, engine: Field) -> None:
-        self.engine = engine
+        self.engine: Field = weakref.proxy(engine)  # which holds this: a circle would keep its levels
 
     @property
     def table(self) -> Bonds:

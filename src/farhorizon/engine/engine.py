@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from types import ModuleType
@@ -21,7 +21,7 @@ from farhorizon.engine.filter import damped_nodes
 from farhorizon.engine.fringe import fringe_table
 from farhorizon.engine.layout import Layout, aligned_zeros
 from farhorizon.engine.nested import LayerTables
-from farhorizon.engine.operations import Tables, operations_of, operator_operations, sweep_operations
+from farhorizon.engine.operations import Tables, check_room, operations_of, operator_operations, sweep_operations
 from farhorizon.engine.phases import NEVER, count_solid, phases_table
 from farhorizon.engine.plain_tables import first_tables, numbers_of
 from farhorizon.engine.rows.build import load_driver
@@ -34,6 +34,9 @@ __all__ = ["NEVER", "Engine", "Layer", "Layout", "Zone", "available_threads"]
 _NO_ENDS = np.zeros((0, 0), np.int64)
 # of the field, and a quarter of the layers' memory: fewer are through before a second thread is there
 _PARALLEL_NUMBERS = 40_000
+
+
+Loop = Callable[[int, int, np.ndarray, Tables, Inputs], None]
 
 
 @dataclass(frozen=True)
@@ -134,8 +137,8 @@ class Engine:
     bonds : BondZone
         Those that follow a law of their own.
     absent : AbsentBonds
-    loop : callable
-        What works off the table of operations: the compiled loop, or a `farhorizon.engine.interpreter.Interpreter`.
+    loop : callable or None
+        What works off the table of operations in place of the compiled loop: see `farhorizon.engine.interpreter`.
     watched : ndarray of int, shape (n,)
         Places in a level whose values after each step of an `advance` are in `seen`, shape (steps, n).
     """
@@ -182,7 +185,7 @@ class Engine:
         self.absent = AbsentBonds(self, self.bonds)
         self.hold(np.zeros(0, np.int64))
         self.watched, self.seen = np.zeros(0, np.int64), np.zeros((0, 0))
-        self.loop = self._compiled
+        self.loop: Loop | None = None
 
     @property
     def memory(self) -> np.ndarray:
@@ -450,7 +453,7 @@ class Engine:
             layers=self.tables.layers._replace(memory=memory),
             bonds=self.tables.bonds._replace(limit=np.array([np.inf, np.inf], self.dtype)),
         )
-        self.loop(1, 0, levels, tables, self._no_inputs(1))
+        (self.loop or self._compiled)(1, 0, levels, tables, self._no_inputs(1))
         level[:] = levels[0]
         return levels[1 if self.stages.increments else 2] / tables.numbers[0, 3]
 
@@ -501,33 +504,13 @@ class Engine:
         if tied_fields is not None and tied_times is not None:
             times = np.ascontiguousarray(tied_times)
             inputs = inputs._replace(dependent_fields=tied_fields, dependent_times=times)
-        self._check_room(steps, inputs)
         tables = self.tables
+        check_room(tables, inputs, steps)
         operations, starts = operations_of(tables, inputs)
         tables = tables._replace(operations=operations, starts=starts)
-        self.loop(steps, self.phase, self.levels, tables, inputs)
+        (self.loop or self._compiled)(steps, self.phase, self.levels, tables, inputs)
         self.phase = (self.phase + steps) % len(tables.rotation)
         self.steps_done += steps
-
-    def _check_room(self, steps: int, inputs: Inputs) -> None:
-        """Every table that the compiled loop indexes by step and stage is large enough; exact ends count their clock
-        once a stage.
-        """
-        stages, ends, dependents = len(self.stages.numbers), self.tables.ends, len(self.tables.dependents.nodes)
-        clock = int(ends.clock[0]) + steps * stages if len(ends.history) else 0
-        fields, sums = inputs.source_fields, inputs.dependent_fields
-        for name, shape, least in (
-            ("history", ends.history.shape[1:2], (clock,)),
-            ("source_times", inputs.source_times.shape, (steps, stages, len(fields))),
-            ("source_fields", fields.shape[1:], (len(inputs.source_nodes) if len(fields) else 0,)),
-            ("held_values", inputs.held_values.shape, (steps if len(self.held) else 0, len(self.held))),
-            ("dependent_times", inputs.dependent_times.shape, (steps, stages, len(sums))),
-            ("dependent_fields", sums.shape[1:], (dependents,)),
-        ):
-            if len(shape) != len(least) or any(have < want for have, want in zip(shape, least, strict=True)):
-                raise IndexError(
-                    f"the table {name} of the compiled loop has the shape {shape}, less than {least} for {steps} steps"
-                )
 
     def digest(self) -> str:
         """Hash of all that decides the map of a step: engines of one digest have one map."""

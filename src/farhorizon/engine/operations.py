@@ -130,3 +130,29 @@ def sweep_operations(tables: Tables) -> list[tuple[int, int]]:
 def _chosen(*wanted: tuple[int, int]) -> list[tuple[int, int]]:
     """Of (operation, whether there is anything to do), the operations."""
     return [(operation, 0) for operation, there in wanted if there]
+
+
+def check_room(tables: Tables, inputs: Inputs, steps: int) -> None:
+    """Every table that the loop, which looks at no bounds, indexes by step and stage is large enough; exact ends count
+    their clock once a stage.
+
+    Raises
+    ------
+    IndexError
+        One is not.
+    """
+    stages, ends = len(tables.numbers), tables.ends
+    clock = int(ends.clock[0]) + steps * stages if len(ends.history) else 0
+    fields, sums, held = inputs.source_fields, inputs.dependent_fields, len(inputs.held)
+    for name, shape, least in (
+        ("history", ends.history.shape[1:2], (clock,)),
+        ("source_times", inputs.source_times.shape, (steps, stages, len(fields))),
+        ("source_fields", fields.shape[1:], (len(inputs.source_nodes) if len(fields) else 0,)),
+        ("held_values", inputs.held_values.shape, (steps if held else 0, held)),
+        ("dependent_times", inputs.dependent_times.shape, (steps, stages, len(sums))),
+        ("dependent_fields", sums.shape[1:], (len(tables.dependents.nodes),)),
+    ):
+        if len(shape) != len(least) or any(have < want for have, want in zip(shape, least, strict=True)):
+            raise IndexError(
+                f"the table {name} of the compiled loop has the shape {shape}, less than {least} for {steps} steps"
+            )
