@@ -614,3 +614,28 @@ def test_shells_complete_commands(tmp_path):
     script = f"exec 8>answer; {sys.executable} -m farhorizon"
     subprocess.run(["bash", "-c", script], cwd=tmp_path, env={**os.environ, **asked}, check=True)
     assert (tmp_path / "answer").read_text().split() == ["check"]
+
+
+def test_plot_draws_what_it_is_asked_for(small, capsys):
+    assert main(["run", "small.toml"]) == 0
+    capsys.readouterr()
+    assert main(["plot", "small.h5", "--field", "u", "--time", "1.001", "--range", "-1", "1", "--format", "pdf"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("t = 1.001 is not stored") and said.splitlines()[1:] == ["small/u.pdf"]
+    assert Path("small/u.pdf").read_bytes().startswith(b"%PDF")
+    assert main(["plot", "small.h5", "--movie", "--db"]) == 0
+    assert "small/u.gif" in capsys.readouterr().out
+    for options, why in (
+        (["--slice", "z=0.5"], "--slice: only a lattice in space"),
+        (["--slice", "0.5"], "--slice: a slice is an axis and a number"),
+        (["--slice", "w=0.5"], "--slice"),
+        (["--slice", "z=nan"], "--slice"),
+        (["--field", "w"], "no such field; value: w; limit: u"),
+        (["--range", "1", "-1"], "--range"),
+        (["--deformed"], "--deformed"),
+        (["--movie", "--time", "1"], "--movie"),
+        (["--format", "jpg"], "--format"),
+    ):
+        assert main(["plot", "small.h5", "--out", "new", *options]) == 2
+        assert why in capsys.readouterr().err
+    assert not Path("new").exists()

@@ -168,7 +168,23 @@ def _parser() -> argparse.ArgumentParser:
     plot.add_argument(
         "--out", metavar="DIR", help="folder of the pictures (default: beside the file, its name without .h5)"
     )
-    plot.add_argument("--times", type=float, nargs="+", metavar="T", help="times to draw (default: four even ones)")
+    plot.add_argument(
+        "--time", "--times", dest="times", type=float, nargs="+", metavar="T", help="times (default: four even ones)"
+    )
+    plot.add_argument("--field", nargs="+", metavar="NAME", help="fields or components, such as u u_x (default: all)")
+    plot.add_argument("--slice", metavar="z=0.5", help="in space the plane to draw (default: the middle of z)")
+    plot.add_argument("--range", type=float, nargs=2, metavar=("LOW", "HIGH"), help="of the colours")
+    plot.add_argument("--db", action="store_true", help="magnitudes in decibels below the largest")
+    plot.add_argument(
+        "--deformed",
+        type=float,
+        nargs="?",
+        const=0.0,
+        metavar="FACTOR",
+        help="of elastic runs in 2D the deformed shape, displacements times a factor (default: a round one)",
+    )
+    plot.add_argument("--movie", action="store_true", help="a film of a field: GIF, and MP4 with imageio-ffmpeg")
+    plot.add_argument("--format", default="png", metavar="png|pdf|svg", help="of pictures (default: png)")
     reproduce = add(
         "reproduce",
         _reproduce,
@@ -327,7 +343,7 @@ def _run(options: argparse.Namespace) -> int:
     from farhorizon.errors import InputError
     from farhorizon.files.results import open_results
     from farhorizon.files.storage import locked, remove_leftovers
-    from farhorizon.pictures.plot import plot_results
+    from farhorizon.pictures.results import View, plot_results
 
     case = _case(options)
     until = case.parts.run.until if options.until is None else options.until
@@ -358,7 +374,8 @@ def _run(options: argparse.Namespace) -> int:
         results = open_results(result)
         for caution in results.cautions:
             print(f"warning: not valid from t = {caution.time:.6g} on: {caution.brief}", file=options.errors)
-        pictures = plot_results(results, folder / case.name, case.parts.output.pictures, _polylines(case))
+        view = View(times=case.parts.output.pictures, cracks=case.polylines, quantities=case.quantities)
+        pictures = plot_results(results, folder / case.name, view, print)
         named = ", ".join(map(str, pictures))
         print(f"results: {result} ({len(results.times)} outputs); pictures: {named}", file=options.output)
         _write_json(
@@ -531,23 +548,16 @@ def _check(options: argparse.Namespace) -> int:
     return GOOD
 
 
-def _polylines(case: Any) -> list[Any]:
-    """Cracks that a picture can show: points and polylines."""
-    import numpy as np
-
-    return [np.asarray(c.points, float).reshape(-1, case.lattice.dim) for c in case.parts.crack if c.points is not None]
-
-
 def _compare_case(
     options: argparse.Namespace, case: Any, folder: Path, times: Sequence[float] | None, moment: float | None
 ) -> None:
-    from farhorizon.pictures.plot import error_history, field_panels, magnitude
+    from farhorizon.pictures.curves import error_history
+    from farhorizon.pictures.fields import field_panels, magnitude
     from farhorizon.studies.compare import compare
 
     with case.naming(), _said_plainly():
         result = compare(case.setup, case.parts.run.until, times, moment, kind=case.kind)
     print(result.table())
-    cracks = _polylines(case)
     shown = {
         name: value if value.ndim == case.lattice.dim else magnitude(value)
         for name, value in result.fields.items()
@@ -557,7 +567,7 @@ def _compare_case(
     folder.mkdir(parents=True, exist_ok=True)
     picture, history = folder / "compare.png", folder / "error.png"
     label = "|u|" if any(value.ndim > case.lattice.dim for value in result.fields.values()) else "u"
-    field_panels(fields, case.lattice.axes, picture, cracks=cracks, label=label)
+    field_panels(fields, case.lattice.axes, picture, cracks=case.polylines, label=label)
     curves = {name: (c["times"], c["error_rel_initial"]) for name, c in result.curves.items()}
     error_history(curves, history, f"max error / {result.scale}", "Error against the infinite medium")
     print(f"pictures: {picture}, {history}")
@@ -580,18 +590,43 @@ def _plot(options: argparse.Namespace) -> int:
     from farhorizon.case.case import Case
     from farhorizon.errors import InputError
     from farhorizon.files.results import open_results
-    from farhorizon.pictures.plot import plot_results
+    from farhorizon.pictures.results import View, plot_results
 
     path = Path(options.result)
     folder = Path(options.out) if options.out else path.with_suffix("")
     results = open_results(path)
     try:
-        cracks = _polylines(Case(results.case, path))
+        case: Case | None = Case(results.case, path)
     except InputError:  # written from Python, or by a program with other keys: a picture without cracks
-        cracks = []
-    for picture in plot_results(results, folder, options.times, cracks):
+        case = None
+    view = View(
+        times=options.times,
+        fields=options.field,
+        plane=None if options.slice is None else _plane(options.slice),
+        limits=None if options.range is None else tuple(options.range),
+        decibels=options.db,
+        deformed=options.deformed,
+        movie=options.movie,
+        format=options.format,
+        cracks=case.polylines if case else (),
+        quantities=case.quantities if case else {},
+    )
+    for picture in plot_results(results, folder, view, print):
         print(picture)
     return GOOD
+
+
+def _plane(text: str) -> tuple[str, float]:
+    """Axis and place of a slice such as z=0.5."""
+    import math
+
+    from farhorizon.errors import InputError
+
+    axis, _, place = text.partition("=")
+    with suppress(ValueError):
+        if axis.strip() in ("x", "y", "z") and math.isfinite(float(place)):
+            return axis.strip(), float(place)
+    raise InputError("a slice is an axis and a number", value=text, key="--slice", remedy="--slice z=0.5")
 
 
 def _reproduce(options: argparse.Namespace) -> int:

@@ -80,11 +80,11 @@ def run(arguments, period, pictures, calls=None, **environment):
         code = 99
         try:
             from farhorizon import cli
-            from farhorizon.pictures import plot
+            from farhorizon.pictures import results
 
             cli._CHECKPOINT_SECONDS = period
             if not pictures:  # they take most of the time
-                plot.plot_results = lambda *_: []
+                results.plot_results = lambda *_: []
             os.environ.update(environment)
             code = cli.main(arguments)
             sys.stdout.flush()

@@ -162,6 +162,26 @@ class Case:
         default = ["u", *more]
         return tuple(default if self.parts.output.fields is None else self.parts.output.fields)
 
+    @property
+    def polylines(self) -> list[np.ndarray]:
+        """Cracks that a picture can show: points and polylines, each of shape (n, dim)."""
+        return [
+            np.asarray(c.points, float).reshape(-1, self.lattice.dim) for c in self.parts.crack if c.points is not None
+        ]
+
+    @property
+    def quantities(self) -> dict[str, str]:
+        """What fields are, in words."""
+        known = {
+            "heat": "temperature u",
+            "diffusion": "concentration u",
+            "corrosion": "concentration u",
+            "beam": "deflection u",
+        }
+        u = "displacement u" if self.vector else known.get(self.parts.model.type, "")
+        words = {"u": u, "v": "velocity v", "damage": "damage: part of the bonds that are broken", "solid": "metal"}
+        return {name: text for name, text in words.items() if text}
+
     def run(self, **changes: Any) -> Run:
         """A new run of the case: a `Simulation` or a `Body`."""
         with self.naming():

@@ -390,7 +390,8 @@ class Report:
         """Pictures into a folder: NAME-growing-mode.png where a mode grows, NAME-reflection.png where sides absorb
         waves.
         """
-        from farhorizon.pictures.plot import mode_picture, reflection_picture
+        from farhorizon.pictures.curves import reflection_picture
+        from farhorizon.pictures.fields import mode_picture
 
         made = []
         worst = None if self.certificate is None else self.certificate.worst

@@ -42,7 +42,7 @@ FORMAT = "farhorizon results"
 CHECKPOINT_FORMAT = "farhorizon checkpoint"
 VERSION = 1  # of a checkpoint
 RESULTS_VERSION = 2
-# Names that the Dataset of `Results.to_xarray` and the pictures of `farhorizon.pictures.plot` use for something else.
+# Names that the Dataset of `Results.to_xarray` and the pictures of `farhorizon.pictures` use for something else.
 RESERVED = frozenset(
     {
         "time",

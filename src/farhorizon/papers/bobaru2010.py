@@ -160,7 +160,7 @@ def limits(kernel: str, ratios: tuple[int, ...] = (2, 4, 8, 16, 32, 64, 128), ki
 
 def _profiles(folder: Path, name: str, number: int) -> Outcome:
     """Profiles at 0.1, 4 and 8 s, horizon 3L/800, m = 4."""
-    from farhorizon.pictures.plot import curve_panels
+    from farhorizon.pictures.curves import curve_panels
 
     example = Example(number)
     rows, panels = [], []
@@ -222,7 +222,7 @@ def figure9(folder: Path) -> Outcome:
 def figure10(folder: Path) -> Outcome:
     """Mid temperatures, where their curves cross, and what becomes of them as m grows: one node held, and a layer
     held."""
-    from farhorizon.pictures.plot import curve_panels
+    from farhorizon.pictures.curves import curve_panels
 
     rows, panels = [], []
     printed = {1: 51.75, 2: 53.06}
@@ -265,7 +265,7 @@ def figure10(folder: Path) -> Outcome:
 
 
 def _rates(folder: Path, name: str, number: int) -> Outcome:
-    from farhorizon.pictures.plot import curve_panels
+    from farhorizon.pictures.curves import curve_panels
 
     rows, panels = [], []
     for kernel in KERNELS:
@@ -303,7 +303,7 @@ def figure12(folder: Path) -> Outcome:
 
 def _fluxes(folder: Path, name: str, number: int, ratio: int) -> Outcome:
     """Flux over conductivity, right to left as in the paper, horizon 3L/800."""
-    from farhorizon.pictures.plot import curve_panels
+    from farhorizon.pictures.curves import curve_panels
 
     example = Example(number)
     rows, panels = [], []

@@ -151,7 +151,7 @@ def _fields(
     runs: Mapping[str, Measured],
 ) -> None:
     """Fields side by side, the reference first, one row a time."""
-    from farhorizon.pictures.plot import field_table
+    from farhorizon.pictures.fields import field_table
 
     columns = [first, *((label, found.fields[: len(times)]) for label, found in runs.items())]
     cracks = [np.array(notch) for notch in NOTCHES] if "cracks" in setup else []
@@ -321,7 +321,7 @@ def exact_energies(setup: Mapping[str, Any], times: np.ndarray) -> np.ndarray:
 )
 def figure_10(folder: Path, full: bool = False) -> Outcome:
     """Left: three models. Right: 1e5 steps of 0.025, with `full` the published 5e6 steps of 5e-4."""
-    from farhorizon.pictures.plot import curve_panels, error_history
+    from farhorizon.pictures.curves import curve_panels, error_history
 
     paths = [folder / f"hermann2023-fig10-{side}.png" for side in ("left", "right")]
     setup = square(RADIUS, 5e-4 if full else 0.01)
@@ -469,7 +469,7 @@ def large_domain(setup: Mapping[str, Any], until: float) -> Reference:
 )
 def example_3(folder: Path, full: bool = False) -> Outcome:
     """Radius 26 and 42 to t = 70; the step is 500 times the paper's, with `full` 50 times."""
-    from farhorizon.pictures.plot import curve_panels
+    from farhorizon.pictures.curves import curve_panels
 
     dt = 5e-3 if full else 0.05
     course = tuple(np.arange(0.5, 70.1, 0.5).tolist())
@@ -534,7 +534,7 @@ def appendix_b(folder: Path, full: bool = False) -> Outcome:
     """2001 nodes, 150 000 steps; exact ends, whose kernel takes minutes at this step, at ten times the step unless
     `full`.
     """
-    from farhorizon.pictures.plot import curve_panels
+    from farhorizon.pictures.curves import curve_panels
 
     spacing, dt = 0.01, 1e-4
     times = (1.5, 3.0, 5.0, 10.0, 15.0)
@@ -585,7 +585,7 @@ def figure_6(folder: Path) -> Outcome:
     """Frequencies at a horizon of 2 without damping, on the lattice with 2 and 8 spacings in it, by series of order 4
     and 26, and local.
     """
-    from farhorizon.pictures.plot import curve_panels
+    from farhorizon.pictures.curves import curve_panels
 
     horizon = 2.0
     kernel = Kernel(horizon, 2)

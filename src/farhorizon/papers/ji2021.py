@@ -361,7 +361,7 @@ def _table(
     velocity: bool = False,
 ) -> Outcome:
     """A table of errors and the figure of its convergence: ours with the printed values."""
-    from farhorizon.pictures.plot import log_panels
+    from farhorizon.pictures.curves import log_panels
 
     errors, printed = _errors(example, times, velocity), _printed(lines)
     path = folder / f"ji2021-fig{figure}.png"
@@ -406,7 +406,7 @@ def table1(folder: Path) -> Outcome:
     The printed errors are differences from the same method at half the smallest step, as the numbers show; both are
     listed.
     """
-    from farhorizon.pictures.plot import log_panels
+    from farhorizon.pictures.curves import log_panels
 
     printed = {
         3: (9.26e-06, 1.63e-05, 4.79e-05, 7.88e-04, 2.32),
@@ -514,7 +514,7 @@ def table6(folder: Path) -> Outcome:
 @reproduction("ji2021-fig2", PAPER, "kernel f_0^1 of the Euler-Bernoulli beam at large times, numerical and analytical")
 def figure2(folder: Path) -> Outcome:
     """f_0^1 on [2990 pi, 3000 pi] by the paper's way, beside ``2 J_1(2t) sin(2t)/t``."""
-    from farhorizon.pictures.plot import curve_panels
+    from farhorizon.pictures.curves import curve_panels
 
     division = _BEAM_DIVISIONS[0]
     dt = 3 * np.pi / division
@@ -544,7 +544,7 @@ _TIMES = (5.0, 10.0, 15.0, 40.0)  # of figures 3 and 4
 
 def _snapshots(folder: Path, figure: int, velocity: bool) -> Outcome:
     """The bar at four times with both boundaries, beside the continuum, eq 37."""
-    from farhorizon.pictures.plot import curve_panels
+    from farhorizon.pictures.curves import curve_panels
 
     example, dt, field = Example(), STEPS[-1], int(velocity)
     steps, x = round(_TIMES[-1] / dt) + 1, example.coordinates()
@@ -609,7 +609,7 @@ def figure8(folder: Path) -> Outcome:
     """To t = 100; the largest hump and hollow beside those of a local bar, in which the soft part reflects (sqrt(beta)
     - 1)/(sqrt(beta) + 1).
     """
-    from farhorizon.pictures.plot import curve_panels
+    from farhorizon.pictures.curves import curve_panels
 
     rows = []
     curves: dict[int, list[tuple[str, np.ndarray, np.ndarray]]] = {ORIGIN: [], RIGHT: []}
@@ -659,7 +659,7 @@ def figure9(folder: Path) -> Outcome:
     """Differences from the chain that is exact in time, at the paper's largest step: its error and that of its
     boundary, to t = 100.
     """
-    from farhorizon.pictures.plot import log_panels
+    from farhorizon.pictures.curves import log_panels
 
     rows, panels = [], []
     for beta in _BETAS:
@@ -688,7 +688,7 @@ def figure13(folder: Path) -> Outcome:
     """To t = 60, beside the chain that is exact in time; humps beside those of a local bar, whose free end doubles the
     pulse and sends it back.
     """
-    from farhorizon.pictures.plot import curve_panels
+    from farhorizon.pictures.curves import curve_panels
 
     example = Example(seismic=True)
     times, found = histories(example, 60.0)

@@ -155,7 +155,7 @@ def stability_note(setup: Mapping[str, Any], boundary: Side, until: float) -> st
 
 def errors_picture(path: Path, times: Sequence[float], runs: Mapping[str, Measured]) -> None:
     """Errors over time of all runs."""
-    from farhorizon.pictures.plot import error_history
+    from farhorizon.pictures.curves import error_history
 
     ylabel = r"largest $|u - u_\infty|$ in the near field"
     error_history(
@@ -172,7 +172,7 @@ def differences_picture(
     cracks: Sequence[np.ndarray] = (),
 ) -> None:
     """How far the fields of those runs that reach the last time are from the infinite medium."""
-    from farhorizon.pictures.plot import field_panels
+    from farhorizon.pictures.fields import field_panels
 
     panels = [
         (f"{label}, $t = {t:g}$", found.fields[-1] - exact)

@@ -86,7 +86,7 @@ def _example(
     shown: tuple[str, ...],
 ) -> Outcome:
     """Rows and pictures: energies and fields to t = 250, with `full` the energy left at t = 4000, too."""
-    from farhorizon.pictures.plot import curve_panels, error_history
+    from farhorizon.pictures.curves import curve_panels, error_history
 
     times = list(np.linspace(10, END, 25))
     later = [1000.0, 2000.0, LONG] if full else []
@@ -168,7 +168,7 @@ def example_1_peridynamic(folder: Path, full: bool = False) -> Outcome:
 @reproduction("shojaei2020-ex1-layers", PAPER, "the same with layers thinner than the horizon: figures 12, 13")
 def example_1_layers(folder: Path) -> Outcome:
     """Layers of 4, 3, 2 and 1 spacings, the bonds beyond them absent, for four largest wavenumbers."""
-    from farhorizon.pictures.plot import curve_panels
+    from farhorizon.pictures.curves import curve_panels
 
     rows, errors, panels = [], {}, []
     for wavenumber in (0.25, 0.5, 1.0, 2.0):

@@ -343,7 +343,9 @@ def outward_share(u: np.ndarray, axes: Sequence[np.ndarray], example: Example) -
 def _pictures(
     folder: Path, name: str, course: Course, runs: dict[str, Simulation], shown: tuple[float, ...]
 ) -> list[Path]:
-    from farhorizon.pictures.plot import error_history, field_panels, front, gradient_panels
+    from farhorizon.pictures.curves import error_history
+    from farhorizon.pictures.fields import field_panels, gradient_panels
+    from farhorizon.pictures.fronts import front
 
     first = next(iter(runs))
     axes = runs[first].lattice.axes

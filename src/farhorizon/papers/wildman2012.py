@@ -162,7 +162,7 @@ def passes(times: np.ndarray, values: np.ndarray, level: float) -> float:
 )
 def figure_2(folder: Path) -> Outcome:
     """Energies to t = 10; errors of all absorbers against the infinite lattice; the paper's own integrator."""
-    from farhorizon.pictures.plot import error_history
+    from farhorizon.pictures.curves import error_history
 
     times = np.round(np.arange(0.05, 10.001, 0.05), 10)
     named = (0.5, 1.0, 2.0, 5.0, 7.0, 10.0)
@@ -233,7 +233,7 @@ def roomy_plate(kernel: Kernel) -> Body:
 def lattice_layer(folder: Path) -> Outcome:
     """Errors until t = 2.2 on the inner part against the infinite lattice, and energies of the near field to t =
     100."""
-    from farhorizon.pictures.plot import error_history
+    from farhorizon.pictures.curves import error_history
 
     rows, left = [], {}
     for name, kernel in KERNELS.items():
@@ -264,7 +264,7 @@ def lattice_layer(folder: Path) -> Outcome:
 @reproduction("wildman2012-fig3", PAPER, "displacements along y = 0.5 over time, through the layer")
 def figure_3(folder: Path) -> Outcome:
     """Waterfall to t = 1, the Gaussian kernel, and the stretch."""
-    from farhorizon.pictures.plot import waterfall
+    from farhorizon.pictures.curves import waterfall
 
     body = plate(KERNELS["Gaussian"], published())
     x = SPACING * np.arange(101)
@@ -291,7 +291,7 @@ def figure_3(folder: Path) -> Outcome:
 @reproduction("wildman2012-fig4", PAPER, "displacement at the edge of the layer, and in a fixed square")
 def figure_4(folder: Path) -> Outcome:
     """|u_x| at (0.3, 0.5) to t = 5: the same until the fixed edge has sent the wave back."""
-    from farhorizon.pictures.plot import error_history
+    from farhorizon.pictures.curves import error_history
 
     times = STEP * 2 * np.arange(1, 501)
     found = {}
@@ -345,7 +345,7 @@ def radial_plate(boundary: Any, width: float = 0.1, dt: float = STEP) -> Body:
 @reproduction("wildman2012-fig5", PAPER, "a cylindrical wave against the exact solution, local and nonlocal")
 def figure_5(folder: Path) -> Outcome:
     """u_x at (0.5, 0) to t = 2: dispersion of the nonlocal medium, and what is left."""
-    from farhorizon.pictures.plot import curve_panels
+    from farhorizon.pictures.curves import curve_panels
 
     width, r = 0.1, 0.5
     found = {}
@@ -446,7 +446,7 @@ LONG: dict[str, tuple[str, Any]] = {
 @reproduction("wildman2012-growth", PAPER, "what grows in the layer long after the paper's figures end", "a minute")
 def long_times(folder: Path) -> Outcome:
     """Rates from white noise to t = 200; the paper's figures end at t = 1 and some 6."""
-    from farhorizon.pictures.plot import error_history
+    from farhorizon.pictures.curves import error_history
 
     rows, curves = [], {}
     for name, (kernel, boundary) in LONG.items():
@@ -525,7 +525,7 @@ def indent(load: float, dt: float, until: float = 10e-6, **options: Any) -> tupl
 @reproduction("wildman2012-fig7", PAPER, "cracks from an indented half-space, 250 N (and figure 8)", full="minutes")
 def figure_7(folder: Path, full: bool = False) -> Outcome:
     """Damage after 10 microseconds; the step is 20 times the paper's unless `full`."""
-    from farhorizon.pictures.plot import field_panels
+    from farhorizon.pictures.fields import field_panels
 
     body, before, found = indent(250.0, 1e-9 if full else 20e-9)
     damage = body.damage()
@@ -579,7 +579,7 @@ def fitted(load: np.ndarray) -> np.ndarray:
 @reproduction("wildman2012-fig9", PAPER, "separation of the crack tips over the load", full="minutes")
 def figure_9(folder: Path, full: bool = False) -> Outcome:
     """140 to 500 N; the step is 20 times the paper's unless `full`."""
-    from farhorizon.pictures.plot import curve_panels
+    from farhorizon.pictures.curves import curve_panels
 
     loads = np.array(LOADS)
     separations, rows = [], []

@@ -1,0 +1,309 @@
+"""Curves: histories of errors, comparisons with papers, reflection over angles, lines over time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from farhorizon.errors import InputError
+from farhorizon.pictures.style import COLORS, figure_at
+
+# A logarithmic axis shows at most so many decades below its maximum; double precision resolves 16.
+DECADES = 20
+
+
+def lines(
+    curves: Sequence[tuple[str, np.ndarray, np.ndarray]],
+    path: str | Path | None,
+    *,
+    xlabel: str,
+    ylabel: str,
+    title: str = "",
+    log: bool = False,
+    places: Sequence[float] = (),
+    limits: tuple[float, float] | None = None,
+) -> Any:
+    """Draw curves (name, x, y) into one axes, the legend beside it, and thin lines across at `places`; returns the
+    figure.
+    """
+    columns = -(-len(curves) // 16)
+    widest = max((len(name) for name, _, _ in curves), default=0) if len(curves) > 1 else 0
+    with figure_at(path, (4.6 + columns * (0.075 * widest + 0.5 * (widest > 0)), 3.1)) as figure:
+        axes = figure.add_subplot()
+        for name, x, y in curves:
+            axes.plot(x, y, label=name, marker="o" if np.isfinite(y).sum() == 1 else None)
+        for place in places:
+            axes.axvline(place, color="0.2", linewidth=0.8, linestyle="-")
+        if log:
+            axes.set_yscale("log")
+            top = max(np.nanmax(y, initial=0) for _, _, y in curves)
+            axes.set_ylim(bottom=max(axes.get_ylim()[0], top * 10.0**-DECADES))
+        axes.set(xlabel=xlabel, ylabel=ylabel, title=title)
+        if limits is not None:
+            axes.set_ylim(*limits)
+        axes.margins(x=0.01)
+        axes.grid(True)
+        axes.set_axisbelow(True)
+        if len(curves) > 1:
+            figure.legend(loc="outside right upper", ncols=columns)
+    return figure
+
+
+def error_history(
+    curves: Mapping[str, tuple[np.ndarray, np.ndarray]], path: str | Path, ylabel: str, title: str, *, xlabel: str = "t"
+) -> None:
+    """Draw errors over time on a logarithmic axis, one line a boundary.
+
+    A logarithmic axis has no zero: where an error is zero the line has a gap, and a curve of zeros only is marked in
+    the legend, as is one that becomes infinite.
+
+    Parameters
+    ----------
+    curves : mapping of str to (times, errors)
+    path : str or Path
+        The PNG file.
+    ylabel, title, xlabel : str
+
+    Raises
+    ------
+    InputError
+        There are no curves, times and errors do not match, or there is no such directory.
+    """
+    if not curves:
+        raise InputError("a picture of errors needs one curve or more")
+    drawn = []
+    for name, (times, errors) in curves.items():
+        x, y = np.asarray(times, dtype=float), np.abs(np.asarray(errors, dtype=float))
+        if x.ndim != 1 or x.shape != y.shape:
+            raise InputError(f"times and errors of {name!r} do not match", value=y.shape, limit=x.shape)
+        mark = " (diverges)" if np.isinf(y).any() else " (zero)" if y.size and (y == 0).all() else ""
+        drawn.append((name + mark, x, np.where((y > 0) & np.isfinite(y), y, np.nan)))
+    log = any(np.isfinite(y).any() for _, _, y in drawn)
+    lines(drawn, path, xlabel=xlabel, ylabel=ylabel, title=title, log=log)
+
+
+def curve_panels(
+    panels: Sequence[tuple[str, Sequence[tuple[str, np.ndarray, np.ndarray]]]],
+    path: str | Path,
+    *,
+    xlabel: str,
+    ylabel: str,
+    reference: str | None = None,
+) -> None:
+    """Draw panels of curves that are to be compared: the reference a broad pale line, the others thin ones on top of
+    it.
+
+    Parameters
+    ----------
+    panels : sequence of (title, curves)
+        Curves are (name, x, y); one name has one style in all panels. A single curve is named at its axis, several in
+        one legend.
+    path : str or Path
+        The PNG file.
+    xlabel, ylabel : str
+    reference : str, optional
+        Name of the curve that the others are held against; the first one unless given.
+
+    Raises
+    ------
+    InputError
+        There are no panels, a panel without curves, or no such directory.
+    """
+    if not panels or not all(curves for _, curves in panels):
+        raise InputError("a picture of curves needs one panel or more, each with a curve")
+    columns = 1 if len(panels) < 4 else 2
+    rows = -(-len(panels) // columns)
+    broad = panels[0][1][0][0] if reference is None else reference
+    names = [
+        name
+        for name in dict.fromkeys(name for _, curves in panels if len(curves) > 1 for name, _, _ in curves)
+        if name != broad
+    ]
+    dashes: list[dict[str, Any]] = [
+        {},
+        {"dashes": (3, 3)},
+        {},
+        {"dashes": (6, 2)},
+        {"dashes": (6, 2, 1, 2)},
+        {},
+        {"dashes": (1, 1)},
+    ]
+    colors = [COLORS[i] for i in (1, 6, 2, 3, 0, 4, 1)]
+    styles = {
+        name: {"color": colors[i % len(colors)], "linewidth": 1.1, **dashes[i % len(dashes)]}
+        for i, name in enumerate(names)
+    }
+    styles[broad] = {"color": COLORS[5], "linewidth": 3.4}
+    shared = all(len(curves) > 1 for _, curves in panels)  # all axes are of one quantity
+    with figure_at(path, (6.4, 0.7 + 2.0 * rows)) as figure:
+        legend: dict[str, Any] = {}
+        for number, (title, curves) in enumerate(panels):
+            axes = figure.add_subplot(rows, columns, number + 1)
+            for name, x, y in curves:
+                style = {"color": COLORS[0], "linewidth": 1.1} if len(curves) == 1 else styles[name]
+                (line,) = axes.plot(x, y, **{"linestyle": "-", **style})
+                if len(curves) > 1:
+                    legend.setdefault(name, line)
+            label = curves[0][0] if len(curves) == 1 else "" if shared else ylabel
+            axes.set(title=title, xlabel=xlabel if number >= len(panels) - columns else "", ylabel=label)
+            axes.margins(x=0.01)
+            axes.grid(True)
+            axes.set_axisbelow(True)
+        if shared:
+            figure.supylabel(ylabel, fontsize=axes.yaxis.label.get_size())
+        if legend:
+            # characters across the figure, and those that a line's sample takes
+            fit = max(1, 100 // (max(map(len, legend)) + 7))
+            figure.legend(legend.values(), legend.keys(), loc="outside upper center", ncols=min(len(legend), fit, 4))
+
+
+def log_panels(
+    panels: Sequence[tuple[str, Sequence[tuple[str, np.ndarray, np.ndarray]]]],
+    path: str | Path,
+    *,
+    xlabel: str,
+    ylabel: str,
+    order: float | None = None,
+    printed: Sequence[Sequence[np.ndarray]] = (),
+) -> None:
+    """Draw panels of curves on a logarithmic axis, one below the other, each with its legend beside it.
+
+    Parameters
+    ----------
+    panels : sequence of (title, curves)
+        Curves are (name, x, y); what is not positive and finite has a gap.
+    path : str or Path
+        The PNG file.
+    xlabel, ylabel : str
+    order : float, optional
+        Of a convergence plot: both axes are logarithmic, the points are marked, and a dashed line has this slope.
+    printed : sequence of sequences of ndarray
+        For each curve of each panel the values that a paper prints at the same x, drawn as circles.
+
+    Raises
+    ------
+    InputError
+        There are no panels, a panel without curves, or no such directory.
+    """
+    if not panels or not all(curves for _, curves in panels):
+        raise InputError("a picture of curves needs one panel or more, each with a curve")
+    widest = max(len(name) for _, curves in panels for name, _, _ in curves)
+    with figure_at(path, (4.6 + 0.075 * widest + 0.5, 0.5 + 2.6 * len(panels))) as figure:
+        grid = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+        for number, (axes, (title, curves)) in enumerate(zip(grid, panels, strict=True)):
+            axes.set_yscale("log")
+            if order is not None:
+                axes.set_xscale("log")
+            for name, x, y in curves:
+                axes.plot(
+                    x, np.where((y > 0) & np.isfinite(y), y, np.nan), label=name, marker=None if order is None else "."
+                )
+            for k, line in enumerate(axes.get_lines() if printed else ()):
+                circles = {
+                    "color": line.get_color(),
+                    "markerfacecolor": "none",
+                    "markersize": 7,
+                    "label": "" if k else "as printed",
+                }
+                axes.plot(curves[k][1], printed[number][k], "o", **circles)
+            top = max(np.max(y, where=np.isfinite(y), initial=0) for _, _, y in curves)
+            if order is not None:
+                _, x, y = max(curves, key=lambda curve: float(np.nanmax(curve[2])))
+                axes.plot(
+                    x,
+                    2 * np.nanmax(y) * (x / np.max(x)) ** order,
+                    color="0.4",
+                    linestyle="--",
+                    linewidth=0.9,
+                    label=f"order {order:g}",
+                )
+                axes.set_xticks(x, [f"{value:.3g}" for value in x])
+                axes.minorticks_off()
+            else:
+                axes.set_ylim(bottom=max(axes.get_ylim()[0], top * 10.0**-DECADES))
+                axes.margins(x=0.01)
+            axes.set(title=title, ylabel=ylabel, xlabel=xlabel if number + 1 == len(panels) else "")
+            axes.grid(True)
+            axes.set_axisbelow(True)
+            axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.02), borderaxespad=0)
+
+
+def reflection_picture(
+    angles: np.ndarray, curves: Sequence[tuple[str, np.ndarray]], title: str, path: str | Path
+) -> None:
+    """Draw predicted reflection in decibels over the angle of incidence.
+
+    Parameters
+    ----------
+    angles : ndarray, shape (n,)
+        In degrees.
+    curves : sequence of (name, amplitudes of shape (n,))
+    title : str
+    path : str or Path
+        The PNG file.
+
+    Raises
+    ------
+    InputError
+        There are no curves, or no such directory.
+    """
+    if not curves:
+        raise InputError("a picture of reflection needs one curve or more")
+    levels = [(name, angles, 20 * np.log10(np.maximum(values, 1e-14))) for name, values in curves]
+    lines(levels, path, xlabel="angle of incidence (degrees)", ylabel="reflection (dB)", title=title)
+
+
+def waterfall(
+    x: np.ndarray,
+    times: np.ndarray,
+    lines: np.ndarray,
+    path: str | Path,
+    *,
+    xlabel: str,
+    ylabel: str,
+    backdrop: tuple[str, np.ndarray],
+) -> None:
+    """Draw a field on a line at many times, the latest farthest back.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+    times : ndarray, shape (m,)
+    lines : ndarray, shape (m, n)
+    path : str or Path
+        The PNG file.
+    xlabel, ylabel : str
+    backdrop : (str, ndarray of shape (n,))
+        Name and values of what is drawn behind the last line, scaled to the field.
+
+    Raises
+    ------
+    InputError
+        There is no such directory.
+    """
+    name, values = backdrop
+    gap = np.ptp(lines[0]) / 4  # from one line to the next
+    with figure_at(path, (5.6, 4.2)) as figure:
+        axes = figure.add_subplot()
+        base = gap * len(times)
+        axes.fill_between(
+            x, base, base + 0.6 * np.ptp(lines[0]) * values / values.max(), color="0.85", linewidth=0, label=name
+        )
+        for number in range(len(times)):
+            base = gap * number
+            axes.fill_between(
+                x, lines.min() - gap, base + lines[number], color="white", linewidth=0, zorder=2.5 - number / len(times)
+            )
+            axes.plot(
+                x, base + lines[number], color=COLORS[0], linestyle="-", linewidth=0.9, zorder=2.5 - number / len(times)
+            )
+        shown = range(0, len(times), max(1, len(times) // 5))
+        axes.set_yticks([gap * number for number in shown], [f"{times[number]:g}" for number in shown])
+        axes.set(xlabel=xlabel, ylabel="t")
+        axes.plot([], [], color=COLORS[0], linestyle="-", linewidth=0.9, label=ylabel)
+        axes.margins(x=0)
+        axes.legend(loc="upper center", ncols=2)
+        axes.set_ylim(lines.min() - gap, 1.1 * axes.get_ylim()[1])

@@ -1,0 +1,378 @@
+"""Fields as images, side by side: at several times, of several runs, with cracks, solids and arrows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from farhorizon.errors import InputError
+from farhorizon.pictures.curves import lines
+from farhorizon.pictures.style import DIVERGING, RIM, color_range, extent_beyond, figure_at, number_text, scale_of
+
+_ARROWS = 18  # along an axis
+_ROOM = 5.0  # how much larger than in the first column values may be in the others without leaving the colours
+_SHARED = 0.2  # panels whose largest values differ by more than this factor have colour scales of their own
+
+
+def panel_grid(number: int, ratio: float) -> tuple[int, int, float, float]:
+    """Rows, columns and size in inches of `number` panels of height / width = `ratio`."""
+    most = 1 if ratio < 0.35 else 2 if ratio < 0.6 else 3 if number in (3, 5, 6, 9) else 4
+    columns = min(number, most)
+    width = min(5.5 / columns + 0.8, 3.4)
+    if ratio < 0.35:
+        width = 5.5
+    height = min(max(width * ratio, 0.55), 4.5)
+    return -(-number // columns), columns, max(min(width, height / ratio), 1.3), height
+
+
+def field_panels(
+    fields: Sequence[tuple[str, np.ndarray]],
+    axes: Sequence[np.ndarray],
+    path: str | Path | None,
+    *,
+    shared_scale: bool = True,
+    cracks: Sequence[np.ndarray] = (),
+    label: str = "u",
+    solids: Sequence[np.ndarray] = (),
+    colors: str | None = None,
+    plane: tuple[int, int] | None = None,
+    limits: tuple[float, float] | None = None,
+    title: str = "",
+) -> Any:
+    """Draw fields side by side: lines in one axes in 1D, images in 2D, a slice in 3D.
+
+    Parameters
+    ----------
+    fields : sequence of (title, ndarray)
+        Fields of the lattice shape (nx[, ny[, nz]]); nan (outside a window) stays blank.
+    axes : sequence of ndarray
+        Coordinates of the nodes along each axis.
+    path : str or Path, optional
+        The file, of which the ending of the name is the format; without one nothing is written.
+    shared_scale : bool
+        One colour scale for all panels, with one colour bar; otherwise each has its own.  Without meaning in 1D.
+    cracks : sequence of ndarray, each of shape (n, dim)
+        Polylines, drawn as thin dark lines; in 3D their projection onto the slice.
+    label : str
+        Name of what is drawn.
+    solids : sequence of ndarray of bool
+        For each field the nodes that are solid: their outline is drawn as cracks are. Without meaning in 1D.
+    colors : str, optional
+        Matplotlib's colour map, from zero; diverging or sequential as the values are, unless given. Without meaning in
+        1D.
+    plane : (int, int), optional
+        In 3D the axis that the slice is normal to, and its index along it; the middle of z unless given.
+    limits : (float, float), optional
+        Of the colour scale, in 1D of the axis of values.
+    title : str
+        Of the whole picture.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    InputError
+        There are no fields, shapes do not match, or there is no such directory.
+    """
+    coordinates = [np.asarray(axis, dtype=float) for axis in axes]
+    shape, dim = tuple(axis.size for axis in coordinates), len(coordinates)
+    if not fields or dim not in (1, 2, 3):
+        raise InputError(
+            "a picture needs one field or more on one to three axes", value=f"{len(fields)} fields, {dim} axes"
+        )
+    arrays = [np.asarray(field, dtype=float) for _, field in fields]
+    titles = [title for title, _ in fields]
+    for name, array in zip(titles, arrays, strict=True):
+        if array.shape != shape:
+            raise InputError(f"field {name!r} does not match the axes", value=array.shape, limit=shape)
+    polylines = [np.asarray(points, dtype=float) for points in cracks]
+    for points in polylines:
+        if points.ndim != 2 or points.shape[1] != dim:
+            raise InputError("a crack is an array of points", value=points.shape, limit=f"(n, {dim})")
+    if dim == 1:
+        curves = [(name, coordinates[0], array) for name, array in zip(titles, arrays, strict=True)]
+        return lines(
+            curves,
+            path,
+            xlabel="x",
+            ylabel=label,
+            title=", ".join(filter(None, (title, titles[0] if len(titles) == 1 else ""))),
+            places=[x for points in polylines for x in points[:, 0]],
+            limits=limits,
+        )
+    names = "xy"
+    if dim == 3:
+        normal, index = plane or (2, shape[2] // 2)
+        names = "xyz".replace("xyz"[normal], "")
+        place = f"{'xyz'[normal]} = {number_text(coordinates[normal][index], np.ptp(coordinates[normal]))}"
+        arrays, solids = ([array.take(index, normal) for array in some] for some in (arrays, solids))
+        polylines = [np.delete(points, normal, 1) for points in polylines]
+        coordinates = [axis for number, axis in enumerate(coordinates) if number != normal]
+        title = ", ".join(filter(None, (title, place)))
+    return _images(
+        arrays,
+        titles,
+        coordinates,
+        path,
+        shared_scale=shared_scale,
+        cracks=polylines,
+        label=label,
+        solids=solids,
+        colors=colors,
+        names=names,
+        limits=limits,
+        title=title,
+    )
+
+
+def gradient_panels(
+    fields: Sequence[tuple[str, np.ndarray]],
+    axes: Sequence[np.ndarray],
+    path: str | Path,
+    *,
+    solids: Sequence[np.ndarray],
+    label: str = "|grad u|",
+) -> None:
+    """Draw gradients outside solids side by side, by central differences: magnitudes as colours, downhill directions as
+    arrows.
+
+    Parameters
+    ----------
+    fields : sequence of (title, ndarray)
+        Fields of the lattice shape (nx, ny[, nz]), nan outside a window; of nz slices the one in the middle.
+    axes : sequence of ndarray
+        Coordinates of the nodes along each axis, equally far apart.
+    path : str or Path
+        The PNG file.
+    solids : sequence of ndarray of bool
+        For each field the nodes that are solid: they are left blank, and their outline is drawn.
+    label : str
+        Name of the magnitude.
+    """
+    middle: Any = (slice(None), slice(None), *[axis.size // 2 for axis in axes[2:]])
+    titles, spacing = [title for title, _ in fields], float(axes[0][1] - axes[0][0])
+    slopes = [
+        np.array(np.gradient(np.where(solid, np.nan, u)[middle], spacing))
+        for (_, u), solid in zip(fields, solids, strict=True)
+    ]
+    _images(
+        [np.hypot(*slope) for slope in slopes],
+        titles,
+        axes[:2],
+        path,
+        shared_scale=False,
+        cracks=(),
+        label=label,
+        solids=[solid[middle] for solid in solids],
+        arrows=[-slope for slope in slopes],
+    )
+
+
+def _arrows(panel: Any, vectors: np.ndarray, axes: Sequence[np.ndarray]) -> None:
+    """Directions of vectors (2, nx, ny) as arrows of one length, some `_ARROWS` along an axis."""
+    every = max(1, max(vectors.shape[1:]) // _ARROWS)
+    thin = (slice(every // 2, None, every),) * 2
+    length = np.hypot(*vectors)[thin]
+    x, y = (part[thin] / np.where(length > 0, length, np.inf) for part in vectors)
+    panel.quiver(
+        axes[0][thin[0]],
+        axes[1][thin[1]],
+        x.T,
+        y.T,
+        color="white",
+        pivot="mid",
+        scale=1.3 * x.shape[0],
+        width=0.006,
+        edgecolor="0.1",
+        linewidth=0.3,
+    )
+
+
+def extent(axes: Sequence[np.ndarray]) -> tuple[float, float, float, float]:
+    """Left, right, lower and upper edge of the cells of two axes."""
+    spacing = max(float(axis[1] - axis[0]) if axis.size > 1 else 0.0 for axis in axes) or 1.0
+    left, right, bottom, top = (float(end) for axis in axes for end in (axis[0] - spacing / 2, axis[-1] + spacing / 2))
+    return left, right, bottom, top
+
+
+def _images(
+    arrays: Sequence[np.ndarray],
+    titles: Sequence[str],
+    axes: Sequence[np.ndarray],
+    path: str | Path | None,
+    *,
+    shared_scale: bool,
+    cracks: Sequence[np.ndarray],
+    label: str,
+    solids: Sequence[np.ndarray] = (),
+    arrows: Sequence[np.ndarray] = (),
+    colors: str | None = None,
+    names: str = "xy",
+    limits: tuple[float, float] | None = None,
+    title: str = "",
+) -> Any:
+    """Draw checked 2D fields as images; returns the figure."""
+    left, right, bottom, top = extent(axes)
+    rows, columns, width, height = panel_grid(len(arrays), (top - bottom) / (right - left))
+    bar = 0.9 if shared_scale else 0.9 * columns
+    size = (columns * (width + 0.15) + 0.6 + bar, rows * (height + 0.35) + 0.45 + 0.3 * bool(title))
+    with figure_at(path, size, "compressed") as figure:
+        panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+        for empty in panels[len(arrays) :]:
+            empty.remove()
+        scale = scale_of(arrays, limits, colors)
+        # one colour map for all panels, whatever the scales
+        signed = any(color_range([array])["cmap"] == DIVERGING for array in arrays)
+        for number, (array, name) in enumerate(zip(arrays, titles, strict=True)):
+            panel = panels[number]
+            if not shared_scale:
+                scale = scale_of([array], limits, colors, signed)
+            image = _image(panel, array, axes, scale, cracks, solids[number] if solids else None)
+            if arrows:
+                _arrows(panel, arrows[number], axes)
+            panel.set_title(name)
+            lowest = number + columns >= len(arrays)
+            panel.tick_params(labelbottom=lowest, labelleft=number % columns == 0)
+            panel.set(xlabel=names[0] if lowest else "", ylabel=names[1] if number % columns == 0 else "")
+            panel.locator_params(nbins=4 if width < 2 else 6)
+            if not shared_scale:
+                figure.colorbar(image, ax=panel, label=label, extend=extent_beyond([array], limits))
+        if shared_scale:
+            beyond = extent_beyond(arrays, limits)
+            figure.colorbar(image, ax=list(panels[: len(arrays)]), label=label, pad=0.02, extend=beyond)
+        if title:
+            figure.suptitle(title, fontsize=panels[0].title.get_size())
+    return figure
+
+
+def _image(
+    panel: Any,
+    array: np.ndarray,
+    axes: Sequence[np.ndarray],
+    scale: Mapping[str, Any],
+    cracks: Any,
+    solid: np.ndarray | None = None,
+) -> Any:
+    """Draw a field into one panel, with the outline of its window, of what is solid, and its cracks; returns the
+    image."""
+    image = panel.imshow(array.T, origin="lower", extent=extent(axes), aspect="equal", **scale)
+    outside = np.isnan(array)
+    if outside.any() and not outside.all() and min(array.shape) > 1:
+        panel.contour(*axes, outside.T, levels=[0.5], colors="0.6", linewidths=0.6)
+    for color, width in RIM:
+        if solid is not None and min(array.shape) > 1:
+            panel.contour(*axes, solid.T.astype(float), levels=[0.5], colors=color, linewidths=width)
+    for points in cracks:
+        for color, width in RIM:
+            panel.plot(
+                points[:, 0], points[:, 1], color=color, linewidth=width, linestyle="-", scalex=False, scaley=False
+            )
+    return image
+
+
+def field_table(
+    rows: Sequence[str],
+    columns: Sequence[tuple[str, Sequence[np.ndarray]]],
+    axes: Sequence[np.ndarray],
+    path: str | Path,
+    *,
+    cracks: Sequence[np.ndarray] = (),
+    label: str = "u",
+) -> None:
+    """Draw 2D fields as a table of images: what is compared side by side, times one below the other.
+
+    Each row has one colour scale, which reaches up to five times the largest value of the first column; what is larger
+    has the colour of the end.
+
+    Parameters
+    ----------
+    rows : sequence of str
+        Names of the rows.
+    columns : sequence of (title, fields)
+        One field of shape (nx, ny) a row; fewer where a run has ended.
+    axes : sequence of ndarray
+        Coordinates of the nodes along the two axes.
+    path : str or Path
+        The PNG file.
+    cracks : sequence of ndarray, each of shape (n, 2)
+    label : str
+        Name of what is drawn.
+
+    Raises
+    ------
+    InputError
+        No rows or columns, a first column that is not complete, or no such directory.
+    """
+    if not rows or not columns or len(columns[0][1]) < len(rows):
+        given = f"{len(rows)} rows, {len(columns)} columns"
+        raise InputError("a table of fields needs rows, columns, and a first column that is complete", value=given)
+    left, right, bottom, top = extent(axes)
+    width = min(2.0, 8.0 / len(columns))
+    height = width * (top - bottom) / (right - left)
+    with figure_at(
+        path, (len(columns) * (width + 0.1) + 1.6, len(rows) * (height + 0.15) + 0.6), "compressed"
+    ) as figure:
+        panels = figure.subplots(len(rows), len(columns), sharex=True, sharey=True, squeeze=False)
+        for i, row in enumerate(rows):
+            most = _ROOM * float(np.nanmax(np.abs(columns[0][1][i])))
+            scale = color_range([np.clip(fields[i], -most, most) for _, fields in columns if i < len(fields)])
+            for j, (title, fields) in enumerate(columns):
+                panel = panels[i, j]
+                if i < len(fields):
+                    image = _image(panel, fields[i], axes, scale, cracks)
+                else:
+                    panel.text(0.5, 0.5, "overflow", transform=panel.transAxes, ha="center", va="center", color="0.4")
+                panel.set(
+                    title=title if i == 0 else "",
+                    xlabel="x" if i + 1 == len(rows) else "",
+                    ylabel=f"{row}\ny" if j == 0 else "",
+                )
+                panel.locator_params(nbins=4)
+            figure.colorbar(image, ax=list(panels[i]), label=label, pad=0.02, extend="both")
+
+
+def comparable(fields: Sequence[np.ndarray]) -> bool:
+    """Whether one colour scale shows something in every panel: the largest values of the fields that are not zero are
+    alike.
+    """
+    peaks = [peak for peak in (float(np.nanmax(np.abs(f), initial=0.0)) for f in fields) if peak > 0]
+    return not peaks or min(peaks) >= _SHARED * max(peaks)
+
+
+def magnitude(field: np.ndarray) -> np.ndarray:
+    """Length of the vectors of a field, shape (components, nx, ...)."""
+    return np.asarray(np.sqrt((np.asarray(field, float) ** 2).sum(0)))
+
+
+def mode_picture(mode: np.ndarray, spacing: float, title: str, path: str | Path) -> None:
+    """Draw a growing mode on the nodes of the near field, scaled to 1: its real and imaginary part.
+
+    Parameters
+    ----------
+    mode : ndarray of complex, shape (n,), (nx, ny) or (nx, ny, nz)
+        In one dimension it is a profile along the normal of the sides.
+    spacing : float
+    title : str
+    path : str or Path
+        The PNG file.
+
+    Raises
+    ------
+    InputError
+        There is no such directory.
+    """
+    values = np.squeeze(mode)
+    values = values / values.flat[np.argmax(np.abs(values))]
+    axes = [spacing * (np.arange(n) - (n - 1) / 2) for n in values.shape]
+    if values.ndim == 1:
+        curves = [("real part", axes[0], values.real), ("imaginary part", axes[0], values.imag)]
+        lines(curves, path, xlabel="distance along the normal", ylabel="mode", title=title)
+    else:
+        field_panels(
+            [("real part", values.real), ("imaginary part", values.imag)], axes, path, label=f"mode that {title}"
+        )

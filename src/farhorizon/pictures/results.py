@@ -1,0 +1,343 @@
+"""Pictures of a results file: its fields at some times, its probes, its energies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from farhorizon.errors import InputError
+from farhorizon.pictures.curves import lines
+from farhorizon.pictures.deformed import deformed_panels
+from farhorizon.pictures.fields import comparable, field_panels, magnitude
+from farhorizon.pictures.fronts import front
+from farhorizon.pictures.movie import movie
+from farhorizon.pictures.style import DAMAGE, number_text, time_text
+
+if TYPE_CHECKING:
+    from farhorizon.files.results import Results
+
+FORMATS = ("png", "pdf", "svg")
+_FLOOR = -60.0  # decibels, unless a range is given
+
+
+@dataclass(frozen=True)
+class View:
+    """What is drawn of a results file, and how.
+
+    Parameters
+    ----------
+    times : sequence of float, optional
+        The nearest outputs are drawn; up to four evenly spaced ones unless given.
+    fields : sequence of str, optional
+        Names of fields, of vectors of components, too ("u_x"); all fields, and the histories, unless given.
+    plane : (str, float), optional
+        Of lattices in 3D the axis that the slice is normal to, and where it lies: the nearest plane of nodes.
+    limits : (float, float), optional
+        Of the colour scale; of decibels where these are drawn.
+    decibels : bool
+        Draw magnitudes in decibels below the largest of the drawn times.
+    deformed : float, optional
+        Draw the deformed lattice of an elastic run in 2D in place of the fields, displacements times this factor; 0
+        chooses it.
+    movie : bool
+        All outputs one after the other, in place of panels.
+    format : {"png", "pdf", "svg"}
+    cracks : sequence of ndarray, each of shape (n, dim)
+        Polylines, drawn over the fields.
+    quantities : mapping of str to str
+        What fields are in words ("temperature"), for the titles.
+
+    Raises
+    ------
+    InputError
+        Times, a slice or a range that are not finite, an empty range, an unknown format.
+    """
+
+    times: Sequence[float] | None = None
+    fields: Sequence[str] | None = None
+    plane: tuple[str, float] | None = None
+    limits: tuple[float, float] | None = None
+    decibels: bool = False
+    deformed: float | None = None
+    movie: bool = False
+    format: str = "png"
+    cracks: Sequence[np.ndarray] = ()
+    quantities: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.times is not None and not np.isfinite(np.asarray(self.times, dtype=float)).all():
+            raise InputError("the times of the pictures are finite numbers", value=list(self.times))
+        if self.limits is not None and not (np.isfinite(self.limits).all() and self.limits[0] < self.limits[1]):
+            raise InputError("a range goes from a number to a larger one", value=self.limits, key="--range")
+        if self.deformed is not None and not (np.isfinite(self.deformed) and self.deformed >= 0):
+            raise InputError("the factor must be positive", value=self.deformed, key="--deformed")
+        if self.format not in FORMATS:
+            raise InputError("unknown format", value=self.format, limit=", ".join(FORMATS), key="--format")
+
+    def chosen(self, results: Results, say: Callable[[str], None] = lambda text: None) -> list[int]:
+        """The outputs that are drawn; says where they are not at the times asked for."""
+        outputs = results.times
+        if self.times is None or not outputs.size:
+            some = outputs.size if self.movie else min(outputs.size, 4)
+            return sorted({round(k) for k in np.linspace(0, outputs.size - 1, some).tolist()})
+        found = [int(np.abs(outputs - time).argmin()) for time in self.times]
+        for time, k in zip(self.times, found, strict=True):
+            if abs(outputs[k] - time) > 1e-9 * max(abs(time), abs(outputs[-1])):
+                say(f"t = {time:g} is not stored; drawn is t = {outputs[k]:.6g}, the nearest")
+        return sorted(set(found))
+
+    def slice(self, results: Results) -> tuple[int, int] | None:
+        """Axis and index of the slice.
+
+        Raises
+        ------
+        InputError
+            It lies outside, or the lattice is not three-dimensional.
+        """
+        if self.plane is None:
+            return None
+        if results.dim != 3:
+            raise InputError("only a lattice in space is sliced", value=f"{results.dim}D", limit="3D", key="--slice")
+        name, place = self.plane
+        axis = results.axes["xyz".index(name)]
+        if not axis[0] - results.spacing / 2 <= place <= axis[-1] + results.spacing / 2:
+            raise InputError(
+                "the slice lies outside the near field",
+                value=f"{name} = {place:g}",
+                limit=f"{axis[0]:g} to {axis[-1]:g}",
+                key="--slice",
+            )
+        return "xyz".index(name), int(np.abs(axis - place).argmin())
+
+    def levels(self, values: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Magnitudes in decibels below the largest of them, which is not zero."""
+        top = max(float(np.nanmax(np.abs(one), initial=0.0)) for one in values)
+        low = self.limits[0] if self.limits else _FLOOR
+        with np.errstate(divide="ignore"):
+            return [np.maximum(20 * np.log10(np.abs(one) / top), low) for one in values]
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A scalar that is drawn: a field, the length of a vector field, or a component of it."""
+
+    name: str
+    label: str
+    field: str
+    of: Callable[[np.ndarray], np.ndarray]
+
+
+def _parts(results: Results) -> Iterator[_Part]:
+    for name in results.field_names:
+        count = results.components[name]
+        if count == 1:
+            yield _Part(name, name, name, lambda values: values)
+            continue
+        yield _Part(name, f"|{name}|", name, magnitude)
+        for i, axis in enumerate("xyz"[:count]):
+            yield _Part(f"{name}_{axis}", f"{name}_{axis}", name, lambda values, i=i: values[i])  # type: ignore[misc]
+
+
+def _wanted(results: Results, names: Sequence[str] | None) -> list[_Part]:
+    parts = {part.name: part for part in _parts(results)}
+    for name in names or ():
+        if name not in parts:
+            raise InputError("the file has no such field", value=name, limit=", ".join(parts), key="--field")
+    return [parts[name] for name in (parts if names is None else dict.fromkeys(names))]
+
+
+def plot_results(
+    results: Results, out_dir: str | Path, view: View | None = None, say: Callable[[str], None] = lambda text: None
+) -> list[Path]:
+    """Draw a results file: each field at some times, the probes and the energy.
+
+    The pictures of a field share one colour scale unless its largest value changes more than fivefold between them.
+    Panels of zeros are left out.
+
+    Parameters
+    ----------
+    results : Results
+    out_dir : str or Path
+        Directory of the pictures; made if there is none.
+    view : View, optional
+        What is drawn, and how.
+    say : callable, optional
+        Told in words what is drawn otherwise than asked for.
+
+    Returns
+    -------
+    list of Path
+        ``FIELD.png`` for every field, of vectors their length beside ``FIELD_x.png`` and so on (``front.png`` for the
+        times of dissolution), ``probes.png``, ``energy.png`` and ``balance.png`` where they were recorded;
+        ``deformed.png``; ``FIELD.gif`` and ``FIELD.mp4`` of a movie.
+
+    Raises
+    ------
+    InputError
+        A field that the file does not have, a slice outside, a deformed shape of what is no elastic run in 2D, a movie
+        of one output.
+    FileFormatError
+        The results file is damaged.
+    """
+    view = view or View()
+    chosen, parts, plane = view.chosen(results, say), _wanted(results, view.fields), view.slice(results)
+    directory = Path(out_dir)
+    if view.deformed is not None:
+        frames = [(_moment(results, k), *_strained(results, k)) for k in chosen]
+        directory.mkdir(parents=True, exist_ok=True)
+        path = directory / f"deformed.{view.format}"
+        deformed_panels(frames, results.axes, path, factor=view.deformed)
+        return [path]
+    if view.movie:
+        return _movie(results, directory, view, chosen, parts[0], plane)
+    directory.mkdir(parents=True, exist_ok=True)
+    written = []
+    for part in parts if chosen else ():
+        if part.name == "dissolved" and results.dim > 1:
+            written.append(directory / f"front.{view.format}")
+            outside = np.isnan(results.field("u", 0)) if "u" in results.field_names else None
+            front(
+                results.field(part.name, chosen[-1]),
+                results.axes,
+                written[-1],
+                outside=outside,
+                cracks=view.cracks,
+                plane=plane,
+            )
+        else:
+            written += _panels(results, directory, view, chosen, part, plane, say)
+    return written if view.fields is not None else [*written, *_histories(results, directory, view.format)]
+
+
+def _panels(
+    results: Results,
+    directory: Path,
+    view: View,
+    chosen: Sequence[int],
+    part: _Part,
+    plane: tuple[int, int] | None,
+    say: Callable[[str], None],
+) -> list[Path]:
+    """Draw one part of a field at the chosen times; nothing if it is zero at all of them."""
+    drawn = chosen if part.name != "dissolved" else chosen[-1:]  # the last one tells all
+    found = {k: part.of(results.field(part.field, k)) for k in drawn}
+    empty = [k for k, values in found.items() if not np.nan_to_num(values).any()]
+    if len(empty) == len(found):
+        say(f"{part.label} is zero everywhere: no picture")
+        return []
+    if empty:
+        say(f"{part.label} is zero everywhere at t = {', '.join(f'{results.times[k]:.4g}' for k in empty)}: left out")
+    kept = [k for k in drawn if k not in empty]
+    solids = [_solid(results, k) for k in kept] if "dissolved" in results.field_names else []
+    path, shown = directory / f"{part.name}.{view.format}", [found[k] for k in kept]
+    label, limits = part.label, view.limits
+    if view.decibels:
+        shown, limits = view.levels(shown), limits or (_FLOOR, 0.0)
+        label = f"{part.label.strip('|')} (dB below the largest)"
+    broken = part.name == "damage"  # shows the cracks, those cut in advance among them
+    field_panels(
+        [(_moment(results, k), values) for k, values in zip(kept, shown, strict=True)],
+        results.axes,
+        path,
+        shared_scale=limits is not None or comparable(shown),
+        cracks=() if broken else view.cracks,
+        label=label,
+        solids=solids,
+        colors=DAMAGE if broken and not view.decibels else None,
+        plane=plane,
+        limits=limits,
+        title=view.quantities.get(part.field, ""),
+    )
+    return [path]
+
+
+def _movie(
+    results: Results, directory: Path, view: View, chosen: Sequence[int], part: _Part, plane: tuple[int, int] | None
+) -> list[Path]:
+    """Draw the chosen outputs one after the other."""
+    values = [part.of(results.field(part.field, k)) for k in chosen]
+    label, limits = part.label, view.limits
+    if view.decibels and any(np.nan_to_num(one).any() for one in values):
+        values, limits = view.levels(values), limits or (_FLOOR, 0.0)
+        label = f"{part.label.strip('|')} (dB below the largest)"
+    title = view.quantities.get(part.field, "")
+    frames = [
+        (", ".join(filter(None, (title, _moment(results, k)))), one) for k, one in zip(chosen, values, strict=True)
+    ]
+    broken = part.name == "damage"
+    return movie(
+        frames,
+        results.axes,
+        directory / part.name,
+        label=label,
+        limits=limits,
+        cracks=() if broken else view.cracks,
+        colors=DAMAGE if broken and not view.decibels else None,
+        plane=plane,
+    )
+
+
+def _strained(results: Results, index: int) -> tuple[np.ndarray, str, np.ndarray]:
+    """Displacements of an output, and what colours them: name and values."""
+    if results.dim != 2 or results.components.get("u") != 2:
+        raise InputError(
+            "only a run in 2D with displacements has a deformed shape",
+            value=f"{results.dim}D, u of {results.components.get('u', 0)} components",
+            key="--deformed",
+        )
+    u = results.field("u", index)
+    damaged = "damage" in results.field_names
+    return u, *(("damage", results.field("damage", index)) if damaged else ("|u|", magnitude(u)))
+
+
+def _histories(results: Results, directory: Path, ending: str) -> list[Path]:
+    """Draw what was recorded over time: probes, energy, balance."""
+    written = []
+    moments, values = results.probe_times, results.probe_values
+    if moments.size:
+        names = [
+            ", ".join(f"{axis} = {number_text(x, results.spacing)}" for axis, x in zip("xyz", place, strict=False))
+            for place in results.probes
+        ]
+        if values.ndim > 2:
+            names = [f"u_{axis} at {name}" for name in names for axis in "xyz"[: values.shape[2]]]
+            values = values.reshape(len(values), -1)
+        written.append(directory / f"probes.{ending}")
+        title = f"probe at {names[0]}" if len(names) == 1 else ""
+        curves = [(name, *_recorded(moments, column)) for name, column in zip(names, values.T, strict=True)]
+        lines(curves, written[-1], xlabel="t", ylabel="probe value", title=title)
+    history, energy = results.history_times, results.energy
+    if np.isfinite(energy).any():
+        moments, energies = _recorded(history, energy)
+        log = bool((energies > 0).all() and energies.max() > 100 * energies.min())
+        written.append(directory / f"energy.{ending}")
+        lines([("energy", moments, energies)], written[-1], xlabel="t", ylabel="energy", log=log)
+    if results.balance:
+        written.append(directory / f"balance.{ending}")
+        curves = [(name, *_recorded(history, values)) for name, values in results.balance.items()]
+        ylabel = "energy" if "kinetic" in results.balance else "gain since the start, and inflow"
+        lines(curves, written[-1], xlabel="t", ylabel=ylabel)
+    return written
+
+
+def _moment(results: Results, index: int) -> str:
+    """The title of a panel: its time, and what makes the field doubtful by then."""
+    time = float(results.times[index])
+    doubts = (caution.brief for caution in results.cautions if caution.time <= time)
+    return ", ".join([f"t = {time_text(time)}", *doubts])
+
+
+def _solid(results: Results, index: int) -> np.ndarray:
+    """Which nodes of an output are solid: those without a time of dissolution that lie in the window."""
+    metal = np.isnan(results.field("dissolved", index))
+    return metal & np.isfinite(results.field("u", index)) if "u" in results.field_names else metal
+
+
+def _recorded(times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rows of a history in which a value was recorded."""
+    kept = np.isfinite(values)
+    return times[kept], values[kept]

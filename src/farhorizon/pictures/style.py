@@ -1,0 +1,134 @@
+"""What all pictures have in common: figures in one style, colours that the colour-blind tell apart, numbers as text.
+
+matplotlib is imported when a picture is made; pyplot is not used, so that no display is needed and no figure stays
+open.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from farhorizon.errors import InputError
+
+_STYLE = {
+    "font.size": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.labelsize": 9.5,
+    "legend.fontsize": 8.5,
+    "legend.frameon": False,
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 8.5,
+    "axes.linewidth": 0.7,
+    "axes.formatter.limits": (-3, 4),
+    "axes.formatter.use_mathtext": True,
+    "lines.linewidth": 1.3,
+    "lines.markersize": 4.0,
+    "grid.linewidth": 0.4,
+    "grid.color": "0.88",
+    "savefig.dpi": 150,
+}
+# Okabe and Ito's colours, which the colour-blind can tell apart; their yellow is left out, as it does not show on
+# white.
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+_DASHES = ("-", "--", "-.", ":")
+RIM = (("white", 2.2), ("0.1", 0.9))  # a light rim shows a line on dark colours
+# Maps that the colour-blind read: two hues on either side of white, and lightness that rises evenly.
+DIVERGING, SEQUENTIAL = "RdBu_r", "viridis"
+DAMAGE = "magma_r"  # light where nothing is broken
+
+
+@lru_cache(maxsize=1)
+def _picture() -> Any:
+    """A figure that notebooks show without pyplot."""
+    from matplotlib.figure import Figure
+
+    class Picture(Figure):
+        def _repr_png_(self) -> bytes:
+            buffer = io.BytesIO()
+            self.savefig(buffer, format="png", dpi=_STYLE["savefig.dpi"])
+            return buffer.getvalue()
+
+    return Picture
+
+
+@contextmanager
+def figure_at(path: str | Path | None, size: tuple[float, float], layout: str = "constrained") -> Iterator[Any]:
+    """Yield an empty figure in our style, and save it as `path`, if there is one, at the end: the ending of its name is
+    the format.
+    """
+    import matplotlib
+    from cycler import cycler
+
+    if path is not None and not Path(path).parent.is_dir():
+        raise InputError(f"{path}: there is no directory {Path(path).parent}", remedy="create it first")
+    # coprime: all combinations
+    styles = [(_DASHES[i % len(_DASHES)], COLORS[i % len(COLORS)]) for i in range(len(_DASHES) * len(COLORS))]
+    cycle = cycler(linestyle=[dash for dash, _ in styles]) + cycler(color=[color for _, color in styles])
+    settings: dict[Any, Any] = {**_STYLE, "axes.prop_cycle": cycle}
+    with matplotlib.rc_context(settings):
+        figure = _picture()(figsize=size, layout=layout)
+        yield figure
+        if path is not None:
+            figure.savefig(path)
+
+
+def number_text(value: float, scale: float) -> str:
+    """Text of a coordinate, free of round-off and with a true minus sign; `scale` is the size of coordinates that
+    matter.
+    """
+    return f"{value if abs(value) > 1e-9 * scale else 0.0:g}".replace("-", "\N{MINUS SIGN}")
+
+
+def color_range(fields: Sequence[np.ndarray], signed: bool | None = None) -> dict[str, Any]:
+    """Colour map and limits of some fields: symmetric and diverging if they have both signs, sequential otherwise.
+
+    Negative values below a hundredth of the largest value are taken for undershoot, not for a sign, unless `signed` is
+    given.
+    """
+    values = np.concatenate([field[np.isfinite(field)].ravel() for field in fields])
+    low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
+    largest = max(-low, high)
+    if low < -0.01 * largest if signed is None else signed:
+        return {"cmap": DIVERGING, "vmin": -largest or -1.0, "vmax": largest or 1.0}
+    if high == low:
+        return {"cmap": SEQUENTIAL, "vmin": min(low, 0.0), "vmax": max(high, 0.0) or 1.0}
+    return {"cmap": SEQUENTIAL, "vmin": low if low > 0.5 * high else 0.0, "vmax": high}
+
+
+def scale_of(
+    arrays: Sequence[np.ndarray], limits: tuple[float, float] | None, colors: str | None, signed: bool | None = None
+) -> dict[str, Any]:
+    """Colour map and norm of some fields: what `color_range` finds, or `limits`, about zero if they have both signs."""
+    if limits is not None:
+        from matplotlib.colors import Normalize, TwoSlopeNorm
+
+        both = limits[0] < 0 < limits[1] and colors is None
+        norm = TwoSlopeNorm(0.0, *limits) if both else Normalize(*limits)
+        return {"cmap": colors or (DIVERGING if both else SEQUENTIAL), "norm": norm}
+    scale = color_range(arrays, signed)
+    return scale if colors is None else {**scale, "cmap": colors, "vmin": 0.0}
+
+
+def extent_beyond(arrays: Sequence[np.ndarray], limits: tuple[float, float] | None) -> str:
+    """At which ends a colour bar has an arrow: values lie beyond."""
+    if limits is None:
+        return "neither"
+    low = any(np.nanmin(array, initial=np.inf) < limits[0] for array in arrays)
+    high = any(np.nanmax(array, initial=-np.inf) > limits[1] for array in arrays)
+    return {(True, True): "both", (True, False): "min", (False, True): "max"}.get((low, high), "neither")
+
+
+def time_text(time: float) -> str:
+    """A time with four digits; powers of ten where there are many zeros."""
+    text = f"{time:.4g}"
+    if "e" not in text:
+        return text
+    digits, power = text.split("e")
+    return rf"${digits} \times 10^{{{int(power)}}}$"

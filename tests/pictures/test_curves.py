@@ -1,0 +1,98 @@
+"""Curves are drawn for awkward data, and told apart."""
+
+import numpy as np
+import pytest
+
+from drawn import axes_of, is_picture, wave
+from farhorizon.errors import InputError
+from farhorizon.pictures import curves as drawing
+from farhorizon.pictures import fields as fields_module
+
+
+def test_neighbouring_curves_differ_in_colour_and_dashes(tmp_path, monkeypatch):
+    """Curves that coincide, as ours and the infinite medium, are both seen."""
+    from matplotlib.axes import Axes
+
+    lines = []
+    monkeypatch.setattr(Axes, "legend", lambda *_a, **_k: None)
+    original = Axes.plot
+    monkeypatch.setattr(Axes, "plot", lambda *a, **k: lines.extend(drawn := original(*a, **k)) or drawn)
+    axes = axes_of(1)
+    fields_module.field_panels([(f"{k}", wave(axes, k)) for k in range(4)], axes, tmp_path / "u.png")
+    assert len({line.get_color() for line in lines}) == len({line.get_linestyle() for line in lines}) == 4
+
+
+def test_error_history(tmp_path):
+    times = np.linspace(0, 10, 50)
+    curves = {
+        "lattice-pml": (times, np.where(times < 2, 0, 1e-9 * times)),
+        "exact": (times, np.zeros(50)),
+        "sponge": (times, 10.0 ** (times - 12)),
+        "explodes": (times, np.where(times < 9, 1e-3, np.inf)),
+        "tiny": (times, np.full(50, 1e-300)),
+    }
+    drawing.error_history(curves, tmp_path / "e.png", "error", "title")
+    drawing.error_history({"exact": curves["exact"]}, tmp_path / "zero.png", "error", "")
+    drawing.error_history({"short": (times[:1], times[1:2])}, tmp_path / "one.png", "error", "")
+    assert all(is_picture(tmp_path / name) for name in ("e.png", "zero.png", "one.png"))
+    with pytest.raises(InputError, match="one curve or more"):
+        drawing.error_history({}, tmp_path / "e.png", "", "")
+    with pytest.raises(InputError, match="'a' do not match"):
+        drawing.error_history({"a": (times, times[1:])}, tmp_path / "e.png", "", "")
+
+
+@pytest.mark.parametrize("number", [1, 2, 4])
+def test_curve_panels(tmp_path, number):
+    """One, two or four panels; a panel of one curve has no legend."""
+    x = np.linspace(0, 1, 20)
+    panels = [
+        (f"panel {n}", [("one", x, x), ("other", x, x**2), ("third", x, x**3)][: 3 - n % 3]) for n in range(number)
+    ]
+    drawing.curve_panels(panels, tmp_path / "c.png", xlabel="x", ylabel="y")
+    assert is_picture(tmp_path / "c.png")
+
+
+@pytest.mark.parametrize("panels", [[], [("empty", [])]])
+def test_no_curves_are_refused(tmp_path, panels):
+    for draw in (drawing.curve_panels, drawing.log_panels):
+        with pytest.raises(InputError, match="each with a curve"):
+            draw(panels, tmp_path / "c.png", xlabel="x", ylabel="y")
+
+
+def test_log_panels(tmp_path, monkeypatch):
+    """Histories with zeros and overflow; a convergence plot has two logarithmic axes, a line of its order, and the
+    printed values.
+    """
+    from matplotlib.axes import Axes
+
+    x = np.array([0.1, 0.2, 0.4])
+    histories = [("one", x, x), ("zero", x, 0 * x), ("diverges", x, np.array([1, np.inf, np.nan]))]
+    drawing.log_panels([("a", histories)], tmp_path / "a.png", xlabel="t", ylabel="e")
+    assert is_picture(tmp_path / "a.png")
+    drawn, legends = [], []
+    plotted, legend = Axes.plot, Axes.legend
+    monkeypatch.setattr(
+        Axes, "plot", lambda axes, x, y, *args, **options: drawn.append((x, y)) or plotted(axes, x, y, *args, **options)
+    )
+    monkeypatch.setattr(
+        Axes, "legend", lambda axes, *args, **options: legends.append(axes) or legend(axes, *args, **options)
+    )
+    curves = [("two", x, x**2), ("other", x, 3 * x**2)]
+    drawing.log_panels(
+        [("b", curves)], tmp_path / "b.png", xlabel="dt", ylabel="e", order=2, printed=[[1.1 * x**2, 3.1 * x**2]]
+    )
+    assert is_picture(tmp_path / "b.png")
+    (axes,) = legends
+    assert axes.get_xscale() == axes.get_yscale() == "log"
+    assert axes.get_legend_handles_labels()[1] == ["two", "other", "as printed", "order 2"]
+    np.testing.assert_allclose(np.diff(np.log(drawn[-1][1])), 2 * np.diff(np.log(drawn[-1][0])))
+
+
+def test_waterfall(tmp_path):
+    """Lines over time, with something behind the last."""
+    x, times = np.linspace(0, 1, 51), np.linspace(0, 1, 6)
+    lines = np.array([np.exp(-200 * (x - 0.3 - 0.4 * t) ** 2) for t in times])
+    drawing.waterfall(x, times, lines, tmp_path / "w.png", xlabel="x", ylabel="u", backdrop=("ramp", x**2))
+    assert (tmp_path / "w.png").stat().st_size > 10_000
+    with pytest.raises(InputError, match="no directory"):
+        drawing.waterfall(x, times, lines, tmp_path / "none" / "w.png", xlabel="x", ylabel="u", backdrop=("ramp", x**2))

@@ -1,0 +1,90 @@
+"""Fields are drawn in every dimension and for awkward data."""
+
+import numpy as np
+import pytest
+
+from drawn import axes_of, is_picture, wave
+from farhorizon.errors import InputError
+from farhorizon.pictures import fields as drawing
+
+
+@pytest.mark.parametrize("shared", [True, False])
+@pytest.mark.parametrize("number", [1, 2, 5])
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_field_panels(tmp_path, dim, number, shared):
+    axes = axes_of(dim)
+    fields = [(f"t = {k}", wave(axes, k)) for k in range(number)]
+    crack = np.zeros((2, dim))
+    crack[1, 0] = 0.5
+    drawing.field_panels(fields, axes, tmp_path / "u.png", shared_scale=shared, cracks=[crack])
+    assert is_picture(tmp_path / "u.png")
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_gradient_panels(tmp_path, dim):
+    """Of a field that is constant somewhere, outside a window and beside a solid."""
+    axes = axes_of(dim)
+    fields = [("a", wave(axes, 0.0)), ("b", np.zeros([a.size for a in axes]))]
+    drawing.gradient_panels(fields, axes, tmp_path / "u.png", solids=[u > 0.9 for _, u in fields])
+    assert is_picture(tmp_path / "u.png")
+
+
+@pytest.mark.parametrize("value", [0.0, 3.0, -2.0, np.nan])
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_constant_and_empty_fields(tmp_path, dim, value):
+    axes = axes_of(dim)
+    drawing.field_panels([("", np.full([a.size for a in axes], value))], axes, tmp_path / "u.png")
+    assert is_picture(tmp_path / "u.png")
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 5), (300, 4), (4, 300)])
+def test_long_and_thin_lattices(tmp_path, shape):
+    axes = [0.5 * np.arange(n) for n in shape]
+    field = np.arange(float(np.prod(shape))).reshape(shape)
+    drawing.field_panels([("a", field), ("b", field)], axes, tmp_path / "u.png")
+    assert is_picture(tmp_path / "u.png")
+
+
+def test_field_panels_refuses(tmp_path):
+    axes = axes_of(2)
+    field = wave(axes, 0)
+    with pytest.raises(InputError, match="one field or more"):
+        drawing.field_panels([], axes, tmp_path / "u.png")
+    with pytest.raises(InputError, match="field 'a' does not match"):
+        drawing.field_panels([("a", field.T)], axes, tmp_path / "u.png")
+    with pytest.raises(InputError, match=r"limit: \(n, 2\)"):
+        drawing.field_panels([("a", field)], axes, tmp_path / "u.png", cracks=[np.zeros((2, 3))])
+    with pytest.raises(InputError, match="no directory"):
+        drawing.field_panels([("a", field)], axes, tmp_path / "none" / "u.png")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_field_table(tmp_path, monkeypatch):
+    """One scale a row, up to five times the first column; a run that ended early leaves a panel blank."""
+    from matplotlib.axes import Axes
+
+    axes = axes_of(2)
+    limits, image = [], Axes.imshow
+    monkeypatch.setattr(
+        Axes, "imshow", lambda axes, *args, **options: limits.append(options["vmax"]) or image(axes, *args, **options)
+    )
+    first = [wave(axes, t) for t in (0.0, 1.0)]
+    columns = [("reference", first), ("twice", [2 * u for u in first]), ("ended", [100 * first[0]])]
+    drawing.field_table(
+        ["t = 0", "t = 1"], columns, axes, tmp_path / "u.png", cracks=[np.array([[-0.5, 0.0], [0.5, 0.0]])]
+    )
+    assert is_picture(tmp_path / "u.png")
+    peaks = [np.nanmax(np.abs(u)) for u in first]
+    np.testing.assert_allclose(limits, [5 * peaks[0]] * 3 + [2 * peaks[1]] * 2)
+    with pytest.raises(InputError, match="first column that is complete"):
+        drawing.field_table(["t = 0", "t = 1"], columns[::-1], axes, tmp_path / "u.png")
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_outline_of_metal(tmp_path, dim):
+    axes = axes_of(dim)
+    field = wave(axes, 0)
+    for name, solids in (("a", []), ("b", [np.abs(field) > 0.5])):
+        drawing.field_panels([("", field)], axes, tmp_path / f"{name}.png", solids=solids)
+    same = (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    assert same == (dim == 1)

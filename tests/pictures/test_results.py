@@ -1,0 +1,251 @@
+"""Pictures of a results file: what is drawn, when, where and how."""
+
+import numpy as np
+import pytest
+
+from drawn import axes_of, is_picture, wave
+from farhorizon.errors import InputError
+from farhorizon.files.results import ResultsWriter, open_results
+from farhorizon.pictures import fields
+from farhorizon.pictures import results as drawing
+from farhorizon.pictures.deformed import chosen_factor
+
+
+def write_results(path, dim, outputs=6, observed=True):
+    axes = axes_of(dim, 11)
+    shape = tuple(a.size for a in axes)
+    probes = np.zeros((2, dim)) if observed else None
+    writer = ResultsWriter.create(
+        path, dim=dim, shape=shape, spacing=0.2, lower=(-1.0,) * dim, fields=("u", "v"), dtype="float64", probes=probes
+    )
+    for k in range(outputs):
+        data = {"u": wave(axes, k), "v": np.abs(wave(axes, k))}
+        writer.append(k, float(k), data, np.exp(-2.0 * k) if observed else None)
+        if observed:
+            writer.append_probes(k + np.array([0.0, 0.5]), np.array([[k, -k], [k, 0.0]]))
+    return open_results(path)
+
+
+def test_panels_share_a_scale_unless_some_would_be_empty(tmp_path, monkeypatch):
+    """A wave that leaves is still seen; a field that stays alike, or starts from nothing, is compared on one scale;
+    zeros are left out.
+    """
+    seen = []
+    monkeypatch.setattr(
+        drawing, "field_panels", lambda _fields, *_args, **names: seen.append((len(_fields), names["shared_scale"]))
+    )
+    for run, amplitudes in enumerate(([1.0, 0.5, 0.3], [1.0, 0.01, 0.001], [0.0, 1.0, 0.5], [0.0, 0.0, 0.0])):
+        path = tmp_path / f"{run}.h5"
+        writer = ResultsWriter.create(
+            path, dim=1, shape=(5,), spacing=1.0, lower=(0.0,), fields=("u",), dtype="float64"
+        )
+        for k, amplitude in enumerate(amplitudes):
+            writer.append(k, float(k), {"u": np.full(5, amplitude)})
+        drawing.plot_results(open_results(path), tmp_path)
+    assert seen == [(3, True), (3, False), (2, True)]  # the last one has nothing to show
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_plot_results(tmp_path, dim):
+    results = write_results(tmp_path / "a.h5", dim)
+    paths = drawing.plot_results(results, tmp_path / "new" / "pictures")
+    assert [p.name for p in paths] == ["u.png", "v.png", "probes.png", "energy.png"]
+    assert all(is_picture(p) for p in paths)
+
+
+@pytest.mark.parametrize(("outputs", "expected"), [(0, []), (1, ["u.png", "v.png"])])
+def test_plot_few_outputs(tmp_path, outputs, expected):
+    results = write_results(tmp_path / "a.h5", 2, outputs, observed=False)
+    assert [p.name for p in drawing.plot_results(results, tmp_path)] == expected
+    assert [p.name for p in drawing.plot_results(results, tmp_path, drawing.View(times=[0.0]))] == expected
+
+
+@pytest.mark.parametrize(
+    ("times", "titles"), [(None, ["t = 0", "t = 2", "t = 3", "t = 5"]), ([1.2, 0.9, 99.0], ["t = 1", "t = 5"])]
+)
+def test_chosen_times(tmp_path, monkeypatch, times, titles):
+    """Up to four evenly spaced outputs, or the nearest to the times asked for, each once."""
+    results = write_results(tmp_path / "a.h5", 1)
+    seen = []
+    monkeypatch.setattr(
+        drawing, "field_panels", lambda fields, *_args, **_names: seen.append([title for title, _ in fields])
+    )
+    drawing.plot_results(results, tmp_path, drawing.View(times=times))
+    assert seen == [titles, titles]
+    with pytest.raises(InputError, match="finite"):
+        drawing.View(times=[np.nan])
+
+
+@pytest.mark.parametrize(
+    ("energy", "log"),
+    [([1, 0.5, 0.02], False), ([1, 0.5, 0.005], True), ([1, 0.5, 0], False), ([np.nan, 1, 0.005], True)],
+)
+def test_energy_scale(tmp_path, monkeypatch, energy, log):
+    """Logarithmic if positive and over more than two decades."""
+    results = write_results(tmp_path / "a.h5", 1, 0)
+    writer = ResultsWriter(results.path)
+    for k, value in enumerate(energy):
+        writer.append(k, float(k), {name: np.zeros(11) for name in ("u", "v")}, value)
+    seen = {}
+    monkeypatch.setattr(drawing, "field_panels", lambda *_args, **_names: None)
+    monkeypatch.setattr(drawing, "lines", lambda _curves, path, **names: seen.update({path.name: names["log"]}))
+    drawing.plot_results(results, tmp_path)
+    assert seen == {"energy.png": log}
+
+
+def axes_and_fields(path, dim=2, outputs=4, vector=True):
+    """A results file with a vector u (zero at first), a scalar v, and what they are."""
+    axes = axes_of(dim, 9)
+    shape = tuple(a.size for a in axes)
+    writer = ResultsWriter.create(
+        path,
+        dim=dim,
+        shape=shape,
+        spacing=0.25,
+        lower=(-1.0,) * dim,
+        fields=("u", "v"),
+        dtype="float64",
+        components={"u": dim if vector else 1, "v": 1},
+    )
+    for k in range(outputs):
+        u = np.zeros((dim, *shape)) if vector else np.zeros(shape)
+        (u[0] if vector else u)[...] = k * wave([0.25 * np.arange(n) for n in shape], k)
+        writer.append(k, 0.5 * k, {"u": np.nan_to_num(u), "v": np.full(shape, 1.0 + k)})
+    return open_results(path)
+
+
+def test_zeros_are_left_out_and_said(tmp_path):
+    said = []
+    results = axes_and_fields(tmp_path / "a.h5")
+    paths = drawing.plot_results(results, tmp_path, say=said.append)
+    assert [p.name for p in paths] == ["u.png", "u_x.png", "v.png"]
+    assert said == [
+        "|u| is zero everywhere at t = 0: left out",
+        "u_x is zero everywhere at t = 0: left out",
+        "u_y is zero everywhere: no picture",
+    ]
+
+
+def test_fields_and_components_are_chosen(tmp_path):
+    results = axes_and_fields(tmp_path / "a.h5")
+    view = drawing.View(fields=["v", "u_x", "v"], format="svg")
+    assert [p.name for p in drawing.plot_results(results, tmp_path, view)] == ["v.svg", "u_x.svg"]
+    with pytest.raises(InputError, match=r"no such field; value: w; limit: u, u_x, u_y, v"):
+        drawing.plot_results(results, tmp_path / "new", drawing.View(fields=["w"]))
+    with pytest.raises(InputError, match="unknown format; value: jpg; limit: png, pdf, svg"):
+        drawing.View(format="jpg")
+    assert not (tmp_path / "new").exists()
+
+
+def test_the_nearest_time_is_said(tmp_path):
+    results, said = axes_and_fields(tmp_path / "a.h5"), []
+    assert drawing.View(times=[0.5, 0.6, 99.0]).chosen(results, said.append) == [1, 3]
+    assert said == [
+        "t = 0.6 is not stored; drawn is t = 0.5, the nearest",
+        "t = 99 is not stored; drawn is t = 1.5, the nearest",
+    ]
+
+
+@pytest.mark.parametrize("normal", ["x", "y", "z"])
+def test_a_slice_is_that_of_its_plane(tmp_path, monkeypatch, normal):
+    """The nearest plane of nodes, drawn on the other two axes with their names; cracks are projected onto it."""
+    seen = {}
+    monkeypatch.setattr(
+        fields, "_images", lambda arrays, *given, **named: seen.update(named, arrays=arrays, given=given)
+    )
+    results = axes_and_fields(tmp_path / "a.h5", dim=3)
+    axis = "xyz".index(normal)
+    crack = np.arange(6.0).reshape(2, 3)
+    view = drawing.View(plane=(normal, 0.13), fields=["v"], times=[1.0], cracks=[crack])
+    drawing.plot_results(results, tmp_path, view)
+    index = int(np.abs(results.axes[axis] - 0.13).argmin())
+    np.testing.assert_array_equal(seen["arrays"][0], results.field("v", 2).take(index, axis))
+    assert seen["names"] == "xyz".replace(normal, "") and f"{normal} = {results.axes[axis][index]:g}" in seen["title"]
+    np.testing.assert_array_equal(seen["cracks"][0], np.delete(crack, axis, 1))
+    assert [len(a) for a in seen["given"][1]] == list(seen["arrays"][0].shape)
+    with pytest.raises(InputError, match=rf"outside the near field; value: {normal} = 9; limit: -1 to"):
+        drawing.plot_results(results, tmp_path, drawing.View(plane=(normal, 9.0)))
+
+
+def test_only_space_is_sliced(tmp_path):
+    with pytest.raises(InputError, match="--slice: only a lattice in space"):
+        drawing.plot_results(axes_and_fields(tmp_path / "a.h5"), tmp_path, drawing.View(plane=("x", 0.0)))
+
+
+def test_decibels_are_below_the_largest(tmp_path, monkeypatch):
+    seen = {}
+    monkeypatch.setattr(drawing, "field_panels", lambda fields, *_a, **named: seen.update(named, fields=fields))
+    results = axes_and_fields(tmp_path / "a.h5")
+    drawing.plot_results(results, tmp_path, drawing.View(decibels=True, fields=["v"], times=[0.0, 1.5]))
+    found = [values for _, values in seen["fields"]]
+    np.testing.assert_allclose(found[0], 20 * np.log10(1 / 4))
+    np.testing.assert_allclose(found[1], 0.0, atol=1e-12)
+    assert seen["limits"] == (-60.0, 0.0) and seen["shared_scale"] and "dB" in seen["label"]
+    drawing.plot_results(results, tmp_path, drawing.View(decibels=True, fields=["u"], limits=(-30, 0)))
+    lowest = min(np.nanmin(values) for _, values in seen["fields"])
+    assert lowest == -30 and all(np.isfinite(values).all() for _, values in seen["fields"])
+
+
+@pytest.mark.parametrize("limits", [(1.0, 1.0), (2.0, 1.0), (np.nan, 1.0), (0.0, np.inf)])
+def test_an_empty_range_is_refused(limits):
+    with pytest.raises(InputError, match="--range: a range goes from a number to a larger one"):
+        drawing.View(limits=limits)
+
+
+def test_a_deformed_lattice_has_its_nodes_where_they_moved(tmp_path, monkeypatch):
+    from matplotlib.collections import PolyCollection
+
+    drawn = []
+    whole = PolyCollection.__init__
+    monkeypatch.setattr(PolyCollection, "__init__", lambda c, v, **k: drawn.append(np.array(v)) or whole(c, v, **k))
+    results = axes_and_fields(tmp_path / "a.h5")
+    view = drawing.View(deformed=3.0, times=[1.5])
+    assert [p.name for p in drawing.plot_results(results, tmp_path, view)] == ["deformed.png"]
+    assert is_picture(tmp_path / "deformed.png")
+    at = np.stack(np.meshgrid(*results.axes, indexing="ij"), -1)
+    moved = at + 3 * np.moveaxis(results.field("u", 3), 0, -1)
+    np.testing.assert_allclose(drawn[0].mean(1), moved.reshape(-1, 2), atol=1e-12)
+    drawing.plot_results(results, tmp_path, drawing.View(deformed=0.0))  # all at rest among them
+    with pytest.raises(InputError, match="--deformed: only a run in 2D with displacements"):
+        scalar = axes_and_fields(tmp_path / "b.h5", vector=False)
+        drawing.plot_results(scalar, tmp_path, drawing.View(deformed=0.0))
+    with pytest.raises(InputError, match="factor must be positive"):
+        drawing.View(deformed=-1.0)
+
+
+def test_the_factor_is_round_and_shows_the_largest_displacement():
+    rng = np.random.default_rng(5)
+    for _ in range(50):
+        size, length = 10.0 ** rng.uniform(-9, 9, 2)
+        u = size * rng.normal(size=(2, 4, 4))
+        factor = chosen_factor([u], length)
+        top = factor * np.hypot(*u).max()
+        assert 0.0199 * length <= top <= 0.0501 * length  # steps of 2 and 2.5 below a twentieth
+        assert f"{factor:.0e}"[0] in "125"
+    assert chosen_factor([np.zeros((2, 3, 3))], 1.0) == 1.0
+
+
+@pytest.mark.parametrize("dim", [1, 2, 3])
+def test_a_film_has_every_output(tmp_path, dim):
+    from PIL import Image
+
+    results = axes_and_fields(tmp_path / "a.h5", dim=dim, vector=dim == 2)
+    first, *rest = drawing.plot_results(results, tmp_path, drawing.View(movie=True))
+    with Image.open(first) as film:
+        assert first.name == "u.gif" and film.n_frames == 4
+    assert [p.name for p in rest] in ([], ["u.mp4"])
+    assert {p.name for p in tmp_path.iterdir()} == {"a.h5", first.name, *(p.name for p in rest)}
+
+
+def test_a_film_of_one_output_is_refused(tmp_path):
+    results = axes_and_fields(tmp_path / "a.h5")
+    with pytest.raises(InputError, match="--movie: a film needs two outputs or more; value: 1"):
+        drawing.plot_results(results, tmp_path, drawing.View(movie=True, times=[1.0]))
+    assert [p.name for p in tmp_path.iterdir()] == ["a.h5"]
+
+
+def test_mp4(tmp_path):
+    ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    paths = drawing.plot_results(axes_and_fields(tmp_path / "a.h5"), tmp_path, drawing.View(movie=True, fields=["v"]))
+    facts = next(ffmpeg.read_frames(str(paths[1])))
+    assert paths[1].name == "v.mp4" and facts["codec"] == "h264" and min(facts["size"]) > 100

@@ -1,0 +1,86 @@
+"""What all pictures have in common."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from drawn import axes_of, wave
+from farhorizon.pictures import fields, style
+
+
+def test_color_range():
+    """Diverging and symmetric for both signs, from zero for one sign, tight for a small variation of a large value."""
+    assert style.color_range([np.array([-1.0, 3.0])]) == {"cmap": "RdBu_r", "vmin": -3, "vmax": 3}
+    assert style.color_range([np.array([0.1, np.nan]), np.array([3.0])]) == {"cmap": "viridis", "vmin": 0, "vmax": 3}
+    assert style.color_range([np.array([-1e-6, 1.0])]) == {"cmap": "viridis", "vmin": 0, "vmax": 1}
+    assert style.color_range([np.array([300.0, 310.0])]) == {"cmap": "viridis", "vmin": 300, "vmax": 310}
+
+
+def test_one_color_map_in_all_panels():
+    """With scales of their own, panels of a wave keep its diverging map, also where the field has one sign only, or is
+    zero.
+    """
+    assert style.color_range([np.array([0.0, 3.0])], signed=True) == {"cmap": "RdBu_r", "vmin": -3, "vmax": 3}
+    assert style.color_range([np.zeros(2)], signed=True) == {"cmap": "RdBu_r", "vmin": -1, "vmax": 1}
+
+
+def test_matplotlib_and_xarray_are_imported_late():
+    code = (
+        "import sys, farhorizon.pictures.results, farhorizon.files.results; sys.exit('matplotlib' in sys.modules or "
+        "'xarray' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_pictures_leave_matplotlib_as_it_was(tmp_path):
+    import matplotlib
+
+    before = dict(matplotlib.rcParams)
+    fields.field_panels([("", wave(axes_of(2), 0))], axes_of(2), tmp_path / "u.png")
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_a_given_range_is_about_zero_where_it_has_both_signs():
+    both = style.scale_of([np.ones(2)], (-1.0, 3.0), None)
+    assert both["cmap"] == style.DIVERGING and both["norm"](0.0) == 0.5 and both["norm"](3.0) == 1.0
+    one = style.scale_of([np.ones(2)], (1.0, 3.0), None)
+    assert one["cmap"] == style.SEQUENTIAL and one["norm"](2.0) == 0.5
+    ends = [style.extent_beyond([np.array([low, np.nan, high])], (0.0, 1.0)) for low in (-1, 0) for high in (1, 2)]
+    assert ends == ["min", "both", "neither", "max"] and style.extent_beyond([np.ones(1)], None) == "neither"
+
+
+@pytest.mark.parametrize(
+    ("time", "text"),
+    [
+        (0.0, "0"),
+        (47.158, "47.16"),
+        (9999.0, "9999"),
+        (2.592e6, r"$2.592 \times 10^{6}$"),
+        (1e-6, r"$1 \times 10^{-6}$"),
+    ],
+)
+def test_times_are_round(time, text):
+    assert style.time_text(time) == text
+
+
+def test_maps_are_readable_by_the_colour_blind():
+    """Lightness alone orders the values, on either side of the middle in the diverging map."""
+    from matplotlib import colormaps
+
+    def lightness(name):
+        red, green, blue = colormaps[name](np.linspace(0, 1, 33))[:, :3].T
+        return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+    for name in (style.SEQUENTIAL, style.DAMAGE):
+        steps = np.diff(lightness(name))
+        assert (steps > 0).all() or (steps < 0).all()
+    half = lightness(style.DIVERGING)
+    assert (np.diff(half[:17]) > 0).all() and (np.diff(half[16:]) < 0).all()
+
+
+def test_figures_show_themselves_in_notebooks():
+    with style.figure_at(None, (1.0, 1.0)) as figure:
+        figure.add_subplot().plot([0, 1])
+    assert figure._repr_png_().startswith(b"\x89PNG")
