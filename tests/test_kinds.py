@@ -161,6 +161,25 @@ RIGHT = {
     "Probes": {"lattice": LINE, "points": [0.0], "stride": 1},
     "Rectangle": {"corner": (0.0, 0.0, 0.0), "edge1": (1.0, 0.0, 0.0), "edge2": (0.0, 1.0, 0.0)},
     "RungeKuttaChebyshev": {"chebyshev": 20},
+    "Setup": {
+        "lattice": LINE,
+        "model": fh.Wave(KERNEL),
+        "boundary": None,
+        "initial": None,
+        "sources": (),
+        "cracks": (),
+        "coefficient": None,
+        "background": 0.0,
+        "dt": None,
+        "dtype": "float64",
+        "threads": 1,
+        "rule": "both",
+        "rim": "free",
+        "constraints": (),
+        "balance": False,
+        "specimens": (),
+        "loads": (),
+    },
     "Simulation": {
         "lattice": LINE,
         "model": fh.Wave(KERNEL),
@@ -184,7 +203,7 @@ RIGHT = {
     "Source": {"value": 0.0, "time": None},
     "Specimen": {"where": DISC, "concentration": 1.0},
     "Sponge": {"nodes": 40, "strength": None},
-    "Stencil": {"offsets": [[1], [-1]], "weights": [1.0, 1.0]},
+    "Stencil": {"offsets": [[1], [-1]], "weights": [1.0, 1.0], "reaction": 0.0},
     "Temperature": {"where": DISC, "value": 0.0, "kind": "volume", "within": None},
     "Text": {"text": "a", "height": 1.0, "centre": (0.0, 0.0), "font": "DejaVu Sans", "bold": False},
     "Traction": {"side": "y+", "value": (1.0, 0.0), "between": None, "time": None},
@@ -194,7 +213,8 @@ RIGHT = {
     "speed_of_current": {"density": 10.0, "metal": 143000.0, "electrons": 2.0},
     "tuned": {"sim": None, "angle": 60.0, "band": None, "budget": 1.0},
 }
-NOT_MADE = {"Certificate", "Side"}  # a result, which nobody makes by hand, and what boundaries derive from
+# a result, which nobody makes by hand, and what boundaries and models derive from
+NOT_MADE = {"Certificate", "LatticeModel", "Side"}
 
 
 def _or_input_error(call):
