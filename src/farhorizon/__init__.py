@@ -5,6 +5,7 @@ small grid.
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from farhorizon.case.case import read_case
     from farhorizon.public import *
 
 __version__ = "0.1.0"
@@ -69,6 +70,7 @@ __all__ = [
     "Wave",
     "WholeSteps",
     "open_results",
+    "read_case",
     "speed_of_current",
     "tuned",
 ]
@@ -81,6 +83,8 @@ def __getattr__(name: str) -> Any:
     from importlib import import_module
     from importlib.util import find_spec
 
+    if name == "read_case":  # case files know every public name
+        return import_module("farhorizon.case.case").read_case
     if name in __all__:
         return getattr(import_module("farhorizon.public"), name)
     if not name.startswith("_") and find_spec(f"farhorizon.{name}"):

@@ -140,6 +140,7 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--resume", action="store_true", help="go on from the checkpoint NAME.ckpt of an interrupted run")
     run.add_argument("--until", type=float, metavar="T", help="end time instead of the case's")
     run.add_argument("--force", action="store_true", help="overwrite the results of a finished run")
+    run.add_argument("--no-report", action="store_true", help="write no page about the run (NAME/report.html)")
     run.add_argument("--allow-unstable", action="store_true", help="run although a mode grows")
     check = add(
         "check", _check, "check a case without running it: step limit, stability, reflection, layer, memory, time"
@@ -269,18 +270,23 @@ def _folder(name: str) -> Path:
     return folder
 
 
-def _again(options: argparse.Namespace) -> str:
-    """The command that goes on with a run, with every option that it was given."""
+def _again(options: argparse.Namespace, until: bool = True) -> str:
+    """The command that goes on with a run, with every option that it was given, or all but its end."""
     words = ["farhorizon", "run", options.case, "--resume"]
     for name, value, default in (
         ("--out", options.out, "."),
-        ("--until", options.until, None),
+        ("--until", options.until if until else None, None),
         ("--json", options.json, None),
         ("--threads", options.threads, None),
         *(("--set", change, None) for change in options.set),
     ):
         words += [name, str(value)] if value != default else []
-    return shlex.join(words + ["--allow-unstable"] * options.allow_unstable + ["--quiet"] * options.quiet)
+    return shlex.join(
+        words
+        + ["--allow-unstable"] * options.allow_unstable
+        + ["--no-report"] * options.no_report
+        + ["--quiet"] * options.quiet
+    )
 
 
 def _case(options: argparse.Namespace) -> Any:
@@ -340,10 +346,12 @@ def _files(options: argparse.Namespace, case: Any) -> tuple[Path, Path]:
 def _run(options: argparse.Namespace) -> int:
     import numpy as np
 
+    from farhorizon.case.report import write_report
     from farhorizon.errors import InputError
     from farhorizon.files.results import open_results
     from farhorizon.files.storage import locked, remove_leftovers
     from farhorizon.pictures.results import View, plot_results
+    from farhorizon.simulation.run import wanted_threads
 
     case = _case(options)
     until = case.parts.run.until if options.until is None else options.until
@@ -374,10 +382,18 @@ def _run(options: argparse.Namespace) -> int:
         results = open_results(result)
         for caution in results.cautions:
             print(f"warning: not valid from t = {caution.time:.6g} on: {caution.brief}", file=options.errors)
-        view = View(times=case.parts.output.pictures, cracks=case.polylines, quantities=case.quantities)
+        moments = [time for time in case.parts.output.pictures or () if time <= until]
+        view = View(times=moments or None, cracks=case.polylines, quantities=case.quantities)
         pictures = plot_results(results, folder / case.name, view, print)
-        named = ", ".join(map(str, pictures))
-        print(f"results: {result} ({len(results.times)} outputs); pictures: {named}", file=options.output)
+        said = f"results: {result} ({len(results.times)} outputs); pictures: {', '.join(map(str, pictures))}"
+        if not options.no_report:
+            threads = wanted_threads(case.parts.run.threads)
+            page = folder / case.name / "report.html"
+            write_report(
+                page, case, sim, certificate, results, pictures, threads=threads, again=_again(options, until=False)
+            )
+            said += f"; report: {page}"
+        print(said, file=options.output)
         _write_json(
             options.json,
             {
@@ -713,26 +729,10 @@ def _schema(options: argparse.Namespace) -> int:
 
 
 def _info(options: argparse.Namespace) -> int:
-    import platform
-
-    import h5py
-    import numba
-    import numpy
-    import scipy
-
-    import farhorizon
+    from farhorizon.case.report import versions
     from farhorizon.engine.engine import available_threads
     from farhorizon.files.cache import cache_folder
 
-    for name, value in (
-        ("farhorizon", farhorizon.__version__),
-        ("python", platform.python_version()),
-        ("numpy", numpy.__version__),
-        ("scipy", scipy.__version__),
-        ("numba", numba.__version__),
-        ("h5py", h5py.__version__),
-        ("threads", available_threads()),
-        ("compiled programs", cache_folder()),
-    ):
+    for name, value in (*versions(), ("threads", available_threads()), ("compiled programs", cache_folder())):
         print(f"{name:<18}{value}")
     return GOOD

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
+from doubtful import CRACK_AT_THE_RIM
 from farhorizon.cli import main
 from farhorizon.files.results import open_results
 
@@ -114,37 +115,9 @@ def test_nothing_is_said_of_cracks_that_stay_inside_or_may_leave(make):
     assert not weak.cautions and not free.cautions and free.broken_bonds > 10
 
 
-CASE = """
-[lattice]
-spacing = 1.0
-lower = [-12.0, -10.0]
-upper = [12.0, 10.0]
-[model]
-type = "elastic"
-young = 1.0
-nonlinear = true
-critical_stretch = 0.02
-[model.kernel]
-horizon = 2.0
-exponent = 1
-[boundary]
-all = { type = "lattice-pml", nodes = 8 }
-[[crack]]
-points = [[-5.0, 0.0], [5.0, 0.05]]
-[[load]]
-type = "body-force"
-value = [0.0, "sign(y)*exp(-(abs(y)-3)**2)*exp(-(x/7)**8)"]
-time = "0.012*min(t/8, 1)"
-[run]
-until = 40.0
-[output]
-every = 4.0
-"""
-
-
 def test_results_pictures_and_the_command_line_tell(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "a.toml").write_text(CASE)
+    (tmp_path / "a.toml").write_text(CRACK_AT_THE_RIM)
     assert main(["run", "a.toml"]) == 0
     said = capsys.readouterr().err
     assert said.count("stretched beyond the critical stretch") == 1 and "warning: not valid from t =" in said

@@ -39,7 +39,7 @@ from farhorizon.simulation.described import describe
 from farhorizon.simulation.guard import refuse_explosion
 from farhorizon.simulation.overstretch import Rim, rim_of
 from farhorizon.simulation.resume import matching
-from farhorizon.simulation.run import MOST_STEPS, Run, wanted_threads
+from farhorizon.simulation.run import MOST_STEPS, Run, tick, wanted_threads
 
 PLANES = ("strain", "stress")
 SHAPE_TENSORS = ("recomputed", "kept")
@@ -203,7 +203,7 @@ class Body(Run):
         threads: int | None = None,
         observe: Sequence[Callable[[Body], None]] = (),
     ) -> None:
-        self._setup = {
+        self.given = {
             name: value for name, value in locals().items() if name not in ("self", "initial", "observe", "__class__")
         }
         kinds.instance(lattice, "lattice", Lattice, "a Lattice")
@@ -248,7 +248,7 @@ class Body(Run):
         self._check_load_strain()
         self._rim = self._find_rim()
         self._refuse_in_split_form(cracks, loads, drag)
-        self._setup |= {"dt": self.dt}
+        self.given |= {"dt": self.dt}
         self._at_start(observe, int(np.prod(self.box)))
         if self._rim is not None:
             self._guard_steps = min(self._guard_steps, self._rim.every)
@@ -834,7 +834,7 @@ class Body(Run):
             self._advance(steps, self.step_count)
             if self.probes is not None:
                 self.probes.add(self.step_count + 1, self.dt, self._seen.swapaxes(1, 2))
-            self._tick(steps)
+            tick(self, steps)
             self._guard()
             self._look_at(self._rim, self._u.ravel())
 
@@ -1134,7 +1134,7 @@ class Body(Run):
         materials the fastest.
         """
         nothing = {"loads": (), "cracks": (), "critical_stretch": None, "balance": False, "threads": 1}
-        return Body(**{**self._setup, **nothing, **self.fastest, "lattice": lattice})
+        return Body(**{**self.given, **nothing, **self.fastest, "lattice": lattice})
 
     @property
     def box(self) -> tuple[int, ...]:
@@ -1231,7 +1231,7 @@ class Body(Run):
             "cautions": self.cautions,
             "extra": extra,
         }
-        write_checkpoint(path, arrays, {**meta, "setup": describe(self._setup, arrays)})
+        write_checkpoint(path, arrays, {**meta, "setup": describe(self.given, arrays)})
 
     def load(self, path: str | Path) -> dict[str, Any]:
         arrays, meta = matching(path, self._fingerprint())
@@ -1241,6 +1241,6 @@ class Body(Run):
             array[...] = arrays[name]
         self._push, self._start, self._first = float(meta["push"]), tuple(meta["start"]), dict(meta["first"])
         self.step_count = 0
-        self._tick(int(meta["step"]))
+        tick(self, int(meta["step"]))
         self.cautions = [Caution(*entry) for entry in meta["cautions"]]
         return dict(meta["extra"])

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
+from farhorizon import kinds
 from farhorizon import public as fh
 from farhorizon.case.changes import changed
 from farhorizon.case.problems import explain, nearest
@@ -523,3 +524,42 @@ class Case:
                 self.lattice.index(point)
             except InputError as error:
                 raise error.at("output.probes") from None
+
+
+def read_case(path: str | Path, changes: Mapping[str, Any] | None = None) -> Case:
+    """Read and check a case file.
+
+    Parameters
+    ----------
+    path : str or Path
+    changes : mapping of str to values, optional
+        What stands at dotted keys in place of what the file has.
+
+    Returns
+    -------
+    Case
+        ``run()`` makes a new run of it, a `Simulation` or a `Body`, and ``simulation()`` a `Simulation`; both take
+        changes of arguments. ``setup``, ``lattice`` and ``name`` tell what it is.
+
+    Raises
+    ------
+    InputError
+        Anything wrong, with file, key, value, limit and remedy.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> from pathlib import Path
+    >>> _ = Path("pulse.toml").write_text('''
+    ... lattice = { spacing = 0.25, lower = [-3.0], upper = [3.0] }
+    ... model = { type = "wave", kernel = { horizon = 0.75 } }
+    ... initial = { u = "exp(-9*x**2)" }
+    ... run = { until = 2.0 }
+    ... ''')
+    >>> case = fh.read_case("pulse.toml", {"model.speed": 2.0})
+    >>> sim = case.simulation()
+    >>> _ = sim.run(case.parts.run.until)
+    >>> sim.time, sim.model.speed
+    (2.0, 2.0)
+    """
+    return Case.read(kinds.path(path, "path"), changes)

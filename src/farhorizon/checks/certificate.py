@@ -34,6 +34,7 @@ from farhorizon.engine.engine import NEVER
 from farhorizon.engine.state import State
 from farhorizon.errors import InputError
 from farhorizon.files.cache import cache_folder, keep, kept
+from farhorizon.files.html import table
 from farhorizon.geometry.lattice import AXES
 from farhorizon.machine import one_blas_thread
 
@@ -125,6 +126,12 @@ class Certificate:
 
     def __str__(self) -> str:
         return f"{self.verdict}: {self.reason}" + "".join(f"; not examined: {s}" for s in self.skipped)
+
+    def _repr_html_(self) -> str:
+        parts = [(part.name, part.growth.rate) for part in self.parts]
+        rows = [("verdict", self.verdict), ("reason", self.reason), ("rate per unit time", f"{self.rate:.3g}")]
+        rows += [(name, f"{rate:.3g} per crossing") for name, rate in parts]
+        return table([*rows, *(("not examined", what) for what in self.skipped)], "stability")
 
     def grows_within(self, until: float) -> bool:
         """Whether what is known to grow grows tenfold in a run of a length: less cannot matter, since what grows begins

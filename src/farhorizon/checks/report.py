@@ -21,6 +21,7 @@ from farhorizon.checks.price import Price, extended_price, layered, price
 from farhorizon.checks.side_modes import Strip
 from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
+from farhorizon.files.html import listed, preformatted, table
 from farhorizon.geometry.lattice import AXES
 from farhorizon.machine import one_blas_thread
 from farhorizon.medium.stencil import BackwardWaves
@@ -431,6 +432,10 @@ class Report:
                 label = "  ".join([*_named_pair(pair), f"{wavelength:.3g}"])
                 lines.append(f"{label:>18}" + "".join(f"{_decibels(v):>9}" for v in amplitudes))
         return lines
+
+    def _repr_html_(self) -> str:
+        lines = [*(f"warning: {text}" for text in self.warnings), *(f"note: {text}" for text in self.notes)]
+        return table(self.rows, self.headline) + preformatted("\n".join(self._reflection_lines())) + listed(lines)
 
     def __str__(self) -> str:
         width = max(len(name) for name, _ in self.rows)

@@ -893,10 +893,7 @@ class Results:
         FileFormatError
             The file is damaged.
         """
-        try:
-            import xarray
-        except ImportError as error:
-            raise InputError("xarray is not installed", remedy="pip install 'farhorizon[xarray]'") from error
+        xarray = _xarray()
         names = ("x", "y", "z")[: self.dim]
         component = {name: () if count == 1 else ("component",) for name, count in self.components.items()}
         probed = ("component",) if self.probe_values.ndim > 2 else ()
@@ -937,6 +934,32 @@ class Results:
             "cautions": [caution.text for caution in self.cautions],
         }
         return xarray.Dataset(data, coords, attributes)
+
+
+def _xarray() -> Any:
+    try:
+        import xarray
+    except ImportError as error:
+        raise InputError("xarray is not installed", remedy="pip install 'farhorizon[xarray]'") from error
+    return xarray
+
+
+def dataset(
+    fields: Mapping[str, np.ndarray], axes: Sequence[np.ndarray], moment: Mapping[str, float]
+) -> xarray.Dataset:
+    """Fields at one moment, of vectors the components first, as an xarray Dataset.
+
+    Raises
+    ------
+    InputError
+        xarray is not installed.
+    """
+    names = ("x", "y", "z")[: len(axes)]
+    data = {name: (("component", *names)[-values.ndim :], values) for name, values in fields.items()}
+    coords: dict[str, Any] = {**dict(zip(names, axes, strict=True)), **moment}
+    if any(values.ndim > len(axes) for values in fields.values()):
+        coords["component"] = list(names)
+    return _xarray().Dataset(data, coords)
 
 
 def open_results(path: str | Path) -> Results:

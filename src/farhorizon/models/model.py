@@ -10,7 +10,8 @@ from typing import Any, ClassVar, Protocol, Self, get_args
 import numpy as np
 
 from farhorizon import kinds
-from farhorizon.errors import InputError
+from farhorizon.errors import InputError, shown
+from farhorizon.files.html import table
 from farhorizon.medium.integrators import Euler, Integrator, RungeKutta4, RungeKuttaChebyshev, Verlet
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
@@ -136,6 +137,16 @@ class LatticeModel:
                 words = f"there is a model {tag!r} already"
                 raise InputError(words, value=other, remedy="give yours another name")
         LatticeModel.known[cls.__name__] = cls
+
+    @property
+    def _parameters(self) -> list[tuple[str, str]]:
+        return [(name, shown(getattr(self, name, None))) for name in inspect.signature(type(self)).parameters]
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{name}={value}' for name, value in self._parameters)})"
+
+    def _repr_html_(self) -> str:
+        return table(self._parameters, self.title)
 
     def check(self) -> None:
         """Refuse a model whose ``__init__`` has left something out.

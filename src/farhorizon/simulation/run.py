@@ -16,17 +16,21 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.checks.certificate import Certificate
 from farhorizon.engine.engine import available_threads
-from farhorizon.errors import InputError, ValidityWarning
-from farhorizon.files.results import Caution
+from farhorizon.errors import InputError, ValidityWarning, shown
+from farhorizon.files.html import table
+from farhorizon.files.results import Caution, dataset
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.medium.stencil import Stencil
 from farhorizon.simulation.examination import Examination
+from farhorizon.simulation.kept import packed
 from farhorizon.simulation.overstretch import Rim
 from farhorizon.simulation.probes import Probes
 from farhorizon.simulation.resume import stored
 from farhorizon.simulation.steps import last_step, steps_between
 
 if TYPE_CHECKING:
+    import xarray
+
     from farhorizon.checks.report import Report
 
 _GUARD_STEPS = 200  # steps between two looks of the instability guard, at most; fewer on lattices above
@@ -50,6 +54,24 @@ def wanted_threads(threads: int | None) -> int:
         ) from None
 
 
+def _tells(value: Any) -> bool:
+    """Whether something was given: not what stands for nothing."""
+    return not (value is None or (isinstance(value, bool | tuple | list | dict | float) and not value))
+
+
+def tick(run: Run, steps: int) -> None:
+    """So many steps have been made."""
+    run.step_count += steps
+    run.time = run.step_count * run.dt
+
+
+def say_doubt(run: Run, brief: str, text: str) -> None:
+    """Say once that the result of a run is doubtful from now on."""
+    if all(brief != caution.brief for caution in run.cautions):
+        run.cautions.append(Caution(run.time, brief, text))
+        warnings.warn(f"from t = {run.time:.6g} on {text}", ValidityWarning, stacklevel=4)
+
+
 class Run(ABC):
     """A run of a near field in time: `Simulation` and `Body`.
 
@@ -67,9 +89,12 @@ class Run(ABC):
         What `record` has made.
     cautions : list of Caution
         From when on the result is doubtful, and why; each has been a `ValidityWarning` when it was found.
+    given : dict
+        What was given, by names of arguments, without the initial data; the time step is the one that was chosen.
     """
 
     lattice: Lattice
+    given: dict[str, Any]
     stencil: Stencil
     dt: float
     probes: Probes | None = None
@@ -91,15 +116,19 @@ class Run(ABC):
         nodes = " x ".join(map(str, self.lattice.shape))
         return f"<{type(self).__name__} on {nodes} nodes at t = {self.time:g}, step {self.step_count}>"
 
+    def _repr_html_(self) -> str:
+        rows = [("time", f"{self.time:g}, {self.step_count} steps of {self.dt:.6g}")]
+        rows += [(name, shown(value)) for name, value in self.given.items() if _tells(value)]
+        return table(rows, repr(self)[1:-1])
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return packed(self)
+
     # --- in time -----------------------------------------------------------------------------------------------
 
     @abstractmethod
     def step(self, count: int = 1) -> None:
         """Advance by `count` steps; raises UnstableError when a field becomes non-finite or explodes."""
-
-    def _tick(self, steps: int) -> None:
-        self.step_count += steps
-        self.time = self.step_count * self.dt
 
     def prepare(self, until: float) -> int:
         """What `run` does first; returns the number of the last step, the first one at or after a time."""
@@ -180,12 +209,6 @@ class Run(ABC):
         self.probes = probes
         return probes
 
-    def _caution(self, brief: str, text: str) -> None:
-        """Say once that the result is doubtful from now on."""
-        if all(brief != caution.brief for caution in self.cautions):
-            self.cautions.append(Caution(self.time, brief, text))
-            warnings.warn(f"from t = {self.time:.6g} on {text}", ValidityWarning, stacklevel=4)
-
     def _look_at(self, rim: Rim | None, level: np.ndarray) -> None:
         """See whether bonds at the rim, which cannot break, are stretched so far that they would."""
         if rim is None or self.step_count < self._next_look:
@@ -193,7 +216,7 @@ class Run(ABC):
         self._next_look = (self.step_count // rim.every + 1) * rim.every
         warning = rim.warning(level, self.lattice)
         if warning is not None:
-            self._caution("crack at the rim", warning)
+            say_doubt(self, "crack at the rim", warning)
 
     @abstractmethod
     def _watch(self, nodes: np.ndarray) -> None:
@@ -218,6 +241,48 @@ class Run(ABC):
     @abstractmethod
     def balance(self) -> dict[str, float]:
         """Gains since the start and where they came from, of runs that record it; raises InputError for others."""
+
+    def plot(self, name: str = "u", path: str | Path | None = None, limits: tuple[float, float] | None = None) -> Any:
+        """Draw a field as it is now; in three dimensions the slice in the middle of z.
+
+        Parameters
+        ----------
+        name : str
+            One of `fields`; of vectors, whose length is drawn, also a component: "u_x".
+        path : str or Path, optional
+            A file to write, PNG, PDF or SVG by the ending of its name.
+        limits : (float, float), optional
+            Of the colours, in one dimension of the axis.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Notebooks show it.
+
+        Raises
+        ------
+        InputError
+            A field that there is not, or no such directory.
+        """
+        from farhorizon.pictures.snapshot import snapshot
+        from farhorizon.pictures.style import time_text
+
+        return snapshot(self.fields, name, self.lattice.axes, f"t = {time_text(self.time)}", path, limits)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The fields as they are now, with their coordinates.
+
+        Returns
+        -------
+        xarray.Dataset
+            Fields with the dimensions [component, ]x[, y[, z]]; time and step as coordinates.
+
+        Raises
+        ------
+        InputError
+            xarray is not installed.
+        """
+        return dataset(self.fields, self.lattice.axes, {"time": self.time, "step": self.step_count})
 
     # --- before it ---------------------------------------------------------------------------------------------
 

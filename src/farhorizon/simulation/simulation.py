@@ -30,7 +30,7 @@ from farhorizon.simulation.flux import flux_tables, nodal_flux, plane, power_acr
 from farhorizon.simulation.guard import likely_cause, refuse_explosion
 from farhorizon.simulation.march import March
 from farhorizon.simulation.resume import matching
-from farhorizon.simulation.run import MOST_STEPS, Run
+from farhorizon.simulation.run import MOST_STEPS, Run, say_doubt, tick
 from farhorizon.simulation.settling import Settling, late, settled_sides
 from farhorizon.simulation.setup import Key, Setup, side_name
 from farhorizon.simulation.steps import seconds_of
@@ -192,6 +192,7 @@ class Simulation(Run):
         self.coefficients, self.thickness, self.extents = around.coefficients, around.thickness, around.extents
         sides = settled_sides(around, near.model)
         self.settled = replace(setup, boundary=sides, coefficient=near.factor, dt=near.dt)
+        self.given = {name: value for name, value in self.settled.arguments.items() if name != "initial"}
         self._at_start(observe, int(np.prod(self.engine.core.nodes)))
         self._end = 0.0  # of the run, as far as it is known
         self._settling = Settling(parts.autos, [key for key, b in self.sides.items() if b.open_ended])
@@ -258,13 +259,13 @@ class Simulation(Run):
             for made in march.advance(self.step_count, steps):
                 if self.probes is not None:
                     self.probes.add(self.step_count + 1, self.dt, march.seen(self.probes.nodes))
-                self._tick(made)
+                tick(self, made)
             origin, values = self.parts.grid.origin, self.engine.core.view(self.engine.current)
             place = origin, self.lattice.spacing, march.feed.scale, self.step_count, self.time
             refuse_explosion(values, *place, lambda: likely_cause(self))
             warning = None if self.parts.phases is None or self.cautions else self.parts.phases.warning()
             if warning is not None:
-                self._caution("supersaturated", warning)
+                say_doubt(self, "supersaturated", warning)
             self._look_at(march.rim, self.engine.current)
 
     def _watch(self, nodes: np.ndarray) -> None:
@@ -474,14 +475,13 @@ class Simulation(Run):
         """Write the complete state, boundary memory included, under a temporary name and rename it."""
         arrays, meta = self._march.state(self.step_count)
         meta |= {"fingerprint": self._fingerprint(), "cautions": self.cautions, "extra": extra}
-        given = {name: value for name, value in self.settled.arguments.items() if name != "initial"}
-        meta["setup"] = describe(given, arrays)
+        meta["setup"] = describe(self.given, arrays)
         write_checkpoint(path, arrays, meta)
 
     def load(self, path: str | Path) -> dict[str, Any]:
         self._settling.adopt(self, path)
         arrays, meta = matching(path, self._fingerprint())
         self.step_count = 0
-        self._tick(self._march.take(arrays, meta))
+        tick(self, self._march.take(arrays, meta))
         self.cautions = [Caution(*entry) for entry in meta["cautions"]]
         return dict(meta["extra"])

@@ -1,0 +1,121 @@
+"""The page about a run, NAME/report.html: one file that needs no network and nothing beside it."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from farhorizon import __version__
+from farhorizon.case.case import Case
+from farhorizon.checks.certificate import Certificate
+from farhorizon.files.html import listed, page, picture, preformatted, table
+from farhorizon.files.results import Results
+from farhorizon.simulation.run import Run
+
+
+def versions() -> list[tuple[str, str]]:
+    """What the program runs on."""
+    import h5py
+    import numba
+    import scipy
+
+    return [
+        ("farhorizon", __version__),
+        ("python", platform.python_version()),
+        *((module.__name__, module.__version__) for module in (np, scipy, numba, h5py)),
+    ]
+
+
+def write_report(
+    path: Path,
+    case: Case,
+    run: Run,
+    certificate: Certificate,
+    results: Results,
+    pictures: Sequence[Path],
+    *,
+    threads: int,
+    again: str,
+) -> Path:
+    """Write the page about a finished run.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    case : Case
+    run : Run
+        At its end.
+    certificate : Certificate
+        What was known of its stability before it began.
+    results : Results
+        Its file.
+    pictures : sequence of Path
+        PNG files, which become part of the page.
+    threads : int
+        As many as the run was allowed.
+    again : str
+        The command that goes on with it.
+
+    Returns
+    -------
+    Path
+        The file.
+    """
+    machine = [*versions(), ("machine", f"{platform.system()} {platform.machine()}"), ("threads", str(threads))]
+    cite = (
+        f"The farhorizon developers: farhorizon: peridynamics in an unbounded medium, version {__version__}, "
+        "BSD-3-Clause; and the papers of the methods that were used, which the docstrings of their classes name."
+    )
+    kept = [
+        ("results", f"{results.path}: {len(results.times)} outputs, opens in ParaView"),
+        ("go on with it", f"{again} --until T"),
+        (
+            "check it",
+            "farhorizon check tells the step limit, predicted reflection by angle, memory and time of the case",
+        ),
+    ]
+    balance = [(name, f"{values[-1]:.6g}") for name, values in results.balance.items()]
+    doubts = [f"not valid from t = {caution.time:.6g} on: {caution.text}" for caution in results.cautions]
+    sections = [
+        ("Result", listed(doubts, "doubt") + table(_summary(case, run, results))),
+        ("Pictures", "".join(picture(one) for one in pictures)),
+        ("Probes at the end", table(_probes(results)) if results.probe_times.size else ""),
+        ("Balance at the end", table(balance) if balance else ""),
+        ("Stability", table([("verdict", certificate.verdict), ("reason", certificate.reason)]) + listed(run.notes)),
+        ("Files", table(kept)),
+        ("Case", preformatted(case.text)),
+        ("Computed with", table(machine)),
+        ("To cite", listed([cite])),
+    ]
+    path.write_text(page(case.name, sections), encoding="utf-8")
+    return path
+
+
+def _summary(case: Case, run: Run, results: Results) -> list[tuple[str, str]]:
+    """What was computed, in a few rows."""
+    nodes = " x ".join(map(str, run.lattice.shape))
+    rows = [
+        ("near field", f"{nodes} nodes, spacing {run.lattice.spacing:g}"),
+        ("time", f"t = {run.time:g}: {run.step_count} steps of {run.dt:.6g}; outputs {case.schedule(run.dt)}"),
+    ]
+    for name in results.field_names if results.times.size else ():
+        values = np.abs(results.field(name, -1))
+        if np.isfinite(values).any():
+            rows.append((f"largest {name} at the end", f"{np.nanmax(values):.6g}"))
+    energy = results.energy[np.isfinite(results.energy)]
+    if energy.size:
+        rows.append(("energy", f"{energy[0]:.6g} at the start, {energy[-1]:.6g} at the end"))
+    return rows
+
+
+def _probes(results: Results) -> list[tuple[str, str]]:
+    """The last values of the probes, by their places."""
+    last = results.probe_values[-1]
+    return [
+        (", ".join(f"{value:g}" for value in place), ", ".join(f"{value:.6g}" for value in np.atleast_1d(values)))
+        for place, values in zip(results.probes.tolist(), last, strict=True)
+    ]

@@ -1,0 +1,118 @@
+"""What notebooks show of a run, and what they take from it."""
+
+import builtins
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+
+
+def wave(**options):
+    lattice, model = fh.Lattice(0.5, (-4, -4), (4, 4)), fh.Wave(fh.Kernel(1.0), speed=2.0)
+    return fh.Simulation(lattice, model, fh.LatticePML(nodes=6), {"u": "exp(-x**2-y**2)"}, **options)
+
+
+def solid(dim):
+    model = fh.Elastic(fh.Kernel(1.0), young=1.0)
+    start = {"u": ["exp(-x**2)", *["0"] * (dim - 1)]}
+    return fh.Simulation(fh.Lattice(0.5, [-3] * dim, [3] * dim), model, fh.Fixed(), start)
+
+
+class Cells(HTMLParser):
+    """Texts of the cells of a table."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.found, self.open = [], []
+        self.feed(text)
+        assert not self.open
+
+    def handle_starttag(self, tag, attributes):
+        self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.found.append(data)
+
+
+def test_a_run_draws_itself(tmp_path):
+    """What is drawn is the field, in its own axes; notebooks get a PNG."""
+    sim = wave()
+    sim.step(7)
+    figure = sim.plot("u", tmp_path / "u.pdf")
+    (image,) = figure.axes[0].images
+    np.testing.assert_array_equal(image.get_array(), sim.fields["u"].T)
+    assert figure._repr_png_().startswith(b"\x89PNG") and (tmp_path / "u.pdf").read_bytes().startswith(b"%PDF")
+    assert figure.axes[0].get_title() == f"t = {sim.time:.4g}"
+    assert sim.plot("u", limits=(-1, 1)).axes[0].images[0].get_clim() == (-1, 1)
+    with pytest.raises(fh.InputError, match="plot: there is no such field; value: w; limit: u, v"):
+        sim.plot("w")
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_vectors_are_drawn_by_length_and_component(dim):
+    sim = solid(dim)
+    sim.step(3)
+    u = sim.fields["u"]
+    for name, values in (("u", np.sqrt((u**2).sum(0))), ("u_x", u[0])):
+        (image,) = sim.plot(name).axes[0].images
+        expected = values if dim == 2 else values[:, :, values.shape[2] // 2]
+        np.testing.assert_allclose(image.get_array(), expected.T, atol=1e-15)
+    with pytest.raises(fh.InputError, match="limit: u, u_x, u_y"):
+        sim.plot("u_w")
+
+
+def test_fields_as_xarray(monkeypatch):
+    pytest.importorskip("xarray")
+    sim = solid(2)
+    sim.step(3)
+    found = sim.to_xarray()
+    np.testing.assert_array_equal(found["u"].sel(component="y").values, sim.fields["u"][1])
+    assert found["u"].dims == ("component", "x", "y") and float(found["time"]) == sim.time
+    np.testing.assert_array_equal(found["x"].values, sim.lattice.axes[0])
+    assert wave().to_xarray()["u"].dims == ("x", "y")
+    real = builtins.__import__
+
+    def missing(name, *given, **named):
+        if name == "xarray":
+            raise ImportError(name)
+        return real(name, *given, **named)
+
+    monkeypatch.setattr(builtins, "__import__", missing)
+    with pytest.raises(fh.InputError, match=r"xarray is not installed; remedy: pip install 'farhorizon\[xarray\]'"):
+        sim.to_xarray()
+
+
+def test_notebooks_show_tables():
+    sim = wave(sources=["exp(-2*(x**2+y**2))*where(x < 1, 1, 0)*sin(t)"])
+    report = sim.check(5.0, 0.1)
+    for shown, words in (
+        (sim, ["Simulation on 17 x 17 nodes at t = 0, step 0", "lattice", "model", "boundary"]),
+        (sim.model, ["Wave", "speed", "2"]),
+        (report, [report.rows[0][0], report.rows[0][1]]),
+        (report.certificate, ["stability", report.certificate.verdict]),
+    ):
+        cells = Cells(shown._repr_html_()).found
+        assert all(word in cells for word in words), (words, cells)
+    assert "cracks" not in Cells(sim._repr_html_()).found  # there are none
+
+
+def test_what_is_shown_is_escaped():
+    class Odd(fh.LatticeModel):
+        def __init__(self, note: str = "<script>alert(1)</script>") -> None:
+            self.note, self.coefficient = note, 1.0
+
+    fh.LatticeModel.known.pop("Odd")
+    text = Odd()._repr_html_()
+    assert "<script>" not in text and "<script>alert(1)</script>" in "".join(Cells(text).found)
+    certificate = fh.Certificate("undecided", 'a < b & "c"', np.nan, 0.0, 1.0, (), ("<img src=x>",), 0.0)
+    assert "<img" not in certificate._repr_html_() and "a &lt; b &amp;" in certificate._repr_html_()
+
+
+def test_a_model_says_what_it_is():
+    model = fh.Heat(fh.Kernel(2.0), density=2.0, integrator="rk4")
+    assert repr(model).startswith("Heat(operator=Kernel(") and "density=2" in repr(model)
