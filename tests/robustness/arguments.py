@@ -111,6 +111,7 @@ def good():
         "Wave": {"operator": kernel},
         "WholeSteps": {"every": 1.0},
         "open_results": {"path": "none.h5"},
+        "read_case": {"path": machinery.HERE.parents[1] / "examples" / "blob.toml", "changes": {"run.until": 1.0}},
         "speed_of_current": {"density": 1.0, "metal": 143.0, "electrons": 2.0},
     }
 
@@ -149,7 +150,13 @@ def jobs():
     return [{"seed": 0, "number": number, **job} for number, job in enumerate(found)]
 
 
-METHODS = {"run": ("until", "every"), "step": ("count",), "save": ("path",), "load": ("path",)}
+METHODS = {
+    "run": ("until", "every"),
+    "step": ("count",),
+    "save": ("path",),
+    "load": ("path",),
+    "plot": ("name", "path", "limits"),
+}
 
 
 def call(job):
@@ -160,9 +167,13 @@ def call(job):
     name, _, method = job["name"].partition(".")
     if method:
         sim = fh.Simulation(**{**good()["Simulation"], "initial": {"u": 0.0}})
-        arguments = {"run": {"until": 0.5}, "step": {}, "save": {"path": "a.ckpt"}, "load": {"path": "none.ckpt"}}[
-            method
-        ]
+        arguments = {
+            "run": {"until": 0.5},
+            "step": {},
+            "save": {"path": "a.ckpt"},
+            "load": {"path": "none.ckpt"},
+            "plot": {},
+        }[method]
         return getattr(sim, method)(**{**arguments, job["argument"]: odd})
     made = getattr(fh, name)(**{**good()[name], job["argument"]: odd})
     setup = {**good()["Simulation"], "initial": {"u": 0.0}}

@@ -49,8 +49,12 @@ def test_a_run_draws_itself(tmp_path):
     assert figure._repr_png_().startswith(b"\x89PNG") and (tmp_path / "u.pdf").read_bytes().startswith(b"%PDF")
     assert figure.axes[0].get_title() == f"t = {sim.time:.4g}"
     assert sim.plot("u", limits=(-1, 1)).axes[0].images[0].get_clim() == (-1, 1)
-    with pytest.raises(fh.InputError, match="plot: there is no such field; value: w; limit: u, v"):
+    with pytest.raises(fh.InputError, match="name: there is no such field; value: w; limit: u, v"):
         sim.plot("w")
+    with pytest.raises(fh.InputError, match=r"path: unknown format; value: u.jpg; limit: png, pdf, svg"):
+        sim.plot("u", tmp_path / "u.jpg")
+    with pytest.raises(fh.InputError, match="limits: a range goes from"):
+        sim.plot("u", limits=(1.0, -1.0))
 
 
 @pytest.mark.parametrize("dim", [2, 3])

@@ -562,4 +562,9 @@ def read_case(path: str | Path, changes: Mapping[str, Any] | None = None) -> Cas
     >>> sim.time, sim.model.speed
     (2.0, 2.0)
     """
+    changes = (
+        {} if changes is None else kinds.instance(changes, "changes", Mapping, "a mapping of dotted keys to values")
+    )
+    for key in changes:
+        kinds.text(key, "changes")
     return Case.read(kinds.path(path, "path"), changes)

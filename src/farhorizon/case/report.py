@@ -13,6 +13,7 @@ from farhorizon.case.case import Case
 from farhorizon.checks.certificate import Certificate
 from farhorizon.files.html import listed, page, picture, preformatted, table
 from farhorizon.files.results import Results
+from farhorizon.files.storage import replacing
 from farhorizon.simulation.run import Run
 
 
@@ -45,7 +46,7 @@ def write_report(
     Parameters
     ----------
     path : Path
-        The file.
+        The file; its folder is made.
     case : Case
     run : Run
         At its end.
@@ -91,7 +92,9 @@ def write_report(
         ("Computed with", table(machine)),
         ("To cite", listed([cite])),
     ]
-    path.write_text(page(case.name, sections), encoding="utf-8")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as draft:
+        draft.write_text(page(case.name, sections), encoding="utf-8")
     return path
 
 

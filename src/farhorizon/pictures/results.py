@@ -15,12 +15,11 @@ from farhorizon.pictures.deformed import deformed_panels
 from farhorizon.pictures.fields import comparable, field_panels, magnitude
 from farhorizon.pictures.fronts import front
 from farhorizon.pictures.movie import movie
-from farhorizon.pictures.style import DAMAGE, number_text, time_text
+from farhorizon.pictures.style import DAMAGE, FORMATS, number_text, time_text
 
 if TYPE_CHECKING:
     from farhorizon.files.results import Results
 
-FORMATS = ("png", "pdf", "svg")
 _FLOOR = -60.0  # decibels, unless a range is given
 
 

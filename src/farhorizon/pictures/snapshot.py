@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from farhorizon import kinds
 from farhorizon.errors import InputError
 from farhorizon.pictures.fields import field_panels, magnitude
-from farhorizon.pictures.style import DAMAGE
+from farhorizon.pictures.style import DAMAGE, FORMATS
 
 
 def scalars(fields: Mapping[str, np.ndarray], dim: int) -> dict[str, tuple[str, np.ndarray]]:
@@ -34,9 +35,19 @@ def snapshot(
     limits: tuple[float, float] | None = None,
 ) -> Any:
     """Draw one of several fields; see `Run.plot`."""
+    name = kinds.text(name, "name")
+    if path is not None:
+        path = kinds.path(path, "path")
+        if path.suffix.lower().lstrip(".") not in FORMATS:
+            raise InputError("unknown format", value=path.name, limit=", ".join(FORMATS), key="path")
+    if limits is not None:
+        low, high = kinds.array(limits, "limits", shape=(2,)).tolist()
+        if not low < high:
+            raise InputError("a range goes from a number to a larger one", value=limits, key="limits")
+        limits = low, high
     known = scalars(fields, len(axes))
     if name not in known:
-        raise InputError("there is no such field", value=name, limit=", ".join(known), key="plot")
+        raise InputError("there is no such field", value=name, limit=", ".join(known), key="name")
     label, values = known[name]
     colors = DAMAGE if name == "damage" else None
     return field_panels([(title, values)], axes, path, label=label, colors=colors, limits=limits)

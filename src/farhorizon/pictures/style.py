@@ -42,6 +42,7 @@ RIM = (("white", 2.2), ("0.1", 0.9))  # a light rim shows a line on dark colours
 # Maps that the colour-blind read: two hues on either side of white, and lightness that rises evenly.
 DIVERGING, SEQUENTIAL = "RdBu_r", "viridis"
 DAMAGE = "magma_r"  # light where nothing is broken
+FORMATS = ("png", "pdf", "svg")
 
 
 @lru_cache(maxsize=1)

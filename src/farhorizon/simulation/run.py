@@ -262,7 +262,7 @@ class Run(ABC):
         Raises
         ------
         InputError
-            A field that there is not, or no such directory.
+            A field that there is not, another format, no such directory, an empty range.
         """
         from farhorizon.pictures.snapshot import snapshot
         from farhorizon.pictures.style import time_text
