@@ -26,7 +26,8 @@ from typing import Any, NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
 STORE = ROOT / "docs" / "figures.json"
-DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+WRITTEN = ("generated", "gallery", "api")  # by the build of the site
+DOCUMENTS = [ROOT / "README.md", *(p for p in sorted((ROOT / "docs").rglob("*.md")) if p.parent.name not in WRITTEN)]
 PLACE = re.compile(r"<!-- figure: (\S+) -->(.*?)<!-- end -->")
 PICTURE_COLOURS = 256  # of docs/demo.png: a palette takes a third of the space
 

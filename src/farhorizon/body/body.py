@@ -97,7 +97,7 @@ class Body(Run):
 
     .. math::
 
-        e_i = \Big(\sum_j w\,(u_j - u_i)\,\xi\Big) K_i^{-1}, \quad K_i = \sum_j w\,\xi\,\xi, \quad
+        e_i = \left(\sum_j w\,(u_j - u_i)\,\xi\right) K_i^{-1}, \quad K_i = \sum_j w\,\xi\,\xi, \quad
         \rho\,\ddot u_i = \sum_j w\,(\sigma_i K_i^{-1} + \sigma_j K_j^{-1})\,\xi + b_i, \quad \sigma = C : e.
 
     Parameters
@@ -976,7 +976,7 @@ class Body(Run):
     # ------------------------------------------------------------------------------------------------------------------
 
     def displacements(self, layers: bool = False) -> np.ndarray:
-        """Displacements of the near field, shape (dim, *lattice.shape), or with the `layers` of the whole box."""
+        """Displacements of the near field, shape ``(dim, *lattice.shape)``, or with the `layers` of the whole box."""
         box = self._view(self._u)
         return box.reshape(self.dim, *self._box[3 - self.dim :]).copy() if layers else self._shown(box)
 
@@ -997,12 +997,12 @@ class Body(Run):
 
     @property
     def u(self) -> np.ndarray:
-        """Displacements of the near field, shape (dim, *lattice.shape)."""
+        """Displacements of the near field, shape ``(dim, *lattice.shape)``."""
         return self.displacements()
 
     @property
     def v(self) -> np.ndarray:
-        """Velocities of the near field half a step ago, shape (dim, *lattice.shape); zero in the split form."""
+        """Velocities of the near field half a step ago, shape ``(dim, *lattice.shape)``; zero in the split form."""
         return self._shown(self._view(self._v))
 
     @property
@@ -1014,7 +1014,7 @@ class Body(Run):
 
     @property
     def gradient(self) -> np.ndarray:
-        """Gradient of the displacements (a, b) = du_a/dx_b on the near field, shape (dim, dim, *lattice.shape)."""
+        """Gradient of the displacements (a, b) = du_a/dx_b on the near field, shape ``(dim, dim, *lattice.shape)``."""
         return self._shown(self._gradient).reshape(self.dim, self.dim, *self.lattice.shape)
 
     def strain_energy(self, layers: bool = False) -> float:

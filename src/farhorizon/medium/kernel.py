@@ -111,7 +111,7 @@ class Kernel:
     def scaling_constant(self, dim: int, coefficient: float = 1.0) -> float:
         """Constant c for a diffusivity or squared speed `coefficient`, ``c = 2 dim coefficient / (|S| I)``.
 
-        I is the integral of ``w(r) r^(dim + 1 - p)`` over 0..horizon, |S| the measure of the unit sphere.
+        I is the integral of ``w(r) r^(dim + 1 - p)`` over 0..horizon, ``|S|`` the measure of the unit sphere.
         """
         self._check_dim(dim)
         q = dim + 2 - self.exponent

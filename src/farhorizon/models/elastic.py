@@ -25,7 +25,7 @@ from farhorizon.models.model import LatticeModel
 MATERIALS = ("bond-based", "state-based", "correspondence", "finite-element")
 _CAUCHY = {"strain": 0.25, "stress": 1 / 3, None: 0.25}  # Poisson's ratio of central forces
 _PAIRS = "two of young, poisson, bulk, shear"
-#: For messages; docs/index.md has it as a table.
+#: For messages; docs/explanation/elasticity.md has it as a table.
 COMBINATIONS = (
     'free sides: material="bond-based" (Poisson\'s ratio 1/4, in plane stress 1/3) with LatticePML or Sponge, or, of '
     "any ratio, Body "

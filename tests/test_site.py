@@ -1,0 +1,196 @@
+"""The documentation site: built without a warning, whole, without the network; what its pages are made of."""
+
+import ast
+import importlib
+import json
+import re
+import subprocess
+import sys
+import tomllib
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+import jsonschema
+import pytest
+
+import farhorizon as fh
+from farhorizon.case.case import Case
+from farhorizon.case.schema import schema
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+PROGRAMS = sorted(p for p in (DOCS / "tutorials").iterdir() if p.suffix in (".py", ".toml"))
+
+
+@pytest.fixture(scope="module")
+def keys():
+    """What makes the page of keys, as a module."""
+    sys.path.insert(0, str(DOCS / "_extensions"))
+    try:
+        yield importlib.import_module("keys")
+    finally:
+        sys.path.pop(0)
+
+
+def properties():
+    """Table and key of all that a case file may hold."""
+    whole = schema()
+    tables = {"CasePart": whole, **whole["$defs"]}
+    return [(name, key) for name, table in tables.items() for key in table.get("properties", {})]
+
+
+def test_each_key_of_the_schema_is_on_the_page(keys):
+    """Under the heading of its table, with what it means and an example."""
+    sections = dict(re.findall(r"^## (.*?)\n(.*?)(?=^## |\Z)", keys.markdown(), re.MULTILINE | re.DOTALL))
+    listed = [re.findall(r"^`(\w+)`$", text, re.MULTILINE) for text in sections.values()]
+    assert sorted(key for names in listed for key in names) == sorted(key for _, key in properties())
+    assert len(sections) == len({name for name, _ in properties()})
+
+
+@pytest.mark.parametrize(("name", "key"), properties())
+def test_examples_of_keys_are_of_their_kind(keys, name, key):
+    value = tomllib.loads(f"{key} = {keys.example(name, key)}")[key]
+    defined = schema()["$defs"]
+    wanted = keys.tables()[name]["properties"][key]
+    jsonschema.validate(value, {**wanted, "$defs": defined})
+    assert keys.meaning(name, key).strip()
+
+
+def test_nothing_is_said_of_keys_that_are_not_there(keys):
+    said = tomllib.loads((DOCS / "reference" / "keys.toml").read_text())
+    there = set(properties())
+    for name, table in said.items():
+        assert {(name, key) for key in table.get("example", {})} <= there
+
+
+def test_each_public_name_is_in_the_reference():
+    listed = re.findall(r"^   (\w+)$", (DOCS / "reference" / "api.md").read_text(), re.MULTILINE)
+    assert sorted(listed) == sorted(fh.__all__)
+
+
+def test_each_page_is_in_a_table_of_contents():
+    """The build warns of others, too; this is told at once."""
+    listed = set()
+    for page in DOCS.rglob("*.md"):
+        for block in re.findall(r"```\{toctree\}\n(.*?)```", page.read_text(), re.DOTALL):
+            listed |= {(page.parent / line).resolve() for line in re.findall(r"^[\w./]+$", block, re.MULTILINE)}
+    written = [p for p in DOCS.rglob("*.md") if p.parent.name not in ("gallery", "api", "generated")]
+    assert {p.with_suffix("") for p in written} - listed == {DOCS / "index"}
+
+
+@pytest.mark.parametrize("path", PROGRAMS, ids=lambda path: path.name)
+def test_tutorials_are_short_and_shown(path):
+    """At most 40 lines, on a page, no private name, no workaround; a case is read, and two steps of it run."""
+    text = path.read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 40
+    pages = "".join(p.read_text(encoding="utf-8") for p in path.parent.glob("*.md"))
+    assert f"<!-- run: {path.name} -->" in pages
+    if path.suffix == ".toml":
+        case = Case(text)
+        case.simulation().step(2)
+    else:
+        names = {node.attr for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Attribute)}
+        assert not [name for name in names if name.startswith("_")]
+
+
+class Page(HTMLParser):
+    """What a page names and what it links to."""
+
+    def __init__(self, path):
+        super().__init__()
+        self.anchors, self.links, self.assets = set(), [], []
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag, attributes):
+        given = dict(attributes)
+        self.anchors |= {given[key] for key in ("id", "name") if given.get(key)}
+        if tag == "a" and given.get("href"):
+            self.links.append(given["href"])
+        if tag in ("script", "img", "iframe", "source") and given.get("src"):
+            self.assets.append(given["src"])
+        if tag == "link" and given.get("rel") not in ("canonical", "next", "prev", "index", "search", "author"):
+            self.assets.append(given["href"])
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The site as the command of its documentation builds it: warnings are errors."""
+    made = tmp_path_factory.mktemp("site")
+    done = subprocess.run(
+        [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", str(DOCS), str(made)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0 and not done.stderr.strip(), done.stderr[-5000:]
+    return made
+
+
+@pytest.fixture(scope="module")
+def pages(site):
+    return {path: Page(path) for path in site.rglob("*.html") if "_static" not in path.parts}
+
+
+@pytest.mark.slow
+def test_links_within_the_site_lead_somewhere(site, pages):
+    for path, page in pages.items():
+        for link in page.links:
+            parts = urlsplit(link)
+            if parts.scheme or parts.netloc:
+                continue
+            there = (path.parent / unquote(parts.path)).resolve() if parts.path else path
+            assert there.exists(), (path.name, link)
+            if parts.fragment and there in pages:
+                assert unquote(parts.fragment) in pages[there].anchors, (path.name, link)
+
+
+@pytest.mark.slow
+def test_nothing_is_loaded_from_the_network_and_nothing_is_missing(site, pages):
+    count = 0
+    for path, page in pages.items():
+        for asset in page.assets:
+            parts = urlsplit(asset)
+            assert not parts.scheme and not parts.netloc, (path.name, asset)
+            assert (path.parent / unquote(parts.path)).resolve().exists(), (path.name, asset)
+            count += asset.endswith(".png")
+    assert count > len(PROGRAMS)
+    for sheet in site.rglob("*.css"):
+        assert not re.findall(r"url\([\"']?https?:", sheet.read_text(encoding="utf-8", errors="ignore")), sheet
+
+
+@pytest.mark.slow
+def test_each_example_and_each_tutorial_has_its_picture(site):
+    for path in [*PROGRAMS, *(p for p in (ROOT / "examples").iterdir() if p.suffix in (".py", ".toml"))]:
+        name = path.stem if path in PROGRAMS else f"{path.stem}_{path.suffix[1:]}"
+        text = (site / ("tutorials" if path in PROGRAMS else "gallery") / f"{name}.html").read_text()
+        # one prints its errors alone, the other is refused
+        assert path.stem in ("new_boundary", "dispersive_pulse") or "../_images/" in text, path.name
+        assert "on the machine on which this page was built" in text, path.name
+
+
+@pytest.mark.slow
+def test_the_search_finds_words(site):
+    index = json.loads((site / "searchindex.js").read_text().removeprefix("Search.setIndex(").removesuffix(")"))
+    for word in ("horizon", "zolotarev", "seismolog"):
+        assert word in index["terms"], word
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "pattern", "holds"),
+    [
+        ("echo_py", r"depth ([\d.]+) mm; it is ([\d.]+)", lambda found, depth: abs(found - depth) < 0.3),  # two samples
+        (
+            "seismogram_py",
+            r"wave: (\d+) m/s, the first layer has (\d+)",
+            lambda a, b: abs(a / b - 1) < 0.03,
+        ),  # a sample
+        ("pit_py", r"in the liquid (\d+)", lambda largest: largest <= 5100),  # the saturation
+        ("crack_py", r"of the tip ([\d.]+), of Rayleigh waves ([\d.]+)", lambda tip, rayleigh: 0 < tip < rayleigh),
+        ("new_boundary_py", r"(\S+)  Sponge.*\n *(\S+)  LatticePML", lambda sponge, layer: layer < 1e-6 * sponge),
+    ],
+)
+def test_what_tutorials_print_is_what_theory_says(site, name, pattern, holds):
+    said = json.loads((DOCS / "generated" / "tutorials" / f"{name}_run" / "run.json").read_text())["printed"]
+    assert holds(*map(float, re.search(pattern, said).groups())), said
