@@ -210,6 +210,7 @@ RIGHT = {
     "Wave": {"operator": KERNEL, "speed": 1.0, "damping": 0.0},
     "WholeSteps": {"every": 0.25, "until": 1.0},
     "open_results": {"path": "no such file"},
+    "read_case": {"path": "no such file", "changes": ()},
     "speed_of_current": {"density": 10.0, "metal": 143000.0, "electrons": 2.0},
     "tuned": {"sim": None, "angle": 60.0, "band": None, "budget": 1.0},
 }
