@@ -7,13 +7,13 @@ import os
 from collections.abc import Iterator
 from unittest import mock
 
-from farhorizon.cli import _parser
+from farhorizon.cli.parser import command_parser
 
 
 def markdown() -> str:
     """Usage, arguments and options of each command."""
     with mock.patch.dict(os.environ, COLUMNS="100", NO_COLOR="1"):
-        parser = _parser()
+        parser = command_parser()
         (commands,) = (one for one in parser._actions if isinstance(one, argparse._SubParsersAction))
         lines = [parser.epilog or "", ""]
         for name, command in commands.choices.items():

@@ -79,14 +79,14 @@ def run(arguments, period, pictures, calls=None, **environment):
     if child == 0:
         code = 99
         try:
-            from farhorizon import cli
+            from farhorizon.cli import main, marching
             from farhorizon.pictures import results
 
-            cli._CHECKPOINT_SECONDS = period
+            marching.CHECKPOINT_SECONDS = period
             if not pictures:  # they take most of the time
                 results.plot_results = lambda *_: []
             os.environ.update(environment)
-            code = cli.main(arguments)
+            code = main(arguments)
             sys.stdout.flush()
             if calls is not None:
                 calls.write_text(str(ctypes.c_long.in_dll(ctypes.CDLL(None), "farhorizon_calls").value))

@@ -18,7 +18,7 @@ from farhorizon.cli import main
 from farhorizon.files.results import ResultsWriter, open_results, read_checkpoint
 from farhorizon.files.storage import locked
 
-EXAMPLES = Path(__file__).parent.parent / "examples"
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 BOUNDED = EXAMPLES / "quenched_bar.toml"  # no side is open

@@ -1,0 +1,45 @@
+"""`farhorizon check`."""
+
+from __future__ import annotations
+
+import argparse
+
+from farhorizon.cli.common import BAD_INPUT, GOOD, case_of, check_folder, made_folder, write_json
+
+
+def check_command(options: argparse.Namespace) -> int:
+    from farhorizon.simulation.probes import Probes
+
+    if options.out:
+        check_folder(options.out)
+    case = case_of(options)
+    sim = case.run()
+    with case.naming():
+        sim.prepare(case.parts.run.until)
+    report = sim.check(case.parts.run.until, options.budget)
+    report.rows.append(("outputs", case.schedule(sim.dt)))
+    report.notes = [*report.notes, *Probes(case.lattice, case.parts.output.probes).notes]
+    print(report)
+    if options.out:
+        for picture in report.draw(made_folder(options.out), case.name, case.lattice.spacing):
+            print(f"picture: {picture}")
+    facts = report.as_json()
+    if options.tune:
+        from farhorizon.studies.tuning import BUDGET, tuned
+
+        with case.naming():
+            found = tuned(case.simulation(), budget=options.budget or BUDGET)
+        print(f"tuned: {found}\nin the case file: all = {found.toml}")
+        facts["tuned"] = {
+            "boundary": found.toml,
+            "amplitude": found.amplitude,
+            "angle": found.angle,
+            **found.certificate.as_json(),
+        }
+    write_json(options.json, facts)
+    if report.refused:
+        print("farhorizon: run refuses this case: it is not stable", file=options.errors)
+        return BAD_INPUT
+    if options.quiet:
+        print(f"{case.name}: {report.headline}", file=options.output)
+    return GOOD

@@ -1,0 +1,92 @@
+"""What several commands need: exit codes, files and folders that they are given, the case, warnings in one line."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+GOOD, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+
+def write_json(path: str | None, content: dict[str, Any]) -> None:
+    """Write the figures of a command to the file of --json, if one is given."""
+    if path:
+        Path(path).write_text(json.dumps(content, indent=1) + "\n")
+
+
+def check_json(name: str | None) -> None:
+    """Refuse a JSON file that cannot be written, before any work."""
+    from farhorizon.errors import InputError
+
+    if name and (Path(name).is_dir() or not os.access(Path(name).parent, os.W_OK)):
+        raise InputError(
+            "cannot write this file",
+            value=name,
+            key="--json",
+            remedy="a file in a folder that exists and may be written",
+        )
+
+
+def check_folder(name: str) -> None:
+    """Refuse a folder that cannot be made, without making it."""
+    from farhorizon.errors import InputError
+
+    there = next(p for p in (Path(name).resolve(), *Path(name).resolve().parents) if p.exists())
+    if not (there.is_dir() and os.access(there, os.W_OK)):
+        raise InputError(
+            "cannot make the folder",
+            value=name,
+            key="--out",
+            remedy=f"{there} is no folder that may be written: choose another",
+        )
+
+
+def made_folder(name: str) -> Path:
+    """A folder, made if it is not there."""
+    from farhorizon.errors import InputError
+
+    folder = Path(name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot make the folder {folder}: {error.strerror}", key="--out") from None
+    return folder
+
+
+def case_of(options: argparse.Namespace) -> Any:
+    """The case file with the changes of the command line."""
+    from farhorizon.case.case import Case
+    from farhorizon.case.changes import parsed
+
+    return Case.read(options.case, dict(map(parsed, options.set)) | thread_change(options))
+
+
+def thread_change(options: argparse.Namespace) -> dict[str, Any]:
+    """The change of a case that --threads is."""
+    return {} if options.threads is None else {"run.threads": options.threads}
+
+
+@contextmanager
+def said_plainly() -> Iterator[None]:
+    """Within it doubts about the validity of a run are lines on stderr."""
+    from farhorizon.errors import ValidityWarning
+
+    usual = warnings.showwarning
+
+    def show(message: Any, category: type[Warning], *where: Any, **more: Any) -> None:
+        if issubclass(category, ValidityWarning):
+            print(f"warning: {message}", file=sys.stderr)
+        else:
+            usual(message, category, *where, **more)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", ValidityWarning)
+        warnings.showwarning = show
+        yield

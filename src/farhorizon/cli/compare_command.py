@@ -1,0 +1,64 @@
+"""`farhorizon compare`, and `farhorizon demo`, which compares a case that comes with the program."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from farhorizon.cli.common import GOOD, case_of, check_folder, said_plainly, thread_change, write_json
+
+
+def _compare_case(
+    options: argparse.Namespace, case: Any, folder: Path, times: Sequence[float] | None, moment: float | None
+) -> None:
+    from farhorizon.pictures.curves import error_history
+    from farhorizon.pictures.fields import field_panels, magnitude
+    from farhorizon.studies.compare import compare
+
+    with case.naming(), said_plainly():
+        result = compare(case.setup, case.parts.run.until, times, moment, kind=case.kind)
+    print(result.table())
+    shown = {
+        name: value if value.ndim == case.lattice.dim else magnitude(value)
+        for name, value in result.fields.items()
+        if name != "free edge"
+    }
+    fields = [(f"{name}, t = {result.shown_time:.3g}", value) for name, value in shown.items()]
+    folder.mkdir(parents=True, exist_ok=True)
+    picture, history = folder / "compare.png", folder / "error.png"
+    label = "|u|" if any(value.ndim > case.lattice.dim for value in result.fields.values()) else "u"
+    field_panels(fields, case.lattice.axes, picture, cracks=case.polylines, label=label)
+    curves = {name: (c["times"], c["error_rel_initial"]) for name, c in result.curves.items()}
+    error_history(curves, history, f"max error / {result.scale}", "Error against the infinite medium")
+    print(f"pictures: {picture}, {history}")
+    if options.quiet:
+        print(f"{case.name}: {result.headline}", file=options.output)
+    curves_and_growth = {
+        n: {**c, "growth_rate": result.growth[n]} if n in result.growth else c for n, c in result.curves.items()
+    }
+    write_json(options.json, curves_and_growth)
+
+
+def compare_command(options: argparse.Namespace) -> int:
+    check_folder(options.out)
+    case = case_of(options)
+    _compare_case(options, case, Path(options.out) / case.name, options.times, None)
+    return GOOD
+
+
+def demo_command(options: argparse.Namespace) -> int:
+    check_folder(options.out)
+    from importlib.resources import files
+
+    from farhorizon.case.case import Case
+
+    text = files("farhorizon.case").joinpath("demo.toml").read_text(encoding="utf-8")
+    case = Case(text, "two_notches.toml", thread_change(options))
+    print("An infinite membrane with two notches, seen through a disc of radius 26 (example 3 of Hermann et al. 2023).")
+    print(
+        "Running it with the lattice PML, with a fixed and a free edge, and on a domain from which nothing returns ..."
+    )
+    _compare_case(options, case, Path(options.out), None, 30.0)
+    return GOOD

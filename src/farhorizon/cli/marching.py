@@ -1,0 +1,203 @@
+"""A run and its files: results that grow, checkpoints from which it goes on, signals that end it."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from farhorizon.cli.common import GOOD, INTERRUPTED, said_plainly
+
+CHECKPOINT_SECONDS = 30.0
+
+
+@dataclass(frozen=True)
+class RunFiles:
+    """Where what is kept of a run stands."""
+
+    folder: Path
+    name: str
+
+    @property
+    def result(self) -> Path:
+        return self.folder / f"{self.name}.h5"
+
+    @property
+    def checkpoint(self) -> Path:
+        return self.folder / f"{self.name}.ckpt"
+
+    @property
+    def lock(self) -> Path:
+        return self.folder / f".{self.name}.lock"
+
+    @property
+    def pictures(self) -> Path:
+        """Folder of the pictures."""
+        return self.folder / self.name
+
+
+def march(
+    options: argparse.Namespace, case: Any, sim: Any, files: RunFiles, until: float, last: int
+) -> tuple[Any, int]:
+    """Begin or take up the files of a run and advance it to its last step, or until a signal comes; returns the writer
+    of the results and the exit code.
+    """
+    with _stopping(sim) as came:
+        writer = _taken_up(sim, files) if options.resume else _begun(case, sim, files)
+        for note in (*sim.notes, *sim.probes.notes):
+            print(f"note: {note}", file=sys.stderr)
+        print(
+            f"{case.name}: {case.lattice.nodes} nodes, dt = {sim.dt:.6g}, {last} steps to t = {last * sim.dt:g}; "
+            f"outputs {case.schedule(sim.dt)}"
+        )
+        record = _Record(writer, sim, case.fields, files.checkpoint)
+        if options.resume:
+            print(f"resumed at step {sim.step_count}, t = {sim.time:g}")
+        else:
+            record.output()
+            record.keep()
+        sim.observers.append(record.observe)
+        return writer, _advance(options, case, sim, until, record, came)
+
+
+def _advance(options: argparse.Namespace, case: Any, sim: Any, until: float, record: _Record, came: list[int]) -> int:
+    """Run to the end and keep what is there then, or when a signal came; returns the exit code."""
+    from farhorizon.errors import FarhorizonError
+
+    try:
+        with said_plainly():
+            sim.run(until, case.every(sim.dt), allow_unstable=options.allow_unstable)
+    except KeyboardInterrupt:
+        if len(came) == 1:  # it ended between two steps
+            record.keep()
+        print(f"\ninterrupted at t = {sim.time:g}; go on with: {again(options)}", file=options.errors)
+        return 128 + came[0] if came else INTERRUPTED
+    except FarhorizonError:
+        print(f"the last good checkpoint is {record.checkpoint}", file=options.errors)
+        raise
+    except OSError:
+        onward = f"when files can be written again go on with: {again(options)}"
+        print(f"the last good checkpoint is {record.checkpoint}; {onward}", file=options.errors)
+        raise
+    record.keep()
+    return GOOD
+
+
+def _taken_up(sim: Any, files: RunFiles) -> Any:
+    """The results of an interrupted run as they were at its checkpoint, from which the simulation goes on."""
+    from farhorizon.files.results import ResultsWriter
+
+    kept = sim.load(files.checkpoint)
+    sim.probes.take()  # the start, which the file has
+    return ResultsWriter.resume(files.result, int(kept["outputs"]), int(kept["rows"]), int(kept["records"]))
+
+
+def _begun(case: Any, sim: Any, files: RunFiles) -> Any:
+    """Empty results, in place of what was there."""
+    from farhorizon import __version__
+    from farhorizon.files.results import ResultsWriter, check_replaceable
+
+    check_replaceable(files.result)
+    files.checkpoint.unlink(missing_ok=True)  # it belongs to the results that go
+    dim = case.lattice.dim
+    return ResultsWriter.create(
+        files.result,
+        dim=dim,
+        shape=case.lattice.shape,
+        spacing=case.lattice.spacing,
+        lower=case.lattice.lower,
+        fields=case.fields,
+        dtype=sim.fields["u"].dtype,
+        probes=sim.probes.places,
+        accounts=list(sim.balance()) if case.parts.output.balance else [],
+        case=case.text,
+        program=f"farhorizon {__version__}",
+        components={name: len(field) if field.ndim > dim else 1 for name, field in sim.fields.items()},
+    )
+
+
+class _Record:
+    """What a run leaves behind on its way: outputs, and now and then a checkpoint."""
+
+    def __init__(self, writer: Any, sim: Any, fields: Any, checkpoint: Path) -> None:
+        self._writer, self._sim, self._fields, self.checkpoint = writer, sim, fields, checkpoint
+        self._kept = time.monotonic()
+
+    def observe(self, _: Any) -> None:
+        """After each output step."""
+        self.output()
+        if time.monotonic() - self._kept > CHECKPOINT_SECONDS:
+            self.keep()
+
+    def output(self) -> None:
+        """Append the fields as they are now."""
+        sim, writer = self._sim, self._writer
+        fields = sim.fields
+        self._probes()
+        writer.append(
+            sim.step_count,
+            sim.time,
+            {name: fields[name] for name in self._fields},
+            energy=sim.energy(),
+            balance=sim.balance() if writer.accounts else None,
+            cautions=sim.cautions,
+        )
+
+    def keep(self) -> None:
+        """Write the checkpoint from which the run may go on."""
+        self._probes()
+        writer = self._writer
+        self._sim.save(self.checkpoint, outputs=writer.outputs, rows=writer.rows, records=writer.records)
+        self._kept = time.monotonic()
+
+    def _probes(self) -> None:
+        probes = self._sim.probes
+        if len(probes.nodes):
+            self._writer.append_probes(*probes.take())
+
+
+@contextmanager
+def _stopping(sim: Any) -> Iterator[list[int]]:
+    """Let Ctrl-C and SIGTERM, which batch systems send, end a run between two steps; yields the signals that came. A
+    second one acts at once.
+    """
+    came: list[int] = []
+
+    def interrupt(number: int, frame: Any) -> None:
+        came.append(number)
+        if len(came) > 1:
+            raise KeyboardInterrupt
+        sim.stop_requested = True
+
+    before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield came
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def again(options: argparse.Namespace, until: bool = True) -> str:
+    """The command that goes on with a run, with every option that it was given, or all but its end."""
+    words = ["farhorizon", "run", options.case, "--resume"]
+    for name, value, default in (
+        ("--out", options.out, "."),
+        ("--until", options.until if until else None, None),
+        ("--json", options.json, None),
+        ("--threads", options.threads, None),
+        *(("--set", change, None) for change in options.set),
+    ):
+        words += [name, str(value)] if value != default else []
+    return shlex.join(
+        words
+        + ["--allow-unstable"] * options.allow_unstable
+        + ["--no-report"] * options.no_report
+        + ["--quiet"] * options.quiet
+    )

@@ -1,0 +1,192 @@
+"""The commands and what each may be given."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, NoReturn
+
+from farhorizon.cli.check_command import check_command
+from farhorizon.cli.compare_command import compare_command, demo_command
+from farhorizon.cli.plot_command import plot_command
+from farhorizon.cli.reproduce_command import reproduce_command
+from farhorizon.cli.run_command import run_command
+from farhorizon.cli.text_commands import info_command, keys_command, new_command, schema_command
+
+
+class _Version(argparse.Action):
+    """Prints the version; it is looked up only then."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *given: Any) -> NoReturn:
+        from farhorizon import __version__
+
+        print(f"farhorizon {__version__}")
+        parser.exit()
+
+
+def command_parser() -> argparse.ArgumentParser:
+    """The parser of command lines; its result has the function of the command as `command`."""
+    parser = argparse.ArgumentParser(
+        prog="farhorizon",
+        description="Waves, diffusion, heat and corrosion in an unbounded peridynamic or classical medium, computed "
+        "on a small grid.",
+        epilog="Start with 'farhorizon demo'; then 'farhorizon new wave -o my.toml' and 'farhorizon run my.toml'. Exit "
+        "code: 0 good, 1 run failed, 2 bad input, 130 interrupted (Ctrl-C), 143 terminated.",
+    )
+    parser.add_argument("--version", action=_Version, nargs=0, help="print the version")
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    for name, (function, options, text) in _COMMANDS.items():
+        sub = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
+        sub.set_defaults(command=function)
+        for add in options:
+            add(sub)
+    _offer_completion(parser)
+    return parser
+
+
+def _offer_completion(parser: argparse.ArgumentParser) -> None:
+    """Answer the shell that asks what a command line may go on with, where argcomplete is installed."""
+    if "_ARGCOMPLETE" in os.environ:
+        with suppress(ImportError):
+            import argcomplete
+
+            argcomplete.autocomplete(parser)
+
+
+def _new(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("kind", nargs="?", metavar="KIND", help="what it is about, such as wave")
+    sub.add_argument("-o", "--out", metavar="FILE", help="the file (default: print it)")
+    sub.add_argument("--force", action="store_true", help="overwrite the file")
+
+
+def _keys(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("prefix", nargs="?", default="", metavar="KEY", help="a key with dots, or the first part of one")
+
+
+def _run(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("case", help="case file (TOML)")
+    sub.add_argument("--out", metavar="DIR", default=".", help="folder of the results (default: here)")
+    sub.add_argument("--resume", action="store_true", help="go on from the checkpoint NAME.ckpt of an interrupted run")
+    sub.add_argument("--until", type=float, metavar="T", help="end time instead of the case's")
+    sub.add_argument("--force", action="store_true", help="overwrite the results of a finished run")
+    sub.add_argument("--no-report", action="store_true", help="write no page about the run (NAME/report.html)")
+    sub.add_argument("--allow-unstable", action="store_true", help="run although a mode grows")
+
+
+def _check(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("case", help="case file (TOML)")
+    sub.add_argument(
+        "--out", metavar="DIR", help="draw reflection and a growing mode into this folder (default: no pictures)"
+    )
+    sub.add_argument(
+        "--tune",
+        action="store_true",
+        help="search the settings of a PlaneWave or Higdon for the best that are certified",
+    )
+    sub.add_argument(
+        "--budget",
+        type=float,
+        metavar="SECONDS",
+        help="time for the stability certificate (default: that of the run, 2 to 30 s)",
+    )
+
+
+def _compare(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("case", help="case file (TOML)")
+    sub.add_argument("--out", metavar="DIR", default=".", help="folder of the pictures (default: here)")
+    sub.add_argument("--times", type=float, nargs="+", metavar="T", help="when to compare (default: 40 even times)")
+
+
+def _plot(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("result", help="results file (NAME.h5)")
+    sub.add_argument(
+        "--out", metavar="DIR", help="folder of the pictures (default: beside the file, its name without .h5)"
+    )
+    sub.add_argument(
+        "--time", "--times", dest="times", type=float, nargs="+", metavar="T", help="times (default: four even ones)"
+    )
+    sub.add_argument("--field", nargs="+", metavar="NAME", help="fields or components, such as u u_x (default: all)")
+    sub.add_argument("--slice", metavar="z=0.5", help="in space the plane to draw (default: the middle of z)")
+    sub.add_argument("--range", type=float, nargs=2, metavar=("LOW", "HIGH"), help="of the colours")
+    sub.add_argument("--db", action="store_true", help="magnitudes in decibels below the largest")
+    sub.add_argument(
+        "--deformed",
+        type=float,
+        nargs="?",
+        const=0.0,
+        metavar="FACTOR",
+        help="of elastic runs in 2D the deformed shape, displacements times a factor (default: a round one)",
+    )
+    sub.add_argument("--movie", action="store_true", help="a film of a field: GIF, and MP4 with imageio-ffmpeg")
+    sub.add_argument("--format", default="png", metavar="png|pdf|svg", help="of pictures (default: png)")
+
+
+def _reproduce(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("name", nargs="?", help="name of the table or figure")
+    sub.add_argument("--out", metavar="DIR", default=".", help="folder of the pictures (default: here)")
+    sub.add_argument(
+        "--full", action="store_true", help="the published size, where the default is a smaller one; takes minutes"
+    )
+
+
+def _demo(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument(
+        "--out", metavar="DIR", default="farhorizon-demo", help="folder of the picture (default: farhorizon-demo)"
+    )
+
+
+def _changes(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="another value of a key of the case, such as model.speed=2.0; may be repeated",
+    )
+
+
+def _computing(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("--json", metavar="FILE", help="write the figures as JSON too")
+    sub.add_argument("--threads", type=int, metavar="N", help="threads of the time loop (default: all there are)")
+    sub.add_argument("--quiet", action="store_true", help="print errors and the result only")
+
+
+#: What a command does, functions that add what it may be given, and what the help says.
+_COMMANDS: dict[str, tuple[Callable[..., int], tuple[Callable[[argparse.ArgumentParser], None], ...], str]] = {
+    "new": (new_command, (_new,), "write a commented case to start from; without a kind, list them"),
+    "keys": (
+        keys_command,
+        (_keys,),
+        "explain the keys of a case file, such as model.kernel; without one, list the tables",
+    ),
+    "run": (
+        run_command,
+        (_run, _changes, _computing),
+        "run a case: writes NAME.h5 (opens in ParaView) and pictures in NAME/",
+    ),
+    "check": (
+        check_command,
+        (_check, _changes, _computing),
+        "check a case without running it: step limit, stability, reflection, layer, memory, time",
+    ),
+    "compare": (
+        compare_command,
+        (_compare, _changes, _computing),
+        "compare a case with the infinite medium, beside a fixed and a free edge",
+    ),
+    "plot": (plot_command, (_plot,), "draw pictures of a results file"),
+    "reproduce": (
+        reproduce_command,
+        (_reproduce, _computing),
+        "compute a published table or figure anew, ours beside theirs; without a name, list them",
+    ),
+    "demo": (
+        demo_command,
+        (_demo, _computing),
+        "two notches in an infinite membrane: run, compare and draw, in under a minute",
+    ),
+    "schema": (schema_command, (), "the JSON Schema of case files, with which editors complete and check them"),
+    "info": (info_command, (), "versions, threads, caches"),
+}

@@ -1,0 +1,52 @@
+"""`farhorizon plot`."""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import suppress
+from pathlib import Path
+
+from farhorizon.cli.common import GOOD
+
+
+def plot_command(options: argparse.Namespace) -> int:
+    from farhorizon.case.case import Case
+    from farhorizon.errors import InputError
+    from farhorizon.files.results import open_results
+    from farhorizon.pictures.results import View, plot_results
+
+    path = Path(options.result)
+    folder = Path(options.out) if options.out else path.with_suffix("")
+    results = open_results(path)
+    try:
+        case: Case | None = Case(results.case, path)
+    except InputError:  # written from Python, or by a program with other keys: a picture without cracks
+        case = None
+    view = View(
+        times=options.times,
+        fields=options.field,
+        plane=None if options.slice is None else _plane(options.slice),
+        limits=None if options.range is None else tuple(options.range),
+        decibels=options.db,
+        deformed=options.deformed,
+        movie=options.movie,
+        format=options.format,
+        cracks=case.polylines if case else (),
+        quantities=case.quantities if case else {},
+    )
+    for picture in plot_results(results, folder, view, print):
+        print(picture)
+    return GOOD
+
+
+def _plane(text: str) -> tuple[str, float]:
+    """Axis and place of a slice such as z=0.5."""
+    import math
+
+    from farhorizon.errors import InputError
+
+    axis, _, place = text.partition("=")
+    with suppress(ValueError):
+        if axis.strip() in ("x", "y", "z") and math.isfinite(float(place)):
+            return axis.strip(), float(place)
+    raise InputError("a slice is an axis and a number", value=text, key="--slice", remedy="--slice z=0.5")

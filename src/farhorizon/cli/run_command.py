@@ -1,0 +1,96 @@
+"""`farhorizon run`: what is asked before, and told after."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from farhorizon.cli.common import GOOD, case_of, check_folder, made_folder, write_json
+from farhorizon.cli.marching import RunFiles, again, march
+
+
+def run_command(options: argparse.Namespace) -> int:
+    """Run a case to its end, or until a signal comes, then draw and tell."""
+    import numpy as np
+
+    from farhorizon.errors import InputError
+    from farhorizon.files.storage import locked, remove_leftovers
+
+    case = case_of(options)
+    until = case.parts.run.until if options.until is None else options.until
+    if not (np.isfinite(until) and until > 0):
+        raise InputError("the end of the run must be positive", value=until, key="--until")
+    files = RunFiles(Path(options.out), case.name)
+    if options.resume and not files.checkpoint.exists():
+        remedy = "run without --resume, or give the --out of the run"
+        raise InputError(f"no checkpoint {files.checkpoint}", key="--resume", remedy=remedy)
+    _refuse_finished(files.result, options)
+    check_folder(str(files.pictures))
+    sim = case.run()
+    with case.naming():
+        last = sim.prepare(until)
+        sim.record(case.parts.output.probes, case.parts.output.probe_every)
+    certificate = sim.examine(until, options.allow_unstable)
+    made_folder(options.out)
+    with locked(files.lock):
+        _refuse_finished(files.result, options)
+        for path in (files.result, files.checkpoint):
+            remove_leftovers(path)
+        writer, code = march(options, case, sim, files, until, last)
+        if code == GOOD:
+            _tell(options, case, sim, certificate, until, files)
+            writer.finish()
+    return code
+
+
+def _refuse_finished(result: Path, options: argparse.Namespace) -> None:
+    """Refuse to overwrite the results of a run that came to its end."""
+    from farhorizon.errors import FileFormatError, InputError
+    from farhorizon.files.results import open_results
+
+    if options.force or options.resume or not result.is_file():
+        return
+    try:
+        finished = open_results(result).finished
+    except FileFormatError:
+        return  # no results of ours: `ResultsWriter.create` refuses it
+    if finished:
+        remedy = "--force overwrites them, --resume --until T goes on from them, --out DIR puts the new ones elsewhere"
+        raise InputError(f"{result} holds the results of a finished run", remedy=remedy)
+
+
+def _tell(options: argparse.Namespace, case: Any, sim: Any, certificate: Any, until: float, files: RunFiles) -> None:
+    """Draw the results, write the page about them and the figures, and say where they are."""
+    from farhorizon.case.report import write_report
+    from farhorizon.files.results import open_results
+    from farhorizon.pictures.results import View, plot_results
+    from farhorizon.simulation.run import wanted_threads
+
+    results = open_results(files.result)
+    for caution in results.cautions:
+        print(f"warning: not valid from t = {caution.time:.6g} on: {caution.brief}", file=options.errors)
+    moments = [time for time in case.parts.output.pictures or () if time <= until]
+    view = View(times=moments or None, cracks=case.polylines, quantities=case.quantities)
+    pictures = plot_results(results, files.pictures, view, print)
+    said = f"results: {files.result} ({len(results.times)} outputs); pictures: {', '.join(map(str, pictures))}"
+    if not options.no_report:
+        threads = wanted_threads(case.parts.run.threads)
+        page = files.pictures / "report.html"
+        onward = again(options, until=False)
+        write_report(page, case, sim, certificate, results, pictures, threads=threads, again=onward)
+        said += f"; report: {page}"
+    print(said, file=options.output)
+    write_json(
+        options.json,
+        {
+            "name": case.name,
+            "steps": sim.step_count,
+            "time": sim.time,
+            "dt": sim.dt,
+            "energy": sim.energy(),
+            "results": str(files.result),
+            "pictures": [str(p) for p in pictures],
+            "certificate": certificate.as_json(),
+        },
+    )
