@@ -1,6 +1,5 @@
 """The stability certificate against what is known, and against runs from white noise."""
 
-import json
 import os
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from farhorizon.checks.certificate import certify
 from farhorizon.checks.side_modes import plain_twin
 from farhorizon.cli import main
 from farhorizon.engine.state import State
+from outputs import written
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -203,11 +203,11 @@ def test_run_refuses_what_grows(tmp_path, monkeypatch, capsys):
     case = "backward_waves.toml"
     text = (EXAMPLES / case).read_text()
     assert main(["check", str(EXAMPLES / case), "--json", "check.json", "--out", "pictures"]) == 0
-    assert json.loads(Path("check.json").read_text())["certificate"]["verdict"] == "certified"
+    assert written("check.json", "check")["certificate"]["verdict"] == "certified"
     sigma = np.linspace(0.1, 10.0, 21).round(3).tolist()
     Path(case).write_text(text.replace("nodes = 20", f"nodes = 20, profile = {{ sigma = {sigma}, alpha = 0.01 }}"))
     assert main(["check", case, "--json", "check.json", "--out", "pictures"]) == 2
-    facts = json.loads(Path("check.json").read_text())
+    facts = written("check.json", "check")
     assert facts["certificate"]["verdict"] == "not certified" and facts["certificate"]["rate"] > 0
     assert Path("pictures/backward_waves-growing-mode.png").stat().st_size > 10_000
     before = sorted(tmp_path.iterdir())
@@ -224,7 +224,7 @@ def test_check_prints_reflection_time_and_cost(tmp_path, monkeypatch, capsys):
     assert main(["check", "guide.toml", "--json", "check.json", "--out", ".", "--budget", "1"]) == 0
     page = capsys.readouterr().out
     assert "predicted reflection by x-" in page and "profile, predicted error" in page and "extended domain" in page
-    facts = json.loads(Path("check.json").read_text())
+    facts = written("check.json", "check")
     by_angle = {(r["wavelength"], r["angle"]): r["amplitude"] for r in facts["reflection"]}
     assert len(by_angle) == 18 and all(a <= 1e-2 for (_, angle), a in by_angle.items() if angle <= 60)
     assert facts["numbers"]["seconds"] > 0 and facts["numbers"]["extended_nodes"] > 81 * 25  # the near field

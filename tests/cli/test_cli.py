@@ -17,6 +17,7 @@ from doubtful import CRACK_AT_THE_RIM
 from farhorizon.cli import main
 from farhorizon.files.results import ResultsWriter, open_results, read_checkpoint
 from farhorizon.files.storage import locked
+from outputs import written
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -58,13 +59,13 @@ def test_examples_run_and_agree_with_the_infinite_medium(case, tmp_path, monkeyp
     """
     monkeypatch.chdir(tmp_path)
     assert main(["run", str(case), "--json", "run.json"]) == 0
-    facts = json.loads(Path("run.json").read_text())
+    facts = written("run.json", "run")
     assert all(Path(p).stat().st_size > 10_000 for p in facts["pictures"])
     results = open_results(f"{case.stem}.h5")
     assert len(results.times) > 5 and np.isfinite(results.energy).all()
     times = ["--times", "4", "8"] if case.stem.endswith("3d") else []
     assert main(["compare", str(case), "--json", "compare.json", *times]) == 0
-    curves = json.loads(Path("compare.json").read_text())
+    curves = written("compare.json", "compare")
     ours, part = ABSORBERS.get(case.stem, ("lattice PML", 1e-3))
     assert curves[ours]["error_max_over_run"] < part * curves["fixed edge"]["error_max_over_run"]
 
@@ -74,14 +75,14 @@ def test_dispersive_pulse_says_that_it_grows(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["check", str(GROWING), "--json", "check.json"]) == 2  # as run does
     assert "run refuses this case" in capsys.readouterr().err
-    checked = json.loads(Path("check.json").read_text())
+    checked = written("check.json", "check")
     assert any("backward waves" in w for w in checked["warnings"])
     assert checked["certificate"]["rate"] > 1
     assert main(["run", str(GROWING), "--until", "9", "--allow-unstable"]) == 1  # it explodes, and stops
     assert "backward waves" in capsys.readouterr().err
     assert main(["compare", str(GROWING), "--json", "compare.json", "--times", "1", "2"]) == 0
     # before the front arrives at speed 3.2 from 10 away
-    assert json.loads(Path("compare.json").read_text())["lattice PML"]["error"][0] < 1e-9
+    assert written("compare.json", "compare")["lattice PML"]["error"][0] < 1e-9
 
 
 def test_dispersive_pulse_leaves_through_the_sponge_of_its_comment(tmp_path):
@@ -94,7 +95,7 @@ def test_dispersive_pulse_leaves_through_the_sponge_of_its_comment(tmp_path):
         main(["compare", str(tmp_path / "sponge.toml"), "--out", str(tmp_path), "--json", str(tmp_path / "c.json")])
         == 0
     )
-    assert json.loads((tmp_path / "c.json").read_text())["sponge"]["error_max_over_run"] < 2e-2
+    assert written(tmp_path / "c.json", "compare")["sponge"]["error_max_over_run"] < 2e-2
 
 
 def test_two_notches_against_a_domain_from_which_nothing_returns(tmp_path):
@@ -115,7 +116,7 @@ def test_two_notches_against_a_domain_from_which_nothing_returns(tmp_path):
             str(out),
         ]
     )
-    assert max(json.loads(out.read_text())["lattice PML"]["error_rel_initial"]) <= 1e-6
+    assert max(written(out, "compare")["lattice PML"]["error_rel_initial"]) <= 1e-6
 
 
 def test_script_example():
@@ -127,8 +128,9 @@ def test_script_example():
 
 
 def test_demo(tmp_path, capsys):
-    assert main(["demo", "--out", str(tmp_path)]) == 0
+    assert main(["demo", "--out", str(tmp_path), "--json", str(tmp_path / "demo.json")]) == 0
     assert "lattice PML" in capsys.readouterr().out
+    assert set(written(tmp_path / "demo.json", "demo")) >= {"lattice PML", "fixed edge", "free edge"}
     assert (tmp_path / "compare.png").exists()
 
 
@@ -138,7 +140,7 @@ def test_plot_check_info(tmp_path, capsys, monkeypatch):
     main(["run", case])
     assert main(["plot", "blob.h5", "--out", "pictures", "--times", "0", "5"]) == 0
     assert main(["check", case, "--json", "check.json"]) == 0
-    assert "time step" in json.loads(Path("check.json").read_text())["facts"]
+    assert "time step" in written("check.json", "check")["facts"]
     assert main(["info"]) == 0
     assert "numba" in capsys.readouterr().out
     assert main(["schema"]) == 0
@@ -153,11 +155,11 @@ def test_check_tunes_an_outline(tmp_path, capsys, monkeypatch):
 [initial]\nu = "exp(-2*(x**2+y**2))"\n[run]\nuntil = 1.0\n[boundary]\nall = { type = "plane-wave" }\n"""
     Path("disc.toml").write_text(words)
     assert main(["check", "disc.toml", "--tune", "--json", "tuned.json"]) == 0
-    found = json.loads(Path("tuned.json").read_text())["tuned"]
-    assert f"all = {found['boundary']}" in capsys.readouterr().out and found["verdict"] == "certified"
+    found = written("tuned.json", "check")["tuned"]
+    assert f"all = {found['boundary']}" in capsys.readouterr().out and found["certificate"]["verdict"] == "certified"
     Path("disc.toml").write_text(words.replace('{ type = "plane-wave" }', found["boundary"]))
     assert main(["check", "disc.toml", "--json", "check.json"]) == 0
-    assert json.loads(Path("check.json").read_text())["certificate"]["verdict"] == "certified"
+    assert written("check.json", "check")["certificate"]["verdict"] == "certified"
 
 
 @pytest.mark.parametrize(
@@ -299,7 +301,7 @@ def test_interrupted_run_resumes_to_the_same_result(tmp_path):
     np.testing.assert_array_equal(resumed.times, whole.times)
     np.testing.assert_array_equal(resumed.field("u"), whole.field("u"))
     np.testing.assert_array_equal(resumed.energy, whole.energy)
-    assert resumed.finished and json.loads((tmp_path / "run.json").read_text())["time"] >= 120
+    assert resumed.finished and written(tmp_path / "run.json", "run")["time"] >= 120
 
 
 def test_a_batch_system_that_ends_a_run_loses_nothing(tmp_path):
@@ -458,7 +460,7 @@ def test_a_killed_run_of_a_breaking_body_goes_on(tmp_path, monkeypatch, capsys):
     """
     monkeypatch.chdir(tmp_path)
     assert main(["run", str(BODY), "--out", "whole", "--json", "run.json"]) == 0
-    pictures = {Path(p).name for p in json.loads(Path("run.json").read_text())["pictures"]}
+    pictures = {Path(p).name for p in written("run.json", "run")["pictures"]}
     assert pictures == {"u.png", "u_x.png", "u_y.png", "damage.png", "probes.png", "energy.png", "balance.png"}
     assert main(["run", str(BODY), "--out", "part", "--until", "40"]) == 0
     command = [sys.executable, "-m", "farhorizon", "run", str(BODY), "--out", "part", "--resume"]
@@ -506,7 +508,7 @@ def test_quiet_leaves_errors_and_the_result(small, capsys):
     assert out.startswith("small: ") and "certified" in out and out.count("\n") == 1 and err == ""
     assert main(["compare", "small.toml", "--quiet", "--json", "errors.json"]) == 0
     out, err = capsys.readouterr()
-    curve = json.loads(Path("errors.json").read_text())["lattice PML"]
+    curve = written("errors.json", "compare")["lattice PML"]
     assert out.count("\n") == 1 and "small: error of the lattice PML at most" in out and err == ""
     told = float(out.split("at most ")[1].split()[0])
     assert told == pytest.approx(max(curve["error_rel_initial"]), rel=0.05)
@@ -527,7 +529,7 @@ def test_a_doubtful_result_is_told_to_those_who_want_quiet(tmp_path, monkeypatch
 def test_set_changes_the_case_and_what_the_results_keep(small, capsys):
     """And the advice of an interrupted run, so that it goes on with the same case."""
     assert main(["run", "small.toml", "--set", "run.until=3.0", "--set", "model.speed=2", "--json", "run.json"]) == 0
-    assert json.loads(Path("run.json").read_text())["time"] >= 3
+    assert written("run.json", "run")["time"] >= 3
     assert "speed = 2" in open_results("small.h5").case and "until = 3.0" in open_results("small.h5").case
     assert main(["run", "small.toml", "--resume", "--until", "4"]) == 2
     assert "another set-up" in capsys.readouterr().err

@@ -1,6 +1,5 @@
 """The list of reproductions, and `farhorizon reproduce`."""
 
-import json
 import re
 from pathlib import Path
 
@@ -9,6 +8,7 @@ import pytest
 from farhorizon import InputError
 from farhorizon.cli import main
 from farhorizon.papers.registry import Outcome, Row, find, reproductions, table
+from outputs import written
 
 
 def test_rows():
@@ -50,7 +50,7 @@ def test_command_lists(capsys, tmp_path):
     assert main(["reproduce", "--json", str(tmp_path / "list.json")]) == 0
     printed = capsys.readouterr().out
     assert all(name in printed for name in reproductions())
-    found = json.loads((tmp_path / "list.json").read_text())
+    found = written(tmp_path / "list.json", "reproduce")
     assert set(found) == set(reproductions())
     assert {entry["takes"] for entry in found.values()} <= {"seconds", "a minute"}
     assert {entry["full"] for entry in found.values()} <= {"", "a minute", "minutes", "an hour"}
@@ -66,7 +66,7 @@ def test_command_runs_each(name, capsys, tmp_path):
     file.
     """
     assert main(["reproduce", name, "--out", str(tmp_path), "--json", str(tmp_path / "f.json")]) == 0
-    found = json.loads((tmp_path / "f.json").read_text())
+    found = written(tmp_path / "f.json", "reproduce")
     assert found["name"] == name and found["rows"]
     assert found["pictures"] or name in CONSTANTS
     assert all(isinstance(row["ours"], float | int) or row["note"] for row in found["rows"])  # what overflows says so
@@ -87,7 +87,7 @@ def test_command_draws_and_writes(capsys, tmp_path):
     assert main(["reproduce", "ji2021-fig3", "--out", str(tmp_path), "--json", str(tmp_path / "f.json")]) == 0
     assert "fully discrete kernel" in capsys.readouterr().out
     assert (tmp_path / "ji2021-fig3.png").stat().st_size > 20_000
-    found = json.loads((tmp_path / "f.json").read_text())
+    found = written(tmp_path / "f.json", "reproduce")
     assert set(found) == {"name", "paper", "rows", "infinite_error", "pictures"}
     assert all(set(row) == {"what", "ours", "printed", "corrected", "note"} for row in found["rows"])
     assert found["infinite_error"]["fully discrete kernel"] < 1e-13

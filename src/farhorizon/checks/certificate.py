@@ -10,9 +10,10 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 import numpy as np
+from typing_extensions import TypedDict
 
 from farhorizon.analysis import stability
 from farhorizon.analysis.stability import DENSE, Growth, dense_growth, fastest, krylov_growth, noise_growth
@@ -38,7 +39,10 @@ from farhorizon.files.html import table
 from farhorizon.geometry.lattice import AXES
 from farhorizon.machine import one_blas_thread
 
-CERTIFIED, NOT_CERTIFIED, UNDECIDED = "certified", "not certified", "undecided"
+Verdict = Literal["certified", "not certified", "undecided"]
+CERTIFIED: Verdict = "certified"
+NOT_CERTIFIED: Verdict = "not certified"
+UNDECIDED: Verdict = "undecided"
 BUDGET = 30.0  # seconds that a certificate may take
 _WIDE = 1500  # the same where a growing mode is looked at again
 _CROSSINGS = 200_000  # of a run from noise whose map is known as a matrix
@@ -68,6 +72,46 @@ class Part:
     growth: Growth
     field: np.ndarray
     drifts: bool = False
+
+
+class PartFacts(TypedDict):
+    """One update whose growth was computed."""
+
+    what: str
+    """What it is."""
+    rate: float | None
+    """Growth per crossing."""
+    error: float | None
+    """By how much the rate may be wrong."""
+    angle: float
+    """Phase of the mode from step to step, radians."""
+    hidden: float
+    """Growth per crossing that could have gone unnoticed in a run from noise."""
+
+
+class CertificateFacts(TypedDict):
+    """Whether the complete update is stable, and how that is known."""
+
+    verdict: Verdict
+    """Certified: no mode grows by more than 1e-10 per crossing."""
+    reason: str
+    """How it is known, or what grows."""
+    rate: float | None
+    """Growth of the fastest mode per unit time, negative: it decays; null for a proof and where nothing was found."""
+    error: float | None
+    """By how much the rate may be wrong."""
+    crossing: float | None
+    """Crossing time of the set-up, in which growth is judged; null for a proof."""
+    rate_per_crossing: float | None
+    """The rate without a unit."""
+    parts: list[PartFacts]
+    """What was computed."""
+    skipped: list[str]
+    """What would have to be computed, too, and why it was not."""
+    seconds: float
+    """What it cost."""
+    quiet: float
+    """Time over which white noise did not grow; 0 where there was no such run."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +147,7 @@ class Certificate:
     'certified'
     """
 
-    verdict: str
+    verdict: Verdict
     reason: str
     rate: float = np.nan
     error: float = 0.0
@@ -160,13 +204,13 @@ class Certificate:
             )
         return ""
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> CertificateFacts:
         """Plain numbers and words; None for what is not known."""
 
         def known(value: float) -> float | None:
             return float(value) if np.isfinite(value) else None
 
-        rows = [
+        rows: list[PartFacts] = [
             {
                 "what": p.name,
                 "rate": known(p.growth.rate),

@@ -7,15 +7,16 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, NotRequired
 
 import numpy as np
+from typing_extensions import TypedDict
 
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.layer import LatticeMedium, LayerSide
 from farhorizon.analysis.layers.spectrum import Band, band, gain_of_time
 from farhorizon.boundaries import Fixed, Side
-from farhorizon.checks.certificate import BUDGET, NOT_CERTIFIED, Certificate, certify, told
+from farhorizon.checks.certificate import BUDGET, NOT_CERTIFIED, Certificate, CertificateFacts, certify, told
 from farhorizon.checks.examined import Examined, Timed
 from farhorizon.checks.price import Price, extended_price, layered, price
 from farhorizon.checks.side_modes import Strip
@@ -106,6 +107,55 @@ def options_shown(boundary: Any) -> str:
     return f"{type(boundary).__name__}({', '.join(f'{k}={v!r}' for k, v in given.items())})"
 
 
+class ReflectionFacts(TypedDict):
+    """What a side sends back of one plane wave."""
+
+    sides: str
+    """Names of the sides that are alike."""
+    incoming: NotRequired[str]
+    """Of vectors the type of the wave that comes: P, S, SV or SH."""
+    sent: NotRequired[str]
+    """Of vectors the type of the wave that is sent back."""
+    wavelength: float
+    """Length of the wave that comes."""
+    angle: float
+    """Angle of incidence, degrees."""
+    amplitude: float | None
+    """Of the wave that is sent back, 1 for one as large as that which comes; null where there is no such wave."""
+
+
+class TunedFacts(TypedDict):
+    """A condition that is certified, and what it sends back."""
+
+    boundary: str
+    """The condition as a case file has it."""
+    amplitude: float
+    """Largest amplitude that it sends back of a plane wave, at a flat side."""
+    angle: float
+    """Largest angle of incidence for which that holds, degrees."""
+    certificate: CertificateFacts
+    """Of the case with this condition."""
+
+
+class ReportFacts(TypedDict):
+    """What is known of a case before it runs."""
+
+    facts: dict[str, str]
+    """What is printed, line by line."""
+    numbers: dict[str, float]
+    """Numbers by name: the time step, its limit, memory, the time of the run."""
+    warnings: list[str]
+    """What speaks against the run."""
+    notes: list[str]
+    """What is allowed, but to be known."""
+    certificate: CertificateFacts | None
+    """Whether the run is stable; null where it was not examined."""
+    reflection: list[ReflectionFacts]
+    """What the absorbing sides send back, in the order of sides, types, wavelengths and angles."""
+    tuned: NotRequired[TunedFacts]
+    """With `--tune` the condition that was found."""
+
+
 @dataclass
 class Report:
     """Facts about a set-up; `str` gives them as a page.
@@ -165,7 +215,7 @@ class Report:
     @property
     def headline(self) -> str:
         """The report in one line."""
-        parts = [] if self.certificate is None else [self.certificate.verdict]
+        parts: list[str] = [] if self.certificate is None else [self.certificate.verdict]
         if "seconds" in self.numbers:
             parts.append(f"about {seconds(self.numbers['seconds'])}")
         if self.warnings:
@@ -363,21 +413,15 @@ class Report:
         elif remark := certificate.remark(self.until):
             self.warnings.append(remark)
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> ReportFacts:
         """Facts, numbers, warnings, notes, the certificate and the reflections as plain data."""
         rows = [
-            {
-                "sides": found.sides,
-                **({"incoming": pair[0], "sent": pair[1]} if pair[0] else {}),
-                "wavelength": wavelength,
-                "angle": angle,
-                "amplitude": float(value) if np.isfinite(value) else None,
-            }
+            _reflection_facts(found.sides, pair, wavelength, angle, value)
             for found in self.reflections
             for pair, wavelength, amplitudes in found.rows()
             for angle, value in zip(found.angles, amplitudes, strict=True)
         ]
-        certificate = {} if self.certificate is None else self.certificate.as_json()
+        certificate = None if self.certificate is None else self.certificate.as_json()
         return {
             "facts": dict(self.rows),
             "numbers": self.numbers,
@@ -446,6 +490,18 @@ class Report:
             + [f"warning: {w}" for w in self.warnings]
             + [f"note: {n}" for n in self.notes]
         )
+
+
+def _reflection_facts(
+    sides: str, pair: tuple[str, str], wavelength: float, angle: float, amplitude: float
+) -> ReflectionFacts:
+    found: ReflectionFacts = {
+        "sides": sides,
+        "wavelength": wavelength,
+        "angle": angle,
+        "amplitude": float(amplitude) if np.isfinite(amplitude) else None,
+    }
+    return {**found, "incoming": pair[0], "sent": pair[1]} if pair[0] else found
 
 
 def content(sim: Examined, until: float | None = None) -> Band | None:

@@ -30,12 +30,7 @@ def check_command(options: argparse.Namespace) -> int:
         with case.naming():
             found = tuned(case.simulation(), budget=options.budget or BUDGET)
         print(f"tuned: {found}\nin the case file: all = {found.toml}")
-        facts["tuned"] = {
-            "boundary": found.toml,
-            "amplitude": found.amplitude,
-            "angle": found.angle,
-            **found.certificate.as_json(),
-        }
+        facts["tuned"] = found.as_json()
     write_json(options.json, facts)
     if report.refused:
         print("farhorizon: run refuses this case: it is not stable", file=options.errors)

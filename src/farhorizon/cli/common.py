@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -15,10 +16,21 @@ from typing import Any
 GOOD, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 
-def write_json(path: str | None, content: dict[str, Any]) -> None:
-    """Write the figures of a command to the file of --json, if one is given."""
+def write_json(path: str | None, figures: Mapping[str, Any]) -> None:
+    """Write the figures of a command to the file of --json, if one is given; `farhorizon.cli.outputs` has what they
+    are.
+    """
     if path:
-        Path(path).write_text(json.dumps(content, indent=1) + "\n")
+        Path(path).write_text(json.dumps(_finite(figures), indent=1, allow_nan=False) + "\n")
+
+
+def _finite(figures: Any) -> Any:
+    """The same with null for what overflowed: JSON knows no infinity."""
+    if isinstance(figures, Mapping):
+        return {name: _finite(value) for name, value in figures.items()}
+    if isinstance(figures, list):
+        return list(map(_finite, figures))
+    return None if isinstance(figures, float) and not math.isfinite(figures) else figures
 
 
 def check_json(name: str | None) -> None:

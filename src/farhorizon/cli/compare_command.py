@@ -13,6 +13,8 @@ from farhorizon.cli.common import GOOD, case_of, check_folder, said_plainly, thr
 def _compare_case(
     options: argparse.Namespace, case: Any, folder: Path, times: Sequence[float] | None, moment: float | None
 ) -> None:
+    import numpy as np
+
     from farhorizon.pictures.curves import error_history
     from farhorizon.pictures.fields import field_panels, magnitude
     from farhorizon.studies.compare import compare
@@ -30,15 +32,12 @@ def _compare_case(
     picture, history = folder / "compare.png", folder / "error.png"
     label = "|u|" if any(value.ndim > case.lattice.dim for value in result.fields.values()) else "u"
     field_panels(fields, case.lattice.axes, picture, cracks=case.polylines, label=label)
-    curves = {name: (c["times"], c["error_rel_initial"]) for name, c in result.curves.items()}
+    curves = {name: (np.array(c["times"]), np.array(c["error_rel_initial"])) for name, c in result.curves.items()}
     error_history(curves, history, f"max error / {result.scale}", "Error against the infinite medium")
     print(f"pictures: {picture}, {history}")
     if options.quiet:
         print(f"{case.name}: {result.headline}", file=options.output)
-    curves_and_growth = {
-        n: {**c, "growth_rate": result.growth[n]} if n in result.growth else c for n, c in result.curves.items()
-    }
-    write_json(options.json, curves_and_growth)
+    write_json(options.json, result.as_json())
 
 
 def compare_command(options: argparse.Namespace) -> int:

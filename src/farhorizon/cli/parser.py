@@ -137,6 +137,17 @@ def _demo(sub: argparse.ArgumentParser) -> None:
     )
 
 
+def _schema(sub: argparse.ArgumentParser) -> None:
+    writing = [name for name, (_, options, _) in _COMMANDS.items() if _computing in options]
+    sub.add_argument(
+        "of",
+        nargs="?",
+        choices=writing,
+        metavar="COMMAND",
+        help=f"what it writes with --json: {', '.join(writing)} (default: case files)",
+    )
+
+
 def _changes(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "--set",
@@ -187,6 +198,10 @@ _COMMANDS: dict[str, tuple[Callable[..., int], tuple[Callable[[argparse.Argument
         (_demo, _computing),
         "two notches in an infinite membrane: run, compare and draw, in under a minute",
     ),
-    "schema": (schema_command, (), "the JSON Schema of case files, with which editors complete and check them"),
+    "schema": (
+        schema_command,
+        (_schema,),
+        "the JSON Schema of case files, with which editors complete and check them, or of what a command writes",
+    ),
     "info": (info_command, (), "versions, threads, caches"),
 }

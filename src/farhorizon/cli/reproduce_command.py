@@ -16,13 +16,7 @@ def reproduce_command(options: argparse.Namespace) -> int:
         width, longest = max(map(len, known)), max(len(entry.duration) for entry in known.values())
         for name, entry in known.items():
             print(f"{name:{width}}  {entry.duration:{longest}}  {entry.title}", file=options.output)
-        write_json(
-            options.json,
-            {
-                name: {"paper": entry.paper, "title": entry.title, "takes": entry.takes, "full": entry.full}
-                for name, entry in known.items()
-            },
-        )
+        write_json(options.json, {name: entry.entry for name, entry in known.items()})
         return GOOD
     entry = find(options.name)
     print(f"{entry.paper}\n{entry.name}: {entry.title}")

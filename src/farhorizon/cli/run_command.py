@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from farhorizon.cli.common import GOOD, case_of, check_folder, made_folder, write_json
 from farhorizon.cli.marching import RunFiles, again, march
+
+if TYPE_CHECKING:
+    from farhorizon.cli.outputs import RunFacts
 
 
 def run_command(options: argparse.Namespace) -> int:
@@ -81,16 +84,14 @@ def _tell(options: argparse.Namespace, case: Any, sim: Any, certificate: Any, un
         write_report(page, case, sim, certificate, results, pictures, threads=threads, again=onward)
         said += f"; report: {page}"
     print(said, file=options.output)
-    write_json(
-        options.json,
-        {
-            "name": case.name,
-            "steps": sim.step_count,
-            "time": sim.time,
-            "dt": sim.dt,
-            "energy": sim.energy(),
-            "results": str(files.result),
-            "pictures": [str(p) for p in pictures],
-            "certificate": certificate.as_json(),
-        },
-    )
+    figures: RunFacts = {
+        "name": case.name,
+        "steps": sim.step_count,
+        "time": sim.time,
+        "dt": sim.dt,
+        "energy": sim.energy(),
+        "results": str(files.result),
+        "pictures": [str(p) for p in pictures],
+        "certificate": certificate.as_json(),
+    }
+    write_json(options.json, figures)

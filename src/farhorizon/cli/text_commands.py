@@ -43,8 +43,9 @@ def keys_command(options: argparse.Namespace) -> int:
 
 def schema_command(options: argparse.Namespace) -> int:
     from farhorizon.case.schema import schema
+    from farhorizon.cli.outputs import output_schema
 
-    print(json.dumps(schema(), indent=1))
+    print(json.dumps(output_schema(options.of) if options.of else schema(), indent=1))
     return GOOD
 
 

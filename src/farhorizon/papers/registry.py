@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import difflib
 import importlib
-import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+
+from typing_extensions import TypedDict
 
 from farhorizon.errors import InputError
 
@@ -71,6 +71,50 @@ class Outcome:
     pictures: list[Path] = field(default_factory=list)
 
 
+class RowFacts(TypedDict):
+    """One number of a table or figure."""
+
+    what: str
+    """What it is."""
+    ours: float
+    """The number as computed here."""
+    printed: float | None
+    """As the paper has it; null where it gives no number."""
+    corrected: float | None
+    """What a misprint should read; null where there is none."""
+    note: str
+    """Why, in one line."""
+
+
+class OutcomeFacts(TypedDict):
+    """A published table or figure computed anew."""
+
+    name: str
+    """Name in the list of reproductions."""
+    paper: str
+    """Where it was published."""
+    rows: list[RowFacts]
+    """Its numbers, ours beside the printed ones."""
+    infinite_error: dict[str, float]
+    """By boundary the largest difference from the infinite medium at the same time step, relative to the initial
+    maximum."""
+    pictures: list[str]
+    """Files in the folder of the pictures."""
+
+
+class EntryFacts(TypedDict):
+    """An entry of the list of reproductions."""
+
+    paper: str
+    """Where it was published."""
+    title: str
+    """What it shows."""
+    takes: str
+    """About how long it runs."""
+    full: str
+    """About how long it runs in the published size; empty if there is one size."""
+
+
 @dataclass(frozen=True)
 class Reproduction:
     """An entry of the list of reproductions.
@@ -108,17 +152,26 @@ class Reproduction:
         """Compute it; `full` as published, as far as the machine allows within minutes."""
         return self.function(folder, full) if self.scaled else self.function(folder)
 
-    def as_json(self, outcome: Outcome) -> dict[str, Any]:
+    @property
+    def entry(self) -> EntryFacts:
+        """What the list says, as plain data."""
+        return {"paper": self.paper, "title": self.title, "takes": self.takes, "full": self.full}
+
+    def as_json(self, outcome: Outcome) -> OutcomeFacts:
         """The outcome as plain data."""
-        rows = [{**asdict(row), "ours": _finite(row.ours)} for row in outcome.rows]
-        errors = {name: _finite(value) for name, value in outcome.infinite_error.items()}
+        rows = [_row_facts(row) for row in outcome.rows]
         pictures = [path.name for path in outcome.pictures]
-        return {"name": self.name, "paper": self.paper, "rows": rows, "infinite_error": errors, "pictures": pictures}
+        return {
+            "name": self.name,
+            "paper": self.paper,
+            "rows": rows,
+            "infinite_error": outcome.infinite_error,
+            "pictures": pictures,
+        }
 
 
-def _finite(value: float) -> float | None:
-    """The number, None for what overflowed: JSON knows no infinity."""
-    return value if math.isfinite(value) else None
+def _row_facts(row: Row) -> RowFacts:
+    return {"what": row.what, "ours": row.ours, "printed": row.printed, "corrected": row.corrected, "note": row.note}
 
 
 _ENTRIES: dict[str, Reproduction] = {}

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, Literal, NotRequired
 
 import numpy as np
+from typing_extensions import TypedDict
 
 from farhorizon.analysis.references.infinite import InfiniteLattice, undisturbed
 from farhorizon.body.body import Body
@@ -31,6 +32,23 @@ Given = Setup | Mapping[str, Any]  # of a simulation, and of a body
 _KERNEL = 1e7  # steps times reach squared of an exact end whose kernel takes half a minute
 
 
+class Curve(TypedDict):
+    """Errors of one boundary against the infinite medium."""
+
+    times: list[float]
+    """When they were compared."""
+    error: list[float]
+    """Largest difference from the infinite medium over the near field."""
+    error_rel_current: list[float]
+    """The same, relative to the largest value that the infinite medium has there then."""
+    error_rel_initial: list[float]
+    """The same, relative to the initial maximum, or to the largest value of the run where the run begins at zero."""
+    error_max_over_run: float
+    """The largest of the errors."""
+    growth_rate: NotRequired[float]
+    """Where backward waves grow in a layer: rate at which the error grows, per unit time."""
+
+
 @dataclass
 class Comparison:
     """Errors of each boundary against the infinite medium.
@@ -40,8 +58,8 @@ class Comparison:
     reference : str
         How the infinite medium was computed.
     times : list of float
-    curves : dict
-        Per boundary: "times", "error", "error_rel_current", "error_rel_initial", "error_max_over_run".
+    curves : dict of str to Curve
+        For each boundary.
     fields : dict of str to ndarray
         The field at `shown_time`: "infinite medium" and each boundary.
     edges : str
@@ -60,7 +78,7 @@ class Comparison:
     reference: str
     initial: float
     times: list[float] = field(default_factory=list)
-    curves: dict[str, dict[str, Any]] = field(default_factory=dict)
+    curves: dict[str, Curve] = field(default_factory=dict)
     fields: dict[str, np.ndarray] = field(default_factory=dict)
     shown_time: float = 0.0
     edges: str = ""
@@ -74,6 +92,13 @@ class Comparison:
         """The error of the given boundary in one line."""
         name, curve = next(iter(self.curves.items()))
         return f"error of the {name} at most {curve['error_max_over_run'] / self.initial:.2g} of the {self.scale}"
+
+    def as_json(self) -> dict[str, Curve]:
+        """Errors by boundary as plain data."""
+        growing: dict[str, Curve] = {
+            name: {**self.curves[name], "growth_rate": rate} for name, rate in self.growth.items()
+        }
+        return self.curves | growing
 
     def table(self) -> str:
         """Errors at up to eight times, one row a time, relative to the initial maximum."""

@@ -18,7 +18,7 @@ from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.layer import ArrivingWave, LatticeMedium
 from farhorizon.boundaries import Higdon, Periodic, PlaneWave
 from farhorizon.checks.certificate import CERTIFIED, Certificate
-from farhorizon.checks.report import content, options_shown
+from farhorizon.checks.report import TunedFacts, content, options_shown
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import AXES, Lattice
 
@@ -73,6 +73,15 @@ class Tuning:
             + "".join(f", {name} = {json.dumps(value)}" for name, value in words.items())
             + " }"
         )
+
+    def as_json(self) -> TunedFacts:
+        """The condition and its certificate as plain data."""
+        return {
+            "boundary": self.toml,
+            "amplitude": self.amplitude,
+            "angle": self.angle,
+            "certificate": self.certificate.as_json(),
+        }
 
     def __str__(self) -> str:
         decibels = 20 * np.log10(max(self.amplitude, 1e-16))
