@@ -34,7 +34,7 @@ from numba.extending import intrinsic
 
 from farhorizon import Elastic, Kernel, Lattice, LatticePML, Simulation
 from farhorizon.analysis.references.infinite import InfiniteLattice
-from farhorizon.engine.bonds import ODD
+from farhorizon.engine.bonds import DAMAGED
 from farhorizon.engine.engine import Engine, Zone
 from farhorizon.engine.rows.vectors import I64, Vectors
 
@@ -163,7 +163,7 @@ def breaking(given: argparse.Namespace) -> list[dict[str, Any]]:
             "whole": (True, 0.0),
             "1 % cut": (True, 0.01),
             "5 % cut": (True, 0.05),
-            "all odd": (True, 0.0),
+            "all damaged": (True, 0.0),
         }
         for name, (nonlinear, share) in laws.items():
             engines[name] = engine = bare_engine(stencil, (n,) * dim, 1, lasting=True)
@@ -173,8 +173,8 @@ def breaking(given: argparse.Namespace) -> list[dict[str, Any]]:
                 engine.tables.bonds.limit[1] = 0
             if share:
                 cut_planes(engine, share)
-            if name == "all odd":
-                engine.bonds.state["kinds"][...] = ODD
+            if name == "all damaged":
+                engine.bonds.state["kinds"][...] = DAMAGED
         times = interleaved(
             {name: steps(engine) for name, engine in engines.items()} | {"peak": peak_case}, given.repeats
         )
@@ -194,7 +194,7 @@ def breaking(given: argparse.Namespace) -> list[dict[str, Any]]:
                     "over linear": ratio(times, name, "linear stencil"),
                     "of peak": ratio(times, "peak", name) * work * n**dim / (PEAK_STEP * CHAINS * 8),
                     "cut": 1 - float(engine.bonds.left.sum()) / whole if own else 0.0,
-                    "odd tiles": float(engine.bonds.state["kinds"].mean()) if own else 0.0,
+                    "damaged tiles": float(engine.bonds.state["kinds"].mean()) if own else 0.0,
                     "bytes/node": engine.nbytes / n**dim,
                     "met": verdict(rate, 5e6, True) if wanted else "",
                 }

@@ -3,6 +3,7 @@
 import ast
 import importlib
 import inspect
+from collections import Counter
 from functools import cached_property
 from pathlib import Path
 from types import FunctionType
@@ -133,6 +134,24 @@ def test_every_room_is_there_and_says_what_it_is(arrows):
     assert {room_of(name) for name in arrows} == set(ORDER)
     silent = [name for name, path in modules().items() if not ast.get_docstring(ast.parse(path.read_text()))]
     assert silent == []
+
+
+def test_no_two_things_have_one_name():
+    """Modules, classes and public functions of modules; what reproduces a paper is called as the paper calls it."""
+    places = {"module": [], "class": [], "function": []}
+    for name, path in modules().items():
+        room, _, module = name.rpartition(".")
+        if path.name != "__init__.py":
+            places["module"].append(module)
+        for node in ast.parse(path.read_text()).body:
+            if isinstance(node, ast.ClassDef):
+                places["class"].append(node.name)
+            elif isinstance(node, ast.FunctionDef) and not node.name.startswith("_") and room != "farhorizon.papers":
+                places["function"].append(node.name)
+    twice = {
+        kind: sorted(name for name, count in Counter(names).items() if count > 1) for kind, names in places.items()
+    }
+    assert twice == {"module": [], "class": [], "function": []}
 
 
 def test_tests_stand_in_rooms_of_the_same_names():

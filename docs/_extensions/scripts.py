@@ -68,10 +68,10 @@ def mesh_scatterer(names: Names) -> Figure:
     near = names["mesh"](names["NEAR"])
     figure = Figure(figsize=(7.2, 3.0), layout="constrained")
     panels = figure.subplots(1, 2, sharey=True)
-    for panel, rim in zip(panels, ("plane waves, wide clouds", "fixed"), strict=True):
-        u = names["run"](near, rim)[-1]
+    for panel, edge in zip(panels, ("plane waves, wide clouds", "fixed"), strict=True):
+        u = names["run"](near, edge)[-1]
         drawn = panel.tripcolor(*near.p, near.t.T, u, cmap="RdBu_r", vmin=-0.1, vmax=0.1, shading="gouraud")
-        panel.set(aspect="equal", xlabel="x", title=f"closed by {rim}" if rim != "fixed" else "fixed rim")
+        panel.set(aspect="equal", xlabel="x", title=f"closed by {edge}" if edge != "fixed" else "fixed edge")
     figure.colorbar(drawn, ax=panels)
     return figure
 

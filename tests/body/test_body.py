@@ -187,7 +187,7 @@ def test_energies_balance(options, sides):
 
 
 def test_strain_energy_is_that_of_the_books():
-    """The strain energy of the fields at rest is the first one of the books."""
+    """The strain energy of the fields at rest is the first one of the balance."""
     body = Body(box(20, 20), KERNELS["constant"], **MATERIAL, initial={"u": noise((20, 20), 0.01)})
     fields = body.strain_energy()
     body.step()

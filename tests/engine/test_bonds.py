@@ -144,7 +144,7 @@ def test_periodic_box_is_the_same_wherever_it_is_cut(nonlinear):
 
 @pytest.mark.parametrize("shape", [(210, 200), (36, 34, 35)], ids=["2D", "3D"])
 def test_threads_agree_to_the_last_bit(shape):
-    """Fields, damage and the books of energies; lattices large enough for two threads (40 000 nodes)."""
+    """Fields, damage and the balance of energies; lattices large enough for two threads (40 000 nodes)."""
     one, two = (shaken(shape, True, LatticePML(nodes=4), threads=n) for n in (1, 2))
     for sim in (one, two):
         sim.step(12)
@@ -179,7 +179,7 @@ def test_single_precision(nonlinear):
 
 
 def test_a_plain_tile_and_one_looked_at_bond_by_bond_give_the_same():
-    """Whether a tile is plain is a matter of speed: all tiles made odd change nothing but rounding."""
+    """Whether a tile is plain is a matter of speed: all tiles made damaged change nothing but rounding."""
     one, two = (shaken((30, 41), True, speed=0.01) for _ in range(2))
     two.engine.tables.bonds.kinds[...] = 1
     for sim in (one, two):

@@ -193,7 +193,7 @@ def test_draft_is_a_file_of_its_own(tmp_path):
         content = rng.bytes(int(rng.integers(1, 60)))
         path.write_bytes(content)
         model = bytearray(content)
-        with storage.changed(path) as draft:
+        with storage.changing(path) as draft:
             for _ in range(20):
                 place, data = int(rng.integers(0, len(model) + 1)), rng.bytes(int(rng.integers(0, 30)))
                 draft.seek(place)

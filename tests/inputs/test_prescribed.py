@@ -1,4 +1,4 @@
-"""Prescribed values: held, let go, in one and more dimensions."""
+"""Prescribed values: held, released, in one and more dimensions."""
 
 import numpy as np
 import pytest
@@ -68,7 +68,7 @@ def test_the_first_step_after_the_release(lattice, rate):
 
 
 def test_release_does_not_disturb_a_solution():
-    """A node that is made to do what it would do anyway, and let go with the scheme's own velocity: a free run to
+    """A node that is made to do what it would do anyway, and released with the scheme's own velocity: a free run to
     rounding.
     """
     setup = {

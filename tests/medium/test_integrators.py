@@ -117,7 +117,7 @@ def test_samples_of_prescribed_nodes(integrator):
     """After the last stage a prescribed node has its value at the end of the step; the weights of every stage add up to
     1.
     """
-    times, weights = integrator.tied_samples(0.2)
+    times, weights = integrator.prescribed_samples(0.2)
     assert weights[-1] @ np.array(times) == pytest.approx(0.2, rel=1e-14)
     assert weights.shape == (len(integrator.stages(0.2).numbers), len(times))
     assert weights.sum(1) == pytest.approx(1.0, rel=1e-14)

@@ -495,7 +495,7 @@ def test_impossible_materials(options, message):
     [
         ({"coefficient": -np.ones(BOX.shape)}, "must not be negative"),
         ({"cracks": [fh.Crack([[-1, 0.2], [1, 0.2]], factor=0.5)]}, "whole or cut"),
-        ({"lattice": fh.Lattice(0.5, (-5, -5), (5, 5), body=fh.Disc(4.0)), "rim": "fixed"}, "no fixed rim"),
+        ({"lattice": fh.Lattice(0.5, (-5, -5), (5, 5), body=fh.Disc(4.0)), "rim": "fixed"}, "no fixed surface"),
         ({"sources": [fh.Source(np.full((2, *BOX.shape), 1.0))]}, "far below the first strain of the load"),
     ],
 )

@@ -7,7 +7,7 @@ import pytest
 
 from farhorizon import InputError
 from farhorizon.cli import main
-from farhorizon.papers.registry import Outcome, Row, find, reproductions, table
+from farhorizon.papers.registry import Outcome, Row, find, outcome_table, reproductions
 from outputs import written
 
 
@@ -16,7 +16,7 @@ def test_rows():
     assert Row("a", 1.01, 1.0).deviation == pytest.approx(0.01)
     assert Row("a", 1.01, 10.0, 1.0, "why").deviation == pytest.approx(0.01)
     assert Row("a", 1.01).deviation is None
-    text = table(Outcome([Row("a", 1.01, 10.0, 1.0, "why"), Row("bb", 2.0)], {"PML": 1e-9}))
+    text = outcome_table(Outcome([Row("a", 1.01, 10.0, 1.0, "why"), Row("bb", 2.0)], {"PML": 1e-9}))
     assert "misprint, read 1: why" in text and "+1.0 %" in text and "PML: 1.0e-09" in text
 
 

@@ -7,7 +7,7 @@ from farhorizon.boundaries import Fixed, LatticePML
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
 from farhorizon.papers import shojaei2020 as paper
-from farhorizon.papers.measure import infinite, run, stability
+from farhorizon.papers.measure import infinite, measured_run, stability
 from farhorizon.papers.registry import find
 
 COARSE = 0.005  # five times the paper's step: errors of the conditions change in the third digit
@@ -16,7 +16,7 @@ COARSE = 0.005  # five times the paper's step: errors of the conditions change i
 def largest(setup, boundary):
     """Largest error at t = 250 relative to the largest value then."""
     reference = infinite(setup, paper.END)
-    found = run(setup, boundary, [paper.END], reference)
+    found = measured_run(setup, boundary, [paper.END], reference)
     return found.errors[0] / np.abs(reference(round(paper.END / setup["dt"]))).max()
 
 

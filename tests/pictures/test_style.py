@@ -28,8 +28,8 @@ def test_one_color_map_in_all_panels():
 
 def test_matplotlib_and_xarray_are_imported_late():
     code = (
-        "import sys, farhorizon.pictures.results, farhorizon.files.results; sys.exit('matplotlib' in sys.modules or "
-        "'xarray' in sys.modules)"
+        "import sys, farhorizon.pictures.result_pictures, farhorizon.files.results; "
+        "sys.exit('matplotlib' in sys.modules or 'xarray' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 

@@ -80,11 +80,11 @@ def run(arguments, period, pictures, calls=None, **environment):
         code = 99
         try:
             from farhorizon.cli import main, marching
-            from farhorizon.pictures import results
+            from farhorizon.pictures import result_pictures
 
             marching.CHECKPOINT_SECONDS = period
             if not pictures:  # they take most of the time
-                results.plot_results = lambda *_: []
+                result_pictures.plot_results = lambda *_: []
             os.environ.update(environment)
             code = main(arguments)
             sys.stdout.flush()

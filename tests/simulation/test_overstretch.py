@@ -123,11 +123,11 @@ def test_results_pictures_and_the_command_line_tell(tmp_path, monkeypatch, capsy
     assert said.count("stretched beyond the critical stretch") == 1 and "warning: not valid from t =" in said
     results = open_results("a.h5")
     (caution,) = results.cautions
-    assert caution.brief == "crack at the rim" and results.to_xarray().attrs["cautions"] == [caution.text]
+    assert caution.brief == "crack where bonds cannot break" and results.to_xarray().attrs["cautions"] == [caution.text]
     titles = []
     monkeypatch.setattr(
-        "farhorizon.pictures.results.field_panels",
+        "farhorizon.pictures.result_pictures.field_panels",
         lambda fields, *_args, **_names: titles.append([title for title, _ in fields]),
     )
     assert main(["plot", "a.h5", "--times", "0", "40"]) == 0
-    assert titles[-1] == ["t = 0", "t = 40, crack at the rim"]  # of the damage: u is zero at first
+    assert titles[-1] == ["t = 0", "t = 40, crack where bonds cannot break"]  # of the damage: u is zero at first

@@ -37,7 +37,7 @@ from farhorizon.medium.stencil import Stencil
 from farhorizon.models.elastic import COMBINATIONS
 from farhorizon.simulation.described import describe
 from farhorizon.simulation.guard import refuse_explosion
-from farhorizon.simulation.overstretch import Rim, rim_of
+from farhorizon.simulation.overstretch import IntactMargin, intact_margin
 from farhorizon.simulation.resume import matching
 from farhorizon.simulation.run import MOST_STEPS, Run, tick, wanted_threads
 
@@ -246,12 +246,12 @@ class Body(Run):
         self._set_layers()
         self._set_fields({} if initial is None else initial)
         self._check_load_strain()
-        self._rim = self._find_rim()
+        self._intact_margin = self._find_margin()
         self._refuse_in_split_form(cracks, loads, drag)
         self.given |= {"dt": self.dt}
         self._at_start(observe, int(np.prod(self.box)))
-        if self._rim is not None:
-            self._guard_steps = min(self._guard_steps, self._rim.every)
+        if self._intact_margin is not None:
+            self._guard_steps = min(self._guard_steps, self._intact_margin.every)
         self._watched = np.zeros(0, np.int64)  # nodes whose displacements after each step are in `_seen`
         self._push = 0.0  # largest acceleration by the loads so far
         self._first = self.energies() if balance else {}
@@ -507,11 +507,11 @@ class Body(Run):
         return whole
 
     def _cut_tiles(self, whole: np.ndarray | None, kept: bool) -> None:
-        """Tiles, their kinds and slots, the bonds and shape tensors of those that are odd or may become so."""
+        """Tiles, their kinds and slots, the bonds and shape tensors of those that are incomplete or may become so."""
         full = np.zeros(-(-len(self._triples) // 64), np.uint64)
         for k in range(len(self._triples)):
             full[k >> 6] |= np.uint64(1) << np.uint64(k & 63)
-        odd = np.zeros(tuple(self._box), bool) if whole is None else (whole != full[:, None, None, None]).any(0)
+        incomplete = np.zeros(tuple(self._box), bool) if whole is None else (whole != full[:, None, None, None]).any(0)
         end = self._before + self._near
         low, high = self._before.copy(), end.copy()
         for (axis, side), b in self.sides.items():  # no bond breaks within one reach of what is not free
@@ -536,12 +536,14 @@ class Body(Run):
                     here = (i0, i1, slice(first, last))
                     kind = engine.LAYER if beside or first < self._before[2] or first >= end[2] else 0
                     kind |= engine.BREAKABLE if may and first < high[2] and last > low[2] else 0
-                    kind |= (engine.ODD if odd[here].any() else 0) | (engine.LOADED if loaded[here].any() else 0)
+                    kind |= (engine.INCOMPLETE if incomplete[here].any() else 0) | (
+                        engine.LOADED if loaded[here].any() else 0
+                    )
                     start = self._origin + int(np.array([i0, i1, first]) @ self._strides)
                     count = int(last - first)
                     places = [
                         layer if kind & engine.LAYER else -1,
-                        slot if kind & (engine.ODD | engine.BREAKABLE) else -1,
+                        slot if kind & (engine.INCOMPLETE | engine.BREAKABLE) else -1,
                     ]
                     layer, slot = layer + count * (places[0] >= 0), slot + count * (places[1] >= 0)
                     tiles.append([start, count, kind, *places, i0, i1, first])
@@ -560,9 +562,9 @@ class Body(Run):
         self._families = None if whole is None else self._count_bonds(self._uncut)
         self._first_bonds = -1 if whole is None else int(self._count_bonds(whole).sum())
         self._crossing = self._leaving(self._slots[0])
-        self._whole = whole  # for the rim, once the step is known
+        self._whole = whole  # for the margin, once the step is known
 
-    def _find_rim(self) -> Rim | None:
+    def _find_margin(self) -> IntactMargin | None:
         """Where bonds would break, but cannot; looked at each time that a longitudinal wave has crossed one reach."""
         whole, near, shape = self._whole, self._near_slices, self.lattice.shape
         del self._whole
@@ -572,7 +574,7 @@ class Body(Run):
         lead = 3 - self.dim
         places = self._origin + np.tensordot(self._strides, np.indices(tuple(self._box)), 1)
         crossing = min(self.stencil.reach) * self.lattice.spacing / self.fast
-        return rim_of(
+        return intact_margin(
             shape,
             tuple(slice(a, b) for a, b in zip((low - self._before)[lead:], (high - self._before)[lead:], strict=True)),
             places[near].reshape(shape),
@@ -635,7 +637,7 @@ class Body(Run):
             for k in range(len(distances)):
                 other = rows + self._triples[k]
                 gone = ~((other >= self._before) & (other < end)).all(1)
-                if kind & engine.ODD:
+                if kind & engine.INCOMPLETE:
                     gone &= (bits[k >> 6, slot : slot + count] >> np.uint64(k & 63)) & np.uint64(1) != 0
                 nodes = np.flatnonzero(gone)
                 found.append(np.column_stack([start + nodes, np.full(len(nodes), k)]))
@@ -665,8 +667,8 @@ class Body(Run):
         by power iteration.
         """
         most = largest_frequency(self.stencil, self.lattice.spacing, self.fast, self.slow, self._stabilisation)
-        odd = bool((self._tiles[:, 2] & engine.ODD).any())
-        if not odd and not self.varied:
+        incomplete = bool((self._tiles[:, 2] & engine.INCOMPLETE).any())
+        if not incomplete and not self.varied:
             return most
         mass = self._constant(engine.MASS)
         u, out, force, p = (
@@ -683,7 +685,7 @@ class Body(Run):
             if abs(value - before) < 1e-3 * value:
                 break
         found = max(most, _MARGIN * float(np.sqrt(value)))
-        return found if odd else min(found, self._frequency_bound())
+        return found if incomplete else min(found, self._frequency_bound())
 
     def _frequency_bound(self) -> float:
         """That of a lighter and stiffer medium without missing bonds, in which every strain takes more energy at every
@@ -755,7 +757,7 @@ class Body(Run):
             if name in initial:
                 self._view(flat)[...] = self._components(initial[name], f"initial.{name}", True) * self._present
         self._p = np.zeros((self.dim**2, self._size))
-        self._books = np.zeros((self._threads, engine.BOOKS))
+        self._terms = np.zeros((self._threads, engine.TERMS))
         self._start = float(np.abs(self._u).max()), float(np.abs(self._v).max())
         if self.split:
             self._parts = np.repeat(self._u[None], self.dim, 0) / self.dim
@@ -836,7 +838,7 @@ class Body(Run):
                 self.probes.add(self.step_count + 1, self.dt, self._seen.swapaxes(1, 2))
             tick(self, steps)
             self._guard()
-            self._look_at(self._rim, self._u.ravel())
+            self._look_at(self._intact_margin, self._u.ravel())
 
     def _advance(self, count: int, done: int) -> None:
         """Advance the state by `count` steps after `done` of them."""
@@ -889,7 +891,7 @@ class Body(Run):
             self._loads,
             factors,
             self._crossing,
-            self._books,
+            self._terms,
             self._watched,
             self._seen,
         )
@@ -1009,7 +1011,7 @@ class Body(Run):
     def _gradient(self) -> np.ndarray:
         """Gradient of the displacements on the box, shape (dim^2, three axes)."""
         out = np.zeros_like(self._p)
-        engine.strains(self._u, self._tiles, self._pairs, self._bonds, self._slots, out)
+        engine.displacement_gradients(self._u, self._tiles, self._pairs, self._bonds, self._slots, out)
         return self._view(out)
 
     @property
@@ -1059,14 +1061,14 @@ class Body(Run):
         }
         if self._balance:
             names["outflow"] = engine.OUTFLOW
-        if self.step_count == 0:  # the books of the first step tell of its beginning
+        if self.step_count == 0:  # the terms of the first step tell of its beginning
             with self._as_before():
                 self._advance(1, 0)
-                books = self._books.sum(0)
-                books[[number for name, number in names.items() if name not in ("kinetic", "strain")]] = 0
+                terms = self._terms.sum(0)
+                terms[[number for name, number in names.items() if name not in ("kinetic", "strain")]] = 0
         else:
-            books = self._books.sum(0)
-        total = books * self._reference * self.lattice.spacing**self.dim
+            terms = self._terms.sum(0)
+        total = terms * self._reference * self.lattice.spacing**self.dim
         return {name: float(total[number]) for name, number in names.items()}
 
     def energy(self) -> float:
@@ -1097,7 +1099,7 @@ class Body(Run):
     @property
     def broken_bonds(self) -> int:
         """Bonds broken since the start."""
-        return int(self._books[:, engine.BONDS].sum()) // 2
+        return int(self._terms[:, engine.BONDS].sum()) // 2
 
     def damage(self) -> np.ndarray:
         """Part of a node's bonds that are cut or broken, shape of the lattice."""
@@ -1161,7 +1163,7 @@ class Body(Run):
 
     def certificate(self, budget: float = BUDGET, until: float = np.inf) -> Certificate:
         """Whether the update of the intact linear form is stable; see `farhorizon.body.body_report`."""
-        return body_report.certify(self, budget, until)
+        return body_report.certify_body(self, budget, until)
 
     def check(self, until: float | None = None, budget: float | None = None) -> Report:
         """Step limit, stability certificate of the intact linear form, layers, memory, time, before running.
@@ -1188,7 +1190,7 @@ class Body(Run):
             "bonds": self._slots[0],
             "inverses": self._slots[1],
             "memory": self._layers[0],
-            "books": self._books,
+            "books": self._terms,
         }
         return found | ({"parts": self._parts, "histories": self._histories} if self.split else {})
 
@@ -1235,8 +1237,8 @@ class Body(Run):
 
     def load(self, path: str | Path) -> dict[str, Any]:
         arrays, meta = matching(path, self._fingerprint())
-        if arrays["books"].shape != self._books.shape:  # another number of threads: who wrote it down does not matter
-            arrays["books"] = np.concatenate([arrays["books"].sum(0)[None], np.zeros_like(self._books[1:])])
+        if arrays["books"].shape != self._terms.shape:  # another number of threads: who wrote it down does not matter
+            arrays["books"] = np.concatenate([arrays["books"].sum(0)[None], np.zeros_like(self._terms[1:])])
         for name, array in self._state().items():
             array[...] = arrays[name]
         self._push, self._start, self._first = float(meta["push"]), tuple(meta["start"]), dict(meta["first"])

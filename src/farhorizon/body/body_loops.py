@@ -4,8 +4,8 @@ bonds that break.
 Fields are flat arrays, one row a component, over the box with a halo of one reach on every side; what stands in the
 halo is zero. Along the last axis rows are cut into *tiles* of at most `TILE` nodes, each wholly inside or wholly
 outside the layers. Tiles whose nodes have all their bonds share one shape tensor, and are summed over pairs of opposite
-bonds in registers; of *odd* tiles the bonds are kept as bits, with the inverse shape tensors, and where a node lacks
-some its sums are done anew, bond by bond. Nodes in layers have memory. Both are arrays over such nodes only.
+bonds in registers; of *incomplete* tiles the bonds are kept as bits, with the inverse shape tensors, and where a node
+lacks some its sums are done anew, bond by bond. Nodes in layers have memory. Both are arrays over such nodes only.
 
 The constants of the material stand in rows, one value a node, or, where all nodes are alike, one tile of values that
 serves all of them.
@@ -33,14 +33,14 @@ from farhorizon.engine.threads import barrier, share
 
 TILE = 256
 #: Kinds of a tile, to be added: bonds missing, in a layer, may break, under load.
-ODD, LAYER, BREAKABLE, LOADED = 1, 2, 4, 8
+INCOMPLETE, LAYER, BREAKABLE, LOADED = 1, 2, 4, 8
 #: Rows of the constants: Lame's, the shear modulus and the stabilisation of a bond, all over the reference density;
 #: this over the
 #: node's density, and the inverse.
 LAME, SHEAR, PULL, LIGHTNESS, MASS = range(5)
 #: What is added up over time, by thread: of the last whole step the kinetic and the strain energy; since the start the
 #: rest.
-KINETIC, STRAIN, WORK, BROKEN, DRAG, OUTFLOW, PENDING_WORK, PENDING_OUTFLOW, BONDS, BOOKS = range(10)
+KINETIC, STRAIN, WORK, BROKEN, DRAG, OUTFLOW, PENDING_WORK, PENDING_OUTFLOW, BONDS, TERMS = range(10)
 _UNROLLED = 2  # vectors of sums that go through the bonds together
 CHUNK = _UNROLLED * 8  # nodes that are summed at a time: rows are read so far beyond their end
 
@@ -178,9 +178,9 @@ def _complete(bits, node, full):
 
 
 @njit(error_model="numpy", cache=True)
-def odd_gradient(u, i, node, bonds, weights, bits, inverse, total, out):
-    """Gradient of u at node i, which is `node` among those of odd tiles, over the bonds that are there: ``out[a dim +
-    b]``.
+def incomplete_gradient(u, i, node, bonds, weights, bits, inverse, total, out):
+    """Gradient of u at node i, which is `node` among those of incomplete tiles, over the bonds that are there:
+    ``out[a dim + b]``.
     """
     dim = weights.shape[1] - 1
     total[: dim * dim] = 0
@@ -198,9 +198,9 @@ def odd_gradient(u, i, node, bonds, weights, bits, inverse, total, out):
 
 
 @njit(error_model="numpy", cache=True)
-def odd_divergence(p, i, node, bonds, weights, bits, out):
-    """Sums ``w_kb (P_ab(i) + P_ab(i + o_k))`` at node i, `node` among those of odd tiles, over the bonds that are
-    there: ``out[a dim + b]``.
+def incomplete_divergence(p, i, node, bonds, weights, bits, out):
+    """Sums ``w_kb (P_ab(i) + P_ab(i + o_k))`` at node i, `node` among those of incomplete tiles, over the bonds that
+    are there: ``out[a dim + b]``.
     """
     dim = weights.shape[1] - 1
     for number in range(dim * dim):
@@ -245,7 +245,7 @@ def shape_inverse(node, weights, steps, bits, inverse):
 
 @njit(error_model="numpy", cache=True)
 def shape_inverses(tiles, weights, steps, bits, inverse):
-    """Inverse shape tensors of all odd tiles."""
+    """Inverse shape tensors of all incomplete tiles."""
     for tile in range(tiles.shape[0]):
         if tiles[tile, 4] >= 0:
             for node in range(tiles[tile, 4], tiles[tile, 4] + tiles[tile, 1]):
@@ -254,15 +254,15 @@ def shape_inverses(tiles, weights, steps, bits, inverse):
 
 @njit(error_model="numpy", cache=True)
 def _node_energy(u, v, dt, i, node, medium, bonds, bits, inverse, total, e, rate):
-    """Strain energy of node i, `node` among those of odd tiles, less half a step of its power: what breaking takes from
-    it.
+    """Strain energy of node i, `node` among those of incomplete tiles, less half a step of its power: what breaking
+    takes from it.
     """
     distances, weights, steps = bonds
     dim = weights.shape[1] - 1
     at = medium[1] * i
     lame, shear, pull = medium[0][LAME, at], medium[0][SHEAR, at], medium[0][PULL, at]
-    odd_gradient(u, i, node, distances, weights, bits, inverse, total, e)
-    odd_gradient(v, i, node, distances, weights, bits, inverse, total, rate)
+    incomplete_gradient(u, i, node, distances, weights, bits, inverse, total, e)
+    incomplete_gradient(v, i, node, distances, weights, bits, inverse, total, rate)
     trace, speed = 0.0, 0.0
     for a in range(dim):
         trace += e[a * dim + a]
@@ -342,7 +342,7 @@ def _any_beyond(u, start, count, distances, steps, limits, work):
 
 
 @njit(error_model="numpy", cache=True)
-def _break_bonds(u, v, dt, tile, medium, bonds, triples, bits, inverse, fracture, books, work):
+def _break_bonds(u, v, dt, tile, medium, bonds, triples, bits, inverse, fracture, balance, work):
     """Break the bonds of a tile's nodes that are longer than their limit; whether any did.
 
     A bond is looked at from both ends, which see the same length to the last bit. It breaks only if both lie where
@@ -372,8 +372,8 @@ def _break_bonds(u, v, dt, tile, medium, bonds, triples, bits, inverse, fracture
             any_broken = True
             if not kept:
                 shape_inverse(place, weights, steps, bits, inverse)
-            books[BONDS] += lost
-            books[BROKEN] += before - _node_energy(
+            balance[BONDS] += lost
+            balance[BROKEN] += before - _node_energy(
                 u, v, dt, start + node, place, medium, bonds, bits, inverse, total, e, rate
             )
     return any_broken
@@ -392,7 +392,7 @@ def _smooth(v, out, tile, distances, bits, full, drag, work):
                 total[i] += there[i]
         for i in range(count):
             new[i] = here[i] + drag * (total[i] / distances.size - here[i])
-        if tile[2] & ODD:
+        if tile[2] & INCOMPLETE:
             for i in range(count):
                 if not _complete(bits, tile[4] + i, full):
                     left, number = 0.0, 0
@@ -409,12 +409,12 @@ def _plain_strain(u, tile, pairs, bonds, slots, work):
     missing.
     """
     gradient(u, tile[0], tile[1], pairs[0], pairs[1], work)
-    if tile[2] & ODD:
+    if tile[2] & INCOMPLETE:
         bits, inverse, full = slots
         total, e = np.zeros(9), np.zeros(9)
         for node in range(tile[1]):
             if not _complete(bits, tile[4] + node, full):
-                odd_gradient(u, tile[0] + node, tile[4] + node, bonds[0], bonds[1], bits, inverse, total, e)
+                incomplete_gradient(u, tile[0] + node, tile[4] + node, bonds[0], bonds[1], bits, inverse, total, e)
                 for row in range(u.shape[0] ** 2):
                     work[row, node] = e[row]
 
@@ -472,7 +472,7 @@ def _push(p, tile, dim, inverse, work):
     for a in range(dim):
         for b in range(dim):
             to, stress = p[a * dim + b, start : start + count], work[2 * dim * dim + a * dim + b]
-            if not tile[2] & ODD:
+            if not tile[2] & INCOMPLETE:
                 for i in range(count):
                     to[i] = stress[i]
                 continue
@@ -504,7 +504,7 @@ def _stabilise(u, tile, medium, bonds, bits, p, force, work):
             there, weight = u[a, start + distances[k] : start + distances[k] + count], weights[k, dim]
             across = at + medium[1] * distances[k]
             other = medium[0][PULL, across : across + count]
-            if tile[2] & ODD:
+            if tile[2] & INCOMPLETE:
                 for i in range(count):
                     if _whole(bits, tile[4] + i, k):
                         total[i] += weight * (mine[i] + other[i]) * (there[i] - here[i])
@@ -522,7 +522,7 @@ def _stabilisation_energy(u, tile, medium, bonds, bits, work):
     for i in range(tile[1]):
         pull = medium[0][PULL, medium[1] * (tile[0] + i)]
         for k in range(distances.size):
-            if not tile[2] & ODD or _whole(bits, tile[4] + i, k):
+            if not tile[2] & INCOMPLETE or _whole(bits, tile[4] + i, k):
                 for a in range(dim):
                     rest = u[a, tile[0] + i + distances[k]] - u[a, tile[0] + i]
                     for b in range(dim):
@@ -537,11 +537,11 @@ def _split_divergence(p, tile, pairs, bonds, slots, work):
     bonds are missing.
     """
     split_divergence(p, tile[0], tile[1], pairs[0], pairs[1], work)
-    if tile[2] & ODD:
+    if tile[2] & INCOMPLETE:
         parts = np.zeros(9)
         for node in range(tile[1]):
             if not _complete(slots[0], tile[4] + node, slots[2]):
-                odd_divergence(p, tile[0] + node, tile[4] + node, bonds[0], bonds[1], slots[0], parts)
+                incomplete_divergence(p, tile[0] + node, tile[4] + node, bonds[0], bonds[1], slots[0], parts)
                 for row in range(p.shape[0]):
                     work[row, node] = parts[row]
 
@@ -550,7 +550,7 @@ def _split_divergence(p, tile, pairs, bonds, slots, work):
 def _force(p, tile, pairs, bonds, slots, layers, first, work):
     """Force on a tile's nodes, over the reference density, into ``work[:dim]``; the layers' memory moves on."""
     dim = bonds[2].shape[1]
-    if not tile[2] & (ODD | LAYER):
+    if not tile[2] & (INCOMPLETE | LAYER):
         divergence(p, tile[0], tile[1], pairs[0], pairs[1], work)
         return
     _split_divergence(p, tile, pairs, bonds, slots, work)
@@ -597,8 +597,10 @@ def _outside(tile, loads, factors, out):
 
 
 @njit(error_model="numpy", fastmath=_ANY_ORDER, cache=True)
-def _move(u, v, smoothed, tile, dt, kick, force, outside, damping, medium, book):
-    """New velocities and displacements of a tile, and what it adds to the book: kinetic energy, work, drag."""
+def _move(u, v, smoothed, tile, dt, kick, force, outside, damping, medium, terms):
+    """New velocities and displacements of a tile, and what it adds to the terms of the energy balance: kinetic energy,
+    work, drag.
+    """
     start, count, at = tile[0], tile[1], medium[1] * tile[0]
     lightness, mass = medium[0][LIGHTNESS, at : at + count], medium[0][MASS, at : at + count]
     kinetic, now, following, lost = 0.0, 0.0, 0.0, 0.0
@@ -622,10 +624,10 @@ def _move(u, v, smoothed, tile, dt, kick, force, outside, damping, medium, book)
                 following += speed * load[i]
                 new[i] = speed
                 moved[i] += dt * speed
-    book[KINETIC] += kinetic
-    book[DRAG] += lost
-    book[WORK] += dt / 2 * now
-    book[PENDING_WORK] += dt / 2 * following
+    terms[KINETIC] += kinetic
+    terms[DRAG] += lost
+    terms[WORK] += dt / 2 * now
+    terms[PENDING_WORK] += dt / 2 * following
 
 
 @njit(error_model="numpy", nogil=True, cache=True)
@@ -651,7 +653,7 @@ def advance(
     loads,
     factors,
     crossing,
-    books,
+    balance,
     watched,
     seen,
 ):
@@ -669,8 +671,8 @@ def advance(
     p, force : ndarray, shapes (dim^2, size) and (dim, size)
         Stresses, and the force of the stabilisation (without use if there is none).
     tiles : ndarray of int, shape (N, 8)
-        First node, number of nodes, kind, first place among the nodes of layers and of odd tiles (-1: none), place
-        along the three axes.
+        First node, number of nodes, kind, first place among the nodes of layers and of incomplete tiles (-1: none),
+        place along the three axes.
     medium : tuple
         The constants of the material, shape (5, size), or (5, TILE) where all nodes are alike; 1 or 0, by which a
         node's number is multiplied to find its own; whether there is a stabilisation.
@@ -681,8 +683,8 @@ def advance(
     triples : ndarray of int, shape (K, 3)
         The bonds in nodes.
     slots : tuple
-        Bits of the bonds of nodes in odd tiles, shape (words, M), their inverse shape tensors, shape (dim^2, M), bits
-        of a complete node.
+        Bits of the bonds of nodes in incomplete tiles, shape (words, M), their inverse shape tensors, shape (dim^2, M),
+        bits of a complete node.
     fracture : tuple
         Squared lengths at which bonds break, first and last + 1 node along each axis between which they may, whether K
         is kept.
@@ -693,7 +695,7 @@ def advance(
         Forces from outside over the reference density, and their factors in each step.
     crossing : ndarray of int, shape (C, 2)
         Nodes of the near field and their bonds that leave it.
-    books : ndarray, shape (threads, BOOKS)
+    balance : ndarray, shape (threads, TERMS)
         Energies over the reference mass of a node, as named above, of the near field.
     watched : ndarray of int, shape (n,)
         Nodes whose displacements after each step go into `seen`, shape (steps, dim, n).
@@ -701,19 +703,19 @@ def advance(
     dim = u.shape[0]
     rows = dim * dim
     work = np.zeros((3 * rows + 1, TILE))
-    book, (bits, inverse, full) = books[thread.number], slots
+    terms, (bits, inverse, full) = balance[thread.number], slots
     first_tile, last_tile = share(thread, tiles.shape[0])
     for step in range(steps_to_do):
         first = done + step == 0
         smoothing = drag > 0 and not first
         smoothed = spare if smoothing else v
-        book[STRAIN] = 0
+        terms[STRAIN] = 0
         for number in range(first_tile, last_tile):
             tile = tiles[number]
             if tile[2] & BREAKABLE and _break_bonds(
-                u, v, dt, tile, medium, bonds, triples, bits, inverse, fracture, book, work
+                u, v, dt, tile, medium, bonds, triples, bits, inverse, fracture, terms, work
             ):
-                tile[2] |= ODD
+                tile[2] |= INCOMPLETE
             _plain_strain(u, tile, pairs, bonds, slots, work)
             if medium[2]:
                 work[rows : 2 * rows] = work[:rows]
@@ -724,18 +726,18 @@ def advance(
             if medium[2]:
                 _stabilise(u, tile, medium, bonds, bits, p, force, work)
             if not tile[2] & LAYER:
-                book[STRAIN] += energy
-                if medium[2] and step == steps_to_do - 1:  # the book is read after the last step only
-                    book[STRAIN] += _stabilisation_energy(u, tile, medium, bonds, bits, work)
+                terms[STRAIN] += energy
+                if medium[2] and step == steps_to_do - 1:  # the terms are read after the last step only
+                    terms[STRAIN] += _stabilisation_energy(u, tile, medium, bonds, bits, work)
             if smoothing:
                 _smooth(v, spare, tile, bonds[0], bits, full, drag, work)
         barrier(thread)
         if not first:
             outflow = _outflow(v, p, u, 0.0, medium, crossing, bonds, thread)
-            book[OUTFLOW] -= book[PENDING_OUTFLOW] + dt / 2 * outflow
-            book[WORK] += book[PENDING_WORK]
+            terms[OUTFLOW] -= terms[PENDING_OUTFLOW] + dt / 2 * outflow
+            terms[WORK] += terms[PENDING_WORK]
             barrier(thread)
-        book[KINETIC] = book[PENDING_WORK] = 0
+        terms[KINETIC] = terms[PENDING_WORK] = 0
         for number in range(first_tile, last_tile):
             tile = tiles[number]
             _force(p, tile, pairs, bonds, slots, layers, first, work)
@@ -744,11 +746,13 @@ def advance(
                     for i in range(tile[1]):
                         work[a, i] += force[a, tile[0] + i]
             _outside(tile, loads, factors[step], work[dim : 2 * dim])
-            _move(u, v, smoothed, tile, dt, dt / 2 if first else dt, work, work[dim : 2 * dim], layers[3], medium, book)
+            _move(
+                u, v, smoothed, tile, dt, dt / 2 if first else dt, work, work[dim : 2 * dim], layers[3], medium, terms
+            )
         if first:
-            book[WORK] = 0
+            terms[WORK] = 0
         barrier(thread)
-        book[PENDING_OUTFLOW] = dt / 2 * _outflow(v, p, u, dt, medium, crossing, bonds, thread)
+        terms[PENDING_OUTFLOW] = dt / 2 * _outflow(v, p, u, dt, medium, crossing, bonds, thread)
         _see(thread, u, watched, seen[step])
         barrier(thread)
 
@@ -829,7 +833,7 @@ def advance_split(
 
 
 @njit(error_model="numpy", cache=True)
-def strains(u, tiles, pairs, bonds, slots, out):
+def displacement_gradients(u, tiles, pairs, bonds, slots, out):
     """Gradient of the displacements of all nodes, not stretched, into `out`, shape (dim^2, size)."""
     work = np.zeros((out.shape[0], TILE))
     for number in range(tiles.shape[0]):

@@ -15,7 +15,7 @@ from farhorizon.checks.certificate import (
     PATIENCE,
     UNDECIDED,
     Certificate,
-    Part,
+    ExaminedPart,
     judge,
     told,
 )
@@ -27,7 +27,7 @@ _MARGIN = 1 - 1e-9  # at the step limit itself the shortest wave grows linearly
 
 
 @one_blas_thread()
-def certify(body: Any, budget: float = BUDGET, until: float = np.inf) -> Certificate:
+def certify_body(body: Any, budget: float = BUDGET, until: float = np.inf) -> Certificate:
     """Whether the linear form of a body can grow: without loads, and before any bond breaks.
 
     Without layers a proof holds: the forces have a potential that is never negative, drag and sponges take energy.
@@ -73,7 +73,7 @@ def certify(body: Any, budget: float = BUDGET, until: float = np.inf) -> Certifi
         growth = krylov_growth(advance, size, pace, crossing, budget - (time.monotonic() - begin))
         seen = growth if growth.rate or np.isfinite(growth.error) else None
     skipped = [] if seen is not None else [f"modes of {name}"]
-    parts = [] if seen is None else [Part(name, seen, np.zeros(0))]
+    parts = [] if seen is None else [ExaminedPart(name, seen, np.zeros(0))]
     return judge(parts, skipped, body.crossing, time.monotonic() - begin, quiet)
 
 

@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 from scipy import sparse
 
-from farhorizon.boundaries.outline import Closing, Fringe, Medium
+from farhorizon.boundaries.outline import Closing, Medium, OutlineNodes
 from farhorizon.errors import InputError
 
 
@@ -43,7 +43,7 @@ class FirstOrder(Closing):
         """How far inwards nodes are read."""
         return spacing * float(np.sqrt(medium.offsets.shape[1]))
 
-    def update(self, fringe: Fringe, halo: np.ndarray, medium: Medium) -> sparse.csr_array:
+    def update(self, fringe: OutlineNodes, halo: np.ndarray, medium: Medium) -> sparse.csr_array:
         """Rows of halo nodes (places in the fringe) over the new level and those before, shape (H, 3 S).
 
         Raises

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import sparse
 
 from farhorizon import kinds
-from farhorizon.boundaries.outline import Closing, Fringe, Medium
+from farhorizon.boundaries.outline import Closing, Medium, OutlineNodes
 from farhorizon.errors import InputError
 
 
@@ -97,7 +97,7 @@ class Higdon(Closing):
         weights[0, 0] = 0
         return weights
 
-    def update(self, fringe: Fringe, halo: np.ndarray, medium: Medium) -> sparse.csr_array:
+    def update(self, fringe: OutlineNodes, halo: np.ndarray, medium: Medium) -> sparse.csr_array:
         """Rows of halo nodes (places in the fringe) over the new level and those before, shape (H, (J + 2) S).
 
         Raises

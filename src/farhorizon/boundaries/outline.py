@@ -114,7 +114,7 @@ class Closing(Side, ABC):
         """How far inwards nodes are read, over a near field of half the extent `extent`."""
 
     @abstractmethod
-    def update(self, fringe: Fringe, halo: np.ndarray, medium: Medium) -> sparse.csr_array:
+    def update(self, fringe: OutlineNodes, halo: np.ndarray, medium: Medium) -> sparse.csr_array:
         """Rows of halo nodes (places in the fringe) over the new level and those before, shape (H, L S)."""
 
 
@@ -208,7 +208,7 @@ class Outline:
         return index - np.clip(index, low, high)
 
 
-class Fringe:
+class OutlineNodes:
     """Nodes that conditions read or fill.
 
     Parameters
@@ -314,7 +314,7 @@ class Closure:
     ----------
     halo, outside : ndarray of bool
         Over the grid: filled nodes, and those beyond, which do not exist.
-    fringe : Fringe
+    fringe : OutlineNodes
     update : csr_array, shape (H, L S)
         New values of the halo from the fringe at the new step and at L - 1 before.
 
@@ -330,7 +330,7 @@ class Closure:
         self.outside = ~outline.near & ~self.halo
         low, high = outline.bounds()
         extent = max(float((high - low).max()) / 2, 1.0) * outline.spacing
-        self.fringe = Fringe(
+        self.fringe = OutlineNodes(
             outline, self.halo, max(b.depth(medium, outline.spacing, extent) for b in outline.sides.values())
         )
         parts = {

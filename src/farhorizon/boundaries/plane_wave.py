@@ -19,7 +19,7 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from farhorizon import kinds
 from farhorizon.analysis import modes
-from farhorizon.boundaries.outline import Closing, Fringe, Medium
+from farhorizon.boundaries.outline import Closing, Medium, OutlineNodes
 from farhorizon.errors import InputError
 
 _CHOICES = {
@@ -193,7 +193,7 @@ class PlaneWave(Closing):
         """How far clouds reach."""
         return self.recipe(medium, spacing, extent).radius
 
-    def update(self, fringe: Fringe, halo: np.ndarray, medium: Medium) -> sparse.csr_array:
+    def update(self, fringe: OutlineNodes, halo: np.ndarray, medium: Medium) -> sparse.csr_array:
         """Rows of halo nodes (places in the fringe) over the new level and those before, shape (H, 3 S) for waves, (H,
         2 S) for diffusion.
         """

@@ -294,9 +294,9 @@ class PrescribedPart(Part):
     value: str | Number
     """Value as a function of t."""
     until: Number | None = None
-    """The nodes are let go after it; never unless given."""
+    """The nodes are released after it; never unless given."""
     rate: str | Number | None = None
-    """Of waves: velocity with which they are let go; the derivative of value unless given."""
+    """Of waves: velocity with which they are released; the derivative of value unless given."""
 
 
 class RunPart(Part):
@@ -357,7 +357,7 @@ class CasePart(Part):
     rule: str = "both"
     """Factor of a bond from those of its ends: both (the smaller one), arithmetic or harmonic."""
     rim: str = "free"
-    """What the rim of a body does: free or fixed."""
+    """The surface of a body: free, or fixed at the background."""
     background: Number = 0.0
     """Uniform state of the medium, which the absorbing sides keep."""
     run: RunPart

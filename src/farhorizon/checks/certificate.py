@@ -54,7 +54,7 @@ _MARGIN = 1 - 1e-9  # at the step limit itself the shortest wave grows linearly
 
 
 @dataclass(frozen=True)
-class Part:
+class ExaminedPart:
     """One update whose spectral radius was computed.
 
     Attributes
@@ -129,7 +129,7 @@ class Certificate:
         By how much the rate may be wrong.
     crossing : float
         Crossing time of the set-up, see `Run.crossing`: the time unit in which growth is judged; nan for a proof.
-    parts : tuple of Part
+    parts : tuple of ExaminedPart
         What was computed; their rates are growths per crossing.
     skipped : tuple of str
         What would have to be computed, too, and why it was not.
@@ -152,7 +152,7 @@ class Certificate:
     rate: float = np.nan
     error: float = 0.0
     crossing: float = np.nan
-    parts: tuple[Part, ...] = ()
+    parts: tuple[ExaminedPart, ...] = ()
     skipped: tuple[str, ...] = ()
     seconds: float = 0.0
     quiet: float = 0.0
@@ -163,7 +163,7 @@ class Certificate:
         return self.rate * self.crossing
 
     @property
-    def worst(self) -> Part | None:
+    def worst(self) -> ExaminedPart | None:
         """The part with the growing mode; None where nothing grows."""
         growing = [p for p in self.parts if p.growth.stable is False]
         return max(growing, key=lambda p: p.growth.rate) if growing else None
@@ -278,8 +278,8 @@ def certify(sim: Examined, budget: float = BUDGET, until: float = np.inf) -> Cer
     known = _recall(path)
     if known is not None:
         return known
-    parts: list[Part] = []
-    slow: list[Part] = []
+    parts: list[ExaminedPart] = []
+    slow: list[ExaminedPart] = []
     skipped: list[str] = []
     grown, quiet = _noise_part(sim, budget / 3 if np.isinf(until) else PATIENCE, until)
     if grown is not None and np.isfinite(until):
@@ -327,12 +327,14 @@ def told(rate: float, crossing: float) -> str:
     return f"{rate:.2g} per crossing ({rate / crossing:.2g} per unit time)"
 
 
-def judge(parts: list[Part], skipped: list[str], crossing: float, seconds: float, quiet: float = 0.0) -> Certificate:
+def judge(
+    parts: list[ExaminedPart], skipped: list[str], crossing: float, seconds: float, quiet: float = 0.0
+) -> Certificate:
     """What follows from the parts that were computed and those that were not.
 
     Parameters
     ----------
-    parts : list of Part
+    parts : list of ExaminedPart
     skipped : list of str
     crossing : float
         Time of a crossing.
@@ -347,7 +349,7 @@ def judge(parts: list[Part], skipped: list[str], crossing: float, seconds: float
     growths = [p.growth for p in parts]
     growth = fastest(growths) if any(g.stable is not True for g in growths) else max(growths, key=lambda g: g.rate)
     part = next(p for p in parts if p.growth is growth)
-    found: tuple[float, float, float, tuple[Part, ...], tuple[str, ...], float, float] = (
+    found: tuple[float, float, float, tuple[ExaminedPart, ...], tuple[str, ...], float, float] = (
         growth.rate / crossing,
         growth.error / crossing,
         crossing,
@@ -427,7 +429,7 @@ def _recall(path: Path) -> Certificate | None:
         return None
     words = json.loads(str(arrays["words"]))
     parts = [
-        Part(
+        ExaminedPart(
             p["name"],
             Growth(p["rate"], p["error"], complex(*p["factor"]), np.zeros(0), p["hidden"]),
             arrays[f"field{i}"],
@@ -545,7 +547,7 @@ def _outline_proof(sim: Examined, positive: bool) -> str:
     return ""
 
 
-def _escapes(sim: Examined, part: Part) -> bool:
+def _escapes(sim: Examined, part: ExaminedPart) -> bool:
     """Whether a mode between two sides grows so slowly that an absorbing side along them may take it before it has
     grown.
     """
@@ -557,8 +559,8 @@ def _escapes(sim: Examined, part: Part) -> bool:
 
 
 def _with_whole(
-    sim: Examined, slow: list[Part], parts: list[Part], skipped: list[str], left: float
-) -> tuple[list[Part], list[str]]:
+    sim: Examined, slow: list[ExaminedPart], parts: list[ExaminedPart], skipped: list[str], left: float
+) -> tuple[list[ExaminedPart], list[str]]:
     """Parts and what is left out, with the complete update in place of what grows slowly between two sides."""
     worst = max(slow, key=lambda p: p.growth.rate)
     name = (
@@ -575,7 +577,7 @@ def _with_whole(
 # --- what is examined ------------------------------------------------------------------------------------------
 
 
-def _examinations(sim: Examined) -> Iterator[tuple[str, Callable[[float], tuple[Part, list[str]]]]]:
+def _examinations(sim: Examined) -> Iterator[tuple[str, Callable[[float], tuple[ExaminedPart, list[str]]]]]:
     """What must be stable for the whole to be, cheapest first; each takes the seconds it may cost."""
     if sim.exact_ends is not None and not sim.exact_ends.steps:
         raise InputError("the kernel of the exact ends is made when the run begins")
@@ -601,7 +603,7 @@ def _examinations(sim: Examined) -> Iterator[tuple[str, Callable[[float], tuple[
     yield kind, lambda left: (_krylov_part(kind, plain_twin(sim, small, one_corner(sim)), sim.crossing, left), [])
 
 
-def _noise_part(sim: Examined, budget: float, until: float) -> tuple[Part | None, float]:
+def _noise_part(sim: Examined, budget: float, until: float) -> tuple[ExaminedPart | None, float]:
     """What grows in a short run from white noise, None if nothing does; and the time for which noise ran.
 
     It runs in the set-up itself where this is small, or where cracks, conditions or an outline make a copy another
@@ -621,12 +623,12 @@ def _noise_part(sim: Examined, budget: float, until: float) -> tuple[Part | None
     if growth is None:
         return None, quiet
     where = "the complete update" if whole else f"a copy of {' x '.join(map(str, small.shape))} nodes"
-    return Part(
+    return ExaminedPart(
         f"white noise, {where}", growth, state.portrait(growth.mode) if growth.mode.size else np.zeros(0)
     ), quiet
 
 
-def _dense_part(name: str, sim: Examined) -> Part:
+def _dense_part(name: str, sim: Examined) -> ExaminedPart:
     complete = State(sim.engine)
     matrix = np.stack([complete.after(unit) for unit in np.eye(complete.size)], axis=1)
     pace = sim.dt / sim.crossing
@@ -635,7 +637,7 @@ def _dense_part(name: str, sim: Examined) -> Part:
     if growth.stable is not False:
         growth, verb = _with_noise(growth, matrix, crossing_steps(sim), pace)
         name = f"{verb} ({name})" if verb else name
-    return Part(name, growth, complete.portrait(growth.mode), growth is not known and growth.stable is False)
+    return ExaminedPart(name, growth, complete.portrait(growth.mode), growth is not known and growth.stable is False)
 
 
 def _with_noise(growth: Growth, matrix: np.ndarray, crossing: int, dt: float) -> tuple[Growth, str]:
@@ -660,7 +662,7 @@ def _with_noise(growth: Growth, matrix: np.ndarray, crossing: int, dt: float) ->
     return replace(growth, error=np.inf), f"white noise does not decay within {_CROSSINGS} crossing times"
 
 
-def _krylov_part(name: str, sim: Examined, crossing: float, budget: float) -> Part:
+def _krylov_part(name: str, sim: Examined, crossing: float, budget: float) -> ExaminedPart:
     """The fastest mode of a set-up; `crossing` is the time unit of its growth."""
     complete = State(sim.engine)
     growth = krylov_growth(complete.after, complete.size, sim.dt / crossing, crossing_steps(sim), budget)
@@ -668,10 +670,10 @@ def _krylov_part(name: str, sim: Examined, crossing: float, budget: float) -> Pa
         # every static field is at rest in such a layer: a double factor 1, slower than any run shows
         growth = replace(growth, error=np.inf)
         name = f"layers with alpha = 0, which let fields of zero frequency drift: {name}"
-    return Part(name, growth, complete.portrait(growth.mode) if growth.mode.size else np.zeros(0))
+    return ExaminedPart(name, growth, complete.portrait(growth.mode) if growth.mode.size else np.zeros(0))
 
 
-def _side_part(sim: Examined, axis: int, budget: float) -> tuple[Part, list[str]]:
+def _side_part(sim: Examined, axis: int, budget: float) -> tuple[ExaminedPart, list[str]]:
     """The worst mode between two sides over all tangential wavenumbers; and what there was no time for."""
     end = time.monotonic() + budget
     real = sim.lattice.shape[axis]
@@ -710,7 +712,7 @@ def _side_part(sim: Examined, axis: int, budget: float) -> tuple[Part, list[str]
             if worst.stable is not True
             else (f", {len(found)} tangential wavenumber{'s' * (len(found) > 1)}")
         )
-    return Part(name, worst, strip.profile(worst.mode) if worst.stable is False else np.zeros(0)), missed
+    return ExaminedPart(name, worst, strip.profile(worst.mode) if worst.stable is False else np.zeros(0)), missed
 
 
 def _climb(strip: Strip, angles: tuple[float, ...], found: dict[tuple[float, ...], Growth], end: float) -> None:

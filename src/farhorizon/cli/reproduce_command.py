@@ -9,7 +9,7 @@ from farhorizon.cli.common import GOOD, made_folder, write_json
 
 def reproduce_command(options: argparse.Namespace) -> int:
     from farhorizon.engine.engine import at_most
-    from farhorizon.papers.registry import find, reproductions, table
+    from farhorizon.papers.registry import find, outcome_table, reproductions
 
     if options.name is None:
         known = reproductions()
@@ -22,7 +22,7 @@ def reproduce_command(options: argparse.Namespace) -> int:
     print(f"{entry.paper}\n{entry.name}: {entry.title}")
     with at_most(options.threads):
         outcome = entry.run(made_folder(options.out), options.full)
-    print(table(outcome), file=options.output)
+    print(outcome_table(outcome), file=options.output)
     if outcome.pictures:
         print(f"pictures: {', '.join(str(p) for p in outcome.pictures)}")
     write_json(options.json, entry.as_json(outcome))

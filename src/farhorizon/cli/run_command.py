@@ -65,9 +65,9 @@ def _refuse_finished(result: Path, options: argparse.Namespace) -> None:
 
 def _tell(options: argparse.Namespace, case: Any, sim: Any, certificate: Any, until: float, files: RunFiles) -> None:
     """Draw the results, write the page about them and the figures, and say where they are."""
-    from farhorizon.case.report import write_report
+    from farhorizon.case.run_page import write_report
     from farhorizon.files.results import open_results
-    from farhorizon.pictures.results import View, plot_results
+    from farhorizon.pictures.result_pictures import View, plot_results
     from farhorizon.simulation.run import wanted_threads
 
     results = open_results(files.result)

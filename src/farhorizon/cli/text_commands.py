@@ -50,7 +50,7 @@ def schema_command(options: argparse.Namespace) -> int:
 
 
 def info_command(options: argparse.Namespace) -> int:
-    from farhorizon.case.report import versions
+    from farhorizon.case.run_page import versions
     from farhorizon.engine.engine import available_threads
     from farhorizon.files.cache import cache_folder
 

@@ -299,7 +299,7 @@ class Engine:
             history = np.concatenate([ends.history, np.zeros((count, more, reach))], axis=1)
             self.replace(ends=ends._replace(history=history))
 
-    def set_tied(self, nodes: np.ndarray, starts: np.ndarray, sources: np.ndarray, weights: np.ndarray) -> None:
+    def set_dependents(self, nodes: np.ndarray, starts: np.ndarray, sources: np.ndarray, weights: np.ndarray) -> None:
         """Nodes with prescribed values: node i is the sum of weights[k] times node sources[k], k from starts[i] to
         starts[i + 1], plus what `advance` is told. They are set in this order after each stage."""
         nodes, starts, sources = (a.astype(np.int64) for a in (nodes, starts, sources))
@@ -328,9 +328,9 @@ class Engine:
         """Values of the fringe's nodes one step ago, two and so on, shape (levels - 1, S); shares memory."""
         return self.tables.fringe.history.T
 
-    def set_books(
+    def record_flows(
         self,
-        books: np.ndarray,
+        accounts: np.ndarray,
         nodes: np.ndarray,
         neighbours: np.ndarray,
         weights: np.ndarray,
@@ -339,12 +339,12 @@ class Engine:
         ends: np.ndarray = _NO_ENDS,
         sides: Mapping[tuple[int, int], tuple[int, np.ndarray]] | None = None,
     ) -> None:
-        """Bonds whose flow into their node is summed over time, in `count` books, and what each stage's flow adds to a
-        step's.
+        """Bonds whose flow into their node is summed over time, in `count` accounts, and what each stage's flow adds
+        to a step's.
 
         Places in a level, weights without coefficients; a neighbour below 0 is at zero. `ends`, shape (ends, K): the
-        books of the drivers of exact ends, -1 for none. `sides`: the book of a layer (axis, side), and the nodes next
-        to it into which what it adds to these flows is counted. First-order equations only.
+        accounts of the drivers of exact ends, -1 for none. `sides`: the account of a layer (axis, side), and the nodes
+        next to it into which what it adds to these flows is counted. First-order equations only.
         """
         near, rows = [np.zeros(0, np.int64)], []
         for (axis, _), (number, at) in (sides or {}).items():
@@ -353,7 +353,7 @@ class Engine:
             near.append(at)
         self.replace(
             flows=Flows(
-                books.astype(np.int64),
+                accounts.astype(np.int64),
                 nodes.astype(np.int64),
                 neighbours.astype(np.int64),
                 weights.astype(float),
@@ -371,7 +371,7 @@ class Engine:
         """Sums of what has flowed, and the rounding of them, shape (2, count)."""
         return self.tables.flows.totals
 
-    def tie(self, values: np.ndarray) -> None:
+    def set_dependent_values(self, values: np.ndarray) -> None:
         """Set the prescribed nodes of the current level; `values` has what is added to the combinations, one a
         prescribed node.
         """
@@ -485,10 +485,10 @@ class Engine:
         source_fields: np.ndarray,
         source_times: np.ndarray,
         held_values: np.ndarray | None = None,
-        tied_fields: np.ndarray | None = None,
-        tied_times: np.ndarray | None = None,
+        dependent_fields: np.ndarray | None = None,
+        dependent_times: np.ndarray | None = None,
     ) -> None:
-        """Run steps without returning to Python; sources, held and tied values as in `program.run`.
+        """Run steps without returning to Python; sources, held and dependent values as in `program.run`.
 
         Raises
         ------
@@ -501,9 +501,9 @@ class Engine:
         inputs = nothing._replace(source_nodes=source_nodes, source_fields=source_fields, source_times=source_times)
         if held_values is not None:
             inputs = inputs._replace(held_values=np.asarray(held_values, float))
-        if tied_fields is not None and tied_times is not None:
-            times = np.ascontiguousarray(tied_times)
-            inputs = inputs._replace(dependent_fields=tied_fields, dependent_times=times)
+        if dependent_fields is not None and dependent_times is not None:
+            times = np.ascontiguousarray(dependent_times)
+            inputs = inputs._replace(dependent_fields=dependent_fields, dependent_times=times)
         tables = self.tables
         check_room(tables, inputs, steps)
         operations, starts = operations_of(tables, inputs)

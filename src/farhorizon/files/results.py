@@ -33,7 +33,7 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.errors import FarhorizonError, FileFormatError, InputError
-from farhorizon.files.storage import Draft, changed, created, read
+from farhorizon.files.storage import Draft, changing, created, read
 
 if TYPE_CHECKING:
     import xarray
@@ -85,7 +85,7 @@ def _opened(path: Path, mode: str, what: str) -> Iterator[Any]:
             raise FileFormatError(
                 f"{path} is not an HDF5 file, or its beginning is damaged", remedy=f"give the path of a {what}"
             )
-        with (read if mode == "r" else changed)(path) as draft, _hdf5(path if draft is None else draft, mode) as file:
+        with (read if mode == "r" else changing)(path) as draft, _hdf5(path if draft is None else draft, mode) as file:
             yield file
     except FarhorizonError:
         raise

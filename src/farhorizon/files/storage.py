@@ -198,7 +198,7 @@ def created(path: Path) -> Iterator[Draft]:
         The disk is full, permission is missing: `path` is what it was.
     """
     if _journal_of(path).exists():
-        with changed(path):  # a journal must not outlive the file that it belongs to
+        with changing(path):  # a journal must not outlive the file that it belongs to
             pass
     with replacing(path) as temporary:
         temporary.touch()
@@ -208,7 +208,7 @@ def created(path: Path) -> Iterator[Draft]:
 
 
 @contextmanager
-def changed(path: Path) -> Iterator[Draft]:
+def changing(path: Path) -> Iterator[Draft]:
     """A draft of changes to an existing file, which are in it at the end: all of them, or after an error none.
 
     Raises

@@ -388,7 +388,7 @@ class Intersection(_Pair):
 class Difference(_Pair):
     """What lies in the first shape and not in the second: ``first - second``.
 
-    The surface of the second shape belongs to the second: a node on the rim of a hole is removed.
+    The surface of the second shape belongs to the second: a node on the edge of a hole is removed.
 
     Parameters
     ----------

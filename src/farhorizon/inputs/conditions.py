@@ -25,7 +25,7 @@ from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.geometry.shapes import Shape
 from farhorizon.inputs.prescribed import Prescribed
-from farhorizon.inputs.sources import as_source, parts, steady
+from farhorizon.inputs.sources import as_source, space_and_time, steady
 
 Where = str | Shape | np.ndarray
 
@@ -113,7 +113,7 @@ class Flux:
 
 @dataclass(frozen=True)
 class Insulated:
-    """No flux through a side: `Flux` of value 0. A body's rim and a `Free` side are insulated anyway.
+    """No flux through a side: `Flux` of value 0. The surface of a body and a `Free` side are insulated anyway.
 
     Parameters
     ----------
@@ -415,7 +415,7 @@ class _Face:
 
     def values(self, value: Any, depth: float) -> Drive:
         """A value as a drive over the lines."""
-        space, time = parts(value)
+        space, time = space_and_time(value)
         at = self.coordinates(depth)
         if space is None:
             return None, lambda t: _finite(time(*at, t), len(at[0]), self.key)
@@ -472,7 +472,9 @@ def _add_source(
         return
     out.sources.append((number, _scaled(face.values(constraint.ambient, -0.5), constraint.transfer, spread)))
     if background:
-        out.sources.append((number, (spread(np.full(len(nodes), -constraint.transfer * background)), parts(0.0)[1])))
+        out.sources.append(
+            (number, (spread(np.full(len(nodes), -constraint.transfer * background)), space_and_time(0.0)[1]))
+        )
     out.leaks.append((number, spread(np.full(len(nodes), constraint.transfer))))
 
 
@@ -502,7 +504,7 @@ def _on_face(
         weight = -1.0 if mirror else 0.0
         drives = [_scaled(drive, 1.0 - weight, repeat)]
         if background:
-            drives.append((np.full(len(nodes), -(1 - weight) * background), parts(0.0)[1]))
+            drives.append((np.full(len(nodes), -(1 - weight) * background), space_and_time(0.0)[1]))
         plain = constraint.value if not mirror and np.isscalar(constraint.value) else None
         return _Held(number, nodes, np.concatenate(inner), weight, drives, plain, face.axis)
     distance = (
@@ -550,7 +552,7 @@ def _in_region(number: int, constraint: Constraint, lattice: Lattice, background
     nodes = np.flatnonzero(mask)
     if not nodes.size:
         raise InputError("no node lies in the shape", key=f"{key}.where", remedy="enlarge it or refine the lattice")
-    space, time = parts(constraint.value)
+    space, time = space_and_time(constraint.value)
     at = [g.ravel()[nodes] for g in lattice.coordinates()]
     drive: Drive
     drives: list[Drive]
@@ -563,7 +565,7 @@ def _in_region(number: int, constraint: Constraint, lattice: Lattice, background
         drive = _finite(space.ravel()[nodes] if space.shape == lattice.shape else space, len(nodes), key), time
     drives = [drive]
     if background:
-        drives.append((np.full(len(nodes), -background), parts(0.0)[1]))
+        drives.append((np.full(len(nodes), -background), space_and_time(0.0)[1]))
     return _Held(number, nodes, nodes, 0.0, drives, constraint.value if np.isscalar(constraint.value) else None)
 
 

@@ -27,9 +27,9 @@ class Prescribed:
     value : float, callable, str or Expression
         Value as a function of t.
     until : float, optional
-        The nodes are let go after this time; never unless given.
+        The nodes are released after this time; never unless given.
     rate : float, callable, str or Expression, optional
-        Velocity with which they are let go (waves); the derivative of `value` there unless given.
+        Velocity with which they are released (waves); the derivative of `value` there unless given.
 
     Raises
     ------
@@ -116,7 +116,7 @@ class Prescribed:
         return float(np.dot([25 / 12, -4, 3, -4 / 3, 1 / 4], [self.at(t - k * h) for k in range(5)]) / h)
 
 
-class Holds:
+class PrescribedNodes:
     """The constraints of one run, and which of them still hold.
 
     Parameters
@@ -189,11 +189,11 @@ class Holds:
         )
 
     def allow(self, step: int, wanted: int) -> int:
-        """How many of the `wanted` steps may be run before nodes are let go."""
+        """How many of the `wanted` steps may be run before nodes are released."""
         return int(min([wanted, *(self.last[i] - step for i in self.active(step))]))
 
     def released(self, step: int) -> list[tuple[np.ndarray, float]]:
-        """Nodes that are let go at a step, and their velocities."""
+        """Nodes that are released at a step, and their velocities."""
         return [
             (nodes, c.release_rate(step * self.dt, self.dt))
             for c, nodes, last in zip(self.constraints, self.nodes, self.last, strict=True)

@@ -75,7 +75,7 @@ def as_source(source: Any, dim: int, key: str) -> Any:
     return replace(source, value=found) if isinstance(source, Source) else found
 
 
-def parts(source: Any) -> tuple[Any, Callable[..., Any]]:
+def space_and_time(source: Any) -> tuple[Any, Callable[..., Any]]:
     """(space, time) with ``s = space * time(t)``, space a callable of the coordinates, an array or a number; or (None,
     s(*coordinates, t)).
     """
@@ -102,7 +102,7 @@ def split(source: Any, lattice: Lattice, components: int = 1) -> tuple[np.ndarra
     InputError
         An array of another shape, or values that are not finite.
     """
-    space, time = parts(source)
+    space, time = space_and_time(source)
     if space is None:
         return None, lambda t: field(time(*lattice.coordinates(), t), lattice, components)
     return field(space, lattice, components), time

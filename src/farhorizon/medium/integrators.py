@@ -72,7 +72,7 @@ class Verlet:
         return (0.0,), np.ones((1, 1))
 
     @staticmethod
-    def tied_samples(dt: float) -> tuple[tuple[float, ...], np.ndarray]:
+    def prescribed_samples(dt: float) -> tuple[tuple[float, ...], np.ndarray]:
         """Times within a step, and their weights in the value that a prescribed node takes after each stage, shape
         (stages, times).
         """
@@ -120,7 +120,7 @@ class Euler:
         return (0.0,), np.ones((1, 1))
 
     @staticmethod
-    def tied_samples(dt: float) -> tuple[tuple[float, ...], np.ndarray]:
+    def prescribed_samples(dt: float) -> tuple[tuple[float, ...], np.ndarray]:
         """Times within a step, and their weights in the value that a prescribed node takes after each stage, shape
         (stages, times).
         """
@@ -159,7 +159,7 @@ class RungeKutta4:
         return (0.0, dt / 2, dt), np.array([[1 / 4, 0, 0], [1 / 6, 1 / 6, 0], [1 / 6, 2 / 6, 0], [1 / 6, 4 / 6, 1 / 6]])
 
     @staticmethod
-    def tied_samples(dt: float) -> tuple[tuple[float, ...], np.ndarray]:
+    def prescribed_samples(dt: float) -> tuple[tuple[float, ...], np.ndarray]:
         """Times within a step, and their weights in the value that a prescribed node takes after each stage, shape
         (stages, times).
 
@@ -275,7 +275,7 @@ class RungeKuttaChebyshev:
         times = np.append(self._times()[:-1], 0.0)
         return (0.0, dt), np.stack([1 - times, times], axis=1)
 
-    def tied_samples(self, dt: float) -> tuple[tuple[float, ...], np.ndarray]:
+    def prescribed_samples(self, dt: float) -> tuple[tuple[float, ...], np.ndarray]:
         """Times within a step, and their weights in the value that a prescribed node takes after each stage, shape
         (stages, times).
         """

@@ -53,7 +53,7 @@ SLOPES = {
 
 
 @dataclass(frozen=True)
-class Example:
+class DiffusionExample:
     """One of the paper's bars.
 
     Attributes
@@ -135,7 +135,7 @@ def difference(found: np.ndarray, classical: np.ndarray) -> float:
 @cache
 def studies(number: int, kernel: str) -> dict[str, Study]:
     """Mid temperature ("middle") and difference ("difference") at 8 s over all horizons and m of the paper."""
-    example = Example(number)
+    example = DiffusionExample(number)
 
     def measure(horizon: float, ratio: int) -> dict[str, float]:
         sim, bar = example.simulation(kernel, horizon, ratio, 8.0 / STEPS)
@@ -150,7 +150,7 @@ def limits(kernel: str, ratios: tuple[int, ...] = (2, 4, 8, 16, 32, 64, 128), ki
     """Mid temperature of example 1 at 8 s, horizon 3L/100, for many nodes in the horizon."""
 
     def measure(horizon: float, ratio: int) -> dict[str, float]:
-        sim, bar = Example(1).simulation(kernel, horizon, ratio, 8.0 / STEPS, kind=kind)
+        sim, bar = DiffusionExample(1).simulation(kernel, horizon, ratio, 8.0 / STEPS, kind=kind)
         sim.step(STEPS)
         u = sim.fields["u"][bar]
         return {"middle": float(u[u.size // 2]) if u.size % 2 else float(u[u.size // 2 - 1 : u.size // 2 + 1].mean())}
@@ -162,7 +162,7 @@ def _profiles(folder: Path, name: str, number: int) -> Outcome:
     """Profiles at 0.1, 4 and 8 s, horizon 3L/800, m = 4."""
     from farhorizon.pictures.curves import curve_panels
 
-    example = Example(number)
+    example = DiffusionExample(number)
     rows, panels = [], []
     curves: dict[float, list[tuple[str, np.ndarray, np.ndarray]]] = {t: [] for t in TIMES}
     for kernel in KERNELS:
@@ -227,7 +227,7 @@ def figure10(folder: Path) -> Outcome:
     rows, panels = [], []
     printed = {1: 51.75, 2: 53.06}
     for number in (1, 2):
-        example = Example(number)
+        example = DiffusionExample(number)
         exact = float(example.classical.temperature(5.0, 8.0))
         rows.append(Row(f"example {number}, classical", exact, printed[number]))
         for kernel in KERNELS:
@@ -305,7 +305,7 @@ def _fluxes(folder: Path, name: str, number: int, ratio: int) -> Outcome:
     """Flux over conductivity, right to left as in the paper, horizon 3L/800."""
     from farhorizon.pictures.curves import curve_panels
 
-    example = Example(number)
+    example = DiffusionExample(number)
     rows, panels = [], []
     for kernel in KERNELS:
         sim, bar = example.simulation(kernel, 3 * example.length / 800, ratio, 8.0 / STEPS)

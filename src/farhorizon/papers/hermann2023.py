@@ -34,7 +34,7 @@ from farhorizon.papers.measure import (
     differences_picture,
     errors_picture,
     infinite,
-    run,
+    measured_run,
     stability,
     stability_note,
 )
@@ -132,7 +132,7 @@ def _outcome(
     crossing = 2 * float(small["lattice"].upper[0]) / small["model"].speed
     runs = {}
     for label, boundary in conditions.items():
-        runs[label] = run(setup, boundary, course, exact, times)
+        runs[label] = measured_run(setup, boundary, course, exact, times)
         how = stability_note(small, boundary, _CROSSINGS * crossing)
         errors = [float(runs[label].errors[list(course).index(t)]) for t in times]
         rows += [
@@ -274,7 +274,7 @@ LONG: dict[str, Side] = {
 FRONT = 200.0  # by then the wave front has left the near field for long
 
 
-def energies(setup: Mapping[str, Any], boundary: Side, times: np.ndarray) -> np.ndarray:
+def relative_energies(setup: Mapping[str, Any], boundary: Side, times: np.ndarray) -> np.ndarray:
     """Energy of the near field at some times, nan from an overflow on, over that of the initial data; shape
     (times,)."""
     sim = Simulation(**{**setup, "boundary": boundary})
@@ -330,7 +330,7 @@ def figure_10(folder: Path, full: bool = False) -> Outcome:
     history = np.array([exact(round(t / setup["dt"]))[probe] for t in course])
     rows, curves = [], [(INFINITE, np.array(course), history)]
     for label, boundary in LONG.items():
-        values = run(setup, boundary, course, exact, (), probe).history
+        values = measured_run(setup, boundary, course, exact, (), probe).history
         curves.append((label, np.array(course), values))
         rows.append(
             Row(
@@ -351,8 +351,8 @@ def figure_10(folder: Path, full: bool = False) -> Outcome:
     setup = square(RADIUS, 5e-4 if full else 0.025)
     times = np.unique(np.round(2 * np.geomspace(5.0, LAST, 100)) / 2)
     courses = {INFINITE: exact_energies(setup, times)}
-    courses["fixed square of width 252 (the paper's reference)"] = energies(square(126.0, 0.1), Fixed(), times)
-    courses |= {label: energies(setup, boundary, times) for label, boundary in LONG.items()}
+    courses["fixed square of width 252 (the paper's reference)"] = relative_energies(square(126.0, 0.1), Fixed(), times)
+    courses |= {label: relative_energies(setup, boundary, times) for label, boundary in LONG.items()}
     for label, values in courses.items():
         ended = not np.isfinite(values[-1])
         rows.append(
@@ -491,7 +491,9 @@ def example_3(folder: Path, full: bool = False) -> Outcome:
         probe = setup["lattice"].index(PROBE)
         at_probe = np.array([exact(round(t / dt))[probe] for t in course])
         curves = [("large domain", np.array(course), at_probe)]
-        runs = {label: run(setup, boundary, course, exact, kept, probe) for label, boundary in conditions.items()}
+        runs = {
+            label: measured_run(setup, boundary, course, exact, kept, probe) for label, boundary in conditions.items()
+        }
         for label, found in runs.items():
             curves.append((label, np.array(course), found.history))
             apart = float(np.nanmax(np.abs(found.history - at_probe)))
@@ -559,7 +561,7 @@ def appendix_b(folder: Path, full: bool = False) -> Outcome:
     outcome, runs, exact = _outcome(setup, small, conditions, course, times)
     for step in (1e-3, dt) if full else (1e-3,):
         label, at_step = f"exact ends, dt = {step:g}", {**setup, "dt": step}
-        runs[label] = run(at_step, Exact(compress=None), course, infinite(at_step, course[-1]), times)
+        runs[label] = measured_run(at_step, Exact(compress=None), course, infinite(at_step, course[-1]), times)
         outcome.rows.extend(Row(f"{label}, t = {t:g}", float(runs[label].errors[course.index(t)])) for t in times)
         outcome.infinite_error[label] = float(runs[label].errors.max())
     paths = [folder / f"hermann2023-{name}.png" for name in ("figB1", "appB-errors")]

@@ -178,7 +178,7 @@ def beam_kernel(t: float) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Example:
+class BarExample:
     """A bar on -10 .. 10 (201 nodes) with the paper's boundary.
 
     Attributes
@@ -341,7 +341,7 @@ def _rows(
     return rows
 
 
-def _errors(example: Example, times: Sequence[float], velocity: bool = False) -> np.ndarray:
+def _errors(example: BarExample, times: Sequence[float], velocity: bool = False) -> np.ndarray:
     """Errors of the paper's boundary against the solution exact in time, shape (times, steps)."""
     exact = example.reference(times)[int(velocity)]
     errors = np.empty((len(times), len(STEPS)))
@@ -354,7 +354,7 @@ def _errors(example: Example, times: Sequence[float], velocity: bool = False) ->
 def _table(
     folder: Path,
     figure: int,
-    example: Example,
+    example: BarExample,
     times: Sequence[float],
     lines: str,
     misprints: dict[tuple[int, int], tuple[float, str]],
@@ -377,7 +377,7 @@ def _table(
     return Outcome(_rows(times, errors, printed, misprints), _boundary_errors(example, times), [path])
 
 
-def _boundary_errors(example: Example, times: Sequence[float]) -> dict[str, float]:
+def _boundary_errors(example: BarExample, times: Sequence[float]) -> dict[str, float]:
     """Largest error of both boundaries at the largest step, against a chain from which nothing returns and with the
     same step.
     """
@@ -458,7 +458,7 @@ def table2(folder: Path) -> Outcome:
         7.57e-07 3.02e-06 4.72e-06 1.21e-05 1.88e-05 1.99
         1.67e-09 6.69e-09 1.04e-08 2.67e-08 4.17e-08 2.00"""
     misprints = {(0, 3): (6.45e-6, "a copy of its left neighbour; dt^2 between its neighbours")}
-    return _table(folder, 5, Example(), (5.0, 10.0, 15.0, 40.0), printed, misprints)
+    return _table(folder, 5, BarExample(), (5.0, 10.0, 15.0, 40.0), printed, misprints)
 
 
 @reproduction("ji2021-table3", PAPER, "bar: error of the velocity (and figure 6: convergence)")
@@ -469,7 +469,7 @@ def table3(folder: Path) -> Outcome:
         2.25e-06 9.03e-06 1.41e-05 3.61e-05 5.64e-05 2.00
         7.94e-07 3.17e-06 4.96e-06 1.26e-05 1.98e-05 2.00
         8.87e-09 3.54e-08 5.54e-08 1.41e-07 2.21e-07 2.00"""
-    return _table(folder, 6, Example(), (5.0, 10.0, 15.0, 40.0), printed, {}, velocity=True)
+    return _table(folder, 6, BarExample(), (5.0, 10.0, 15.0, 40.0), printed, {}, velocity=True)
 
 
 @reproduction("ji2021-table4", PAPER, "interface, beta = 0.5: error of the displacement (and figure 10: convergence)")
@@ -481,7 +481,7 @@ def table4(folder: Path) -> Outcome:
         2.33e-07 9.33e-06 1.45e-06 3.72e-06 5.82e-06 2.00
         9.78e-11 3.90e-10 6.11e-10 1.56e-09 2.43e-09 2.00"""
     misprints = {(2, 1): (9.33e-7, "the exponent: dt^2 between its neighbours")}
-    return _table(folder, 10, Example(soft=0.5), (10.0, 15.0, 40.0, 100.0), printed, misprints)
+    return _table(folder, 10, BarExample(soft=0.5), (10.0, 15.0, 40.0, 100.0), printed, misprints)
 
 
 @reproduction("ji2021-table5", PAPER, "interface, beta = 0.1: error of the displacement (and figure 11: convergence)")
@@ -492,7 +492,7 @@ def table5(folder: Path) -> Outcome:
         7.90e-08 3.16e-07 4.93e-07 1.26e-06 1.97e-06 2.00
         8.13e-07 3.25e-06 5.08e-06 1.30e-05 2.03e-05 2.00
         3.90e-07 1.56e-06 2.44e-06 6.24e-06 9.75e-06 2.00"""
-    return _table(folder, 11, Example(soft=0.1), (10.0, 15.0, 40.0, 100.0), printed, {})
+    return _table(folder, 11, BarExample(soft=0.1), (10.0, 15.0, 40.0, 100.0), printed, {})
 
 
 @reproduction("ji2021-table6", PAPER, "seismic source: error of the displacement (and figure 14: convergence)")
@@ -505,7 +505,7 @@ def table6(folder: Path) -> Outcome:
         2.78e-06 1.11e-05 1.74e-05 4.45e-05 6.96e-05 2.00
         1.38e-06 5.55e-06 8.67e-06 2.21e-05 3.47e-05 2.00
         1.11e-06 4.49e-06 7.03e-06 1.82e-05 2.87e-05 2.02"""
-    return _table(folder, 14, Example(seismic=True), (10.0, 15.0, 40.0, 100.0), printed, {})
+    return _table(folder, 14, BarExample(seismic=True), (10.0, 15.0, 40.0, 100.0), printed, {})
 
 
 # The figures
@@ -546,7 +546,7 @@ def _snapshots(folder: Path, figure: int, velocity: bool) -> Outcome:
     """The bar at four times with both boundaries, beside the continuum, eq 37."""
     from farhorizon.pictures.curves import curve_panels
 
-    example, dt, field = Example(), STEPS[-1], int(velocity)
+    example, dt, field = BarExample(), STEPS[-1], int(velocity)
     steps, x = round(_TIMES[-1] / dt) + 1, example.coordinates()
     analytical = [solution(x, t)[field] for t in _TIMES]
     found = {
@@ -587,7 +587,7 @@ def figure4(folder: Path) -> Outcome:
 
 
 @cache
-def histories(example: Example, until: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+def histories(example: BarExample, until: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Times from 0 on, shape (n,), and u on the near field then, shape (n, 201).
 
     Of the chain that is exact in time ("reference"), and with both boundaries at the paper's largest step.
@@ -614,7 +614,7 @@ def figure8(folder: Path) -> Outcome:
     rows = []
     curves: dict[int, list[tuple[str, np.ndarray, np.ndarray]]] = {ORIGIN: [], RIGHT: []}
     for beta in _BETAS:
-        times, found = histories(Example(soft=beta), _LONG)
+        times, found = histories(BarExample(soft=beta), _LONG)
         for node, part in curves.items():
             part.append((rf"$\beta = {beta:g}$", times, found[OURS][:, node]))
         local = (np.sqrt(beta) - 1) / (np.sqrt(beta) + 1)
@@ -663,7 +663,7 @@ def figure9(folder: Path) -> Outcome:
 
     rows, panels = [], []
     for beta in _BETAS:
-        times, found = histories(Example(soft=beta), _LONG)
+        times, found = histories(BarExample(soft=beta), _LONG)
         curves = []
         for place, node in (("origin", ORIGIN), ("right end", RIGHT)):
             for name in (THEIRS, OURS):
@@ -690,7 +690,7 @@ def figure13(folder: Path) -> Outcome:
     """
     from farhorizon.pictures.curves import curve_panels
 
-    example = Example(seismic=True)
+    example = BarExample(seismic=True)
     times, found = histories(example, 60.0)
     rows, panels = [], []
     for place, node, humps in (

@@ -53,7 +53,7 @@ def infinite(setup: Mapping[str, Any], until: float) -> Reference:
     return cache(lambda steps: exact.after(steps) if mask is None else np.where(mask, exact.after(steps), np.nan))
 
 
-def run(
+def measured_run(
     setup: Mapping[str, Any],
     boundary: Side,
     times: Sequence[float],
@@ -94,7 +94,7 @@ def run(
     return found
 
 
-def growth(setup: Mapping[str, Any], boundary: Side, until: float) -> float:
+def growth_from_noise(setup: Mapping[str, Any], boundary: Side, until: float) -> float:
     """Rate at which the near field grows from white noise: slope of the logarithm of its norm over the last third of
     the run.
 
@@ -137,7 +137,7 @@ def stability(setup: Mapping[str, Any], boundary: Side, until: float) -> tuple[f
     sim = Simulation(**{**setup, "boundary": boundary, "initial": None})
     found = sim.certificate(_SECONDS)
     if found.verdict == UNDECIDED:
-        return float(np.expm1(growth(setup, boundary, until) * sim.dt)), "measured from noise"
+        return float(np.expm1(growth_from_noise(setup, boundary, until) * sim.dt)), "measured from noise"
     if np.isnan(found.rate):
         return 0.0, "at most: proof"
     return float(np.expm1(found.rate * sim.dt)), found.verdict

@@ -219,7 +219,7 @@ def find(name: str) -> Reproduction:
     return known[name]
 
 
-def table(outcome: Outcome) -> str:
+def outcome_table(outcome: Outcome) -> str:
     """The rows as text: ours, printed, deviation, note."""
     width = max(len(row.what) for row in outcome.rows)
     lines = [f"{'':{width}}  {'ours':>10}  {'printed':>10}  {'deviation':>9}  note"]

@@ -20,7 +20,7 @@ from farhorizon.geometry.lattice import Lattice
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
 from farhorizon.models import Diffusion
-from farhorizon.papers.measure import Measured, Reference, infinite, run, stability_note
+from farhorizon.papers.measure import Measured, Reference, infinite, measured_run, stability_note
 from farhorizon.papers.registry import Outcome, Row, reproduction
 
 PAPER = (
@@ -97,7 +97,7 @@ def _example(
     rows, errors, energies = [Row("nodes, absorbing ones included", 481, 481)], {}, {}
     fields = {"infinite medium": exact}
     for label, boundary in conditions.items():
-        found = run(setup, boundary, times, reference)
+        found = measured_run(setup, boundary, times, reference)
         note = stability_note(setup, boundary, END)
         energy, current, largest = _errors(found, exact, first)
         rows += [
@@ -111,7 +111,7 @@ def _example(
             [abs(float((u**2).sum()) - float((e**2).sum())) / first for u, e in zip(found.fields, exact, strict=False)]
         )
         if later:
-            late = run(setup, boundary, later, reference)
+            late = measured_run(setup, boundary, later, reference)
             rows += [
                 Row(
                     f"{label}: energy left at t = {t:g} / initial energy",
@@ -179,7 +179,7 @@ def example_1_layers(folder: Path) -> Outcome:
             times = list(np.linspace(10, END, 25))
             exact = [reference(round(t / STEP)) for t in times]
             boundary = published(wavenumber, layer=layer)
-            found = run(setup, boundary, times, reference)
+            found = measured_run(setup, boundary, times, reference)
             first = float((setup["initial"]["u"](setup["lattice"].axes[0]) ** 2).sum())
             energy, _, largest = _errors(found, exact, first)
             label = f"wavenumbers to {wavenumber:g}, layer of {layer} spacing" + "s" * (layer > 1)

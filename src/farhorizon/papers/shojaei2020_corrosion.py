@@ -59,9 +59,9 @@ CLOSURES: list[tuple[str, Callable[[float, Shape], dict[str, Any]]]] = [
     ("plane waves as published, wavenumbers to 2", lambda dx, region: _published(dx, region, 2.0)),
     ("plane waves as published, wavenumbers to 5", lambda dx, region: _published(dx, region, 5.0)),
     ("plane waves, repaired", lambda dx, region: {"lattice": Lattice(dx, window=region), "boundary": PlaneWave()}),
-    ("zero flux at the rim", lambda dx, region: {"lattice": _body(dx, region), "boundary": Free()}),
+    ("zero flux at the surface", lambda dx, region: {"lattice": _body(dx, region), "boundary": Free()}),
     (
-        "zero value at the rim",
+        "zero value at the surface",
         lambda dx, region: {"lattice": _body(dx, region), "boundary": Fixed(0.0), "rim": "fixed"},
     ),
 ]
@@ -74,7 +74,7 @@ def _body(spacing: float, region: Shape) -> Lattice:
 
 
 @dataclass(frozen=True)
-class Example:
+class CorrosionExample:
     """One of the paper's examples.
 
     Attributes
@@ -182,9 +182,9 @@ class OpenMedium:
         return np.where(self._shown, self.far.fields["dissolved"][self._near], np.nan)
 
 
-LETTERS = Example(Disc(2.0), Text("HZG", 1.0, bold=True), 2.0, 0.04, 1e-5, 8.0)
+LETTERS = CorrosionExample(Disc(2.0), Text("HZG", 1.0, bold=True), 2.0, 0.04, 1e-5, 8.0)
 # 523 155 nodes: those on the sphere of radius 5 do not count
-SPHERE = Example(Ball(4.999), Ball(3.33), 1.0, 0.2, 4e-5, 11.0)
+SPHERE = CorrosionExample(Ball(4.999), Ball(3.33), 1.0, 0.2, 4e-5, 11.0)
 
 
 @dataclass
@@ -224,14 +224,16 @@ class Course:
         }
 
 
-def follow(example: Example, runs: dict[str, Simulation], times: list[float], shown: tuple[float, ...]) -> Course:
+def follow(
+    example: CorrosionExample, runs: dict[str, Simulation], times: list[float], shown: tuple[float, ...]
+) -> Course:
     """Run all closures beside the infinite medium.
 
     Parameters
     ----------
-    example : Example
+    example : CorrosionExample
     runs : dict of str to Simulation
-        `Example.closed`, at their start.
+        `CorrosionExample.closed`, at their start.
     times : list of float
         Ascending; `shown` are among them.
     shown : tuple of float
@@ -276,7 +278,9 @@ def follow(example: Example, runs: dict[str, Simulation], times: list[float], sh
     return course
 
 
-def _rows(course: Course, runs: dict[str, Simulation], example: Example, shown: tuple[float, ...]) -> list[Row]:
+def _rows(
+    course: Course, runs: dict[str, Simulation], example: CorrosionExample, shown: tuple[float, ...]
+) -> list[Row]:
     """A page: a row for each question and closure, the largest of its values at the times shown; for the first closure
     a row for each time.
     """
@@ -308,7 +312,7 @@ def _rows(course: Course, runs: dict[str, Simulation], example: Example, shown: 
         shares = [outward_share(u, runs[name].lattice.axes, example) for u in course.fields[name]]
         rows.append(
             Row(
-                f"{name}, part of the rim whose gradient points inwards",
+                f"{name}, part of the surface whose gradient points inwards",
                 min(shares),
                 1.0,
                 note=", ".join(f"{s:.3g}" for s in shares),
@@ -324,20 +328,20 @@ def _rows(course: Course, runs: dict[str, Simulation], example: Example, shown: 
     return rows
 
 
-def outward_share(u: np.ndarray, axes: Sequence[np.ndarray], example: Example) -> float:
-    """Part of the nodes beside the rim of a disc or ball about 0 where the gradient, by central differences, points
+def outward_share(u: np.ndarray, axes: Sequence[np.ndarray], example: CorrosionExample) -> float:
+    """Part of the nodes beside the surface of a disc or ball about 0 where the gradient, by central differences, points
     inwards.
 
-    In the paper all arrows along the rim of figures 16 and 20 do.
+    In the paper all arrows along the surface of figures 16 and 20 do.
     """
     slopes = np.gradient(u, example.spacing)
     places = np.meshgrid(*axes, indexing="ij")
     along = sum(x * slope for x, slope in zip(places, slopes, strict=True))
     distance = np.sqrt(sum(x**2 for x in places))
-    rim = np.isfinite(along) & (
+    beside = np.isfinite(along) & (
         distance > np.nanmax(np.where(np.isfinite(along), distance, np.nan)) - 2 * example.spacing
     )
-    return float((along[rim] < 0).mean())
+    return float((along[beside] < 0).mean())
 
 
 def _pictures(
@@ -374,7 +378,7 @@ def _pictures(
     return paths
 
 
-def last_dissolution(example: Example) -> float:
+def last_dissolution(example: CorrosionExample) -> float:
     """When the last metal dissolves, with a LatticePML."""
     (sim,) = example.closed(1).values()
     while (sim.fields["solid"] > 0).any():

@@ -59,17 +59,17 @@ _SURFACE = 10  # nodes under load on either side of the middle
 _THRESHOLD = 0.15  # of damage
 
 
-def gaussian(width: float) -> Kernel:
+def gaussian_kernel(width: float) -> Kernel:
     """The Gaussian kernel of eq. 2-5, cut off where it is below a millionth."""
     return Kernel(width * np.sqrt(np.log(1e6)), 0, "gaussian", width, volume="full")
 
 
-def heaviside(horizon: float) -> Kernel:
+def constant_kernel(horizon: float) -> Kernel:
     """The constant kernel."""
     return Kernel(horizon, 0, volume="full")
 
 
-KERNELS = {"Gaussian": gaussian(1.1 * SPACING), "Heaviside": heaviside(3.1 * SPACING)}
+KERNELS = {"Gaussian": gaussian_kernel(1.1 * SPACING), "Heaviside": constant_kernel(3.1 * SPACING)}
 
 
 def published(**options: Any) -> NonlocalPML:
@@ -104,7 +104,7 @@ def plate(kernel: Kernel, boundary: Any, dt: float = STEP) -> Body:
     return Body(lattice, kernel, young=1.0, poisson=0.25, boundary=boundary, initial={"u": (pulse, 0.0)}, dt=dt)
 
 
-def energies(body: Body, times: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def strain_energies(body: Body, times: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Strain energy of the square and of the near field at some times, over the initial one of the square."""
     start = body.strain_energy(layers=True)
     found = []
@@ -116,7 +116,7 @@ def energies(body: Body, times: Sequence[float] | np.ndarray) -> tuple[np.ndarra
 
 def split_energies(kernel: Kernel, dt: float, times: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The same by the paper's own scheme, forward Euler on split fields, which grows by half of frequency^2 dt."""
-    return energies(plate(kernel, published(form="split"), dt), times)
+    return strain_energies(plate(kernel, published(form="split"), dt), times)
 
 
 class Infinite:
@@ -168,7 +168,7 @@ def figure_2(folder: Path) -> Outcome:
     named = (0.5, 1.0, 2.0, 5.0, 7.0, 10.0)
     rows, curves = [], {}
     for (name, kernel), printed in zip(KERNELS.items(), (5.6e-7, 1e-4), strict=True):
-        whole, near = energies(plate(kernel, published()), times)
+        whole, near = strain_energies(plate(kernel, published()), times)
         rows.append(
             Row(
                 f"{name}, energy at t = 6",
@@ -183,7 +183,7 @@ def figure_2(folder: Path) -> Outcome:
             rows.append(Row(f"{name}, energy at t = {t:g}", float(whole[i]), note=f"without the layer {near[i]:.1e}"))
         curves[f"{name} kernel"] = (times, whole)
         curves[f"{name} kernel, near field"] = (times, near)
-    curves["Gaussian kernel, fixed square"] = (times, energies(plate(KERNELS["Gaussian"], Fixed()), times)[0])
+    curves["Gaussian kernel, fixed square"] = (times, strain_energies(plate(KERNELS["Gaussian"], Fixed()), times)[0])
     for dt in (1e-3, 5e-4):
         whole, near = split_energies(KERNELS["Gaussian"], dt, (2.0,))
         rows.append(
@@ -333,7 +333,7 @@ def radial_plate(boundary: Any, width: float = 0.1, dt: float = STEP) -> Body:
 
     return Body(
         lattice,
-        gaussian(0.75 * SPACING),
+        gaussian_kernel(0.75 * SPACING),
         young=1.0,
         poisson=0.25,
         boundary=boundary,
@@ -373,7 +373,7 @@ def figure_5(folder: Path) -> Outcome:
             start,
             "the root ends after alpha, 2 alpha - R^2 stands outside; sqrt(2) a, not sqrt(2a)",
         ),
-        Row("cutoff of the kernel", gaussian(0.75 * SPACING).horizon, 0.028),
+        Row("cutoff of the kernel", gaussian_kernel(0.75 * SPACING).horizon, 0.028),
         Row("peak at the probe", peak),
         Row("layer, from the local solution / peak", apart(found["layer"], local), note="mostly dispersion"),
         Row("nonlocal from local solution / peak", apart(medium, local)),
@@ -417,7 +417,7 @@ def amplitudes(kernel: Kernel, boundary: Any, until: float = 100.0, dt: float = 
     return np.array(times), np.array(found)
 
 
-def growth(times: np.ndarray, values: np.ndarray) -> float:
+def late_growth(times: np.ndarray, values: np.ndarray) -> float:
     """Rate (1/s) of a course over its last half: the slope of its logarithm."""
     late = times >= times[-1] / 2
     return float(np.polyfit(times[late], np.log(values[late]), 1)[0])
@@ -451,7 +451,7 @@ def long_times(folder: Path) -> Outcome:
     rows, curves = [], {}
     for name, (kernel, boundary) in LONG.items():
         curves[name] = amplitudes(KERNELS[kernel], boundary, 200.0)
-        rate = growth(*curves[name])
+        rate = late_growth(*curves[name])
         rows.append(Row(f"{name}, rate (1/s)", rate, note="grows" if rate > 0 else ""))
     path = folder / "wildman2012-growth.png"
     error_history(curves, path, "amplitude / initial", "layers of 10 nodes, white noise at the start", xlabel="$t$ (s)")
@@ -462,7 +462,7 @@ GRID = 70e-3 / 141  # spacing of section 3B, m
 YOUNG, ENERGY_RELEASE = 65e9, 204.0
 
 
-def half_space(load: float, dt: float = 20e-9, **options: Any) -> Body:
+def loaded_half_space(load: float, dt: float = 20e-9, **options: Any) -> Body:
     """The half-space of section 3B under a load in N: 141 x 71 nodes with the layers.
 
     Parameters
@@ -488,7 +488,7 @@ def half_space(load: float, dt: float = 20e-9, **options: Any) -> Body:
         "cracks": [[(x, GRID), (x, -1.1 * GRID)] for x in (-edge, edge)],
         "loads": [Traction("y+", (0.0, -pressure), [(-_SURFACE * GRID, _SURFACE * GRID)])],
     }
-    return Body(lattice, gaussian(GRID), **{**settings, **options})
+    return Body(lattice, gaussian_kernel(GRID), **{**settings, **options})
 
 
 def critical_stretch() -> float:
@@ -510,7 +510,7 @@ def indent(load: float, dt: float, until: float = 10e-6, **options: Any) -> tupl
     """Run the half-space; the body, the damage at the start, and its energies with the `residual` of their balance over
     the work.
     """
-    body = half_space(load, dt, **options)
+    body = loaded_half_space(load, dt, **options)
     before = body.damage()
     body.step()
     start = body.energies()

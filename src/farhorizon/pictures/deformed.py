@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from farhorizon.errors import InputError
-from farhorizon.pictures.fields import extent, panel_grid
+from farhorizon.pictures.fields import cell_edges, panel_grid
 from farhorizon.pictures.style import DAMAGE, SEQUENTIAL, figure_at
 
 _PART = 0.05  # of the extent of the near field that the largest displacement takes, unless a factor is given
@@ -55,7 +55,7 @@ def deformed_panels(
 
     if not frames:
         raise InputError("the file has no output to draw")
-    left, right, bottom, top = extent(axes)
+    left, right, bottom, top = cell_edges(axes)
     factor = factor or chosen_factor([u for _, u, _, _ in frames], max(right - left, top - bottom))
     rows, columns, width, height = panel_grid(len(frames), (top - bottom) / (right - left))
     label = frames[0][2]

@@ -193,7 +193,7 @@ def _arrows(panel: Any, vectors: np.ndarray, axes: Sequence[np.ndarray]) -> None
     )
 
 
-def extent(axes: Sequence[np.ndarray]) -> tuple[float, float, float, float]:
+def cell_edges(axes: Sequence[np.ndarray]) -> tuple[float, float, float, float]:
     """Left, right, lower and upper edge of the cells of two axes."""
     spacing = max(float(axis[1] - axis[0]) if axis.size > 1 else 0.0 for axis in axes) or 1.0
     left, right, bottom, top = (float(end) for axis in axes for end in (axis[0] - spacing / 2, axis[-1] + spacing / 2))
@@ -217,7 +217,7 @@ def _images(
     title: str = "",
 ) -> Any:
     """Draw checked 2D fields as images; returns the figure."""
-    left, right, bottom, top = extent(axes)
+    left, right, bottom, top = cell_edges(axes)
     rows, columns, width, height = panel_grid(len(arrays), (top - bottom) / (right - left))
     bar = 0.9 if shared_scale else 0.9 * columns
     size = (columns * (width + 0.15) + 0.6 + bar, rows * (height + 0.35) + 0.45 + 0.3 * bool(title))
@@ -260,7 +260,7 @@ def _image(
 ) -> Any:
     """Draw a field into one panel, with the outline of its window, of what is solid, and its cracks; returns the
     image."""
-    image = panel.imshow(array.T, origin="lower", extent=extent(axes), aspect="equal", **scale)
+    image = panel.imshow(array.T, origin="lower", extent=cell_edges(axes), aspect="equal", **scale)
     outside = np.isnan(array)
     if outside.any() and not outside.all() and min(array.shape) > 1:
         panel.contour(*axes, outside.T, levels=[0.5], colors="0.6", linewidths=0.6)
@@ -311,7 +311,7 @@ def field_table(
     if not rows or not columns or len(columns[0][1]) < len(rows):
         given = f"{len(rows)} rows, {len(columns)} columns"
         raise InputError("a table of fields needs rows, columns, and a first column that is complete", value=given)
-    left, right, bottom, top = extent(axes)
+    left, right, bottom, top = cell_edges(axes)
     width = min(2.0, 8.0 / len(columns))
     height = width * (top - bottom) / (right - left)
     with figure_at(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from farhorizon.errors import InputError
-from farhorizon.pictures.fields import extent, panel_grid
+from farhorizon.pictures.fields import cell_edges, panel_grid
 from farhorizon.pictures.style import figure_at, number_text
 
 
@@ -80,7 +80,7 @@ def front(
     _, _, width, height = panel_grid(1, np.ptp(shown[1]) / np.ptp(shown[0]))
     with figure_at(path, (1.4 * width + 1.5, 1.4 * height + 0.8), "compressed") as figure:
         panel = figure.add_subplot()
-        style: dict[str, Any] = {"origin": "lower", "extent": extent(axes[:2]), "aspect": "equal"}
+        style: dict[str, Any] = {"origin": "lower", "extent": cell_edges(axes[:2]), "aspect": "equal"}
         panel.imshow(np.where(metal, 1.0, np.nan).T, cmap=ListedColormap(["0.55"]), **style)
         times = panel.imshow(np.where(dissolved > 0, dissolved, np.nan).T, cmap="viridis", vmin=0, vmax=last, **style)
         late = np.where(metal, 1.25 * last, np.where(once, dissolved, np.nan))

@@ -14,15 +14,15 @@ from farhorizon.inputs.incidence import Incidence
 from farhorizon.inputs.outside import Beyond, gradients
 from farhorizon.medium.stencil import Stencil
 from farhorizon.simulation.breaking import Breaking
-from farhorizon.simulation.closing import close, exact_ends
-from farhorizon.simulation.cuts import Cuts
+from farhorizon.simulation.closing import close, exact_ends_of
+from farhorizon.simulation.cuts import CutBonds
 from farhorizon.simulation.drives import Drive, Drives, given, incidence, incident_waves, split_drives
 from farhorizon.simulation.extension import Emitters, extend
 from farhorizon.simulation.grid import Grid, choose_margins, make_grid
 from farhorizon.simulation.layers import choose_layers
-from farhorizon.simulation.near_field import NearField, bond_factor, near_field
-from farhorizon.simulation.phases import Phases
+from farhorizon.simulation.near_field import NearField, near_field, node_factor
 from farhorizon.simulation.setup import Key, Setup, Sides
+from farhorizon.simulation.solid_and_liquid import SolidAndLiquid
 from farhorizon.simulation.start import Start, start_of
 from farhorizon.simulation.surfaces import check_conditions, rest_and_damp
 from farhorizon.simulation.surroundings import Surroundings, by_target, check_memory
@@ -46,11 +46,11 @@ class Parts:
     drives : Drives
     emitters : Emitters
     grid : Grid
-    phases : Phases or None
+    phases : SolidAndLiquid or None
         Of a corrosion.
     closure : Closure or None
         The conditions along the outline of the near field.
-    cuts : Cuts
+    cuts : CutBonds
     breaking : Breaking or None
         Bonds with a law of their own stretch.
     held : ndarray of int
@@ -69,9 +69,9 @@ class Parts:
     drives: Drives
     emitters: Emitters
     grid: Grid
-    phases: Phases | None
+    phases: SolidAndLiquid | None
     closure: Closure | None
-    cuts: Cuts
+    cuts: CutBonds
     breaking: Breaking | None
     held: np.ndarray
     ends: ExactEnds | None
@@ -94,7 +94,7 @@ def assemble(setup: Setup) -> Parts:
     stencil = model.medium(lattice.spacing, lattice.dim)
     check_stencil(setup, sides, stencil)
     check_memory(setup, stencil, by_target(setup, sides, stencil))
-    factor = bond_factor(setup)
+    factor = node_factor(setup)
     near = near_field(setup, sides, stencil, factor)
     waves = incident_waves(setup, near, sides)
     sources = given(setup, sides)
@@ -121,13 +121,13 @@ def assemble(setup: Setup) -> Parts:
     grid = make_grid(setup, near, around, margins)
     phases = None
     if model.dissolution is not None:
-        phases = Phases(grid, model.dissolution, setup.background, solid)
+        phases = SolidAndLiquid(grid, model.dissolution, setup.background, solid)
         phases.start()
         if solid.any():
             phases.refuse_wet(_acted_on(near, driving))
     closure = close(near, sides, grid, solid)
     free_rim = lattice.body is not None and setup.rim == "free"
-    cuts = Cuts(near, around, grid, closure, free_rim, notes)
+    cuts = CutBonds(near, around, grid, closure, free_rim, notes)
     law = model.bond_law
     breaking = None if law is None else Breaking(law, near, sides, grid, cuts)
     if setup.lasting:
@@ -137,7 +137,7 @@ def assemble(setup: Setup) -> Parts:
     if alone:
         notes.append(f"cracks leave {alone} nodes without any bond: they move freely")
     held = rest_and_damp(near, around, cuts, setup.rim == "fixed")
-    ends = exact_ends(near, sides, grid)
+    ends = exact_ends_of(near, sides, grid)
     incident = [incidence(wave, near, sides, grid, cuts_given, notes) for wave in waves]
     driving += [(None, lambda t, one=one: one.source(t) / model.source_factor) for one in incident]
     return Parts(

@@ -9,10 +9,10 @@ import numpy as np
 from farhorizon.engine.engine import Zone
 from farhorizon.errors import InputError
 from farhorizon.models.model import BondLaw
-from farhorizon.simulation.cuts import Cuts
+from farhorizon.simulation.cuts import CutBonds
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import NearField
-from farhorizon.simulation.overstretch import Rim, rim_of
+from farhorizon.simulation.overstretch import IntactMargin, intact_margin
 from farhorizon.simulation.setup import Sides
 
 _SHATTERS = 10.0  # a load whose first strain is so many times the critical stretch breaks whatever it meets
@@ -27,7 +27,7 @@ class Breaking:
     near : NearField
     sides : dict of (axis, side) to Side
     grid : Grid
-    cuts : Cuts
+    cuts : CutBonds
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Breaking:
         Bonds of each node, whole and uncut; shape of the lattice.
     """
 
-    def __init__(self, law: BondLaw, near: NearField, sides: Sides, grid: Grid, cuts: Cuts) -> None:
+    def __init__(self, law: BondLaw, near: NearField, sides: Sides, grid: Grid, cuts: CutBonds) -> None:
         self.law, self.near, self.sides, self.grid, self.cuts = law, near, sides, grid, cuts
         self.begin()
         self.families = self.left()
@@ -99,7 +99,7 @@ class Breaking:
             tuple(first), tuple(f + n for f, n in zip(first, box, strict=True)), nodes, whole
         )
 
-    def rim(self) -> Rim | None:
+    def margin(self) -> IntactMargin | None:
         """Where bonds would break, but cannot; looked at each time that a longitudinal wave has crossed one reach."""
         engine, lattice, law, near = self.grid.engine, self.near.lattice, self.law, self.near
         low, high = (
@@ -108,7 +108,7 @@ class Breaking:
         )
         crossing = min(near.stencil.reach) * lattice.spacing / np.sqrt(law.p_modulus / law.density * near.strongest)
         part = self.grid.near
-        return rim_of(
+        return intact_margin(
             lattice.shape,
             tuple(slice(a, b) for a, b in zip(low, high, strict=True)),
             engine.core.node_indices()[part].reshape(lattice.shape),

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from farhorizon.simulation.assembly import Parts
-from farhorizon.simulation.books import Books
+from farhorizon.simulation.flow_balance import FlowBalance
 from farhorizon.simulation.setup import Setup
 
 Arrays = dict[str, np.ndarray]
@@ -47,15 +47,15 @@ def fingerprint(setup: Setup, parts: Parts, cuts: int) -> dict[str, Any]:
         found |= {"fringe": list(engine.fringe_history.shape), "update": parts.closure.mark()}
     if law is not None:
         found["bonds"] = [law.nonlinear, law.critical_stretch_on(lattice.spacing, lattice.dim)]
-    if near.holds.constraints:
-        found["constraints"] = len(near.holds.constraints)
+    if near.prescribed.constraints:
+        found["constraints"] = len(near.prescribed.constraints)
     if dissolution is not None:
         found |= {"solid": int(parts.start.solid.sum()), "saturation": dissolution.saturation}
         found |= {"interface": dissolution.interface} | ({"limited": True} if dissolution.limited else {})
     return found
 
 
-def state_of(parts: Parts, books: Books | None) -> tuple[Arrays, dict[str, Any]]:
+def state_of(parts: Parts, balance: FlowBalance | None) -> tuple[Arrays, dict[str, Any]]:
     """The state of a run that cannot be had from its set-up: arrays, and facts as JSON."""
     engine = parts.grid.engine
     meta: dict[str, Any] = {"phase": int(engine.phase)}
@@ -68,9 +68,9 @@ def state_of(parts: Parts, books: Books | None) -> tuple[Arrays, dict[str, Any]]
         arrays["dissolved"] = np.ascontiguousarray(engine.dissolved[parts.grid.near])
     if parts.closure is not None:
         arrays["fringe"] = engine.fringe_history
-    if books is not None:
-        arrays |= {"flows": engine.flows, "powers": books.powers}
-        meta["first_amounts"] = books.first
+    if balance is not None:
+        arrays |= {"flows": engine.flows, "powers": balance.powers}
+        meta["first_amounts"] = balance.first
     return arrays, meta
 
 
@@ -88,11 +88,11 @@ def take_state(parts: Parts, arrays: Arrays, meta: dict[str, Any], step: int) ->
         parts.phases.set(arrays["dissolved"])
 
 
-def take_rest(parts: Parts, books: Books | None, arrays: Arrays, meta: dict[str, Any]) -> None:
+def take_rest(parts: Parts, balance: FlowBalance | None, arrays: Arrays, meta: dict[str, Any]) -> None:
     """What `take_state` leaves out, once the cracks are open."""
     engine = parts.grid.engine
     for name, array in engine.bonds.state.items():
         array[...] = arrays[name]
-    if books is not None:
-        engine.flows[...], books.powers[...] = arrays["flows"], arrays["powers"]
-        books.first = meta["first_amounts"]
+    if balance is not None:
+        engine.flows[...], balance.powers[...] = arrays["flows"], arrays["powers"]
+        balance.first = meta["first_amounts"]

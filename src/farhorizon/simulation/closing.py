@@ -64,7 +64,7 @@ def _check_fringe(closure: Closure, near: NearField, grid: Grid, solid: np.ndarr
     constraint.
     """
     material = near.material
-    for nodes in (*near.holds.nodes, near.conditions.nodes, np.flatnonzero(near.leak), np.flatnonzero(solid)):
+    for nodes in (*near.prescribed.nodes, near.conditions.nodes, np.flatnonzero(near.leak), np.flatnonzero(solid)):
         material.flat[nodes] = np.nan
     grown = grid.grown(material).reshape(closure.halo.shape)
     if not np.ptp(grown[tuple(closure.fringe.index.T)]) == 0:
@@ -77,7 +77,7 @@ def _check_fringe(closure: Closure, near: NearField, grid: Grid, solid: np.ndarr
         )
 
 
-def exact_ends(near: NearField, sides: Sides, grid: Grid) -> ExactEnds | None:
+def exact_ends_of(near: NearField, sides: Sides, grid: Grid) -> ExactEnds | None:
     """The exact ends, whose chains have the bonds of the last nodes; None without.
 
     Raises

@@ -21,7 +21,7 @@ _Bonds = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
-class Cuts:
+class CutBonds:
     """Where bonds of a near field on its grid are absent.
 
     Attributes

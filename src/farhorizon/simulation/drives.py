@@ -14,7 +14,7 @@ from farhorizon.geometry.shapes import Cut
 from farhorizon.inputs.incidence import Incidence, IncidentWave, check_scatterers
 from farhorizon.inputs.loads import BodyForce, Traction, force_density
 from farhorizon.inputs.outside import Beyond
-from farhorizon.inputs.sources import Source, as_source, by_component, parts, split, steady
+from farhorizon.inputs.sources import Source, as_source, by_component, space_and_time, split, steady
 from farhorizon.medium.integrators import Verlet
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import NearField
@@ -114,7 +114,7 @@ def _split_part(
     source: Any, unit: Any, key: str, near: NearField, beyond: Beyond, unsplit: list[Callable[..., Any]]
 ) -> Drive:
     """One part of a source, to be multiplied with `unit`; one with a unit vector is a scalar."""
-    space, time = parts(source)
+    space, time = space_and_time(source)
     whole = np.ndim(unit) == 0
     values, moment = split(source, near.lattice, near.stencil.components if whole else 1)
     if space is None or values is None:

@@ -12,7 +12,7 @@ from farhorizon.inputs.sources import steady
 from farhorizon.simulation.drives import Drive
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import NearField
-from farhorizon.simulation.phases import Phases
+from farhorizon.simulation.solid_and_liquid import SolidAndLiquid
 
 _TABLE = 1 << 20  # numbers in one table of source amplitudes
 
@@ -42,7 +42,7 @@ class Feed:
     grid : Grid
     drives : sequence of Drive
         Sources, loads, conditions and incident waves.
-    phases : Phases or None
+    phases : SolidAndLiquid or None
         Metal, which no source acts on.
     scale : float
         What the initial data explain.
@@ -54,23 +54,23 @@ class Feed:
     """
 
     def __init__(
-        self, near: NearField, grid: Grid, drives: Sequence[Drive], phases: Phases | None, scale: float
+        self, near: NearField, grid: Grid, drives: Sequence[Drive], phases: SolidAndLiquid | None, scale: float
     ) -> None:
         self.near, self.grid, self.drives, self.phases, self.scale = near, grid, list(drives), phases, scale
         self._nodes = grid.indices if self.drives else np.zeros(0, np.int64)
 
-    def tie(self) -> None:
+    def prescribe(self) -> None:
         """Give the engine the nodes that conditions prescribe, with their values at the start."""
         engine, table, near = self.grid.engine, self.near.conditions, self.grid.indices
-        engine.set_tied(near[table.nodes], table.starts, near[table.references], table.weights)
+        engine.set_dependents(near[table.nodes], table.starts, near[table.references], table.weights)
         if table.nodes.size:
             fields, amplitudes = self._tables(table.drives, table.nodes.shape, 0, (0.0,), np.ones((1, 1)), 1)
             self.scale = max(self.scale, _largest(fields, amplitudes))
-            engine.tie(amplitudes[0, 0] @ fields)
+            engine.set_dependent_values(amplitudes[0, 0] @ fields)
 
     def hold(self, step: int) -> None:
         """Tell the engine which nodes follow a value from a step on."""
-        self.grid.engine.hold(self.grid.indices[self.near.holds.held(step)])
+        self.grid.engine.hold(self.grid.indices[self.near.prescribed.held(step)])
 
     def force(self, t: float) -> np.ndarray:
         """What the sources do at a time, of the field's shape."""
@@ -90,7 +90,7 @@ class Feed:
             return
         integrator = near.model.integrator
         samples, weights = integrator.source_samples(near.dt)
-        tied_samples, held_weights = integrator.tied_samples(near.dt)
+        prescribed_samples, held_weights = integrator.prescribed_samples(near.dt)
         weights = weights * near.model.source_factor
         general = any(space is None for space, _ in self.drives + held.drives)
         count = len(self.drives + held.drives)
@@ -101,7 +101,7 @@ class Feed:
             strength, amplitudes = self._tables(self.drives, near.field_shape, step, samples, weights, n)
             if general and self.phases is not None:
                 self.phases.refuse_wet(np.any(strength != 0, axis=0).reshape(near.lattice.shape))
-            values, times = self._tables(held.drives, held.nodes.shape, step, tied_samples, held_weights, n)
+            values, times = self._tables(held.drives, held.nodes.shape, step, prescribed_samples, held_weights, n)
             used = np.any(strength, axis=0)
             engine.advance(
                 n,
@@ -120,9 +120,9 @@ class Feed:
 
     def _prescribed(self, step: int, steps: int) -> np.ndarray | None:
         """Values of the held nodes after each of the next steps."""
-        if not self.near.holds.constraints:
+        if not self.near.prescribed.constraints:
             return None
-        values = self.near.holds.table(step, steps)
+        values = self.near.prescribed.table(step, steps)
         self.scale = max(self.scale, float(np.abs(values).max(initial=0)))
         return values
 

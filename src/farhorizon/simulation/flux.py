@@ -18,7 +18,7 @@ from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import NearField
-from farhorizon.simulation.phases import Phases
+from farhorizon.simulation.solid_and_liquid import SolidAndLiquid
 
 Bonds = Callable[[int], np.ndarray]
 _SINGULAR = 1e-8  # second moments of the bonds left, relative to those of all
@@ -132,7 +132,9 @@ def power_across(
     return total * spacing ** (u.ndim - 2)
 
 
-def flux_tables(near: NearField, grid: Grid, phases: Phases | None) -> tuple[np.ndarray, np.ndarray, np.ndarray, Bonds]:
+def flux_tables(
+    near: NearField, grid: Grid, phases: SolidAndLiquid | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, Bonds]:
     """What `nodal_flux` and `power_across` need of a run: the field, offsets and weights of the bonds, and the factor
     of the bond from each node of the near field along an offset, 0 where there is none within it.
     """

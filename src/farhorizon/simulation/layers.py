@@ -18,8 +18,8 @@ from farhorizon.inputs.incidence import IncidentWave
 from farhorizon.inputs.sources import by_component, field, split
 from farhorizon.simulation.far_field import CROSSINGS, FORESEEN, LASTING, MOST_CROSSINGS, FarField, stand_ins
 from farhorizon.simulation.near_field import NearField
-from farhorizon.simulation.phases import placed
 from farhorizon.simulation.setup import Key, Setup, Sides, side_name
+from farhorizon.simulation.solid_and_liquid import placed
 from farhorizon.simulation.surroundings import Surroundings
 
 

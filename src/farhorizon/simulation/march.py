@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from farhorizon.simulation.assembly import Parts
-from farhorizon.simulation.books import Books
 from farhorizon.simulation.checkpoint import Arrays, state_of, take_rest, take_state
 from farhorizon.simulation.drives import Moving
 from farhorizon.simulation.energies import energies
 from farhorizon.simulation.feed import Feed
-from farhorizon.simulation.overstretch import Rim
+from farhorizon.simulation.flow_balance import FlowBalance
+from farhorizon.simulation.overstretch import IntactMargin
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.start import Motion
 
@@ -31,9 +31,9 @@ class March:
     ----------
     feed : Feed
     moving : Moving
-    books : Books or None
+    flow_balance : FlowBalance or None
         Of a diffusion whose balance is recorded.
-    rim : Rim or None
+    margin : IntactMargin or None
         Where bonds would break, but cannot.
     first_cuts : int
         Absent bonds at the start.
@@ -50,7 +50,7 @@ class March:
         self.setup, self.parts = setup, parts
         near, grid, sides, start = parts.near, parts.grid, parts.around.sides, parts.start
         self.moving = Moving(parts.drives.unsplit, parts.beyond, near.dt)
-        self.books: Books | None = None
+        self.flow_balance: FlowBalance | None = None
         self._opened = len(setup.cracks)
         self.open_cracks(0)
         self.first_cuts = int(grid.engine.absent.count)
@@ -67,8 +67,8 @@ class March:
             self.first_energy = found["kinetic"] + found["strain"]
         elif setup.balance:
             count = len(parts.drives.sources)
-            self.books = Books(setup, near, sides, grid, parts.phases, parts.ends, self.feed, count)
-        self.rim = self._find_rim()
+            self.flow_balance = FlowBalance(setup, near, sides, grid, parts.phases, parts.ends, self.feed, count)
+        self.margin = self._find_margin()
 
     def _lay_start(self) -> None:
         """Give the engine the level of the start, and that one step before it."""
@@ -76,7 +76,7 @@ class March:
         # all, for the sweep leaves out metal that nothing reaches
         for level in grid.engine.levels[: 1 if near.model.order == 2 else None]:
             grid.view(level)[...] = start.u.reshape(grid.view(level).shape)
-        self.feed.tie()
+        self.feed.prescribe()
         self.feed.hold(0)
         if near.model.order == 2:
             # the medium beyond an outline is at rest
@@ -90,8 +90,8 @@ class March:
         parts = self.parts
         return energies(parts.near, parts.around.sides, parts.grid, parts.ends, parts.breaking, self.setup.lasting)
 
-    def _find_rim(self) -> Rim | None:
-        return None if self.parts.breaking is None else self.parts.breaking.rim()
+    def _find_margin(self) -> IntactMargin | None:
+        return None if self.parts.breaking is None else self.parts.breaking.margin()
 
     def open_cracks(self, step: int) -> None:
         """Cut what has opened before a step."""
@@ -106,28 +106,28 @@ class March:
         if breaking is not None and stored:
             engine.bonds.count_cut((stored - breaking.strain_energy()) / breaking.mass)
         self._opened = len(due)
-        if self.books is not None and step:
-            self.books.reopen()
+        if self.flow_balance is not None and step:
+            self.flow_balance.reopen()
         if step:
-            self.rim = self._find_rim()
+            self.margin = self._find_margin()
 
     def allow(self, step: int, wanted: int) -> int:
         """How many of the wanted steps may be made from one on before something has to be seen to."""
         opening = [int(np.ceil(c.opens / self.parts.near.dt - 1e-9)) - step for c in self.setup.cracks]
         steps = min(wanted, min((wait for wait in opening if wait > 0), default=sys.maxsize))
-        if self.rim is not None:
-            steps = min(steps, self.rim.every - step % self.rim.every)
-        if self.parts.near.holds.constraints:
-            steps = self.parts.near.holds.allow(step, steps)
+        if self.margin is not None:
+            steps = min(steps, self.margin.every - step % self.margin.every)
+        if self.parts.near.prescribed.constraints:
+            steps = self.parts.near.prescribed.allow(step, steps)
         return steps if self.parts.ends is None else self.parts.ends.allow(steps)
 
     def advance(self, step: int, steps: int) -> Iterator[int]:
         """Make some steps from one on; after each batch of them the caller has its turn, and is told their number."""
         for batch in self.feed.advance(step, steps):
-            if self.books is not None:
-                self.books.add(batch)
+            if self.flow_balance is not None:
+                self.flow_balance.add(batch)
             yield batch.steps
-        if self.parts.near.holds.constraints:
+        if self.parts.near.prescribed.constraints:
             if self.parts.near.model.order == 2:
                 self._motion.release(step + steps)
             self.feed.hold(step + steps)
@@ -149,15 +149,15 @@ class March:
 
     def balance(self) -> dict[str, float]:
         """Gains since the start and where they came from, see `farhorizon.Simulation.balance`."""
-        if self.books is not None:
-            return self.books.balance()
+        if self.flow_balance is not None:
+            return self.flow_balance.balance()
         found = self.energies()
         return {**found, "lost": self.first_energy + 2 * found["work"] - sum(found.values())}
 
     def state(self, step: int) -> tuple[Arrays, dict[str, Any]]:
         """All that is not in the set-up, before a step: arrays, and facts as JSON."""
         self.open_cracks(step)  # as the next step begins: `take` opens what is due at that time
-        arrays, meta = state_of(self.parts, self.books)
+        arrays, meta = state_of(self.parts, self.flow_balance)
         return arrays, meta | {"step": step, "scale": self.feed.scale}
 
     def take(self, arrays: Arrays, meta: dict[str, Any]) -> int:
@@ -166,5 +166,5 @@ class March:
         take_state(self.parts, arrays, meta, step)
         self.feed.hold(step)
         self.open_cracks(step)
-        take_rest(self.parts, self.books, arrays, meta)
+        take_rest(self.parts, self.flow_balance, arrays, meta)
         return step

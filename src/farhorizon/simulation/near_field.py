@@ -13,7 +13,7 @@ from farhorizon import kinds
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.conditions import Conditions, resolve
-from farhorizon.inputs.prescribed import Holds, Prescribed
+from farhorizon.inputs.prescribed import Prescribed, PrescribedNodes
 from farhorizon.inputs.sources import field, largest_component
 from farhorizon.medium.stencil import Stencil
 from farhorizon.models import LatticeModel
@@ -40,7 +40,7 @@ class NearField:
     rate_limit : float
         Largest rate of the operator (1/time, or 1/time^2 of waves).
     dt : float
-    holds : Holds
+    prescribed : PrescribedNodes
         Nodes that follow a value for a while.
     """
 
@@ -53,7 +53,7 @@ class NearField:
     conditions: Conditions
     rate_limit: float
     dt: float
-    holds: Holds
+    prescribed: PrescribedNodes
 
     @property
     def step_limit(self) -> float:
@@ -113,7 +113,7 @@ class NearField:
     def busy(self) -> np.ndarray:
         """Nodes that a condition holds, of the lattice's shape."""
         found = np.zeros(self.lattice.shape, bool)
-        found.ravel()[np.concatenate([self.conditions.nodes, *self.holds.nodes]).astype(int)] = True
+        found.ravel()[np.concatenate([self.conditions.nodes, *self.prescribed.nodes]).astype(int)] = True
         return found
 
     def inside(self, values: np.ndarray) -> np.ndarray:
@@ -171,11 +171,11 @@ def near_field(setup: Setup, sides: Sides, stencil: Stencil, factor: np.ndarray 
         conditions,
         rate,
         dt,
-        Holds(prescribed, lattice, model.integrator, dt, setup.background),
+        PrescribedNodes(prescribed, lattice, model.integrator, dt, setup.background),
     )
 
 
-def bond_factor(setup: Setup) -> np.ndarray | None:
+def node_factor(setup: Setup) -> np.ndarray | None:
     """The factor on bonds at each node; None without. InputError where it is negative."""
     if setup.coefficient is None:
         return None

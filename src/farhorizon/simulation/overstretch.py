@@ -1,5 +1,5 @@
-"""The rim of a near field whose bonds break: within one reach of sides that are not free they cannot, so that a crack
-that gets there stops.
+"""The margin of a near field whose bonds break: within one reach of sides that are not free they cannot, so that a
+crack that gets there stops.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from farhorizon.geometry.lattice import Lattice
 
 
 @dataclass(frozen=True, eq=False)
-class Rim:
+class IntactMargin:
     """The bonds of the nodes that lie within one reach of such sides.
 
     Attributes
@@ -32,7 +32,7 @@ class Rim:
         Largest ``|xi + eta|^2 / |xi|^2 - 1`` of a bond that would not break (linearised: ``2 xi . eta / |xi|^2``).
     nonlinear : bool
     every : int
-        Steps between two looks: a wave takes longer through the rim.
+        Steps between two looks: a wave takes longer through the margin.
     """
 
     nodes: np.ndarray
@@ -64,7 +64,7 @@ class Rim:
         )
 
 
-def rim_of(
+def intact_margin(
     shape: tuple[int, ...],
     breakable: tuple[slice, ...],
     places: np.ndarray,
@@ -75,8 +75,8 @@ def rim_of(
     limit: float,
     nonlinear: bool,
     every: int,
-) -> Rim | None:
-    """The rim of a near field, None if there is none.
+) -> IntactMargin | None:
+    """The margin of a near field, None if there is none.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def rim_of(
     present : ndarray of uint64, shape (words, *shape)
         Bits of the bonds that are there.
 
-    The rest as of `Rim`.
+    The rest as of `IntactMargin`.
     """
     outside = np.ones(shape, bool)
     outside[breakable] = False
@@ -103,7 +103,7 @@ def rim_of(
     held = bits.any(0)
     if not held.any() or not np.isfinite(limit):
         return None
-    return Rim(
+    return IntactMargin(
         places[outside][held],
         corners[held],
         np.ascontiguousarray(bits[:, held]),

@@ -23,7 +23,7 @@ from farhorizon.geometry.lattice import Lattice
 from farhorizon.medium.stencil import Stencil
 from farhorizon.simulation.examination import Examination
 from farhorizon.simulation.kept import packed
-from farhorizon.simulation.overstretch import Rim
+from farhorizon.simulation.overstretch import IntactMargin
 from farhorizon.simulation.probes import Probes
 from farhorizon.simulation.resume import stored
 from farhorizon.simulation.steps import last_step, steps_between
@@ -106,7 +106,7 @@ class Run(ABC):
         ]
         self.stop_requested = False
         self.cautions: list[Caution] = []
-        self._next_look = 0  # step of the next look at the rim
+        self._next_look = 0  # step of the next look at the margin
         self.time, self.step_count = 0.0, 0
         self._examination = Examination()
         self._remarks: list[str] = []
@@ -209,14 +209,14 @@ class Run(ABC):
         self.probes = probes
         return probes
 
-    def _look_at(self, rim: Rim | None, level: np.ndarray) -> None:
-        """See whether bonds at the rim, which cannot break, are stretched so far that they would."""
-        if rim is None or self.step_count < self._next_look:
+    def _look_at(self, margin: IntactMargin | None, level: np.ndarray) -> None:
+        """See whether bonds of the margin, which cannot break, are stretched so far that they would."""
+        if margin is None or self.step_count < self._next_look:
             return
-        self._next_look = (self.step_count // rim.every + 1) * rim.every
-        warning = rim.warning(level, self.lattice)
+        self._next_look = (self.step_count // margin.every + 1) * margin.every
+        warning = margin.warning(level, self.lattice)
         if warning is not None:
-            say_doubt(self, "crack at the rim", warning)
+            say_doubt(self, "crack where bonds cannot break", warning)
 
     @abstractmethod
     def _watch(self, nodes: np.ndarray) -> None:

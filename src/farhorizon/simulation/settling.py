@@ -103,7 +103,7 @@ class Settling:
         self.why = [f"the domain is extended: layers would take {layers.over(far)}"]
 
 
-def late(around: Surroundings, until: float, dt: float) -> list[str]:
+def outlasted(around: Surroundings, until: float, dt: float) -> list[str]:
     """What is to be said of a run that outlasts what its sides were chosen for, by more than its last step."""
     chosen = {
         "the layers keep their target up to t = {:.6g}, later perhaps not: LatticePML(target=..., until=...) "

@@ -97,11 +97,11 @@ constraints, balance, specimens, loads
         beyond = sides(LatticePML() if self.boundary is None else self.boundary, lattice.dim)
         kinds.one_of(self.dtype, "dtype", ("float64", "float32"), "unknown number type")
         kinds.one_of(self.rule, "rule", ("both", "arithmetic", "harmonic"), "unknown bond rule")
-        kinds.one_of(self.rim, "rim", ("free", "fixed"), "unknown rim of a body")
+        kinds.one_of(self.rim, "rim", ("free", "fixed"), "unknown surface of a body")
         wanted_threads(self.threads)
         if self.rim == "fixed" and lattice.body is None:
             raise InputError(
-                "only a body has a rim",
+                "only a body has a surface",
                 value=self.rim,
                 key="rim",
                 remedy="give the lattice a body, or fix the sides: Fixed(...)",

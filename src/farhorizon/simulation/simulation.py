@@ -31,7 +31,7 @@ from farhorizon.simulation.guard import likely_cause, refuse_explosion
 from farhorizon.simulation.march import March
 from farhorizon.simulation.resume import matching
 from farhorizon.simulation.run import MOST_STEPS, Run, say_doubt, tick
-from farhorizon.simulation.settling import Settling, late, settled_sides
+from farhorizon.simulation.settling import Settling, outlasted, settled_sides
 from farhorizon.simulation.setup import Key, Setup, side_name
 from farhorizon.simulation.steps import seconds_of
 
@@ -266,7 +266,7 @@ class Simulation(Run):
             warning = None if self.parts.phases is None or self.cautions else self.parts.phases.warning()
             if warning is not None:
                 say_doubt(self, "supersaturated", warning)
-            self._look_at(march.rim, self.engine.current)
+            self._look_at(march.margin, self.engine.current)
 
     def _watch(self, nodes: np.ndarray) -> None:
         self._march.watch(nodes)
@@ -380,7 +380,7 @@ class Simulation(Run):
     def notes(self) -> list[str]:
         """What lies beyond the near field and is missed, but within the sides' targets, or cannot be known."""
         ends = [] if self.exact_ends is None else self.exact_ends.notes()
-        overdue = late(self.parts.around, max(self._end, self.time), self.dt)
+        overdue = outlasted(self.parts.around, max(self._end, self.time), self.dt)
         return self.parts.beyond.notes + ends + self._remarks + self._settling.why + overdue
 
     @property

@@ -14,8 +14,8 @@ from farhorizon.inputs.outside import Beyond
 from farhorizon.inputs.sources import field
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import NearField
-from farhorizon.simulation.phases import placed
 from farhorizon.simulation.setup import Setup, Sides
+from farhorizon.simulation.solid_and_liquid import placed
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ def start_of(setup: Setup, near: NearField, sides: Sides, beyond: Beyond) -> Sta
     v = _initial("v", setup, near, beyond) if moving else np.broadcast_to(0.0, near.field_shape)
     for name in set(map(str, initial)) - set(known):
         raise InputError("unknown initial field", value=name, limit=", ".join(known), key="initial")
-    u = near.holds.start(u)
+    u = near.prescribed.start(u)
     solid, metal = placed(setup, sides)
     for number, specimen in enumerate(setup.specimens):
         if isinstance(specimen.where, Shape):
@@ -77,7 +77,7 @@ def _initial(name: str, setup: Setup, near: NearField, beyond: Beyond) -> np.nda
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What becomes of the levels of an equation of second order where a run starts and where nodes are let go.
+    """What becomes of the levels of an equation of second order where a run starts and where nodes are released.
 
     Attributes
     ----------
@@ -120,7 +120,7 @@ class Motion:
     def release(self, step: int) -> None:
         """Let nodes go whose constraint ends at a step: the next one is their first, as the start is of all."""
         engine, dt, model = self.grid.engine, self.near.dt, self.near.model
-        for nodes, rate in self.near.holds.released(step):
+        for nodes, rate in self.near.prescribed.released(step):
             at = self.grid.indices[nodes]
             change = dt * (1 + model.damping * dt) * rate - dt**2 / 2 * self.acceleration(step * dt)[at]
             engine.older[at] = engine.current[at] - change

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from farhorizon.errors import InputError
-from farhorizon.simulation.cuts import Cuts
+from farhorizon.simulation.cuts import CutBonds
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Key, Sides, side_name
@@ -60,7 +60,7 @@ def check_conditions(near: NearField, sides: Sides, margins: dict[Key, int]) -> 
                 )
 
 
-def rest_and_damp(near: NearField, around: Surroundings, cuts: Cuts, fixed_rim: bool) -> np.ndarray:
+def rest_and_damp(near: NearField, around: Surroundings, cuts: CutBonds, fixed_rim: bool) -> np.ndarray:
     """Give the engine the nodes that never move, and the damping of sponges and of surfaces that lose heat, in the core
     and in layers along it.
 
@@ -68,7 +68,7 @@ def rest_and_damp(near: NearField, around: Surroundings, cuts: Cuts, fixed_rim: 
     ----------
     near : NearField
     around : Surroundings
-    cuts : Cuts
+    cuts : CutBonds
     fixed_rim : bool
         Whether nodes outside a body are held.
 

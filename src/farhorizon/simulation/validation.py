@@ -58,7 +58,7 @@ def _check_bonds(setup: Setup) -> None:
     """What bonds that follow a law of their own stretch do not have."""
     if setup.rim == "fixed":
         raise InputError(
-            "bonds that are nonlinear or break have no fixed rim",
+            "bonds that are nonlinear or break have no fixed surface",
             value=setup.rim,
             key="rim",
             remedy='rim="free", or Fixed sides',

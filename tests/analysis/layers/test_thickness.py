@@ -10,7 +10,7 @@ from farhorizon.analysis.layers.thickness import (
     diffusive,
     distance_to_side,
     gently_damped,
-    late,
+    long_run_profile,
     returned_by_diffusion,
     thin,
     thinnest_for_diffusion,
@@ -59,7 +59,9 @@ def test_scales_do_not_change_a_layer():
     thin_here, thin_there = thin(6, 4.0, 2.0), thin(6, 4.0, 2e-6)
     np.testing.assert_allclose(thin_here.sigma, 1e6 * thin_there.sigma, rtol=1e-14)
     np.testing.assert_allclose(
-        late(9, 2.0, 50.0, 12.0, 1e-5).alpha, 1e6 * late(9, 2e-6, 50e6, 12.0, 1e-5).alpha, rtol=1e-13
+        long_run_profile(9, 2.0, 50.0, 12.0, 1e-5).alpha,
+        1e6 * long_run_profile(9, 2e-6, 50e6, 12.0, 1e-5).alpha,
+        rtol=1e-13,
     )
     np.testing.assert_allclose(
         diffusive(9, 1.0, 400.0, 12.0).kappa, diffusive(9, 1e-6, 400e-12, 12e-6).kappa, rtol=1e-13
@@ -71,7 +73,7 @@ def test_late_layers_absorb_every_wave_of_a_run_as_their_bound_says():
     stays below 1e-4.
     """
     until, distance, wanted = 3000.0, 15.0, 1e-4
-    layer = late(12, 1.0, until, distance, wanted)
+    layer = long_run_profile(12, 1.0, until, distance, wanted)
     s = 1 / until + 1j * np.geomspace(1e-6, 0.6, 4000)
     for along in (0.0, 0.05, 0.3):
         decay = np.sqrt(s**2 + along**2)

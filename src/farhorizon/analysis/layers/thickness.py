@@ -112,7 +112,9 @@ def thin(nodes: int, strength: float, pace: float) -> Layer:
     return Layer(np.ones(nodes + 1), sigma * pace, (_SHIFT + _END * sigma[-1] * depth**4) * pace)
 
 
-def late(nodes: int, pace: float, until: float, distance: float, wanted: float, equal: int | None = None) -> Layer:
+def long_run_profile(
+    nodes: int, pace: float, until: float, distance: float, wanted: float, equal: int | None = None
+) -> Layer:
     """A profile for a run of length `until`.
 
     Parameters
@@ -183,12 +185,12 @@ def by_formula(
     nodes = int(np.ceil(np.log(4 / aim) * np.log(4 * _STEEPEST_WAVE / least) / np.pi**2 + 0.5))
     equal, nodes = _equal_edges(wanted), max(nodes, max(_EQUAL) + 1)
     sent = _Sent.of(stencil, pace, data)
-    layer = late(nodes, pace, until, distance, wanted, equal)
+    layer = long_run_profile(nodes, pace, until, distance, wanted, equal)
     for _ in range(_MORE_EQUAL):
         if sent.returned(layer) <= wanted:
             break
         equal, nodes = equal + 1, nodes + 1
-        layer = late(nodes, pace, until, distance, wanted, equal)
+        layer = long_run_profile(nodes, pace, until, distance, wanted, equal)
     return Thickness("late", layer, max(wanted, sent.returned(layer)), until, designed=True)
 
 
@@ -307,7 +309,7 @@ def family(
         for strength in _STRENGTHS[: 3 if backward else None]:
             found[f"thin ({strength:g})"] = gently_damped(thin(nodes, strength, pace), stencil)
         if nodes > max(_EQUAL) and timely:
-            found["late"] = late(nodes, pace, until, distance, wanted)
+            found["late"] = long_run_profile(nodes, pace, until, distance, wanted)
         return found
 
     return members

@@ -95,11 +95,11 @@ def load_parts(
     made = _load(
         "rows/part_rows", SHAPE=shape, PATTERN=pattern, AXIS=axis, BOTH=both, APART=apart, DIFFER=differ, REAL=real
     )
-    return int(made.parts.address)
+    return int(made.tile_parts.address)
 
 
 def load_bonds(components: int, nonlinear: bool, real: str, rule: str | None) -> tuple[int, int, int]:
-    """Addresses of the sweeps of plain tiles and of an odd one for a law of bonds, and of the bound of their stretch
+    """Addresses of the sweeps of plain tiles and of a damaged one for a law of bonds, and of the bound of their stretch
     (see `bond_sweeps`).
     """
     made = _load("rows/bond_rows", COMPONENTS=components, NONLINEAR=nonlinear, REAL=real, RULE=rule)

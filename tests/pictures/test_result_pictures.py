@@ -7,7 +7,7 @@ from drawn import axes_of, is_picture, wave
 from farhorizon.errors import InputError
 from farhorizon.files.results import ResultsWriter, open_results
 from farhorizon.pictures import fields
-from farhorizon.pictures import results as drawing
+from farhorizon.pictures import result_pictures as drawing
 from farhorizon.pictures.deformed import chosen_factor
 
 

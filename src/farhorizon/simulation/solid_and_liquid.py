@@ -33,7 +33,7 @@ def placed(setup: Setup, sides: Sides) -> tuple[np.ndarray, np.ndarray]:
 
 
 @dataclass(frozen=True, eq=False)
-class Phases:
+class SolidAndLiquid:
     """The phases of a near field on its grid.
 
     Attributes

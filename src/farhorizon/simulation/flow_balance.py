@@ -1,4 +1,4 @@
-"""The books of a diffusion: what flows into the free nodes of the near field, and from where."""
+"""The balance of a diffusion: what flows into the free nodes of the near field, and from where."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from farhorizon.medium.integrators import stage_effects
 from farhorizon.simulation.feed import Batch, Feed
 from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import NearField
-from farhorizon.simulation.phases import Phases
 from farhorizon.simulation.setup import Setup, Sides, side_name
+from farhorizon.simulation.solid_and_liquid import SolidAndLiquid
 
 
-class Books:
-    """One book for each condition, each side that the field flows through, and the fixed rim: bonds from there into
-    free nodes, which no condition prescribes; and one for what a reaction takes of these.
+class FlowBalance:
+    """One account for each condition, each side that the field flows through, and a fixed edge of a body: bonds from
+    there into free nodes, which no condition prescribes; and one for what a reaction takes of these.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ class Books:
     near : NearField
     sides : dict of (axis, side) to Side
     grid : Grid
-    phases : Phases or None
+    phases : SolidAndLiquid or None
     ends : ExactEnds or None
     feed : Feed
     sources : int
@@ -35,7 +35,7 @@ class Books:
     Attributes
     ----------
     names : list of str
-        Of the books.
+        Of the accounts.
     powers : ndarray
         What each drive has brought.
     first : dict of str to float
@@ -53,7 +53,7 @@ class Books:
         near: NearField,
         sides: Sides,
         grid: Grid,
-        phases: Phases | None,
+        phases: SolidAndLiquid | None,
         ends: ExactEnds | None,
         feed: Feed,
         sources: int,
@@ -79,8 +79,8 @@ class Books:
         self.grid.engine.flows[...] = so_far
 
     def _places(self) -> tuple[list[str], np.ndarray, np.ndarray]:
-        """Names of the books, the number from 1 on of that to which each place of a level belongs, 0 of free nodes, and
-        the free nodes of the near field.
+        """Names of the accounts, the number from 1 on of that to which each place of a level belongs, 0 of free nodes,
+        and the free nodes of the near field.
         """
         near, grid, engine, lead = self.near, self.grid, self.grid.engine, self.grid.lead
         lattice, rim = near.lattice, self._setup.rim
@@ -98,7 +98,7 @@ class Books:
         inner = core[grid.near].reshape(lattice.shape)
         inner.flat[near.conditions.nodes] = near.conditions.owner + 1  # also where it is no whole array
         if lattice.mask is not None and (lattice.body is not None or near.closed is not None):
-            number = -1  # bonds to a free rim are absent: no book
+            number = -1  # bonds to the free edge of a body are absent: no account
             if rim == "fixed" or near.closed is not None:
                 names.append("rim" if rim == "fixed" else "outline")
                 number = len(names)
@@ -107,7 +107,7 @@ class Books:
         return names, np.round(engine.spread(core, beyond)).astype(int), inner == 0
 
     def _open(self) -> None:
-        """Give the engine the bonds that are booked."""
+        """Tell the engine which bonds belong to which account."""
         near, grid, engine = self.near, self.grid, self.grid.engine
         self.names, where, self._free = self._places()
         block = engine.core
@@ -117,17 +117,17 @@ class Books:
             other = flat + int(offset @ np.array(block.stride))
             flows = (where[flat] == 0) & (where[other] != 0)
             found.append((where[other[flows]] - 1, flat[flows], other[flows], np.full(int(flows.sum()), weight)))
-        books, nodes, neighbours, weights = (np.concatenate([f[i] for f in found]) for i in range(4))
+        accounts, nodes, neighbours, weights = (np.concatenate([f[i] for f in found]) for i in range(4))
         weights = weights - engine.absent.lost(nodes, neighbours, weights)
         for number, leak in near.conditions.leaks:
             lossy = np.flatnonzero((leak > 0) & self._free)
-            books = np.append(books, np.full(lossy.size, number))
+            accounts = np.append(accounts, np.full(lossy.size, number))
             nodes, neighbours = np.append(nodes, grid.indices[lossy]), np.append(neighbours, np.full(lossy.size, -1))
             weights = np.append(weights, near.model.source_factor * leak.ravel()[lossy])
         if engine.reaction:
             self.names.append("reaction")
             free = grid.indices[self._free.ravel()]
-            books = np.append(books, np.full(free.size, len(self.names) - 1))
+            accounts = np.append(accounts, np.full(free.size, len(self.names) - 1))
             nodes, neighbours = np.append(nodes, free), np.append(neighbours, np.full(free.size, -1))
             weights = np.append(weights, np.full(free.size, engine.reaction))
         layers = {}
@@ -143,8 +143,8 @@ class Books:
             numbers = np.array([[self.names.index(name)] for name in self.ends.names])
             ends = np.where(where[self.ends.nodes] == 0, numbers, -1)
         effects = stage_effects(engine.stages) * np.array([n[2] for n in engine.stages.numbers])
-        engine.set_books(
-            books[kept], nodes[kept], neighbours[kept], weights[kept], effects, len(self.names), ends, layers
+        engine.record_flows(
+            accounts[kept], nodes[kept], neighbours[kept], weights[kept], effects, len(self.names), ends, layers
         )
 
     def _amounts(self) -> dict[str, float]:
@@ -162,7 +162,7 @@ class Books:
         return {"stored": total(self._free)} | {name: total(where, background) for name, where in phases.items()}
 
     def add(self, batch: Batch) -> None:
-        """Book what the sources have done."""
+        """Count in what the sources have done."""
         stages = self.grid.engine.stages
         effects = stage_effects(stages) * np.array([n[3] for n in stages.numbers])
         totals = np.einsum("p,npj->j", effects, batch.amplitudes) * batch.fields[:, self._free.ravel()].sum(1)

@@ -121,7 +121,7 @@ class View:
 
 
 @dataclass(frozen=True)
-class _Part:
+class _Scalar:
     """A scalar that is drawn: a field, the length of a vector field, or a component of it."""
 
     name: str
@@ -130,18 +130,18 @@ class _Part:
     of: Callable[[np.ndarray], np.ndarray]
 
 
-def _parts(results: Results) -> Iterator[_Part]:
+def _parts(results: Results) -> Iterator[_Scalar]:
     for name in results.field_names:
         count = results.components[name]
         if count == 1:
-            yield _Part(name, name, name, lambda values: values)
+            yield _Scalar(name, name, name, lambda values: values)
             continue
-        yield _Part(name, f"|{name}|", name, magnitude)
+        yield _Scalar(name, f"|{name}|", name, magnitude)
         for i, axis in enumerate("xyz"[:count]):
-            yield _Part(f"{name}_{axis}", f"{name}_{axis}", name, lambda values, i=i: values[i])  # type: ignore[misc]
+            yield _Scalar(f"{name}_{axis}", f"{name}_{axis}", name, lambda values, i=i: values[i])  # type: ignore[misc]
 
 
-def _wanted(results: Results, names: Sequence[str] | None) -> list[_Part]:
+def _wanted(results: Results, names: Sequence[str] | None) -> list[_Scalar]:
     parts = {part.name: part for part in _parts(results)}
     for name in names or ():
         if name not in parts:
@@ -217,7 +217,7 @@ def _panels(
     directory: Path,
     view: View,
     chosen: Sequence[int],
-    part: _Part,
+    part: _Scalar,
     plane: tuple[int, int] | None,
     say: Callable[[str], None],
 ) -> list[Path]:
@@ -255,7 +255,7 @@ def _panels(
 
 
 def _movie(
-    results: Results, directory: Path, view: View, chosen: Sequence[int], part: _Part, plane: tuple[int, int] | None
+    results: Results, directory: Path, view: View, chosen: Sequence[int], part: _Scalar, plane: tuple[int, int] | None
 ) -> list[Path]:
     """Draw the chosen outputs one after the other."""
     values = [part.of(results.field(part.field, k)) for k in chosen]
