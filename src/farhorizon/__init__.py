@@ -4,93 +4,40 @@ small grid.
 
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    from farhorizon.case.case import read_case
-    from farhorizon.public import *
-
 __version__ = "0.1.0"
 
-__all__ = [
-    "Auto",
-    "Ball",
-    "Beam",
-    "Body",
-    "BodyForce",
-    "Box",
-    "Certificate",
-    "Convection",
-    "Corrosion",
-    "Crack",
-    "Diffusion",
-    "Disc",
-    "DiscCut",
-    "Elastic",
-    "Exact",
-    "Expression",
-    "Extended",
-    "FarhorizonError",
-    "FileFormatError",
-    "FirstOrder",
-    "Fixed",
-    "Flux",
-    "Free",
-    "Heat",
-    "Higdon",
-    "ImageMask",
-    "IncidentWave",
-    "InputError",
-    "Insulated",
-    "Kernel",
-    "Lattice",
-    "LatticeModel",
-    "LatticePML",
-    "NonlocalPML",
-    "Periodic",
-    "PlaneWave",
-    "PointCut",
-    "Polygon",
-    "PolygonCut",
-    "Polyline",
-    "Prescribed",
-    "Probes",
-    "Rectangle",
-    "RungeKuttaChebyshev",
-    "Setup",
-    "Side",
-    "Simulation",
-    "Source",
-    "Specimen",
-    "Sponge",
-    "Stencil",
-    "Temperature",
-    "Text",
-    "Traction",
-    "UnstableError",
-    "ValidityWarning",
-    "Wave",
-    "WholeSteps",
-    "open_results",
-    "read_case",
-    "speed_of_current",
-    "tuned",
-]
+if TYPE_CHECKING:  # they see the names, and those that do not exist
+    from farhorizon.case.case import read_case as read_case
+    from farhorizon.public import *
+else:
+
+    def __getattr__(name: str) -> Any:
+        """Load names when they are wanted: NumPy, SciPy and the rest take a second, in which the command line must hear
+        an interrupt.
+        """
+        from importlib import import_module
+        from importlib.util import find_spec
+
+        if name == "__all__":
+            return _public_names()
+        if name.startswith("_"):
+            raise AttributeError(f"module 'farhorizon' has no attribute {name!r}")
+        if find_spec(f"farhorizon.{name}"):
+            return import_module(f"farhorizon.{name}")
+        if name == "read_case":  # case files know every public name
+            return import_module("farhorizon.case.case").read_case
+        public = vars(import_module("farhorizon.public"))
+        if name not in public:
+            raise AttributeError(f"module 'farhorizon' has no attribute {name!r}")
+        return public[name]
 
 
-def __getattr__(name: str) -> Any:
-    """Load names when they are wanted: NumPy, SciPy and the rest take a second, in which the command line must hear an
-    interrupt.
-    """
-    from importlib import import_module
-    from importlib.util import find_spec
+def _public_names() -> list[str]:
+    """Those that `farhorizon.public` lists, and what reads case files."""
+    from farhorizon import public
 
-    if name == "read_case":  # case files know every public name
-        return import_module("farhorizon.case.case").read_case
-    if name in __all__:
-        return getattr(import_module("farhorizon.public"), name)
-    if not name.startswith("_") and find_spec(f"farhorizon.{name}"):
-        return import_module(f"farhorizon.{name}")
-    raise AttributeError(f"module 'farhorizon' has no attribute {name!r}")
+    return sorted(["read_case", *(name for name in vars(public) if not name.startswith("_"))])
 
 
 def __dir__() -> list[str]:
-    return [*__all__, "__version__"]
+    return [*_public_names(), "__version__"]

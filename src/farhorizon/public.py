@@ -1,105 +1,66 @@
-"""Every name of the public interface, see `farhorizon.__all__`."""
+"""Every name of the public interface: the one list of them, which `farhorizon` loads when a name is wanted.
 
-from farhorizon.body.body import Body
-from farhorizon.boundaries import (
-    Auto,
-    Exact,
-    Extended,
-    FirstOrder,
-    Fixed,
-    Free,
-    Higdon,
-    LatticePML,
-    NonlocalPML,
-    Periodic,
-    PlaneWave,
-    Side,
-    Sponge,
-)
-from farhorizon.checks.certificate import Certificate
-from farhorizon.errors import FarhorizonError, FileFormatError, InputError, UnstableError, ValidityWarning
-from farhorizon.files.results import open_results
-from farhorizon.geometry.lattice import Lattice
-from farhorizon.geometry.masks import ImageMask, Text
-from farhorizon.geometry.shapes import Ball, Box, Disc, DiscCut, PointCut, Polygon, PolygonCut, Polyline, Rectangle
-from farhorizon.inputs.conditions import Convection, Flux, Insulated, Temperature
-from farhorizon.inputs.cracks import Crack
-from farhorizon.inputs.expressions import Expression
-from farhorizon.inputs.incidence import IncidentWave
-from farhorizon.inputs.loads import BodyForce, Traction
-from farhorizon.inputs.prescribed import Prescribed
-from farhorizon.inputs.sources import Source
-from farhorizon.inputs.specimens import Specimen
-from farhorizon.medium.integrators import RungeKuttaChebyshev
-from farhorizon.medium.kernel import Kernel
-from farhorizon.medium.stencil import Stencil
-from farhorizon.models import Beam, Corrosion, Diffusion, Elastic, Heat, LatticeModel, Wave, speed_of_current
-from farhorizon.simulation.probes import Probes
-from farhorizon.simulation.setup import Setup
-from farhorizon.simulation.simulation import Simulation
-from farhorizon.simulation.steps import WholeSteps
-from farhorizon.studies.tuning import tuned
+``X as X`` tells type checkers and linters that a name is handed on.
+"""
 
-__all__ = [
-    "Auto",
-    "Ball",
-    "Beam",
-    "Body",
-    "BodyForce",
-    "Box",
-    "Certificate",
-    "Convection",
-    "Corrosion",
-    "Crack",
-    "Diffusion",
-    "Disc",
-    "DiscCut",
-    "Elastic",
-    "Exact",
-    "Expression",
-    "Extended",
-    "FarhorizonError",
-    "FileFormatError",
-    "FirstOrder",
-    "Fixed",
-    "Flux",
-    "Free",
-    "Heat",
-    "Higdon",
-    "ImageMask",
-    "IncidentWave",
-    "InputError",
-    "Insulated",
-    "Kernel",
-    "Lattice",
-    "LatticeModel",
-    "LatticePML",
-    "NonlocalPML",
-    "Periodic",
-    "PlaneWave",
-    "PointCut",
-    "Polygon",
-    "PolygonCut",
-    "Polyline",
-    "Prescribed",
-    "Probes",
-    "Rectangle",
-    "RungeKuttaChebyshev",
-    "Setup",
-    "Side",
-    "Simulation",
-    "Source",
-    "Specimen",
-    "Sponge",
-    "Stencil",
-    "Temperature",
-    "Text",
-    "Traction",
-    "UnstableError",
-    "ValidityWarning",
-    "Wave",
-    "WholeSteps",
-    "open_results",
-    "speed_of_current",
-    "tuned",
-]
+from farhorizon.body.body import Body as Body
+from farhorizon.boundaries import Auto as Auto
+from farhorizon.boundaries import Exact as Exact
+from farhorizon.boundaries import Extended as Extended
+from farhorizon.boundaries import FirstOrder as FirstOrder
+from farhorizon.boundaries import Fixed as Fixed
+from farhorizon.boundaries import Free as Free
+from farhorizon.boundaries import Higdon as Higdon
+from farhorizon.boundaries import LatticePML as LatticePML
+from farhorizon.boundaries import NonlocalPML as NonlocalPML
+from farhorizon.boundaries import Periodic as Periodic
+from farhorizon.boundaries import PlaneWave as PlaneWave
+from farhorizon.boundaries import Side as Side
+from farhorizon.boundaries import Sponge as Sponge
+from farhorizon.checks.certificate import Certificate as Certificate
+from farhorizon.errors import FarhorizonError as FarhorizonError
+from farhorizon.errors import FileFormatError as FileFormatError
+from farhorizon.errors import InputError as InputError
+from farhorizon.errors import UnstableError as UnstableError
+from farhorizon.errors import ValidityWarning as ValidityWarning
+from farhorizon.files.results import open_results as open_results
+from farhorizon.geometry.lattice import Lattice as Lattice
+from farhorizon.geometry.masks import ImageMask as ImageMask
+from farhorizon.geometry.masks import Text as Text
+from farhorizon.geometry.shapes import Ball as Ball
+from farhorizon.geometry.shapes import Box as Box
+from farhorizon.geometry.shapes import Disc as Disc
+from farhorizon.geometry.shapes import DiscCut as DiscCut
+from farhorizon.geometry.shapes import PointCut as PointCut
+from farhorizon.geometry.shapes import Polygon as Polygon
+from farhorizon.geometry.shapes import PolygonCut as PolygonCut
+from farhorizon.geometry.shapes import Polyline as Polyline
+from farhorizon.geometry.shapes import Rectangle as Rectangle
+from farhorizon.inputs.conditions import Convection as Convection
+from farhorizon.inputs.conditions import Flux as Flux
+from farhorizon.inputs.conditions import Insulated as Insulated
+from farhorizon.inputs.conditions import Temperature as Temperature
+from farhorizon.inputs.cracks import Crack as Crack
+from farhorizon.inputs.expressions import Expression as Expression
+from farhorizon.inputs.incidence import IncidentWave as IncidentWave
+from farhorizon.inputs.loads import BodyForce as BodyForce
+from farhorizon.inputs.loads import Traction as Traction
+from farhorizon.inputs.prescribed import Prescribed as Prescribed
+from farhorizon.inputs.sources import Source as Source
+from farhorizon.inputs.specimens import Specimen as Specimen
+from farhorizon.medium.integrators import RungeKuttaChebyshev as RungeKuttaChebyshev
+from farhorizon.medium.kernel import Kernel as Kernel
+from farhorizon.medium.stencil import Stencil as Stencil
+from farhorizon.models import Beam as Beam
+from farhorizon.models import Corrosion as Corrosion
+from farhorizon.models import Diffusion as Diffusion
+from farhorizon.models import Elastic as Elastic
+from farhorizon.models import Heat as Heat
+from farhorizon.models import LatticeModel as LatticeModel
+from farhorizon.models import Wave as Wave
+from farhorizon.models import speed_of_current as speed_of_current
+from farhorizon.simulation.probes import Probes as Probes
+from farhorizon.simulation.setup import Setup as Setup
+from farhorizon.simulation.simulation import Simulation as Simulation
+from farhorizon.simulation.steps import WholeSteps as WholeSteps
+from farhorizon.studies.tuning import tuned as tuned
