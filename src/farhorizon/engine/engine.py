@@ -53,6 +53,8 @@ class Layer:
         High-pass filter along one axis, see `engine.filter`.
     whole : bool
         Whether short waves are damped themselves, not their velocity alone.
+    kept : {"float64", "float32"}
+        Number type of what it remembers, where all layers have the same; at most that of the field.
     """
 
     kappa: np.ndarray
@@ -61,6 +63,7 @@ class Layer:
     damping: np.ndarray = field(default_factory=lambda: np.zeros(0))
     taps: np.ndarray = field(default_factory=lambda: np.zeros(1))
     whole: bool = False
+    kept: str = "float64"
 
     def __post_init__(self) -> None:
         for name in ("kappa", "sigma", "alpha", "damping", "taps"):  # a checkpoint has short arrays as lists
@@ -169,9 +172,17 @@ class Engine:
         self.core = self.layout.near
         self.remember = any(np.any(layer.sigma) for layer in self.layers.values())
         recursion = {name: layer.recursion(dt) for name, layer in self.layers.items()}
+        short = all(layer.kept == "float32" for layer in self.layers.values())
         matrices = self.weights.reshape(len(self.weights), self.components, self.components)
         self.layer_tables = LayerTables(
-            self.layout, self.offsets, matrices, recursion, self.dtype, self.remember, coefficient is None
+            self.layout,
+            self.offsets,
+            matrices,
+            recursion,
+            self.dtype,
+            np.dtype("float32") if short else self.dtype,
+            self.remember,
+            coefficient is None,
         )
         self.levels = aligned_zeros(self.components * self.layout.size, self.dtype, stages.levels)
         memory = self.layer_tables.layers.memory.size // 4 if self.remember else 0
@@ -190,7 +201,7 @@ class Engine:
     @property
     def memory(self) -> np.ndarray:
         """What the layers remember."""
-        return self.tables.layers.memory
+        return self.tables.layers.memory.view(self.layer_tables.kept)
 
     def spread(self, core: np.ndarray, beyond: Mapping[tuple[int, int], float] | None = None) -> np.ndarray:
         """Nodal values of the core on every place of a level: constant along each normal from the core's edge on.
@@ -431,18 +442,22 @@ class Engine:
 
     def remind(self, level: np.ndarray) -> None:
         """The layers' memory goes through one step in which the field is `level`."""
-        self._operate(level, operator_operations(self.tables), self.memory)
+        self._operate(level, operator_operations(self.tables))
 
     def apply(self, level: np.ndarray) -> np.ndarray:
         """The operator L on a level, as a level (its nodes only are meaningful); fills the halo of `level`."""
-        return self._operate(level, operator_operations(self.tables), self.memory.copy())
+        return self._operate(level, operator_operations(self.tables), apart=True)
 
     def apply_core(self, level: np.ndarray) -> np.ndarray:
         """The operator L on a level with whatever its halo holds, with plain shifts everywhere."""
-        return self._operate(level, sweep_operations(self.tables), self.memory)
+        return self._operate(level, sweep_operations(self.tables))
 
-    def _operate(self, level: np.ndarray, operations: list[tuple[int, int]], memory: np.ndarray) -> np.ndarray:
-        """What some operations make of a level, without the rest of a stage, as a level: of bonds none breaks."""
+    def _operate(self, level: np.ndarray, operations: list[tuple[int, int]], apart: bool = False) -> np.ndarray:
+        """What some operations make of a level, without the rest of a stage, as a level: of bonds none breaks.
+
+        If `apart`, the layers remember nothing of it.
+        """
+        layers = self.tables.layers
         scale = self.stages.numbers[0][2]  # the last stage may be without operator
         levels = np.stack([level, np.zeros_like(level), np.zeros_like(level)])
         tables = self.tables._replace(
@@ -450,7 +465,7 @@ class Engine:
             starts=np.array([0, len(operations)]),
             rotation=np.arange(3).reshape(1, 1, 3),
             numbers=np.array([numbers_of(self, float(self.stages.increments), 0.0, scale, 0.0)], self.dtype),
-            layers=self.tables.layers._replace(memory=memory),
+            layers=layers._replace(memory=layers.memory.copy()) if apart else layers,
             bonds=self.tables.bonds._replace(limit=np.array([np.inf, np.inf], self.dtype)),
         )
         (self.loop or self._compiled)(1, 0, levels, tables, self._no_inputs(1))

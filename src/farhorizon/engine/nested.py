@@ -96,11 +96,13 @@ class Layers(NamedTuple):
         rows of work space of the parts of a face; lanes of all tiles and of a group of lines; the place of the first
         node; rows of work space of an edge.
     cell : int
-        1 where layers have memory, else 0.
+        Bytes of each number that layers remember; 0 where they have no memory.
     unit : float
         Sum of the weights' sizes, over which all weights here are taken.
-    slots, memory : ndarray
-        Values of the bands, and the layers' memory.
+    slots : ndarray
+        Values of the bands.
+    memory : ndarray
+        Room for what the layers remember, whose numbers may be shorter than these: see `LayerTables.kept`.
     """
 
     faces: np.ndarray
@@ -142,7 +144,8 @@ class LayerTables:
         The stencil.
     recursion : mapping of (axis, side) to (r, e, f)
         Of each layer, each of shape (columns + 1,).
-    dtype : dtype
+    dtype, kept : dtype
+        Of the field, and of what the layers remember.
     remember, alike : bool
         Whether the layers have memory, and whether no bonds have coefficients.
 
@@ -161,18 +164,14 @@ class LayerTables:
         weights: np.ndarray,
         recursion: Mapping[tuple[int, int], tuple[np.ndarray, ...]],
         dtype: np.dtype,
+        kept: np.dtype,
         remember: bool,
         alike: bool = True,
     ) -> None:
         # so that parts and their memory are as large as the field, in all units
         self.unit = float(np.abs(weights).sum()) or 1.0
-        self.layout, self.offsets, self.weights, self.dtype, self.remember = (
-            layout,
-            offsets,
-            weights / self.unit,
-            dtype,
-            remember,
-        )
+        self.layout, self.offsets, self.weights, self.remember = layout, offsets, weights / self.unit, remember
+        self.dtype, self.kept, self._types = dtype, kept, (dtype.name, kept.name)
         self.lanes, self.components = 64 // dtype.itemsize, layout.components
         names = list(recursion)
         self._profiles = {name: i for i, name in enumerate(names)}
@@ -227,10 +226,10 @@ class LayerTables:
             tables[2],
             *self._mirrored(alike),
             self._sizes(),
-            int(remember),
+            kept.itemsize * remember,
             dtype.type(self.unit),
             aligned_zeros(self.slots, dtype),
-            aligned_zeros(self.memory if remember else ALIGN * 4, dtype),
+            aligned_zeros(-(-self.memory * kept.itemsize // dtype.itemsize) if remember else ALIGN * 4, dtype),
         )
 
     def _mirrors(self, axis: int) -> bool:
@@ -259,7 +258,7 @@ class LayerTables:
                 self.sets[2],
                 layout.box.origin + first,
                 side,
-                *load_shifts(m, False, self.dtype.name),
+                *load_shifts(m, False, *self._types),
                 width,
                 size,
                 self.memory,
@@ -312,7 +311,7 @@ class LayerTables:
                     self.sets[axis],
                     layout.box.origin + first * stride[axis],
                     side * stride[axis],
-                    *load_shifts(m, True, self.dtype.name),
+                    *load_shifts(m, True, *self._types),
                     count,
                     stride[other],
                     self._first_line + first * self.grid[axis],
@@ -339,7 +338,7 @@ class LayerTables:
                 for own, a in itertools.product(range(self.sets[0]), range(1, m[0] + 1)):
                     far = int(np.abs(self.offsets[np.abs(self.offsets[:, 0]) == a, 1]).max(initial=0))
                     start = -a if own == self.sets[0] - 1 else 0  # parts outwards are wanted from column 0 on
-                    kinds.append((far, start, cells, *(load_shifts(far, True, self.dtype.name) if far else (0, 0, 0))))
+                    kinds.append((far, start, cells, *(load_shifts(far, True, *self._types) if far else (0, 0, 0))))
                     cells += (int(face[COLUMNS]) + 1 - start) * (2 * int(other[COLUMNS]) + 1) * far
                 kinds_of = itertools.product(
                     range(self.components), range(self.sets[0]), range(1, m[0] + 1), range(self.sets[1])
@@ -739,7 +738,7 @@ def continue_band(thread, number, stage, layers, work):
     middle = (m - 1 if step > 0 else columns) * m * row
     found, far = start + sizes[5] * row, (sets - 1) * (sizes[5] // 2) * row
     r, e, f = address(layers.r[band[PROFILE]]), address(layers.e[band[PROFILE]]), address(layers.f[band[PROFILE]])
-    apart, cells, cell = src.size // components, (2 * columns + 1) * m, layers.cell * group * size
+    apart, cells, cell = src.size // components, (2 * columns + 1) * m, layers.cell * group
     clear(found + (columns + m) * m * row, (width - columns - m) * m * LINES, like)
     if sets == 2:
         clear(found + far, width * m * LINES, like)
@@ -764,7 +763,7 @@ def continue_band(thread, number, stage, layers, work):
                 )
         if sets == 2:
             clear(found + far, (columns + m) * m * LINES, like)
-        kept = address(memory) + layers.cell * (band[KEPT] + item * group * cells) * size
+        kept = address(memory) + layers.cell * (band[KEPT] + item * group * cells)
         call_shifts(
             band[OUTWARDS],
             zero,
@@ -914,7 +913,7 @@ def stretch_edge(number, c, t, stage, layers, work, material):
     field, extra = address(src), address(slots)
     lanes = vectors * 64 // size
     kept = edge[EDGE_MEMORY] + (c * sizes[6] + tile[TILE_PLACE]) * edge[EDGE_CELLS]
-    cell = layers.cell * lanes * size
+    cell = layers.cell * lanes
     corner = face[ORIGIN] + (other[ORIGIN] - sizes[8]) + tile[TILE_FIRST]  # column 0 of both
     width = layers.bands[max(band, 0), WIDTH]
     line = layers.bands[max(band, 0), BASE] + (face[SLOT] + other[SLOT] - sizes[3]) * width + tile[TILE_COLUMN]
@@ -949,7 +948,7 @@ def stretch_edge(number, c, t, stage, layers, work, material):
                                 vectors,
                                 max(1, -q),
                             )
-                memo = address(memory) + layers.cell * past * size
+                memo = address(memory) + layers.cell * past
                 zero, there = start + (parts + n * n) * row, start + to * row
                 call_shifts(
                     kind[KIND_OUTWARDS],
@@ -1004,7 +1003,7 @@ def stretch_face(item, stage, layers, work, material):
     tables = tables_of(layers)
     field, extra, olds, news = address(src), address(slots), address(base), address(out)
     lanes, apart, cells = vectors * 64 // size, src.size // components, (2 * columns + 1) * m
-    cell = layers.cell * lanes * size
+    cell = layers.cell * lanes
     edge = item[4]
     other = layers.faces[layers.edges[max(edge, 0), EDGE_OTHER]] if edge >= 0 else face
     high = other[COLUMNS] + other[REACH] + 1
@@ -1094,7 +1093,7 @@ def stretch_face(item, stage, layers, work, material):
                     take_cuts(cuts, own, p, node, slot, band, src, layers, work, here, material)
         for c in range(components):
             kept = face[MEMORY] + ((c * face[ROWS] + row) * sizes[6] + tile[TILE_PLACE]) * cells
-            memo = address(memory) + layers.cell * kept * size
+            memo = address(memory) + layers.cell * kept
             zero, there = start + (c * sizes[5] + m * m) * wide, start + (found + m) * wide
             call_shifts(face[OUTWARDS], zero, m * wide, wide, there, wide, wide, memo, cell, r, e, f, columns, vectors)
             call_shifts(

@@ -1,0 +1,101 @@
+"""What the layers of a set-up remember: single precision in space where the target allows it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+
+PULSE = "exp(-((x - 7)**2 + (y - 8)**2 + (z - 9)**2)/3)"
+
+
+def cube(boundary=None, model=None, nodes=17, **changes):
+    lattice = fh.Lattice(1.0, (0.0,) * 3, (nodes - 1.0,) * 3)
+    return fh.Simulation(lattice, model or fh.Wave(fh.Kernel(2.0)), boundary, **{"initial": {"u": PULSE}, **changes})
+
+
+@pytest.mark.parametrize(
+    ("boundary", "changes", "kept"),
+    [
+        (None, {}, "float32"),
+        (fh.LatticePML(target=1e-5), {}, "float32"),
+        (fh.LatticePML(target=1e-6), {}, "float64"),
+        (fh.LatticePML(nodes=4), {}, "float64"),  # nobody said what is wanted
+        (fh.LatticePML(nodes=4, target=1e-3), {}, "float32"),
+        ({"x": fh.LatticePML(target=1e-3), "y": fh.LatticePML(target=1e-6), "z": fh.Fixed()}, {}, "float64"),
+        (fh.LatticePML(nodes=4), {"dtype": "float32"}, "float32"),
+        (None, {"model": fh.Elastic(fh.Kernel(2.0), 1.0, 0.25), "initial": {"u": [PULSE, "0", "0"]}}, "float32"),
+    ],
+)
+def test_targets_choose_what_is_remembered(boundary, changes, kept):
+    sim = cube(boundary, **changes)
+    assert sim.engine.memory.dtype == kept
+    single = "remembered in single precision" in str(sim.check(until=1.0, budget=0.1))
+    assert single == (kept == "float32" and "dtype" not in changes)
+
+
+def test_in_the_plane_all_is_remembered():
+    """Static fields grow there with the distance from their load, and a layer must remember them exactly."""
+    lattice = fh.Lattice(1.0, (0.0, 0.0), (16.0, 16.0))
+    sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), initial={"u": "exp(-((x-8)**2 + (y-8)**2)/3)"})
+    assert sim.engine.memory.dtype == "float64"
+
+
+def in_double(sim):
+    """The same layers, remembered in double precision."""
+    found = {}
+    for (axis, side), layer in sim.engine.layers.items():
+        target = sim.sides[axis, side].wanted(sim.model.target)
+        name, exact = "xyz"[axis] + "-+"[side > 0], replace(layer, kept="float64")
+        found[name] = fh.LatticePML(target=target, nodes=layer.columns, profile=exact)
+    return found
+
+
+THIN = fh.LatticePML(target=1e-3, nodes=6)
+SET_UPS = {
+    "a pulse": ({}, 40, 1e-8),
+    "a load that lasts": ({"initial": {}, "sources": [f"{PULSE}*(1 - exp(-t**2/20))"], "boundary": THIN}, 40, 1e-6),
+    "an elastic pulse": (
+        {"model": fh.Elastic(fh.Kernel(2.0), 1.0, 0.25), "initial": {"u": [PULSE, "0", "0"]}, "boundary": THIN},
+        10,
+        1e-7,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SET_UPS)
+def test_rounding_what_is_remembered_stays_far_below_the_target(name):
+    """Tens of crossings; also where a field stays in the layers, whose memory stops following it when what a step
+    changes is below its rounding.
+    """
+    changes, calls, most = SET_UPS[name]
+    short = cube(**changes)
+    exact = cube(**{**changes, "boundary": in_double(short)})
+    assert (short.engine.memory.dtype, exact.engine.memory.dtype) == ("float32", "float64")
+    largest = np.abs(exact.fields["u"]).max()
+    worst = 0.0
+    for _ in range(calls):
+        for sim in (short, exact):
+            sim.step(25)
+        largest = max(largest, np.abs(exact.fields["u"]).max())
+        worst = max(worst, np.abs(short.fields["u"] - exact.fields["u"]).max())
+    assert 0 < worst < most * largest
+
+
+def test_a_run_that_remembers_single_precision_resumes_bitwise(tmp_path):
+    whole, first = cube(), cube()
+    whole.step(25)
+    first.step(13)
+    first.save(tmp_path / "cube.ckpt")
+    second = fh.Simulation.restore(tmp_path / "cube.ckpt")
+    assert second.engine.memory.dtype == "float32"
+    second.step(12)
+    np.testing.assert_array_equal(second.fields["u"], whole.fields["u"])
+
+
+def test_the_certificate_examines_the_update_without_rounding():
+    """The verdict is that of the layers as they are, and rounding is no linear map."""
+    short = cube(nodes=9, initial={"u": "0*x"}, boundary=fh.LatticePML(nodes=2, target=1e-3))
+    exact = cube(in_double(short), nodes=9, initial={"u": "0*x"})
+    assert short.certificate(budget=20).verdict == exact.certificate(budget=20).verdict
