@@ -180,7 +180,7 @@ class Arrivals:
     sample: Sample
     number: np.ndarray
 
-    @property
+    @cached_property
     def frequency(self) -> np.ndarray:
         """The discrete s of each, ``2/dt (z - 1)/(z + 1)``."""
         return 2 / self.medium.dt * (self.factor - 1) / (self.factor + 1)
@@ -195,21 +195,22 @@ class Arrivals:
         closed = self._largest(self.amplitude * reflected(self.root, self.frequency, layer))
         if not self.sample.needed(layer):
             return closed
-        beyond = float(np.linalg.norm(self.amplitude * self._excess(layer)))
+        beyond = float(np.linalg.norm(self.amplitude * self._excess(layer, slice(None))))
         return closed + self.largest * beyond / max(float(np.linalg.norm(self.amplitude)), 1e-300)
 
     def share(self, layer: Layer) -> float:
         """Root of the share of the waves' energy that comes back, from a part of them: quick, to compare layers by."""
         some = slice(None, None, 1 + len(self.amplitude) // _COMPARED)
         back = self.amplitude[some] * (
-            np.abs(reflected(self.root[some], self.frequency[some], layer)) + self._excess(layer)[some]
+            np.abs(reflected(self.root[some], self.frequency[some], layer)) + self._excess(layer, some)
         )
         return float(np.linalg.norm(back) / max(float(np.linalg.norm(self.amplitude[some])), 1e-300))
 
-    def _excess(self, layer: Layer) -> np.ndarray:
-        """By how much the reflected amplitude of each wave is above the closed form, by the waves that stand for
+    def _excess(self, layer: Layer, some: slice) -> np.ndarray:
+        """By how much the reflected amplitudes of some waves are above the closed form, by the waves that stand for
         them."""
-        return self.sample.excess(layer)[self.number] if self.sample.needed(layer) else np.zeros(len(self.amplitude))
+        alike = self.number[some]
+        return self.sample.excess(layer)[alike] if self.sample.needed(layer) else np.zeros(len(alike))
 
     @cached_property
     def largest(self) -> float:
@@ -243,6 +244,9 @@ class Arrivals:
         return max(1.0, found / max(float(single[loudest].sum()), 1e-300))
 
 
+_BLOCK = 4096  # waves that `reflected` takes at a time
+
+
 def reflected(root: np.ndarray, frequency: np.ndarray, layer: Layer) -> np.ndarray:
     """Reflection of a layer for modes of given factors over a node: the way to its outer end and back.
 
@@ -257,12 +261,17 @@ def reflected(root: np.ndarray, frequency: np.ndarray, layer: Layer) -> np.ndarr
     -------
     ndarray of complex, shape (n,)
     """
-    tangent = (1 - root) / (1 + root)
-    found = np.ones_like(root)
-    for edge, (kappa, sigma, alpha) in enumerate(zip(layer.kappa, layer.sigma, layer.alpha, strict=True)):
-        stretched = (kappa + sigma / (frequency + alpha)) * tangent
-        passed = (1 - stretched) / (1 + stretched)
-        found *= passed if edge == layer.columns else passed * passed  # the last edge is the end: passed once
+    found = np.empty_like(root)
+    for first in range(0, len(root), _BLOCK):  # what an edge takes stays in the cache for the next
+        part = slice(first, first + _BLOCK)
+        cosine, sine, passed = 1 + root[part], 1 - root[part], np.ones_like(root[part])
+        for edge, (kappa, sigma, alpha) in enumerate(zip(layer.kappa, layer.sigma, layer.alpha, strict=True)):
+            shifted = frequency[part] + alpha
+            stretched, plain = (kappa * shifted + sigma) * sine, shifted * cosine
+            if edge == layer.columns:
+                passed *= passed  # there and back; the last edge is the end, which is passed once
+            passed *= (plain - stretched) / (plain + stretched)
+        found[part] = passed
     return found
 
 
