@@ -12,7 +12,7 @@ import numpy as np
 from farhorizon.engine.bond_zone import BondZone
 from farhorizon.engine.bonds import PHASES, factors_of
 from farhorizon.engine.field import Field
-from farhorizon.engine.filter import damped_nodes
+from farhorizon.engine.filter import without
 from farhorizon.engine.surface import bare_bonds, shared_rows
 from farhorizon.engine.tables import Cuts, Surface
 
@@ -84,8 +84,7 @@ class AbsentBonds:
         if not exists.all():
             engine.levels.reshape(len(engine.levels), engine.components, -1)[..., ~exists] = 0
             # nothing passes the layers' filter from or to there
-            found = engine.tables.filter
-            found.strengths[np.flatnonzero(~exists[damped_nodes(found.runs)])] = 0
+            engine.replace(filter=without(engine.tables.filter, lambda damped: ~exists[damped]))
             at, bare = bare_bonds(box, engine.offsets, exists)
         flat = np.asarray(box.origin + sum(i * s for i, s in zip(at, box.stride, strict=True)))
         self.count += int(bare.sum())

@@ -17,7 +17,7 @@ from farhorizon.engine.absent import AbsentBonds
 from farhorizon.engine.bond_zone import BondZone
 from farhorizon.engine.bonds import CHUNK, RULES, Zone
 from farhorizon.engine.ends import Ends, Poles, ends_table
-from farhorizon.engine.filter import damped_nodes
+from farhorizon.engine.filter import without
 from farhorizon.engine.fringe import fringe_table
 from farhorizon.engine.layout import Layout, aligned_zeros
 from farhorizon.engine.nested import LayerTables
@@ -234,8 +234,7 @@ class Engine:
         Nodes whose new increment is taken whole stay where they are.
         """
         if nodes.size:
-            found = self.tables.filter
-            found.strengths[np.flatnonzero(np.isin(damped_nodes(found.runs), nodes[after == 0]))] = 0
+            self.replace(filter=without(self.tables.filter, lambda damped: np.isin(damped, nodes[after == 0])))
         factors = (factor.astype(self.dtype) for factor in (before, after, leak))
         self.replace(damping=Damping(nodes.astype(np.int64), *factors))
 

@@ -12,7 +12,7 @@ which the layers are a frame.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -37,9 +37,9 @@ class Filter(NamedTuple):
     box : ndarray
         All nodes in their natural order, with margins; it goes on for `SLACK` values.
     strengths : ndarray
-        Of the damped nodes, run by run; they go on for `SLACK` values.
+        Lines of them along the last axis, each that occurs once; they go on for `SLACK` values.
     runs : ndarray of int, shape (P, 4)
-        Pieces of neighbouring nodes: place in the box, place in a level, first entry, entries.
+        Pieces of neighbouring nodes: place in the box, place in a level, place of the first strength, nodes.
     copies : ndarray of int, shape (2, C)
         Places of the box that repeat what lies across periodic axes, and those.
     whole : bool
@@ -84,21 +84,23 @@ def filter_tables(
     pads = [len(taps) - 1 if a in axes else 0 for a in range(3)]
     extent = [n + 2 * pad for n, pad in zip(nodes, pads, strict=True)]
     step = np.array([extent[1] * extent[2], extent[2], 1])
-    rate = np.zeros(nodes)
+    along = [np.zeros(n) for n in nodes]
     for (axis, side), values in rates.items():
-        line = np.zeros(nodes[axis])
-        line[: len(values)] = values[::-1]
-        rate = rate + line[::-side].reshape([-1 if a == axis else 1 for a in range(3)])
+        end = slice(len(values)) if side < 0 else slice(nodes[axis] - len(values), None)
+        along[axis][end] += values[::side]
+    across, line = np.unique(np.add.outer(along[0], along[1]), return_inverse=True)
+    rate = np.add.outer(across, along[2])
     strengths = np.sqrt(-np.expm1(-len(axes) * rate * dt) / len(axes))
     parts = [(pad + np.arange(n)) * s for pad, n, s in zip(pads, nodes, step, strict=True)]
     places = np.add.outer(np.add.outer(parts[0], parts[1]), parts[2])
-    damped = strengths > 0
+    entries = np.add.outer(line.reshape(nodes[:2]) * nodes[2], np.arange(nodes[2]))
+    damped = strengths.ravel()[entries] > 0
     return Filter(
         np.ascontiguousarray(taps, real),
         step[axes],
         np.zeros(int(np.prod(extent)) + SLACK, real),
-        np.append(strengths[damped], np.zeros(SLACK)).astype(real),
-        _runs(places[damped], layout.box.node_indices()[damped]),
+        np.append(strengths, np.zeros(SLACK)).astype(real),
+        _runs(places[damped], layout.box.node_indices()[damped], entries[damped]),
         _wrapped(places[damped], layout, step, pads, extent),
         whole,
     )
@@ -130,18 +132,27 @@ def line_damping(rates: np.ndarray, taps: np.ndarray, dt: float, across: np.ndar
     return strengths[:, None] * passed * strengths
 
 
-def _runs(places: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    """Pieces of neighbouring nodes: (place in the box, place in a level, first entry, entries), shape (P, 4)."""
-    edges = np.flatnonzero(np.diff(places, prepend=-2) != 1)
-    rows = []
-    for first, last in zip(edges, np.append(edges[1:], len(places)), strict=True):
-        rows += [(places[i], nodes[i], i, min(_PIECE, last - i)) for i in range(first, last, _PIECE)]
-    return np.array(rows, np.int64).reshape(-1, 4)
+def _runs(*rows: np.ndarray) -> np.ndarray:
+    """Pieces in which all rows, the place in the box first, go up by one: their first values, and the number of nodes;
+    shape (P, rows + 1).
+    """
+    count = len(rows[0])
+    parted = np.any([np.diff(row, prepend=row[:1]) != 1 for row in rows], axis=0)
+    edges = np.flatnonzero(parted)
+    found = []
+    for first, last in zip(edges, np.append(edges, count)[1:], strict=True):
+        found += [(*(row[i] for row in rows), min(_PIECE, last - i)) for i in range(first, last, _PIECE)]
+    return np.array(found, np.int64).reshape(-1, len(rows) + 1)
 
 
-def damped_nodes(runs: np.ndarray) -> np.ndarray:
-    """Node in a level of each entry of the strengths, from the table of runs."""
-    return np.concatenate([np.zeros(0, np.int64), *(np.arange(node, node + count) for _, node, _, count in runs)])
+def without(tables: Filter, spared: Callable[[np.ndarray], np.ndarray]) -> Filter:
+    """The same filter, which leaves some nodes alone; `spared` tells by the nodes' places in a level."""
+    rows = [
+        np.concatenate([np.zeros(0, np.int64), *(np.arange(run[column], run[column] + run[3]) for run in tables.runs)])
+        for column in range(3)
+    ]
+    kept = ~spared(rows[1])
+    return tables._replace(runs=_runs(*(row[kept] for row in rows)))
 
 
 def _wrapped(places: np.ndarray, layout: Layout, step: np.ndarray, pads: list[int], extent: list[int]) -> np.ndarray:
