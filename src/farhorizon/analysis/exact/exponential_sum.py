@@ -17,6 +17,7 @@ import numpy as np
 from scipy import fft
 
 from farhorizon.errors import InputError
+from farhorizon.machine import one_blas_thread
 
 _NOISE = 1e-14  # eigenvalues of the Hankel matrix below this share of the largest are close to rounding
 _FIRST_RANK = 64  # eigenvectors that are computed first; all of them only where these do not do
@@ -205,6 +206,7 @@ def force_error(kernel: np.ndarray, found: ExponentialSum, lags: np.ndarray | No
     return float(error.sum(1).max() / size.sum(1).max())
 
 
+@one_blas_thread()
 def compress(kernel: np.ndarray, tolerance: float = 1e-12, band: float = np.pi, most: int = 64) -> ExponentialSum:
     """The shortest sum of exponentials that meets a tolerance, or the best one if none does (its `error` says so).
 
