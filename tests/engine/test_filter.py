@@ -34,6 +34,19 @@ def natural(engine):
     return place, far
 
 
+def filter_matrix(nodes, shape, periodic):
+    """Sum over the axes of the taps along each, between all nodes of a layered box."""
+    dim, taps = len(shape), np.append(TAPS, np.zeros(100))
+    filtered = np.zeros((len(nodes), len(nodes)))
+    for axis in range(3 - dim, 3):
+        line = np.delete(nodes, axis, 1) @ (1000, 1)  # its number
+        gap = np.subtract.outer(nodes[:, axis], nodes[:, axis])
+        images = shape[1] * np.arange(-5, 6) if periodic and axis == 4 - dim else (0,)  # all that the taps reach
+        found = sum(taps[np.minimum(np.abs(gap + turn), 99)] for turn in images)
+        filtered += np.where(line[:, None] == line, found, 0.0)
+    return filtered
+
+
 @pytest.mark.parametrize("whole", [False, True])
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize(
@@ -60,21 +73,7 @@ def test_filter_is_the_matrix_it_is_said_to_be(shape, periodic, threads, whole):
     undamped = bare.engine.current[at]
     rates = np.append(0.0, RATE)[depth].sum(1)
     strength = np.sqrt(-np.expm1(-dim * rates * sim.dt) / dim)
-    filtered = np.zeros((len(at), len(at)))
-    for axis in range(3 - dim, 3):
-        gap = np.abs(table[:, None, :3] - table[None, :, :3])
-        if periodic and axis == 4 - dim:
-            for turn in range(-5, 6):  # all images that the taps reach
-                far = np.abs(table[:, None, axis] - table[None, :, axis] + turn * shape[1])
-                filtered += np.where(
-                    (np.delete(gap, axis, 2) == 0).all(2), np.append(TAPS, np.zeros(100))[np.minimum(far, 99)], 0.0
-                )
-        else:
-            filtered += np.where(
-                (np.delete(gap, axis, 2) == 0).all(2),
-                np.append(TAPS, np.zeros(100))[np.minimum(gap[:, :, axis], 99)],
-                0.0,
-            )
+    filtered = filter_matrix(table[:, :3], shape, periodic)
     expected = undamped - strength * (filtered @ (strength * (undamped if whole else undamped - old)))
     assert np.abs(sim.engine.current[at] - expected).max() <= 1e-13 * np.abs(expected).max()
     if whole:  # the level before is filtered, too: in 1D as the increment between them

@@ -32,7 +32,8 @@ def test_a_pulse_on_a_face_is_a_plane_wave(direction):
     for dx in spacings:
         lattice, model = fh.Lattice(dx, (0.0, 0.0), (6.0, 5 * dx)), material(dx)
         push = fh.Traction("x-", np.eye(2)[direction], time=blow)
-        sim = fh.Simulation(lattice, model, HALF_SPACE, loads=[push]).run(5.0, progress=False)
+        sim = fh.Simulation(lattice, model, HALF_SPACE, loads=[push])
+        sim.step(sim.prepare(5.0))  # its stability, which takes longer, is examined elsewhere
         speed = (model.p_speed, model.s_speed)[direction]
         exact = blow(sim.time - sim.dt / 2 - lattice.axes[0] / speed) / (model.density * speed)
         errors.append(np.abs(sim.fields["v"][direction] - exact[:, None]).max())
