@@ -11,7 +11,7 @@ from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.boundaries import exact
 from farhorizon.case.case import Case
 from farhorizon.engine.engine import available_threads
-from farhorizon.papers.ji2021 import PULSE_END, Example, ricker, ricker_rate
+from farhorizon.papers.ji2021 import PULSE_END, BarExample, ricker, ricker_rate
 
 COMPRESSED, CONVOLVED = fh.Exact(), fh.Exact(compress=None)
 BOTH = pytest.mark.parametrize("end", [COMPRESSED, CONVOLVED], ids=["compressed", "convolved"])
@@ -44,7 +44,7 @@ def published(name, end, dt):
     return fh.Simulation(**setup, initial={"u": lambda x: np.exp(-(x**2))}, coefficient=coefficient)
 
 
-EXAMPLES = {"bar": Example(), "interface": Example(soft=0.1), "seismic": Example(seismic=True)}
+EXAMPLES = {"bar": BarExample(), "interface": BarExample(soft=0.1), "seismic": BarExample(seismic=True)}
 
 
 @pytest.mark.parametrize(

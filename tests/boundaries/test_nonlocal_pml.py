@@ -183,7 +183,7 @@ DECAYING = (
 
 def rate(name, **options):
     kernel, boundary = paper.LONG[name]
-    return paper.growth(*paper.amplitudes(paper.KERNELS[kernel], boundary, **options))
+    return paper.late_growth(*paper.amplitudes(paper.KERNELS[kernel], boundary, **options))
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.boundaries.outline import Fringe, Outline, ordered_fronts
+from farhorizon.boundaries.outline import Outline, OutlineNodes, ordered_fronts
 from farhorizon.studies.compare import compare
 
 SPACING = 0.25
@@ -326,7 +326,7 @@ def test_normals_of_other_shapes():
         frozenset(),
         KERNEL_OFFSETS,
     )
-    fringe = Fringe(outline, outline.halo(), 0.5)
+    fringe = OutlineNodes(outline, outline.halo(), 0.5)
     right = fringe.filled[(fringe.points[fringe.filled][:, 0] > 4) & (np.abs(fringe.points[fringe.filled][:, 1]) < 2)]
     assert (fringe.normals[right][:, 0] > np.cos(np.radians(5))).all()
     assert (fringe.axes[right] == [1, 0]).all()

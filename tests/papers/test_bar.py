@@ -9,10 +9,10 @@ from farhorizon.analysis.exact.chain import Recursion, force_form, ghost_kernel,
 from farhorizon.analysis.exact.exponential_sum import compress
 from farhorizon.medium.integrators import Euler, Verlet
 from farhorizon.papers.bar import Bar, bonds_of
-from farhorizon.papers.ji2021 import Example
+from farhorizon.papers.ji2021 import BarExample
 
 # Examples of Ji et al. (2021): bar, interfaces, seismic source.
-EXAMPLES = {"bar": Example(), "interface": Example(soft=0.1), "seismic": Example(seismic=True)}
+EXAMPLES = {"bar": BarExample(), "interface": BarExample(soft=0.1), "seismic": BarExample(seismic=True)}
 
 
 def kernel_of(weights, recursion, steps):

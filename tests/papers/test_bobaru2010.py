@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from farhorizon.papers import bobaru2010 as paper
-from farhorizon.papers.bobaru2010 import DIVISIONS, KERNELS, RATIOS, SLOPES, Example, difference
+from farhorizon.papers.bobaru2010 import DIVISIONS, KERNELS, RATIOS, SLOPES, DiffusionExample, difference
 from farhorizon.papers.registry import find, reproductions
 
 #: Mid temperatures at 8 s by an independent program that is exact in time (matrix exponential of the same grids); rows
@@ -62,7 +62,7 @@ def test_the_curves_cross_at_the_classical_value(number, kernel):
     assert 3 < at < 5
     # the gap at m* is of second order: the square of the horizon (0.0375 cm) over the bar, of 100 C
     assert value == pytest.approx(
-        float(Example(number).classical.temperature(5.0, 8.0)), abs=100 * 0.0375 / 10 * 0.0375
+        float(DiffusionExample(number).classical.temperature(5.0, 8.0)), abs=100 * 0.0375 / 10 * 0.0375
     )
 
 
@@ -78,7 +78,7 @@ def test_one_held_node_has_no_limit():
 def test_example_3():
     """Not farther from the classical solution than the paper: 3.43e-5 and 2.84e-5."""
     for kernel, printed in (("constant", 3.43e-5), ("triangular", 2.84e-5)):
-        example = Example(3)
+        example = DiffusionExample(3)
         sim, bar = example.simulation(kernel, 3 * np.pi / 800, 4, 0.02)
         sim.step(400)
         exact = example.classical.temperature(sim.lattice.axes[0][bar], 8.0)
@@ -99,7 +99,7 @@ def test_example_3():
 )
 def test_flux(number, ratio, kernel, error, largest):
     """Figures 13 and 14: the largest difference from the classical flux."""
-    example = Example(number)
+    example = DiffusionExample(number)
     sim, bar = example.simulation(kernel, 0.0375, ratio, 0.02)
     sim.step(400)
     exact = example.classical.gradient(sim.lattice.axes[0][bar], 8.0)

@@ -7,7 +7,7 @@ from scipy import special
 from chains import BAR, BEAM, gaussian_weights
 from farhorizon.papers import ji2021 as paper
 from farhorizon.papers.ji2021 import (
-    Example,
+    BarExample,
     bar_weights,
     beam_kernel,
     impulse_response,
@@ -138,10 +138,10 @@ def test_reference_is_exact_in_time():
     acts and after.
     """
     for example, times in (
-        (Example(), (12.0,)),
-        (Example(soft=0.5), (12.0,)),
-        (Example(seismic=True), (6.0,)),
-        (Example(seismic=True), (6.0, 12.0)),
+        (BarExample(), (12.0,)),
+        (BarExample(soft=0.5), (12.0,)),
+        (BarExample(seismic=True), (6.0,)),
+        (BarExample(seismic=True), (6.0, 12.0)),
     ):
         exact = example.reference(times)
         errors = np.array(
@@ -213,7 +213,7 @@ def test_velocities_of_figure_4(tmp_path):
 def test_histories_of_the_interface():
     """Origin and right end of figure 8 beside a local bar; of the homogeneous bar beside the continuum, eq 37."""
     for beta in (0.5, 0.1):
-        times, found = paper.histories(Example(soft=beta), 40.0)
+        times, found = paper.histories(BarExample(soft=beta), 40.0)
         hump, hollow = found[paper.OURS][:, paper.RIGHT], found[paper.OURS][:, paper.ORIGIN]
         reflected, speed = (np.sqrt(beta) - 1) / (np.sqrt(beta) + 1), np.sqrt(beta)
         # dispersion lowers a gaussian of this width by 1 to 2 per cent ..
@@ -221,7 +221,7 @@ def test_histories_of_the_interface():
         assert hollow.min() == pytest.approx(reflected, rel=0.03)
         assert 0 <= times[hump.argmax()] - (4 / speed + 6) < 0.05 * times[hump.argmax()]  # .. and delays it
         assert 0 <= times[hollow.argmin()] - 8 / speed < 0.05 * times[hollow.argmin()]
-    times, found = paper.histories(Example(), 20.0)
+    times, found = paper.histories(BarExample(), 20.0)
     for node, x in ((paper.ORIGIN, 0.0), (paper.RIGHT, 10.0)):
         exact = np.array([solution(np.array([x]), t)[0][0] for t in times])
         # first order in the spacing, see figure 3
@@ -236,7 +236,7 @@ def test_error_histories_agree_with_the_tables():
         (0.5, {10: 5.84e-6, 15: 1.59e-5, 40: 5.82e-6}),
         (0.1, {10: 6.10e-7, 15: 1.97e-6, 40: 2.03e-5}),
     ):
-        times, found = paper.histories(Example(soft=beta), 40.0)
+        times, found = paper.histories(BarExample(soft=beta), 40.0)
         for t, largest in printed.items():
             error = np.abs(found[paper.THEIRS] - found["reference"])[round(t / 0.2)]
             assert times[round(t / 0.2)] == pytest.approx(t)
@@ -247,8 +247,8 @@ def test_histories_of_the_seismic_source(tmp_path):
     """Figure 13: ours is the long chain with the same step; humps as in a local bar, lower and later by dispersion; the
     pulse is eq 45.
     """
-    times, found = paper.histories(Example(seismic=True), 60.0)
-    np.testing.assert_allclose(found[paper.OURS], Example(seismic=True).run(0.005, times, None)[0], atol=1e-13)
+    times, found = paper.histories(BarExample(seismic=True), 60.0)
+    np.testing.assert_allclose(found[paper.OURS], BarExample(seismic=True).run(0.005, times, None)[0], atol=1e-13)
     early = times <= 10
     np.testing.assert_allclose(found["reference"][early, paper.ORIGIN], [ricker(t) for t in times[early]], atol=1e-14)
     assert np.abs(found[paper.OURS] - found["reference"]).max() < 2e-4
