@@ -6,6 +6,8 @@ Every scheme here is the recursion ``d <- keep d + scale (A u - reaction u), u <
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from farhorizon.engine.rows.compiled import njit
@@ -79,40 +81,25 @@ def bar_acceleration(u: np.ndarray, bonds: np.ndarray, out: np.ndarray) -> None:
             pulling[i] -= bond[i] * (right[i] - left[i])
 
 
-@njit(cache=True, error_model="numpy")
-def bar_steps(
-    u: np.ndarray,
-    d: np.ndarray,
-    bonds: np.ndarray,
-    keep: float,
-    scale: float,
-    held: np.ndarray,
-    held_values: np.ndarray,
-    grounds: np.ndarray,
-    heads: np.ndarray,
-    past: np.ndarray,
-    samples: np.ndarray,
-    first: float,
-    poles: np.ndarray,
-    inputs: np.ndarray,
-    outputs: np.ndarray,
-    states: np.ndarray,
-    offset: int,
-    count: int,
-) -> None:
-    """Advance a bar by `count` steps, from step `offset` of a block on.
+class HeldNodes(NamedTuple):
+    """Nodes of a bar that follow values.
 
-    Side 0 is the left end, side 1 the right, node m of a side the m-th from its end.
-
-    Parameters
+    Attributes
     ----------
-    u, d : ndarray, shape (N,)
-        State and increment, in place.
-    bonds : ndarray, shape (K, N)
-    keep, scale : float
-    held : ndarray of int, shape (h,)
-    held_values : ndarray, shape (count, h)
-        Values of the held nodes after each step.
+    nodes : ndarray of int, shape (h,)
+    values : ndarray, shape (count, h)
+        After each step.
+    """
+
+    nodes: np.ndarray
+    values: np.ndarray
+
+
+class BarEnds(NamedTuple):
+    """What lies beyond a bar. Side 0 is the left end, side 1 the right, node m of a side the m-th from its end.
+
+    Attributes
+    ----------
     grounds : ndarray, shape (2, K)
         Weights of the bonds of the end nodes that reach beyond the bar, summed.
     heads : ndarray, shape (2, B, K, K)
@@ -120,12 +107,49 @@ def bar_steps(
     past : ndarray, shape (2, B, K)
         Force of all earlier blocks at each step's beginning.
     samples : ndarray, shape (2, B, K)
-        Written: the end nodes' values at each step's beginning, the first of this call times `first`.
-    first : float
-        Weight of this call's first sample.
+        Written: the end nodes' values at each step's beginning.
     poles, inputs, outputs, states : ndarray of complex, shapes (2, P), (2, P, K), (2, P, K), (2, P)
         Sums of exponentials; the states in place.
     """
+
+    grounds: np.ndarray
+    heads: np.ndarray
+    past: np.ndarray
+    samples: np.ndarray
+    poles: np.ndarray
+    inputs: np.ndarray
+    outputs: np.ndarray
+    states: np.ndarray
+
+
+@njit(cache=True, error_model="numpy")
+def bar_steps(
+    u: np.ndarray,
+    d: np.ndarray,
+    bonds: np.ndarray,
+    keep: float,
+    scale: float,
+    held: HeldNodes,
+    ends: BarEnds,
+    first: float,
+    offset: int,
+    count: int,
+) -> None:
+    """Advance a bar by `count` steps, from step `offset` of a block on.
+
+    Parameters
+    ----------
+    u, d : ndarray, shape (N,)
+        State and increment, in place.
+    bonds : ndarray, shape (K, N)
+    keep, scale : float
+    held : HeldNodes
+    ends : BarEnds
+    first : float
+        Weight of this call's first sample.
+    offset, count : int
+    """
+    grounds, heads, past, samples, poles, inputs, outputs, states = ends
     reach, size = bonds.shape[0], u.size
     force = np.empty(size)
     for step in range(offset, offset + count):
@@ -156,8 +180,8 @@ def bar_steps(
                 states[side, p] = poles[side, p] * (states[side, p] + drive)
         for i in range(size):
             d[i] = keep * d[i] + scale * force[i]
-        for i in range(held.size):
-            d[held[i]] = held_values[step - offset, i] - u[held[i]]
+        for i in range(held.nodes.size):
+            d[held.nodes[i]] = held.values[step - offset, i] - u[held.nodes[i]]
         for i in range(size):
             u[i] += d[i]
 

@@ -13,7 +13,7 @@ import numpy as np
 from farhorizon.analysis.exact.chain import Recursion, ground
 from farhorizon.analysis.exact.convolution import BlockConvolution
 from farhorizon.analysis.exact.exponential_sum import ExponentialSum
-from farhorizon.engine.chain_loops import bar_acceleration, bar_steps
+from farhorizon.engine.chain_loops import BarEnds, HeldNodes, bar_acceleration, bar_steps
 from farhorizon.errors import InputError
 
 _CHUNK = 1024  # steps between two returns to Python without a convolution
@@ -89,42 +89,37 @@ class Bar:
         self.held = dict(held or {})
         self.sums = [e if isinstance(e, ExponentialSum) else None for e in ends]
         self.histories = [BlockConvolution(e, block) if isinstance(e, np.ndarray) else None for e in ends]
-        self.grounds = np.array([np.zeros(reach) if e is None else ground(weights) for e in ends])
         self._first = recursion.first if first is None else first
         lengths = {h.block for h in self.histories if h is not None}
         self._block = min(lengths, default=_CHUNK)
         heads = [
             h.head if h is not None else np.zeros((self._block if lengths else 1, reach, reach)) for h in self.histories
         ]
-        self._heads = np.array(heads)
-        self._set_modes()
-        self._past, self._samples = np.zeros((2, self._block, reach)), np.zeros((2, self._block, reach))
+        grounds = np.array([np.zeros(reach) if e is None else ground(weights) for e in ends])
+        past, samples = np.zeros((2, 2, self._block, reach))
+        self._ends = BarEnds(grounds, np.array(heads), past, samples, *self._modes(reach))
         self.d = np.zeros(u.size)
         if recursion.keep:
             self._set_velocity(np.zeros(u.size) if increment is None else increment)
 
-    def _set_modes(self) -> None:
+    def _modes(self, reach: int) -> tuple[np.ndarray, ...]:
         """Poles, vectors and states of both ends as arrays of one shape, filled up with zeros."""
-        reach = self.grounds.shape[1]
         most = max((s.modes for s in self.sums if s is not None), default=0)
-        self._poles, self._states = np.zeros((2, most), complex), np.zeros((2, most), complex)
-        self._inputs, self._outputs = np.zeros((2, most, reach), complex), np.zeros((2, most, reach), complex)
+        poles, states = np.zeros((2, 2, most), complex)
+        inputs, outputs = np.zeros((2, 2, most, reach), complex)
         for side, found in enumerate(self.sums):
             if found is not None:
                 used = slice(found.modes)
-                self._poles[side, used], self._inputs[side, used], self._outputs[side, used] = (
-                    found.poles,
-                    found.inputs,
-                    found.outputs,
-                )
+                poles[side, used], inputs[side, used], outputs[side, used] = found.poles, found.inputs, found.outputs
+        return poles, inputs, outputs, states
 
     def acceleration(self) -> np.ndarray:
         """A u without the past beyond the ends, shape (N,)."""
         out = np.empty(self.u.size)
         bar_acceleration(self.u, self.bonds, out)
-        reach = self.grounds.shape[1]
-        out[:reach] -= self.grounds[0] * self.u[:reach]
-        out[: -reach - 1 : -1] -= self.grounds[1] * self.u[: -reach - 1 : -1]
+        left, right = self._ends.grounds
+        out[: left.size] -= left * self.u[: left.size]
+        out[: -right.size - 1 : -1] -= right * self.u[: -right.size - 1 : -1]
         return out
 
     def _set_velocity(self, increment: np.ndarray) -> None:
@@ -142,10 +137,12 @@ class Bar:
             Values at steps 0 .. step - 1, counted from the end inwards; the first times its weight.
         """
         self.sums = list(sums)
-        self._set_modes()
+        names = ("poles", "inputs", "outputs", "states")
+        modes = self._modes(self._ends.grounds.shape[1])
+        self._ends = self._ends._replace(**dict(zip(names, modes, strict=True)))
         for side, found in enumerate(self.sums):
             if found is not None:
-                self._states[side, : found.modes] = found.replay(histories[side])
+                self._ends.states[side, : found.modes] = found.replay(histories[side])
 
     def release(self, node: int, increment: float) -> None:
         """Let a held node that is no driver go, with a velocity given times dt."""
@@ -185,9 +182,9 @@ class Bar:
         for side, history in enumerate(self.histories):
             if history is not None and offset == 0:
                 if self.step:
-                    history.samples[:] = self._samples[side]
+                    history.samples[:] = self._ends.samples[side]
                     history.next_block()
-                self._past[side] = history.past
+                self._ends.past[side] = history.past
         nodes = np.array(sorted(self.held), np.int64)
         values = np.array([[self.held[node](self.step + n) for node in nodes] for n in range(1, count + 1)]).reshape(
             count, len(nodes)
@@ -198,17 +195,9 @@ class Bar:
             self.bonds,
             self.recursion.keep,
             self.recursion.scale,
-            nodes,
-            values,
-            self.grounds,
-            self._heads,
-            self._past,
-            self._samples,
+            HeldNodes(nodes, values),
+            self._ends,
             self._first if self.step == 0 else 1.0,
-            self._poles,
-            self._inputs,
-            self._outputs,
-            self._states,
             offset,
             count,
         )
