@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from farhorizon.engine.rows.bond_sweeps import LANES, PLACES, ROWS, call_bonds, call_steepness
+from farhorizon.engine.rows.bond_sweeps import LANES, PLACES, ROWS, TileAddresses, TileShape, call_bonds, call_steepness
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.tables import Material
 from farhorizon.engine.threads import barrier
@@ -283,29 +283,18 @@ def sweep_tiles(stage, sweep, material, bonds, i0, first, last, begin, end):
                     for j in range(count):
                         for i in range(n):
                             kept[word, j, i] = alive[word, node + j * block[5] + i]
-            found = call_bonds(
-                bonds.functions[kind],
-                src.ctypes.data + node * size,
-                stage.base.ctypes.data + node * size,
-                stage.out.ctypes.data + node * size,
-                material.coefficient.ctypes.data + node * size,
-                alive.ctypes.data + 8 * node,
-                bonds.table.ctypes.data,
-                bonds.places.ctypes.data,
-                bonds.places.shape[0],
-                zone.ctypes.data,
-                alive.shape[1],
-                n,
-                count,
-                block[5],
-                apart,
-                i0,
-                row,
-                i2,
-                stage.a_difference,
-                stage.b,
-                bonds.limit[0],
+            at = TileAddresses(
+                np.int64(src.ctypes.data + node * size),
+                np.int64(stage.base.ctypes.data + node * size),
+                np.int64(stage.out.ctypes.data + node * size),
+                np.int64(material.coefficient.ctypes.data + node * size),
+                np.int64(alive.ctypes.data + 8 * node),
+                np.int64(bonds.table.ctypes.data),
+                np.int64(bonds.places.ctypes.data),
+                np.int64(zone.ctypes.data),
             )
+            shape = TileShape(bonds.places.shape[0], alive.shape[1], n, count, block[5], apart, i0, row, i2)
+            found = call_bonds(bonds.functions[kind], at, shape, stage.a_difference, stage.b, bonds.limit[0])
             if kind == PLAIN:
                 number += found
                 if number < stop:

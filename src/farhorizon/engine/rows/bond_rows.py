@@ -16,61 +16,15 @@ measure = steepness(COMPONENTS, REAL)
 
 
 @cfunc(bond_signature(REAL))
-def intact(
-    src, base, out, coefficient, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit
-):
+def intact(at, shape, a, b, limit):
     """A tile with all its bonds."""
-    return intact_tile(
-        src,
-        base,
-        out,
-        coefficient,
-        alive,
-        table,
-        places,
-        count,
-        zone,
-        words,
-        n,
-        rows,
-        step,
-        apart,
-        i0,
-        i1,
-        i2,
-        a,
-        b,
-        limit,
-    )
+    return intact_tile(at, shape, a, b, limit)
 
 
 @cfunc(bond_signature(REAL))
-def damaged(
-    src, base, out, coefficient, alive, table, places, count, zone, words, n, rows, step, apart, i0, i1, i2, a, b, limit
-):
+def damaged(at, shape, a, b, limit):
     """A tile that lacks bonds, or has bonds that leave the zone."""
-    return damaged_tile(
-        src,
-        base,
-        out,
-        coefficient,
-        alive,
-        table,
-        places,
-        count,
-        zone,
-        words,
-        n,
-        rows,
-        step,
-        apart,
-        i0,
-        i1,
-        i2,
-        a,
-        b,
-        limit,
-    )
+    return damaged_tile(at, shape, a, b, limit)
 
 
 @cfunc(steepness_signature())

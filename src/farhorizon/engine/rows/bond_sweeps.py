@@ -11,7 +11,7 @@ factor that follows from the coefficients of both ends, whichever comes first.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 from llvmlite import ir
 from numba.core import cgutils, types
@@ -28,9 +28,66 @@ PLACES = 4
 
 _INTEGERS = ir.VectorType(ir.IntType(64), LANES)
 
-_NODES = 10  # place of the nodes of a row among the arguments
+
+class TileAddresses(NamedTuple):
+    """Byte addresses of what a sweep of tiles reads and writes, int64.
+
+    Attributes
+    ----------
+    src, base, out, coefficient, alive : int
+        The first node in the levels, among the coefficients and among the bits of the bonds.
+    table, places : int
+        The tables of reals and of integers; that of reals has, bond by bond, xi, 1 / |xi|^2 and c, without
+        coefficients.
+    zone : int
+        The zone: its first node, then its extent along each axis, int64.
+    """
+
+    src: int
+    base: int
+    out: int
+    coefficient: int
+    alive: int
+    table: int
+    places: int
+    zone: int
+
+
+class TileShape(NamedTuple):
+    """Where the nodes of tiles lie, int64.
+
+    Attributes
+    ----------
+    bonds : int
+        Their number.
+    words : int
+        Distance between words of bits.
+    nodes, rows : int
+        Nodes of a row, and rows.
+    step, apart : int
+        Distances of rows and of components.
+    i0, i1, i2 : int
+        Place of the first node along the three axes.
+    """
+
+    bonds: int
+    words: int
+    nodes: int
+    rows: int
+    step: int
+    apart: int
+    i0: int
+    i1: int
+    i2: int
+
+
+_ADDRESSES = types.NamedUniTuple(types.int64, len(TileAddresses._fields), TileAddresses)
+_SHAPE = types.NamedUniTuple(types.int64, len(TileShape._fields), TileShape)
+
 #: Components of the field, whether the law is nonlinear, the number type, and the rule of coefficients or None.
 Law = tuple[int, bool, str, str | None]
+#: Addresses, places, and the reals a, b and limit, as values of the code that is emitted.
+TileArguments = tuple[TileAddresses, TileShape, Any, Any, Any]
 
 
 class _Tile:
@@ -40,29 +97,12 @@ class _Tile:
     It begins `first` nodes further on than the addresses in `args`.
     """
 
-    def __init__(self, builder: ir.IRBuilder, args: tuple[Any, ...], law: Law, first: Any) -> None:
+    def __init__(self, builder: ir.IRBuilder, args: TileArguments, law: Law, first: Any) -> None:
         components, nonlinear, real, self.rule = law
         self.builder, self.components, self.nonlinear = builder, components, nonlinear
-        (
-            self.src,
-            self.base,
-            self.out,
-            coefficient,
-            self.alive,
-            self.table,
-            self.places,
-            self.count,
-            self.zone,
-            self.words,
-            n,
-            rows,
-            self.step,
-            self.apart,
-            *self.node,
-            self.a,
-            self.b,
-            limit,
-        ) = args
+        at, shape, self.a, self.b, limit = args
+        self.src, self.base, self.out, coefficient, self.alive, self.table, self.places, self.zone = at
+        self.count, self.words, n, rows, self.step, self.apart, *self.node = shape
         self.vectors = Vectors(builder, ir.DoubleType() if real == "float64" else ir.FloatType(), LANES)
         self.src, self.base, self.out = (
             self.vectors.shifted(start, (1, first)) for start in (self.src, self.base, self.out)
@@ -202,11 +242,11 @@ class _Tile:
                 store(vectors.multiply_add(total, a_all, own[c]), self.place(self.out, row, c))
 
 
-def _intact(builder: ir.IRBuilder, args: tuple[Any, ...], law: Law) -> Any:
+def _intact(builder: ir.IRBuilder, args: TileArguments, law: Law) -> Any:
     """Tiles one after the other that have all their bonds, within the zone: how many, up to the first of which a bond
     is about to break.
     """
-    n = args[_NODES]
+    n = args[1].nodes
     swept = cgutils.alloca_once_value(builder, I64(0))
     tiles = builder.sdiv(builder.add(n, I64(LANES - 1)), I64(LANES))
     with cgutils.for_range(builder, tiles) as loop:
@@ -241,7 +281,7 @@ def _sweep_intact(tile: _Tile, n: Any) -> Any:
     return breaks
 
 
-def _damaged(builder: ir.IRBuilder, args: tuple[Any, ...], law: Law) -> Any:
+def _damaged(builder: ir.IRBuilder, args: TileArguments, law: Law) -> Any:
     """A tile that lacks bonds, or with bonds that leave the zone: 1 if some have broken now."""
     tile = _Tile(builder, args, law, I64(0))
     vectors = tile.vectors
@@ -280,7 +320,7 @@ def _damaged(builder: ir.IRBuilder, args: tuple[Any, ...], law: Law) -> Any:
         return factor, direction, builder.or_(changed, builder.zext(breaks, I64))
 
     sums, changed = tile.over_bonds(I64(0), force)
-    tile.update(sums, args[_NODES])
+    tile.update(sums, args[1].nodes)
     return changed
 
 
@@ -304,40 +344,16 @@ def bond_sweep(components: int, nonlinear: bool, real: str, rule: str | None, da
     Returns
     -------
     numba intrinsic
-        Takes the byte addresses of the first node in src, base and out, among the coefficients and among the bits, the
-        addresses of the tables of reals and of integers, the number of bonds, the address of the zone (first node, then
-        the extent along each axis, int64), the distance between words of bits, the nodes of a row, the rows, the
-        distances of rows and of components, the place of the first node along the three axes, a, b and the limit. A
-        bond within the zone follows the law and may break, others are linearised. The table of reals has, bond by bond,
-        xi, 1 / |xi|^2 and c, without coefficients.
+        Takes `TileAddresses`, a `TileShape`, a, b and the limit. A bond within the zone follows the law and may break,
+        others are linearised.
     """
 
     @intrinsic
-    def sweep(
-        typingctx,
-        src,
-        base,
-        out,
-        coefficient,
-        alive,
-        table,
-        places,
-        count,
-        zone,
-        words,
-        n,
-        rows,
-        step,
-        apart,
-        i0,
-        i1,
-        i2,
-        a,
-        b,
-        limit,
-    ):
+    def sweep(typingctx, at, shape, a, b, limit):
         def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-            return (_damaged if damaged else _intact)(builder, args, (components, nonlinear, real, rule))
+            at, shape, *reals = args
+            given = TileAddresses(*_unpacked(builder, at)), TileShape(*_unpacked(builder, shape)), *reals
+            return (_damaged if damaged else _intact)(builder, given, (components, nonlinear, real, rule))
 
         return bond_signature(real), codegen
 
@@ -416,38 +432,20 @@ def call_steepness(typingctx, function, src, planes, rows, n, step0, step1, apar
     return types.float64(*[types.int64] * 8), codegen
 
 
+def _unpacked(builder: ir.IRBuilder, value: Any) -> list[Any]:
+    """The values of a tuple."""
+    return list(cgutils.unpack_tuple(builder, value))
+
+
 def bond_signature(real: str) -> Any:
     """Numba signature of the sweep of tiles."""
-    return types.int64(*[types.int64] * 17, *[getattr(types, real)] * 3)
+    return types.int64(_ADDRESSES, _SHAPE, *[getattr(types, real)] * 3)
 
 
 @intrinsic
-def call_bonds(
-    typingctx,
-    function,
-    src,
-    base,
-    out,
-    coefficient,
-    alive,
-    table,
-    places,
-    count,
-    zone,
-    words,
-    n,
-    rows,
-    step,
-    apart,
-    i0,
-    i1,
-    i2,
-    a,
-    b,
-    limit,
-):
+def call_bonds(typingctx, function, at, shape, a, b, limit):
     """Call a compiled sweep of tiles by its address: the driver need not be compiled again for every law."""
-    signature = types.int64(*[types.int64] * 18, a, a, a)
+    signature = types.int64(types.int64, _ADDRESSES, _SHAPE, a, a, a)
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
         kind = ir.FunctionType(I64, [arg.type for arg in args[1:]])
