@@ -5,7 +5,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import fields, replace
 from inspect import signature
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from farhorizon import public as fh
 from farhorizon.case.changes import changed
 from farhorizon.case.problems import explain, nearest
 from farhorizon.case.schema import (
+    CONDITIONS,
     BodyForcePart,
     BodyPart,
     ConstraintPart,
@@ -453,34 +454,26 @@ class Case:
     def _condition(self, part: ConstraintPart, key: str) -> Any:
         if (part.side is None) == (part.region is None):
             raise InputError("give either a side or a region", key=key)
+        make = CONDITIONS[part.type]
+        # "value" is what each is given, whatever the class calls it
+        names = {"value" if one.name == "ambient" else one.name: one.name for one in fields(make)}
         options: dict[str, Any] = {}
-        takes = {
-            "temperature": {"value", "kind"},
-            "flux": {"value", "kind"},
-            "insulated": {"kind"},
-            "convection": {"value", "transfer"},
-        }[part.type]
         for name in ("value", "kind", "transfer"):
             value = getattr(part, name)
-            if value is not None and name not in takes:
+            if value is not None and name not in names:
                 raise InputError(
                     f"a condition of type {part.type} has no such key",
                     value=value,
-                    limit=", ".join(sorted(takes)),
+                    limit=", ".join(sorted(names.keys() - {"where", "within"})),
                     key=f"{key}.{name}",
                 )
-            if value is None and name in takes and name != "kind":
+            if value is None and name in names and name != "kind":
                 raise InputError(f"a condition of type {part.type} needs it", key=f"{key}.{name}")
             if value is not None:
-                options[name] = self._expression(value, f"{key}.{name}") if name == "value" else value
-        if part.type == "convection":
-            options["ambient"] = options.pop("value")
+                options[names[name]] = self._expression(value, f"{key}.{name}") if name == "value" else value
         if part.within is not None:
             options["within"] = part.within.build(f"{key}.within")
         where: Any = part.side if part.region is None else part.region.build(f"{key}.region")
-        make = {"temperature": fh.Temperature, "flux": fh.Flux, "insulated": fh.Insulated, "convection": fh.Convection}[
-            part.type
-        ]
         try:
             return make(where, **options)
         except InputError as error:

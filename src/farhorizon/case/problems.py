@@ -10,36 +10,7 @@ from typing import Any, get_args
 from pydantic import ValidationError
 
 from farhorizon.boundaries.lattice_pml import BY_TARGET
-from farhorizon.case.schema import (
-    AnyConstraint,
-    AnyLoad,
-    BodyForcePart,
-    BodyPart,
-    BoxPart,
-    CasePart,
-    ConstraintPart,
-    CrackPart,
-    DiscPart,
-    ImagePart,
-    IncidentPart,
-    KernelPart,
-    LatticePart,
-    MaterialPart,
-    OutputPart,
-    Part,
-    PolygonPart,
-    PrescribedPart,
-    RegionPart,
-    RunPart,
-    SourcePart,
-    SpecimenPart,
-    TextPart,
-    TractionPart,
-    model_kinds,
-    model_part,
-    side_kinds,
-    side_part,
-)
+from farhorizon.case.schema import Part, case_part
 from farhorizon.errors import InputError
 
 
@@ -48,50 +19,28 @@ def nearest(word: str, words: Sequence[str]) -> str:
     return (f"did you mean {near[0]!r}? " if near else "") + f"known: {', '.join(words)}"
 
 
-_PARTS: dict[str, type[Part]] = {
-    "lattice": LatticePart,
-    "window": RegionPart,
-    "body": RegionPart,
-    "without": RegionPart,
-    "region": RegionPart,
-    "within": RegionPart,
-    "box": BoxPart,
-    "ball": DiscPart,
-    "polygon": PolygonPart,
-    "text": TextPart,
-    "image": ImagePart,
-    "correspondence": BodyPart,
-    "material": MaterialPart,
-    "load": TractionPart,
-    "traction": TractionPart,
-    "body-force": BodyForcePart,
-    "specimen": SpecimenPart,
-    "kernel": KernelPart,
-    "crack": CrackPart,
-    "source": SourcePart,
-    "incident": IncidentPart,
-    "constraint": ConstraintPart,
-    "temperature": ConstraintPart,
-    "flux": ConstraintPart,
-    "insulated": ConstraintPart,
-    "convection": ConstraintPart,
-    "prescribed": PrescribedPart,
-    "run": RunPart,
-    "output": OutputPart,
-}
+def _tables(hint: Any) -> list[type[Part]]:
+    """The tables that a type has room for."""
+    if isinstance(hint, type) and issubclass(hint, Part):
+        return [hint]
+    return [table for inner in get_args(hint) for table in _tables(inner)]
+
+
+def _tags(table: type[Part]) -> tuple[str, ...]:
+    """What `type` may be in a table."""
+    return get_args(table.model_fields["type"].annotation) if "type" in table.model_fields else ()
 
 
 def _known(location: tuple[Any, ...]) -> list[str]:
-    """Keys allowed at a place of the schema, following the data's own path."""
-    parts: type[Part] = CasePart
-    known = _PARTS | {name: side_part(kind) for name, kind in side_kinds().items()}
-    known |= {name: model_part(kind) for name, kind in model_kinds().items()}
+    """Keys allowed at a place of the schema, which names the types of tables on the way."""
+    tables: list[type[Part]] = [case_part()]
     for step in location:
-        if step == "disc" and parts is RegionPart:
-            parts = DiscPart
-        elif step in known:
-            parts = known[step]
-    return list(parts.model_fields)
+        having = [table for table in tables if step in table.model_fields]
+        if having:
+            tables = [inner for table in having for inner in _tables(table.model_fields[step].annotation)]
+        else:  # a type, or the number of an entry or the name of a side, after which the tables are the same
+            tables = [table for table in tables if step in _tags(table)] or tables
+    return list(dict.fromkeys(name for table in tables for name in table.model_fields))
 
 
 # What pydantic wants, in words, by the types of its errors.
@@ -113,14 +62,9 @@ _WANTED = {
 }
 
 
-def _types(table: str) -> list[str]:
+def _types(key: str) -> list[str]:
     """The types that a table of the case may have."""
-    if table == "boundary":
-        return list(side_kinds())
-    if table == "model":
-        return [*model_kinds(), "correspondence"]
-    union = {"load": AnyLoad, "constraint": AnyConstraint}[table]
-    return [name for part in get_args(union) for name in get_args(part.model_fields["type"].annotation)]
+    return [tag for table in _tables(case_part().model_fields[key].annotation) for tag in _tags(table)]
 
 
 def explain(error: ValidationError, data: dict[str, Any]) -> str:

@@ -17,11 +17,12 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, create_model, field_validator
 from pydantic.fields import FieldInfo
 
-from farhorizon import __version__
+from farhorizon import __version__, kinds
 from farhorizon import public as fh
 from farhorizon.boundaries import Side
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Shape
+from farhorizon.inputs.conditions import Constraint
 from farhorizon.models import LatticeModel
 
 
@@ -208,10 +209,14 @@ class CrackPart(Part):
     """Time from which on it is there."""
 
 
+#: Conditions by what they are called.
+CONDITIONS: dict[str, type] = {kinds.hyphened(kind.__name__): kind for kind in get_args(Constraint)}
+
+
 class ConstraintPart(Part):
     """A condition on a side, or in a region."""
 
-    type: Literal["temperature", "flux", "insulated", "convection"]
+    type: Literal[*CONDITIONS]  # type: ignore[valid-type]
     """Condition of heat conduction or diffusion."""
     side: str | None = None
     """A side, such as "x-"; or give a region."""
@@ -479,7 +484,7 @@ def case_part() -> type[CasePart]:
 @lru_cache(maxsize=64)
 def _case_part(sides: tuple[Any, ...], models: tuple[Any, ...]) -> type[CasePart]:
     side: Any = Annotated[reduce(or_, map(side_part, sides)), Field(discriminator="type")]
-    model: Any = Annotated[reduce(or_, map(model_part, models), BodyPart), Field(discriminator="type")]
+    model: Any = Annotated[reduce(or_, [*map(model_part, models), BodyPart]), Field(discriminator="type")]
     words = {name: CasePart.model_fields[name].description for name in ("boundary", "model")}
     return create_model(
         "CasePart",

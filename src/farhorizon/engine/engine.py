@@ -28,6 +28,7 @@ from farhorizon.engine.rows.build import load_driver
 from farhorizon.engine.rows.vectors import TILE, TILE_ROWS
 from farhorizon.engine.tables import Damping, Dependents, Flows, Inputs, Material, Stage
 from farhorizon.engine.threads import side_by_side
+from farhorizon.files.storable import Storable
 
 __all__ = ["NEVER", "Engine", "Layer", "Layout", "Zone", "available_threads"]
 
@@ -40,7 +41,7 @@ Loop = Callable[[int, int, np.ndarray, Tables, Inputs], None]
 
 
 @dataclass(frozen=True)
-class Layer:
+class Layer(Storable):
     """What a layer is made of, from the near field outwards.
 
     Attributes

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from farhorizon import kinds
 from farhorizon.errors import InputError, shown
+from farhorizon.files.storable import Storable
 from farhorizon.geometry.shapes import Shape
 from farhorizon.machine import available_memory
 
@@ -19,7 +20,7 @@ _SHAPES = (
 )
 
 
-class Lattice:
+class Lattice(Storable):
     """Nodes ``lower, lower + spacing, ..., upper`` (both included) along each of one to three axes.
 
     Parameters

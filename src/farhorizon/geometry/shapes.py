@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from farhorizon import kinds
 from farhorizon.errors import InputError
+from farhorizon.files.storable import Storable
 
 __all__ = [
     "Ball",
@@ -85,7 +86,7 @@ def _norm(a: Array) -> Array:
     return np.sqrt(_dot(a, a))
 
 
-class _Described:
+class _Described(Storable):
     _shown: tuple[str, ...]
 
     def __repr__(self) -> str:

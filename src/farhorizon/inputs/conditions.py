@@ -22,6 +22,7 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.errors import InputError
+from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.geometry.shapes import Shape
 from farhorizon.inputs.prescribed import Prescribed
@@ -31,7 +32,7 @@ Where = str | Shape | np.ndarray
 
 
 @dataclass(frozen=True)
-class Temperature:
+class Temperature(Storable):
     """Prescribed temperature (or value of any field).
 
     Parameters
@@ -73,7 +74,7 @@ class Temperature:
 
 
 @dataclass(frozen=True)
-class Flux:
+class Flux(Storable):
     """Prescribed heat flux through a side, positive when heat enters.
 
     Parameters
@@ -112,7 +113,7 @@ class Flux:
 
 
 @dataclass(frozen=True)
-class Insulated:
+class Insulated(Storable):
     """No flux through a side: `Flux` of value 0. The surface of a body and a `Free` side are insulated anyway.
 
     Parameters
@@ -144,7 +145,7 @@ class Insulated:
 
 
 @dataclass(frozen=True)
-class Convection:
+class Convection(Storable):
     """Heat transfer to a fluid, flux ``transfer (ambient - T)`` into the outermost cells of a side.
 
     Parameters

@@ -9,11 +9,12 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.errors import InputError
+from farhorizon.files.storable import Storable
 from farhorizon.geometry.shapes import Cut, PointCut, PolygonCut, Polyline
 
 
 @dataclass(frozen=True)
-class Crack:
+class Crack(Storable):
     """A cut that conducts a little, or that opens later.
 
     Parameters

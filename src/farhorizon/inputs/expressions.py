@@ -22,6 +22,7 @@ from scipy.special import erf
 
 from farhorizon import kinds
 from farhorizon.errors import InputError, shown
+from farhorizon.files.storable import Storable
 
 __all__ = ["CONSTANTS", "FUNCTIONS", "MAX_LENGTH", "MAX_NESTING", "Expression", "as_given", "as_signal"]
 
@@ -124,7 +125,7 @@ _FORBIDDEN: dict[type[ast.AST], tuple[str, str]] = {
 }
 
 
-class Expression:
+class Expression(Storable):
     """An arithmetic expression of the coordinates and the time.
 
     Operators ``+ - * / ** %`` with Python's precedence, comparisons ``< <= > >= == !=`` (chained too) that give 0 or 1,

@@ -11,6 +11,7 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.analysis.references.pulse import PlanePulse
 from farhorizon.errors import InputError, shown
+from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.geometry.shapes import Box, Cut
 from farhorizon.inputs.expressions import as_signal
@@ -20,7 +21,7 @@ _POLARISATIONS = ("P", "S")
 
 
 @dataclass(frozen=True)
-class IncidentWave:
+class IncidentWave(Storable):
     r"""A plane wave that falls on whatever is inside a box, exact on the lattice.
 
     Inside the box `within` the field is the total one, outside it only what is scattered, which the absorbing sides

@@ -10,12 +10,13 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.errors import InputError
+from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.inputs.expressions import as_signal
 
 
 @dataclass(frozen=True)
-class BodyForce:
+class BodyForce(Storable):
     """A force per volume on the near field.
 
     Parameters
@@ -52,7 +53,7 @@ class BodyForce:
 
 
 @dataclass(frozen=True)
-class Traction:
+class Traction(Storable):
     """A force per area on a free side: on its outermost nodes a force per volume, value / spacing.
 
     Parameters

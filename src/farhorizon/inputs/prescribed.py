@@ -9,6 +9,7 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.errors import InputError
+from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Shape
 from farhorizon.inputs.expressions import Expression, as_signal
@@ -16,7 +17,7 @@ from farhorizon.medium.integrators import Integrator, RungeKutta4
 
 
 @dataclass(frozen=True)
-class Prescribed:
+class Prescribed(Storable):
     """A prescribed value of the field on some nodes, from the start on.
 
     Parameters

@@ -10,6 +10,7 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.errors import InputError, shown
+from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.inputs.expressions import Expression, as_given, as_signal
 
@@ -17,7 +18,7 @@ _LARGEST = 1e150  # of data: the squares of larger values overflow
 
 
 @dataclass(frozen=True)
-class Source:
+class Source(Storable):
     """A term s(x, t) on the right-hand side.
 
     Parameters

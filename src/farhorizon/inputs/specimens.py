@@ -9,12 +9,13 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.errors import InputError
+from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Shape
 
 
 @dataclass(frozen=True, eq=False)
-class Specimen:
+class Specimen(Storable):
     """A piece of metal.
 
     Parameters

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.files.storable import Storable
 
 #: Largest |dt * eigenvalue| on the negative real axis for which Runge-Kutta 4 does not grow.
 RK4_REAL_LIMIT = 2.785293563405282
@@ -178,7 +179,7 @@ class RungeKutta4:
 
 
 @dataclass(frozen=True)
-class RungeKuttaChebyshev:
+class RungeKuttaChebyshev(Storable):
     """Stabilised explicit method of second order: its stable step grows with the square of the number of stages.
 
     One step is the polynomial ``a + b T_s(w0 + w1 z)`` of z = dt L with Verwer's damping 2/13 (Sommeijer, Shampine and

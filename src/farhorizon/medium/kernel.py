@@ -15,6 +15,7 @@ from scipy import special
 
 from farhorizon import kinds
 from farhorizon.errors import InputError
+from farhorizon.files.storable import Storable
 
 INFLUENCES = ("constant", "linear", "gaussian")
 POINTS = 60  # of a quadrature over the family, and one more for each radian of the shortest wave across it
@@ -23,7 +24,7 @@ _SERIES_BELOW = 2.0  # closed forms cancel for small arguments
 
 
 @dataclass(frozen=True)
-class Kernel:
+class Kernel(Storable):
     """Kernel of a scalar peridynamic operator.
 
     Parameters

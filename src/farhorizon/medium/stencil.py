@@ -11,6 +11,7 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.errors import InputError
+from farhorizon.files.storable import Storable
 from farhorizon.medium.kernel import Kernel
 
 _FARTHEST = 1000  # nodes that an offset may span
@@ -39,7 +40,7 @@ class BackwardWaves:
         return self.growth > 0
 
 
-class Stencil:
+class Stencil(Storable):
     """A translation-invariant operator ``(L u)_i = sum_k w_k (u_(i+k) - u_i) - r u_i``, for unit spacing and
     coefficient.
 

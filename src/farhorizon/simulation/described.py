@@ -8,40 +8,16 @@ from typing import Any
 import numpy as np
 
 from farhorizon.boundaries import Side
-from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
-from farhorizon.geometry import masks, shapes
+from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import Lattice
-from farhorizon.inputs.conditions import Convection, Flux, Insulated, Temperature
-from farhorizon.inputs.cracks import Crack
-from farhorizon.inputs.expressions import Expression
-from farhorizon.inputs.incidence import IncidentWave
-from farhorizon.inputs.loads import BodyForce, Traction
-from farhorizon.inputs.prescribed import Prescribed
-from farhorizon.inputs.sources import Source
-from farhorizon.inputs.specimens import Specimen
-from farhorizon.medium.integrators import RungeKuttaChebyshev
-from farhorizon.medium.kernel import Kernel
-from farhorizon.medium.stencil import Stencil
 from farhorizon.models import LatticeModel
 from farhorizon.models.model import INTEGRATORS
 
-_TYPES = {
-    t.__name__: t
-    for t in (
-        *(getattr(shapes, n) for n in ("Disc", "Ball", "Box", "Polygon", "Union", "Intersection", "Difference")),
-        *(getattr(masks, n) for n in ("ImageMask", "Text")),
-        *(getattr(shapes, n) for n in ("PointCut", "Polyline", "Rectangle", "DiscCut", "PolygonCut")),
-        *(Convection, Crack, Expression, Flux, Insulated, Kernel, Lattice, Layer, Prescribed, RungeKuttaChebyshev),
-        *(Source, Stencil),
-        *(BodyForce, IncidentWave, Specimen, Traction, Temperature),
-    )
-}
-
 
 def _types() -> dict[str, type]:
-    """What may be described, by name: models and sides, which know themselves, and the rest."""
-    return LatticeModel.known | Side.known | _TYPES
+    """What may be described, by name: classes that know themselves."""
+    return LatticeModel.known | Side.known | Storable.stored_as
 
 
 def describe(value: Any, arrays: dict[str, np.ndarray]) -> Any:

@@ -1,0 +1,40 @@
+"""Classes whose objects files keep as plain data, by the name of the class and the arguments of its constructor."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+
+class Storable:
+    """What a set-up is made of, beside models and sides: a class that derives from it is known to checkpoints.
+
+    Its objects keep each argument of the constructor as an attribute of that name.
+
+    Attributes
+    ----------
+    stored_as : dict of str to type
+        All such classes by name, those that users define among them.
+
+    Raises
+    ------
+    TypeError
+        At the definition of a class with the name of another module's.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> from farhorizon.files.storable import Storable
+    >>> Storable.stored_as["Disc"] is fh.Disc
+    True
+    """
+
+    stored_as: ClassVar[dict[str, type[Storable]]] = {}
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        known = Storable.stored_as.get(cls.__name__)
+        if known is not None and known.__module__ != cls.__module__:
+            raise TypeError(
+                f"there is a class {cls.__name__!r} already, in {known.__module__}: give yours another name"
+            )
+        Storable.stored_as[cls.__name__] = cls
