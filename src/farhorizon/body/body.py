@@ -35,11 +35,12 @@ from farhorizon.machine import available_memory
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
 from farhorizon.models.elastic import COMBINATIONS
+from farhorizon.simulation.course import MOST_STEPS, tick
 from farhorizon.simulation.described import describe
 from farhorizon.simulation.guard import refuse_explosion
 from farhorizon.simulation.overstretch import IntactMargin, intact_margin
 from farhorizon.simulation.resume import matching
-from farhorizon.simulation.run import MOST_STEPS, Run, tick, wanted_threads
+from farhorizon.simulation.run import Run, wanted_threads
 
 PLANES = ("strain", "stress")
 SHAPE_TENSORS = ("recomputed", "kept")
@@ -251,7 +252,7 @@ class Body(Run):
         self.given |= {"dt": self.dt}
         self._at_start(observe, int(np.prod(self.box)))
         if self._intact_margin is not None:
-            self._guard_steps = min(self._guard_steps, self._intact_margin.every)
+            self.guard_steps = min(self.guard_steps, self._intact_margin.every)
         self._watched = np.zeros(0, np.int64)  # nodes whose displacements after each step are in `_seen`
         self._push = 0.0  # largest acceleration by the loads so far
         self._first = self.energies() if balance else {}
@@ -832,7 +833,7 @@ class Body(Run):
         """
         last = self.step_count + kinds.integer(count, "count", least=0, most=MOST_STEPS)
         while self.step_count < last:
-            steps = min(self._guard_steps, last - self.step_count)
+            steps = min(self.guard_steps, last - self.step_count)
             self._advance(steps, self.step_count)
             if self.probes is not None:
                 self.probes.add(self.step_count + 1, self.dt, self._seen.swapaxes(1, 2))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from farhorizon.checks.certificate import UNDECIDED, Certificate
+from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.medium.stencil import Stencil
 
@@ -34,8 +35,8 @@ class Examination:
         self._known: Certificate | None = None
         self._asked = 0.0  # length of the run for which it was made
 
-    def of(self, run: Examinable, until: float) -> Certificate:
-        """The certificate of a run up to a time."""
+    def of(self, run: Examinable, until: float, allow_unstable: bool) -> Certificate:
+        """The certificate of a run up to a time; InputError where what grows does so tenfold or more until then."""
         known = self._known
         if known is None or (known.verdict == UNDECIDED and known.quiet < until and self._asked < until):
             # a run in many pieces is examined a few times only
@@ -45,4 +46,11 @@ class Examination:
             seconds = run.seconds_per_step() * steps if work > _LONG else 0.0
             known = run.certificate(max(_LEAST, 0.5 * seconds), asked)
             self._known, self._asked = known, asked
+        if known.grows_within(until) and not allow_unstable:
+            raise InputError(
+                "the run is not stable",
+                value=known.reason,
+                limit=f"no tenfold growth until t = {until:.6g}",
+                remedy="see the warnings of check; or allow_unstable=True (--allow-unstable) runs it all the same",
+            )
         return known

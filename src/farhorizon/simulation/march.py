@@ -90,6 +90,24 @@ class March:
         parts = self.parts
         return energies(parts.near, parts.around.sides, parts.grid, parts.ends, parts.breaking, self.setup.lasting)
 
+    def fields(self) -> dict[str, np.ndarray]:
+        """Copies of the near field by name, see `farhorizon.Simulation`."""
+        parts, near, grid = self.parts, self.parts.near, self.parts.grid
+
+        def shown(level: np.ndarray) -> np.ndarray:
+            return near.visible(grid.view(level).reshape(near.field_shape) + near.background)
+
+        out = {"u": shown(grid.engine.current)}
+        if near.model.order == 2:
+            out["v"] = (out["u"] - shown(grid.engine.older)) / near.dt
+        if parts.breaking is not None:
+            out["damage"] = near.visible(parts.breaking.damage)
+        if parts.phases is not None:
+            solid = parts.phases.solid
+            out["solid"] = near.visible(solid.astype(float))
+            out["dissolved"] = near.visible(np.where(solid, np.nan, near.dt * parts.phases.steps))
+        return out
+
     def _find_margin(self) -> IntactMargin | None:
         return None if self.parts.breaking is None else self.parts.breaking.margin()
 

@@ -5,7 +5,6 @@ check before it.
 from __future__ import annotations
 
 import sys
-import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -16,11 +15,12 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.checks.certificate import Certificate
 from farhorizon.engine.engine import available_threads
-from farhorizon.errors import InputError, ValidityWarning, shown
+from farhorizon.errors import InputError, shown
 from farhorizon.files.html import table
 from farhorizon.files.results import Caution, dataset
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.medium.stencil import Stencil
+from farhorizon.simulation.course import checked_end, go, say_doubt
 from farhorizon.simulation.examination import Examination
 from farhorizon.simulation.kept import packed
 from farhorizon.simulation.overstretch import IntactMargin
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
 _GUARD_STEPS = 200  # steps between two looks of the instability guard, at most; fewer on lattices above
 _GUARD_NODES = 1_000_000  # this many nodes, so that an interrupt is heard within seconds
-MOST_STEPS = 2**53  # their numbers are exact in double precision
 
 
 def wanted_threads(threads: int | None) -> int:
@@ -57,19 +56,6 @@ def wanted_threads(threads: int | None) -> int:
 def _tells(value: Any) -> bool:
     """Whether something was given: not what stands for nothing."""
     return not (value is None or (isinstance(value, bool | tuple | list | dict | float) and not value))
-
-
-def tick(run: Run, steps: int) -> None:
-    """So many steps have been made."""
-    run.step_count += steps
-    run.time = run.step_count * run.dt
-
-
-def say_doubt(run: Run, brief: str, text: str) -> None:
-    """Say once that the result of a run is doubtful from now on."""
-    if all(brief != caution.brief for caution in run.cautions):
-        run.cautions.append(Caution(run.time, brief, text))
-        warnings.warn(f"from t = {run.time:.6g} on {text}", ValidityWarning, stacklevel=4)
 
 
 class Run(ABC):
@@ -110,7 +96,7 @@ class Run(ABC):
         self.time, self.step_count = 0.0, 0
         self._examination = Examination()
         self._remarks: list[str] = []
-        self._guard_steps = max(1, min(_GUARD_STEPS, _GUARD_STEPS * _GUARD_NODES // max(nodes, 1)))
+        self.guard_steps = max(1, min(_GUARD_STEPS, _GUARD_STEPS * _GUARD_NODES // max(nodes, 1)))
 
     def __repr__(self) -> str:
         nodes = " x ".join(map(str, self.lattice.shape))
@@ -156,34 +142,11 @@ class Run(ABC):
             An end that is not finite, a time between outputs that is not a whole number of steps, a run that is not
             stable.
         """
-        from tqdm import tqdm
-
-        until = kinds.number(until, "run.until")
-        if until > MOST_STEPS * self.dt:
-            raise InputError(
-                "the run has more steps than can be counted",
-                value=until,
-                limit=MOST_STEPS * self.dt,
-                key="run.until",
-                remedy=f"other units: a step is {self.dt:.3g}",
-            )
+        until = checked_end(until, self.dt)
         count = None if every is None else steps_between(every, self.dt)
         last = self.prepare(until)
         self.examine(until, allow_unstable)
-        show = sys.stderr.isatty() if progress is None else progress
-        with tqdm(total=max(last - self.step_count, 0), disable=not show, unit="step", leave=False) as bar:
-            while self.step_count < last:
-                stop = last if count is None else min(last, (self.step_count // count + 1) * count)
-                while self.step_count < stop:
-                    before = self.step_count
-                    self.step(min(self._guard_steps, stop - self.step_count))
-                    bar.update(self.step_count - before)
-                    if self.stop_requested and self.step_count < stop:
-                        raise KeyboardInterrupt
-                for observer in self.observers:
-                    observer(self)
-                if self.stop_requested and self.step_count < last:
-                    raise KeyboardInterrupt
+        go(self, last, count, sys.stderr.isatty() if progress is None else progress)
         return self
 
     def record(self, points: Any, every: float | None = None) -> Probes:
@@ -323,14 +286,7 @@ class Run(ABC):
         InputError
             What grows does so tenfold or more until then.
         """
-        certificate = self._examination.of(self, until)
-        if certificate.grows_within(until) and not allow_unstable:
-            raise InputError(
-                "the run is not stable",
-                value=certificate.reason,
-                limit=f"no tenfold growth until t = {until:.6g}",
-                remedy="see the warnings of check; or allow_unstable=True (--allow-unstable) runs it all the same",
-            )
+        certificate = self._examination.of(self, until, allow_unstable)
         self._remarks = [remark] if (remark := certificate.remark(until)) else []
         return certificate
 

@@ -25,12 +25,14 @@ from farhorizon.medium.stencil import Stencil
 from farhorizon.models import LatticeModel
 from farhorizon.simulation.assembly import assemble
 from farhorizon.simulation.checkpoint import fingerprint
+from farhorizon.simulation.course import MOST_STEPS, say_doubt, tick
 from farhorizon.simulation.described import describe
 from farhorizon.simulation.flux import flux_tables, nodal_flux, plane, power_across
 from farhorizon.simulation.guard import likely_cause, refuse_explosion
 from farhorizon.simulation.march import March
+from farhorizon.simulation.remaking import remade_setup
 from farhorizon.simulation.resume import matching
-from farhorizon.simulation.run import MOST_STEPS, Run, say_doubt, tick
+from farhorizon.simulation.run import Run
 from farhorizon.simulation.settling import Settling, outlasted, settled_sides
 from farhorizon.simulation.setup import Key, Setup, side_name
 from farhorizon.simulation.steps import seconds_of
@@ -138,28 +140,8 @@ class Simulation(Run):
         specimens: Sequence[Specimen] = (),
         loads: Sequence[BodyForce | Traction] = (),
     ) -> None:
-        self._begin(
-            Setup(
-                lattice,
-                model,
-                boundary,
-                initial,
-                sources,
-                cracks,
-                coefficient,
-                background,
-                dt,
-                dtype,
-                threads,
-                rule,
-                rim,
-                constraints,
-                balance,
-                specimens,
-                loads,
-            ),
-            observe,
-        )
+        what = (lattice, model, boundary, initial, sources, cracks, coefficient, background, dt, dtype, threads)
+        self._begin(Setup(*what, rule, rim, constraints, balance, specimens, loads), observe)
 
     @classmethod
     def of(cls, setup: Setup, observe: Sequence[Callable[[Simulation], None]] = ()) -> Self:
@@ -255,7 +237,7 @@ class Simulation(Run):
         last = self.step_count + count
         while self.step_count < last:
             march.open_cracks(self.step_count)
-            steps = march.allow(self.step_count, min(last - self.step_count, self._guard_steps))
+            steps = march.allow(self.step_count, min(last - self.step_count, self.guard_steps))
             for made in march.advance(self.step_count, steps):
                 if self.probes is not None:
                     self.probes.add(self.step_count + 1, self.dt, march.seen(self.probes.nodes))
@@ -276,18 +258,7 @@ class Simulation(Run):
     @property
     def fields(self) -> dict[str, np.ndarray]:
         """Copies of the near field."""
-        parts, shape, visible = self.parts, self.field_shape, self.parts.near.visible
-        out = {"u": visible(parts.grid.view(self.engine.current).reshape(shape) + self.background)}
-        if self.model.order == 2:
-            before = visible(parts.grid.view(self.engine.older).reshape(shape) + self.background)
-            out["v"] = (out["u"] - before) / self.dt
-        if parts.breaking is not None:
-            out["damage"] = visible(parts.breaking.damage)
-        if parts.phases is not None:
-            solid = parts.phases.solid
-            out["solid"] = visible(solid.astype(float))
-            out["dissolved"] = visible(np.where(solid, np.nan, self.dt * parts.phases.steps))
-        return out
+        return self._march.fields()
 
     def energy(self) -> float:
         """Energy of the near field, kinetic and strain or stored, of `energies`."""
@@ -420,16 +391,7 @@ class Simulation(Run):
         """The same set-up at its start with some arguments changed; on another lattice nothing is there, and the medium
         is uniform, as stiff as it is anywhere.
         """
-        start: dict[str, Any] = {}
-        if "lattice" in changes:
-            nothing = dict.fromkeys(("sources", "loads", "cracks", "constraints", "specimens"), ())
-            changes = {**nothing, "coefficient": None, "rim": "free", "balance": False, **changes}
-            if self.parts.near.factor is not None and self.strongest > 0:
-                changes["model"] = changes.get("model", self.model).scaled(self.strongest)
-        else:
-            start["u"] = self.start_u + float(changes.get("background", self.background))
-            start |= {"v": self.start_v} if self.model.order == 2 else {}
-        return Simulation.of(replace(self.settled, **{"initial": start, **changes}))
+        return Simulation.of(remade_setup(self.settled, self.parts, changes))
 
     def certificate(self, budget: float = BUDGET, until: float = np.inf) -> Certificate:
         """Whether the complete update, near field and all memory of the boundaries, is stable; see

@@ -1,0 +1,80 @@
+"""How a run goes through time: to its end, with observers on the way, and what it says of itself."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from farhorizon import kinds
+from farhorizon.errors import InputError, ValidityWarning
+from farhorizon.files.results import Caution
+
+MOST_STEPS = 2**53  # their numbers are exact in double precision
+
+
+class Advancing(Protocol):
+    """A run that can be advanced."""
+
+    dt: float
+    time: float
+    step_count: int
+    stop_requested: bool
+    observers: list[Callable[[Any], None]]
+    cautions: list[Caution]
+    guard_steps: int
+
+    def step(self, count: int = 1) -> None:
+        """Advance by `count` steps."""
+
+
+def tick(run: Advancing, steps: int) -> None:
+    """So many steps have been made."""
+    run.step_count += steps
+    run.time = run.step_count * run.dt
+
+
+def say_doubt(run: Advancing, brief: str, text: str) -> None:
+    """Say once that the result of a run is doubtful from now on."""
+    if all(brief != caution.brief for caution in run.cautions):
+        run.cautions.append(Caution(run.time, brief, text))
+        warnings.warn(f"from t = {run.time:.6g} on {text}", ValidityWarning, stacklevel=4)
+
+
+def checked_end(until: Any, dt: float) -> float:
+    """The end of a run; InputError where it is not finite, or has more steps before it than can be counted."""
+    until = kinds.number(until, "run.until")
+    if until > MOST_STEPS * dt:
+        raise InputError(
+            "the run has more steps than can be counted",
+            value=until,
+            limit=MOST_STEPS * dt,
+            key="run.until",
+            remedy=f"other units: a step is {dt:.3g}",
+        )
+    return until
+
+
+def go(run: Advancing, last: int, count: int | None, show: bool) -> None:
+    """Advance to a step; observers are called every `count` steps and at the end.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        `stop_requested` was set; the run stands between two steps.
+    """
+    from tqdm import tqdm
+
+    with tqdm(total=max(last - run.step_count, 0), disable=not show, unit="step", leave=False) as bar:
+        while run.step_count < last:
+            stop = last if count is None else min(last, (run.step_count // count + 1) * count)
+            while run.step_count < stop:
+                before = run.step_count
+                run.step(min(run.guard_steps, stop - run.step_count))
+                bar.update(run.step_count - before)
+                if run.stop_requested and run.step_count < stop:
+                    raise KeyboardInterrupt
+            for observer in run.observers:
+                observer(run)
+            if run.stop_requested and run.step_count < last:
+                raise KeyboardInterrupt

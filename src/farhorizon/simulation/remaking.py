@@ -1,0 +1,26 @@
+"""A set-up again, with something changed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.setup import Setup
+
+
+def remade_setup(settled: Setup, parts: Parts, changes: Mapping[str, Any]) -> Setup:
+    """A set-up at its start with some arguments changed; on another lattice nothing is there, and the medium is
+    uniform, as stiff as it is anywhere.
+    """
+    near, start = parts.near, parts.start
+    if "lattice" not in changes:
+        initial = {"u": start.u + float(changes.get("background", near.background))}
+        initial |= {"v": start.v} if near.model.order == 2 else {}
+        return replace(settled, **{"initial": initial, **changes})
+    nothing = dict.fromkeys(("sources", "loads", "cracks", "constraints", "specimens"), ())
+    changes = {**nothing, "initial": {}, "coefficient": None, "rim": "free", "balance": False, **changes}
+    if near.factor is not None and near.strongest > 0:
+        changes["model"] = changes.get("model", near.model).scaled(near.strongest)
+    return replace(settled, **changes)
