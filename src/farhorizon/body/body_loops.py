@@ -177,7 +177,7 @@ def _complete(bits, node, full):
     return True
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, entry=False)
 def incomplete_gradient(u, i, node, bonds, weights, bits, inverse, total, out):
     """Gradient of u at node i, which is `node` among those of incomplete tiles, over the bonds that are there:
     ``out[a dim + b]``.
@@ -197,7 +197,7 @@ def incomplete_gradient(u, i, node, bonds, weights, bits, inverse, total, out):
                 out[a * dim + b] += total[a * dim + c] * inverse[c * dim + b, node]
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, entry=False)
 def incomplete_divergence(p, i, node, bonds, weights, bits, out):
     """Sums ``w_kb (P_ab(i) + P_ab(i + o_k))`` at node i, `node` among those of incomplete tiles, over the bonds that
     are there: ``out[a dim + b]``.
@@ -211,7 +211,7 @@ def incomplete_divergence(p, i, node, bonds, weights, bits, out):
         out[number] = total
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, entry=False)
 def shape_inverse(node, weights, steps, bits, inverse):
     """Inverse shape tensor of a node from the bonds that are there; zero where its determinant is below a thousandth of
     that of an intact one.
@@ -252,7 +252,7 @@ def shape_inverses(tiles, weights, steps, bits, inverse):
                 shape_inverse(node, weights, steps, bits, inverse)
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, entry=False)
 def _node_energy(u, v, dt, i, node, medium, bonds, bits, inverse, total, e, rate):
     """Strain energy of node i, `node` among those of incomplete tiles, less half a step of its power: what breaking
     takes from it.
@@ -321,7 +321,7 @@ def largest_stretch(u, tiles, bonds, triples, slots, fracture):
     return np.sqrt(largest) - 1
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, entry=False)
 def _any_beyond(u, start, count, distances, steps, limits, work):
     """Whether a bond of these nodes is longer than its limit; without branches, for it is asked of every tile that may
     break, in every step.
@@ -341,7 +341,7 @@ def _any_beyond(u, start, count, distances, steps, limits, work):
     return found > 0
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, entry=False)
 def _break_bonds(u, v, dt, tile, medium, bonds, triples, bits, inverse, fracture, balance, work):
     """Break the bonds of a tile's nodes that are longer than their limit; whether any did.
 
@@ -379,7 +379,7 @@ def _break_bonds(u, v, dt, tile, medium, bonds, triples, bits, inverse, fracture
     return any_broken
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, entry=False)
 def _smooth(v, out, tile, distances, bits, full, drag, work):
     """Velocities of a tile moved by `drag` towards the mean of their neighbours (Wildman and Gazonas 2012, eq. 3-4)."""
     start, count = tile[0], tile[1]
@@ -403,7 +403,7 @@ def _smooth(v, out, tile, distances, bits, full, drag, work):
                     new[i] = here[i] + drag * (left / number - here[i]) if number else here[i]
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, entry=False)
 def _plain_strain(u, tile, pairs, bonds, slots, work):
     """Gradient of the displacements of a tile into ``work[:dim^2]``: as of intact nodes, then anew where bonds are
     missing.
@@ -419,7 +419,7 @@ def _plain_strain(u, tile, pairs, bonds, slots, work):
                     work[row, node] = e[row]
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, entry=False)
 def _stretch(tile, rows, first_row, layers, first, work):
     """Stretch the derivatives in ``work[:rows]``, direction ``row % dim``: m <- keep m + gain (new + old) is added to
     each (the trapezoidal rule).
@@ -441,7 +441,7 @@ def _stretch(tile, rows, first_row, layers, first, work):
             value[i] += added
 
 
-@njit(error_model="numpy", fastmath=_ANY_ORDER, cache=True)
+@njit(error_model="numpy", fastmath=_ANY_ORDER, cache=True, entry=False)
 def _stress(tile, dim, medium, work):
     """Stress over the reference density into ``work[2 dim^2:]`` from the gradient in ``work[:dim^2]``; the strain
     energy of the nodes.
@@ -465,7 +465,7 @@ def _stress(tile, dim, medium, work):
     return energy
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, entry=False)
 def _push(p, tile, dim, inverse, work):
     """P = stress K^-1 of a tile from the stress in ``work[2 dim^2:]``."""
     start, count = tile[0], tile[1]
@@ -483,7 +483,7 @@ def _push(p, tile, dim, inverse, work):
                     to[i] += stress[i] * factor[i]
 
 
-@njit(error_model="numpy", fastmath=_ANY_ORDER, cache=True)
+@njit(error_model="numpy", fastmath=_ANY_ORDER, cache=True, entry=False)
 def _stabilise(u, tile, medium, bonds, bits, p, force, work):
     """Add what resists zero-energy modes, ``w (pull_i (u_j - u_i - e_i xi) + pull_j (u_j - u_i - e_j xi))`` a bond
     (Silling 2017).
@@ -513,7 +513,7 @@ def _stabilise(u, tile, medium, bonds, bits, p, force, work):
                     total[i] += weight * (mine[i] + other[i]) * (there[i] - here[i])
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, entry=False)
 def _stabilisation_energy(u, tile, medium, bonds, bits, work):
     """Energy of what `_stabilise` adds, with the gradient in ``work[dim^2:]``."""
     distances, weights, steps = bonds
@@ -531,7 +531,7 @@ def _stabilisation_energy(u, tile, medium, bonds, bits, work):
     return energy
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, entry=False)
 def _split_divergence(p, tile, pairs, bonds, slots, work):
     """Force on a tile's nodes by the direction of the derivative, ``work[a dim + b]``: of intact nodes, then anew where
     bonds are missing.
@@ -546,7 +546,7 @@ def _split_divergence(p, tile, pairs, bonds, slots, work):
                     work[row, node] = parts[row]
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, entry=False)
 def _force(p, tile, pairs, bonds, slots, layers, first, work):
     """Force on a tile's nodes, over the reference density, into ``work[:dim]``; the layers' memory moves on."""
     dim = bonds[2].shape[1]
@@ -564,7 +564,7 @@ def _force(p, tile, pairs, bonds, slots, layers, first, work):
             work[a, i] = total  # row a has been read: a <= a dim
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, entry=False)
 def _outflow(v, p, u, ago, medium, crossing, bonds, thread):
     """Power that the near field gains along the bonds which leave it, with the displacements a time `ago` before u."""
     distances, weights, steps = bonds
@@ -584,7 +584,7 @@ def _outflow(v, p, u, ago, medium, crossing, bonds, thread):
     return total
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, entry=False)
 def _outside(tile, loads, factors, out):
     """Forces on a tile's nodes, over the reference density, by the loads of a step, shape (dim, TILE)."""
     start, count = tile[0], tile[1]
@@ -596,7 +596,7 @@ def _outside(tile, loads, factors, out):
                     out[a, i] += factors[load] * loads[load, a, start + i]
 
 
-@njit(error_model="numpy", fastmath=_ANY_ORDER, cache=True)
+@njit(error_model="numpy", fastmath=_ANY_ORDER, cache=True, entry=False)
 def _move(u, v, smoothed, tile, dt, kick, force, outside, damping, medium, terms):
     """New velocities and displacements of a tile, and what it adds to the terms of the energy balance: kinetic energy,
     work, drag.
@@ -757,7 +757,7 @@ def advance(
         barrier(thread)
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, entry=False)
 def _see(thread, u, watched, seen):
     """Copy the displacements of some nodes."""
     for a in range(u.shape[0]):

@@ -204,7 +204,7 @@ def bond_energy(u, old, node, bond, components, nonlinear, material, bonds):
     return 0.5 * factor * length * now * before
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, entry=False)
 def add_broken(stage, material, bonds, kept, node, step, count, n, broken):
     """Add half the energy, and half the number, of the bonds that have broken now: those of a tile whose bits are
     `kept` but no longer alive.
@@ -225,7 +225,7 @@ def add_broken(stage, material, bonds, kept, node, step, count, n, broken):
                     bond += 1
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, entry=False)
 def next_piece(stage, sweep, material, bonds, i0, first, last, begin):
     """Where a piece of the rows `first` to `last` of a plane ends that begins at a node, and whether it is whole: it
     has all its bonds, and none may break, so that the stencil serves, too (for a material that varies it takes longer
@@ -261,7 +261,7 @@ def next_piece(stage, sweep, material, bonds, i0, first, last, begin):
     return stop, steep < bonds.limit[1]
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, entry=False)
 def sweep_tiles(stage, sweep, material, bonds, i0, first, last, begin, end):
     """Nodes `begin` to `end` of the rows `first` to `last` of a plane of the zone; they end where tiles end."""
     src, block, alive, kinds, zone = stage.src, sweep.block, bonds.alive, bonds.kinds, bonds.zone
@@ -305,7 +305,7 @@ def sweep_tiles(stage, sweep, material, bonds, i0, first, last, begin, end):
                     add_broken(stage, material, bonds, kept, node, block[5], count, n, bonds.broken[i0, tile_row])
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, entry=False)
 def add_work(thread, stage, work, inputs, times):
     """Add the work of sources over one step, ``f . (u(n+1) - u(n-1)) / 2``."""
     nodes, fields = inputs.source_nodes, inputs.source_fields
@@ -317,7 +317,7 @@ def add_work(thread, stage, work, inputs, times):
     barrier(thread)  # the next sweep writes over the older level
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, entry=False)
 def strains(found, level, node, distance, xi, components, nonlinear):
     """`strain_of` one bond of neighbouring nodes, in vectors."""
     apart = level.size // components

@@ -107,7 +107,7 @@ def ends_table(nodes: np.ndarray, first: float, sums: Sequence[Poles | None] = (
     )
 
 
-@njit(error_model="numpy", fastmath=_ANY_ORDER, cache=True)
+@njit(error_model="numpy", fastmath=_ANY_ORDER, cache=True, entry=False)
 def force_of_states(end, outputs, states, forces):
     """Force of one end, four drivers at a time."""
     for i in range(0, forces.shape[1], 4):
@@ -121,7 +121,7 @@ def force_of_states(end, outputs, states, forces):
         forces[end, i], forces[end, i + 1], forces[end, i + 2], forces[end, i + 3] = f0, f1, f2, f3
 
 
-@njit(error_model="numpy", fastmath=_ANY_ORDER, cache=True)
+@njit(error_model="numpy", fastmath=_ANY_ORDER, cache=True, entry=False)
 def advance_states(end, poles, inputs, sample, states):
     """``y <- z (y + c . u)`` for one end, four drivers at a time."""
     for m in range(0, sample.size, 4):
@@ -137,7 +137,7 @@ def advance_states(end, poles, inputs, sample, states):
         imaginary[p] = a * y + b * x
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, entry=False)
 def convolve(step, heads, past, history, force):
     """Add the share of earlier blocks, and that of this block's own samples."""
     reach, place = past.shape[1], step % heads.shape[0]
@@ -152,7 +152,7 @@ def convolve(step, heads, past, history, force):
             force[i] += total
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, entry=False)
 def exact_ends(stage, ends):
     """Add to one step, from the state of its stage, the forces of all chains beyond."""
     step = ends.clock[0]

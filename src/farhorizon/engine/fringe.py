@@ -199,7 +199,7 @@ def _gathered(starts: np.ndarray, rows: np.ndarray) -> np.ndarray:
     return np.asarray(np.repeat(starts[rows], counts, axis=0) + within[:, None])
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, entry=False)
 def close_fringe(thread, stage, fringe):
     """Give the halo nodes of a step's new level their values; one thread's share."""
     nodes, history, src, base, out = fringe.nodes, fringe.history, stage.src, stage.base, stage.out

@@ -125,7 +125,7 @@ def find_runs(thread, phases):
                 found += 1
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, entry=False)
 def uncount(at, nodes, reach, phases):
     """Take the node at the three coordinates `at`, and its periodic images, off the counts of all tiles around it."""
     period, tiles = phases.period, phases.solids.shape[1]
@@ -149,7 +149,7 @@ def uncount(at, nodes, reach, phases):
                                 add(word + 8 * ((t1 * nodes[0] + t0) * tiles + t2), -1)
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, entry=False)
 def dissolve(thread, u, coefficient, sweep, phases, step):
     """Solid nodes of mixed tiles whose value is below the saturation become liquid at this step.
 

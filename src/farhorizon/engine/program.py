@@ -63,7 +63,7 @@ RARE = True
 ZERO, ONE = np.int64(0), np.int64(1)
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, entry=False)
 def sweep_general(stage, sweep, material, start, to, count):
     """One row of any stencil with run-time offsets; the sum runs over differences."""
     src, base, out, offsets, weights = stage.src, stage.base, stage.out, sweep.offsets, sweep.general[stage.part]
@@ -95,7 +95,7 @@ def sweep_general(stage, sweep, material, start, to, count):
                 out[node + i] = a * here[i] + b * base[node + i] + acc[i]
 
 
-@njit(error_model="numpy", cache=True)
+@njit(error_model="numpy", cache=True, entry=False)
 def sweep_general_matrix(stage, sweep, material, start, to, count):
     """One row of any stencil of matrices, given row by row, for a field of several components."""
     src, base, out, offsets, weights = stage.src, stage.base, stage.out, sweep.offsets, sweep.general[stage.part]
@@ -344,7 +344,7 @@ def sweep_box(thread, stage, sweep, material, surface, phases, bonds, backward):
     barrier(thread)
 
 
-@njit(error_model="numpy", cache=True, counted=False)
+@njit(error_model="numpy", cache=True, counted=False, entry=True)
 def copy(array, copies, components):
     """Periodic copies."""
     size = array.size // components
@@ -436,7 +436,7 @@ def hold(thread, stage, inputs, step):
     barrier(thread)
 
 
-@njit(error_model="numpy", cache=True, counted=False)
+@njit(error_model="numpy", cache=True, counted=False, entry=True)
 def depend(stage, dependents, fields, times):
     """Nodes whose values depend on those of others, in order: a combination of them, plus fields times amplitudes."""
     nodes, starts, out = dependents.nodes, dependents.starts, stage.out
@@ -512,7 +512,7 @@ def add_flow_of_ends(stage, ends, flows):
                 add_to(flows.totals, flows.ends[end, m], effect * ends.forces[end, m])
 
 
-@njit(error_model="numpy", nogil=True, cache=True, counted=False)
+@njit(error_model="numpy", nogil=True, cache=True, counted=False, entry=True)
 def run(thread, steps, phase, levels, tables, inputs):
     """One thread's share of `steps` steps from the rotation `phase`.
 

@@ -71,7 +71,7 @@ def _read(typingctx, address):
     return types.int64(types.int64), codegen
 
 
-@njit(cache=True)
+@njit(cache=True, entry=False)
 def barrier(thread):
     """Wait until all threads are here, and take back all claims."""
     if thread.threads == 1:
@@ -90,13 +90,13 @@ def barrier(thread):
             _sleep(1)
 
 
-@njit(cache=True)
+@njit(cache=True, entry=False)
 def claim(thread, owner):
     """Number of the next piece of a thread's share that nobody has claimed since the last barrier."""
     return add(np.int64(thread.shared.ctypes.data) + 8 * (_CLAIMED + owner * _LINE), 1)
 
 
-@njit(cache=True)
+@njit(cache=True, entry=False)
 def share(thread, count):
     """First and last + 1 of the pieces, among so many, that are a thread's."""
     return thread.number * count // thread.threads, (thread.number + 1) * count // thread.threads
