@@ -11,7 +11,7 @@ import farhorizon as fh
 from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.checks.side_modes import Strip
 from farhorizon.engine.state import State
-from farhorizon.models.elastic import central, correspondence, dilatation
+from farhorizon.medium.solids import central, correspondence, dilatation
 from farhorizon.studies.compare import compare
 from helpers import fitted_rate, lattice_of, roll_apply
 

@@ -1,15 +1,12 @@
 """Elasticity on the lattice: bond-based, ordinary state-based, correspondence and finite elements, each as one stencil
 of matrices.
 
-With Lame's constants of the plane or of space, ``lam`` and ``mu``, every material is built of two pieces. The bonds
-``(dim + 2) mu w(r) n n`` with half second moment 1 make a Cauchy solid, lam = mu; a nonlocal gradient ``g`` makes what
-derivatives make.
+The tables of its bonds are in `farhorizon.medium.solids`.
 """
 
 from __future__ import annotations
 
 import copy
-import itertools
 from typing import Any
 
 import numpy as np
@@ -19,12 +16,22 @@ from farhorizon.errors import InputError
 from farhorizon.medium.fracture import fracture_energy as energy_of_fracture
 from farhorizon.medium.integrators import Verlet
 from farhorizon.medium.kernel import Kernel
+from farhorizon.medium.moduli import moduli_of
+from farhorizon.medium.solids import (
+    central,
+    correspondence,
+    dilatation,
+    finite_element,
+    isotropic,
+    stable_solid,
+    stencil_of,
+    sum_of,
+)
 from farhorizon.medium.stencil import Stencil
 from farhorizon.models.model import LatticeModel
 
 MATERIALS = ("bond-based", "state-based", "correspondence", "finite-element")
 _CAUCHY = {"strain": 0.25, "stress": 1 / 3, None: 0.25}  # Poisson's ratio of central forces
-_PAIRS = "two of young, poisson, bulk, shear"
 #: For messages; docs/explanation/elasticity.md has it as a table.
 COMBINATIONS = (
     'free sides: material="bond-based" (Poisson\'s ratio 1/4, in plane stress 1/3) with LatticePML or Sponge, or, of '
@@ -32,10 +39,6 @@ COMBINATIONS = (
     '(type = "correspondence" in a case file) with NonlocalPML (cross = 0.1) or Sponge; no free sides: every material '
     "with LatticePML or Sponge"
 )
-_MODULI = "one of young, bulk, shear"
-_CLOSE = 1e-6  # of Poisson's ratio
-
-Table = tuple[np.ndarray, np.ndarray]
 
 
 class Elastic(LatticeModel):
@@ -150,7 +153,7 @@ class Elastic(LatticeModel):
             kinds.number(density, "model.density", above=0),
             kinds.number(damping, "model.damping", least=0),
         )
-        self._constants(young=young, poisson=poisson, bulk=bulk, shear=shear)
+        self._set_moduli(young=young, poisson=poisson, bulk=bulk, shear=shear)
         self.source_factor = 1 / self.density
         self.coefficient = self.p_modulus / self.density
         self.integrator = Verlet()
@@ -233,7 +236,7 @@ class Elastic(LatticeModel):
         of_one = energy_of_fracture(spacing * stencil.offsets, self.bond_stiffness(stencil, spacing), 1.0)
         return float(np.sqrt(self.fracture_energy / of_one))
 
-    def _constants(self, **constants: float | None) -> None:
+    def _set_moduli(self, **constants: float | None) -> None:
         """Set all elastic constants from those that are given."""
         varies = (
             "one number; Body takes constants that vary, and the coefficient of a Simulation multiplies the "
@@ -245,54 +248,8 @@ class Elastic(LatticeModel):
             if value is not None
         }
         fixed = _CAUCHY[self.plane] if self.bonds else None
-        nu = given.get("poisson", _poisson(given, fixed))
-        if nu is None or not set(given) - {"poisson"}:
-            one = fixed is not None
-            raise InputError(
-                f"a {self.material} material needs {'one modulus' if one else 'two elastic constants'}",
-                value=f"only {', '.join(sorted(given))}" if given else "none",
-                limit=_MODULI if one else _PAIRS,
-                key="model",
-                remedy="give young" if one else "give young and poisson",
-            )
-        if not -1 < nu < 0.5:
-            raise InputError(
-                "Poisson's ratio is out of range",
-                value=nu,
-                limit="above -1, below 0.5",
-                key="model.poisson",
-                remedy="0.49 for a nearly incompressible material" if nu >= 0.5 else "",
-            )
-        if fixed is not None and abs(nu - fixed) > _CLOSE:
-            state = "plane stress" if self.plane == "stress" else "three dimensions and plane strain"
-            raise InputError(
-                f"bond-based materials have one Poisson's ratio, in {state}",
-                value=nu,
-                limit=fixed,
-                key="model.poisson",
-                remedy=COMBINATIONS,
-            )
-        if "shear" in given:
-            self.shear = given["shear"]
-        else:
-            self.shear = (
-                given["young"] / (2 * (1 + nu))
-                if "young" in given
-                else 3 * given["bulk"] * (1 - 2 * nu) / (2 * (1 + nu))
-            )
-        self.poisson, self.young = nu, 2 * self.shear * (1 + nu)
-        space = 2 * self.shear * nu / (1 - 2 * nu)
-        self.bulk = space + 2 * self.shear / 3
-        self.lame = 2 * space * self.shear / (space + 2 * self.shear) if self.plane == "stress" else space
-        for name, value in given.items():
-            if abs(getattr(self, name) - value) > _CLOSE * max(abs(value), 1.0 if name == "poisson" else 0.0):
-                raise InputError(
-                    "elastic constants do not agree",
-                    value=value,
-                    limit=f"{getattr(self, name):.6g}",
-                    key=f"model.{name}",
-                    remedy="give two of them",
-                )
+        moduli = moduli_of(given, fixed, self.plane, self.material, COMBINATIONS)
+        self.young, self.poisson, self.bulk, self.shear, self.lame = moduli
 
     @property
     def p_modulus(self) -> float:
@@ -332,7 +289,7 @@ class Elastic(LatticeModel):
             return found
         lame, shear = self.lame / self.p_modulus, self.shear / self.p_modulus
         if self.kernel is None:
-            return _stencil(finite_element(lame, shear, dim))
+            return stencil_of(finite_element(lame, shear, dim))
         offsets, weights = Stencil.family(self.kernel, spacing, dim)
         calibrate = self.kernel.calibrate
         if self.material == "correspondence":
@@ -340,164 +297,5 @@ class Elastic(LatticeModel):
         else:
             made = central(offsets, isotropic(offsets, weights) if calibrate else weights, shear)
             if self.material == "state-based":
-                made = _sum(made, dilatation(offsets, weights, lame - shear, calibrate))
-        return _checked(_stencil(made))
-
-
-def _poisson(given: dict[str, float], fixed: float | None) -> float | None:
-    """Poisson's ratio from two moduli; the material's own with one; None if it has none."""
-    if {"young", "shear"} <= set(given):
-        return given["young"] / (2 * given["shear"]) - 1
-    if {"bulk", "shear"} <= set(given):
-        return (3 * given["bulk"] - 2 * given["shear"]) / (6 * given["bulk"] + 2 * given["shear"])
-    if {"young", "bulk"} <= set(given):
-        return (3 * given["bulk"] - given["young"]) / (6 * given["bulk"])
-    return fixed
-
-
-def isotropic(offsets: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Weights of bonds made so that the lattice is exactly isotropic for long waves, with half second moment 1 on
-    average.
-
-    The fourth moments of a lattice's family have cubic symmetry only. The factor ``alpha + beta sum_a n_a^4`` gives
-    them the two values that they have in the continuum, ``sum w r^2 n_x^4 / 2 = 3/(dim + 2)`` and ``sum w r^2 n_x^2
-    n_y^2 / 2 = 1/(dim + 2)``.
-
-    Raises
-    ------
-    InputError
-        A family too small for that.
-    """
-    dim = offsets.shape[1]
-    r2 = (offsets**2).sum(1)
-    n = offsets / np.sqrt(r2)[:, None]
-    shape = np.stack([np.ones(len(r2)), (n**4).sum(1)])
-    moments = np.stack([n[:, 0] ** 4, n[:, 0] ** 2 * n[:, 1] ** 2]) * weights * r2 / 2
-    try:
-        factors = np.linalg.solve(moments @ shape.T, np.array([3.0, 1.0]) / (dim + 2)) @ shape
-    except np.linalg.LinAlgError:
-        factors = np.zeros(1)
-    if factors.min() <= 0:
-        raise InputError(
-            "no positive bonds of so small a family are isotropic",
-            value=f"{len(weights)} neighbours",
-            key="model.kernel",
-            remedy="a larger horizon, or calibrate = false",
-        )
-    return weights * factors
-
-
-def central(offsets: np.ndarray, weights: np.ndarray, shear: float) -> Table:
-    """Springs along the bonds: ``(dim + 2) shear w n n`` for weights with half second moment 1 along an axis."""
-    n = offsets / np.linalg.norm(offsets, axis=1)[:, None]
-    return offsets, (offsets.shape[1] + 2) * shear * weights[:, None, None] * n[:, :, None] * n[:, None, :]
-
-
-def dilatation(offsets: np.ndarray, weights: np.ndarray, lame: float, calibrate: bool = True) -> Table:
-    """The pressure ``lame theta`` of the nonlocal dilatation ``theta = sum_k g_k . (u_k - u)``, g = w xi over half the
-    second moment's trace.
-    """
-    moment = (weights * offsets[:, 0] ** 2).sum() if calibrate else 2.0
-    g = weights[:, None] * offsets / moment
-    return _convolution(offsets, g, lambda one: lame * one[:, None] * g[:, None, :])
-
-
-def correspondence(
-    offsets: np.ndarray, weights: np.ndarray, lame: float, shear: float, stabilisation: float = 0.0
-) -> Table:
-    """``div (lame tr(e) + 2 shear e)`` with the gradient ``g_k = K^-1 w xi`` and its negative transpose as divergence.
-
-    The stabilisation adds ``c sum_k w_k (2 (u_k - u) - G_k u xi_k)``, c = stabilisation / K (in P moduli), which no
-    linear field feels.
-    """
-    moment = (weights * offsets[:, 0] ** 2).sum()
-    g = weights[:, None] * offsets / moment
-    eye = np.eye(offsets.shape[1])
-    push = (lame + shear, shear, -stabilisation)
-    made = _convolution(
-        offsets,
-        g,
-        lambda one: push[0] * one[:, None] * g[:, None, :] + (push[1] + push[2]) * eye * (g @ one)[:, None, None],
-    )
-    return _sum(made, (offsets, 2 * stabilisation / moment * weights[:, None, None] * eye)) if stabilisation else made
-
-
-def finite_element(lame: float, shear: float, dim: int) -> Table:
-    """Bilinear or trilinear elements with lumped mass: products of one-dimensional stiffness, mass and difference."""
-    stiffness, mass, difference = (
-        np.array([1.0, -2.0, 1.0]),
-        np.array([1.0, 4.0, 1.0]) / 6,
-        np.array([-1.0, 0.0, 1.0]) / 2,
-    )
-
-    def product(kinds: list[np.ndarray]) -> np.ndarray:
-        return np.einsum(",".join("ijk"[:dim]) + "->" + "ijk"[:dim], *kinds)
-
-    offsets = np.array([o for o in itertools.product((-1, 0, 1), repeat=dim) if any(o)])
-    found = np.zeros((len(offsets), dim, dim))
-    for a, b in itertools.product(range(dim), repeat=2):
-        if a == b:
-            along = [
-                (lame + 2 * shear if c == a else shear) * product([stiffness if d == c else mass for d in range(dim)])
-                for c in range(dim)
-            ]
-            table = np.sum(along, axis=0)
-        else:
-            table = (lame + shear) * product([difference if c in (a, b) else mass for c in range(dim)])
-        found[:, a, b] = table[tuple(offsets.T + 1)]
-    return offsets, found
-
-
-def _convolution(offsets, g, product) -> Table:  # type: ignore[no-untyped-def]
-    """Stencil whose weight at o is the sum over all k + l = o of ``product(g_k)[l]``, which has the products with all
-    g_l at once.
-    """
-    reach, dim = int(np.abs(offsets).max()), offsets.shape[1]
-    table = np.zeros((*[4 * reach + 1] * dim, dim, dim))
-    for o, one in zip(offsets, g, strict=True):
-        table[tuple((offsets + o + 2 * reach).T)] += product(one)
-    return _listed(table)
-
-
-def _listed(table: np.ndarray) -> Table:
-    """Offsets and matrices of a dense table, without the centre and what is rounding."""
-    size = np.abs(table).max((-2, -1))
-    reach = np.array(size.shape) // 2
-    size[tuple(reach)] = 0
-    offsets = np.argwhere(size > 1e-14 * size.max())
-    return offsets - reach, table[tuple(offsets.T)]
-
-
-def _sum(one: Table, two: Table) -> Table:
-    reach = max(int(np.abs(offsets).max(initial=0)) for offsets, _ in (one, two))  # a part may vanish
-    dim = one[0].shape[1]
-    table = np.zeros((*[2 * reach + 1] * dim, dim, dim))
-    for offsets, weights in (one, two):
-        table[tuple((offsets + reach).T)] += weights
-    return _listed(table)
-
-
-def _stencil(table: Table) -> Stencil:
-    """A stencil with all symmetries of the lattice to the last digit: each weight is the mean over its mirror
-    images."""
-    offsets, weights = table
-    dim = offsets.shape[1]
-    known = dict(zip(map(tuple, offsets.tolist()), weights, strict=True))
-    for axis in range(dim):
-        sign = np.where(np.arange(dim) == axis, -1, 1)
-        known = {o: (w + np.outer(sign, sign) * known[tuple((sign * o).tolist())]) / 2 for o, w in known.items()}
-    return Stencil(np.array(list(known)), np.array(list(known.values())))
-
-
-def _checked(stencil: Stencil) -> Stencil:
-    """Refuse a stencil that gains energy for some waves."""
-    lowest = float(stencil.branches(*stencil._zone()).min())
-    if lowest < -1e-9:
-        raise InputError(
-            "the lattice material is unstable for short waves",
-            value=lowest,
-            limit=">= 0",
-            key="model.poisson",
-            remedy="a larger Poisson's ratio, or another kernel",
-        )
-    return stencil
+                made = sum_of(made, dilatation(offsets, weights, lame - shear, calibrate))
+        return stable_solid(stencil_of(made))

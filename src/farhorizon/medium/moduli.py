@@ -1,0 +1,104 @@
+"""Constants of isotropic elasticity, each from any two others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from farhorizon.errors import InputError
+
+_PAIRS = "two of young, poisson, bulk, shear"
+_MODULI = "one of young, bulk, shear"
+_CLOSE = 1e-6  # of Poisson's ratio
+
+
+class Moduli(NamedTuple):
+    """Constants of an isotropic solid: `lame` is that of the plane in plane stress, the others those of space."""
+
+    young: float
+    poisson: float
+    bulk: float
+    shear: float
+    lame: float
+
+
+def moduli_of(
+    given: Mapping[str, float], fixed: float | None, plane: str | None, material: str, combinations: str
+) -> Moduli:
+    """All constants from two of young, poisson, bulk and shear, or one modulus where Poisson's ratio is fixed.
+
+    Parameters
+    ----------
+    given : mapping of str to float
+    fixed : float or None
+        Poisson's ratio of the material, if it has one of its own.
+    plane : {"strain", "stress"} or None
+    material, combinations : str
+        Named in messages: the material, and what goes together with other ratios.
+
+    Raises
+    ------
+    InputError
+        Too few constants, some that do not agree, a Poisson's ratio that the material cannot have.
+    """
+    nu = given.get("poisson", _poisson(given, fixed))
+    if nu is None or not set(given) - {"poisson"}:
+        one = fixed is not None
+        raise InputError(
+            f"a {material} material needs {'one modulus' if one else 'two elastic constants'}",
+            value=f"only {', '.join(sorted(given))}" if given else "none",
+            limit=_MODULI if one else _PAIRS,
+            key="model",
+            remedy="give young" if one else "give young and poisson",
+        )
+    _check_ratio(nu, fixed, plane, combinations)
+    if "shear" in given:
+        shear = given["shear"]
+    elif "young" in given:
+        shear = given["young"] / (2 * (1 + nu))
+    else:
+        shear = 3 * given["bulk"] * (1 - 2 * nu) / (2 * (1 + nu))
+    space = 2 * shear * nu / (1 - 2 * nu)
+    lame = 2 * space * shear / (space + 2 * shear) if plane == "stress" else space
+    found = Moduli(2 * shear * (1 + nu), nu, space + 2 * shear / 3, shear, lame)
+    for name, value in given.items():
+        if abs(getattr(found, name) - value) > _CLOSE * max(abs(value), 1.0 if name == "poisson" else 0.0):
+            raise InputError(
+                "elastic constants do not agree",
+                value=value,
+                limit=f"{getattr(found, name):.6g}",
+                key=f"model.{name}",
+                remedy="give two of them",
+            )
+    return found
+
+
+def _check_ratio(nu: float, fixed: float | None, plane: str | None, combinations: str) -> None:
+    if not -1 < nu < 0.5:
+        raise InputError(
+            "Poisson's ratio is out of range",
+            value=nu,
+            limit="above -1, below 0.5",
+            key="model.poisson",
+            remedy="0.49 for a nearly incompressible material" if nu >= 0.5 else "",
+        )
+    if fixed is not None and abs(nu - fixed) > _CLOSE:
+        state = "plane stress" if plane == "stress" else "three dimensions and plane strain"
+        raise InputError(
+            f"bond-based materials have one Poisson's ratio, in {state}",
+            value=nu,
+            limit=fixed,
+            key="model.poisson",
+            remedy=combinations,
+        )
+
+
+def _poisson(given: Mapping[str, float], fixed: float | None) -> float | None:
+    """Poisson's ratio from two moduli; the material's own with one; None if it has none."""
+    if {"young", "shear"} <= set(given):
+        return given["young"] / (2 * given["shear"]) - 1
+    if {"bulk", "shear"} <= set(given):
+        return (3 * given["bulk"] - 2 * given["shear"]) / (6 * given["bulk"] + 2 * given["shear"])
+    if {"young", "bulk"} <= set(given):
+        return (3 * given["bulk"] - given["young"]) / (6 * given["bulk"])
+    return fixed

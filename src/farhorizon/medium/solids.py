@@ -1,0 +1,165 @@
+"""Tables of bonds that make elastic solids: offsets, and a matrix of weights for each.
+
+With Lame's constants of the plane or of space, ``lam`` and ``mu``, every material is built of two pieces. The bonds
+``(dim + 2) mu w(r) n n`` with half second moment 1 make a Cauchy solid, lam = mu; a nonlocal gradient ``g`` makes what
+derivatives make.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from farhorizon.errors import InputError
+from farhorizon.medium.stencil import Stencil
+
+Table = tuple[np.ndarray, np.ndarray]
+
+
+def isotropic(offsets: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Weights of bonds made so that the lattice is exactly isotropic for long waves, with half second moment 1 on
+    average.
+
+    The fourth moments of a lattice's family have cubic symmetry only. The factor ``alpha + beta sum_a n_a^4`` gives
+    them the two values that they have in the continuum, ``sum w r^2 n_x^4 / 2 = 3/(dim + 2)`` and ``sum w r^2 n_x^2
+    n_y^2 / 2 = 1/(dim + 2)``.
+
+    Raises
+    ------
+    InputError
+        A family too small for that.
+    """
+    dim = offsets.shape[1]
+    r2 = (offsets**2).sum(1)
+    n = offsets / np.sqrt(r2)[:, None]
+    shape = np.stack([np.ones(len(r2)), (n**4).sum(1)])
+    moments = np.stack([n[:, 0] ** 4, n[:, 0] ** 2 * n[:, 1] ** 2]) * weights * r2 / 2
+    try:
+        factors = np.linalg.solve(moments @ shape.T, np.array([3.0, 1.0]) / (dim + 2)) @ shape
+    except np.linalg.LinAlgError:
+        factors = np.zeros(1)
+    if factors.min() <= 0:
+        raise InputError(
+            "no positive bonds of so small a family are isotropic",
+            value=f"{len(weights)} neighbours",
+            key="model.kernel",
+            remedy="a larger horizon, or calibrate = false",
+        )
+    return weights * factors
+
+
+def central(offsets: np.ndarray, weights: np.ndarray, shear: float) -> Table:
+    """Springs along the bonds: ``(dim + 2) shear w n n`` for weights with half second moment 1 along an axis."""
+    n = offsets / np.linalg.norm(offsets, axis=1)[:, None]
+    return offsets, (offsets.shape[1] + 2) * shear * weights[:, None, None] * n[:, :, None] * n[:, None, :]
+
+
+def dilatation(offsets: np.ndarray, weights: np.ndarray, lame: float, calibrate: bool = True) -> Table:
+    """The pressure ``lame theta`` of the nonlocal dilatation ``theta = sum_k g_k . (u_k - u)``, g = w xi over half the
+    second moment's trace.
+    """
+    moment = (weights * offsets[:, 0] ** 2).sum() if calibrate else 2.0
+    g = weights[:, None] * offsets / moment
+    return _convolution(offsets, g, lambda one: lame * one[:, None] * g[:, None, :])
+
+
+def correspondence(
+    offsets: np.ndarray, weights: np.ndarray, lame: float, shear: float, stabilisation: float = 0.0
+) -> Table:
+    """``div (lame tr(e) + 2 shear e)`` with the gradient ``g_k = K^-1 w xi`` and its negative transpose as divergence.
+
+    The stabilisation adds ``c sum_k w_k (2 (u_k - u) - G_k u xi_k)``, c = stabilisation / K (in P moduli), which no
+    linear field feels.
+    """
+    moment = (weights * offsets[:, 0] ** 2).sum()
+    g = weights[:, None] * offsets / moment
+    eye = np.eye(offsets.shape[1])
+    push = (lame + shear, shear, -stabilisation)
+    made = _convolution(
+        offsets,
+        g,
+        lambda one: push[0] * one[:, None] * g[:, None, :] + (push[1] + push[2]) * eye * (g @ one)[:, None, None],
+    )
+    return sum_of(made, (offsets, 2 * stabilisation / moment * weights[:, None, None] * eye)) if stabilisation else made
+
+
+def finite_element(lame: float, shear: float, dim: int) -> Table:
+    """Bilinear or trilinear elements with lumped mass: products of one-dimensional stiffness, mass and difference."""
+    stiffness, mass, difference = (
+        np.array([1.0, -2.0, 1.0]),
+        np.array([1.0, 4.0, 1.0]) / 6,
+        np.array([-1.0, 0.0, 1.0]) / 2,
+    )
+
+    def product(kinds: list[np.ndarray]) -> np.ndarray:
+        return np.einsum(",".join("ijk"[:dim]) + "->" + "ijk"[:dim], *kinds)
+
+    offsets = np.array([o for o in itertools.product((-1, 0, 1), repeat=dim) if any(o)])
+    found = np.zeros((len(offsets), dim, dim))
+    for a, b in itertools.product(range(dim), repeat=2):
+        if a == b:
+            along = [
+                (lame + 2 * shear if c == a else shear) * product([stiffness if d == c else mass for d in range(dim)])
+                for c in range(dim)
+            ]
+            table = np.sum(along, axis=0)
+        else:
+            table = (lame + shear) * product([difference if c in (a, b) else mass for c in range(dim)])
+        found[:, a, b] = table[tuple(offsets.T + 1)]
+    return offsets, found
+
+
+def _convolution(offsets, g, product) -> Table:  # type: ignore[no-untyped-def]
+    """Stencil whose weight at o is the sum over all k + l = o of ``product(g_k)[l]``, which has the products with all
+    g_l at once.
+    """
+    reach, dim = int(np.abs(offsets).max()), offsets.shape[1]
+    table = np.zeros((*[4 * reach + 1] * dim, dim, dim))
+    for o, one in zip(offsets, g, strict=True):
+        table[tuple((offsets + o + 2 * reach).T)] += product(one)
+    return _listed(table)
+
+
+def _listed(table: np.ndarray) -> Table:
+    """Offsets and matrices of a dense table, without the centre and what is rounding."""
+    size = np.abs(table).max((-2, -1))
+    reach = np.array(size.shape) // 2
+    size[tuple(reach)] = 0
+    offsets = np.argwhere(size > 1e-14 * size.max())
+    return offsets - reach, table[tuple(offsets.T)]
+
+
+def sum_of(one: Table, two: Table) -> Table:
+    reach = max(int(np.abs(offsets).max(initial=0)) for offsets, _ in (one, two))  # a part may vanish
+    dim = one[0].shape[1]
+    table = np.zeros((*[2 * reach + 1] * dim, dim, dim))
+    for offsets, weights in (one, two):
+        table[tuple((offsets + reach).T)] += weights
+    return _listed(table)
+
+
+def stencil_of(table: Table) -> Stencil:
+    """A stencil with all symmetries of the lattice to the last digit: each weight is the mean over its mirror
+    images."""
+    offsets, weights = table
+    dim = offsets.shape[1]
+    known = dict(zip(map(tuple, offsets.tolist()), weights, strict=True))
+    for axis in range(dim):
+        sign = np.where(np.arange(dim) == axis, -1, 1)
+        known = {o: (w + np.outer(sign, sign) * known[tuple((sign * o).tolist())]) / 2 for o, w in known.items()}
+    return Stencil(np.array(list(known)), np.array(list(known.values())))
+
+
+def stable_solid(stencil: Stencil) -> Stencil:
+    """Refuse a stencil that gains energy for some waves."""
+    lowest = float(stencil.branches(*stencil._zone()).min())
+    if lowest < -1e-9:
+        raise InputError(
+            "the lattice material is unstable for short waves",
+            value=lowest,
+            limit=">= 0",
+            key="model.poisson",
+            remedy="a larger Poisson's ratio, or another kernel",
+        )
+    return stencil
