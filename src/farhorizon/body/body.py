@@ -844,23 +844,12 @@ class Body(Run):
     def _advance(self, count: int, done: int) -> None:
         """Advance the state by `count` steps after `done` of them."""
         self._seen = np.zeros((count, self.dim, self._watched.size))
+        watched = engine.Watched(self._watched, self._seen)
+        body = engine.BodyTiles(self._tiles, self._medium, self._pairs, self._bonds, self._triples, self._slots)
         if self.split:
-            state: tuple[Any, ...] = (
-                self.dt,
-                self._u,
-                self._parts,
-                self._histories,
-                self._p,
-                self._tiles,
-                self._medium,
-                self._pairs,
-                self._bonds,
-                self._slots,
-                self._phi,
-                self._watched,
-                self._seen,
-            )
-            side_by_side(lambda thread: engine.advance_split(thread, count, *state), self._threads)
+            parts = engine.SplitState(self._u, self._parts, self._histories, self._p, self._phi)
+            split = (self.dt, parts, body, watched)
+            side_by_side(lambda thread: engine.advance_split(thread, count, *split), self._threads)
             return
         moments = (done + np.arange(count)) * self.dt
         factors = np.array([[time(t) for time in self._times] for t in moments], float).reshape(count, len(self._times))
@@ -872,31 +861,10 @@ class Body(Run):
             )
         if factors.size:
             self._push = max(self._push, float(np.abs(factors).max(0) @ np.abs(self._loads).max((1, 2))))
-        state = (
-            done,
-            self.dt,
-            self._drag,
-            self._u,
-            self._v,
-            self._spare,
-            self._p,
-            self._force,
-            self._tiles,
-            self._medium,
-            self._pairs,
-            self._bonds,
-            self._triples,
-            self._slots,
-            self._fracture,
-            self._layers,
-            self._loads,
-            factors,
-            self._crossing,
-            self._terms,
-            self._watched,
-            self._seen,
-        )
-        side_by_side(lambda thread: engine.advance(thread, count, *state), self._threads)
+        state = engine.BodyState(self._u, self._v, self._spare, self._p, self._force)
+        outside = engine.BodyLoads(self._loads, factors, self._crossing)
+        whole = (done, self.dt, self._drag, state, body, self._fracture, self._layers, outside, self._terms, watched)
+        side_by_side(lambda thread: engine.advance(thread, count, *whole), self._threads)
 
     def _watch(self, nodes: np.ndarray) -> None:
         self._watched = (

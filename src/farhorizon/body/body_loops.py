@@ -19,7 +19,7 @@ Gazonas 2012, eqs 2-6 to 2-14).
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from llvmlite import ir
@@ -630,46 +630,53 @@ def _move(u, v, smoothed, tile, dt, kick, force, outside, damping, medium, terms
     terms[PENDING_WORK] += dt / 2 * following
 
 
-@njit(error_model="numpy", nogil=True, cache=True)
-def advance(
-    thread,
-    steps_to_do,
-    done,
-    dt,
-    drag,
-    u,
-    v,
-    spare,
-    p,
-    force,
-    tiles,
-    medium,
-    pairs,
-    bonds,
-    triples,
-    slots,
-    fracture,
-    layers,
-    loads,
-    factors,
-    crossing,
-    balance,
-    watched,
-    seen,
-):
-    """Displacement Verlet; one thread's share of the tiles.
+class BodyState(NamedTuple):
+    """Fields of a body, in place.
 
-    Parameters
+    Attributes
     ----------
-    thread : Thread
-    steps_to_do, done : int
-        Steps, and those before; the very first starts from velocities at its own time.
-    dt, drag : float
-        Step, and D of eq. 3-4 in a step.
     u, v, spare : ndarray, shape (dim, size)
         Displacements, velocities half a step before, and room for smoothed ones.
     p, force : ndarray, shapes (dim^2, size) and (dim, size)
         Stresses, and the force of the stabilisation (without use if there is none).
+    """
+
+    u: np.ndarray
+    v: np.ndarray
+    spare: np.ndarray
+    p: np.ndarray
+    force: np.ndarray
+
+
+class SplitState(NamedTuple):
+    """Fields of a body in split form, in place.
+
+    Attributes
+    ----------
+    u : ndarray, shape (dim, size)
+        The sum of the parts.
+    parts : ndarray, shape (dim, dim, size)
+        Displacement a by the direction b of the derivative that drives it, ``parts[b, a]``.
+    histories : ndarray, shape (dim, dim^2, size)
+        The same for the time integral of the stress over the density.
+    p : ndarray, shape (dim^2, size)
+        Stresses.
+    phi : ndarray, shape (dim, L)
+        Stretch in the layers (1/time).
+    """
+
+    u: np.ndarray
+    parts: np.ndarray
+    histories: np.ndarray
+    p: np.ndarray
+    phi: np.ndarray
+
+
+class BodyTiles(NamedTuple):
+    """The nodes of a body and what connects them.
+
+    Attributes
+    ----------
     tiles : ndarray of int, shape (N, 8)
         First node, number of nodes, kind, first place among the nodes of layers and of incomplete tiles (-1: none),
         place along the three axes.
@@ -685,21 +692,73 @@ def advance(
     slots : tuple
         Bits of the bonds of nodes in incomplete tiles, shape (words, M), their inverse shape tensors, shape (dim^2, M),
         bits of a complete node.
+    """
+
+    tiles: np.ndarray
+    medium: tuple[np.ndarray, int, bool]
+    pairs: tuple[np.ndarray, np.ndarray]
+    bonds: tuple[np.ndarray, np.ndarray, np.ndarray]
+    triples: np.ndarray
+    slots: tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+class BodyLoads(NamedTuple):
+    """Forces on a body from outside, and where it ends.
+
+    Attributes
+    ----------
+    loads, factors : ndarray, shapes (L, dim, size) and (steps, L)
+        Forces over the reference density, and their factors in each step.
+    crossing : ndarray of int, shape (C, 2)
+        Nodes of the near field and their bonds that leave it.
+    """
+
+    loads: np.ndarray
+    factors: np.ndarray
+    crossing: np.ndarray
+
+
+class Watched(NamedTuple):
+    """Nodes whose displacements are kept.
+
+    Attributes
+    ----------
+    nodes : ndarray of int, shape (n,)
+    seen : ndarray, shape (steps, dim, n)
+        After each step.
+    """
+
+    nodes: np.ndarray
+    seen: np.ndarray
+
+
+@njit(error_model="numpy", nogil=True, cache=True)
+def advance(thread, steps_to_do, done, dt, drag, state, body, fracture, layers, outside, balance, watched):
+    """Displacement Verlet; one thread's share of the tiles.
+
+    Parameters
+    ----------
+    thread : Thread
+    steps_to_do, done : int
+        Steps, and those before; the very first starts from velocities at its own time.
+    dt, drag : float
+        Step, and D of eq. 3-4 in a step.
+    state : BodyState
+    body : BodyTiles
     fracture : tuple
         Squared lengths at which bonds break, first and last + 1 node along each axis between which they may, whether K
         is kept.
     layers : tuple
         Memory of the layers' nodes, shape (2 dim^2, L), `keep` and `gain` of its recursion, shape (dim, L), damping,
         shape (L,).
-    loads, factors : ndarray, shapes (L, dim, size) and (steps, L)
-        Forces from outside over the reference density, and their factors in each step.
-    crossing : ndarray of int, shape (C, 2)
-        Nodes of the near field and their bonds that leave it.
+    outside : BodyLoads
     balance : ndarray, shape (threads, TERMS)
         Energies over the reference mass of a node, as named above, of the near field.
-    watched : ndarray of int, shape (n,)
-        Nodes whose displacements after each step go into `seen`, shape (steps, dim, n).
+    watched : Watched
     """
+    u, v, spare, p, force = state
+    tiles, medium, pairs, bonds, triples, slots = body
+    loads, factors, crossing = outside
     dim = u.shape[0]
     rows = dim * dim
     work = np.zeros((3 * rows + 1, TILE))
@@ -753,7 +812,7 @@ def advance(
             terms[WORK] = 0
         barrier(thread)
         terms[PENDING_OUTFLOW] = dt / 2 * _outflow(v, p, u, dt, medium, crossing, bonds, thread)
-        _see(thread, u, watched, seen[step])
+        _see(thread, u, watched.nodes, watched.seen[step])
         barrier(thread)
 
 
@@ -766,25 +825,22 @@ def _see(thread, u, watched, seen):
 
 
 @njit(error_model="numpy", nogil=True, cache=True)
-def advance_split(
-    thread, steps_to_do, dt, u, parts, histories, p, tiles, medium, pairs, bonds, slots, phi, watched, seen
-):
+def advance_split(thread, steps_to_do, dt, state, body, watched):
     """The published scheme: forward Euler on split fields (Wildman and Gazonas 2012, eqs 2-30 and 2-31, which are the
     same two steps at a time).
 
     Parameters
     ----------
-    u : ndarray, shape (dim, size)
-        The sum of the parts.
-    parts : ndarray, shape (dim, dim, size)
-        Displacement a by the direction b of the derivative that drives it, ``parts[b, a]``.
-    histories : ndarray, shape (dim, dim^2, size)
-        The same for the time integral of the stress over the density.
-    phi : ndarray, shape (dim, L)
-        Stretch in the layers (1/time).
-
-    The rest as of `advance`; all nodes are alike.
+    thread : Thread
+    steps_to_do : int
+    dt : float
+    state : SplitState
+    body : BodyTiles
+        Whose nodes are all alike.
+    watched : Watched
     """
+    u, parts, histories, p, phi = state
+    tiles, medium, pairs, bonds, _, slots = body
     dim = u.shape[0]
     rows = dim * dim
     lame, shear = medium[0][LAME, 0], medium[0][SHEAR, 0]
@@ -829,7 +885,7 @@ def advance_split(
                         part[i] += dt * (work[a * dim + b, i] - fade[i] * part[i])
                         u[a, start + i] += part[i]
         barrier(thread)
-        _see(thread, u, watched, seen[step])
+        _see(thread, u, watched.nodes, watched.seen[step])
 
 
 @njit(error_model="numpy", cache=True)
