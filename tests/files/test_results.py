@@ -31,7 +31,6 @@ def write(path, dim=2, dtype="float64", outputs=3, fields=("u", "v")):
     lower = (-1.5, 2.0, 0.25)[:dim]
     writer = ResultsWriter.create(
         path,
-        dim=dim,
         shape=SHAPES[dim],
         spacing=0.5,
         lower=lower,
@@ -76,7 +75,7 @@ def test_balance(tmp_path):
     """
     names = ["stored", "x-", "residual"]
     writer = ResultsWriter.create(
-        tmp_path / "a.h5", dim=1, shape=(7,), spacing=0.5, lower=(0.0,), fields=("u",), dtype="float64", accounts=names
+        tmp_path / "a.h5", shape=(7,), spacing=0.5, lower=(0.0,), fields=("u",), dtype="float64", accounts=names
     )
     for k in range(3):
         writer.append(
@@ -113,7 +112,6 @@ def test_vectors(tmp_path, dim):
     data = np.stack([c + values(dim, "float64", 0) for c in range(dim)])
     writer = ResultsWriter.create(
         tmp_path / "a.h5",
-        dim=dim,
         shape=SHAPES[dim],
         spacing=0.5,
         lower=(0.0,) * dim,
@@ -148,7 +146,6 @@ def test_vectors_beside_scalars(tmp_path):
     for fields in (("u", "damage"), ("damage",)):
         writer = ResultsWriter.create(
             tmp_path / "a.h5",
-            dim=2,
             shape=SHAPES[2],
             spacing=0.5,
             lower=(0.0, 0.0),
@@ -174,9 +171,7 @@ def test_vectors_beside_scalars(tmp_path):
 
 
 def test_without_probes_and_energy(tmp_path):
-    writer = ResultsWriter.create(
-        tmp_path / "a.h5", dim=1, shape=(3,), spacing=1, lower=(0,), fields=("u",), dtype="float64"
-    )
+    writer = ResultsWriter.create(tmp_path / "a.h5", shape=(3,), spacing=1, lower=(0,), fields=("u",), dtype="float64")
     empty = open_results(tmp_path / "a.h5")
     assert empty.times.size == 0 and empty.to_xarray().sizes["time"] == 0
     writer.append(0, 0.0, {"u": np.zeros(3)})
@@ -237,7 +232,7 @@ def test_killed_process_leaves_a_valid_file(tmp_path):
     path = tmp_path / "a.h5"
     script = (
         "import sys; import numpy as np; from farhorizon.files.results import ResultsWriter\n"
-        "w = ResultsWriter.create(sys.argv[1], dim=2, shape=(60, 50), spacing=1, lower=(0, 0), fields=('u',), "
+        "w = ResultsWriter.create(sys.argv[1], shape=(60, 50), spacing=1, lower=(0, 0), fields=('u',), "
         "dtype='float64')\n"
         "for k in range(10**6):\n"
         "    w.append(k, float(k), {'u': np.full((60, 50), float(k))}, float(k)); print(k, flush=True)"
@@ -306,8 +301,9 @@ def test_newer_version(tmp_path):
     [
         ({"dtype": "int32"}, "float32 or float64"),
         ({"dtype": "float16"}, "float32 or float64"),
-        ({"shape": (3, 3)}, "dim entries"),
-        ({"shape": (0,)}, "dim entries"),
+        ({"shape": (3, 3)}, "one to three entries"),
+        ({"shape": (0,)}, "all positive"),
+        ({"shape": (1, 1, 1, 1), "lower": (0.0,) * 4}, "one to three entries"),
         ({"spacing": 0.0}, "positive"),
         ({"fields": ("a/b",)}, "'a/b'"),
         ({"fields": ("energy",)}, "energy"),
@@ -317,7 +313,7 @@ def test_newer_version(tmp_path):
     ],
 )
 def test_create_refuses(tmp_path, wrong, match):
-    good = {"dim": 1, "shape": (3,), "spacing": 1.0, "lower": (0.0,), "fields": ("u",), "dtype": "float64"}
+    good = {"shape": (3,), "spacing": 1.0, "lower": (0.0,), "fields": ("u",), "dtype": "float64"}
     with pytest.raises(InputError, match=match):
         ResultsWriter.create(tmp_path / "a.h5", **{**good, **wrong})
     assert not (tmp_path / "a.h5").exists()
@@ -410,7 +406,7 @@ def test_vtk_reads_vectors(tmp_path):
 
     data = np.random.default_rng(1).standard_normal((2, 7, 5))
     writer = ResultsWriter.create(
-        tmp_path / "a.h5", dim=2, shape=(7, 5), spacing=0.5, lower=(0, 0), fields=("u",), dtype="float64", components=2
+        tmp_path / "a.h5", shape=(7, 5), spacing=0.5, lower=(0, 0), fields=("u",), dtype="float64", components=2
     )
     for k in range(2):
         writer.append(k, float(k), {"u": (k + 1) * data})
@@ -439,7 +435,7 @@ def test_vtk_reads_a_single_output(tmp_path, dim):
 def test_vtk_reads_axes_of_one_node(tmp_path, shape):
     lower = (0.0,) * len(shape)
     writer = ResultsWriter.create(
-        tmp_path / "a.h5", dim=len(shape), shape=shape, spacing=1, lower=lower, fields=("u",), dtype="float64"
+        tmp_path / "a.h5", shape=shape, spacing=1, lower=lower, fields=("u",), dtype="float64"
     )
     for k in range(2):
         writer.append(k, float(k), {"u": k + np.arange(np.prod(shape)).reshape(shape)})

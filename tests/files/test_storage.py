@@ -18,7 +18,7 @@ SHAPE = (40, 30)
 def begun(path, outputs=2):
     """A results file with some outputs, each filled with its number."""
     writer = ResultsWriter.create(
-        path, dim=2, shape=SHAPE, spacing=1.0, lower=(0, 0), fields=("u", "v"), dtype="float64", probes=np.zeros((2, 2))
+        path, shape=SHAPE, spacing=1.0, lower=(0, 0), fields=("u", "v"), dtype="float64", probes=np.zeros((2, 2))
     )
     for _ in range(outputs):
         append(writer)

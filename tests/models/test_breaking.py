@@ -445,7 +445,6 @@ def test_results_hold_vectors_and_the_damage(tmp_path):
         damage, u = np.random.default_rng(0).random(shape), np.random.default_rng(1).random((dim, *shape))
         writer = ResultsWriter.create(
             tmp_path / f"{dim}.h5",
-            dim=dim,
             shape=shape,
             spacing=0.5,
             lower=(0.0,) * dim,

@@ -16,7 +16,7 @@ def write_results(path, dim, outputs=6, observed=True):
     shape = tuple(a.size for a in axes)
     probes = np.zeros((2, dim)) if observed else None
     writer = ResultsWriter.create(
-        path, dim=dim, shape=shape, spacing=0.2, lower=(-1.0,) * dim, fields=("u", "v"), dtype="float64", probes=probes
+        path, shape=shape, spacing=0.2, lower=(-1.0,) * dim, fields=("u", "v"), dtype="float64", probes=probes
     )
     for k in range(outputs):
         data = {"u": wave(axes, k), "v": np.abs(wave(axes, k))}
@@ -36,9 +36,7 @@ def test_panels_share_a_scale_unless_some_would_be_empty(tmp_path, monkeypatch):
     )
     for run, amplitudes in enumerate(([1.0, 0.5, 0.3], [1.0, 0.01, 0.001], [0.0, 1.0, 0.5], [0.0, 0.0, 0.0])):
         path = tmp_path / f"{run}.h5"
-        writer = ResultsWriter.create(
-            path, dim=1, shape=(5,), spacing=1.0, lower=(0.0,), fields=("u",), dtype="float64"
-        )
+        writer = ResultsWriter.create(path, shape=(5,), spacing=1.0, lower=(0.0,), fields=("u",), dtype="float64")
         for k, amplitude in enumerate(amplitudes):
             writer.append(k, float(k), {"u": np.full(5, amplitude)})
         drawing.plot_results(open_results(path), tmp_path)
@@ -99,7 +97,6 @@ def axes_and_fields(path, dim=2, outputs=4, vector=True):
     shape = tuple(a.size for a in axes)
     writer = ResultsWriter.create(
         path,
-        dim=dim,
         shape=shape,
         spacing=0.25,
         lower=(-1.0,) * dim,

@@ -109,7 +109,6 @@ def _begun(case: Any, sim: Any, files: RunFiles) -> Any:
     dim = case.lattice.dim
     return ResultsWriter.create(
         files.result,
-        dim=dim,
         shape=case.lattice.shape,
         spacing=case.lattice.spacing,
         lower=case.lattice.lower,

@@ -377,7 +377,6 @@ class ResultsWriter:
         cls,
         path: str | Path,
         *,
-        dim: int,
         shape: Sequence[int],
         spacing: float,
         lower: Sequence[float] | np.ndarray,
@@ -394,10 +393,8 @@ class ResultsWriter:
         Parameters
         ----------
         path : str or Path
-        dim : int
-            1, 2 or 3.
         shape : sequence of int, length dim
-            Nodes along x[, y[, z]].
+            Nodes along x[, y[, z]]: one, two or three numbers.
         spacing : float
             Distance of neighbouring nodes, the same along every axis.
         lower : sequence of float, length dim
@@ -435,10 +432,11 @@ class ResultsWriter:
                 "results are stored in single or double precision", value=dtype, remedy="use float32 or float64"
             )
         shape, origin = tuple(int(n) for n in shape), tuple(float(v) for v in lower)
-        if dim not in (1, 2, 3) or len(shape) != dim or len(origin) != dim or min(shape) < 1:
+        dim = len(shape)
+        if dim not in (1, 2, 3) or len(origin) != dim or min(shape) < 1:
             raise InputError(
-                "dim is 1, 2 or 3, and shape and lower have dim entries",
-                value=f"dim {dim}, shape {shape}, lower {origin}",
+                "shape has one to three entries, all positive, and lower as many",
+                value=f"shape {shape}, lower {origin}",
             )
         if not np.isfinite(spacing) or spacing <= 0:
             raise InputError("the spacing is a positive number", value=spacing)
