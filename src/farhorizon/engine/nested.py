@@ -672,6 +672,12 @@ def address(array):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
+def stretch_of(layers, profile):
+    """Addresses of the tables of the edges of a layer."""
+    return address(layers.r[profile]), address(layers.e[profile]), address(layers.f[profile])
+
+
+@njit(error_model="numpy", cache=True, counted=False)
 def weigh(tables, function, number, node, slot, band, to, step, vectors, least):
     """The sums `number` from k = `least` on, for a tile whose first node is at `node` in the level, and at `slot` where
     it lies in a band.
@@ -737,7 +743,7 @@ def continue_band(thread, number, stage, layers, work):
     first, zero = (band[ORIGIN] - m, start + m * row) if step > 0 else (band[ORIGIN] - columns, start + columns * row)
     middle = (m - 1 if step > 0 else columns) * m * row
     found, far = start + sizes[5] * row, (sets - 1) * (sizes[5] // 2) * row
-    r, e, f = address(layers.r[band[PROFILE]]), address(layers.e[band[PROFILE]]), address(layers.f[band[PROFILE]])
+    stretch = stretch_of(layers, band[PROFILE])
     apart, cells, cell = src.size // components, (2 * columns + 1) * m, layers.cell * group
     clear(found + (columns + m) * m * row, (width - columns - m) * m * LINES, like)
     if sets == 2:
@@ -764,38 +770,10 @@ def continue_band(thread, number, stage, layers, work):
         if sets == 2:
             clear(found + far, (columns + m) * m * LINES, like)
         kept = address(memory) + layers.cell * (band[KEPT] + item * group * cells)
-        call_shifts(
-            band[OUTWARDS],
-            zero,
-            sign * row,
-            0,
-            found + middle,
-            sign * m * row,
-            row,
-            kept,
-            cell,
-            r,
-            e,
-            f,
-            columns,
-            vectors,
-        )
-        call_shifts(
-            band[INWARDS],
-            zero,
-            sign * row,
-            0,
-            found + far + middle,
-            sign * m * row,
-            row,
-            kept + (columns + 1) * m * cell,
-            cell,
-            r,
-            e,
-            f,
-            columns,
-            vectors,
-        )
+        line, inwards = (zero, sign * row, 0), kept + (columns + 1) * m * cell
+        on, back = (found + middle, sign * m * row, row), (found + far + middle, sign * m * row, row)
+        call_shifts(band[OUTWARDS], line, on, (kept, cell), stretch, columns, vectors)
+        call_shifts(band[INWARDS], line, back, (inwards, cell), stretch, columns, vectors)
         for k in range(m * sets):
             here = band[BASE] + ((c * sets * m + k) * sizes[2] + sizes[3] + x * band[LINE] + y) * width
             source = found + (k // m) * far + k % m * row
@@ -859,18 +837,12 @@ def add_bands(thread, stage, layers, work, material):
                 fetch(news + (node + i * band[ROW]) * size)
                 fetch(news + (node + i * band[ROW] + count - 1) * size)
             if sums:
+                here = extra + slot * size
                 call_mirrored(
                     function,
-                    to,
-                    to,
-                    LINES * size,
-                    LINES * size,
-                    extra + slot * size + ahead,
-                    extra + slot * size + behind,
-                    band[LINE] * width * size,
-                    width * size,
-                    shift,
-                    step,
+                    (to, to, LINES * size, LINES * size),
+                    (here + ahead, here + behind),
+                    (band[LINE] * width * size, width * size, shift, step),
                     weights,
                     vectors,
                 )
@@ -908,7 +880,7 @@ def stretch_edge(number, c, t, stage, layers, work, material):
     parts, half = stage.components * sizes[5], sizes[5] // 2
     target = (stage.components + 2) * sizes[5] + c * sizes[9]
     wide, high = face[COLUMNS] + m + 1, other[COLUMNS] + n + 1
-    r, e, f = address(layers.r[other[PROFILE]]), address(layers.e[other[PROFILE]]), address(layers.f[other[PROFILE]])
+    stretch = stretch_of(layers, other[PROFILE])
     tables = tables_of(layers)
     field, extra = address(src), address(slots)
     lanes = vectors * 64 // size
@@ -950,38 +922,10 @@ def stretch_edge(number, c, t, stage, layers, work, material):
                             )
                 memo = address(memory) + layers.cell * past
                 zero, there = start + (parts + n * n) * row, start + to * row
-                call_shifts(
-                    kind[KIND_OUTWARDS],
-                    zero,
-                    n * row,
-                    row,
-                    there,
-                    row,
-                    row,
-                    memo,
-                    cell,
-                    r,
-                    e,
-                    f,
-                    other[COLUMNS],
-                    vectors,
-                )
-                call_shifts(
-                    kind[KIND_INWARDS],
-                    zero + (other[SETS] - 1) * half * row,
-                    n * row,
-                    row,
-                    there,
-                    row,
-                    row,
-                    memo + (other[COLUMNS] + 1) * most * cell,
-                    cell,
-                    r,
-                    e,
-                    f,
-                    other[COLUMNS],
-                    vectors,
-                )
+                outer, inner = (zero, n * row, row), (zero + (other[SETS] - 1) * half * row, n * row, row)
+                total, inwards = (there, row, row), memo + (other[COLUMNS] + 1) * most * cell
+                call_shifts(kind[KIND_OUTWARDS], outer, total, (memo, cell), stretch, other[COLUMNS], vectors)
+                call_shifts(kind[KIND_INWARDS], inner, total, (inwards, cell), stretch, other[COLUMNS], vectors)
                 clear(start + (to + 1 - n) * row, (n - most) * LINES, like)
                 past += (2 * other[COLUMNS] + 1) * most * lanes
 
@@ -999,7 +943,7 @@ def stretch_face(item, stage, layers, work, material):
     size = src.itemsize
     wide, start = LINES * size, address(work)
     half, found, added = sizes[5] // 2, (components + 1) * sizes[5], (components + 2) * sizes[5]
-    r, e, f = address(layers.r[face[PROFILE]]), address(layers.e[face[PROFILE]]), address(layers.f[face[PROFILE]])
+    stretch = stretch_of(layers, face[PROFILE])
     tables = tables_of(layers)
     field, extra, olds, news = address(src), address(slots), address(base), address(out)
     lanes, apart, cells = vectors * 64 // size, src.size // components, (2 * columns + 1) * m
@@ -1029,37 +973,12 @@ def stretch_face(item, stage, layers, work, material):
             )
             if sums:
                 plus, minus, here = start + to * wide + on, start + to * wide + back, extra + slot * size
-                call_mirrored(
-                    function,
-                    plus,
-                    minus,
-                    wide,
-                    sizes[5] * wide,
-                    field + node * size,
-                    0,
-                    across,
-                    across,
-                    apart * size,
-                    0,
-                    weights,
-                    vectors,
-                )
+                sides = (plus, minus, wide, sizes[5] * wide)
+                strides = (across, across, apart * size, 0)
+                call_mirrored(function, sides, (field + node * size, 0), strides, weights, vectors)
                 if band_function != 0:
-                    call_mirrored(
-                        band_function,
-                        plus,
-                        minus,
-                        wide,
-                        sizes[5] * wide,
-                        here + ahead,
-                        here + behind,
-                        slots_across,
-                        slots_across,
-                        shift,
-                        step,
-                        band_weights,
-                        vectors,
-                    )
+                    strides = (slots_across, slots_across, shift, step)
+                    call_mirrored(band_function, sides, (here + ahead, here + behind), strides, band_weights, vectors)
             for part in range(0 if sums and edge < 0 and layers.cuts.shape[0] == 0 else components * sets):
                 c, own = part // sets, part % sets
                 if p < 0 and own < sets - 1:
@@ -1095,23 +1014,10 @@ def stretch_face(item, stage, layers, work, material):
             kept = face[MEMORY] + ((c * face[ROWS] + row) * sizes[6] + tile[TILE_PLACE]) * cells
             memo = address(memory) + layers.cell * kept
             zero, there = start + (c * sizes[5] + m * m) * wide, start + (found + m) * wide
-            call_shifts(face[OUTWARDS], zero, m * wide, wide, there, wide, wide, memo, cell, r, e, f, columns, vectors)
-            call_shifts(
-                face[INWARDS],
-                zero + (sets - 1) * half * wide,
-                m * wide,
-                wide,
-                there,
-                wide,
-                wide,
-                memo + (columns + 1) * m * cell,
-                cell,
-                r,
-                e,
-                f,
-                columns,
-                vectors,
-            )
+            outer, inner = (zero, m * wide, wide), (zero + (sets - 1) * half * wide, m * wide, wide)
+            total, inwards = (there, wide, wide), memo + (columns + 1) * m * cell
+            call_shifts(face[OUTWARDS], outer, total, (memo, cell), stretch, columns, vectors)
+            call_shifts(face[INWARDS], inner, total, (inwards, cell), stretch, columns, vectors)
             for p in range(1 - m, columns + 1):
                 place = (first + p * face[STEP] + c * apart) * size
                 add_lines(there + p * wide, news + place, scale, count)

@@ -148,19 +148,13 @@ def sweep_rows(stage, sweep, material, i0, i1, end, first, last):
         size = src.itemsize
         call_sweep(
             sweep.function,
-            src.ctypes.data + start * size,
-            stage.base.ctypes.data + to * size,
-            stage.out.ctypes.data + to * size,
+            (src.ctypes.data + start * size, stage.base.ctypes.data + to * size, stage.out.ctypes.data + to * size),
             sweep.weights.ctypes.data + stage.part * sweep.weights.shape[1] * size,
             stage.a,
             stage.b,
-            last - first,
-            end - i1,
-            block[6],
-            block[7],
-            block[8],
-            block[5],
-            block[11],
+            (last - first, end - i1),
+            (block[6], block[7], block[8]),
+            (block[5], block[11]),
             block.ctypes.data + 8 * SHIFTS,
         )
     elif stage.components == 1:
@@ -245,38 +239,22 @@ def sweep_two_phases(stage, sweep, material, runs, number):
             if kind == LIQUID and sweep.function != 0:
                 call_sweep(
                     sweep.function,
-                    places[0] + here,
-                    places[2] + there,
-                    places[3] + there,
+                    (places[0] + here, places[2] + there, places[3] + there),
                     plain,
                     stage.a,
                     stage.b,
-                    stop - start,
-                    count,
-                    block[6],
-                    block[7],
-                    block[8],
-                    block[5],
-                    block[11],
+                    (stop - start, count),
+                    (block[6], block[7], block[8]),
+                    (block[5], block[11]),
                     block.ctypes.data + 8 * SHIFTS,
                 )
             elif kind != SOLID:
                 sweep_phases(
-                    places[0] + here,
-                    places[1] + here,
-                    places[2] + there,
-                    places[3] + there,
-                    apart,
-                    between,
-                    bonds,
-                    stage.a_difference,
-                    stage.b,
-                    material.interface,
-                    material.ceiling,
-                    stop - start,
-                    count,
-                    block[5],
-                    block[11],
+                    (places[0] + here, places[1] + here, places[2] + there, places[3] + there),
+                    (apart, between, bonds),
+                    (stage.a_difference, stage.b, material.interface, material.ceiling),
+                    (stop - start, count),
+                    (block[5], block[11]),
                 )
 
 

@@ -14,16 +14,17 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 
 from farhorizon.engine.rows.matrices import Octant, Pattern, mirror_sums, parity
-from farhorizon.engine.rows.vectors import I64, Vectors
+from farhorizon.engine.rows.vectors import I64, Vectors, call_of, flat, int64s
 
 _IN_FLIGHT = 6  # sums that a vector is added up in, at least: each waits for itself
-MIRRORED_SIGNATURE = types.void(*[types.int64] * 12)
+_MIRRORED = int64s(4), int64s(2), int64s(4), types.int64, types.int64
+MIRRORED_SIGNATURE = types.void(*_MIRRORED)
 
 
 def mirrored_parts(
     offsets: Octant, pattern: Pattern, axis: int, both: bool, apart: bool, differ: bool, real: str
 ) -> Any:
-    """Make the intrinsic ``parts(plus, minus, part_k, part_c, ahead, behind, s0, s1, shift, step, weights, vectors)``.
+    """Make the intrinsic ``parts(to, source, strides, weights, vectors)``.
 
     It sums what lines across an axis bring to nodes that are neighbours along the last axis, for each component and
     each distance k along that axis: what lies k nodes on in its direction, and what lies k nodes back.
@@ -46,11 +47,11 @@ def mirrored_parts(
     Returns
     -------
     numba intrinsic
-        Takes byte addresses of the first sum (k = 1, first component) of what lies on and of what lies back, and the
-        distances of the sums of one more k and component; the address of the first node, or of the nearest lines ahead
-        and behind; in bytes the distances of neighbours along the first two axes, of components, and of lines one node
-        farther ahead; the weights; how many vectors. From lines of their own, for the first two axes, sums are added to
-        what is there.
+        Takes groups. `to`: byte addresses of the first sum (k = 1, first component) of what lies on and of what lies
+        back, and the distances of the sums of one more k and component. `source`: that of the first node and 0, or of
+        the nearest lines ahead and behind. `strides`, in bytes: of neighbours along the first two axes, of components, and
+        of lines one node farther ahead. Then the weights, and how many vectors. From lines of their own, for the first
+        two axes, sums are added to what is there.
     """
     components = {1: 1, 4: 2, 9: 3}[len(pattern[0])]
     adds = apart and axis < 2
@@ -152,9 +153,9 @@ def mirrored_parts(
                         vectors.store(builder.fadd(vectors.load(place), value) if adds else value, place)
 
     @intrinsic
-    def parts(typingctx, plus, minus, part_k, part_c, ahead, behind, s0, s1, shift, step, weights, vectors):
+    def parts(typingctx, to, source, strides, weights, vectors):
         def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-            emit(builder, args)
+            emit(builder, flat(builder, args))
             return context.get_dummy_value()
 
         return MIRRORED_SIGNATURE, codegen
@@ -163,15 +164,6 @@ def mirrored_parts(
 
 
 @intrinsic
-def call_mirrored(
-    typingctx, function, plus, minus, part_k, part_c, ahead, behind, s0, s1, shift, step, weights, vectors
-):
+def call_mirrored(typingctx, function, to, source, strides, weights, vectors):
     """Call compiled `mirrored_parts` by their address."""
-    signature = types.void(*[types.int64] * 13)
-
-    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-        kind = ir.FunctionType(ir.VoidType(), [arg.type for arg in args[1:]])
-        builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
-        return context.get_dummy_value()
-
-    return signature, codegen
+    return call_of(_MIRRORED)

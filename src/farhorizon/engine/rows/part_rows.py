@@ -17,6 +17,6 @@ _parts = mirrored_parts(SHAPE, PATTERN, AXIS, BOTH, APART, DIFFER, REAL)
 
 
 @cfunc(MIRRORED_SIGNATURE)
-def tile_parts(plus, minus, part_k, part_c, ahead, behind, s0, s1, shift, step, weights, vectors):
+def tile_parts(to, source, strides, weights, vectors):
     """Parts of the nodes of a tile."""
-    _parts(plus, minus, part_k, part_c, ahead, behind, s0, s1, shift, step, weights, vectors)
+    _parts(to, source, strides, weights, vectors)

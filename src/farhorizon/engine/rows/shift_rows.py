@@ -16,15 +16,15 @@ _parts = weighted_parts(REACH if NESTED else 1, REAL)
 
 
 @cfunc(SHIFTS_SIGNATURE)
-def outwards(parts, part_step, part_k, found, found_step, found_k, memory, cell, r, e, f, columns, vectors):
+def outwards(parts, found, memory, edges, columns, vectors):
     """From the outer end inwards."""
-    _outwards(parts, part_step, part_k, found, found_step, found_k, memory, cell, r, e, f, columns, vectors)
+    _outwards(parts, found, memory, edges, columns, vectors)
 
 
 @cfunc(SHIFTS_SIGNATURE)
-def inwards(parts, part_step, part_k, found, found_step, found_k, memory, cell, r, e, f, columns, vectors):
+def inwards(parts, found, memory, edges, columns, vectors):
     """From the core outwards."""
-    _inwards(parts, part_step, part_k, found, found_step, found_k, memory, cell, r, e, f, columns, vectors)
+    _inwards(parts, found, memory, edges, columns, vectors)
 
 
 @cfunc(PARTS_SIGNATURE)

@@ -18,9 +18,9 @@ line = (matrix_line_sweep(SHAPE, PATTERN, REAL) if PATTERN else line_sweep(SHAPE
 
 
 @cfunc(sweep_signature(REAL))
-def rows(src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, shifts):
+def rows(levels, weights, a, b, extent, strides, apart, shifts):
     """Neighbouring rows of one block."""
-    if LINES and s2 == 1:
-        line(src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, shifts)
+    if LINES and strides[2] == 1:
+        line(levels, weights, a, b, extent, strides, apart, shifts)
     else:
-        strided(src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, shifts)
+        strided(levels, weights, a, b, extent, strides, apart, shifts)

@@ -126,6 +126,30 @@ class Vectors:
         return product if total is None else self.builder.fadd(total, product, flags=_CONTRACT)
 
 
+def int64s(count: int) -> Any:
+    """Numba type of a group of so many addresses or distances."""
+    return types.UniTuple(types.int64, count)
+
+
+def flat(builder: ir.IRBuilder, args: Sequence[Any]) -> tuple[Any, ...]:
+    """Values one by one, where some come in groups."""
+    grouped = [cgutils.unpack_tuple(builder, arg) if isinstance(arg.type, ir.ArrayType) else [arg] for arg in args]
+    return tuple(value for group in grouped for value in group)
+
+
+def call_of(kinds: Sequence[Any]) -> tuple[Any, Callable[..., Any]]:
+    """Signature and code of an intrinsic that takes the address of a compiled function without a result, and what it
+    passes on.
+    """
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        kind = ir.FunctionType(ir.VoidType(), [arg.type for arg in args[1:]])
+        builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
+        return context.get_dummy_value()
+
+    return types.void(types.int64, *kinds), codegen
+
+
 def line_sweep(shape: Shape, classes: tuple[int, ...], real: str) -> Any:
     """Make the intrinsic ``sweep(src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, shifts)`` for rows of
     neighbours in memory.
@@ -374,9 +398,9 @@ def tile_nodes(lines: int, size: int) -> int:
 
 def sweep_intrinsic(emit: Callable[[ir.IRBuilder, tuple[Any, ...]], None], real: str) -> Any:
     @intrinsic
-    def sweep(typingctx, src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, shifts):
+    def sweep(typingctx, levels, weights, a, b, extent, strides, apart, shifts):
         def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-            emit(builder, args)
+            emit(builder, flat(builder, args))
             return context.get_dummy_value()
 
         return sweep_signature(real), codegen
@@ -386,20 +410,18 @@ def sweep_intrinsic(emit: Callable[[ir.IRBuilder, tuple[Any, ...]], None], real:
 
 def sweep_signature(real: str) -> Any:
     """Numba signature of a sweep."""
-    return types.void(*[types.int64] * 4, *[getattr(types, real)] * 2, *[types.int64] * 8)
+    return types.void(*_sweep_types(getattr(types, real)))
+
+
+def _sweep_types(number: Any) -> list[Any]:
+    """Of (src, base, out), the weights, a, b, (nodes, rows), three strides, the distances of rows, and the shifts."""
+    return [int64s(3), types.int64, number, number, int64s(2), int64s(3), int64s(2), types.int64]
 
 
 @intrinsic
-def call_sweep(typingctx, function, src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, shifts):
+def call_sweep(typingctx, function, levels, weights, a, b, extent, strides, apart, shifts):
     """Call a compiled sweep by its address: the driver need not be compiled again for every stencil."""
-    signature = types.void(*[types.int64] * 5, a, a, *[types.int64] * 8)
-
-    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-        kind = ir.FunctionType(ir.VoidType(), [arg.type for arg in args[1:]])
-        builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
-        return context.get_dummy_value()
-
-    return signature, codegen
+    return call_of(_sweep_types(a))
 
 
 @intrinsic
@@ -444,14 +466,13 @@ TILE, TILE_ROWS = 8, 4
 
 
 @intrinsic
-def sweep_phases(
-    typingctx, src, coefficient, base, out, offsets, weights, bonds, a, b, interface, ceiling, n, count, step, t
-):
+def sweep_phases(typingctx, at, stencil, factors, extent, apart):
     """``out = a*src + b*base + sum over the bonds`` on up to `TILE_ROWS` rows of `n` nodes, where bonds differ by the
     phases of their ends.
 
-    All but a, b, the factor `interface` of bonds between the phases and the counts are byte addresses: of the first
-    node in each array, of the distances (int64) to the neighbours and of their weights. Rows lie `step` elements apart
+    Takes (src, coefficient, base, out), (distances, weights, bonds), (a, b, interface, ceiling), (n, count) and (step,
+    t): byte addresses of the first node in each array, of the distances (int64) to the neighbours and of their weights;
+    numbers, `interface` the factor of bonds between the phases; counts; and how many elements apart rows lie, `step`
     in src and coefficient, t in base and out; a coefficient above 0 marks the liquid. A liquid node gains ``w (u' -
     u)`` from each liquid neighbour, and a node gains ``interface w (c' - c)`` from each neighbour of the other phase, c
     the lesser of u and `ceiling`, so that nothing at all flows between solid nodes. Rows that are not there repeat the
@@ -460,7 +481,8 @@ def sweep_phases(
     """
 
     def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-        src, coefficient, base, out, offsets, weights, bonds, a, b, interface, ceiling, n, count, step, t = args
+        src, coefficient, base, out, offsets, weights, bonds, *reals, n, count, step, t = flat(builder, args)
+        a, b, interface, ceiling = reals
         vectors = Vectors(builder, a.type, TILE)
         size = vectors.size
         zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
@@ -521,7 +543,7 @@ def sweep_phases(
             chunk(whole, vectors.store_first(rest))
         return context.get_dummy_value()
 
-    return types.void(*[types.int64] * 7, a, a, a, a, *[types.int64] * 4), codegen
+    return types.void(int64s(4), int64s(3), types.UniTuple(factors[0], 4), int64s(2), int64s(2)), codegen
 
 
 #: Neighbouring values that a window has, and sums that are taken side by side.
@@ -744,23 +766,16 @@ PARTS_SIGNATURE = types.void(*[types.int64] * 10)
 @intrinsic
 def call_parts(typingctx, function, to, to_step, source, ends, places, weights, weight_step, vectors, least, more):
     """Call compiled `weighted_parts` by their address."""
-    signature = types.void(*[types.int64] * 11)
-
-    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-        kind = ir.FunctionType(ir.VoidType(), [arg.type for arg in args[1:]])
-        builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
-        return context.get_dummy_value()
-
-    return signature, codegen
+    return call_of(PARTS_SIGNATURE.args)
 
 
 def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str, kept: str) -> Any:
     """Make the intrinsic that applies stretched shifts in one direction along lines that go through side by side; see
     `engine.nested`.
 
-    ``shifts(parts, part_step, part_k, found, found_step, found_k, memory, cell, r, e, f, columns, vectors)``: byte
-    addresses of column 0 and the distances between columns and between k; of the memory, one cell an application,
-    outwards from the outer end, and the bytes of a cell (0: there is none, e and f are zero); of the tables of edges.
+    ``shifts(parts, found, memory, edges, columns, vectors)``: for parts and what is found the byte address of column 0
+    and the distances between columns and between k; that of the memory, one cell an application, outwards from the
+    outer end, and the bytes of a cell (0: there is none, e and f are zero); those of the tables r, e and f of edges.
     The memory holds numbers of the type `kept`, all else those of `real`.
     Outwards what is found is stored, from column 1 - reach on, inwards added, from column 1 on. Nested: a part for each
     column and k, the sum found for each column; else one value for each column, what is found for each k.
@@ -877,11 +892,9 @@ def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str, kept: 
             done, many = end, many // 2
 
     @intrinsic
-    def shifts(
-        typingctx, parts, part_step, part_k, found, found_step, found_k, memory, cell, r, e, f, columns, vectors
-    ):
+    def shifts(typingctx, parts, found, memory, edges, columns, vectors):
         def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-            emit(builder, args)
+            emit(builder, flat(builder, args))
             return context.get_dummy_value()
 
         return SHIFTS_SIGNATURE, codegen
@@ -889,22 +902,14 @@ def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str, kept: 
     return shifts
 
 
-SHIFTS_SIGNATURE = types.void(*[types.int64] * 13)
+_SHIFTS = int64s(3), int64s(3), int64s(2), int64s(3), types.int64, types.int64
+SHIFTS_SIGNATURE = types.void(*_SHIFTS)
 
 
 @intrinsic
-def call_shifts(
-    typingctx, function, parts, part_step, part_k, found, found_step, found_k, memory, cell, r, e, f, columns, vectors
-):
+def call_shifts(typingctx, function, parts, found, memory, edges, columns, vectors):
     """Call compiled `stretched_shifts` by their address."""
-    signature = types.void(*[types.int64] * 14)
-
-    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
-        kind = ir.FunctionType(ir.VoidType(), [arg.type for arg in args[1:]])
-        builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
-        return context.get_dummy_value()
-
-    return signature, codegen
+    return call_of(_SHIFTS)
 
 
 #: Lines and columns that `turn` exchanges at a time.
