@@ -13,6 +13,7 @@ from farhorizon.engine.bond_zone import BondZone
 from farhorizon.engine.bonds import PHASES, factors_of
 from farhorizon.engine.field import Field
 from farhorizon.engine.filter import without
+from farhorizon.engine.layer_cuts import cut_layers
 from farhorizon.engine.surface import bare_bonds, shared_rows
 from farhorizon.engine.tables import Cuts, Surface
 
@@ -73,7 +74,7 @@ class AbsentBonds:
         nodes, neighbours, weights = nodes[order], neighbours[order], weights[order]
         engine.replace(
             cuts=Cuts(nodes, neighbours, weights.astype(engine.dtype).ravel()),
-            layers=engine.layer_tables.cut(nodes, neighbours, weights),
+            layers=cut_layers(engine.layer_tables, nodes, neighbours, weights),
         )
 
     def _open_surface(self) -> None:

@@ -19,8 +19,8 @@ from farhorizon.engine.bonds import CHUNK, RULES, Zone
 from farhorizon.engine.ends import Ends, Poles, ends_table
 from farhorizon.engine.filter import without
 from farhorizon.engine.fringe import fringe_table
+from farhorizon.engine.layer_tables import LayerTables
 from farhorizon.engine.layout import Layout, aligned_zeros
-from farhorizon.engine.nested import LayerTables
 from farhorizon.engine.operations import Tables, check_room, operations_of, operator_operations, sweep_operations
 from farhorizon.engine.phases import NEVER, count_solid, phases_table
 from farhorizon.engine.plain_tables import first_tables, numbers_of

@@ -6,8 +6,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from farhorizon.engine.layer_tables import LayerTables
 from farhorizon.engine.layout import Block, Layout
-from farhorizon.engine.nested import LayerTables
 from farhorizon.engine.operations import Tables
 
 

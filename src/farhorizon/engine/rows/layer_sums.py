@@ -49,9 +49,9 @@ def mirrored_parts(
     numba intrinsic
         Takes groups. `to`: byte addresses of the first sum (k = 1, first component) of what lies on and of what lies
         back, and the distances of the sums of one more k and component. `source`: that of the first node and 0, or of
-        the nearest lines ahead and behind. `strides`, in bytes: of neighbours along the first two axes, of components, and
-        of lines one node farther ahead. Then the weights, and how many vectors. From lines of their own, for the first
-        two axes, sums are added to what is there.
+        the nearest lines ahead and behind. `strides`: distances in bytes of neighbours along the first two axes, of
+        components, and of lines one node farther ahead. Then the weights, and how many vectors. From lines of their
+        own, for the first two axes, sums are added to what is there.
     """
     components = {1: 1, 4: 2, 9: 3}[len(pattern[0])]
     adds = apart and axis < 2

@@ -1,0 +1,108 @@
+"""Layers without some bonds: what their sums have too much there."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from farhorizon.engine.layer_tables import LayerTables
+from farhorizon.engine.layout import Block
+from farhorizon.engine.nested import (
+    AXIS,
+    BASE,
+    COLUMNS,
+    CUTS,
+    ORIGIN,
+    REACH,
+    ROW_STEP,
+    ROWS,
+    SETS,
+    STEP,
+    TILE_BAND,
+    TILE_FIRST,
+    WIDTH,
+    Layers,
+)
+
+
+def cut_layers(tables: LayerTables, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray) -> Layers:
+    """The layers without some bonds, given by places in a level and weights (n,) or (n, d, d).
+
+    A layer's columns, and those of the core next to it, lack the same bonds; those of its first column count.
+    """
+    box, components = tables.layout.box, tables.components
+    here = _coordinates(box, nodes)
+    offset = _coordinates(box, neighbours) - here
+    matrices = weights.reshape(len(nodes), components, components) / tables.unit
+    faces, face_rows, band_rows, start = tables.faces.copy(), [], [], 0
+    for face in faces:
+        axis = int(face[AXIS])
+        column = (int(face[ORIGIN]) - box.origin + int(face[STEP])) // box.stride[axis]
+        face[CUTS] = start
+        for i in np.flatnonzero((here[:, axis] == column) & (offset[:, axis] != 0)):
+            face_rows += _face_cuts(tables, face, here[i], offset[i], matrices[i])
+        start += components * int(face[ROWS]) * len(tables.tiles)
+    for number, band in enumerate(tables.bands):
+        column = int(band[ORIGIN]) - box.origin + int(band[STEP])
+        for i in np.flatnonzero((here[:, 2] == column) & (offset[:, 2] != 0)) if band[COLUMNS] else ():
+            band_rows += _band_cuts(tables, number, int(nodes[i]), here[i], offset[i], matrices[i])
+    if not face_rows and not band_rows:
+        return tables.layers
+    face_rows.sort(key=lambda row: row[0])
+    return tables.layers._replace(
+        faces=faces,
+        cuts=np.array([row[1:7] for row in face_rows], np.int64).reshape(-1, 6),
+        cut_weights=np.array([row[7] for row in face_rows], tables.dtype),
+        cut_ranges=np.searchsorted([row[0] for row in face_rows], np.arange(start + 1)),
+        band_cuts=np.array([row[:5] for row in band_rows], np.int64).reshape(-1, 5),
+        band_cut_weights=np.array([row[5] for row in band_rows], tables.dtype),
+    )
+
+
+def _coordinates(box: Block, places: np.ndarray) -> np.ndarray:
+    """Numbers of nodes along the axes, counted from the first of the box, of places in a level; shape (n, 3)."""
+    found = []
+    left = np.asarray(places, np.int64) - box.origin + int(np.dot(box.reach, box.stride))
+    for stride, m in zip(box.stride, box.reach, strict=True):
+        found.append(left // stride - m)
+        left = left % stride
+    return np.stack(found, -1)
+
+
+def _face_cuts(
+    tables: LayerTables, face: np.ndarray, here: np.ndarray, offset: np.ndarray, matrix: np.ndarray
+) -> list[tuple[Any, ...]]:
+    """Of one bond: its key, and the entries of `Layers.cuts` and `cut_weights`."""
+    axis, tiles = int(face[AXIS]), tables.tiles
+    own = int(offset[axis] * face[STEP] < 0)
+    if own >= face[SETS]:
+        return []  # its mirror image serves
+    other, k = 1 - axis, int(abs(offset[axis]))
+    t = int(np.searchsorted(tiles[:, TILE_FIRST], here[2], side="right")) - 1
+    lane, band = int(here[2] - tiles[t, TILE_FIRST]), int(tiles[t, TILE_BAND])
+    across, line = int(offset[other] * face[ROW_STEP] + offset[2]), np.where(np.arange(3) == axis, 0, offset).tolist()
+    rows = []
+    for row, column in np.argwhere(matrix != 0):
+        far = tables.slots.place(band, column, line) if band >= 0 else None
+        key = int(face[CUTS] + (row * face[ROWS] + here[other]) * len(tiles) + t)
+        near = across + column * tables.layout.size
+        rows.append((key, lane, own, k - 1, near, -1 if far is None else far, across, matrix[row, column]))
+    return rows
+
+
+def _band_cuts(
+    tables: LayerTables, number: int, node: int, here: np.ndarray, offset: np.ndarray, matrix: np.ndarray
+) -> list[tuple[Any, ...]]:
+    """Of one bond: the entries of `Layers.band_cuts` and `band_cut_weights`."""
+    band, box, slots = tables.bands[number], tables.layout.box, tables.slots
+    first = node - here[2] + (0 if band[STEP] < 0 else box.nodes[2] - band[COLUMNS] - band[REACH])
+    there = node + offset[0] * box.stride[0] + offset[1] * box.stride[1]
+    line = [here[0] + offset[0], here[1] + offset[1], offset[2]]
+    rows: list[tuple[Any, ...]] = []
+    for row, column in np.argwhere(matrix != 0):
+        place = slots.place(number, column, line)
+        if place is not None:
+            slot = band[BASE] + slots.first * band[WIDTH] + place
+            rows.append((number, first + row * tables.layout.size, slot, node, there, matrix[row, column]))
+    return rows

@@ -1,0 +1,424 @@
+"""Makes the tables of the layers of a box: where faces, edges and bands lie, and the pieces of work."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+
+import numpy as np
+
+from farhorizon.engine.layer_terms import Slots, Terms
+from farhorizon.engine.layout import ALIGN, SLACK, Layout, aligned_zeros
+from farhorizon.engine.nested import (
+    AXIS,
+    BASE,
+    COLUMNS,
+    CUTS,
+    EDGE_CELLS,
+    EDGE_FACE,
+    EDGE_FIRST,
+    EDGE_KINDS,
+    EDGE_MEMORY,
+    EDGE_OTHER,
+    EDGE_ROWS,
+    KEPT,
+    LINE,
+    LINES,
+    MEMORY,
+    PROFILE,
+    REACH,
+    ROWS,
+    SETS,
+    STEP,
+    TILE_COUNT,
+    TILE_FIRST,
+    TILE_PLACE,
+    TILE_VECTORS,
+    WIDTH,
+    Layers,
+)
+from farhorizon.engine.rows.build import load_parts, load_shifts
+from farhorizon.engine.rows.choose import UNROLLED_LIMIT, mirrored
+from farhorizon.engine.rows.vectors import TURNED
+
+
+class LayerTables:
+    """Makes the tables of the layers of a box.
+
+    Parameters
+    ----------
+    layout : Layout
+    offsets, weights : ndarray, shapes (K, 3) and (K, d, d)
+        The stencil.
+    recursion : mapping of (axis, side) to (r, e, f)
+        Of each layer, each of shape (columns + 1,).
+    dtype, kept : dtype
+        Of the field, and of what the layers remember.
+    remember, alike : bool
+        Whether the layers have memory, and whether no bonds have coefficients.
+
+    Attributes
+    ----------
+    layers : Layers
+        With all bonds; see `layer_cuts`.
+    slots : Slots
+    scratch : int
+        Numbers of the work space of each thread.
+    """
+
+    def __init__(
+        self,
+        layout: Layout,
+        offsets: np.ndarray,
+        weights: np.ndarray,
+        recursion: Mapping[tuple[int, int], tuple[np.ndarray, ...]],
+        dtype: np.dtype,
+        kept: np.dtype,
+        remember: bool,
+        alike: bool = True,
+    ) -> None:
+        # so that parts and their memory are as large as the field, in all units
+        self.unit = float(np.abs(weights).sum()) or 1.0
+        self.layout, self.offsets, self.weights, self.remember = layout, offsets, weights / self.unit, remember
+        self.dtype, self.kept, self._types = dtype, kept, (dtype.name, kept.name)
+        self.lanes, self.components = 64 // dtype.itemsize, layout.components
+        names = list(recursion)
+        self._profiles = {name: i for i, name in enumerate(names)}
+        self.even = [self._mirrors(axis) for axis in range(3)]
+        self.sets = [1 if even else 2 for even in self.even]  # parts outwards and inwards are the same, or not
+        self.memory = 0
+        self.bands = np.zeros((2, LINE + 1), np.int64)
+        self.slots = Slots(layout, self.sets[2], self.bands)
+        room = self._make_bands()
+        self.terms = Terms(layout, offsets, self.weights, dtype.itemsize, self.slots)
+        self.tiles = self._make_tiles()
+        self.faces = self._make_faces()
+        edges, kinds = self._make_edges()
+        self.band_sums = self.terms.count
+        for row in range(self.components):
+            self.terms.add(row, [{}], [0, 1])
+        items, ranges = self._make_items(edges)
+        self.edges, self.kinds = edges, kinds
+        longest = max((len(r) for r, _, _ in recursion.values()), default=1)
+        tables = np.zeros((3, max(len(names), 1), longest), dtype)
+        for i, name in enumerate(names):
+            for row, values in zip(tables, recursion[name], strict=True):
+                row[i, : len(values)] = values
+        if not remember:
+            tables[1:] = 0
+        none = np.zeros(0, np.int64)
+        self.layers = Layers(
+            self.faces,
+            self.bands,
+            edges,
+            kinds,
+            self.tiles,
+            items,
+            ranges,
+            np.array(self.terms.ends, np.int64),
+            np.array(self.terms.places, np.int64),
+            np.array(self.terms.materials, np.int64),
+            np.array(self.terms.values, dtype).reshape(-1, max(layout.reach)),
+            none.reshape(0, 6),
+            np.zeros(0, dtype),
+            none,
+            none.reshape(0, 5),
+            np.zeros(0, dtype),
+            self._copies(),
+            tables[0],
+            tables[1],
+            tables[2],
+            *self._mirrored(alike),
+            self._sizes(),
+            kept.itemsize * remember,
+            dtype.type(self.unit),
+            aligned_zeros(room, dtype),
+            aligned_zeros(-(-self.memory * kept.itemsize // dtype.itemsize) if remember else ALIGN * 4, dtype),
+        )
+
+    def _mirrors(self, axis: int) -> bool:
+        """Whether the stencil looks alike along an axis and against it."""
+        table = {tuple(o): w for o, w in zip(self.offsets.tolist(), self.weights, strict=True)}
+        turned = ((tuple(-i if a == axis else i for a, i in enumerate(o)), w) for o, w in table.items())
+        return all(o in table and np.array_equal(table[o], w) for o, w in turned)
+
+    # --- where everything lies ---------------------------------------------------------------------------------
+
+    def _make_bands(self) -> int:
+        """Fills the table of bands; the numbers that the slots take."""
+        layout, m, table, size = self.layout, self.layout.reach[2], self.bands, SLACK
+        groups = layout.box.nodes[0] * -(-layout.box.nodes[1] // self._group_lanes())
+        for number, side in enumerate((-1, 1)):
+            if (2, side) not in self._profiles:
+                continue
+            columns = layout.columns[2, side]
+            first = layout.low[2] if side < 0 else layout.low[2] + layout.core[2] - 1
+            width = -(-(columns + m) // self.lanes) * self.lanes
+            table[number] = (
+                2,
+                self._profiles[2, side],
+                columns,
+                m,
+                self.sets[2],
+                layout.box.origin + first,
+                side,
+                *load_shifts(m, False, *self._types),
+                width,
+                size,
+                self.memory,
+                *layout.box.stride[:2],
+                self.slots.grid[0],
+            )
+            size += self.components * self.sets[2] * m * self.slots.lines * width
+            self.memory += self.components * groups * self._group_lanes() * (2 * columns + 1) * m
+        return size + SLACK
+
+    def _group_lanes(self) -> int:
+        """Lines along the last axis that go through side by side: those with which the fewest lanes are empty."""
+        n = self.layout.box.nodes[1]
+        return min((size for size in range(LINES, 0, -self.lanes)), key=lambda size: -(-n // size) * size)
+
+    def _make_tiles(self) -> np.ndarray:
+        layout, rows, place = self.layout, [], 0
+        low, high = (int(self.bands[i, COLUMNS] and self.bands[i, COLUMNS] + layout.reach[2]) for i in (0, 1))
+        n = layout.box.nodes[2]
+        for first, last, band in ((0, low, 0), (low, n - high, -1), (n - high, n, 1)):
+            count = -(-(last - first) // LINES)
+            each = -(-(last - first) // max(count, 1))
+            size = -(-each // self.lanes) * self.lanes  # tiles of about the same size
+            for start in range(first, last, max(size, 1)):
+                nodes = min(size, last - start)
+                vectors = -(-nodes // self.lanes)
+                rows.append((start, nodes, vectors, band, start - first, place))
+                place += vectors * self.lanes
+        self._tile_lanes = place
+        return np.array(rows, np.int64)
+
+    def _make_faces(self) -> np.ndarray:
+        layout, rows = self.layout, []
+        for axis, side in itertools.product((0, 1), (-1, 1)):
+            if (axis, side) not in self._profiles:
+                continue
+            other = 1 - axis
+            columns, m, stride = layout.columns[axis, side], layout.reach[axis], layout.box.stride
+            first = layout.low[axis] if side < 0 else layout.low[axis] + layout.core[axis] - 1
+            sums = self.terms.count
+            for row, own in itertools.product(range(self.components), range(self.sets[axis])):
+                self.terms.add(row, [{axis: side * k * (1 - 2 * own)} for k in range(1, m + 1)], [other, 2])
+            count = layout.box.nodes[other]
+            rows.append(
+                (
+                    axis,
+                    self._profiles[axis, side],
+                    columns,
+                    m,
+                    self.sets[axis],
+                    layout.box.origin + first * stride[axis],
+                    side * stride[axis],
+                    *load_shifts(m, True, *self._types),
+                    count,
+                    stride[other],
+                    self.slots.first + first * self.slots.grid[axis],
+                    side * self.slots.grid[axis],
+                    self.slots.grid[other],
+                    sums,
+                    self.memory,
+                    0,
+                )
+            )
+            self.memory += self.components * count * self._tile_lanes * (2 * columns + 1) * m
+        return np.array(rows, np.int64).reshape(-1, CUTS + 1)
+
+    def _make_edges(self) -> tuple[np.ndarray, np.ndarray]:
+        rows: list[tuple[int, ...]] = []
+        kinds: list[tuple[int, ...]] = []
+        layout = self.layout
+        for number, face in enumerate(self.faces):
+            for other_number, other in enumerate(self.faces):
+                if face[AXIS] != 0 or other[AXIS] != 1:
+                    continue
+                sides, m = (int(np.sign(face[STEP])), int(np.sign(other[STEP]))), layout.reach
+                sums, first_kind, cells = self.terms.count, len(kinds), 0
+                for own, a in itertools.product(range(self.sets[0]), range(1, m[0] + 1)):
+                    far = int(np.abs(self.offsets[np.abs(self.offsets[:, 0]) == a, 1]).max(initial=0))
+                    start = -a if own == self.sets[0] - 1 else 0  # parts outwards are wanted from column 0 on
+                    kinds.append((far, start, cells, *(load_shifts(far, True, *self._types) if far else (0, 0, 0))))
+                    cells += (int(face[COLUMNS]) + 1 - start) * (2 * int(other[COLUMNS]) + 1) * far
+                kinds_of = itertools.product(
+                    range(self.components), range(self.sets[0]), range(1, m[0] + 1), range(self.sets[1])
+                )
+                for row, own, a, inward in kinds_of:
+                    x, y = sides[0] * a * (1 - 2 * own), sides[1] * (1 - 2 * inward)
+                    self.terms.add(
+                        row, [{0: x, 1: y * b} for b in range(1, kinds[first_kind + own * m[0] + a - 1][0] + 1)], [2]
+                    )
+                wide = int(other[COLUMNS]) + m[1]
+                first = 0 if sides[1] < 0 else layout.box.nodes[1] - wide
+                rows.append((number, other_number, sums, self.memory, cells, first, first + wide, first_kind))
+                self.memory += self.components * self._tile_lanes * cells
+        return np.array(rows, np.int64).reshape(-1, 8), np.array(kinds, np.int64).reshape(-1, 6)
+
+    def _make_items(self, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pieces of work, each done by one thread; those of the first axis take the rows of an edge together."""
+        found: list[list[tuple[int, ...]]] = [[], []]
+        for number, face in enumerate(self.faces):
+            ends = [(int(e[EDGE_FIRST]), int(e[EDGE_ROWS]), i) for i, e in enumerate(edges) if e[EDGE_FACE] == number]
+            first = max((last for start, last, _ in ends if start == 0), default=0)
+            last = min((start for start, _, _ in ends if start > 0), default=int(face[ROWS]))
+            step = max(1, -(-(last - first) // 32))
+            pieces = [(i, min(i + step, last), -1) for i in range(first, last, step)] + ends
+            found[int(face[AXIS])] += [
+                (number, *piece[:2], tile, piece[2]) for piece in pieces for tile in range(len(self.tiles))
+            ]
+        items = np.array(found[1] + found[0], np.int64).reshape(-1, 5)
+        return items, np.array([0, len(found[1]), len(items)], np.int64)
+
+    def _copies(self) -> np.ndarray:
+        """Places of the slots that repeat what lies across a periodic axis: (to, from)."""
+        layout, found = self.layout, [np.zeros((2, 0), np.int64)]
+        n, m = layout.box.nodes, layout.reach
+        for axis in (0, 1):
+            if axis not in layout.periodic:
+                continue
+            halo = np.r_[-m[axis] : 0, n[axis] : n[axis] + m[axis]]
+            pairs = []
+            for along in (halo, halo % n[axis]):
+                parts = [
+                    along if a == axis else np.arange(-m[a], n[a] + m[a]) if a < axis else np.arange(n[a])
+                    for a in (0, 1)
+                ]
+                pairs.append(self.slots.first + np.add.outer(parts[0] * self.slots.grid[0], parts[1]).ravel())
+            for band in self.bands:
+                if band[COLUMNS]:
+                    fields = np.arange(self.components * self.sets[2] * layout.reach[2]) * self.slots.lines
+                    whole = [
+                        np.add.outer(np.add.outer(fields, at) * band[WIDTH], np.arange(band[WIDTH])).ravel()
+                        + band[BASE]
+                        for at in pairs
+                    ]
+                    found.append(np.array(whole))
+        return np.concatenate(found, axis=1)
+
+    def _sizes(self) -> np.ndarray:
+        """What `Layers.sizes` holds; sets the work space of a thread."""
+        n0, n1, _ = self.layout.box.nodes
+        rows = [int(f[COLUMNS] + f[REACH] + 1) * int(f[REACH]) for f in self.faces]
+        rows += [int(b[WIDTH] + TURNED) * int(b[REACH]) for b in self.bands]
+        parts = 2 * max(rows)
+        edge = 0
+        for e in self.edges:
+            face, other = self.faces[e[EDGE_FACE]], self.faces[e[EDGE_OTHER]]
+            edge = max(
+                edge,
+                int(face[SETS] * face[REACH] * (face[COLUMNS] + face[REACH] + 1) * (other[COLUMNS] + other[REACH] + 1)),
+            )
+        self.scratch = ((self.components + 2) * parts + self.components * edge) * LINES + SLACK
+        return np.array(
+            [
+                n0,
+                n1,
+                self.slots.lines,
+                self.slots.first,
+                self.band_sums,
+                parts,
+                self._tile_lanes,
+                self._group_lanes(),
+                self.layout.box.origin,
+                edge,
+            ],
+            np.int64,
+        )
+
+    def _mirrored(self, alike: bool) -> tuple[np.ndarray, np.ndarray]:
+        """What `Layers.mirrored` and `mirrored_weights` hold."""
+        functions, rows, size = np.zeros((3, 2, 2), np.int64), [np.zeros(0)], self.components**2
+        shape, matrices = mirrored(dict(zip(map(tuple, self.offsets.tolist()), self.weights, strict=True)))
+        in_bands = bool(self.bands[:, COLUMNS].any())
+        used = [in_bands if axis == 2 else bool((self.faces[:, AXIS] == axis).any()) for axis in range(3)]
+        for axis, apart in (
+            itertools.product(range(3), (False, True)) if alike and self.layout.reach[2] <= self.lanes else ()
+        ):
+            chosen = [i for i, o in enumerate(shape) if (axis == 2 or o[axis] > 0) and (o[2] > 0 or not apart)]
+            products = np.count_nonzero(matrices[chosen])
+            if (
+                not used[axis]
+                or not 0 < products <= UNROLLED_LIMIT
+                or (apart and not in_bands)
+                or (axis == 2 and not apart)
+            ):
+                continue
+            pattern = tuple(tuple(row) for row in (matrices[chosen].reshape(-1, size) != 0).tolist())
+            parts = load_parts(
+                tuple(shape[i] for i in chosen),
+                pattern,
+                axis,
+                self.sets[axis] == 2,
+                apart,
+                self.sets[2] == 2,
+                self.dtype.name,
+            )
+            functions[axis, int(apart)] = parts, sum(map(len, rows))
+            rows.append(matrices[chosen].ravel())
+        return functions, np.concatenate(rows).astype(self.dtype)
+
+    # --- the memory --------------------------------------------------------------------------------------------
+
+    def cells(self, driven: np.ndarray) -> list[tuple[tuple[int, int], np.ndarray]]:
+        """Places of the memory that is ever used: of each layer, and then of each edge, its axis and side, and places
+        by component, number of the application, and line; `driven`, shape (layers, columns + 1), says of which edges
+        between columns.
+        """
+        found = []
+        for number, band in enumerate(self.bands):
+            if band[COLUMNS]:
+                n0, n1, _ = self.layout.box.nodes
+                size, cells = self._group_lanes(), int(2 * band[COLUMNS] + 1) * int(band[REACH])
+                each, y = -(-n1 // size), np.arange(n1)
+                group = (np.arange(n0)[:, None] * each + y // size).ravel()
+                first = [
+                    band[KEPT] + (c * n0 * each + group) * size * cells + np.tile(y % size, n0)
+                    for c in range(self.components)
+                ]
+                used = self._used(band, driven)
+                found.append(((2, 2 * number - 1), np.array([used[:, None] * size + at for at in first])))
+        tile = np.repeat(np.arange(len(self.tiles)), self.tiles[:, TILE_COUNT])
+        lane = np.arange(self.layout.box.nodes[2]) - self.tiles[tile, TILE_FIRST]
+        size = self.tiles[tile, TILE_VECTORS] * self.lanes
+        for face in self.faces:
+            cells, rows = int(2 * face[COLUMNS] + 1) * int(face[REACH]), np.arange(face[ROWS])[:, None]
+            used, places = self._used(face, driven), []
+            for c in range(self.components):
+                first = (
+                    face[MEMORY]
+                    + ((c * face[ROWS] + rows) * self._tile_lanes + self.tiles[tile, TILE_PLACE]) * cells
+                    + lane
+                )
+                places.append((first + used[:, None, None] * size).reshape(len(used), -1))
+            found.append(((int(face[AXIS]), int(np.sign(face[STEP]))), np.array(places)))
+        for edge in self.edges:
+            face, other = self.faces[edge[EDGE_FACE]], self.faces[edge[EDGE_OTHER]]
+            ever: list[np.ndarray] = []
+            end = 0
+            for own, a in itertools.product(range(face[SETS]), range(face[REACH])):
+                most, start = self.kinds[edge[EDGE_KINDS] + own * face[REACH] + a, :2]
+                one = self._used(other, driven, int(most))
+                for _ in range(start, face[COLUMNS] + 1):
+                    ever.append(end + one)
+                    end += int(2 * other[COLUMNS] + 1) * int(most)
+            of_all = np.concatenate(ever)
+            place = self.tiles[tile, TILE_PLACE]
+            first = [
+                edge[EDGE_MEMORY] + (c * self._tile_lanes + place) * edge[EDGE_CELLS] + lane
+                for c in range(self.components)
+            ]
+            found.append(((1, int(np.sign(other[STEP]))), np.array([at + of_all[:, None] * size for at in first])))
+        return found
+
+    @staticmethod
+    def _used(layer: np.ndarray, driven: np.ndarray, most: int | None = None) -> np.ndarray:
+        """Numbers of the cells of one line whose edges are driven: those outwards from the outer end inwards, then
+        those inwards.
+        """
+        columns, most = int(layer[COLUMNS]), int(layer[REACH]) if most is None else most
+        edges = np.concatenate([np.repeat(np.arange(columns, -1, -1), most), np.repeat(np.arange(columns), most)])
+        return np.flatnonzero(driven[layer[PROFILE], edges])
