@@ -9,17 +9,15 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from farhorizon.cli.common import GOOD, INTERRUPTED, said_plainly
 
 CHECKPOINT_SECONDS = 30.0
 
 
-@dataclass(frozen=True)
-class RunFiles:
+class RunFiles(NamedTuple):
     """Where what is kept of a run stands."""
 
     folder: Path
