@@ -1,9 +1,14 @@
 """The compiled loop against the plain numpy program that works off the same table of operations."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import farhorizon as fh
+from farhorizon.engine import operations as op
+from farhorizon.engine import program
 from farhorizon.engine.interpreter import Interpreter
 
 SEED = 20261122
@@ -127,6 +132,25 @@ def test_both_compute_the_same(make):
     if one.bonds:
         assert one.bonds.broken[1] == two.bonds.broken[1]
         assert two.bonds.broken[0] == pytest.approx(one.bonds.broken[0], rel=1e-10)
+
+
+#: From which rarity on the program has an operation, by its text.
+SINCE = {
+    getattr(op, name): {"": 0, "SOME": 1, "RARE": 2}[group]
+    for group, name in re.findall(r"if (?:(SOME|RARE) and )?operation == ([A-Z_]+)", Path(program.__file__).read_text())
+}
+
+
+@pytest.mark.parametrize("make", CASES.values(), ids=CASES)
+def test_the_loop_of_a_run_has_all_kernels_that_the_run_needs(make):
+    """It is compiled without those of rarer runs, and would pass over their operations."""
+    sim, found = make(), []
+    sim.engine.loop = lambda steps, phase, levels, tables, inputs: found.append(tables)
+    sim.step(1)
+    for tables in found:
+        assert max(SINCE[operation] for operation in tables.operations[:, 0].tolist()) <= op.rarity(tables)
+        assert op.rarity(tables) == 2 or tables.bonds.places.size == tables.phases.runs.size == 0
+    assert found and sorted(SINCE) == list(range(18))
 
 
 def test_corrosion():

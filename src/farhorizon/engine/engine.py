@@ -21,7 +21,14 @@ from farhorizon.engine.filter import without
 from farhorizon.engine.fringe import fringe_table
 from farhorizon.engine.layer_tables import LayerTables
 from farhorizon.engine.layout import Layout, aligned_zeros
-from farhorizon.engine.operations import Tables, check_room, operations_of, operator_operations, sweep_operations
+from farhorizon.engine.operations import (
+    Tables,
+    check_room,
+    operations_of,
+    operator_operations,
+    rarity,
+    sweep_operations,
+)
 from farhorizon.engine.phases import NEVER, count_solid, phases_table
 from farhorizon.engine.plain_tables import first_tables, numbers_of
 from farhorizon.engine.rows.build import load_driver
@@ -410,9 +417,7 @@ class Engine:
     @property
     def _driver(self) -> ModuleType:
         """The compiled loop that has what this run needs."""
-        tables = self.tables
-        rare = (tables.phases.runs, tables.bonds.places, tables.work, tables.ends.nodes, tables.fringe.nodes)
-        return load_driver(any(table.size for table in rare))
+        return load_driver(rarity(self.tables))
 
     def _compiled(self, steps: int, phase: int, levels: np.ndarray, tables: Tables, inputs: Inputs) -> None:
         """Work off the table of operations, on all threads for those of the engine's own levels."""

@@ -86,6 +86,17 @@ class Tables(NamedTuple):
     filter: Filter
 
 
+def rarity(tables: Tables) -> int:
+    """Which kernels the loop needs: 0 for those of every run, 1 for those of some, too, 2 for all.
+
+    Operations on such tables that do without them find them in one program with the others.
+    """
+    flows = tables.flows
+    some = (tables.damping.nodes, tables.filter.runs, flows.inflow, flows.accounts, tables.dependents.nodes)
+    few = (tables.phases.runs, tables.bonds.places, tables.work, tables.ends.nodes, tables.fringe.nodes)
+    return 2 if any(table.size for table in few) else int(any(table.size for table in some))
+
+
 def operations_of(tables: Tables, inputs: Inputs) -> tuple[np.ndarray, np.ndarray]:
     """What there is to do in a step: the `operations` and `starts` of tables that lack them."""
     lists = [_stage(tables, inputs, stage) for stage in range(len(tables.numbers))]

@@ -5,8 +5,9 @@ nodes (``out = a*in + b*base + weights * neighbours``), adds what the layers con
 whatever else `engine.operations` lists. Levels are flat arrays laid out by `engine.layout`. Of a field of several
 components each level holds as many copies of the layout, one after the other.
 
-This text is a template: `engine.rows.build` writes it out with and without the kernels of what few runs have (`RARE`:
-phases, bonds that break, exact ends, outlines), which take as long to compile as all others.
+This text is a template: `engine.rows.build` writes it out with and without the kernels of what some runs have (`SOME`:
+filters, sponges, balances, tied nodes) and of what few have (`RARE`: phases, bonds that break, exact ends, outlines).
+To compile those takes longer than all others; `operations.rarity` says which a run needs.
 
 Several threads go through the same loop, each with its share of every part, and meet at barriers.
 """
@@ -57,6 +58,7 @@ from farhorizon.engine.threads import barrier, claim, share
 CHUNK = 64
 SHIFTS = 12  # column of a block's row where the distances of the components begin
 
+SOME = True
 RARE = True
 
 # A plain number among the arguments would be a type of its own, for each of which Numba compiles a function anew.
@@ -536,7 +538,7 @@ def run(thread, steps, phase, levels, tables, inputs):
                     add_layers(thread, tables.operations[i, 1], stage, layers, work, material)
                 elif operation == LINES:
                     continue_lines(thread, stage, layers, work)
-                elif operation == FILTER:
+                elif SOME and operation == FILTER:
                     damp_short_waves(thread, stage, tables.filter)
                 elif operation == CUT:
                     cut(thread, stage, everywhere, tables.cuts)
@@ -544,11 +546,11 @@ def run(thread, steps, phase, levels, tables, inputs):
                     feed(thread, stage, inputs, numbers[part, 4], step)
                 elif operation == HOLD:
                     hold(thread, stage, inputs, step)
-                elif operation == DAMP_OLD:
+                elif SOME and operation == DAMP_OLD:
                     damp_old(thread, stage, tables.damping)
-                elif operation == DAMP_NEW:
+                elif SOME and operation == DAMP_NEW:
                     damp_new(thread, stage, tables.damping)
-                elif operation == FLOW_LAYERS:
+                elif SOME and operation == FLOW_LAYERS:
                     add_flow_of_layers(thread, stage, layers, work, material, tables.flows)
                 elif RARE and operation == WORK:
                     add_work(thread, stage, tables.work, inputs, inputs.source_times[step, part])
@@ -572,9 +574,9 @@ def run(thread, steps, phase, levels, tables, inputs):
                     if thread.number == 0:
                         if operation == COPY:
                             copy(stage.src, tables.copies, tables.components)
-                        elif operation == FLOW:
+                        elif SOME and operation == FLOW:
                             add_flow(stage, everywhere, tables.flows)
-                        elif operation == DEPEND:
+                        elif SOME and operation == DEPEND:
                             depend(
                                 stage, tables.dependents, inputs.dependent_fields, inputs.dependent_times[step, part]
                             )

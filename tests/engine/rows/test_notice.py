@@ -69,18 +69,21 @@ def test_functions_of_others_are_compiled_in_silence(tmp_path, capfd, fresh):
 
 
 def test_kernels_of_what_few_runs_have_are_left_out(monkeypatch):
-    """A wave takes the loop without them, metal that dissolves the one with them, which serves all from then on."""
+    """A wave takes the loop without them, a sponge that of some runs, metal that dissolves the one with all, which
+    serves all from then on.
+    """
     monkeypatch.setattr(build, "_DRIVERS", {})
     lattice = lattice_of((12, 12))
-    for model, expected in (
-        (fh.Wave, {False}),
-        (lambda k: fh.Corrosion(k, saturation=0.5), {False, True}),
-        (fh.Wave, {False, True}),
+    for model, side, expected in (
+        (fh.Wave, fh.Free(), {0}),
+        (fh.Wave, fh.Sponge(3), {0, 1}),
+        (lambda k: fh.Corrosion(k, saturation=0.5), fh.Free(), {0, 1, 2}),
+        (fh.Wave, fh.Free(), {0, 1, 2}),
     ):
-        sim = fh.Simulation(lattice, model(fh.Kernel(2.0)), fh.Free())
+        sim = fh.Simulation(lattice, model(fh.Kernel(2.0)), side)
         sim.step(1)
         assert set(build._DRIVERS) == expected
-    assert sim.engine._driver is build._DRIVERS[True]
+    assert sim.engine._driver is build._DRIVERS[2]
 
 
 @pytest.mark.slow

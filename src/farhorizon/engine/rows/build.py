@@ -35,17 +35,16 @@ _COMPILED_IN = (
     "rows/layer_sums",
     "rows/matrices",
 )
-_DRIVERS: dict[bool, ModuleType] = {}
+_DRIVERS: dict[int, ModuleType] = {}
 _LOADING = threading.RLock()  # simulations may be made side by side
 
 
-def load_driver(rare: bool) -> ModuleType:
-    """The compiled time loop, with the kernels of what few runs have or without; one that has them serves all."""
-    if True in _DRIVERS:
-        return _DRIVERS[True]
-    if rare not in _DRIVERS:
-        _DRIVERS[rare] = _load("program", RARE=rare)
-    return _DRIVERS[rare]
+def load_driver(rarity: int) -> ModuleType:
+    """The compiled time loop with the kernels up to a rarity (`operations.rarity`); one that has more serves all."""
+    rarity = max(rarity, *_DRIVERS, 0)
+    if rarity not in _DRIVERS:
+        _DRIVERS[rarity] = _load("program", SOME=rarity > 0, RARE=rarity > 1)
+    return _DRIVERS[rarity]
 
 
 def load_rows(
