@@ -7,9 +7,9 @@ Measures, in one process with interleaved repeats (medians of the ratios of a ro
 - bar: the same for a 1D bar of 201 nodes, m = 3, in microseconds a step; and `Simulation.step` on top of the engine's
   loop. Target: layers add at most 3 microseconds a step.
 - cube: 3D 100^3, m = 3, for information.
-- thin: layers of 4, 8 and 12 nodes around both, for a target of 1e-4, one thread: the step over that of the bare engine,
-  and the memory that layers take, in near fields. Aims: 1.08, 1.15 and 1.3 around the square, 1.8, 2.6 and 4.5 around the cube; memory
-  there 2, 4 and 10.
+- thin: layers of 4, 8 and 12 nodes around both, for a target of 1e-4, one thread: the step over that of the bare
+  engine, and the memory that layers take, in near fields. Aims: 1.08, 1.15 and 1.3 around the square, 1.8, 2.6 and 4.5
+  around the cube; memory there 2, 4 and 10.
 
 Run: ``python benchmarks/layer.py [square] [bar] [cube] [thin] [--json FILE] [--repeats N]``. Takes about a minute.
 """

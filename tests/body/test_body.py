@@ -2,6 +2,11 @@
 and its own energies.
 """
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -445,3 +450,21 @@ def test_check():
 def test_loads_must_be_finite():
     with pytest.raises(InputError, match=r"load\.time"):
         breaking(strength=np.nan)
+
+
+@pytest.mark.slow
+def test_the_process_that_compiles_computes_what_later_ones_do(tmp_path):
+    """To the last bit, or a run whose first half compiled would not resume to the same result."""
+    case = Path(__file__).parents[2] / "examples" / "indentation.toml"
+    code = (
+        "import sys; from farhorizon.case.case import Case; run = Case.read(sys.argv[1]).run(); run.step(20); "
+        "sys.stdout.write(''.join(field.tobytes().hex() for field in run.fields.values()))"
+    )
+    places = {"FARHORIZON_CACHE": str(tmp_path / "cache"), "NUMBA_CACHE_DIR": str(tmp_path / "numba")}
+    first, second = (
+        subprocess.run(
+            [sys.executable, "-c", code, str(case)], env=os.environ | places, check=True, capture_output=True, text=True
+        ).stdout
+        for _ in range(2)
+    )
+    assert first == second

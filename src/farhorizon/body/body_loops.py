@@ -44,7 +44,10 @@ KINETIC, STRAIN, WORK, BROKEN, DRAG, OUTFLOW, PENDING_WORK, PENDING_OUTFLOW, BON
 _UNROLLED = 2  # vectors of sums that go through the bonds together
 CHUNK = _UNROLLED * 8  # nodes that are summed at a time: rows are read so far beyond their end
 
-_ANY_ORDER = {"reassoc", "contract", "nsz"}  # sums may be taken in vectors; never where a bond's two ends must agree
+# Sums may be taken in vectors; never where a bond's two ends must agree. What may be summed in any order is inlined: of
+# two copies, one by itself and one in its caller, the compiler makes different code, and which of them runs depends on
+# what the process has compiled before.
+_ANY_ORDER = {"reassoc", "contract", "nsz"}
 
 _I64 = ir.IntType(64)
 
@@ -441,7 +444,7 @@ def _stretch(tile, rows, first_row, layers, first, work):
             value[i] += added
 
 
-@njit(error_model="numpy", fastmath=_ANY_ORDER, cache=True, entry=False)
+@njit(error_model="numpy", fastmath=_ANY_ORDER, forceinline=True, cache=True, entry=False)
 def _stress(tile, dim, medium, work):
     """Stress over the reference density into ``work[2 dim^2:]`` from the gradient in ``work[:dim^2]``; the strain
     energy of the nodes.
@@ -483,7 +486,7 @@ def _push(p, tile, dim, inverse, work):
                     to[i] += stress[i] * factor[i]
 
 
-@njit(error_model="numpy", fastmath=_ANY_ORDER, cache=True, entry=False)
+@njit(error_model="numpy", fastmath=_ANY_ORDER, forceinline=True, cache=True, entry=False)
 def _stabilise(u, tile, medium, bonds, bits, p, force, work):
     """Add what resists zero-energy modes, ``w (pull_i (u_j - u_i - e_i xi) + pull_j (u_j - u_i - e_j xi))`` a bond
     (Silling 2017).
@@ -596,7 +599,7 @@ def _outside(tile, loads, factors, out):
                     out[a, i] += factors[load] * loads[load, a, start + i]
 
 
-@njit(error_model="numpy", fastmath=_ANY_ORDER, cache=True, entry=False)
+@njit(error_model="numpy", fastmath=_ANY_ORDER, forceinline=True, cache=True, entry=False)
 def _move(u, v, smoothed, tile, dt, kick, force, outside, damping, medium, terms):
     """New velocities and displacements of a tile, and what it adds to the terms of the energy balance: kinetic energy,
     work, drag.

@@ -17,7 +17,7 @@ from farhorizon.engine.rows.compiled import njit
 Poles = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 _MODES = 8  # modes of an end are filled up to whole vectors
-_ANY_ORDER = {"reassoc", "contract", "nsz"}  # sums may be taken in vectors
+_ANY_ORDER = {"reassoc", "contract", "nsz"}  # sums may be taken in vectors; inlined, for two copies differ
 
 
 class Ends(NamedTuple):
@@ -107,7 +107,7 @@ def ends_table(nodes: np.ndarray, first: float, sums: Sequence[Poles | None] = (
     )
 
 
-@njit(error_model="numpy", fastmath=_ANY_ORDER, cache=True, entry=False)
+@njit(error_model="numpy", fastmath=_ANY_ORDER, forceinline=True, cache=True, entry=False)
 def force_of_states(end, outputs, states, forces):
     """Force of one end, four drivers at a time."""
     for i in range(0, forces.shape[1], 4):
@@ -121,7 +121,7 @@ def force_of_states(end, outputs, states, forces):
         forces[end, i], forces[end, i + 1], forces[end, i + 2], forces[end, i + 3] = f0, f1, f2, f3
 
 
-@njit(error_model="numpy", fastmath=_ANY_ORDER, cache=True, entry=False)
+@njit(error_model="numpy", fastmath=_ANY_ORDER, forceinline=True, cache=True, entry=False)
 def advance_states(end, poles, inputs, sample, states):
     """``y <- z (y + c . u)`` for one end, four drivers at a time."""
     for m in range(0, sample.size, 4):
