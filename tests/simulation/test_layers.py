@@ -99,3 +99,25 @@ def test_the_certificate_examines_the_update_without_rounding():
     short = cube(nodes=9, initial={"u": "0*x"}, boundary=fh.LatticePML(nodes=2, target=1e-3))
     exact = cube(in_double(short), nodes=9, initial={"u": "0*x"})
     assert short.certificate(budget=20).verdict == exact.certificate(budget=20).verdict
+
+
+@pytest.mark.parametrize(
+    ("kernel", "width", "target", "said"),
+    [
+        (fh.Kernel(2.0, 0, "constant", volume="full"), 2.4, 1e-3, True),
+        (fh.Kernel(2.0, 0, "constant", volume="full"), 4.5, 1e-3, False),
+        (fh.Kernel(3.0, 1, "constant", volume="full"), 2.5, 1e-3, True),
+        (fh.Kernel(2.0), 2.4, 1e-5, False),  # nothing runs backward
+    ],
+)
+def test_data_that_run_backward_are_told(kernel, width, target, said):
+    """exp(-x^2/w^2) holds about exp(-(k w)^2/4) from the wavenumber k on."""
+    lattice = fh.Lattice(1.0, -25.0, 25.0)
+    sim = fh.Simulation(
+        lattice, fh.Wave(kernel), fh.LatticePML(target=target, until=100.0), {"u": f"exp(-(x/{width})**2)"}
+    )
+    found = [note for note in sim.notes if "run backward" in note]
+    assert bool(found) == said
+    first = 2 * np.pi / float(found[0].split("less than ")[1].split()[0]) if said else 0.0
+    share = float(found[0].split("of the data ")[1].split()[0]) if said else 0.0
+    assert not said or 0.1 < share / np.exp(-((first * width) ** 2) / 4) < 10

@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 
 from farhorizon.analysis.exact.chain import Recursion
+from farhorizon.analysis.layers.choice import weak
 from farhorizon.analysis.layers.returned import Datum
+from farhorizon.analysis.layers.short_waves import high_pass, short_share
 from farhorizon.analysis.layers.thickness import Thickness, distance_to_side, thinnest_for_diffusion
 from farhorizon.boundaries import Side
 from farhorizon.errors import InputError
@@ -58,7 +60,7 @@ def choose_layers(setup: Setup, near: NearField, around: Surroundings, sources: 
     found = around.layers | {key: found.layer for key, found in choice.found.items()}
     if setup.lattice.dim == 3:
         found |= {key: replace(found[key], kept="float32") for key, b in layers.items() if _coarse(b, near.model)}
-    return replace(around, layers=found, thickness=thickness, notes=notes)
+    return replace(around, layers=found, thickness=thickness, notes=notes + choice.backward(layers))
 
 
 def _coarse(side: Side, model: LatticeModel) -> bool:
@@ -126,6 +128,22 @@ class _Choice:
                         layer.columns,
                         wanted,
                     )
+
+    def backward(self, layers: Sides) -> list[str]:
+        """What is to be said of data with waves that run backward, which predictions leave out."""
+        model, damped = self.near.model, high_pass(self.near.stencil)
+        if not layers or model.order == 1 or damped is None or weak(damped):
+            return []
+        share = max((short_share(datum.values, damped.first) for datum in self._data(0.0)), default=0.0)
+        wanted = min(b.wanted(model.target) for b in layers.values())
+        if share <= wanted:
+            return []
+        length = 2 * np.pi / damped.first
+        return [
+            f"of the data {share:.1g} are waves of less than {length:.2g} nodes, some of which run backward in this "
+            f"medium: they are not predicted, and layers may send back more than the target {wanted:g}; smoother data, "
+            "another influence or Extended keep it, 'farhorizon compare' measures the error"
+        ]
 
     def for_diffusion(self, layers: Sides) -> None:
         """What counts is the way from the data, the metal or a condition to the side."""

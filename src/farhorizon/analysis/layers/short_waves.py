@@ -138,6 +138,21 @@ def high_pass(stencil: Stencil) -> HighPass | None:
     return HighPass(rise, count + 1 - rise, _MARGIN * rate, first)
 
 
+def short_share(values: np.ndarray, first: float) -> float:
+    """Largest value of what a field holds from a wavenumber times spacing on, over that of the field.
+
+    Parameters
+    ----------
+    values : ndarray
+        Not zero everywhere; taken to repeat itself.
+    first : float
+    """
+    axes = np.ix_(*[2 * np.pi * np.fft.fftfreq(n) for n in values.shape])
+    short = sum(axis**2 for axis in axes) >= first**2
+    part = np.fft.ifftn(np.where(short, np.fft.fftn(values), 0)).real
+    return float(np.abs(part).max() / np.abs(values).max())
+
+
 def _standing(stencil: Stencil) -> np.ndarray:
     """Growth over sigma that is taken for waves of a line that stand still between others that run forward.
 
