@@ -25,6 +25,7 @@ def cube(boundary=None, model=None, nodes=17, **changes):
         (fh.LatticePML(nodes=4, target=1e-3), {}, "float32"),
         ({"x": fh.LatticePML(target=1e-3), "y": fh.LatticePML(target=1e-6), "z": fh.Fixed()}, {}, "float64"),
         (fh.LatticePML(nodes=4), {"dtype": "float32"}, "float32"),
+        (fh.Fixed(), {}, "float64"),
         (None, {"model": fh.Elastic(fh.Kernel(2.0), 1.0, 0.25), "initial": {"u": [PULSE, "0", "0"]}}, "float32"),
     ],
 )

@@ -180,7 +180,7 @@ class Engine:
         self.core = self.layout.near
         self.remember = any(np.any(layer.sigma) for layer in self.layers.values())
         recursion = {name: layer.recursion(dt) for name, layer in self.layers.items()}
-        short = all(layer.kept == "float32" for layer in self.layers.values())
+        short = {layer.kept for layer in self.layers.values()} == {"float32"}
         matrices = self.weights.reshape(len(self.weights), self.components, self.components)
         self.layer_tables = LayerTables(
             self.layout,
