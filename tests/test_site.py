@@ -116,6 +116,7 @@ class Page(HTMLParser):
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     """The site as the command of its documentation builds it: warnings are errors."""
+    pytest.importorskip("sphinx", reason="the site needs what `python -m pip install '.[docs]'` brings")
     made = tmp_path_factory.mktemp("site")
     done = subprocess.run(
         [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", str(DOCS), str(made)],
