@@ -19,21 +19,28 @@ def cube(boundary=None, model=None, nodes=17, **changes):
     ("boundary", "changes", "kept"),
     [
         (None, {}, "float32"),
-        (fh.LatticePML(target=1e-5), {}, "float32"),
-        (fh.LatticePML(target=1e-6), {}, "float64"),
+        (fh.LatticePML(nodes=4, target=1e-5), {}, "float32"),
+        (fh.LatticePML(nodes=4, target=9e-6), {}, "float64"),
         (fh.LatticePML(nodes=4), {}, "float64"),  # nobody said what is wanted
         (fh.LatticePML(nodes=4, target=1e-3), {}, "float32"),
-        ({"x": fh.LatticePML(target=1e-3), "y": fh.LatticePML(target=1e-6), "z": fh.Fixed()}, {}, "float64"),
+        (
+            {"x": fh.LatticePML(nodes=3, target=1e-3), "y": fh.LatticePML(nodes=3, target=1e-6), "z": fh.Fixed()},
+            {},
+            "float64",
+        ),
         (fh.LatticePML(nodes=4), {"dtype": "float32"}, "float32"),
         (fh.Fixed(), {}, "float64"),
         (None, {"model": fh.Elastic(fh.Kernel(2.0), 1.0, 0.25), "initial": {"u": [PULSE, "0", "0"]}}, "float32"),
     ],
 )
 def test_targets_choose_what_is_remembered(boundary, changes, kept):
-    sim = cube(boundary, **changes)
-    assert sim.engine.memory.dtype == kept
-    single = "remembered in single precision" in str(sim.check(until=1.0, budget=0.1))
-    assert single == (kept == "float32" and "dtype" not in changes)
+    assert cube(boundary, **changes).engine.memory.dtype == kept
+
+
+@pytest.mark.parametrize(("target", "single"), [(1e-3, True), (1e-6, False)])
+def test_check_says_what_is_remembered(target, single):
+    sim = cube(fh.LatticePML(nodes=3, target=target), nodes=13, initial={})
+    assert ("remembered in single precision" in str(sim.check(until=1.0, budget=0.1))) == single
 
 
 def test_in_the_plane_all_is_remembered():

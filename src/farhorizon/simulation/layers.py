@@ -134,7 +134,7 @@ class _Choice:
         model, damped = self.near.model, high_pass(self.near.stencil)
         if not layers or model.order == 1 or damped is None or weak(damped):
             return []
-        share = max((short_share(datum.values, damped.first) for datum in self._data(0.0)), default=0.0)
+        share = max((short_share(datum.values, damped.first) for datum in self._initial()), default=0.0)
         wanted = min(b.wanted(model.target) for b in layers.values())
         if share <= wanted:
             return []
@@ -185,12 +185,7 @@ class _Choice:
         """
         near, lattice = self.near, self.near.lattice
         components, reach = near.stencil.components, max(near.stencil.reach)
-        initial = self.setup.initial or {}
-        found = []
-        for name in ("u", "v"):
-            if name in initial:
-                values = field(initial[name], lattice, components, f"initial.{name}")
-                found += self._by_component(near.inside(values - (near.background if name == "u" else 0.0)), name)
+        found = self._initial()
         times = np.arange(int(np.ceil(until / near.dt)) + 1) * near.dt
         for source in self.sources:
             if isinstance(source, IncidentWave):
@@ -202,6 +197,15 @@ class _Choice:
                 course = np.array([float(time(t)) for t in times])
                 found += self._by_component(unit * space * near.model.source_factor, "source", course)
         return found or stand_ins(lattice.shape, reach, components)
+
+    def _initial(self) -> list[Datum]:
+        """The start."""
+        near, initial, found = self.near, self.setup.initial or {}, []
+        for name in ("u", "v"):
+            if name in initial:
+                values = field(initial[name], near.lattice, near.stencil.components, f"initial.{name}")
+                found += self._by_component(near.inside(values - (near.background if name == "u" else 0.0)), name)
+        return found
 
     def _by_component(self, values: np.ndarray, kind: str, time: np.ndarray | None = None) -> list[Datum]:
         """A datum for each component that is not at rest."""
