@@ -449,3 +449,13 @@ def test_a_run_that_is_longer_than_the_layers_were_made_for_takes_others():
     assert not sim.notes
     sim.run(310 * 40.0)
     assert any("keep their target up to t = 12000" in note for note in sim.notes)
+
+
+@pytest.mark.parametrize("amplitude", [1e-60, 1e60])
+def test_layers_know_no_amplitude(amplitude):
+    """What layers in space remember is as small or as large as the field."""
+    box = fh.Lattice(1.0, (0.0,) * 3, (12.0,) * 3)
+    pulse = np.exp(-sum((x - 6.0) ** 2 for x in box.coordinates()) / 3)
+    runs = [fh.Simulation(box, fh.Wave(fh.Kernel(2.0)), initial={"u": factor * pulse}) for factor in (1.0, amplitude)]
+    one, other = (sim.run(25.0, progress=False).fields["u"] for sim in runs)
+    np.testing.assert_allclose(other / amplitude, one, rtol=0, atol=1e-13)

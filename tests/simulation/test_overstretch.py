@@ -92,6 +92,7 @@ def test_the_first_bond_at_the_rim_that_would_break_is_told(make, nonlinear, tmp
     assert [str(w.message) for w in seen if w.category is fh.ValidityWarning] == [
         f"from t = {caution.time:.6g} on {caution.text}"
     ]
+    assert {w.filename for w in seen if w.category is fh.ValidityWarning} == {__file__}  # where the run was advanced
     assert run.broken_bonds > 10 and first <= caution.time <= first + reach * 1.1  # a wave of speed 1 through the rim
     place = np.array(eval(caution.text.split("near ")[1].split(" are")[0]))
     assert (np.abs(place) >= run.lattice.upper - reach).any()

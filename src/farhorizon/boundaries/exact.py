@@ -23,6 +23,7 @@ from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.exact.convolution import BlockConvolution
 from farhorizon.analysis.exact.exponential_sum import ExponentialSum
 from farhorizon.boundaries.side import Side
+from farhorizon.engine.ends import ends_table
 from farhorizon.engine.engine import Engine
 from farhorizon.errors import InputError
 from farhorizon.files.cache import cache_folder, keep, kept
@@ -163,7 +164,7 @@ class ExactEnds:
             nodes,
         )
         self.recursion, self.steps = recursion, 0
-        engine.set_ends(nodes, recursion.first)
+        engine.set_ends(ends_table(nodes, recursion.first))
         self.sums: list[ExponentialSum | None] = [None] * len(self.names)
         self.convolutions: list[BlockConvolution | None] = [None] * len(self.names)
 
@@ -218,7 +219,7 @@ class ExactEnds:
             if s is None
         }
         poles = [None if s is None else (s.poles, s.inputs, s.outputs) for s in sums]
-        engine.set_ends(self.nodes, self.recursion.first, poles, BLOCK if kernels else 0)
+        engine.set_ends(ends_table(self.nodes, self.recursion.first, poles, BLOCK if kernels else 0))
         engine.set_history(np.array(history))
         engine.ends.clock[0], engine.ends.forces[...] = count, forces
         self.sums, self.steps = list(sums), steps

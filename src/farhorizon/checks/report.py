@@ -284,8 +284,6 @@ class Report:
                 text += f"; {sim.thickness[name]}"
             elif boundary.open_ended:
                 text += "; a fixed number, for the stencil has backward waves or reaches far: give target=..."
-            if engine.memory.itemsize < engine.levels.itemsize:
-                text += "; remembered in single precision"
             layers.setdefault(text, []).append(name)
         for text, names in layers.items():
             say(f"layer {', '.join(names)}", text)

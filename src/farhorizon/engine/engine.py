@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from types import ModuleType
@@ -16,7 +16,7 @@ from farhorizon import kinds
 from farhorizon.engine.absent import AbsentBonds
 from farhorizon.engine.bond_zone import BondZone
 from farhorizon.engine.bonds import CHUNK, RULES, Zone
-from farhorizon.engine.ends import Ends, Poles, ends_table
+from farhorizon.engine.ends import Ends
 from farhorizon.engine.filter import without
 from farhorizon.engine.fringe import fringe_table
 from farhorizon.engine.layer_tables import LayerTables
@@ -61,8 +61,6 @@ class Layer(Storable):
         High-pass filter along one axis, see `engine.filter`.
     whole : bool
         Whether short waves are damped themselves, not their velocity alone.
-    kept : {"float64", "float32"}
-        Number type of what it remembers, where all layers have the same; at most that of the field.
     """
 
     kappa: np.ndarray
@@ -71,7 +69,6 @@ class Layer(Storable):
     damping: np.ndarray = field(default_factory=lambda: np.zeros(0))
     taps: np.ndarray = field(default_factory=lambda: np.zeros(1))
     whole: bool = False
-    kept: str = "float64"
 
     def __post_init__(self) -> None:
         for name in ("kappa", "sigma", "alpha", "damping", "taps"):  # a checkpoint has short arrays as lists
@@ -180,17 +177,9 @@ class Engine:
         self.core = self.layout.near
         self.remember = any(np.any(layer.sigma) for layer in self.layers.values())
         recursion = {name: layer.recursion(dt) for name, layer in self.layers.items()}
-        short = {layer.kept for layer in self.layers.values()} == {"float32"}
         matrices = self.weights.reshape(len(self.weights), self.components, self.components)
         self.layer_tables = LayerTables(
-            self.layout,
-            self.offsets,
-            matrices,
-            recursion,
-            self.dtype,
-            np.dtype("float32") if short else self.dtype,
-            self.remember,
-            coefficient is None,
+            self.layout, self.offsets, matrices, recursion, self.dtype, self.remember, coefficient is None
         )
         self.levels = aligned_zeros(self.components * self.layout.size, self.dtype, stages.levels)
         memory = self.layer_tables.layers.memory.size // 4 if self.remember else 0
@@ -209,7 +198,7 @@ class Engine:
     @property
     def memory(self) -> np.ndarray:
         """What the layers remember."""
-        return self.tables.layers.memory.view(self.layer_tables.kept)
+        return self.tables.layers.memory
 
     def spread(self, core: np.ndarray, beyond: Mapping[tuple[int, int], float] | None = None) -> np.ndarray:
         """Nodal values of the core on every place of a level: constant along each normal from the core's edge on.
@@ -282,22 +271,9 @@ class Engine:
         """Nodes with prescribed values: those of the columns of `held_values` in `advance`."""
         self.held = nodes.astype(np.int64)
 
-    def set_ends(self, nodes: np.ndarray, first: float, sums: Sequence[Poles | None] = (), block: int = 0) -> None:
-        """Exact ends of a bar, their states zero: `states`, `forces`, `heads`, `past` and `history` are theirs to read
-        and to fill.
-
-        Parameters
-        ----------
-        nodes : ndarray of int, shape (ends, K)
-            Drivers in a level, from each end inwards.
-        first : float
-            Weight of the sample at step 0.
-        sums : sequence of (poles, inputs, outputs), or None
-            Complex arrays of shapes (P,), (P, K), (P, K) for each end that is a sum of exponentials.
-        block : int
-            Steps in a block of convolutions, 0 without.
-        """
-        self.replace(ends=ends_table(nodes, first, sums, block))
+    def set_ends(self, ends: Ends) -> None:
+        """Exact ends of a bar (`ends.ends_table`)."""
+        self.replace(ends=ends)
 
     @property
     def ends(self) -> Ends:

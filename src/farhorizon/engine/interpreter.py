@@ -63,11 +63,7 @@ class Interpreter:
 
     def run(self, steps: int, phase: int, levels: np.ndarray, tables: op.Tables, inputs: Inputs) -> None:
         """As `program.run`; with another memory than that of the engine, the layers' own is left as it is."""
-        kept = (
-            None
-            if tables.layers.memory is self.engine.tables.layers.memory
-            else {k: a.copy() for k, a in self.memory.items()}
-        )
+        kept = None if tables.layers.memory is self.engine.memory else {k: a.copy() for k, a in self.memory.items()}
         self.tables, self.inputs = tables, inputs
         for self.step in range(steps):
             for part in range(tables.rotation.shape[1]):

@@ -11,6 +11,7 @@ from farhorizon.engine.layer_terms import Slots, Terms
 from farhorizon.engine.layout import ALIGN, SLACK, Layout, aligned_zeros
 from farhorizon.engine.nested import (
     AXIS,
+    BAND_MEMORY,
     BASE,
     COLUMNS,
     CUTS,
@@ -21,7 +22,6 @@ from farhorizon.engine.nested import (
     EDGE_MEMORY,
     EDGE_OTHER,
     EDGE_ROWS,
-    KEPT,
     LINE,
     LINES,
     MEMORY,
@@ -52,8 +52,7 @@ class LayerTables:
         The stencil.
     recursion : mapping of (axis, side) to (r, e, f)
         Of each layer, each of shape (columns + 1,).
-    dtype, kept : dtype
-        Of the field, and of what the layers remember.
+    dtype : dtype
     remember, alike : bool
         Whether the layers have memory, and whether no bonds have coefficients.
 
@@ -73,14 +72,13 @@ class LayerTables:
         weights: np.ndarray,
         recursion: Mapping[tuple[int, int], tuple[np.ndarray, ...]],
         dtype: np.dtype,
-        kept: np.dtype,
         remember: bool,
         alike: bool = True,
     ) -> None:
         # so that parts and their memory are as large as the field, in all units
         self.unit = float(np.abs(weights).sum()) or 1.0
         self.layout, self.offsets, self.weights, self.remember = layout, offsets, weights / self.unit, remember
-        self.dtype, self.kept, self._types = dtype, kept, (dtype.name, kept.name)
+        self.dtype = dtype
         self.lanes, self.components = 64 // dtype.itemsize, layout.components
         names = list(recursion)
         self._profiles = {name: i for i, name in enumerate(names)}
@@ -130,10 +128,10 @@ class LayerTables:
             tables[2],
             *self._mirrored(alike),
             self._sizes(),
-            kept.itemsize * remember,
+            dtype.itemsize * remember,
             dtype.type(self.unit),
             aligned_zeros(room, dtype),
-            aligned_zeros(-(-self.memory * kept.itemsize // dtype.itemsize) if remember else ALIGN * 4, dtype),
+            aligned_zeros(self.memory if remember else ALIGN * 4, dtype),
         )
 
     def _mirrors(self, axis: int) -> bool:
@@ -162,7 +160,7 @@ class LayerTables:
                 self.sets[2],
                 layout.box.origin + first,
                 side,
-                *load_shifts(m, False, *self._types),
+                *load_shifts(m, False, self.dtype.name),
                 width,
                 size,
                 self.memory,
@@ -215,7 +213,7 @@ class LayerTables:
                     self.sets[axis],
                     layout.box.origin + first * stride[axis],
                     side * stride[axis],
-                    *load_shifts(m, True, *self._types),
+                    *load_shifts(m, True, self.dtype.name),
                     count,
                     stride[other],
                     self.slots.first + first * self.slots.grid[axis],
@@ -242,7 +240,7 @@ class LayerTables:
                 for own, a in itertools.product(range(self.sets[0]), range(1, m[0] + 1)):
                     far = int(np.abs(self.offsets[np.abs(self.offsets[:, 0]) == a, 1]).max(initial=0))
                     start = -a if own == self.sets[0] - 1 else 0  # parts outwards are wanted from column 0 on
-                    kinds.append((far, start, cells, *(load_shifts(far, True, *self._types) if far else (0, 0, 0))))
+                    kinds.append((far, start, cells, *(load_shifts(far, True, self.dtype.name) if far else (0, 0, 0))))
                     cells += (int(face[COLUMNS]) + 1 - start) * (2 * int(other[COLUMNS]) + 1) * far
                 kinds_of = itertools.product(
                     range(self.components), range(self.sets[0]), range(1, m[0] + 1), range(self.sets[1])
@@ -376,7 +374,7 @@ class LayerTables:
                 each, y = -(-n1 // size), np.arange(n1)
                 group = (np.arange(n0)[:, None] * each + y // size).ravel()
                 first = [
-                    band[KEPT] + (c * n0 * each + group) * size * cells + np.tile(y % size, n0)
+                    band[BAND_MEMORY] + (c * n0 * each + group) * size * cells + np.tile(y % size, n0)
                     for c in range(self.components)
                 ]
                 used = self._used(band, driven)

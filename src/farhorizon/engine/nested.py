@@ -38,7 +38,7 @@ LINES = 32
 # Columns of tables.
 AXIS, PROFILE, COLUMNS, REACH, SETS, ORIGIN, STEP, OUTWARDS, INWARDS, PARTS = range(10)  # of a face and of a band
 ROWS, ROW_STEP, SLOT, SLOT_STEP, SLOT_ROW, SUMS, MEMORY, CUTS = range(10, 18)  # of a face
-WIDTH, BASE, KEPT, PLANE, ROW, LINE = range(10, 16)  # of a band
+WIDTH, BASE, BAND_MEMORY, PLANE, ROW, LINE = range(10, 16)  # of a band
 TILE_FIRST, TILE_COUNT, TILE_VECTORS, TILE_BAND, TILE_COLUMN, TILE_PLACE = range(6)
 EDGE_FACE, EDGE_OTHER, EDGE_SUMS, EDGE_MEMORY, EDGE_CELLS, EDGE_FIRST, EDGE_ROWS, EDGE_KINDS = range(8)
 KIND_REACH, KIND_FIRST, KIND_CELLS, KIND_OUTWARDS, KIND_INWARDS, KIND_PARTS = range(6)  # of the parts of an edge
@@ -94,10 +94,8 @@ class Layers(NamedTuple):
         Bytes of each number that layers remember; 0 where they have no memory.
     unit : float
         Sum of the weights' sizes, over which all weights here are taken.
-    slots : ndarray
-        Values of the bands.
-    memory : ndarray
-        Room for what the layers remember, whose numbers may be shorter than these: see `engine.layer_tables`.
+    slots, memory : ndarray
+        Values of the bands, and what the layers remember: see `engine.layer_tables`.
     """
 
     faces: np.ndarray
@@ -239,10 +237,10 @@ def continue_band(thread, number, stage, layers, work):
                 )
         if sets == 2:
             clear(found + far, (columns + m) * m * LINES, like)
-        kept = address(memory) + layers.cell * (band[KEPT] + item * group * cells)
-        line, inwards = (zero, sign * row, 0), kept + (columns + 1) * m * cell
+        memo = address(memory) + layers.cell * (band[BAND_MEMORY] + item * group * cells)
+        line, inwards = (zero, sign * row, 0), memo + (columns + 1) * m * cell
         on, back = (found + middle, sign * m * row, row), (found + far + middle, sign * m * row, row)
-        call_shifts(band[OUTWARDS], line, on, (kept, cell), stretch, columns, vectors)
+        call_shifts(band[OUTWARDS], line, on, (memo, cell), stretch, columns, vectors)
         call_shifts(band[INWARDS], line, back, (inwards, cell), stretch, columns, vectors)
         for k in range(m * sets):
             here = band[BASE] + ((c * sets * m + k) * sizes[2] + sizes[3] + x * band[LINE] + y) * width
@@ -354,7 +352,7 @@ def stretch_edge(number, c, t, stage, layers, work, material):
     tables = tables_of(layers)
     field, extra = address(src), address(slots)
     lanes = vectors * 64 // size
-    kept = edge[EDGE_MEMORY] + (c * sizes[6] + tile[TILE_PLACE]) * edge[EDGE_CELLS]
+    first_cell = edge[EDGE_MEMORY] + (c * sizes[6] + tile[TILE_PLACE]) * edge[EDGE_CELLS]
     cell = layers.cell * lanes
     corner = face[ORIGIN] + (other[ORIGIN] - sizes[8]) + tile[TILE_FIRST]  # column 0 of both
     width = layers.bands[max(band, 0), WIDTH]
@@ -363,7 +361,7 @@ def stretch_edge(number, c, t, stage, layers, work, material):
         for a in range(m):
             kind = layers.kinds[edge[EDGE_KINDS] + own * m + a]
             most = kind[KIND_REACH]
-            past = kept + kind[KIND_CELLS] * lanes
+            past = first_cell + kind[KIND_CELLS] * lanes
             for p in range(kind[KIND_FIRST], face[COLUMNS] + 1):
                 to = target + ((own * m + a) * wide + p + m) * high + n
                 if most == 0:
@@ -481,8 +479,8 @@ def stretch_face(item, stage, layers, work, material):
                     cuts = face[CUTS] + (c * face[ROWS] + row) * layers.tiles.shape[0] + item[3]
                     take_cuts(cuts, own, p, node, slot, band, src, layers, work, here, material)
         for c in range(components):
-            kept = face[MEMORY] + ((c * face[ROWS] + row) * sizes[6] + tile[TILE_PLACE]) * cells
-            memo = address(memory) + layers.cell * kept
+            first_cell = face[MEMORY] + ((c * face[ROWS] + row) * sizes[6] + tile[TILE_PLACE]) * cells
+            memo = address(memory) + layers.cell * first_cell
             zero, there = start + (c * sizes[5] + m * m) * wide, start + (found + m) * wide
             outer, inner = (zero, m * wide, wide), (zero + (sets - 1) * half * wide, m * wide, wide)
             total, inwards = (there, wide, wide), memo + (columns + 1) * m * cell

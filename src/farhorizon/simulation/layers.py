@@ -15,18 +15,14 @@ from farhorizon.analysis.layers.choice import weak
 from farhorizon.analysis.layers.returned import Datum
 from farhorizon.analysis.layers.short_waves import high_pass, short_share
 from farhorizon.analysis.layers.thickness import Thickness, distance_to_side, thinnest_for_diffusion
-from farhorizon.boundaries import Side
 from farhorizon.errors import InputError
 from farhorizon.inputs.incidence import IncidentWave
 from farhorizon.inputs.sources import by_component, field, split
-from farhorizon.models import LatticeModel
 from farhorizon.simulation.far_field import CROSSINGS, FORESEEN, LASTING, MOST_CROSSINGS, FarField, stand_ins
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Key, Setup, Sides, side_name
 from farhorizon.simulation.solid_and_liquid import placed
 from farhorizon.simulation.surroundings import Surroundings
-
-_COARSE = 1e-5  # target from which on single precision serves
 
 
 def choose_layers(setup: Setup, near: NearField, around: Surroundings, sources: Sequence[Any]) -> Surroundings:
@@ -57,20 +53,8 @@ def choose_layers(setup: Setup, near: NearField, around: Surroundings, sources: 
         choice.for_waves(layers)
     thickness = {side_name(*key): found for key, found in choice.found.items()}
     notes = [words.format(nodes, ", ".join(named), aim) for (words, nodes, aim), named in choice.missed.items()]
-    found = around.layers | {key: found.layer for key, found in choice.found.items()}
-    if setup.lattice.dim == 3:
-        found |= {key: replace(found[key], kept="float32") for key, b in layers.items() if _coarse(b, near.model)}
-    return replace(around, layers=found, thickness=thickness, notes=notes + choice.backward(layers))
-
-
-def _coarse(side: Side, model: LatticeModel) -> bool:
-    """Whether the target of a layer lets it remember single precision.
-
-    In space, where what layers remember is most of what a step reads and writes, rounding it adds 1e-9 of a pulse and,
-    growing like the square root of time, 5e-7 of the field of a load that lasts over 4000 steps. In the plane, whose
-    static fields grow with the distance, that would be 1e-4: measured by tests/simulation/test_layers.py.
-    """
-    return side.wanted(model.target) >= _COARSE
+    chosen = {key: found.layer for key, found in choice.found.items()}
+    return replace(around, layers=around.layers | chosen, thickness=thickness, notes=notes + choice.backward(layers))
 
 
 @dataclass(frozen=True)

@@ -108,9 +108,7 @@ def memory_needed(setup: Setup, stencil: Stencil, around: Surroundings) -> float
     memory = sum(sides) + (sides[0] * sides[1] / np.prod(nodes) / 2 if lattice.dim == 3 else 0.0)
     levels = setup.model.integrator.stages(1.0, 0.0, lattice.dim == 1).levels + setup.lasting
     bits = 8 * -(-len(stencil.weights) // 64) * (setup.model.bond_law is not None)
-    kept = max((np.dtype(layer.kept).itemsize for layer in around.layers.values()), default=0)
-    layered = 2 * min(kept, itemsize) * memory + itemsize * sides[-1]
-    fields = itemsize * (levels + 3) * np.prod(nodes) + layered + 8 * 7 * np.prod(lattice.shape)
+    fields = itemsize * ((levels + 3) * np.prod(nodes) + 2 * memory + sides[-1]) + 8 * 7 * np.prod(lattice.shape)
     return float(stencil.components * fields + (8 * lattice.dim + bits) * np.prod(lattice.shape))
 
 

@@ -71,11 +71,11 @@ def load_rows(
     )
 
 
-def load_shifts(reach: int, nested: bool, real: str, kept: str) -> tuple[int, int, int]:
+def load_shifts(reach: int, nested: bool, real: str) -> tuple[int, int, int]:
     """Addresses of stretched shifts outwards and inwards, and of the sums they take (see `vectors.stretched_shifts` and
     `weighted_parts`).
     """
-    made = _load("rows/shift_rows", REACH=reach, NESTED=nested, REAL=real, KEPT=kept)
+    made = _load("rows/shift_rows", REACH=reach, NESTED=nested, REAL=real)
     return int(made.outwards.address), int(made.inwards.address), int(made.parts.address)
 
 

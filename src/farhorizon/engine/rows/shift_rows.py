@@ -1,5 +1,5 @@
 """Stretched shifts of one reach. This text is a template: `engine.rows.build` writes it out once per reach, form and
-number types.
+number type.
 """
 
 from farhorizon.engine.rows.compiled import cfunc
@@ -8,10 +8,9 @@ from farhorizon.engine.rows.vectors import PARTS_SIGNATURE, SHIFTS_SIGNATURE, st
 REACH = 1
 NESTED = True
 REAL = "float64"
-KEPT = "float64"
 
-_outwards = stretched_shifts(REACH, NESTED, True, REAL, KEPT)
-_inwards = stretched_shifts(REACH, NESTED, False, REAL, KEPT)
+_outwards = stretched_shifts(REACH, NESTED, True, REAL)
+_inwards = stretched_shifts(REACH, NESTED, False, REAL)
 _parts = weighted_parts(REACH if NESTED else 1, REAL)
 
 

@@ -91,15 +91,6 @@ class Vectors:
         """A vector to an address aligned to one element."""
         self.builder.store(value, self.pointer(address)).align = self.size
 
-    def load_from(self, kept: Vectors, address: Any) -> Any:
-        """A vector from numbers of a type that may be shorter."""
-        value = kept.load(address)
-        return value if kept.scalar == self.scalar else self.builder.fpext(value, self.type)
-
-    def store_as(self, kept: Vectors, value: Any, address: Any) -> None:
-        """A vector to numbers of a type that may be shorter, rounded."""
-        kept.store(value if kept.scalar == self.scalar else self.builder.fptrunc(value, kept.type), address)
-
     def store_first(self, count: Any) -> Callable[[Any, Any], None]:
         """A store of the first `count` lanes only."""
         numbers = ir.VectorType(I64, self.lanes)
@@ -769,14 +760,13 @@ def call_parts(typingctx, function, to, to_step, source, ends, places, weights, 
     return call_of(PARTS_SIGNATURE.args)
 
 
-def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str, kept: str) -> Any:
+def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str) -> Any:
     """Make the intrinsic that applies stretched shifts in one direction along lines that go through side by side; see
     `engine.nested`.
 
     ``shifts(parts, found, memory, edges, columns, vectors)``: for parts and what is found the byte address of column 0
     and the distances between columns and between k; that of the memory, one cell an application, outwards from the
     outer end, and the bytes of a cell (0: there is none, e and f are zero); those of the tables r, e and f of edges.
-    The memory holds numbers of the type `kept`, all else those of `real`.
     Outwards what is found is stored, from column 1 - reach on, inwards added, from column 1 on. Nested: a part for each
     column and k, the sum found for each column; else one value for each column, what is found for each k.
     """
@@ -787,7 +777,6 @@ def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str, kept: 
     def emit(builder: ir.IRBuilder, args: tuple[Any, ...]) -> None:
         parts, part_step, part_k, found, found_step, found_k, memory, cell, r, e, f, columns, number = args
         vectors = Vectors.of(builder, real)
-        memories = Vectors(builder, ir.DoubleType() if kept == "float64" else ir.FloatType(), vectors.lanes)
         width = vectors.lanes * vectors.size
         zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
 
@@ -817,10 +806,10 @@ def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str, kept: 
                 q_new[k], v_new[k] = new, q[k]
                 if edge is not None:
                     place = shifted(cells, (turn, cell))
-                    d, past = builder.fsub(new, v[k]), vectors.load_from(memories, place)
+                    d, past = builder.fsub(new, v[k]), vectors.load(place)
                     c = builder.fsub(builder.fmul(r_all, d, flags=_CONTRACT), past, flags=_CONTRACT)
                     grown = vectors.multiply_add(builder.fmul(e_all, past, flags=_CONTRACT), f_all, d)
-                    vectors.store_as(memories, grown, place)
+                    vectors.store(grown, place)
                     v_new[k] = builder.fadd(q[k], c)
                     t_new[k] = builder.fadd(t[k + ahead], c) if turn else c
             return [*v_new, *q_new, *t_new], [t_new[0]] if nested else t_new
@@ -847,8 +836,7 @@ def stretched_shifts(reach: int, nested: bool, outwards: bool, real: str, kept: 
         def stretched(at: Any, turn: Any, carried: list[Any]) -> list[Any]:
             column = builder.sub(columns, turn) if outwards else builder.add(turn, I64(1))
             edge = builder.mul(column if outwards else turn, I64(vectors.size))
-            inside = at if memories.size == vectors.size else builder.lshr(at, I64(1))
-            cells = builder.add(shifted(memory, (builder.mul(turn, I64(reach)), cell)), inside)
+            cells = builder.add(shifted(memory, (builder.mul(turn, I64(reach)), cell)), at)
             carried, sums = apply(at, column, carried, edge, cells)
             to = builder.add(shifted(found, (column, found_step)), at)
             for k, value in enumerate(sums):
