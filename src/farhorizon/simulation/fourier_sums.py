@@ -1,0 +1,69 @@
+"""Fourier sums of what is recorded step by step, at chosen frequencies: memory by frequency, not by time."""
+
+from __future__ import annotations
+
+import numpy as np
+
+_BLOCK = 64  # steps whose sums are one product of matrices
+
+
+class FourierSums:
+    """``sum over steps n of dt * values(n) * exp(-2 pi i f n dt)``, the convention of `numpy.fft`, of some values.
+
+    Steps are summed in blocks that begin at multiples of their length: a run that is saved and taken up anywhere has
+    the same sums to the last bit.
+
+    Parameters
+    ----------
+    frequencies : ndarray, shape (F,)
+        In cycles per unit of time.
+    dt : float
+    count : int
+        Values a step.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> values = np.random.default_rng(1).normal(size=(100, 3))
+    >>> sums = FourierSums(np.array([0.1, 0.2]), 0.5, 3)
+    >>> sums.add(0, values[:30])
+    >>> sums.add(30, values[30:])
+    >>> bool(np.allclose(sums.values, 0.5 * np.fft.fft(values, axis=0)[[5, 10]]))
+    True
+    """
+
+    def __init__(self, frequencies: np.ndarray, dt: float, count: int) -> None:
+        self.frequencies, self.dt = np.asarray(frequencies, float), dt
+        self._first, self._rows = 0, np.zeros((0, count))  # steps not summed yet
+        self._sums = np.zeros((2 * len(self.frequencies), count))  # of cosines, then of sines
+
+    def add(self, step: int, rows: np.ndarray) -> None:
+        """Take the values of the steps from number `step` on, each one once and in order, shape (steps, count)."""
+        if not len(self._rows):
+            self._first = step
+        rows = np.concatenate([self._rows, rows]) if len(self._rows) else rows
+        done = 0
+        while (ready := _BLOCK - (self._first + done) % _BLOCK) <= len(rows) - done:
+            self._sums += self._of(self._first + done, rows[done : done + ready])
+            done += ready
+        self._first, self._rows = self._first + done, np.array(rows[done:], float)
+
+    def _of(self, step: int, rows: np.ndarray) -> np.ndarray:
+        """Cosine and sine sums of some steps."""
+        cycles = np.outer(self.frequencies * self.dt, step + np.arange(len(rows)))
+        phases = 2 * np.pi * (cycles - np.round(cycles))  # small arguments keep their digits in long runs
+        return self.dt * np.concatenate([np.cos(phases), np.sin(phases)]) @ rows
+
+    @property
+    def values(self) -> np.ndarray:
+        """The sums so far, complex, shape (F, count)."""
+        sums = self._sums + self._of(self._first, self._rows)
+        return sums[: len(self.frequencies)] - 1j * sums[len(self.frequencies) :]
+
+    def state(self) -> dict[str, np.ndarray]:
+        """All that `take` needs to go on from here."""
+        return {"first": np.array(self._first), "rows": self._rows, "sums": self._sums}
+
+    def take(self, state: dict[str, np.ndarray]) -> None:
+        """Be in a state that `state` gave."""
+        self._first, self._rows, self._sums = int(state["first"]), state["rows"].copy(), state["sums"].copy()
