@@ -86,6 +86,7 @@ RIGHT = {
     },
     "BodyForce": {"value": [1.0, 0.0], "time": None},
     "Box": {"lower": (0.0, 0.0), "upper": (1.0, 1.0)},
+    "Chirp": {"first": 1.0, "last": 2.0, "duration": 10.0},
     "Convection": {"where": "x-", "transfer": 1.0, "ambient": 0.0, "within": None},
     "Corrosion": {
         "operator": KERNEL,
@@ -121,6 +122,7 @@ RIGHT = {
     "Fixed": {"value": 0.0},
     "Flux": {"where": "x-", "value": 0.0, "kind": "source", "within": None},
     "Free": {},
+    "Gaussian": {"width": 1.0, "delay": 5.0},
     "Heat": {
         "operator": KERNEL,
         "density": 1.0,
@@ -179,15 +181,19 @@ RIGHT = {
     "Prescribed": {"where": [0.0], "value": 0.0, "until": None, "rate": None},
     "Probes": {"lattice": LINE, "points": [0.0], "stride": 1},
     "Rectangle": {"corner": (0.0, 0.0, 0.0), "edge1": (1.0, 0.0, 0.0), "edge2": (0.0, 1.0, 0.0)},
+    "Ricker": {"frequency": 1.0, "delay": 2.0},
     "RungeKuttaChebyshev": {"chebyshev": 20},
+    "Samples": {"values": [0.0, 1.0, 1.0, 0.0], "dt": 1.0},
     "Setup": SETUP,
     "Simulation": {**SETUP, "observe": ()},
     "Source": {"value": 0.0, "time": None},
     "Specimen": {"where": DISC, "concentration": 1.0},
     "Sponge": {"nodes": 40, "strength": None},
+    "Step": {"rise": 1.0},
     "Stencil": {"offsets": [[1], [-1]], "weights": [1.0, 1.0], "reaction": 0.0},
     "Temperature": {"where": DISC, "value": 0.0, "kind": "volume", "within": None},
     "Text": {"text": "a", "height": 1.0, "centre": (0.0, 0.0), "font": "DejaVu Sans", "bold": False},
+    "ToneBurst": {"frequency": 1.0, "cycles": 3.0},
     "Traction": {"side": "y+", "value": (1.0, 0.0), "between": None, "time": None},
     "Wave": {"operator": KERNEL, "speed": 1.0, "damping": 0.0},
     "WholeSteps": {"every": 0.25, "until": 1.0},
@@ -196,8 +202,8 @@ RIGHT = {
     "speed_of_current": {"density": 10.0, "metal": 143000.0, "electrons": 2.0},
     "tuned": {"sim": None, "angle": 60.0, "band": None, "budget": 1.0},
 }
-# a result, which nobody makes by hand, and what boundaries and models derive from
-NOT_MADE = {"Certificate", "LatticeModel", "Side"}
+# a result, which nobody makes by hand, and what boundaries, models and signals derive from
+NOT_MADE = {"Certificate", "LatticeModel", "Side", "Signal"}
 
 
 def _or_input_error(call):

@@ -168,5 +168,5 @@ def _discriminates(table: dict[str, Any], part: dict[str, Any]) -> bool:
     kind = properties.get("type", {})
     return part.keys() <= properties.keys() and (
         ("type" not in part and "type" not in properties)
-        or part.get("type") in ([kind["const"]] if "const" in kind else kind.get("enum", []))
+        or part.get("type", kind.get("default")) in ([kind["const"]] if "const" in kind else kind.get("enum", []))
     )

@@ -46,6 +46,13 @@ from farhorizon.inputs.incidence import IncidentWave as IncidentWave
 from farhorizon.inputs.loads import BodyForce as BodyForce
 from farhorizon.inputs.loads import Traction as Traction
 from farhorizon.inputs.prescribed import Prescribed as Prescribed
+from farhorizon.inputs.signals import Chirp as Chirp
+from farhorizon.inputs.signals import Gaussian as Gaussian
+from farhorizon.inputs.signals import Ricker as Ricker
+from farhorizon.inputs.signals import Samples as Samples
+from farhorizon.inputs.signals import Signal as Signal
+from farhorizon.inputs.signals import Step as Step
+from farhorizon.inputs.signals import ToneBurst as ToneBurst
 from farhorizon.inputs.sources import Source as Source
 from farhorizon.inputs.specimens import Specimen as Specimen
 from farhorizon.medium.integrators import RungeKuttaChebyshev as RungeKuttaChebyshev

@@ -24,11 +24,14 @@ from farhorizon.case.schema import (
     ConstraintPart,
     CrackPart,
     IncidentPart,
+    Part,
     PrescribedPart,
+    SourcePart,
     TractionPart,
     case_part,
     model_kinds,
     side_kinds,
+    signal_kinds,
     under,
 )
 from farhorizon.case.toml import document
@@ -36,6 +39,7 @@ from farhorizon.errors import FileFormatError, InputError
 from farhorizon.geometry.lattice import AXES
 from farhorizon.inputs.expressions import as_given, as_signal
 from farhorizon.simulation.run import Run
+from farhorizon.simulation.setup import keys
 from farhorizon.simulation.steps import WholeSteps, whole_steps
 
 _OUTPUTS = 40  # of a run, unless `every` is given
@@ -272,9 +276,9 @@ class Case:
         return self._entry(value, key)
 
     @staticmethod
-    def _of_time(value: str | float, key: str) -> fh.Expression:
+    def _of_time(value: str | float | Part, key: str) -> Any:
         """A function of t alone."""
-        return as_signal(value, key)
+        return _built(value, signal_kinds(), key) if isinstance(value, Part) else as_signal(value, key)
 
     def _entry(self, value: str | float, key: str) -> Any:
         return as_given(value, self.lattice.dim, key)
@@ -338,7 +342,7 @@ class Case:
             model=self.model,
             initial=self._initial(),
             boundary=self._boundary() or fh.LatticePML(until=parts.run.until),
-            sources=[self._expression(s.value, "source.value") for s in parts.source]
+            sources=[self._source(s, key) for s, key in zip(parts.source, keys("source", parts.source), strict=True)]
             + [self._incident(w) for w in parts.incident],
             specimens=[
                 fh.Specimen(s.region.build(f"specimen[{i}].region"), s.concentration)
@@ -356,6 +360,10 @@ class Case:
             dtype=parts.run.dtype,
             threads=parts.run.threads,
         )
+
+    def _source(self, part: SourcePart, key: str) -> Any:
+        value = self._expression(part.value, f"{key}.value")
+        return fh.Source(value, self._of_time(part.time, f"{key}.time")) if "time" in part.model_fields_set else value
 
     def _incident(self, part: IncidentPart) -> fh.IncidentWave:
         signal = self._of_time(part.signal, "incident.signal")
@@ -431,7 +439,11 @@ class Case:
             raise InputError("give either points or region", key=key)
         where = part.points if part.region is None else part.region.build(f"{key}.region")
         rate = None if part.rate is None else self._expression(part.rate, f"{key}.rate")
-        return fh.Prescribed(where, self._expression(part.value, f"{key}.value"), part.until, rate)
+        value = part.value
+        value = (
+            self._of_time(value, f"{key}.value") if isinstance(value, Part) else self._expression(value, f"{key}.value")
+        )
+        return fh.Prescribed(where, value, part.until, rate)
 
     def _crack(self, part: CrackPart) -> Any:
         given = [p for p in (part.points, part.rectangle, part.disc) if p is not None]
@@ -517,6 +529,15 @@ class Case:
                 self.lattice.index(point)
             except InputError as error:
                 raise error.at("output.probes") from None
+
+
+def _built(part: Part, known: Mapping[str, Any], key: str) -> Any:
+    """What a table stands for that has a type and the fields of a dataclass."""
+    values = {name: getattr(part, name) for name in part.model_fields_set - {"type"}}
+    try:
+        return known[part.type](**values)  # type: ignore[attr-defined]
+    except InputError as error:
+        raise error.at(under(key, error.key)) from None
 
 
 def read_case(path: str | Path, changes: Mapping[str, Any] | None = None) -> Case:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import re
 from collections.abc import Sequence
 from typing import Any, get_args
 
@@ -31,8 +30,8 @@ def _tags(table: type[Part]) -> tuple[str, ...]:
     return get_args(table.model_fields["type"].annotation) if "type" in table.model_fields else ()
 
 
-def _known(location: tuple[Any, ...]) -> list[str]:
-    """Keys allowed at a place of the schema, which names the types of tables on the way."""
+def _at(location: tuple[Any, ...]) -> list[type[Part]]:
+    """Tables at a place of the schema, which names the types of tables on the way."""
     tables: list[type[Part]] = [case_part()]
     for step in location:
         having = [table for table in tables if step in table.model_fields]
@@ -40,7 +39,12 @@ def _known(location: tuple[Any, ...]) -> list[str]:
             tables = [inner for table in having for inner in _tables(table.model_fields[step].annotation)]
         else:  # a type, or the number of an entry or the name of a side, after which the tables are the same
             tables = [table for table in tables if step in _tags(table)] or tables
-    return list(dict.fromkeys(name for table in tables for name in table.model_fields))
+    return tables
+
+
+def _known(location: tuple[Any, ...]) -> list[str]:
+    """Keys allowed at a place of the schema."""
+    return list(dict.fromkeys(name for table in _at(location) for name in table.model_fields))
 
 
 # What pydantic wants, in words, by the types of its errors.
@@ -62,9 +66,9 @@ _WANTED = {
 }
 
 
-def _types(key: str) -> list[str]:
-    """The types that a table of the case may have."""
-    return [tag for table in _tables(case_part().model_fields[key].annotation) for tag in _tags(table)]
+def _types(location: tuple[Any, ...]) -> list[str]:
+    """The types that a table at a place of the schema may have."""
+    return [tag for table in _at(location) for tag in _tags(table)]
 
 
 def explain(error: ValidationError, data: dict[str, Any]) -> str:
@@ -104,7 +108,7 @@ def _problem(key: str, same: list[Any]) -> str:
         case "missing":
             return f"missing key {key}"
         case "union_tag_not_found" | "union_tag_invalid":
-            types = _types(re.split(r"\W", key)[0])
+            types = _types(location)
             message = "unknown type" if "tag" in context else "the type is missing"
             return str(
                 InputError(

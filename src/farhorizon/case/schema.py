@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, fields, is_dataclass
 from functools import lru_cache, reduce
 from inspect import isabstract, signature
@@ -14,7 +14,7 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, create_model, field_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationInfo, create_model
 from pydantic.fields import FieldInfo
 
 from farhorizon import __version__, kinds
@@ -23,6 +23,7 @@ from farhorizon.boundaries import Side
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Shape
 from farhorizon.inputs.conditions import Constraint
+from farhorizon.inputs.signals import Signal
 from farhorizon.models import LatticeModel
 
 
@@ -34,6 +35,16 @@ class Part(BaseModel):
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Value = str | Number | list[str | Number]  # an expression or a number, of vectors one a component
+_OF_TIME = "a function of t"
+_PLAIN = "expression"
+Factor = Annotated[str | Number, _OF_TIME]  # or a table with a signal
+
+
+def _beside_the_case(name: str, info: ValidationInfo) -> str:
+    return str((info.context or {}).get("folder", Path()) / name)
+
+
+FilePath = Annotated[str, AfterValidator(_beside_the_case)]  # from the case file
 
 
 class DiscPart(Part):
@@ -69,7 +80,7 @@ class TextPart(Part):
 
 
 class ImagePart(Part):
-    file: str
+    file: FilePath
     """A picture (PNG, JPEG), by its path from the case file; its dark pixels are the region."""
     width: Number
     """Width of the whole picture."""
@@ -77,11 +88,6 @@ class ImagePart(Part):
     """Centre of the whole picture; the origin unless given."""
     threshold: Number = 0.5
     """Between 0 (black) and 1 (white): darker pixels are taken."""
-
-    @field_validator("file")
-    @classmethod
-    def _beside_the_case(cls, name: str, info: ValidationInfo) -> str:
-        return str((info.context or {}).get("folder", Path()) / name)
 
 
 class RegionPart(Part):
@@ -240,10 +246,16 @@ class SpecimenPart(Part):
 
 
 class SourcePart(Part):
+    """A right-hand side on all nodes."""
+
+    type: Literal["source"] = "source"
+    """A right-hand side on all nodes."""
     field: Literal["u"] = "u"
     """The field that it drives."""
     value: Value
     """Right-hand side of the equation, a function of place and time t; of vectors one a component."""
+    time: Factor = 1.0
+    """Factor of t: an expression, or a table with a signal."""
 
 
 class IncidentPart(Part):
@@ -251,8 +263,10 @@ class IncidentPart(Part):
 
     direction: list[Number]
     """Along which it travels; its length does not matter."""
-    signal: str
-    """Displacement as a function of t, where the wave meets the near field first."""
+    signal: Factor
+    """Displacement as a function of t, where the wave meets the near field first: an expression, or a table with a
+    signal.
+    """
     duration: Number
     """The signal is zero before 0 and after it."""
     polarisation: Literal["P", "S"] | list[Number] = "P"
@@ -272,8 +286,8 @@ class TractionPart(Part):
     """One component an axis."""
     between: list[tuple[Number, Number]] | None = None
     """Where it acts, along each of the other axes; the whole side unless given."""
-    time: str | Number = 1.0
-    """Factor of t."""
+    time: Factor = 1.0
+    """Factor of t: an expression, or a table with a signal."""
 
 
 class BodyForcePart(Part):
@@ -283,8 +297,8 @@ class BodyForcePart(Part):
     """A force per volume."""
     value: list[str | Number]
     """One component an axis, functions of place and time."""
-    time: str | Number = 1.0
-    """Factor of t."""
+    time: Factor = 1.0
+    """Factor of t: an expression, or a table with a signal."""
 
 
 class PrescribedPart(Part):
@@ -296,8 +310,8 @@ class PrescribedPart(Part):
     """Each stands for the node nearest to it; or give a region."""
     region: RegionPart | None = None
     """The nodes in it; or give points."""
-    value: str | Number
-    """Value as a function of t."""
+    value: Factor
+    """Value as a function of t: an expression, or a table with a signal."""
     until: Number | None = None
     """The nodes are released after it; never unless given."""
     rate: str | Number | None = None
@@ -330,8 +344,8 @@ class OutputPart(Part):
     """Record energies, or what has flowed in and out."""
 
 
-AnyLoad = TractionPart | BodyForcePart
-AnyConstraint = ConstraintPart | PrescribedPart
+_LOADS = (TractionPart, BodyForcePart)
+_CONSTRAINTS = (ConstraintPart, PrescribedPart)
 
 
 class CasePart(Part):
@@ -353,9 +367,9 @@ class CasePart(Part):
     """Right-hand sides."""
     incident: list[IncidentPart] = []
     """Plane waves from far away."""
-    load: list[Annotated[AnyLoad, Field(discriminator="type")]] = []
+    load: list[Any] = []
     """Forces on an elastic medium."""
-    constraint: list[Annotated[AnyConstraint, Field(discriminator="type")]] = []
+    constraint: list[Any] = []
     """Conditions on nodes."""
     coefficient: str | Number | None = None
     """Factor of the bonds, a function of place: another material in part of the medium."""
@@ -386,9 +400,15 @@ def model_kinds() -> dict[str, Any]:
     return {kind.tag: kind for kind in sorted(known, key=lambda kind: (kind.__name__ != "Wave", kind.__name__))}
 
 
+def signal_kinds() -> dict[str, Any]:
+    """The signals by what they are called, those that users define among them."""
+    known = [kind for kind in Signal.known.values() if is_dataclass(kind) and not isabstract(kind)]
+    return {kind.tag: kind for kind in sorted(known, key=lambda kind: kind.__name__)}
+
+
 @lru_cache(maxsize=64)
-def side_part(kind: Any) -> type[Part]:
-    """The table of a side: its keys are the fields of the dataclass."""
+def part_of(kind: Any) -> type[Part]:
+    """The table of a side or a signal: its keys are the fields of the dataclass."""
     return _table(kind, {one.name: _key(_hints(kind).get(one.name, Any), one.default) for one in fields(kind)})
 
 
@@ -468,30 +488,59 @@ def _of_toml(hint: Any) -> Any:
     inner, origin = get_args(hint), get_origin(hint)
     if origin is Literal:
         return hint
-    if origin in (tuple, list):
+    if origin in (tuple, list, Sequence):
         return list[_of_toml(inner[0]) or Any]  # type: ignore[misc]
     if isinstance(origin, type) and issubclass(origin, Mapping):
         values = reduce(or_, map(_of_toml, get_args(inner[1]) or inner[1:]))
         return dict[str, values]  # type: ignore[valid-type]
-    return {float: Number, int: int, bool: bool, str: str, np.ndarray: list[Number]}.get(hint)
+    return {float: Number, int: int, bool: bool, str: str, np.ndarray: list[Number], Path: FilePath}.get(hint)
 
 
 def case_part() -> type[CasePart]:
-    """A whole case file, with the sides and models that are known now."""
-    return _case_part(tuple(side_kinds().values()), tuple(model_kinds().values()))
+    """A whole case file, with the sides, models and signals that are known now."""
+    return _case_part(tuple(side_kinds().values()), tuple(model_kinds().values()), tuple(signal_kinds().values()))
 
 
 @lru_cache(maxsize=64)
-def _case_part(sides: tuple[Any, ...], models: tuple[Any, ...]) -> type[CasePart]:
-    side: Any = Annotated[reduce(or_, map(side_part, sides)), Field(discriminator="type")]
-    model: Any = Annotated[reduce(or_, [*map(model_part, models), BodyPart]), Field(discriminator="type")]
-    words = {name: CasePart.model_fields[name].description for name in ("boundary", "model")}
+def _case_part(sides: tuple[Any, ...], models: tuple[Any, ...], signals: tuple[Any, ...]) -> type[CasePart]:
+    factor = _tagged({_PLAIN: str | Number, **{kind.tag: part_of(kind) for kind in signals}}, _PLAIN)
+    side: Any = _one_of([*map(part_of, sides)])
+    load, constraint = (_one_of([_timed(part, factor) for part in parts]) for parts in (_LOADS, _CONSTRAINTS))
+    lists = {
+        "source": _timed(SourcePart, factor),
+        "incident": _timed(IncidentPart, factor),
+        "load": load,
+        "constraint": constraint,
+    }
+    words = {name: one.description for name, one in CasePart.model_fields.items()}
+    given: dict[str, Any] = {name: (list[one], Field([], description=words[name])) for name, one in lists.items()}  # type: ignore[valid-type]
     return create_model(
         "CasePart",
         __base__=CasePart,
         boundary=(dict[str, side], Field({}, description=words["boundary"])),
-        model=(model, Field(description=words["model"])),
+        model=(_one_of([*map(model_part, models), BodyPart]), Field(description=words["model"])),
+        **given,
     )
+
+
+def _one_of(parts: Sequence[type[Part]]) -> Any:
+    """One of several tables by their `type`."""
+    return Annotated[reduce(or_, parts), Field(discriminator="type")]
+
+
+def _tagged(options: Mapping[str, Any], plain: str) -> Any:
+    """One of several tables by their `type`; what is no table, or has none, is that of one of them."""
+
+    def tag(value: Any) -> Any:
+        return value.get("type", plain) if isinstance(value, Mapping) else getattr(value, "type", plain)
+
+    return Annotated[reduce(or_, [Annotated[one, Tag(name)] for name, one in options.items()]), Discriminator(tag)]
+
+
+def _timed(part: type[Part], factor: Any) -> type[Part]:
+    """The same table with signals as factors of time."""
+    given = {name: (factor, one) for name, one in part.model_fields.items() if _OF_TIME in one.metadata}
+    return create_model(part.__name__, __base__=part, __doc__=part.__doc__, **given)  # type: ignore[call-overload]
 
 
 def under(place: str, key: str) -> str:

@@ -1,0 +1,573 @@
+"""Signals: factors of time that begin at rest and whose spectra are known.
+
+The spectrum of s is ``S(f) = integral of s(t) exp(-2 pi i f t) dt`` with the frequency f in cycles per time. From it
+follows how short the waves are that a source sends out, before a run.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from farhorizon import kinds
+from farhorizon.errors import FileFormatError, InputError
+from farhorizon.files.storable import Storable
+
+SMALL = 1e-3  # part of a signal that may lie above its highest frequency, and that it may begin with
+_PER_LOBE = 8  # points at which a spectrum is read between two zeros of that of a box as long as the signal
+_BEYOND = 1e-2  # of `SMALL`: what the upper half of the frequencies read may add
+_MOST = 1 << 20  # points at which a spectrum is read before it is held not to end
+_FEWEST = 4  # samples, as a cubic spline needs
+_PAD = 24  # samples before and after, over which the coefficients of a cubic spline forget an end: 0.27**24 = 2e-14
+
+
+class Signal(Storable, ABC):
+    """A factor of time that begins at rest, with its spectrum.
+
+    A signal of your own is a frozen dataclass that derives from it and has `end`, ``__call__`` and `spectrum`. Its
+    fields are the keys of its table in case files.
+
+    Attributes
+    ----------
+    tag : str
+        Its `type` in a case file: ``ToneBurst`` is "tone-burst".
+    known : dict of str to type
+        All signals by name, those that users define among them.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> isinstance(fh.Ricker(2.0), fh.Signal), fh.ToneBurst.tag
+    (True, 'tone-burst')
+    """
+
+    tag: ClassVar[str]
+    known: ClassVar[dict[str, type[Signal]]] = {}
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        cls.tag = kinds.hyphened(cls.__name__)
+        Signal.known[cls.__name__] = cls
+
+    @property
+    @abstractmethod
+    def end(self) -> float:
+        """Time after which the signal stays as it is: zero, unless it is a load that lasts."""
+
+    @abstractmethod
+    def __call__(self, t: Any) -> Any:
+        """The signal at a time, or at times of any shape."""
+
+    @abstractmethod
+    def spectrum(self, frequency: ArrayLike) -> np.ndarray:
+        """Complex spectrum at frequencies in cycles per time, of their shape; infinite at 0 of a load that lasts."""
+
+    @property
+    def highest_frequency(self) -> float:
+        """Frequency, in cycles per time, above which less than a thousandth of the amplitude lies: what is above it is
+        at no time larger than that part of the signal's largest value. Infinite if the spectrum falls off too slowly
+        for there to be one.
+
+        The bound is that of the integral, ``|integral over |f| > F of S(f) exp(2 pi i f t) df| <= 2 integral from F of
+        |S(f)| df``.
+        """
+        return self._frequencies[1]
+
+    @property
+    def median_frequency(self) -> float:
+        """Frequency, in cycles per time, below which half of the amplitude lies, by the same integral."""
+        return self._frequencies[0]
+
+    @cached_property
+    def _frequencies(self) -> tuple[float, float]:
+        """Median and highest frequency. The spectrum is read up to twice the frequency, again and again, until the
+        upper half of it adds next to nothing and all of it explains the largest value.
+        """
+        peak = self._peak
+        width, count = 1 / (_PER_LOBE * self.end), 8 * _PER_LOBE
+        while count <= _MOST:
+            share = 2 * width * self._amplitudes(width, count) / peak
+            if share[count // 2 :].sum() < _BEYOND * SMALL and share.sum() > 0.9:
+                above = share[::-1].cumsum()[::-1]
+                return width * float(np.argmax(above < 0.5 * above[0])), width * float(np.argmax(above < SMALL))
+            count *= 2
+        return np.inf, np.inf
+
+    @property
+    def _peak(self) -> float:
+        """The largest magnitude."""
+        return float(np.abs(self(np.linspace(0.0, self.end, 4096))).max())
+
+    def _amplitudes(self, width: float, count: int) -> np.ndarray:
+        """Magnitude of the spectrum in the middle of each of so many bands of one width, from 0 on."""
+        return np.abs(self.spectrum(width * (np.arange(count) + 0.5)))
+
+
+def _number(value: Any, signal: Signal, name: str, **limits: Any) -> float:
+    return kinds.number(value, f"{signal.tag}.{name}", **limits)
+
+
+class _Pulse(Signal):
+    """A signal that is nowhere zero, with its peak at a delay: at a default one unless given."""
+
+    delay: float | None
+
+    @property
+    def _centre(self) -> float:
+        assert self.delay is not None
+        return self.delay
+
+    def _set_delay(self, default: float) -> None:
+        """Keep the delay; InputError if the value at t = 0 is not small."""
+        kinds.settle(self, delay=default if self.delay is None else _number(self.delay, self, "delay", least=0))
+        start = abs(float(self(0.0)))
+        if start > SMALL:
+            raise InputError(
+                "the signal does not begin at rest: the run would start with a jump",
+                value=f"{start:.3g} of the largest value at t = 0",
+                limit=f"{SMALL:g}",
+                key=f"{self.tag}.delay",
+                remedy=f"delay = {default:.4g}, or leave it out",
+            )
+
+
+@dataclass(frozen=True)
+class Ricker(_Pulse):
+    r"""The Ricker wavelet, ``(1 - 2 a) exp(-a)`` with :math:`a = (\pi f (t - t_0))^2`: the second derivative of a
+    Gaussian bell, the usual signal of seismics.
+
+    Parameters
+    ----------
+    frequency : float
+        Of the largest amplitude of its spectrum, in cycles per time.
+    delay : float, optional
+        Time t0 of its peak, where it is 1; 1.5 / frequency unless given, at which it begins with 1e-8.
+
+    Raises
+    ------
+    InputError
+        A frequency that is not positive, a delay so short that the signal does not begin at rest.
+
+    Notes
+    -----
+    Ricker (1953), Geophysics 18(1), 10-40. Its spectrum has the magnitude ``2 / sqrt(pi) f^2 / f0^3 exp(-(f / f0)^2)``,
+    and its highest frequency is 2.85 f0.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> pulse = fh.Ricker(2.0)
+    >>> pulse.delay, float(pulse(0.75)), pulse.highest_frequency
+    (0.75, 1.0, 5.75)
+    """
+
+    frequency: float
+    delay: float | None = None
+
+    def __post_init__(self) -> None:
+        kinds.settle(self, frequency=_number(self.frequency, self, "frequency", above=0))
+        self._set_delay(1.5 / self.frequency)
+
+    @property
+    def end(self) -> float:
+        """Until as long after the peak as the signal is short before it by default."""
+        return self._centre + 1.5 / self.frequency
+
+    def __call__(self, t: Any) -> Any:
+        """The signal at a time, or at times of any shape."""
+        phase = (np.pi * self.frequency * (np.asarray(t) - self._centre)) ** 2
+        return (1 - 2 * phase) * np.exp(-phase)
+
+    def spectrum(self, frequency: ArrayLike) -> np.ndarray:
+        """Complex spectrum at frequencies in cycles per time, of their shape."""
+        f = np.asarray(frequency, float)
+        size = 2 / np.sqrt(np.pi) * f**2 / self.frequency**3 * np.exp(-((f / self.frequency) ** 2))
+        return np.asarray(size * np.exp(-2j * np.pi * f * self._centre))
+
+
+@dataclass(frozen=True)
+class Gaussian(_Pulse):
+    r"""A Gaussian pulse, :math:`\exp(-((t - t_0) / w)^2)`.
+
+    Parameters
+    ----------
+    width : float
+        w, the time in which it falls from 1 to 1/e.
+    delay : float, optional
+        Time t0 of its peak, where it is 1; 4.5 widths unless given, at which it begins with 2e-9.
+
+    Raises
+    ------
+    InputError
+        A width that is not positive, a delay so short that the signal does not begin at rest.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> pulse = fh.Gaussian(width=2.0)
+    >>> pulse.delay, float(pulse(9.0))
+    (9.0, 1.0)
+    """
+
+    width: float
+    delay: float | None = None
+
+    def __post_init__(self) -> None:
+        kinds.settle(self, width=_number(self.width, self, "width", above=0))
+        self._set_delay(4.5 * self.width)
+
+    @property
+    def end(self) -> float:
+        """Until 4.5 widths after the peak."""
+        return self._centre + 4.5 * self.width
+
+    def __call__(self, t: Any) -> Any:
+        """The signal at a time, or at times of any shape."""
+        return np.exp(-(((np.asarray(t) - self._centre) / self.width) ** 2))
+
+    def spectrum(self, frequency: ArrayLike) -> np.ndarray:
+        """Complex spectrum at frequencies in cycles per time, of their shape."""
+        f = np.asarray(frequency, float)
+        size = np.sqrt(np.pi) * self.width * np.exp(-((np.pi * f * self.width) ** 2))
+        return np.asarray(size * np.exp(-2j * np.pi * f * self._centre))
+
+
+def _hann(t: np.ndarray, length: float) -> np.ndarray:
+    """The Hann window ``sin(pi t / T)^2`` on 0 to T, zero outside."""
+    return np.where((t > 0) & (t < length), np.sin(np.pi * t / length) ** 2, 0.0)
+
+
+# exp(2 pi i m t / T) of which the Hann window is made: m and its coefficient
+_HANN = ((0, 0.5), (1, -0.25), (-1, -0.25))
+
+
+def _hann_spectrum(frequency: np.ndarray, length: float) -> np.ndarray:
+    """Spectrum of the Hann window."""
+
+    def box(f: np.ndarray) -> np.ndarray:
+        return np.asarray(length * np.sinc(f * length) * np.exp(-1j * np.pi * f * length))
+
+    return np.asarray(sum(weight * box(frequency - m / length) for m, weight in _HANN))
+
+
+@dataclass(frozen=True)
+class ToneBurst(Signal):
+    r"""Some cycles of a sine under a Hann window, :math:`\sin(2 \pi f t) \sin^2(\pi f t / n)` for ``0 < t < n / f``, as
+    in ultrasonic testing.
+
+    Parameters
+    ----------
+    frequency : float
+        f, in cycles per time.
+    cycles : float
+        n, at least 1.
+
+    Raises
+    ------
+    InputError
+        A frequency that is not positive, less than a cycle.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> burst = fh.ToneBurst(frequency=5e6, cycles=5)
+    >>> round(burst.end * 1e6, 9), float(burst(0.0)), float(burst(1.0))
+    (1.0, 0.0, 0.0)
+    """
+
+    frequency: float
+    cycles: float
+
+    def __post_init__(self) -> None:
+        kinds.settle(
+            self,
+            frequency=_number(self.frequency, self, "frequency", above=0),
+            cycles=_number(self.cycles, self, "cycles", least=1),
+        )
+
+    @property
+    def end(self) -> float:
+        """That of its cycles."""
+        return self.cycles / self.frequency
+
+    def __call__(self, t: Any) -> Any:
+        """The signal at a time, or at times of any shape."""
+        t = np.asarray(t, float)
+        return np.sin(2 * np.pi * self.frequency * t) * _hann(t, self.end)
+
+    def spectrum(self, frequency: ArrayLike) -> np.ndarray:
+        """Complex spectrum at frequencies in cycles per time, of their shape."""
+        f = np.asarray(frequency, float)
+        above, below = (_hann_spectrum(f - sign * self.frequency, self.end) for sign in (1, -1))
+        return (above - below) / 2j
+
+
+@dataclass(frozen=True)
+class Step(Signal):
+    r"""A load that rises smoothly from 0 to 1 and stays, :math:`t / T - \sin(2 \pi t / T) / (2 \pi)` for ``0 < t < T``.
+
+    Parameters
+    ----------
+    rise : float
+        T, the time that it takes.
+
+    Raises
+    ------
+    InputError
+        A time that is not positive.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> load = fh.Step(rise=4.0)
+    >>> [float(load(t)) for t in (0.0, 2.0, 4.0, 100.0)]
+    [0.0, 0.5, 1.0, 1.0]
+    """
+
+    rise: float
+
+    def __post_init__(self) -> None:
+        kinds.settle(self, rise=_number(self.rise, self, "rise", above=0))
+
+    @property
+    def end(self) -> float:
+        """The time of its rise."""
+        return self.rise
+
+    def __call__(self, t: Any) -> Any:
+        """The signal at a time, or at times of any shape."""
+        part = np.clip(np.asarray(t, float) / self.rise, 0.0, 1.0)
+        return part - np.sin(2 * np.pi * part) / (2 * np.pi)
+
+    def spectrum(self, frequency: ArrayLike) -> np.ndarray:
+        """Complex spectrum at frequencies in cycles per time, of their shape; infinite at 0."""
+        f = np.asarray(frequency, float)
+        rate = 2 / self.rise * _hann_spectrum(f, self.rise)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(f == 0, np.inf, rate / (2j * np.pi * f))
+
+
+@dataclass(frozen=True)
+class Chirp(Signal):
+    r"""A sine whose frequency goes evenly from one value to another, under a Hann window:
+    :math:`\sin(2 \pi (f_0 t + (f_1 - f_0) t^2 / 2T)) \sin^2(\pi t / T)` for ``0 < t < T``.
+
+    Parameters
+    ----------
+    first, last : float
+        Frequencies f0 and f1 at the start and at the end, in cycles per time.
+    duration : float
+        T.
+
+    Raises
+    ------
+    InputError
+        Frequencies that are not positive or equal, a duration that is not positive.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> sweep = fh.Chirp(first=1.0, last=4.0, duration=10.0)
+    >>> 4.0 < sweep.highest_frequency < 5.0
+    True
+    """
+
+    first: float
+    last: float
+    duration: float
+
+    def __post_init__(self) -> None:
+        for name in ("first", "last", "duration"):
+            kinds.settle(self, **{name: _number(getattr(self, name), self, name, above=0)})
+        if self.first == self.last:
+            raise InputError(
+                "the frequency of a chirp changes",
+                value=self.last,
+                key="chirp.last",
+                remedy=f"ToneBurst({self.first:g}, {self.first * self.duration:g})",
+            )
+
+    @property
+    def end(self) -> float:
+        """That of its duration."""
+        return self.duration
+
+    def __call__(self, t: Any) -> Any:
+        """The signal at a time, or at times of any shape."""
+        t = np.asarray(t, float)
+        cycles = self.first * t + (self.last - self.first) * t**2 / (2 * self.duration)
+        return np.sin(2 * np.pi * cycles) * _hann(t, self.duration)
+
+    def spectrum(self, frequency: ArrayLike) -> np.ndarray:
+        """Complex spectrum at frequencies in cycles per time, of their shape, by Fresnel integrals."""
+        f, length = np.asarray(frequency, float), self.duration
+        rate = (self.last - self.first) / length
+        found = np.zeros(f.shape, complex)
+        for m, weight in _HANN:
+            up = _sweep(self.first + m / length - f, rate, length)
+            down = _sweep(-self.first + m / length - f, -rate, length)
+            found += weight * (up - down) / 2j
+        return found
+
+
+def _sweep(frequency: np.ndarray, rate: float, length: float) -> np.ndarray:
+    """Integral of ``exp(2 pi i (frequency t + rate t^2 / 2))`` over 0 to a length, of shape of the frequencies."""
+    from scipy.special import fresnel
+
+    if rate < 0:
+        return _sweep(-frequency, -rate, length).conj()
+    ends = [np.sqrt(2 * rate) * (t + frequency / rate) for t in (0.0, length)]
+    (sine0, cosine0), (sine1, cosine1) = (fresnel(end) for end in ends)
+    turned = np.exp(-1j * np.pi * frequency**2 / rate) / np.sqrt(2 * rate)
+    return np.asarray(turned * (cosine1 - cosine0 + 1j * (sine1 - sine0)))
+
+
+@dataclass(frozen=True, eq=False)
+class Samples(Signal):
+    """Samples of a signal, joined by a cubic spline: where they begin or end with a jump or a kink, it swings past it.
+
+    Parameters
+    ----------
+    values : array_like, shape (n,), or path
+        At t = 0, dt, 2 dt, ...; after the last of them the signal stays as it is. A file is an array of NumPy (.npy) or
+        a text of numbers, with one sample a line or with its time before it.
+    dt : float
+        Time between two samples.
+
+    Raises
+    ------
+    InputError
+        Fewer than four samples, numbers that are not finite, samples that begin with more than a thousandth of the
+        largest one or are all zero; a file whose times are not 0, dt, 2 dt, ...
+    FileFormatError
+        A file that cannot be read.
+
+    Notes
+    -----
+    With the coefficients c of the cubic B-splines (Unser 1999, IEEE Signal Processing Magazine 16(6), eq 6) the
+    spectrum is ``dt sinc(f dt)^4 sum_k c_k exp(-2 pi i f k dt)``.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> import numpy as np
+    >>> measured = fh.Samples(np.sin(np.pi * np.arange(41) / 40) ** 4, dt=0.25)
+    >>> measured.end, round(float(measured(5.1)), 4), round(float(np.sin(np.pi * 5.1 / 10) ** 4), 4)
+    (10.0, 0.998, 0.998)
+    """
+
+    values: Sequence[float] | np.ndarray | Path
+    dt: float
+
+    def __post_init__(self) -> None:
+        dt = _number(self.dt, self, "dt", above=0)
+        given = self.values
+        values = kinds.array(_read(Path(given), dt) if isinstance(given, str | Path) else given, "samples.values")
+        if values.ndim != 1 or len(values) < _FEWEST:
+            raise InputError(
+                "a signal is one list of samples",
+                value=f"shape {values.shape}",
+                limit=f"at least {_FEWEST}",
+                key="samples.values",
+            )
+        largest = float(np.abs(values).max())
+        if not largest > 0:
+            raise InputError("all samples are zero", key="samples.values", remedy="leave the source out")
+        kinds.check_magnitude(largest, "samples.values")
+        if abs(values[0]) > SMALL * largest:
+            raise InputError(
+                "the signal does not begin at rest: the run would start with a jump",
+                value=f"{abs(values[0]) / largest:.3g} of the largest sample at t = 0",
+                limit=f"{SMALL:g}",
+                key="samples.values",
+                remedy="subtract what it begins with, or let it rise over some samples",
+            )
+        kinds.settle(self, values=values, dt=dt)
+
+    @property
+    def end(self) -> float:
+        """From the first sample to the last one."""
+        return (len(self.values) - 1) * self.dt  # type: ignore[arg-type]
+
+    def __call__(self, t: Any) -> Any:
+        """The signal at a time, or at times of any shape."""
+        return self._spline(np.clip(np.asarray(t, float), *self._ends))[()]
+
+    def spectrum(self, frequency: ArrayLike) -> np.ndarray:
+        """Complex spectrum at frequencies in cycles per time, of their shape; infinite at 0 where the samples end with
+        another value than zero.
+        """
+        f = np.asarray(frequency, float)
+        indices = np.arange(len(self._coefficients))
+        # one by one: a table of all would be as large as the square of the number of samples
+        sums = [(self._coefficients * np.exp(-2j * np.pi * one * self.dt * indices)).sum() for one in f.ravel()]
+        early = np.exp(2j * np.pi * f * _PAD * self.dt)  # the first coefficient is that of a sample before the first
+        return self._whole(np.reshape(sums, f.shape), f) * early
+
+    def _amplitudes(self, width: float, count: int) -> np.ndarray:
+        from scipy.signal import czt
+
+        turn = -2j * np.pi * width * self.dt
+        sums = czt(self._coefficients, count, np.exp(turn), np.exp(-turn / 2))
+        return np.abs(self._whole(sums, width * (np.arange(count) + 0.5)))
+
+    def _whole(self, sums: np.ndarray, frequency: np.ndarray) -> np.ndarray:
+        """The spectrum from the sums over the coefficients, with those of the value that stays."""
+        last = float(self._spline.c[-1])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            turn = np.exp(-2j * np.pi * frequency * self.dt)
+            rest = last * turn ** len(self._coefficients) / (1 - turn) if last else 0.0
+            return np.asarray(self.dt * np.sinc(frequency * self.dt) ** 4 * (sums + rest))
+
+    @cached_property
+    def _spline(self) -> Any:
+        """The cubic spline through all samples, with as many before and after as it takes to forget its ends."""
+        from scipy.interpolate import make_interp_spline
+
+        values = np.concatenate([np.zeros(_PAD), np.asarray(self.values), np.full(_PAD, self.values[-1])])  # type: ignore
+        times = self.dt * (np.arange(len(values)) - _PAD)
+        return make_interp_spline(times, values, 3, bc_type="clamped")
+
+    @property
+    def _ends(self) -> tuple[float, float]:
+        return float(self._spline.t[0]), float(self._spline.t[-1])
+
+    @property
+    def _coefficients(self) -> np.ndarray:
+        """Of the B-splines about each sample; before them all are zero, after them all are the last value."""
+        return np.asarray(self._spline.c[1:-1])
+
+
+def _read(path: Path, dt: float) -> np.ndarray:
+    """The samples in a file, which have no times or those of samples `dt` apart."""
+    try:
+        if path.suffix == ".npy":
+            found = np.load(path, allow_pickle=False)
+        else:
+            found = np.loadtxt(path.read_text(encoding="utf-8").replace(",", " ").splitlines(), ndmin=1)
+    except OSError as error:
+        raise InputError(
+            f"cannot read the samples: {error.strerror}", value=str(path), key="samples.values", remedy="check the path"
+        ) from None
+    except ValueError as error:
+        raise FileFormatError(f"{path} holds no samples: {error}", remedy="one number a line, or a .npy file") from None
+    if found.ndim != 2 or found.shape[1] != 2:
+        return np.asarray(found)
+    times, values = kinds.array(found, "samples.values").T
+    if np.abs(times - dt * np.arange(len(times))).max() > 1e-3 * dt:
+        step = (times[-1] - times[0]) / max(len(times) - 1, 1)
+        raise InputError(
+            "the times in the file are not those of the samples",
+            value=f"{len(times)} from {times[0]:.6g} on, {step:.6g} apart",
+            limit=f"0, dt, 2 dt, ... with dt = {dt:g}",
+            key="samples.dt",
+            remedy=f"dt = {step:.6g}, times from 0 on in the unit of the run's, or a file of values alone",
+        )
+    return values
