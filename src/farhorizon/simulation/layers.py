@@ -18,8 +18,8 @@ from farhorizon.analysis.layers.thickness import Thickness, distance_to_side, th
 from farhorizon.errors import InputError
 from farhorizon.inputs.incidence import IncidentWave
 from farhorizon.inputs.sources import by_component, field, split
-from farhorizon.simulation.far_field import CROSSINGS, FORESEEN, LASTING, MOST_CROSSINGS, FarField, stand_ins
 from farhorizon.simulation.near_field import NearField
+from farhorizon.simulation.returned_waves import CROSSINGS, FORESEEN, LASTING, MOST_CROSSINGS, ReturnedWaves, stand_ins
 from farhorizon.simulation.setup import Key, Setup, Sides, side_name
 from farhorizon.simulation.solid_and_liquid import placed
 from farhorizon.simulation.surroundings import Surroundings
@@ -82,7 +82,7 @@ class _Choice:
         lengths = {key: min(b.until or CROSSINGS * crossing, MOST_CROSSINGS * crossing) for key, b in layers.items()}
         # a formula looks at no course in time
         watched = max((lengths[key] for key, b in layers.items() if b.target is not None), default=0.0)
-        far = FarField(
+        far = ReturnedWaves(
             near.lattice.shape,
             near.stencil,
             model.coefficient,

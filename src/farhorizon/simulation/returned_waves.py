@@ -37,7 +37,7 @@ _STAND_IN = 2.0  # width, in nodes, of the pulses that stand for data which are 
 
 
 @dataclass(frozen=True)
-class FarField:
+class ReturnedWaves:
     """A wave field with open sides, of a scalar or of vectors.
 
     Vectors travel as P and as S waves, of which neither the data nor a side tells how much there is of each. So each
