@@ -1,0 +1,183 @@
+"""The infinite lattice at rest, driven by forces on some of its nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from farhorizon.analysis.exact.chain import Recursion
+from farhorizon.analysis.references.infinite import largest_speed
+from farhorizon.errors import InputError
+from farhorizon.machine import available_memory
+from farhorizon.medium.integrators import Integrator, Verlet
+from farhorizon.medium.stencil import Stencil
+
+_WIDEST = 1e5  # neighbours of the operator of a step
+_FAINT = 1e-20  # weights below this part of the largest are rounding
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """A uniform medium and how it is advanced, as one operator a step.
+
+    Attributes
+    ----------
+    stencil : Stencil
+    rate : float
+        Factor on the stencil, ``coefficient / spacing^2``; 1 where the stencil is that of a whole step.
+    recursion : Recursion
+    dt : float
+    order : int
+        Of the equation in time.
+    """
+
+    stencil: Stencil
+    rate: float
+    recursion: Recursion
+    dt: float
+    order: int
+
+    @classmethod
+    def of(cls, stencil: Stencil, rate: float, integrator: Integrator, dt: float, damping: float = 0.0) -> Scheme:
+        """The scheme of an integrator. A step of several stages is one of forward Euler with the polynomial of the
+        operator that it is, which reaches as many times farther as it has stages.
+
+        Raises
+        ------
+        InputError
+            So many stages that the polynomial couples more nodes than can be worked with.
+        """
+        if isinstance(integrator, Verlet):
+            return cls(stencil, rate, Recursion.of(integrator, dt, damping), dt, 2)
+        stages = len(integrator.stages(dt).numbers)
+        if stages == 1:
+            return cls(stencil, rate, Recursion.of(integrator, dt), dt, 1)
+        sides = [2 * stages * m + 1 for m in stencil.reach]
+        if np.prod(sides) > _WIDEST:
+            raise InputError(
+                "a step of so many stages couples too many nodes for a far field",
+                value=f"{' x '.join(map(str, sides))} nodes",
+                limit=f"{_WIDEST:g} nodes",
+                key="model.integrator",
+                remedy="euler, or fewer stages",
+            )
+        angles = np.ix_(*(2 * np.pi * np.fft.fftfreq(n) for n in sides))
+        table = np.fft.fftshift(np.fft.ifftn(integrator.growth(rate * stencil.symbol(*angles), dt)).real)
+        table = (table + np.flip(table)) / 2
+        offsets = np.argwhere(np.ones(sides)) - np.array(sides) // 2
+        weights = table.ravel()
+        used = offsets.any(1) & (np.abs(weights) > _FAINT * np.abs(weights).max())
+        growth = float(integrator.growth(np.array(rate * stencil.reaction), dt))
+        whole = Stencil(offsets[used], weights[used], max(1 - growth, 0.0))
+        return cls(whole, 1.0, Recursion(0.0, 1.0, 1.0), dt, 1)
+
+    def travel(self, steps: int) -> float:
+        """Nodes that a disturbance has passed after so many steps, but for parts below rounding."""
+        if self.order == 2:
+            found = largest_speed(self.stencil) * np.sqrt(self.rate) * steps * self.dt
+            found += 20 * max(self.stencil.reach) + 10 * np.cbrt(found)  # the front has an Airy tail ahead of it
+        else:
+            spread = 0.5 * self.stencil.weights @ self.stencil.offsets.astype(float) ** 2
+            found = 13 * np.sqrt(self.rate * self.recursion.scale * spread.max() * steps) + 12 * max(self.stencil.reach)
+        # a step carries no farther than the stencil reaches
+        return float(min(found, steps * max(self.stencil.reach)))
+
+
+class DrivenLattice:
+    """What forces radiate on the infinite lattice, exactly as the scheme computes it: fully discrete.
+
+    Every wave with a whole number of lengths on a periodic lattice is advanced by itself, and the lattice is so large
+    that nothing has come round to a receiver by the last step.
+
+    Parameters
+    ----------
+    scheme : Scheme
+    last : int
+        Number of steps.
+    nodes : ndarray of int, shape (W, dim)
+        Those that forces act on.
+    receivers : ndarray of int, shape (P, dim)
+        Those at which the field is wanted.
+
+    Raises
+    ------
+    InputError
+        A periodic lattice that does not fit into memory.
+
+    Examples
+    --------
+    >>> scheme = Scheme.of(Stencil.finite_difference(1), 1.0, Verlet(), 1.0)
+    >>> driven = DrivenLattice(scheme, 3, np.array([[0]]), np.array([[2]]))
+    >>> driven.field(np.array([[1.0], [0.0], [0.0]])).ravel().round(12).tolist()  # it travels a node a step
+    [0.0, 0.0, 0.0, 0.5]
+    """
+
+    def __init__(self, scheme: Scheme, last: int, nodes: np.ndarray, receivers: np.ndarray) -> None:
+        stencil, self._recursion = scheme.stencil, scheme.recursion
+        self._components, self._last = stencil.components, last
+        low = nodes.min(0)
+        farthest = np.maximum(receivers.max(0) - low, nodes.max(0) - receivers.min(0))
+        self.box = [fft.next_fast_len(int(n) + 2, real=True) for n in np.ceil(scheme.travel(last) + farthest)]
+        if 8 * (stencil.components**2 + 8 * stencil.components) * float(np.prod(self.box)) > available_memory():
+            raise InputError(
+                "the periodic lattice in which nothing comes round to the receivers does not fit into memory",
+                value=f"{' x '.join(map(str, self.box))} nodes",
+                limit=f"{available_memory() / 2**30:.3g} GiB available",
+                key="far_field.points",
+                remedy="receivers nearer to the box, a shorter run, or the pattern by direction and frequency",
+            )
+        angles = [2 * np.pi * np.fft.fftfreq(n) for n in self.box[:-1]] + [2 * np.pi * np.fft.rfftfreq(self.box[-1])]
+        symbol = self._recursion.scale * scheme.rate * stencil.symbol(*np.ix_(*angles))
+        self._pull = np.moveaxis(symbol, (-2, -1), (0, 1)) if stencil.components > 1 else symbol
+        self._shape = tuple(nodes.max(0) - low + 1)
+        self._nodes = tuple((nodes - low).T)
+        self._receivers = (receivers - low) % self.box
+
+    def field(self, forces: Iterable[np.ndarray]) -> np.ndarray:
+        """The field at the receivers at the start, where it is zero, and after each step.
+
+        Parameters
+        ----------
+        forces : iterable of ndarray, shape (components * W,), components first
+            At each step, from the first on; as many as there are steps.
+
+        Returns
+        -------
+        ndarray, shape (steps + 1, P[, components])
+        """
+        found = np.zeros((self._last + 1, self._components, len(self._receivers)))
+        spectrum = (self._components, *self._pull.shape[-len(self.box) :])
+        value, increment = np.zeros(spectrum, complex), np.zeros(spectrum, complex)
+        for step, force in enumerate(forces):
+            share = self._recursion.scale * (1.0 if step else self._recursion.first)
+            increment *= self._recursion.keep
+            increment += self._spectrum(share * force)
+            if self._components == 1:
+                increment -= self._pull * value
+            else:
+                increment -= np.einsum("ij...,j...->i...", self._pull, value)
+            value += increment
+            found[step + 1] = self._seen(value)
+        return found[:, 0] if self._components == 1 else found.swapaxes(1, 2)
+
+    def _spectrum(self, force: np.ndarray) -> np.ndarray:
+        """Fourier coefficients of forces on the nodes; axis by axis, for all but a few rows are zero."""
+        block = np.zeros((self._components, *self._shape))
+        block[(slice(None), *self._nodes)] = force.reshape(self._components, -1)
+        found = fft.rfft(block, self.box[-1])
+        for axis, count in enumerate(self.box[:-1]):
+            found = fft.fft(found, count, axis=axis + 1)
+        return found
+
+    def _seen(self, value: np.ndarray) -> np.ndarray:
+        """The field at the receivers, shape (components, P); axis by axis, for only a few rows are wanted."""
+        place = np.zeros(len(self._receivers), int)  # of each receiver among the rows that are left
+        value = value[:, None]
+        for axis, count in enumerate(self.box[:-1]):
+            value = fft.ifft(value, axis=2)
+            rows, place = np.unique(place * count + self._receivers[:, axis], return_inverse=True)
+            value = value.reshape(len(value), -1, *value.shape[3:])[:, rows]
+        return np.asarray(fft.irfft(value, self.box[-1])[:, place, self._receivers[:, -1]])
