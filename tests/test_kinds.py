@@ -179,6 +179,7 @@ RIGHT = {
     "PolygonCut": {"points": [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)]},
     "Polyline": {"points": [(0.0, 0.0), (1.0, 0.0)]},
     "Prescribed": {"where": [0.0], "value": 0.0, "until": None, "rate": None},
+    "Receivers": {"points": [[0.0]], "record": "u", "every": 1, "interpolation": "sinc", "name": "a"},
     "Probes": {"lattice": LINE, "points": [0.0], "stride": 1},
     "Rectangle": {"corner": (0.0, 0.0, 0.0), "edge1": (1.0, 0.0, 0.0), "edge2": (0.0, 1.0, 0.0)},
     "Ricker": {"frequency": 1.0, "delay": 2.0},
@@ -267,6 +268,8 @@ PLACES = {
     "signal": lambda v: fh.Simulation(
         PLANE, fh.Wave(fh.Stencil.finite_difference(2)), sources=[fh.IncidentWave((1, 0), v, 1.0)], threads=1
     ),
+    "receivers": lambda v: fh.Simulation(LINE, fh.Wave(KERNEL), observe=[v], threads=1),
+    "points of receivers": lambda v: fh.Simulation(LINE, fh.Wave(KERNEL), observe=[fh.Receivers(v)], threads=1),
     "step": lambda v: fh.Simulation(LINE, fh.Wave(KERNEL), dt=v, threads=1),
     "point": LINE.index,
     "points in a shape": DISC.contains,

@@ -62,6 +62,7 @@ CASES = {
     "1D, reaction, coefficient": lambda: waves((23,), model=drawn_back(1), coefficient=half((23,))),
     "2D, reaction": lambda: waves((15, 16), model=drawn_back(2)),
     "2D, reaction, coefficient": lambda: waves((17, 18), model=drawn_back(2), coefficient=half((17, 18))),
+    "2D, receivers": lambda: waves((21, 22), observe=[fh.Receivers([(10.2, 11.7), (9.0, 12.5)], ["u", "gradient"])]),
     "2D, crack into a layer": lambda: waves((15, 16), cracks=[[(8.5, 8.2), (8.5, 40.0)]]),
     "2D, body": lambda: fh.Simulation(
         lattice(15, 16, body=fh.Disc(6.0, (7.0, 8.0))), WAVE, fh.Free(), {"u": bump((15, 16))}
@@ -128,6 +129,9 @@ def test_both_compute_the_same(make):
         np.testing.assert_allclose(one.core.view(b), one.core.view(a), rtol=0, atol=1e-12 * np.abs(a).max())
     np.testing.assert_allclose(two.flows.sum(0), one.flows.sum(0), rtol=1e-10, atol=1e-13)
     np.testing.assert_array_equal(two.tables.bonds.alive, one.tables.bonds.alive)
+    for mine, other in zip(compiled.recorders, plain.recorders, strict=True):
+        for name, values in mine.data.items():
+            np.testing.assert_allclose(other.data[name], values, rtol=0, atol=1e-12 * np.abs(values).max())
     assert two.work == pytest.approx(one.work, rel=1e-10, abs=1e-18)
     if one.bonds:
         assert one.bonds.broken[1] == two.bonds.broken[1]
@@ -150,7 +154,7 @@ def test_the_loop_of_a_run_has_all_kernels_that_the_run_needs(make):
     for tables in found:
         assert max(SINCE[operation] for operation in tables.operations[:, 0].tolist()) <= op.rarity(tables)
         assert op.rarity(tables) == 2 or tables.bonds.places.size == tables.phases.runs.size == 0
-    assert found and sorted(SINCE) == list(range(18))
+    assert found and sorted(SINCE) == list(range(19))
 
 
 def test_corrosion():

@@ -251,6 +251,13 @@ class Body(Run):
         self._refuse_in_split_form(cracks, loads, drag)
         self.given |= {"dt": self.dt}
         self._at_start(observe, int(np.prod(self.box)))
+        if self.recorders:
+            raise InputError(
+                "a body has probes only, at its nodes",
+                value=kinds.said(self.recorders[0]),
+                key="observe",
+                remedy="body.record(points)",
+            )
         if self._intact_margin is not None:
             self.guard_steps = min(self.guard_steps, self._intact_margin.every)
         self._watched = np.zeros(0, np.int64)  # nodes whose displacements after each step are in `_seen`

@@ -20,7 +20,7 @@ from farhorizon.engine.ends import Ends
 from farhorizon.engine.filter import without
 from farhorizon.engine.fringe import fringe_table
 from farhorizon.engine.layer_tables import LayerTables
-from farhorizon.engine.layout import Layout, aligned_zeros
+from farhorizon.engine.layout import Layout, aligned, aligned_zeros
 from farhorizon.engine.operations import (
     Tables,
     check_room,
@@ -149,6 +149,8 @@ class Engine:
         What works off the table of operations in place of the compiled loop: see `farhorizon.engine.interpreter`.
     watched : ndarray of int, shape (n,)
         Places in a level whose values after each step of an `advance` are in `seen`, shape (steps, n).
+    heard : ndarray, shape (steps, R)
+        The sums of `listen` after each of those steps.
     """
 
     def __init__(  # type: ignore[no-untyped-def]
@@ -192,7 +194,7 @@ class Engine:
         self.bonds = BondZone(self)
         self.absent = AbsentBonds(self, self.bonds)
         self.hold(np.zeros(0, np.int64))
-        self.watched, self.seen = np.zeros(0, np.int64), np.zeros((0, 0))
+        self.watched, self.seen, self.heard = np.zeros(0, np.int64), np.zeros((0, 0)), np.zeros((0, 0))
         self.loop: Loop | None = None
 
     @property
@@ -365,6 +367,13 @@ class Engine:
         """Sums of what has flowed, and the rounding of them, shape (2, count)."""
         return self.tables.flows.totals
 
+    def listen(self, rows: np.ndarray, weights: np.ndarray) -> None:
+        """Keep sums over blocks of nodes after every step from now on, as `tables.Listening` has them."""
+        rows = rows.astype(np.int64).reshape(-1, 5)
+        lines = aligned_zeros(aligned(int(rows[:, 4].max(initial=0))), self.dtype, self.threads)
+        listening = self.tables.listening._replace(rows=rows, weights=weights.astype(self.dtype), lines=lines)
+        self.replace(listening=listening)
+
     def set_dependent_values(self, values: np.ndarray) -> None:
         """Set the prescribed nodes of the current level; `values` has what is added to the combinations, one a
         prescribed node.
@@ -467,6 +476,7 @@ class Engine:
             times,
             self.watched,
             np.zeros((steps, self.watched.size)),
+            np.zeros((steps, len(self.tables.listening.rows))),
         )
 
     def sweep_in_pieces(self, rows: int) -> None:
@@ -493,7 +503,7 @@ class Engine:
         """
         self._lengthen_history(steps)
         nothing = self._no_inputs(steps)
-        self.seen = nothing.seen
+        self.seen, self.heard = nothing.seen, nothing.heard
         inputs = nothing._replace(source_nodes=source_nodes, source_fields=source_fields, source_times=source_times)
         if held_values is not None:
             inputs = inputs._replace(held_values=np.asarray(held_values, float))

@@ -7,6 +7,7 @@ every offset of the stencil. It is slow, and keeps the layers' memory to itself.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -59,6 +60,7 @@ class Interpreter:
             op.FRINGE: self._fringe,
             op.DISSOLVE: self._dissolve,
             op.WATCH: self._watch,
+            op.LISTEN: self._listen,
         }
 
     def run(self, steps: int, phase: int, levels: np.ndarray, tables: op.Tables, inputs: Inputs) -> None:
@@ -103,6 +105,16 @@ class Interpreter:
 
     def _watch(self) -> None:
         self.inputs.seen[self.step] = self.stage.out[self.inputs.watched]
+
+    def _listen(self) -> None:
+        listening = self.tables.listening
+        for number, (place, first, *nodes) in enumerate(listening.rows.tolist()):
+            ends = np.cumsum([first, *nodes])
+            along = [listening.weights[a:b] for a, b in itertools.pairwise(ends)]
+            block = np.lib.stride_tricks.as_strided(
+                self.stage.out[place:], nodes, listening.stride * self.stage.out.itemsize
+            )
+            self.inputs.heard[self.step, number] = np.einsum("ijk,i,j,k", block, *along)
 
     # --- bonds -------------------------------------------------------------------------------------------------
 

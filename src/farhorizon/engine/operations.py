@@ -18,7 +18,7 @@ from farhorizon.engine.filter import Filter
 from farhorizon.engine.fringe import Fringe
 from farhorizon.engine.nested import Layers, has_layers
 from farhorizon.engine.phases import Phases
-from farhorizon.engine.tables import Cuts, Damping, Dependents, Flows, Inputs, Material, Surface, Sweep
+from farhorizon.engine.tables import Cuts, Damping, Dependents, Flows, Inputs, Listening, Material, Surface, Sweep
 
 COPY = 0  # the halo repeats what lies across periodic axes
 DAMP_OLD = 1  # an absorbing zone damps the increment of the last step
@@ -38,6 +38,7 @@ DEPEND = 14  # nodes whose values depend on those of others
 FRINGE = 15  # the halo along an outline
 DISSOLVE = 16  # solid nodes become liquid
 WATCH = 17  # values of watched nodes are kept
+LISTEN = 18  # sums over blocks of nodes are kept
 
 
 class Tables(NamedTuple):
@@ -84,6 +85,7 @@ class Tables(NamedTuple):
     flows: Flows
     fringe: Fringe
     filter: Filter
+    listening: Listening
 
 
 def rarity(tables: Tables) -> int:
@@ -92,7 +94,14 @@ def rarity(tables: Tables) -> int:
     Operations on such tables that do without them find them in one program with the others.
     """
     flows = tables.flows
-    some = (tables.damping.nodes, tables.filter.runs, flows.inflow, flows.accounts, tables.dependents.nodes)
+    some = (
+        tables.damping.nodes,
+        tables.filter.runs,
+        flows.inflow,
+        flows.accounts,
+        tables.dependents.nodes,
+        tables.listening.rows,
+    )
     few = (tables.phases.runs, tables.bonds.places, tables.work, tables.ends.nodes, tables.fringe.nodes)
     return 2 if any(table.size for table in few) else int(any(table.size for table in some))
 
@@ -100,7 +109,9 @@ def rarity(tables: Tables) -> int:
 def operations_of(tables: Tables, inputs: Inputs) -> tuple[np.ndarray, np.ndarray]:
     """What there is to do in a step: the `operations` and `starts` of tables that lack them."""
     lists = [_stage(tables, inputs, stage) for stage in range(len(tables.numbers))]
-    lists[-1] += _chosen((DISSOLVE, tables.phases.runs.size), (WATCH, inputs.watched.size))
+    lists[-1] += _chosen(
+        (DISSOLVE, tables.phases.runs.size), (WATCH, inputs.watched.size), (LISTEN, len(tables.listening.rows))
+    )
     starts = np.cumsum([0, *map(len, lists)])
     return np.array(list(itertools.chain(*lists)), np.int64).reshape(-1, 2), starts
 

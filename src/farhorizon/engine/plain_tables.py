@@ -13,7 +13,7 @@ from farhorizon.engine.layout import aligned_zeros
 from farhorizon.engine.operations import Tables
 from farhorizon.engine.phases import one_phase
 from farhorizon.engine.rows.choose import compiled_rows
-from farhorizon.engine.tables import Cuts, Damping, Dependents, Material, Surface, Sweep, no_flows
+from farhorizon.engine.tables import Cuts, Damping, Dependents, Listening, Material, Surface, Sweep, no_flows
 
 _SECOND_CACHE = 600_000  # bytes of the second cache that a part of the box may take
 
@@ -45,6 +45,12 @@ def first_tables(engine: Field, heterogeneous: bool, rule: int) -> Tables:
         flows=no_flows(len(numbers), engine.dtype),
         fringe=no_fringe(),
         filter=_filter(engine),
+        listening=Listening(
+            np.zeros((0, 5), np.int64),
+            nothing,
+            np.array(engine.layout.box.stride, np.int64),
+            np.zeros((engine.threads, 0), engine.dtype),
+        ),
     )
 
 

@@ -44,6 +44,7 @@ from farhorizon.engine.operations import (
     FRINGE,
     HOLD,
     LINES,
+    LISTEN,
     STRETCH,
     SWEEP,
     WATCH,
@@ -492,6 +493,27 @@ def add_flow_of_ends(stage, ends, flows):
                 add_to(flows.totals, flows.ends[end, m], effect * ends.forces[end, m])
 
 
+@njit(error_model="numpy", cache=True, counted=False)
+def listen(thread, level, listening, heard):
+    """Sums over blocks of nodes: line by line of the last axis, so that neighbours are summed side by side."""
+    rows, weights, stride = listening.rows, listening.weights, listening.stride
+    line = listening.lines[thread.number]
+    for r in range(thread.number, rows.shape[0], thread.threads):
+        place, first, nodes0, nodes1, nodes2 = rows[r]
+        second, third = first + nodes0, first + nodes0 + nodes1
+        line[:nodes2] = 0
+        for i0 in range(nodes0):
+            for i1 in range(nodes1):
+                factor, start = weights[first + i0] * weights[second + i1], place + i0 * stride[0] + i1 * stride[1]
+                if factor != 0:
+                    for i2 in range(nodes2):
+                        line[i2] += factor * level[start + i2]
+        total = level[place] * 0
+        for i2 in range(nodes2):
+            total += weights[third + i2] * line[i2]
+        heard[r] = total
+
+
 @njit(error_model="numpy", nogil=True, cache=True, counted=False, entry=True)
 def run(thread, steps, phase, levels, tables, inputs):
     """One thread's share of `steps` steps from the rotation `phase`.
@@ -570,6 +592,8 @@ def run(thread, steps, phase, levels, tables, inputs):
                 elif operation == WATCH:  # the next step does not write this level before its first barrier
                     for k in range(thread.number, inputs.watched.size, thread.threads):
                         inputs.seen[step, k] = stage.out[inputs.watched[k]]
+                elif SOME and operation == LISTEN:  # as above
+                    listen(thread, stage.out, tables.listening, inputs.heard[step])
                 else:  # the work of one thread
                     if thread.number == 0:
                         if operation == COPY:

@@ -196,6 +196,8 @@ class Inputs(NamedTuple):
     watched : ndarray of int, shape (W,)
         Nodes whose values are copied to ``seen[step]`` after each step.
     seen : ndarray, shape (steps, W)
+    heard : ndarray, shape (steps, R)
+        The sums of `Listening` after each step.
     """
 
     before: int
@@ -208,3 +210,25 @@ class Inputs(NamedTuple):
     dependent_times: np.ndarray
     watched: np.ndarray
     seen: np.ndarray
+    heard: np.ndarray
+
+
+class Listening(NamedTuple):
+    """Sums over blocks of nodes that are kept after each step: values between nodes, and derivatives.
+
+    Attributes
+    ----------
+    rows : ndarray of int, shape (R, 5)
+        Of each sum: place of the block's first node in a level, number of its first weight, and nodes along the axes.
+    weights : ndarray
+        Of each block those along the first axis, the second and the third: the weight of a node is their product.
+    stride : ndarray of int, shape (3,)
+        Distances of neighbours in a level.
+    lines : ndarray, shape (threads, n)
+        To work in: as long as the longest block along the third axis.
+    """
+
+    rows: np.ndarray
+    weights: np.ndarray
+    stride: np.ndarray
+    lines: np.ndarray

@@ -50,6 +50,11 @@ class Beam(LatticeModel):
         self.coefficient = self.stiffness
         self.integrator = Verlet()
 
+    @property
+    def moduli(self) -> None:
+        """None: a beam carries energy by its bending moment."""
+        return None
+
     def serves(self, side: Any) -> bool:
         """Whether a side goes with the beam: what ends it, or continues it exactly."""
         return super().serves(side) and (side.exact or not side.endless)

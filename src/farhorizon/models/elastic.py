@@ -252,6 +252,11 @@ class Elastic(LatticeModel):
         self.young, self.poisson, self.bulk, self.shear, self.lame = moduli
 
     @property
+    def moduli(self) -> tuple[float, float]:
+        """Lame's constants."""
+        return self.lame, self.shear
+
+    @property
     def p_modulus(self) -> float:
         """Modulus of P waves, ``lam + 2 mu``."""
         return self.lame + 2 * self.shear

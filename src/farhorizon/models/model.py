@@ -193,6 +193,13 @@ class LatticeModel:
         """Order of the equation in time."""
         return 2 if isinstance(self.integrator, Verlet) else 1
 
+    @property
+    def moduli(self) -> tuple[float, float] | None:
+        """Lame's first constant and the shear modulus; of a scalar field 0 and what its gradient is multiplied with in
+        the flux of energy, ``c^2``. None where the gradient does not tell that flux.
+        """
+        return 0.0, self.coefficient / self.source_factor
+
     def serves(self, side: Any) -> bool:
         """Whether a side, of which the class is given, goes with the model: bonds end at it only if they may be cut.
 

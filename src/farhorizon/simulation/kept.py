@@ -9,13 +9,16 @@ from typing import Any
 
 
 def packed(run: Any) -> tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]:
-    """What pickle keeps of a run: its class, what was given, its checkpoint; observers and probes."""
+    """What pickle keeps of a run: its class, what was given, its checkpoint, which has the records of recorders;
+    observers and probes.
+    """
     with TemporaryDirectory() as folder:
         path = Path(folder, "state")
         run.save(path)
         state = path.read_bytes()
     kept = {"observers": run.observers, "probes": run.probes}
-    return _unpacked, (type(run), run.given, state, None if run.probes is None else run.probes.nodes), kept
+    given = {**run.given, "observe": run.recorders}
+    return _unpacked, (type(run), given, state, None if run.probes is None else run.probes.nodes), kept
 
 
 def _unpacked(kind: Any, given: dict[str, Any], state: bytes, watched: Any) -> Any:

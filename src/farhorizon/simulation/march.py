@@ -150,21 +150,6 @@ class March:
                 self._motion.release(step + steps)
             self.feed.hold(step + steps)
 
-    def watch(self, nodes: np.ndarray) -> None:
-        """Look at some nodes of the near field after every step from now on."""
-        engine = self.parts.grid.engine
-        engine.watched = self.parts.grid.indices.reshape(engine.components, -1)[:, nodes].ravel()
-
-    def seen(self, nodes: np.ndarray) -> np.ndarray:
-        """What the nodes that are looked at had after each of the last steps; shape (steps, nodes), of vectors (steps,
-        nodes, components).
-        """
-        near, engine = self.parts.near, self.parts.grid.engine
-        values = engine.seen.reshape(len(engine.seen), engine.components, -1) + near.background
-        if near.hidden is not None:
-            values[..., near.hidden.ravel()[nodes]] = np.nan
-        return np.asarray(values[:, 0] if engine.components == 1 else values.swapaxes(1, 2))
-
     def balance(self) -> dict[str, float]:
         """Gains since the start and where they came from, see `farhorizon.Simulation.balance`."""
         if self.flow_balance is not None:

@@ -25,6 +25,7 @@ from farhorizon.simulation.examination import Examination
 from farhorizon.simulation.kept import packed
 from farhorizon.simulation.overstretch import IntactMargin
 from farhorizon.simulation.probes import Probes
+from farhorizon.simulation.recorder import Recorder
 from farhorizon.simulation.resume import stored
 from farhorizon.simulation.steps import last_step, steps_between
 
@@ -69,6 +70,8 @@ class Run(ABC):
     step_count : int
     observers : list of callable
         Called with the run every so often, see `run`.
+    recorders : list of Recorder
+        What records it in every step: `Receivers`.
     stop_requested : bool
         Set it (from a signal handler, an observer) to end `run` with KeyboardInterrupt between two steps.
     probes : Probes or None
@@ -87,9 +90,9 @@ class Run(ABC):
 
     def _at_start(self, observe: Sequence[Callable[[Any], None]], nodes: int) -> None:
         """Before the first step of a run that computes so many nodes."""
-        self.observers = [
-            kinds.function(one, "observe", "run") for one in kinds.sequence(observe, "observe", "functions of the run")
-        ]
+        given = kinds.sequence(observe, "observe", "functions of the run, and recorders")
+        self.recorders = [one for one in given if isinstance(one, Recorder)]
+        self.observers = [kinds.function(one, "observe", "run") for one in given if not isinstance(one, Recorder)]
         self.stop_requested = False
         self.cautions: list[Caution] = []
         self._next_look = 0  # step of the next look at the margin

@@ -30,6 +30,7 @@ from farhorizon.simulation.described import describe
 from farhorizon.simulation.flux import flux_tables, nodal_flux, plane, power_across
 from farhorizon.simulation.guard import likely_cause, refuse_explosion
 from farhorizon.simulation.march import March
+from farhorizon.simulation.recording import Recording
 from farhorizon.simulation.remaking import remade_setup
 from farhorizon.simulation.resume import matching
 from farhorizon.simulation.run import Run
@@ -75,6 +76,8 @@ class Simulation(Run):
         What the outline of a body is: bonds across it are absent, or the field is held at the background outside.
     background : float
         Uniform state of the infinite medium.
+    observe : sequence of callable and Receivers
+        Functions that `run` calls with the run every so often, and what records it in every step.
     dt : float or callable, optional
         Time step; half the stable limit unless given. A function of that default gives another one: `WholeSteps`.
     dtype : {"float64", "float32"}
@@ -179,6 +182,7 @@ class Simulation(Run):
         self._end = 0.0  # of the run, as far as it is known
         self._settling = Settling(parts.autos, [key for key, b in self.sides.items() if b.open_ended])
         self._march = March(setup, parts)
+        self._recording = Recording(setup, parts, self.recorders)
 
     # --- running -----------------------------------------------------------------------------------------------
 
@@ -220,8 +224,9 @@ class Simulation(Run):
         """
         named = {side_name(*key): boundary for key, boundary in {**self.settled.sides, **sides}.items()}
         other = self.of(replace(self.settled, boundary=named))
-        kept = ("setup", "observers", "stop_requested", "probes", "_settling")
+        kept = ("setup", "observers", "recorders", "stop_requested", "probes", "_settling")
         self.__dict__ = other.__dict__ | {name: getattr(self, name) for name in kept}
+        self._recording = Recording(self.setup, self.parts, self.recorders)
         if self.probes is not None:
             self._watch(self.probes.nodes)
 
@@ -239,8 +244,9 @@ class Simulation(Run):
             march.open_cracks(self.step_count)
             steps = march.allow(self.step_count, min(last - self.step_count, self.guard_steps))
             for made in march.advance(self.step_count, steps):
+                self._recording.add(self.step_count + 1)
                 if self.probes is not None:
-                    self.probes.add(self.step_count + 1, self.dt, march.seen(self.probes.nodes))
+                    self.probes.add(self.step_count + 1, self.dt, self._recording.probed())
                 tick(self, made)
             origin, values = self.parts.grid.origin, self.engine.core.view(self.engine.current)
             place = origin, self.lattice.spacing, march.feed.scale, self.step_count, self.time
@@ -251,7 +257,7 @@ class Simulation(Run):
             self._look_at(march.margin, self.engine.current)
 
     def _watch(self, nodes: np.ndarray) -> None:
-        self._march.watch(nodes)
+        self._recording.watch(nodes)
 
     # --- what comes out ----------------------------------------------------------------------------------------
 
@@ -352,7 +358,8 @@ class Simulation(Run):
         """What lies beyond the near field and is missed, but within the sides' targets, or cannot be known."""
         ends = [] if self.exact_ends is None else self.exact_ends.notes()
         overdue = outlasted(self.parts.around, max(self._end, self.time), self.dt)
-        return self.parts.beyond.notes + ends + self._remarks + self._settling.why + overdue
+        notes = self.parts.beyond.notes + ends + self._remarks + self._settling.why + overdue
+        return notes + self._recording.notes
 
     @property
     def ends(self) -> dict[str, str]:
@@ -436,6 +443,7 @@ class Simulation(Run):
     def save(self, path: str | Path, **extra: Any) -> None:
         """Write the complete state, boundary memory included, under a temporary name and rename it."""
         arrays, meta = self._march.state(self.step_count)
+        arrays |= self._recording.state()
         meta |= {"fingerprint": self._fingerprint(), "cautions": self.cautions, "extra": extra}
         meta["setup"] = describe(self.given, arrays)
         write_checkpoint(path, arrays, meta)
@@ -445,5 +453,6 @@ class Simulation(Run):
         arrays, meta = matching(path, self._fingerprint())
         self.step_count = 0
         tick(self, self._march.take(arrays, meta))
+        self._recording.take(arrays, self.step_count)
         self.cautions = [Caution(*entry) for entry in meta["cautions"]]
         return dict(meta["extra"])

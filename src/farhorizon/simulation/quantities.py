@@ -1,0 +1,129 @@
+"""What receivers record: u, and what follows from it and its gradient at a point. Plain arrays in, plain arrays out.
+
+Stress and energy flux are those of classical elasticity and of the classical wave equation, which long waves obey:
+the strain is that of the interpolated field, the moduli are the model's. The energy that crosses a surface on the
+lattice itself, bond by bond, is that of `farhorizon.simulation.energy_flux`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from farhorizon.models import LatticeModel
+
+
+class LocalModuli(NamedTuple):
+    """Constants at n points.
+
+    Attributes
+    ----------
+    lame, shear : ndarray, shape (n,)
+        Lame's constants of an elastic medium; of another one `shear` is what the gradient is multiplied with in the
+        flux of energy.
+    """
+
+    lame: np.ndarray
+    shear: np.ndarray
+
+
+class Reading(NamedTuple):
+    """The field at n points after each of some steps.
+
+    Attributes
+    ----------
+    u : ndarray, shape (steps, n, components)
+    v : ndarray, shape (steps, n, components)
+        Velocity half a step before.
+    gradient : ndarray, shape (steps, n, components, dim)
+        Derivatives along the axes.
+    middle : ndarray, shape (steps, n, components, dim)
+        The gradient half a step before.
+    medium : LocalModuli
+    """
+
+    u: np.ndarray
+    v: np.ndarray
+    gradient: np.ndarray
+    middle: np.ndarray
+    medium: LocalModuli
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Something to record.
+
+    Attributes
+    ----------
+    of : callable
+        Takes a `Reading`, gives an array of shape (steps, n, ...), of scalar fields with a component of one in between.
+    derived : bool
+        Whether it needs the gradient.
+    moving : bool
+        Whether it needs the velocity, so that only waves have it; it is that of half a step before.
+    mechanical : bool
+        Whether only displacements have it.
+    """
+
+    of: Callable[[Reading], np.ndarray]
+    derived: bool = False
+    moving: bool = False
+    mechanical: bool = False
+
+    def has(self, model: LatticeModel) -> bool:
+        """Whether the field of a model has it."""
+        flows = not (self.derived and self.moving) or model.moduli is not None
+        return flows and (model.order == 2 or not self.moving) and (model.mechanical or not self.mechanical)
+
+
+def strain(gradient: np.ndarray) -> np.ndarray:
+    """Symmetric part of the gradient of displacements, shape (..., dim, dim)."""
+    return (gradient + gradient.swapaxes(-1, -2)) / 2
+
+
+def _divergence(gradient: np.ndarray) -> np.ndarray:
+    """Trace of the gradient."""
+    return np.asarray(np.trace(gradient, axis1=-2, axis2=-1))
+
+
+def stress(gradient: np.ndarray, medium: LocalModuli) -> np.ndarray:
+    """``lame div u 1 + 2 shear strain`` of the gradient of displacements at n points, shape (steps, n, dim, dim); in
+    two dimensions the components in the plane.
+    """
+    lame, shear = medium.lame[:, None, None], medium.shear[:, None, None]
+    unit = np.eye(gradient.shape[-1])
+    return np.asarray(lame * _divergence(gradient)[..., None, None] * unit + 2 * shear * strain(gradient))
+
+
+def curl(gradient: np.ndarray) -> np.ndarray:
+    """In two dimensions ``du_y/dx - du_x/dy``, shape (...); in three the vector, shape (..., 3)."""
+    if gradient.shape[-1] == 2:
+        return np.asarray(gradient[..., 1, 0] - gradient[..., 0, 1])
+    pairs = ((2, 1), (0, 2), (1, 0))
+    return np.stack([gradient[..., i, j] - gradient[..., j, i] for i, j in pairs], axis=-1)
+
+
+def _energy_flux(sample: Reading) -> np.ndarray:
+    """``- stress . v``, of scalar waves ``- c^2 v grad u``: the Poynting vector."""
+    if sample.u.shape[-1] == 1:
+        return np.asarray(-sample.medium.shear[:, None] * sample.v * sample.middle[..., 0, :])
+    return -np.einsum("...ij,...i->...j", stress(sample.middle, sample.medium), sample.v)
+
+
+QUANTITIES: dict[str, Quantity] = {
+    "u": Quantity(lambda s: s.u),
+    "v": Quantity(lambda s: s.v, moving=True),
+    "gradient": Quantity(lambda s: s.gradient, derived=True),
+    "strain": Quantity(lambda s: strain(s.gradient), derived=True, mechanical=True),
+    "stress": Quantity(lambda s: stress(s.gradient, s.medium), derived=True, mechanical=True),
+    "pressure": Quantity(
+        lambda s: -_divergence(stress(s.gradient, s.medium)) / s.gradient.shape[-1], derived=True, mechanical=True
+    ),
+    "divergence": Quantity(lambda s: _divergence(s.gradient), derived=True, mechanical=True),
+    "curl": Quantity(lambda s: curl(s.gradient), derived=True, mechanical=True),
+    "rotation": Quantity(lambda s: curl(s.gradient) / 2, derived=True, mechanical=True),
+    "energy_flux": Quantity(_energy_flux, derived=True, moving=True),
+}

@@ -1,0 +1,107 @@
+"""What records a run step by step: receivers, spectra, whatever derives from `Recorder`."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.errors import InputError
+from farhorizon.geometry.interpolation import Blocks
+
+Arrays = dict[str, np.ndarray]
+
+
+class Wanted(NamedTuple):
+    """What a recorder takes from the loop.
+
+    Attributes
+    ----------
+    nodes : ndarray of int, shape (N,)
+        Flat indices of nodes in the lattice.
+    blocks : tuple of Blocks
+        Sums over blocks of nodes, computed in the loop.
+    """
+
+    nodes: np.ndarray
+    blocks: tuple[Blocks, ...]
+
+
+class Heard(NamedTuple):
+    """What a recorder is given of some steps: the field less the background.
+
+    Attributes
+    ----------
+    nodes : ndarray, shape (steps, N, components)
+    blocks : tuple of ndarray, each of shape (steps, n, components)
+    """
+
+    nodes: np.ndarray
+    blocks: tuple[np.ndarray, ...]
+
+
+class Recorder(ABC):
+    """What records a run in every step of the compiled loop; it is given to a run in ``observe=[...]``.
+
+    A recorder serves one run at a time: given to another one it forgets what it has.
+
+    Attributes
+    ----------
+    name : str
+        By which results and checkpoints know it.
+    notes : list of str
+        What is allowed, but to be known.
+    """
+
+    name: str
+    notes: list[str]
+
+    @abstractmethod
+    def begin(self, setup: Any, parts: Any) -> Wanted:
+        """Say what to take of a run.
+
+        Parameters
+        ----------
+        setup : Setup
+        parts : Parts
+            Those of `farhorizon.simulation.assembly`.
+
+        Raises
+        ------
+        InputError
+            What this run cannot give.
+        """
+
+    @abstractmethod
+    def start(self, step: int, heard: Heard) -> None:
+        """Forget what was recorded, and take the values at the first step, in the last of two rows; the row before
+        has those one step ago.
+        """
+
+    @abstractmethod
+    def add(self, step: int, heard: Heard) -> None:
+        """Take the values after the steps from number `step` on."""
+
+    @abstractmethod
+    def state(self) -> Arrays:
+        """All that `take` needs to go on from here."""
+
+    @abstractmethod
+    def take(self, state: Arrays) -> None:
+        """Be in a state that `state` gave."""
+
+
+def recorder_name(value: object) -> str:
+    """A name of a recorder: letters, digits, - and _, which is also one in files.
+
+    Raises
+    ------
+    InputError
+        Anything else.
+    """
+    name = kinds.text(value, "name")
+    if not name or not all(letter.isalnum() or letter in "-_" for letter in name):
+        raise InputError("a name has letters, digits, - and _", value=repr(name), key="name")
+    return name

@@ -1,0 +1,152 @@
+"""What the compiled loop keeps after every step for the recorders of a run and its probes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from farhorizon.errors import FileFormatError, InputError
+from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted
+from farhorizon.simulation.setup import Setup
+
+
+class Recording:
+    """The recorders of a run at its start and its probes, and what the loop keeps for them.
+
+    Parameters
+    ----------
+    setup : Setup
+    parts : Parts
+    recorders : sequence of Recorder
+
+    Raises
+    ------
+    InputError
+        What a recorder wants and the run cannot give, two recorders of one name.
+    """
+
+    def __init__(self, setup: Setup, parts: Parts, recorders: Sequence[Recorder] = ()) -> None:
+        self._near, self._grid, self.recorders = parts.near, parts.grid, list(recorders)
+        names = [one.name for one in self.recorders]
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(
+                    "two recorders have one name", value=name, key="observe", remedy='name="..." tells them apart'
+                )
+        self._wanted = [one.begin(setup, parts) for one in self.recorders]
+        self._probed = np.zeros(0, np.int64)
+        self._lay()
+        for one, wanted in zip(self.recorders, self._wanted, strict=True):
+            one.start(0, self._now(wanted))
+
+    def _lay(self) -> None:
+        """Tell the engine what to keep: all components of nodes, one after the other, and the rows of blocks."""
+        engine, lead = self._grid.engine, self._grid.lead
+        places = self._grid.nodes.ravel()
+        watched = [engine.all_components(places[nodes]) for nodes in self._all_nodes()]
+        engine.watched = np.concatenate(watched)
+        rows, weights, count = [np.zeros((0, 5), np.int64)], [np.zeros(0)], 0
+        apart = engine.layout.size * np.arange(engine.components)
+        for wanted in self._wanted:
+            for blocks in wanted.blocks:
+                n = len(blocks.first)
+                table = np.concatenate([np.ones((n, lead)), *blocks.weights], axis=1)
+                first = places[np.ravel_multi_index(tuple(blocks.first.T), blocks.shape)]
+                row = np.empty((engine.components, n, 5), np.int64)
+                row[..., 0] = first + apart[:, None]
+                row[..., 1] = count + table.shape[1] * np.arange(n)
+                row[..., 2:] = [1] * lead + [along.shape[1] for along in blocks.weights]
+                rows.append(row.reshape(-1, 5))
+                weights.append(table.ravel())
+                count += table.size
+        engine.listen(np.concatenate(rows), np.concatenate(weights))
+
+    def _all_nodes(self) -> list[np.ndarray]:
+        return [self._probed, *(wanted.nodes for wanted in self._wanted)]
+
+    def _width(self, nodes: np.ndarray) -> int:
+        """Numbers that the loop keeps of some nodes in a step."""
+        return self._grid.engine.components * len(nodes)
+
+    def watch(self, nodes: np.ndarray) -> None:
+        """Look at some nodes of the near field for probes, in place of those before."""
+        self._probed = nodes
+        self._lay()
+
+    def _now(self, wanted: Wanted) -> Heard:
+        """What a recorder would be given of the state as it is, after what it was a step before."""
+        engine, grid = self._grid.engine, self._grid
+        order = self._near.model.order
+        levels = [engine.older, engine.current] if order == 2 else [engine.current] * 2
+        flat = [np.array(grid.view(level), float).reshape(engine.components, -1).T for level in levels]
+        values = np.stack(flat)  # (2, nodes, components)
+        blocks = []
+        for one in wanted.blocks:
+            nodes, weights = one.entries()
+            blocks.append(np.einsum("rnkc,nk->rnc", values[:, nodes], weights))
+        return Heard(values[:, wanted.nodes], tuple(blocks))
+
+    def add(self, step: int) -> None:
+        """Give the recorders what the loop has kept of its last steps, which begin with number `step`."""
+        engine, row = self._grid.engine, 0
+        start = self._width(self._probed)
+        for one, wanted in zip(self.recorders, self._wanted, strict=True):
+            end = start + self._width(wanted.nodes)
+            nodes, start = _by_component(engine.seen[:, start:end], engine.components), end
+            blocks = []
+            for block in wanted.blocks:
+                last = row + engine.components * len(block.first)
+                blocks.append(_by_component(engine.heard[:, row:last], engine.components))
+                row = last
+            one.add(step, Heard(nodes, tuple(blocks)))
+
+    def probed(self) -> np.ndarray:
+        """What the nodes of the probes had after each of the last steps; shape (steps, nodes), of vectors (steps,
+        nodes, components).
+        """
+        near, engine = self._near, self._grid.engine
+        values = engine.seen[:, : self._width(self._probed)] + near.background
+        found = _by_component(values, engine.components)
+        if near.hidden is not None:
+            found[:, near.hidden.ravel()[self._probed]] = np.nan
+        return np.asarray(found[..., 0] if engine.components == 1 else found)
+
+    @property
+    def notes(self) -> list[str]:
+        """What the recorders have to say."""
+        return [note for one in self.recorders for note in one.notes]
+
+    def state(self) -> Arrays:
+        """That of all recorders, by their names."""
+        return {f"recorder/{one.name}/{name}": array for one in self.recorders for name, array in one.state().items()}
+
+    def take(self, arrays: Arrays, step: int) -> None:
+        """Be in a state that `state` gave; recorders that are not in it begin now.
+
+        Raises
+        ------
+        FileFormatError
+            What was recorded under a name does not fit.
+        """
+        for one, wanted in zip(self.recorders, self._wanted, strict=True):
+            head = f"recorder/{one.name}/"
+            theirs = {name.removeprefix(head): array for name, array in arrays.items() if name.startswith(head)}
+            if not theirs:
+                one.start(step, self._now(wanted))
+                continue
+            mine = one.state()
+            alike = mine.keys() == theirs.keys() and all(mine[n].shape[1:] == a.shape[1:] for n, a in theirs.items())
+            if not alike:
+                raise FileFormatError(
+                    "the checkpoint belongs to a run that recorded something else under this name",
+                    value=one.name,
+                    remedy="give the recorders of the run that wrote it, or another name",
+                )
+            one.take(theirs)
+
+
+def _by_component(values: np.ndarray, components: int) -> np.ndarray:
+    """Rows of all nodes, component by component, as (steps, nodes, components)."""
+    return values.reshape(len(values), components, -1).swapaxes(1, 2)

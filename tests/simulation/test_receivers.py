@@ -1,0 +1,354 @@
+"""Receivers: between nodes, in every step, with what follows from the gradient; saved, pickled, refused."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.geometry.interpolation import interpolation_blocks
+
+POINTS = [(0.13, 0.2), (-1.0, 0.5), (1.7, -0.41)]
+
+
+def pulse(*at):
+    return np.exp(-4 * sum(x**2 for x in at))
+
+
+def waves(*observe, **more):
+    lattice = fh.Lattice(0.25, [-5.0, -4.0], [5.0, 4.0])
+    return fh.Simulation(
+        lattice, fh.Wave(fh.Kernel(0.5)), fh.LatticePML(nodes=6), {"u": pulse}, observe=observe, **more
+    )
+
+
+def large(*observe):
+    """Large enough for two threads."""
+    lattice = fh.Lattice(0.1, [-15.0, -10.0], [15.0, 10.0])
+    return fh.Simulation(
+        lattice, fh.Wave(fh.Kernel(0.2)), fh.LatticePML(nodes=4), {"u": pulse}, threads=2, observe=observe
+    )
+
+
+def bar(*observe):
+    return fh.Simulation(
+        fh.Lattice(0.25, [-5.0], [5.0]), fh.Wave(fh.Kernel(0.5)), fh.Exact(), {"u": pulse}, observe=observe
+    )
+
+
+def heat(*observe):
+    """Four stages, a background, a source."""
+    lattice = fh.Lattice(0.25, [-4.0, -4.0], [4.0, 4.0])
+    model = fh.Heat(fh.Kernel(0.5), integrator="rk4")
+    return fh.Simulation(lattice, model, fh.Free(), {"u": 20.0}, [pulse], background=20.0, observe=observe)
+
+
+def elastic(*observe, **more):
+    lattice = fh.Lattice(0.25, [-4.0, -4.0], [4.0, 4.0])
+    material = fh.Elastic(fh.Kernel(0.5, exponent=1), 1.0)
+    start = {"u": [lambda x, y: 0.01 * pulse(x, y), 0.0]}
+    return fh.Simulation(lattice, material, fh.Sponge(4), start, observe=observe, **more)
+
+
+def between(run, points, values, **options):
+    """Values of a field of a run at points, by a plain sum over the nodes."""
+    nodes, weights = interpolation_blocks(run.lattice, points, **options).entries()
+    flat = values.reshape(-1, run.lattice.nodes)
+    return (flat[:, nodes] * weights).sum(-1).T.squeeze(-1 if len(flat) == 1 else ())
+
+
+@pytest.mark.parametrize("method", ["sinc", "linear"])
+@pytest.mark.parametrize("make", [waves, large, bar, heat, elastic])
+def test_what_is_received_is_the_field_between_the_nodes(make, method):
+    """After every step, at the start too, as a plain sum over the fields of a run that is stepped one by one; a point
+    on a node is that node to the last bit; recording does not change the run.
+    """
+    dim = 1 if make is bar else 2
+    receivers = fh.Receivers(np.array(POINTS)[:, :dim], ["u", "gradient"], interpolation=method)
+    run, other, plain = make(receivers), make(), make()
+    found, slopes = [], []
+    for step in range(20):
+        other.step(int(step > 0))
+        u = other.fields["u"]
+        found.append(between(other, receivers.points, u, method=method))
+        slopes.append(
+            np.stack([between(other, receivers.points, u, method=method, derivative=a) for a in range(dim)], -1)
+        )
+    run.step(5)
+    run.step(14)
+    scale = np.abs(found).max()
+    np.testing.assert_allclose(receivers.data["u"], found, rtol=0, atol=1e-13 * scale)
+    np.testing.assert_allclose(receivers.data["gradient"], slopes, rtol=0, atol=1e-12 * scale / run.lattice.spacing)
+    np.testing.assert_array_equal(receivers.times, run.dt * np.arange(20))
+    assert np.ptp(receivers.data["u"]) > 0
+    on_node = other.fields["u"][(..., *other.lattice.index(receivers.points[1]))]
+    np.testing.assert_array_equal(receivers.data["u"][-1, 1], on_node)
+    plain.step(19)
+    np.testing.assert_array_equal(run.fields["u"], plain.fields["u"])
+
+
+def test_velocity_is_that_of_the_fields():
+    """Half a step late, at the start too."""
+    receivers = fh.Receivers(POINTS, "v")
+    run, other = elastic(receivers), elastic()
+    found = [between(other, receivers.points, other.fields["v"])]
+    for _ in range(6):
+        other.step()
+        found.append(between(other, receivers.points, other.fields["v"]))
+    run.step(6)
+    np.testing.assert_allclose(receivers.data["v"], found, rtol=0, atol=1e-12 * np.abs(found).max())
+
+
+def test_every_so_many_steps():
+    """Rows are those of the steps that are multiples of it, the velocity that of a single step."""
+    often, seldom = fh.Receivers(POINTS, ["u", "v"], name="often"), fh.Receivers(POINTS, ["u", "v"], every=3)
+    run = waves(often, seldom)
+    for count in (1, 1, 5, 4):
+        run.step(count)
+    for name in ("u", "v"):
+        np.testing.assert_array_equal(seldom.data[name], often.data[name][::3])
+    np.testing.assert_array_equal(seldom.times, often.times[::3])
+
+
+def displacement(x, y, z=0.0):
+    return [np.sin(x + 0.3 * y) + 0.2 * z, 0.5 * np.cos(x - 0.7 * y) * np.cos(0.4 * z), 0.1 * x * z + np.sin(0.6 * y)]
+
+
+def displacement_gradient(x, y, z=0.0):
+    """Component first."""
+    one = np.ones_like(x)
+    return np.array(
+        [
+            [np.cos(x + 0.3 * y), 0.3 * np.cos(x + 0.3 * y), 0.2 * one],
+            [
+                -0.5 * np.sin(x - 0.7 * y) * np.cos(0.4 * z),
+                0.35 * np.sin(x - 0.7 * y) * np.cos(0.4 * z),
+                -0.2 * np.cos(x - 0.7 * y) * np.sin(0.4 * z),
+            ],
+            [0.1 * z, 0.6 * np.cos(0.6 * y), 0.1 * x],
+        ]
+    )
+
+
+MECHANICAL = ["strain", "stress", "pressure", "divergence", "curl", "rotation"]
+
+
+def closed(gradient, lame, shear):
+    """The quantities from the gradient, by their textbook formulas."""
+    dim = len(gradient)
+    strain = (gradient + gradient.T) / 2
+    stress = lame * np.trace(gradient) * np.eye(dim) + 2 * shear * strain
+    turn = gradient.T - gradient
+    curl = turn[0, 1] if dim == 2 else np.array([turn[1, 2], turn[2, 0], turn[0, 1]])
+    found = (strain, stress, -np.trace(stress) / dim, np.trace(gradient), curl, curl / 2)
+    return dict(zip(MECHANICAL, found, strict=True))
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_strain_and_stress_of_a_given_displacement(dim):
+    """At the start, linearly: the error is of second order; by the sinc it is small on the coarse lattice already."""
+    errors, spacings = [], (0.5, 0.25, 0.125) if dim == 2 else (0.5, 0.25)
+    points = np.random.default_rng(7).uniform(-0.9, 0.9, (60, dim))
+    for spacing in spacings:
+        lattice = fh.Lattice(spacing, [-4.5 if dim == 2 else -2.0] * dim, [4.5 if dim == 2 else 2.0] * dim)
+        material = fh.Elastic(fh.Kernel(2 * spacing, exponent=1), young=3.0)
+        given = {"u": [lambda *at, i=i: displacement(*at)[i] for i in range(dim)]}
+        linear = fh.Receivers(points, MECHANICAL, interpolation="linear", name="linear")
+        sinc = fh.Receivers(points, MECHANICAL)
+        fh.Simulation(lattice, material, fh.Free(), given, observe=[linear, sinc][: 1 + (dim == 2)])
+        exact = [closed(displacement_gradient(*p)[:dim, :dim], material.lame, material.shear) for p in points]
+        wanted = {name: np.array([one[name] for one in exact]) for name in MECHANICAL}
+        errors.append([np.abs(linear.data[name][0] - wanted[name]).mean() for name in MECHANICAL])
+        for name in MECHANICAL if dim == 2 else ():
+            np.testing.assert_allclose(sinc.data[name][0], wanted[name], rtol=0, atol=2e-4 * np.abs(wanted[name]).max())
+    rates = np.polyfit(np.log(spacings), np.log(errors), 1)[0]
+    assert np.all(np.abs(rates - 2) < 0.25), rates
+
+
+def test_energy_flux_of_plane_waves():
+    """A long wave along x carries its energy density with its speed: ``rho c omega^2 cos^2``, and nothing across."""
+    length, dx = 16.0, 0.25
+    k = 2 * np.pi / length
+    lattice = fh.Lattice(dx, (0.0, 0.0), (length - dx, 5.0))
+    sides = fh.Periodic()
+    for model, parts in (
+        (fh.Wave(fh.Kernel(2 * dx), speed=2.0), 1),
+        (fh.Elastic(fh.Kernel(2 * dx, exponent=1), young=4.0, density=0.5), 2),
+    ):
+        speed = 2.0 if parts == 1 else model.p_speed
+        mass = 1.0 if parts == 1 else model.density
+
+        def moving(x, y, speed=speed):
+            return -k * speed * np.cos(k * x) + 0 * y
+
+        start = {"u": lambda x, y: np.sin(k * x) + 0 * y, "v": moving}
+        if parts == 2:
+            start = {name: [value, 0.0] for name, value in start.items()}
+        receivers = fh.Receivers([(3.13, 2.6), (5.9, 2.6)], "energy_flux")
+        run = fh.Simulation(lattice, model, sides, start, observe=[receivers])
+        run.step(60)
+        t = receivers.times[1:, None] - run.dt / 2
+        exact = mass * speed * (speed * k * np.cos(k * (receivers.points[:, 0] - speed * t))) ** 2
+        largest = exact.max()
+        # the lattice's dispersion over so short a run, (k dx)^2, and the interpolation
+        np.testing.assert_allclose(receivers.data["energy_flux"][1:, :, 0], exact, atol=2e-2 * largest)
+        np.testing.assert_allclose(receivers.data["energy_flux"][..., 1], 0, atol=1e-4 * largest)
+
+
+def test_stress_where_the_material_changes():
+    """The moduli at the nearest node."""
+    inside = lambda x, y: np.where(x < 0.4, 1.0, 0.25)  # noqa: E731
+    receivers = fh.Receivers([(0.2, 0.1), (0.7, 0.1)], ["strain", "stress"], interpolation="linear")
+    run = elastic(receivers, coefficient=inside)
+    run.step(3)
+    for number, factor in enumerate((1.0, 0.25)):
+        e = receivers.data["strain"][:, number]
+        wanted = factor * (run.model.lame * np.trace(e, axis1=1, axis2=2)[:, None, None] * np.eye(2))
+        np.testing.assert_allclose(receivers.data["stress"][:, number], wanted + 2 * factor * run.model.shear * e)
+
+
+def everything():
+    return fh.Receivers(POINTS, ["u", "v", "stress", "energy_flux"], every=2)
+
+
+def test_saved_and_taken_up_the_records_are_the_same_bit_by_bit(tmp_path):
+    """Saved at an odd step, restored with new receivers; those that the checkpoint does not know begin there."""
+    whole, first, second, later = (everything() for _ in range(4))
+    elastic(whole).step(31)
+    run = elastic(first)
+    run.step(13)
+    run.save(tmp_path / "state")
+    later.name = "later"
+    again = fh.Simulation.restore(tmp_path / "state", observe=[second, later])
+    again.step(18)
+    for name in whole.record:
+        np.testing.assert_array_equal(second.data[name], whole.data[name])
+        np.testing.assert_allclose(later.data[name], whole.data[name][7:], rtol=1e-12, atol=1e-14)
+    np.testing.assert_array_equal(second.times, whole.times)
+    np.testing.assert_array_equal(later.times, whole.times[7:])
+    with pytest.raises(fh.FileFormatError, match="recorded something else"):
+        fh.Simulation.restore(tmp_path / "state", observe=[fh.Receivers(POINTS, "u")])
+
+
+def test_pickled_runs_go_on_recording():
+    """With what they have recorded so far."""
+    receivers = everything()
+    run = elastic(receivers)
+    run.step(5)
+    copy = pickle.loads(pickle.dumps(run))
+    for one in (run, copy):
+        one.step(8)
+    for name in receivers.record:
+        np.testing.assert_array_equal(copy.recorders[0].data[name], receivers.data[name])
+
+
+def test_a_run_that_settles_its_sides_records_from_its_start():
+    """The sides are chosen when the length of the run is known."""
+    receivers = fh.Receivers(POINTS)
+    lattice = fh.Lattice(0.25, [-5.0, -4.0], [5.0, 4.0])
+    run = fh.Simulation(lattice, fh.Wave(fh.Kernel(0.5)), fh.Extended(), {"u": pulse}, observe=[receivers])
+    run.run(until=3.0)
+    plain = waves(other := fh.Receivers(POINTS))
+    plain.run(until=3.0)
+    assert len(receivers.times) == run.step_count + 1
+    np.testing.assert_allclose(receivers.data["u"], other.data["u"], atol=1e-4)
+
+
+def test_given_to_another_run_receivers_forget():
+    receivers = fh.Receivers(POINTS)
+    waves(receivers).step(5)
+    heat(receivers).step(2)
+    assert receivers.data["u"].shape == (3, 3) and receivers.data["u"].min() > 19
+
+
+def test_records_that_are_taken_are_forgotten():
+    receivers = fh.Receivers(POINTS)
+    run = waves(receivers)
+    run.step(5)
+    times, data = receivers.take_records()
+    assert len(times) == len(data["u"]) == 6 and len(receivers.times) == len(receivers.data["u"]) == 0
+    run.step(2)
+    assert len(receivers.times) == len(receivers.data["u"]) == 2
+
+
+def test_lines_and_grids():
+    line = fh.Receivers.line((0.0, 1.0), (3.0, -1.0), 4, record="v", every=2)
+    np.testing.assert_allclose(line.points, [(0, 1), (1, 1 / 3), (2, -1 / 3), (3, -1)])
+    assert line.record == ("v",) and line.every == 2
+    grid = fh.Receivers.grid((0.0, 1.0), (1.0, 3.0), (2, 3))
+    np.testing.assert_allclose(grid.points, [(0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3)])
+    assert fh.Receivers.line(-1.0, 1.0, 3).points.shape == (3, 1)
+    for wrong in (
+        lambda: fh.Receivers.line((0.0, 1.0), 3.0, 4),
+        lambda: fh.Receivers.grid((0.0, 1.0), (1.0, 3.0), (2,)),
+        lambda: fh.Receivers.grid((0.0, 1.0), (1.0, 3.0), (2, 0)),
+    ):
+        with pytest.raises(fh.InputError):
+            wrong()
+
+
+def test_what_is_sampled_too_seldom_is_told():
+    """Half the stable step turns the fastest wave of the lattice by 60 degrees: three steps tell it, four do not."""
+    told = fh.Receivers(POINTS, every=4)
+    run = waves(told, fh.Receivers(POINTS, every=3, name="fine"))
+    assert len(told.notes) == 1 and told.notes[0] in run.notes and "every = 3 or less" in told.notes[0]
+    assert not run.recorders[1].notes
+    seldom = fh.Receivers(POINTS, every=50)
+    assert not heat(seldom).notes
+
+
+CRACK = [[(0.4, -9.0), (0.4, 9.0)]]
+HOLE = fh.Box((-5.0, -4.0), (5.0, 4.0)) - fh.Disc(0.6)
+
+
+@pytest.mark.parametrize(
+    ("points", "options", "more", "message"),
+    [
+        ([(5.3, 0.0)], {}, {}, "outside the near field"),
+        ([(4.9, 0.0), (0.0, 0.0)], {}, {}, "'linear'"),
+        ([(0.3, 0.0)], {}, {"cracks": CRACK}, "crack"),
+        ([(0.3, 0.0)], {"interpolation": "linear"}, {"cracks": CRACK}, "crack"),
+        ([(0.0, 0.0)], {"record": "stress"}, {}, "Wave has no such quantity"),
+        ([(0.0, 0.0, 0.0)], {}, {}, "shape"),
+        (np.zeros((0, 2)), {}, {}, "no point"),
+    ],
+)
+def test_refused_by_the_run(points, options, more, message):
+    """With the key and a remedy."""
+    with pytest.raises(fh.InputError, match=message) as error:
+        waves(fh.Receivers(points, **options), **more)
+    assert error.value.key.startswith("receivers")
+
+
+def test_beside_a_crack_and_a_hole():
+    """Linear interpolation whose nodes lie on one side, and points on nodes."""
+    near = fh.Receivers([(0.3, 0.1)], interpolation="linear", name="near")
+    waves(near, fh.Receivers([(0.5, 0.0), (0.25, 0.25)]), cracks=[[(0.6, -9.0), (0.6, 9.0)]]).step(3)
+    assert np.isfinite(near.data["u"]).all()
+    lattice = fh.Lattice(0.25, [-5.0, -4.0], [5.0, 4.0], body=HOLE)
+    given = lattice, fh.Wave(fh.Kernel(0.5)), fh.Free(), {"u": lambda x, y: pulse(x - 2, y)}
+    for points, message in (([(0.1, 0.0)], "outside the near field"), ([(0.7, 0.1)], "'linear'")):
+        with pytest.raises(fh.InputError, match=message):
+            fh.Simulation(*given, observe=[fh.Receivers(points)])
+    on_nodes = fh.Receivers([(0.75, 0.0), (5.0, 4.0)])
+    fh.Simulation(*given, observe=[on_nodes]).step(2)
+    assert np.isfinite(on_nodes.data["u"]).all()
+
+
+def test_other_things_that_are_refused():
+    with pytest.raises(fh.InputError, match="one name"):
+        waves(fh.Receivers(POINTS), fh.Receivers(POINTS))
+    with pytest.raises(fh.InputError, match="unknown quantity"):
+        fh.Receivers(POINTS, ["u", "w"])
+    with pytest.raises(fh.InputError, match="letters"):
+        fh.Receivers(POINTS, name="a/b")
+    with pytest.raises(fh.InputError, match="nothing"):
+        fh.Receivers(POINTS, [])
+    lattice = fh.Lattice(1.0, [-8.0, -6.0], [8.0, 6.0])
+    with pytest.raises(fh.InputError, match="probes"):
+        fh.Body(lattice, fh.Kernel(2.0), young=1.0, poisson=0.2, observe=[fh.Receivers(POINTS)])
+    with pytest.raises(fh.InputError, match="no such quantity"):
+        heat(fh.Receivers(POINTS, "v"))
+    beam = fh.Receivers([0.0], "energy_flux")
+    with pytest.raises(fh.InputError, match="no such quantity"):
+        fh.Simulation(fh.Lattice(0.1, -2, 2), fh.Beam(), fh.Exact(), {"u": "exp(-8*x**2)"}, observe=[beam])
