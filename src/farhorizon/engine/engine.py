@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from types import ModuleType
@@ -20,7 +20,7 @@ from farhorizon.engine.ends import Ends
 from farhorizon.engine.filter import without
 from farhorizon.engine.fringe import fringe_table
 from farhorizon.engine.layer_tables import LayerTables
-from farhorizon.engine.layout import Layout, aligned, aligned_zeros
+from farhorizon.engine.layout import Layout, aligned_zeros
 from farhorizon.engine.operations import (
     Tables,
     check_room,
@@ -367,12 +367,29 @@ class Engine:
         """Sums of what has flowed, and the rounding of them, shape (2, count)."""
         return self.tables.flows.totals
 
-    def listen(self, rows: np.ndarray, weights: np.ndarray) -> None:
-        """Keep sums over blocks of nodes after every step from now on, as `tables.Listening` has them."""
-        rows = rows.astype(np.int64).reshape(-1, 5)
-        lines = aligned_zeros(aligned(int(rows[:, 4].max(initial=0))), self.dtype, self.threads)
-        listening = self.tables.listening._replace(rows=rows, weights=weights.astype(self.dtype), lines=lines)
-        self.replace(listening=listening)
+    def listen(self, blocks: Sequence[tuple[np.ndarray, Sequence[np.ndarray]]]) -> None:
+        """Keep sums over blocks of nodes after every step from now on, in `heard`.
+
+        Parameters
+        ----------
+        blocks : sequence of (places, weights)
+            Places of the blocks' first nodes in a level, shape (n,), and their weights along each of the three axes,
+            three arrays of shape (n, width).
+        """
+        lanes = 64 // self.dtype.itemsize
+        rows, tables, count = [np.zeros((0, 5), np.int64)], [np.zeros(0, self.dtype)], 0
+        for places, (first, second, third) in blocks:
+            padded = np.pad(third, ((0, 0), (0, -third.shape[1] % lanes)))
+            table = np.concatenate([first, second, padded], axis=1).astype(self.dtype)
+            row = np.empty((len(places), 5), np.int64)
+            row[:, 0], row[:, 1] = places, count + table.shape[1] * np.arange(len(places))
+            row[:, 2:] = first.shape[1], second.shape[1], padded.shape[1]
+            rows.append(row)
+            tables.append(table.ravel())
+            count += table.size
+        self.replace(
+            listening=self.tables.listening._replace(rows=np.concatenate(rows), weights=np.concatenate(tables))
+        )
 
     def set_dependent_values(self, values: np.ndarray) -> None:
         """Set the prescribed nodes of the current level; `values` has what is added to the combinations, one a

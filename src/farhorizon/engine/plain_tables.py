@@ -45,12 +45,7 @@ def first_tables(engine: Field, heterogeneous: bool, rule: int) -> Tables:
         flows=no_flows(len(numbers), engine.dtype),
         fringe=no_fringe(),
         filter=_filter(engine),
-        listening=Listening(
-            np.zeros((0, 5), np.int64),
-            nothing,
-            np.array(engine.layout.box.stride, np.int64),
-            np.zeros((engine.threads, 0), engine.dtype),
-        ),
+        listening=Listening(np.zeros((0, 5), np.int64), nothing, np.array(engine.layout.box.stride, np.int64)),
     )
 
 

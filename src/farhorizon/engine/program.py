@@ -52,7 +52,7 @@ from farhorizon.engine.operations import (
 )
 from farhorizon.engine.phases import LIQUID, SOLID, dissolve, find_runs
 from farhorizon.engine.rows.compiled import njit
-from farhorizon.engine.rows.vectors import TILE, TILE_ROWS, add_weighted, call_sweep, sweep_phases
+from farhorizon.engine.rows.vectors import TILE, TILE_ROWS, add_weighted, block_sum, call_sweep, sweep_phases
 from farhorizon.engine.tables import Material, Stage
 from farhorizon.engine.threads import barrier, claim, share
 
@@ -495,22 +495,17 @@ def add_flow_of_ends(stage, ends, flows):
 
 @njit(error_model="numpy", cache=True, counted=False)
 def listen(thread, level, listening, heard):
-    """Sums over blocks of nodes: line by line of the last axis, so that neighbours are summed side by side."""
-    rows, weights, stride = listening.rows, listening.weights, listening.stride
-    line = listening.lines[thread.number]
-    for r in range(thread.number, rows.shape[0], thread.threads):
-        place, first, nodes0, nodes1, nodes2 = rows[r]
-        second, third = first + nodes0, first + nodes0 + nodes1
-        line[:nodes2] = 0
-        for i0 in range(nodes0):
-            for i1 in range(nodes1):
-                factor, start = weights[first + i0] * weights[second + i1], place + i0 * stride[0] + i1 * stride[1]
-                if factor != 0:
-                    for i2 in range(nodes2):
-                        line[i2] += factor * level[start + i2]
-        total = level[place] * 0
-        for i2 in range(nodes2):
-            total += weights[third + i2] * line[i2]
+    """Sums over blocks of nodes."""
+    rows, weights, stride, size = listening.rows, listening.weights, listening.stride, level.itemsize
+    source, factors, none = level.ctypes.data, weights.ctypes.data, level[0] * 0
+    own = share(thread, rows.shape[0])
+    for r in range(own[0], own[1]):
+        place, first, planes, lines, nodes = rows[r, 0], rows[r, 1], rows[r, 2], rows[r, 3], rows[r, 4]
+        across = factors + (first + planes) * size
+        total = none
+        for i in range(planes):
+            plane = source + (place + i * stride[0]) * size
+            total += weights[first + i] * block_sum(plane, across, lines, stride[1], across + lines * size, nodes, none)
         heard[r] = total
 
 

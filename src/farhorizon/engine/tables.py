@@ -219,16 +219,15 @@ class Listening(NamedTuple):
     Attributes
     ----------
     rows : ndarray of int, shape (R, 5)
-        Of each sum: place of the block's first node in a level, number of its first weight, and nodes along the axes.
+        Of each sum: place of the block's first node in a level, number of its first weight, and nodes along the axes,
+        of the third a whole number of vectors of 64 bytes.
     weights : ndarray
-        Of each block those along the first axis, the second and the third: the weight of a node is their product.
+        Of each block those along the first axis, the second and the third: the weight of a node is their product. Those
+        that fill the last vector are zero.
     stride : ndarray of int, shape (3,)
         Distances of neighbours in a level.
-    lines : ndarray, shape (threads, n)
-        To work in: as long as the longest block along the third axis.
     """
 
     rows: np.ndarray
     weights: np.ndarray
     stride: np.ndarray
-    lines: np.ndarray

@@ -35,21 +35,37 @@ class Reading(NamedTuple):
 
     Attributes
     ----------
-    u : ndarray, shape (steps, n, components)
-    v : ndarray, shape (steps, n, components)
-        Velocity half a step before.
-    gradient : ndarray, shape (steps, n, components, dim)
-        Derivatives along the axes.
-    middle : ndarray, shape (steps, n, components, dim)
-        The gradient half a step before.
+    now, before : ndarray, shape (steps, n, components, 1 or 1 + dim)
+        The field, and its derivatives along the axes; and a step before.
+    dt, background : float
     medium : LocalModuli
     """
 
-    u: np.ndarray
-    v: np.ndarray
-    gradient: np.ndarray
-    middle: np.ndarray
+    now: np.ndarray
+    before: np.ndarray
+    dt: float
+    background: float
     medium: LocalModuli
+
+    @property
+    def u(self) -> np.ndarray:
+        """The field, shape (steps, n, components)."""
+        return np.asarray(self.now[..., 0] + self.background)
+
+    @property
+    def v(self) -> np.ndarray:
+        """Its velocity half a step before."""
+        return np.asarray((self.now[..., 0] - self.before[..., 0]) / self.dt)
+
+    @property
+    def gradient(self) -> np.ndarray:
+        """Its derivatives along the axes, shape (steps, n, components, dim)."""
+        return self.now[..., 1:]
+
+    @property
+    def middle(self) -> np.ndarray:
+        """The gradient half a step before."""
+        return np.asarray((self.now[..., 1:] + self.before[..., 1:]) / 2)
 
 
 @dataclass(frozen=True)
@@ -106,11 +122,11 @@ def curl(gradient: np.ndarray) -> np.ndarray:
     return np.stack([gradient[..., i, j] - gradient[..., j, i] for i, j in pairs], axis=-1)
 
 
-def _energy_flux(sample: Reading) -> np.ndarray:
+def _energy_flux(reading: Reading) -> np.ndarray:
     """``- stress . v``, of scalar waves ``- c^2 v grad u``: the Poynting vector."""
-    if sample.u.shape[-1] == 1:
-        return np.asarray(-sample.medium.shear[:, None] * sample.v * sample.middle[..., 0, :])
-    return -np.einsum("...ij,...i->...j", stress(sample.middle, sample.medium), sample.v)
+    if reading.now.shape[2] == 1:
+        return np.asarray(-reading.medium.shear[:, None] * reading.v * reading.middle[..., 0, :])
+    return -np.einsum("...ij,...i->...j", stress(reading.middle, reading.medium), reading.v)
 
 
 QUANTITIES: dict[str, Quantity] = {

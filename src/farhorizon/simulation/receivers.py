@@ -207,11 +207,9 @@ class Receivers(Recorder):
 
     def _recorded(self, now: np.ndarray, before: np.ndarray) -> dict[str, np.ndarray]:
         """All quantities from the field and its derivatives now and a step before."""
-        u, gradient = now[..., 0] + self._background, now[..., 1:]
-        v = (now[..., 0] - before[..., 0]) / self._dt
-        sample = Reading(u, v, gradient, (gradient + before[..., 1:]) / 2, self._medium)
-        found = {name: QUANTITIES[name].of(sample) for name in self.record}
-        if u.shape[-1] > 1:
+        reading = Reading(now, before, self._dt, self._background, self._medium)
+        found = {name: QUANTITIES[name].of(reading) for name in self.record}
+        if now.shape[2] > 1:
             return found
         # a scalar has no component
         return {n: values[:, :, 0] if n in ("u", "v", "gradient") else values for n, values in found.items()}

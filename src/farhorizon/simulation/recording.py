@@ -47,21 +47,12 @@ class Recording:
         places = self._grid.nodes.ravel()
         watched = [engine.all_components(places[nodes]) for nodes in self._all_nodes()]
         engine.watched = np.concatenate(watched)
-        rows, weights, count = [np.zeros((0, 5), np.int64)], [np.zeros(0)], 0
-        apart = engine.layout.size * np.arange(engine.components)
-        for wanted in self._wanted:
-            for blocks in wanted.blocks:
-                n = len(blocks.first)
-                table = np.concatenate([np.ones((n, lead)), *blocks.weights], axis=1)
-                first = places[np.ravel_multi_index(tuple(blocks.first.T), blocks.shape)]
-                row = np.empty((engine.components, n, 5), np.int64)
-                row[..., 0] = first + apart[:, None]
-                row[..., 1] = count + table.shape[1] * np.arange(n)
-                row[..., 2:] = [1] * lead + [along.shape[1] for along in blocks.weights]
-                rows.append(row.reshape(-1, 5))
-                weights.append(table.ravel())
-                count += table.size
-        engine.listen(np.concatenate(rows), np.concatenate(weights))
+        found: list[tuple[np.ndarray, list[np.ndarray]]] = []
+        for blocks in (one for wanted in self._wanted for one in wanted.blocks):
+            first = places[np.ravel_multi_index(tuple(blocks.first.T), blocks.shape)]
+            along = [np.ones((len(first), 1))] * lead + list(blocks.weights)
+            found += [(first + component * engine.layout.size, along) for component in range(engine.components)]
+        engine.listen(found)
 
     def _all_nodes(self) -> list[np.ndarray]:
         return [self._probed, *(wanted.nodes for wanted in self._wanted)]

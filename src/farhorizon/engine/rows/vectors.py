@@ -587,6 +587,42 @@ def window_sums(typingctx, sums, count, places, values, first, second, third, fo
 
 
 @intrinsic
+def block_sum(typingctx, source, across, rows, apart, along, count, like):
+    """``sum_i across_i sum_j along_j source[i * apart + j]`` over the rows of a block of values, of the type of `like`.
+
+    Byte addresses of the first values, numbers of rows and of values in a row, the latter a whole number of vectors of
+    64 bytes: weights beyond the block are zero.
+    """
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        source, across, rows, apart, along, count, _ = args
+        vectors = Vectors.of(builder, str(signature.args[6]))
+        nothing = ir.Constant(vectors.type, [0.0] * vectors.lanes)
+        total, column = (cgutils.alloca_once(builder, vectors.type) for _ in range(2))
+        builder.store(nothing, total)
+        step = builder.mul(apart, I64(vectors.size))
+        with cgutils.for_range_slice(builder, I64(0), count, I64(vectors.lanes), I64) as (x, _):
+            at = builder.mul(x, I64(vectors.size))
+            builder.store(nothing, column)
+            with cgutils.for_range(builder, rows) as loop:
+                weight = builder.load(vectors.pointer(vectors.shifted(across, (1, loop.index)), vectors.scalar))
+                value = vectors.load(builder.add(builder.add(source, at), builder.mul(loop.index, step)))
+                builder.store(vectors.multiply_add(builder.load(column), vectors.splat(weight), value), column)
+            factor = vectors.load(builder.add(along, at))
+            builder.store(vectors.multiply_add(builder.load(total), factor, builder.load(column)), total)
+        found, half = builder.load(total), vectors.lanes // 2
+        while half:
+            places = [[(lane + shift) % vectors.lanes for lane in range(vectors.lanes)] for shift in (0, half)]
+            parts = [
+                builder.shuffle_vector(found, found, ir.Constant(ir.VectorType(I32, vectors.lanes), p)) for p in places
+            ]
+            found, half = builder.fadd(*parts), half // 2
+        return builder.extract_element(found, I32(0))
+
+    return like(*[types.int64] * 6, like), codegen
+
+
+@intrinsic
 def move_up(typingctx, address, count):
     """Move `count` neighbouring numbers of 8 bytes from a byte address on by one place."""
 
