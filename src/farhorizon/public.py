@@ -45,6 +45,11 @@ from farhorizon.inputs.expressions import Expression as Expression
 from farhorizon.inputs.incidence import IncidentWave as IncidentWave
 from farhorizon.inputs.loads import BodyForce as BodyForce
 from farhorizon.inputs.loads import Traction as Traction
+from farhorizon.inputs.local_sources import LineSource as LineSource
+from farhorizon.inputs.local_sources import MomentTensor as MomentTensor
+from farhorizon.inputs.local_sources import PointForce as PointForce
+from farhorizon.inputs.local_sources import PointSource as PointSource
+from farhorizon.inputs.phased_arrays import PhasedArray as PhasedArray
 from farhorizon.inputs.prescribed import Prescribed as Prescribed
 from farhorizon.inputs.signals import Chirp as Chirp
 from farhorizon.inputs.signals import Gaussian as Gaussian

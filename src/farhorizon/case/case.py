@@ -32,6 +32,7 @@ from farhorizon.case.schema import (
     model_kinds,
     side_kinds,
     signal_kinds,
+    source_kinds,
     under,
 )
 from farhorizon.case.toml import document
@@ -361,9 +362,12 @@ class Case:
             threads=parts.run.threads,
         )
 
-    def _source(self, part: SourcePart, key: str) -> Any:
+    def _source(self, part: Part, key: str) -> Any:
+        given = {"time": self._of_time(part.time, f"{key}.time")} if "time" in part.model_fields_set else {}  # type: ignore[attr-defined]
+        if not isinstance(part, SourcePart):
+            return _built(part, source_kinds(), key, **given)
         value = self._expression(part.value, f"{key}.value")
-        return fh.Source(value, self._of_time(part.time, f"{key}.time")) if "time" in part.model_fields_set else value
+        return fh.Source(value, **given) if given else value
 
     def _incident(self, part: IncidentPart) -> fh.IncidentWave:
         signal = self._of_time(part.signal, "incident.signal")
@@ -531,9 +535,9 @@ class Case:
                 raise error.at("output.probes") from None
 
 
-def _built(part: Part, known: Mapping[str, Any], key: str) -> Any:
-    """What a table stands for that has a type and the fields of a dataclass."""
-    values = {name: getattr(part, name) for name in part.model_fields_set - {"type"}}
+def _built(part: Part, known: Mapping[str, Any], key: str, **changes: Any) -> Any:
+    """What a table stands for that has a type and the fields of a dataclass, some of them changed."""
+    values = {name: getattr(part, name) for name in part.model_fields_set - {"type"}} | changes
     try:
         return known[part.type](**values)  # type: ignore[attr-defined]
     except InputError as error:

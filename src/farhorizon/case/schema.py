@@ -23,6 +23,7 @@ from farhorizon.boundaries import Side
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Shape
 from farhorizon.inputs.conditions import Constraint
+from farhorizon.inputs.local_sources import LocalSource
 from farhorizon.inputs.signals import Signal
 from farhorizon.models import LatticeModel
 
@@ -402,13 +403,22 @@ def model_kinds() -> dict[str, Any]:
 
 def signal_kinds() -> dict[str, Any]:
     """The signals by what they are called, those that users define among them."""
-    known = [kind for kind in Signal.known.values() if is_dataclass(kind) and not isabstract(kind)]
+    return _kinds_of(Signal)
+
+
+def source_kinds() -> dict[str, Any]:
+    """The sources with places of their own by what they are called, those that users define among them."""
+    return _kinds_of(LocalSource)
+
+
+def _kinds_of(base: type[Signal] | type[LocalSource]) -> dict[str, Any]:
+    known = [kind for kind in base.known.values() if is_dataclass(kind) and not isabstract(kind)]
     return {kind.tag: kind for kind in sorted(known, key=lambda kind: kind.__name__)}
 
 
 @lru_cache(maxsize=64)
 def part_of(kind: Any) -> type[Part]:
-    """The table of a side or a signal: its keys are the fields of the dataclass."""
+    """The table of a side, a signal or a source: its keys are the fields of the dataclass."""
     return _table(kind, {one.name: _key(_hints(kind).get(one.name, Any), one.default) for one in fields(kind)})
 
 
@@ -497,17 +507,21 @@ def _of_toml(hint: Any) -> Any:
 
 
 def case_part() -> type[CasePart]:
-    """A whole case file, with the sides, models and signals that are known now."""
-    return _case_part(tuple(side_kinds().values()), tuple(model_kinds().values()), tuple(signal_kinds().values()))
+    """A whole case file, with the sides, models, sources and signals that are known now."""
+    known = (side_kinds(), model_kinds(), source_kinds(), signal_kinds())
+    return _case_part(*(tuple(kinds.values()) for kinds in known))
 
 
 @lru_cache(maxsize=64)
-def _case_part(sides: tuple[Any, ...], models: tuple[Any, ...], signals: tuple[Any, ...]) -> type[CasePart]:
+def _case_part(
+    sides: tuple[Any, ...], models: tuple[Any, ...], sources: tuple[Any, ...], signals: tuple[Any, ...]
+) -> type[CasePart]:
     factor = _tagged({_PLAIN: str | Number, **{kind.tag: part_of(kind) for kind in signals}}, _PLAIN)
     side: Any = _one_of([*map(part_of, sides)])
     load, constraint = (_one_of([_timed(part, factor) for part in parts]) for parts in (_LOADS, _CONSTRAINTS))
+    local = {kind.tag: _timed(part_of(kind), factor, "time") for kind in sources}
     lists = {
-        "source": _timed(SourcePart, factor),
+        "source": _tagged({"source": _timed(SourcePart, factor), **local}, "source"),
         "incident": _timed(IncidentPart, factor),
         "load": load,
         "constraint": constraint,
@@ -537,9 +551,13 @@ def _tagged(options: Mapping[str, Any], plain: str) -> Any:
     return Annotated[reduce(or_, [Annotated[one, Tag(name)] for name, one in options.items()]), Discriminator(tag)]
 
 
-def _timed(part: type[Part], factor: Any) -> type[Part]:
-    """The same table with signals as factors of time."""
-    given = {name: (factor, one) for name, one in part.model_fields.items() if _OF_TIME in one.metadata}
+def _timed(part: type[Part], factor: Any, *names: str) -> type[Part]:
+    """The same table with signals as factors of time: of its keys those with such names, or that are marked."""
+    given = {
+        name: (factor | None if one.default is None else factor, one)
+        for name, one in part.model_fields.items()
+        if name in names or _OF_TIME in one.metadata
+    }
     return create_model(part.__name__, __base__=part, __doc__=part.__doc__, **given)  # type: ignore[call-overload]
 
 

@@ -14,6 +14,7 @@ from farhorizon.engine.engine import Engine
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.conditions import Conditions
 from farhorizon.inputs.incidence import Incidence
+from farhorizon.inputs.signals import Signal
 from farhorizon.medium.stencil import Stencil
 from farhorizon.models import LatticeModel
 
@@ -47,14 +48,16 @@ class Examined(Timed, Protocol):
     step_limit, rate_limit, fastest_rate : float
         Largest stable time step; largest rate of the operator, and largest factor on the stencil (1/time, or 1/time^2
         of waves).
-    strongest : float
-        Largest factor on bonds; `varied`: whether it varies.
+    strongest, weakest : float
+        Largest factor on bonds, and the smallest one that is not zero; `varied`: whether it varies.
     field_shape : tuple of int
         That of the lattice, of vectors with the components first.
     start_u, start_v : ndarray
         Initial data of that shape.
     sources : list
         (space, time) of each, as `farhorizon.inputs.sources.split` gives them.
+    signals : list of (str, Signal)
+        Of all that drives, with what each is called, as far as their spectra are known.
     incident : list of Incidence
     conditions : Conditions
     leak : ndarray
@@ -79,11 +82,13 @@ class Examined(Timed, Protocol):
     rate_limit: float
     fastest_rate: float
     strongest: float
+    weakest: float
     varied: bool
     field_shape: tuple[int, ...]
     start_u: np.ndarray
     start_v: np.ndarray
     sources: list[tuple[np.ndarray | None, Callable[..., Any]]]
+    signals: list[tuple[str, Signal]]
     incident: list[Incidence]
     conditions: Conditions
     leak: np.ndarray

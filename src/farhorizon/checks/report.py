@@ -15,6 +15,7 @@ from typing_extensions import TypedDict
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.layer import LatticeMedium, LayerSide
 from farhorizon.analysis.layers.spectrum import Band, band, gain_of_time
+from farhorizon.analysis.resolution import ENOUGH, resolution
 from farhorizon.boundaries import Fixed, Side
 from farhorizon.checks.certificate import BUDGET, NOT_CERTIFIED, Certificate, CertificateFacts, certify, told
 from farhorizon.checks.examined import Examined, Timed
@@ -271,6 +272,7 @@ class Report:
                 f"{waves.shortest:.3g} to {waves.longest:.3g}, half of the energy below {waves.typical:.3g} = "
                 f"{waves.typical / lattice.spacing:.3g} nodes",
             )
+        self._resolve(sim)
         layers: dict[str, list[str]] = {}
         for (axis, side), layer in engine.layers.items():
             boundary = sim.sides[axis - 3 + lattice.dim, side]
@@ -340,6 +342,26 @@ class Report:
                 "form, whole",
             )
         self.numbers |= {"dt": sim.dt, "step_limit": sim.step_limit, "memory": float(engine.nbytes)}
+
+    def _resolve(self, sim: Examined) -> None:
+        """Say how many nodes the shortest wave has that signals send through the slowest medium, and warn of few."""
+        if sim.model.order == 1 or not sim.signals:
+            return
+        key, signal = max(sim.signals, key=lambda named: named[1].highest_frequency)
+        highest = signal.highest_frequency
+        if not np.isfinite(highest):
+            self.warnings.append(f"{key} has amplitude at all frequencies, of which the lattice carries a part")
+            return
+        rate = sim.model.coefficient * sim.weakest / sim.lattice.spacing**2
+        found = resolution(sim.stencil.beside(sim.weakest), rate, sim.dt, highest)
+        nodes = f"{found.nodes:.3g} nodes" if found.nodes else "shorter than the lattice carries"
+        self._say("shortest wave", f"{nodes}, at {highest:.4g} cycles per time: a thousandth of {key} lies above")
+        self.numbers |= {"shortest_wave_nodes": found.nodes, "resolving_spacing": found.scale * sim.lattice.spacing}
+        if found.nodes < ENOUGH:
+            self.warnings.append(
+                f"the shortest waves of {key} are badly resolved ({nodes}, where {ENOUGH:g} are needed): spacing = "
+                f"{found.scale * sim.lattice.spacing:.2g} resolves them, with a horizon of as many spacings as here"
+            )
 
     def _estimate(self, sim: Examined, until: float) -> None:
         """Time of the run, and of one on a domain so large that nothing returns."""

@@ -16,7 +16,7 @@ from farhorizon.medium.stencil import Stencil
 from farhorizon.simulation.breaking import Breaking
 from farhorizon.simulation.closing import close, exact_ends_of
 from farhorizon.simulation.cuts import CutBonds
-from farhorizon.simulation.drives import Drive, Drives, given, incidence, incident_waves, split_drives
+from farhorizon.simulation.drives import Drive, Drives, check_signals, given, incidence, incident_waves, split_drives
 from farhorizon.simulation.extension import Emitters, extend
 from farhorizon.simulation.grid import Grid, choose_margins, make_grid
 from farhorizon.simulation.layers import choose_layers
@@ -96,9 +96,10 @@ def assemble(setup: Setup) -> Parts:
     check_memory(setup, stencil, by_target(setup, sides, stencil))
     factor = node_factor(setup)
     near = near_field(setup, sides, stencil, factor)
+    check_signals(setup, near)
     waves = incident_waves(setup, near, sides)
-    sources = given(setup, sides)
-    around = _choose_sides(setup, near, sides, autos, [*setup.sources, *(source for _, source in sources)])
+    sources = given(setup, near, sides)
+    around = _choose_sides(setup, near, sides, autos, [*waves, *(source for _, source in sources)])
     sides = around.sides
 
     beyond = Beyond(lattice, sides, model.target, around.depth(stencil, lattice.spacing, lattice.shape), near.closed)

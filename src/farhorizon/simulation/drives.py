@@ -13,7 +13,9 @@ from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Cut
 from farhorizon.inputs.incidence import Incidence, IncidentWave, check_scatterers
 from farhorizon.inputs.loads import BodyForce, Traction, force_density
+from farhorizon.inputs.local_sources import LocalSource
 from farhorizon.inputs.outside import Beyond
+from farhorizon.inputs.signals import Signal
 from farhorizon.inputs.sources import Source, as_source, by_component, space_and_time, split, steady
 from farhorizon.medium.integrators import Verlet
 from farhorizon.simulation.grid import Grid
@@ -74,11 +76,56 @@ class Moving:
             self._looked = until
 
 
-def given(setup: Setup, sides: Sides) -> list[tuple[str, Any]]:
-    """Sources, those of incident waves left out, and loads as sources, each after what it is called in messages."""
-    sources = [s for s in setup.sources if not isinstance(s, IncidentWave)]
+def given(setup: Setup, near: NearField, sides: Sides) -> list[tuple[str, Any]]:
+    """Sources, those of incident waves left out, and loads as sources, each after what it is called in messages; those
+    with places of their own as what they are on the nodes.
+    """
+    plain = [s for s in setup.sources if not isinstance(s, IncidentWave)]
+    sources = [
+        (key, part)
+        for key, source in zip(keys("source", plain), plain, strict=True)
+        for part in (
+            source.placed(near.lattice, near.stencil.components, key) if isinstance(source, LocalSource) else [source]
+        )
+    ]
     loads = [(f"load[{i}]", _of_load(load, setup.lattice, sides, f"load[{i}]")) for i, load in enumerate(setup.loads)]
-    return [*zip(keys("source", sources), sources, strict=True), *loads]
+    return sources + loads
+
+
+def signals(setup: Setup) -> list[tuple[str, Signal]]:
+    """The signals of sources, incident waves, loads and prescribed nodes whose spectra are known, each after what it is
+    called in messages.
+    """
+    named = [("source", setup.sources), ("load", setup.loads), ("constraint", setup.constraints)]
+    timed = [
+        (f"{key}.{name}", getattr(one, name, None))
+        for kind, given in named
+        for key, one in zip(keys(kind, given), given, strict=True)
+        for name in ("time", "signal", "value")
+    ]
+    return [(key, time) for key, time in timed if isinstance(time, Signal)]
+
+
+def check_signals(setup: Setup, near: NearField) -> None:
+    """Refuse signals that the lattice does not carry.
+
+    Raises
+    ------
+    InputError
+        Half of the amplitude of a signal lies above the highest frequency of the lattice.
+    """
+    if near.model.order == 1:
+        return
+    limit = float(np.arcsin(min(1.0, np.sqrt(near.rate_limit) * near.dt / 2)) / (np.pi * near.dt))
+    for key, signal in signals(setup):
+        if signal.median_frequency > limit:
+            raise InputError(
+                "half of the signal's amplitude lies at frequencies that the lattice does not carry",
+                value=f"from {signal.median_frequency:.4g} cycles per time on",
+                limit=f"{limit:.4g}",
+                key=key,
+                remedy="a lower frequency in the units of the run, or a finer lattice",
+            )
 
 
 def _of_load(load: BodyForce | Traction, lattice: Lattice, sides: Sides, key: str) -> Source:

@@ -72,6 +72,11 @@ class NearField:
         return _strongest(self.model, self.factor)
 
     @property
+    def weakest(self) -> float:
+        """Smallest factor on bonds that there is, those that are absent left out."""
+        return 1.0 if self.factor is None else float(self.factor.min(where=self.factor > 0, initial=self.strongest))
+
+    @property
     def fastest_rate(self) -> float:
         """``coefficient / spacing^2`` where the medium is fastest, the factor on the stencil `fastest`."""
         return _fastest_rate(self.lattice.spacing, self.model, self.factor)

@@ -15,6 +15,7 @@ from farhorizon.inputs.cracks import as_crack
 from farhorizon.inputs.expressions import as_given
 from farhorizon.inputs.incidence import IncidentWave
 from farhorizon.inputs.loads import BodyForce, Traction
+from farhorizon.inputs.local_sources import LocalSource
 from farhorizon.inputs.prescribed import Prescribed
 from farhorizon.inputs.sources import as_source
 from farhorizon.inputs.specimens import Specimen
@@ -113,7 +114,7 @@ constraints, balance, specimens, loads
             boundary={side_name(*key): boundary for key, boundary in beyond.items()},
             initial={k: as_given(value, lattice.dim, f"initial.{k}", time=False) for k, value in initial.items()},
             sources=tuple(
-                source if isinstance(source, IncidentWave) else as_source(source, lattice.dim, key)
+                source if isinstance(source, IncidentWave | LocalSource) else as_source(source, lattice.dim, key)
                 for source, key in zip(self.sources, keys("source", self.sources), strict=True)
             ),
             cracks=tuple(as_crack(crack, lattice.dim) for crack in self.cracks),

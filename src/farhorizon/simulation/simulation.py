@@ -27,6 +27,7 @@ from farhorizon.simulation.assembly import assemble
 from farhorizon.simulation.checkpoint import fingerprint
 from farhorizon.simulation.course import MOST_STEPS, say_doubt, tick
 from farhorizon.simulation.described import describe
+from farhorizon.simulation.drives import signals
 from farhorizon.simulation.flux import flux_tables, nodal_flux, plane, power_across
 from farhorizon.simulation.guard import likely_cause, refuse_explosion
 from farhorizon.simulation.march import March
@@ -54,7 +55,8 @@ class Simulation(Run):
         numbers. Of vectors arrays (dim, n..), callables that return the components, or a sequence of one value a
         component.
     sources : sequence
-        `Source`, array, callable of the coordinates and t, expression, or `IncidentWave`.
+        `Source`, array, callable of the coordinates and t, expression, or `IncidentWave`; `PointSource`, `PointForce`,
+        `MomentTensor`, `LineSource` and `PhasedArray`, which lie anywhere between the nodes.
     loads : sequence of BodyForce and Traction
         Forces on an `Elastic` medium per volume, and per area on its free sides (bond-based materials).
     cracks : sequence
@@ -170,7 +172,7 @@ class Simulation(Run):
         self.sides, self.closure = around.sides, parts.closure
         self.step_limit, self.rate_limit, self.field_shape = near.step_limit, near.rate_limit, near.field_shape
         self.strongest, self.conditions, self.leak = near.strongest, near.conditions, near.leak
-        self.fastest_rate = near.fastest_rate
+        self.fastest_rate, self.weakest, self.signals = near.fastest_rate, near.weakest, signals(setup)
         self.varied = bool(parts.start.solid.any() or (near.factor is not None and np.ptp(near.factor) > 0))
         self.start_u, self.start_v = parts.start.u, parts.start.v
         self.sources, self.incident = parts.drives.sources, parts.incident

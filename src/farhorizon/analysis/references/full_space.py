@@ -1,0 +1,118 @@
+"""What point sources send through a homogeneous, isotropic medium without ends, by the classical equations.
+
+Aki and Richards (2002), Quantitative Seismology, eqs 4.23 and 4.29, and the scalar wave in the plane (Morse and
+Feshbach 1953, section 7.3). What a line source sends through space is what a point source sends through the plane.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+_POINTS = 64  # of a quadrature, for signals with a few oscillations over its length
+_RATE = 1e-4  # step of the difference that stands for the derivative of a signal, over the time given for its scale
+
+Signal = Callable[[np.ndarray], np.ndarray]
+
+
+def scalar_wave_in_the_plane(distance: float, times: np.ndarray, signal: Signal, speed: float = 1.0) -> np.ndarray:
+    """Solution of ``u_tt = c^2 laplace(u) + delta(x) s(t)`` in the plane, from rest, at a distance; shape of times.
+
+    ``u = 1/(2 pi c^2) integral of s(t - r/c cosh(theta))`` over theta from 0 to ``acosh(c t / r)``.
+    """
+    points, weights = np.polynomial.legendre.leggauss(_POINTS)
+    late = np.arccosh(np.maximum(speed * np.asarray(times) / distance, 1.0))[..., None]
+    theta = late * (points + 1) / 2
+    values = signal(np.asarray(times)[..., None] - distance / speed * np.cosh(theta))
+    return np.asarray((late * values) @ weights / (4 * np.pi * speed**2))
+
+
+@dataclass(frozen=True)
+class FullSpace:
+    """An elastic medium that fills space.
+
+    Parameters
+    ----------
+    p_speed, s_speed, density : float
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> steel = FullSpace(p_speed=5900.0, s_speed=3200.0, density=7800.0)
+    >>> where, when = np.array([0.0, 0.0, 1.0]), np.array([1e-4])  # nothing has come yet
+    >>> steel.of_force(where, when, np.array([0.0, 0.0, 1.0]), lambda t: np.where(t > 0, 1.0, 0.0)).tolist()
+    [[0.0], [0.0], [0.0]]
+    """
+
+    p_speed: float
+    s_speed: float
+    density: float
+
+    def of_force(self, at: np.ndarray, times: np.ndarray, force: np.ndarray, signal: Signal) -> np.ndarray:
+        """Displacement that a force at the origin causes (Aki and Richards, eq 4.23).
+
+        Parameters
+        ----------
+        at : ndarray, shape (3,)
+        times : ndarray, shape (n,)
+        force : ndarray, shape (3,)
+        signal : callable
+            Of times of any shape, zero before zero.
+
+        Returns
+        -------
+        ndarray, shape (3, n)
+        """
+        r, g, eye = float(np.linalg.norm(at)), at / np.linalg.norm(at), np.eye(3)
+        along = np.outer(g, g)
+        near, p, s = (3 * along - eye) @ force / r**3, along @ force / r, (along - eye) @ force / r
+        fast, slow = signal(times - r / self.p_speed), signal(times - r / self.s_speed)
+        found = np.multiply.outer(near, self._between(r, times, signal))
+        found += np.multiply.outer(p / self.p_speed**2, fast) - np.multiply.outer(s / self.s_speed**2, slow)
+        return np.asarray(found / (4 * np.pi * self.density))
+
+    def of_moment(
+        self, at: np.ndarray, times: np.ndarray, moment: np.ndarray, signal: Signal, scale: float
+    ) -> np.ndarray:
+        """Displacement that a symmetric moment tensor at the origin causes (Aki and Richards, eq 4.29).
+
+        Parameters
+        ----------
+        at : ndarray, shape (3,)
+        times : ndarray, shape (n,)
+        moment : ndarray, shape (3, 3)
+        signal : callable
+            Of times of any shape, zero before zero.
+        scale : float
+            Time in which the signal changes; its derivative is a difference over a small part of it.
+
+        Returns
+        -------
+        ndarray, shape (3, n)
+        """
+        r, g = float(np.linalg.norm(at)), at / np.linalg.norm(at)
+        pushed, trace = moment @ g, float(np.trace(moment))
+        radial = float(g @ pushed) * g  # g_n g_p g_q M_pq
+        rest = trace * g + 2 * pushed  # (g_n d_pq + g_p d_nq + g_q d_np) M_pq
+        p, s, rho, step = self.p_speed, self.s_speed, self.density, _RATE * scale
+
+        def rate(t: np.ndarray) -> np.ndarray:
+            return np.asarray((signal(t + step) - signal(t - step)) / (2 * step))
+
+        terms = [
+            ((15 * radial - 3 * rest) / r**4, self._between(r, times, signal)),
+            ((6 * radial - rest) / (p**2 * r**2), signal(times - r / p)),
+            (-(6 * radial - rest - pushed) / (s**2 * r**2), signal(times - r / s)),
+            (radial / (p**3 * r), rate(times - r / p)),
+            (-(radial - pushed) / (s**3 * r), rate(times - r / s)),
+        ]
+        return np.asarray(sum(np.multiply.outer(size, course) for size, course in terms) / (4 * np.pi * rho))
+
+    def _between(self, r: float, times: np.ndarray, signal: Signal) -> np.ndarray:
+        """Integral of ``tau s(t - tau)`` from the arrival of P waves to that of S waves."""
+        points, weights = np.polynomial.legendre.leggauss(_POINTS)
+        half = (r / self.s_speed - r / self.p_speed) / 2
+        tau = r / self.p_speed + half * (points + 1)
+        return np.asarray((tau * signal(np.asarray(times)[:, None] - tau)) @ weights * half)

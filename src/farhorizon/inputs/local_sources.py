@@ -1,0 +1,436 @@
+"""Sources at points, along lines and on patches, wherever these lie between the nodes.
+
+What acts at a point is spread over nodes by the weights with which the field at that point is interpolated
+(`farhorizon.geometry.interpolation`). The weights add up to one, so that the strength is the same on every lattice, and
+what one point receives from another is the same both ways. Among the nodes over which it is spread the field is that of
+the spread source; beyond them it is that of the point.
+"""
+
+from __future__ import annotations
+
+import itertools
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.errors import InputError
+from farhorizon.files.storable import Storable
+from farhorizon.geometry.interpolation import INTERPOLATIONS, as_points, interpolation_blocks
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.inputs.expressions import as_signal
+from farhorizon.inputs.sources import Source
+
+_AT_ONCE = 256  # points whose blocks of nodes are held at once
+_PER_NODE = 2  # points along a line or a patch for each spacing of its length
+
+_ANGLES = ("strike", "dip", "rake")
+
+
+class LocalSource(Storable, ABC):
+    """A source at places of its own, which the lattice does not need to have nodes at.
+
+    Attributes
+    ----------
+    tag : str
+        Its `type` in a case file: ``PointForce`` is "point-force".
+    known : dict of str to type
+        All such sources by name, those that users define among them.
+    """
+
+    tag: ClassVar[str]
+    known: ClassVar[dict[str, type[LocalSource]]] = {}
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        cls.tag = kinds.hyphened(cls.__name__)
+        LocalSource.known[cls.__name__] = cls
+
+    @abstractmethod
+    def placed(self, lattice: Lattice, components: int, key: str) -> list[Source]:
+        """What it is on the nodes: an array and its factor of time, for each such factor.
+
+        Parameters
+        ----------
+        lattice : Lattice
+        components : int
+            Of the field.
+        key : str
+            Named in messages.
+
+        Raises
+        ------
+        InputError
+            A source of another field or dimension, or one that is not in the near field with all nodes over which it is
+            spread.
+        """
+
+
+def spread(
+    lattice: Lattice,
+    points: np.ndarray,
+    amounts: np.ndarray,
+    interpolation: str,
+    key: str,
+    derivative: int | None = None,
+) -> np.ndarray:
+    """Densities on the nodes whose sum over all cells is that of the amounts at some points.
+
+    Parameters
+    ----------
+    lattice : Lattice
+    points : ndarray, shape (n, dim)
+    amounts : ndarray, shape (n,)
+    interpolation : {"sinc", "linear"}
+    key : str
+        Of the points, named in messages.
+    derivative : int, optional
+        Axis along which the points move: what the densities change by per length.
+
+    Returns
+    -------
+    ndarray, of the lattice's shape
+
+    Raises
+    ------
+    InputError
+        As `farhorizon.geometry.interpolation.interpolation_blocks`.
+    """
+    density = np.zeros(int(np.prod(lattice.shape)))
+    for start in range(0, len(points), _AT_ONCE):
+        some = slice(start, start + _AT_ONCE)
+        nodes, weights = interpolation_blocks(lattice, points[some], interpolation, derivative, key).entries()
+        np.add.at(density, nodes, weights * amounts[some, None])
+    return density.reshape(lattice.shape) / lattice.spacing**lattice.dim
+
+
+def settle_source(source: Any, **values: Any) -> None:
+    """Keep what all local sources have, and more: the factor of time and the interpolation."""
+    time = None if source.time is None else as_signal(source.time, "source.time")
+    kinds.one_of(source.interpolation, "source.interpolation", INTERPOLATIONS, "unknown interpolation")
+    kinds.settle(source, time=time, **values)
+
+
+def place_of(at: Any, key: str = "source.at") -> tuple[float, ...]:
+    """The coordinates of one point."""
+    found = np.atleast_1d(kinds.array(at, key))
+    if found.ndim != 1 or not 1 <= found.size <= 3:
+        raise InputError("a point has one coordinate an axis", value=kinds.said(at), key=key)
+    return tuple(found.tolist())
+
+
+def amount_of(value: Any, key: str) -> float | tuple[float, ...]:
+    """A number, or one component an axis."""
+    found = kinds.array(value, key)
+    if found.ndim > 1 or found.size > 3:
+        raise InputError(
+            "must be a number, or of an elastic medium one component an axis", value=kinds.said(value), key=key
+        )
+    kinds.check_magnitude(found, key)
+    return tuple(found.tolist()) if found.ndim else float(found)
+
+
+def directed(density: np.ndarray, amount: float | tuple[float, ...], components: int, key: str) -> np.ndarray:
+    """The density of a scalar field times a number, of a field of vectors times a vector."""
+    if np.size(amount) != components or (np.ndim(amount) == 0) != (components == 1):
+        raise InputError(
+            "the source is one of another field",
+            value="one number" if np.ndim(amount) == 0 else f"{np.size(amount)} components",
+            limit="a number" if components == 1 else f"{components} components",
+            key=key,
+            remedy="PointSource for a scalar field, PointForce for an elastic medium",
+        )
+    return np.asarray(amount * density if components == 1 else np.multiply.outer(np.asarray(amount), density))
+
+
+@dataclass(frozen=True)
+class PointSource(LocalSource):
+    r"""A source of a scalar field at a point, :math:`q\,\delta(x - x_0)\,s(t)` on the right-hand side.
+
+    Parameters
+    ----------
+    at : sequence of float, or float
+        x0, anywhere in the near field; on a line a number.
+    strength : float
+        q, the integral of the right-hand side over space.
+    time : callable, str, Expression, Signal or float, optional
+        Factor of t; 1 unless given.
+    interpolation : {"sinc", "linear"}
+        How it is spread over nodes: by a Kaiser-windowed sinc over eight nodes to either side along each axis along
+        which the point is between nodes, or over the two beside it.
+
+    Raises
+    ------
+    InputError
+        Coordinates or a strength that are no finite numbers, a factor that is no function of t; with the lattice: a
+        field of vectors, a point outside the near field, in a hole, or closer to an edge or a hole than the nodes over
+        which it is spread.
+
+    Notes
+    -----
+    Hicks (2002), Geophysics 67(1), 156-165.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> lattice = fh.Lattice(0.5, (-8.0, -8.0), (8.0, 8.0))
+    >>> hydrophone = fh.PointSource((0.1, -0.3), time=fh.Ricker(0.3))
+    >>> sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), sources=[hydrophone])
+    >>> round(float(sim.sources[0][0].sum()) * 0.5**2, 12)  # the integral of its density
+    1.0
+    """
+
+    at: Sequence[float] | float
+    strength: float = 1.0
+    time: Any = None
+    interpolation: str = "sinc"
+
+    def __post_init__(self) -> None:
+        settle_source(self, at=place_of(self.at), strength=kinds.number(self.strength, "source.strength"))
+
+    def placed(self, lattice: Lattice, components: int, key: str) -> list[Source]:
+        """What it is on the nodes."""
+        density = _at_point(self, lattice, key)
+        return [Source(directed(density, self.strength, components, f"{key}.strength"), self.time)]
+
+
+@dataclass(frozen=True)
+class PointForce(LocalSource):
+    r"""A force on an elastic medium at a point, :math:`F\,\delta(x - x_0)\,s(t)` per volume.
+
+    Parameters
+    ----------
+    at : sequence of float
+        x0, anywhere in the near field.
+    force : sequence of float
+        F, one component an axis; in two dimensions per length across the plane.
+    time : callable, str, Expression, Signal or float, optional
+        Factor of t; 1 unless given.
+    interpolation : {"sinc", "linear"}
+        As of `PointSource`.
+
+    Raises
+    ------
+    InputError
+        As `PointSource`, where the medium is not elastic.
+
+    Notes
+    -----
+    The displacement of a homogeneous medium is that of Aki and Richards (2002), eq 4.23.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> lattice = fh.Lattice(1.0, (-12.0, -12.0), (12.0, 12.0))
+    >>> hammer = fh.PointForce((0.3, 0.0), force=(0.0, -2.0), time=fh.ToneBurst(0.1, 2))
+    >>> sim = fh.Simulation(lattice, fh.Elastic(fh.Kernel(2.0), young=1.0), sources=[hammer])
+    >>> [round(float(total), 12) + 0.0 for total in sim.sources[0][0].sum(axis=(1, 2))]
+    [0.0, -2.0]
+    """
+
+    at: Sequence[float]
+    force: Sequence[float]
+    time: Any = None
+    interpolation: str = "sinc"
+
+    def __post_init__(self) -> None:
+        settle_source(self, at=place_of(self.at), force=amount_of(self.force, "source.force"))
+
+    def placed(self, lattice: Lattice, components: int, key: str) -> list[Source]:
+        """What it is on the nodes."""
+        density = _at_point(self, lattice, key)
+        return [Source(directed(density, self.force, components, f"{key}.force"), self.time)]  # type: ignore[arg-type]
+
+
+def _at_point(source: PointSource | PointForce, lattice: Lattice, key: str) -> np.ndarray:
+    points = as_points([source.at], lattice.dim, f"{key}.at")
+    return spread(lattice, points, np.ones(1), source.interpolation, f"{key}.at")
+
+
+@dataclass(frozen=True)
+class MomentTensor(LocalSource):
+    r"""A source without force at a point: :math:`-M_{ij}\,\partial_j \delta(x - x_0)\,s(t)` per volume.
+
+    Parameters
+    ----------
+    at : sequence of float
+        x0, anywhere in the near field.
+    moment : float, or sequence of sequence of float, shape (dim, dim)
+        M, force times length, in two dimensions per length across the plane. A number is an explosion, this times the
+        unit tensor; with the three angles a double couple.
+    time : callable, str, Expression, Signal or float, optional
+        Factor of t; 1 unless given. Of an earthquake, whose slip stays, a `Step`.
+    strike, dip, rake : float, optional
+        Of a double couple in three dimensions, degrees: strike clockwise from north, which is y, x is east and z up;
+        dip from the horizontal, down to the right of the strike; rake of the slip of the upper block, from the strike
+        upwards.
+    interpolation : {"sinc", "linear"}
+        As of `PointSource`; the derivative takes eight nodes to either side, or two, along every axis along which the
+        tensor has an entry.
+
+    Raises
+    ------
+    InputError
+        As `PointForce`; some of the angles without the others, with a tensor or not in three dimensions.
+
+    Notes
+    -----
+    The displacement of a homogeneous medium is that of Aki and Richards (2002), eq 4.29; the tensor of a double couple
+    is their Box 4.4, in axes with x east and z up. The sum of the forces is zero; of a symmetric tensor that of their
+    torques, too, as far as interpolation is right.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> import numpy as np
+    >>> quake = fh.MomentTensor((0, 0, 0), 2.0, fh.Step(3.0), strike=0.0, dip=90.0, rake=0.0)
+    >>> (np.round(quake.tensor(3), 12) + 0.0).tolist()  # slip to the north on a vertical plane
+    [[0.0, 2.0, 0.0], [2.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
+    >>> fh.MomentTensor((0.0, 0.0), 1.0).tensor(2).tolist()
+    [[1.0, 0.0], [0.0, 1.0]]
+    """
+
+    at: Sequence[float]
+    moment: float | Sequence[Sequence[float]]
+    time: Any = None
+    strike: float | None = None
+    dip: float | None = None
+    rake: float | None = None
+    interpolation: str = "sinc"
+
+    def __post_init__(self) -> None:
+        moment = kinds.array(self.moment, "source.moment")
+        kinds.check_magnitude(moment, "source.moment")
+        if moment.shape not in ((), (2, 2), (3, 3)):
+            raise InputError(
+                "a moment is a number or a tensor",
+                value=kinds.said(moment),
+                limit="shape (2, 2) in two dimensions, (3, 3) in three",
+                key="source.moment",
+            )
+        given = {name: getattr(self, name) for name in _ANGLES if getattr(self, name) is not None}
+        if given and (len(given) < len(_ANGLES) or moment.ndim):
+            raise InputError(
+                "a double couple is given by strike, dip, rake and one number for the moment",
+                value=f"{', '.join(given)} and a {'tensor' if moment.ndim else 'number'}",
+                key="source.moment",
+                remedy="all three angles, or the tensor alone",
+            )
+        angles = {name: kinds.number(value, f"source.{name}") for name, value in given.items()}
+        settle_source(self, at=place_of(self.at), moment=moment.tolist(), **angles)
+
+    def tensor(self, dim: int) -> np.ndarray:
+        """The moment tensor on a lattice of so many dimensions, shape (dim, dim).
+
+        Raises
+        ------
+        InputError
+            A tensor of another shape, a double couple where there are not three dimensions.
+        """
+        if self.strike is not None and dim == 3:
+            return self.moment * _double_couple(*(np.radians(getattr(self, name)) for name in _ANGLES))
+        found = np.asarray(self.moment) * np.eye(dim) if np.ndim(self.moment) == 0 else np.asarray(self.moment)
+        if self.strike is not None or found.shape != (dim, dim):
+            raise InputError(
+                "the moment tensor is one of another number of dimensions",
+                value="strike, dip and rake" if self.strike is not None else f"shape {found.shape}",
+                limit=f"shape ({dim}, {dim})",
+                key="source.moment",
+                remedy="a tensor of the lattice's axes",
+            )
+        return found
+
+    def placed(self, lattice: Lattice, components: int, key: str) -> list[Source]:
+        """What it is on the nodes."""
+        if components == 1:
+            raise InputError(
+                "a moment tensor acts on an elastic medium", key=key, remedy="PointSource for a scalar field"
+            )
+        tensor = self.tensor(lattice.dim)
+        points = as_points([self.at], lattice.dim, f"{key}.at")
+        force = np.zeros((components, *lattice.shape))
+        for axis in np.flatnonzero(tensor.any(0)):
+            slope = spread(lattice, points, np.ones(1), self.interpolation, f"{key}.at", int(axis))
+            force += np.multiply.outer(tensor[:, axis], slope)
+        return [Source(force, self.time)]
+
+
+def _double_couple(strike: float, dip: float, rake: float) -> np.ndarray:
+    """The tensor ``d n + n d`` of unit slip d of the upper block on a plane with the upward normal n, with x east, y
+    north and z up; angles in radians.
+    """
+    along = np.array([np.sin(strike), np.cos(strike), 0.0])
+    across = np.array([np.cos(strike), -np.sin(strike), 0.0])  # horizontal, to the right: where the plane dips
+    up = np.array([0.0, 0.0, 1.0])
+    normal = np.sin(dip) * across + np.cos(dip) * up
+    slip = np.cos(rake) * along + np.sin(rake) * (np.sin(dip) * up - np.cos(dip) * across)
+    return np.outer(slip, normal) + np.outer(normal, slip)
+
+
+@dataclass(frozen=True)
+class LineSource(LocalSource):
+    """A source, or a force on an elastic medium, along a polyline.
+
+    Parameters
+    ----------
+    points : array_like, shape (n, dim)
+        Of the polyline.
+    strength : float or sequence of float
+        Per length; in an elastic medium a force, one component an axis.
+    time : callable, str, Expression, Signal or float, optional
+        Factor of t; 1 unless given.
+    interpolation : {"sinc", "linear"}
+        As of `PointSource`.
+
+    Raises
+    ------
+    InputError
+        As `PointSource`; fewer than two points, or all in one place.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> lattice = fh.Lattice(0.5, (-9.0, -9.0), (9.0, 9.0))
+    >>> wire = fh.LineSource([(-1.0, -2.0), (2.0, 2.0)], strength=3.0, time="sin(t)")  # 5 long
+    >>> sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), sources=[wire])
+    >>> round(float(sim.sources[0][0].sum()) * 0.5**2, 12)
+    15.0
+    """
+
+    points: Sequence[Sequence[float]]
+    strength: float | Sequence[float]
+    time: Any = None
+    interpolation: str = "sinc"
+
+    def __post_init__(self) -> None:
+        points = kinds.array(self.points, "source.points", shape=(None, None))
+        if len(points) < 2 or not np.ptp(points, axis=0).any():
+            raise InputError(
+                "a line has two points or more, not all in one place", value=kinds.said(points), key="source.points"
+            )
+        settle_source(self, points=points.tolist(), strength=amount_of(self.strength, "source.strength"))
+
+    def placed(self, lattice: Lattice, components: int, key: str) -> list[Source]:
+        """What it is on the nodes."""
+        corners = as_points(self.points, lattice.dim, f"{key}.points")
+        pieces = [patch(start, [end - start], lattice.spacing) for start, end in itertools.pairwise(corners)]
+        points, amounts = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
+        density = spread(lattice, points, amounts, self.interpolation, f"{key}.points")
+        return [Source(directed(density, self.strength, components, f"{key}.strength"), self.time)]  # type: ignore[arg-type]
+
+
+def patch(corner: np.ndarray, edges: Sequence[np.ndarray], spacing: float) -> tuple[np.ndarray, np.ndarray]:
+    """Points in the middle of equal parts of a line or a parallelogram, shape (n, dim), and the length or area of each,
+    shape (n,), at least two parts a spacing.
+    """
+    points, size = corner[None], 1.0
+    for edge in edges:
+        length = float(np.linalg.norm(edge))
+        count = max(1, int(np.ceil(_PER_NODE * length / spacing)))
+        along = (np.arange(count) + 0.5) / count
+        points = (points[:, None] + along[None, :, None] * edge).reshape(-1, corner.size)
+        size *= length / count
+    return points, np.full(len(points), size)

@@ -1,0 +1,138 @@
+"""Arrays of elements that push one after the other, so that their waves meet in a focus or leave at an angle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.errors import InputError
+from farhorizon.geometry.interpolation import as_points
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.inputs.local_sources import LocalSource, amount_of, directed, patch, place_of, settle_source, spread
+from farhorizon.inputs.sources import Source, steady
+
+
+@dataclass(frozen=True)
+class PhasedArray(LocalSource):
+    r"""Equal elements in a row that are driven by one signal with delays.
+
+    Each is a line, or with `across` a parallelogram, on which a source or a force is evenly spread: on a free side a
+    traction. The delays are those of rays: towards a focus ``(max_j d_j - d_i) / c`` with the distances d of the
+    elements' centres, at an angle to the row's normal ``s_i sin(angle) / c`` with their places s along the row.
+
+    Parameters
+    ----------
+    first, last : sequence of float
+        Centres of the first and the last element.
+    elements : int
+        At least 2.
+    strength : float or sequence of float
+        Per length, with `across` per area; in an elastic medium a force, one component an axis.
+    time : callable, str, Expression or Signal
+        Signal of each element, zero before t = 0.
+    speed : float, optional
+        c of the waves that are to meet; needed for delays.
+    focus : sequence of float, optional
+        Where they meet.
+    angle : float, optional
+        Between their direction and the normal of the row, degrees, towards the last element.
+    width : float, optional
+        Of an element along the row; the distance of two unless given.
+    across : sequence of float, optional
+        The elements' other edge, a vector.
+    interpolation : {"sinc", "linear"}
+        As of `PointSource`.
+
+    Raises
+    ------
+    InputError
+        As `PointSource`; a focus and an angle together, either without a speed, elements that overlap.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> probe = fh.PhasedArray((-4.0, 0.0), (4.0, 0.0), 9, (0.0, -1.0), fh.ToneBurst(0.1, 3), speed=2.0, angle=30.0)
+    >>> probe.delays.round(12).tolist()
+    [0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0]
+    """
+
+    first: Sequence[float]
+    last: Sequence[float]
+    elements: int
+    strength: float | Sequence[float]
+    time: Any
+    speed: float | None = None
+    focus: Sequence[float] | None = None
+    angle: float | None = None
+    width: float | None = None
+    across: Sequence[float] | None = None
+    interpolation: str = "sinc"
+
+    def __post_init__(self) -> None:
+        kinds.integer(self.elements, "source.elements", least=2)
+        points = {name: getattr(self, name) for name in ("first", "last", "focus", "across")}
+        points = {
+            name: place_of(at, f"source.{name}")
+            for name, at in points.items()
+            if at is not None or name in ("first", "last")
+        }
+        if len({len(at) for at in points.values()}) > 1 or points["first"] == points["last"]:
+            raise InputError(
+                "the first and the last element differ, and every point has one coordinate an axis",
+                value=[self.first, self.last],
+                key="source.first",
+            )
+        settle_source(self, strength=amount_of(self.strength, "source.strength"), **points)
+        pitch = self._length / (self.elements - 1)
+        limits = {"speed": {"above": 0}, "angle": {"least": -90, "most": 90}, "width": {"above": 0}}
+        for name, range_ in limits.items():
+            if (value := getattr(self, name)) is not None:
+                kinds.settle(self, **{name: kinds.number(value, f"source.{name}", **range_)})  # type: ignore[arg-type]
+        if self.width is not None and self.width > pitch * (1 + 1e-9):
+            raise InputError("the elements overlap", value=self.width, limit=f"{pitch:.6g}", key="source.width")
+        if self.focus is not None and self.angle is not None:
+            raise InputError("either a focus or an angle", value=self.angle, key="source.angle", remedy="leave one out")
+        if (self.focus is not None or self.angle is not None) and self.speed is None:
+            raise InputError("delays follow from the speed of the waves", key="source.speed", remedy="give speed")
+
+    @property
+    def _length(self) -> float:
+        return float(np.linalg.norm(np.subtract(self.last, self.first)))
+
+    @property
+    def centres(self) -> np.ndarray:
+        """Centres of the elements, shape (elements, dim)."""
+        return np.linspace(self.first, self.last, self.elements)
+
+    @property
+    def delays(self) -> np.ndarray:
+        """Delays of the elements, shape (elements,); the least is zero."""
+        if self.speed is None:
+            return np.zeros(self.elements)
+        if self.focus is not None:
+            lead = -np.linalg.norm(self.centres - np.asarray(self.focus), axis=1)
+        else:
+            lead = np.linspace(0.0, self._length, self.elements) * np.sin(np.radians(self.angle or 0.0))
+        return np.asarray((lead - lead.min()) / self.speed)
+
+    def placed(self, lattice: Lattice, components: int, key: str) -> list[Source]:
+        """What it is on the nodes."""
+        row = np.subtract(self.last, self.first) / self._length
+        width = self._length / (self.elements - 1) if self.width is None else self.width
+        edges = [width * row, *([] if self.across is None else [np.asarray(self.across)])]
+        found = []
+        for centre, delay in zip(as_points(self.centres, lattice.dim, f"{key}.first"), self.delays, strict=True):
+            points, amounts = patch(centre - sum(edges) / 2, edges, lattice.spacing)
+            density = spread(lattice, points, amounts, self.interpolation, key)
+            values = directed(density, self.strength, components, f"{key}.strength")  # type: ignore[arg-type]
+            found.append(Source(values, _later(self.time or steady, float(delay))))
+        return found
+
+
+def _later(time: Callable[[float], Any], delay: float) -> Callable[[float], Any]:
+    """A factor of time after a delay, zero before."""
+    return lambda t: time(t - delay) if t >= delay else 0.0

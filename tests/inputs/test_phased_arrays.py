@@ -1,0 +1,78 @@
+"""Phased arrays: delays, what they send, and what is refused."""
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.geometry.interpolation import interpolation_blocks
+
+BURST = fh.ToneBurst(0.08, 4)
+
+
+def test_delays_towards_a_focus():
+    """All waves arrive at once; the one with the longest way goes first."""
+    array = fh.PhasedArray((-3.0, 1.0), (5.0, 1.0), 9, 1.0, BURST, speed=2.0, focus=(1.5, -6.0))
+    arrivals = array.delays + np.linalg.norm(array.centres - [1.5, -6.0], axis=1) / 2.0
+    np.testing.assert_allclose(arrivals, arrivals[0], rtol=1e-14)
+    assert array.delays.min() == 0
+
+
+def test_delays_at_an_angle():
+    """A plane front: the ways along its direction make up for the delays."""
+    array = fh.PhasedArray((0.0, 0.0, 0.0), (3.0, 4.0, 0.0), 6, 1.0, BURST, speed=2.0, angle=-35.0)
+    along = array.centres @ np.array([3.0, 4.0, 0.0]) / 5
+    front = array.delays - along * np.sin(np.radians(-35.0)) / 2.0
+    np.testing.assert_allclose(front, front[0], atol=1e-14)
+    assert fh.PhasedArray((0, 0), (3, 0), 2, 1.0, BURST).delays.tolist() == [0, 0]
+
+
+def test_the_sum_of_its_elements():
+    """The same run as with as many lines, each with its own expression of a delayed signal."""
+    lattice, model = fh.Lattice(1.0, (-16.0, -14.0), (16.0, 14.0)), fh.Wave(fh.Kernel(2.0))
+    array = fh.PhasedArray((-4.2, -2.0), (4.2, -2.0), 3, 0.7, BURST, speed=1.0, angle=40.0, width=3.0)
+    half = np.array([1.5, 0.0])
+    lines = [
+        fh.LineSource([c - half, c + half], 0.7, lambda t, d=d: float(BURST(t - d)))
+        for c, d in zip(array.centres, array.delays, strict=True)
+    ]
+    runs = []
+    for sources in ([array], lines):
+        sim = fh.Simulation(lattice, model, fh.Fixed(), sources=sources, threads=1)
+        runs.append(sim.run(until=30.0).fields["u"])
+    assert np.abs(runs[0]).max() > 0.1
+    np.testing.assert_allclose(runs[0], runs[1], rtol=0, atol=1e-13)
+
+
+def test_it_focuses():
+    """The largest amplitude along the line below lies at the focus; without delays, or towards elsewhere, not there."""
+    lattice, model = fh.Lattice(1.0, (-24.0, -20.0), (24.0, 10.0)), fh.Wave(fh.Kernel(2.0))
+    line = np.column_stack([np.linspace(-12, 12, 49), np.full(49, -8.0)])
+    nodes, weights = interpolation_blocks(lattice, line).entries()
+    for focus in (-6.0, 5.0):
+        array = fh.PhasedArray((-12, 0), (12, 0), 17, 1.0, BURST, speed=1.0, focus=(focus, -8.0))
+        sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=10), sources=[array], threads=1)
+        largest = np.zeros(len(line))
+        while sim.time < 70.0:
+            sim.step(2)
+            largest = np.maximum(largest, np.abs((weights * sim.fields["u"].ravel()[nodes]).sum(-1)))
+        # within a third of the wave, of length 12
+        assert abs(line[np.argmax(largest), 0] - focus) < 4
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"angle": 10.0}, r"source\.speed: delays follow from the speed"),
+        ({"angle": 10.0, "focus": (0.0, -5.0), "speed": 1.0}, r"source\.angle: either a focus or an angle"),
+        ({"angle": 95.0, "speed": 1.0}, r"source\.angle: is out of range"),
+        ({"width": 2.5}, r"source\.width: the elements overlap; value: 2.5; limit: 2"),
+        ({"elements": 1}, r"source\.elements: .*limit: 2 to"),
+        ({"last": (0.0, 0.0)}, r"source\.first: the first and the last element differ"),
+        ({"focus": (0.0, 0.0, 1.0), "speed": 1.0}, "one coordinate an axis"),
+        ({"strength": [[1.0]]}, r"source\.strength: must be a number"),
+    ],
+)
+def test_what_is_refused(changes, message):
+    given = {"first": (0.0, 0.0), "last": (6.0, 0.0), "elements": 4, "strength": 1.0, "time": BURST}
+    with pytest.raises(fh.InputError, match=message):
+        fh.PhasedArray(**{**given, **changes})
