@@ -92,6 +92,24 @@ def test_a_backward_wave_comes_with_its_phase_running_away():
     )
 
 
+@pytest.mark.parametrize("detuned", [0.8, 0.95, 1.05, 1.25])
+def test_a_wave_is_told_from_one_at_right_angles_to_it(detuned):
+    """The S waves of a plane of symmetry have almost one wavenumber; each is found by its polarisation, from a guess
+    that may be nearer to the other.
+    """
+    stencil = fh.Elastic(None, young=1.0, poisson=0.3, material="finite-element").stencil(1.0, 3)
+    recursion = Recursion.of(Verlet(), 0.3 * Verlet.step_limit(stencil.symbol_maximum))
+    number, along = 0.9, 0.5
+    values, vectors = np.linalg.eigh(stencil.symbol(number, along, 0.0))
+    for value, vector in zip(values, vectors.T, strict=True):
+        factor = factor_of_wave(-float(value), recursion)
+        modes = chain_modes(
+            chain_weights(stencil, [along, 0.0]), factor, recursion, np.exp(1j * number * detuned), vector
+        )
+        assert modes.incoming == pytest.approx(np.exp(1j * number), abs=1e-9)
+        assert abs(np.vdot(modes.vector, vector)) == pytest.approx(1.0, abs=1e-9)
+
+
 def wave(stencil, branch, eigenvalue, along):
     """Normal wavenumber (positive), polarisation and flux over amplitude squared of a long wave of given frequency and
     tangential wavenumber.

@@ -23,6 +23,7 @@ from farhorizon.medium.stencil import Stencil
 TYPES = {1: ("",), 2: ("P", "S"), 3: ("P", "SV", "SH")}  # of waves, by components of the field
 _UNIT = 1e-8  # a mode whose modulus differs less from 1 propagates
 _ALIKE = 1e-6  # modes whose factors differ less are polarisations of one
+_MEANT = 0.1  # of the largest overlap with a polarisation: a wave that has it
 # a mode that falls by more over a node is not felt two nodes away; infinite where the outermost weights are singular
 _FAR = 1e5
 
@@ -160,7 +161,11 @@ def chain_modes(
     there = (len(blocks) // 2) * blocks.shape[1]
     if not ahead.any() or not 0 < (~ahead).sum() <= there:  # or overdamped, where nothing travels
         raise InputError("no wave of this frequency and wavenumber comes to the side", value=near)
-    incoming = roots[ahead][np.argmin(np.minimum(np.abs(roots[ahead] - near), np.abs(roots[ahead] - 1 / near)))]
+    away = np.minimum(np.abs(roots - near), np.abs(roots - 1 / near))
+    if polarisation is not None:  # another wave, at right angles to this one, may be as near
+        alike = np.abs(vectors.conj() @ polarisation)
+        away = np.where(alike > _MEANT * alike[ahead].max(), away, np.inf)
+    incoming = roots[ahead][np.argmin(away[ahead])]
     leaving = roots[~ahead]
     travels = np.abs(np.abs(leaving) - 1) <= _UNIT + 2 * abs(abs(incoming) - 1)
     if not travels.any():  # a field that dies out towards the side, and comes back as one that dies out away from it
