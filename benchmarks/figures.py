@@ -21,6 +21,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -53,6 +54,12 @@ def reproduced(name: str, wanted: dict[str, tuple[str, str]]) -> Measurement:
 
     command = ("farhorizon", "reproduce", name)
     return Measurement(command, {key: reader(*how) for key, how in wanted.items()})
+
+
+def validated(name: str, rows: dict[str, int]) -> Measurement:
+    """Numbers of a problem with an exact solution, by their place in its table."""
+    readers = {f"{name}.{key}": partial(lambda i, found: found["rows"][i]["ours"], i) for key, i in rows.items()}
+    return Measurement(("farhorizon", "validate", name), readers)
 
 
 def reach(m: int, nodes: int) -> Callable[[Any], float]:
@@ -109,6 +116,14 @@ MEASUREMENTS = {
         ("python", "benchmarks/accuracy.py", "waves2d"),
         {f"reach{m}.{nodes}": reach(m, nodes) for m in (4, 5, 6) for nodes in (12, 20)},
     ),
+    "gaussian-bar": validated("gaussian-bar", {"error": 0, "order": 2}),
+    "gaussian-plane": validated("gaussian-plane", {"error": 0}),
+    "mach-cone": validated("mach-cone", {"error": 1, "order": 2, "angle": 3}),
+    "mach-cones": validated("mach-cones", {"error": 1, "order": 2}),
+    "explosion": validated("explosion", {"error": 2, "order": 4, "static": 6}),
+    "mode-three": validated("mode-three", {"early": 0, "late": 2, "static": 6}),
+    "pencil-electrode": validated("pencil-electrode", {"rate": 2}),
+    "open-electrolyte": validated("open-electrolyte", {"rate": 2}),
     "bar": Measurement(
         ("python", "benchmarks/layer.py", "bar"),
         {
@@ -192,7 +207,7 @@ def main() -> None:
     given = parser.parse_args()
     if given.list:
         for name, measurement in MEASUREMENTS.items():
-            print(f"{name:9}{' '.join(measurement.command)}")
+            print(f"{name:18}{' '.join(measurement.command)}")
         return
     names = list(MEASUREMENTS) if given.names == ["all"] else given.names
     if unknown := set(names) - set(MEASUREMENTS):

@@ -59,7 +59,17 @@ def test_commands_of_the_readme_exist(capsys):
     lines = [part for block in _blocks("sh") for part in re.split(r"&&|\n", block) if part.strip()]
     lines += re.findall(r"^\| `(farhorizon [^`]*)`", README, re.MULTILINE)
     ours = [shlex.split(line) for line in lines if line.strip().startswith("farhorizon")]
-    assert {words[1] for words in ours} == {"demo", "new", "keys", "check", "run", "compare", "plot", "reproduce"}
+    assert {words[1] for words in ours} == {
+        "demo",
+        "new",
+        "keys",
+        "check",
+        "run",
+        "compare",
+        "plot",
+        "reproduce",
+        "validate",
+    }
     for words in ours:
         with pytest.raises(SystemExit) as end:
             main([words[1], "--help"])

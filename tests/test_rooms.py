@@ -38,6 +38,7 @@ ORDER = (
     "public",  # every public name
     "case",  # TOML to a set-up
     "papers",  # published figures
+    "validation",  # exact solutions of unbounded media
     "",
     "cli",
     "__main__",  # the door: `farhorizon` itself, which loads public names late, and the command line
@@ -137,7 +138,10 @@ def test_every_room_is_there_and_says_what_it_is(arrows):
 
 
 def test_no_two_things_have_one_name():
-    """Modules, classes and public functions of modules; what reproduces a paper is called as the paper calls it."""
+    """Modules, classes and public functions of modules; what reproduces a paper is called as the paper calls it, and
+    each exact solution has its own run.
+    """
+    apart = {"farhorizon.papers", "farhorizon.validation"}
     places = {"module": [], "class": [], "function": []}
     for name, path in modules().items():
         room, _, module = name.rpartition(".")
@@ -146,7 +150,7 @@ def test_no_two_things_have_one_name():
         for node in ast.parse(path.read_text()).body:
             if isinstance(node, ast.ClassDef):
                 places["class"].append(node.name)
-            elif isinstance(node, ast.FunctionDef) and not node.name.startswith("_") and room != "farhorizon.papers":
+            elif isinstance(node, ast.FunctionDef) and not node.name.startswith("_") and room not in apart:
                 places["function"].append(node.name)
     twice = {
         kind: sorted(name for name, count in Counter(names).items() if count > 1) for kind, names in places.items()

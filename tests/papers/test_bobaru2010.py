@@ -5,7 +5,7 @@ import pytest
 
 from farhorizon.papers import bobaru2010 as paper
 from farhorizon.papers.bobaru2010 import DIVISIONS, KERNELS, RATIOS, SLOPES, DiffusionExample, difference
-from farhorizon.papers.registry import find, reproductions
+from farhorizon.papers.reproductions import REPRODUCTIONS
 
 #: Mid temperatures at 8 s by an independent program that is exact in time (matrix exponential of the same grids); rows
 #: 3L/100 .. 3L/800,
@@ -116,7 +116,7 @@ def test_profiles_tell_the_bulk_from_the_held_ends(tmp_path):
     nodes, length, alpha, m = 1067, 10.0, 1.14, 4
     dx = length / nodes
     x = dx * (np.arange(nodes) + 0.5)
-    found = {row.what: row.ours for row in find("bobaru2010-fig8").run(tmp_path).rows}
+    found = {row.what: row.ours for row in REPRODUCTIONS.find("bobaru2010-fig8").run(tmp_path).rows}
     n = np.arange(1, 2000, 2)[:, None]
     for kernel, shape in (("constant", lambda k: 1.0), ("triangular", lambda k: 2 * (1 - k / m))):
         matrix = np.zeros((nodes, nodes))
@@ -146,9 +146,9 @@ def test_grids():
 
 @pytest.mark.parametrize("name", [f"bobaru2010-fig{n}" for n in range(8, 16)])
 def test_reproductions(name, tmp_path):
-    assert name in reproductions()
+    assert name in REPRODUCTIONS.entries()
     if name == "bobaru2010-fig10":
         return  # the wide stencils of its last panels take half a minute to compile
-    outcome = find(name).function(tmp_path)
+    outcome = REPRODUCTIONS.find(name).function(tmp_path)
     assert outcome.rows and all(np.isfinite(row.ours) for row in outcome.rows)
     assert outcome.pictures[0].stat().st_size > 20_000

@@ -9,7 +9,7 @@ from farhorizon.boundaries import Fixed, LatticePML, PlaneWave
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.papers import hermann2023 as paper
 from farhorizon.papers.measure import growth_from_noise, infinite, measured_run
-from farhorizon.papers.registry import find
+from farhorizon.papers.reproductions import REPRODUCTIONS
 
 
 def rows(outcome):
@@ -20,7 +20,7 @@ def test_example_1(tmp_path):
     """Finite elements: counts; the lattice PML below 1e-7, the repaired condition below the published and the
     first-order one at the end.
     """
-    outcome = find("hermann2023-ex1").run(tmp_path)
+    outcome = REPRODUCTIONS.find("hermann2023-ex1").run(tmp_path)
     found = rows(outcome)
     assert found["nodes of the square"].deviation == found["elements"].deviation == 0
     assert outcome.infinite_error["lattice PML"] <= 1e-7
@@ -132,7 +132,7 @@ def test_appendix_b():
 @pytest.mark.slow
 def test_figure_b1(tmp_path):
     """To t = 15 by default; exact ends are exact at their own step."""
-    outcome = find("hermann2023-appB").run(tmp_path)
+    outcome = REPRODUCTIONS.find("hermann2023-appB").run(tmp_path)
     assert outcome.infinite_error["exact ends, dt = 0.001"] < 1e-12
     assert rows(outcome)["published, centre and 25 nodes, t = 15"].ours == pytest.approx(1.8e-4, rel=0.03)
 
@@ -140,7 +140,7 @@ def test_figure_b1(tmp_path):
 @pytest.mark.slow
 def test_figure_10(tmp_path):
     """The history; at the end of the published 5e6 steps the lattice PML has the energy of the infinite medium."""
-    found = {what: row.ours for what, row in rows(find("hermann2023-fig10").run(tmp_path)).items()}
+    found = {what: row.ours for what, row in rows(REPRODUCTIONS.find("hermann2023-fig10").run(tmp_path)).items()}
     assert found["lattice PML, largest difference at (20, 10) to t = 60"] < 1e-9
     assert found["first order, A13, largest difference at (20, 10) to t = 60"] > 1e-3
     end = "energy at t = 2500 / initial"
@@ -152,7 +152,7 @@ def test_figure_6(tmp_path):
     """The series of high order and the fine lattice are at the closed form, the series of order 4 and the local
     relation are not.
     """
-    found = {what: row.ours for what, row in rows(find("hermann2023-fig6").run(tmp_path)).items()}
+    found = {what: row.ours for what, row in rows(REPRODUCTIONS.find("hermann2023-fig6").run(tmp_path)).items()}
     at = "frequency at wavenumber 3, "
     closed = found[at + "closed form"]
     assert found[at + "Taylor, order 26"] == pytest.approx(closed, rel=1e-5)
@@ -165,7 +165,7 @@ def test_example_2(tmp_path):
     """Both horizons: A better than B; the repaired fit and Higdon's condition as good as known; the lattice PML below
     1e-7.
     """
-    errors = find("hermann2023-ex2").run(tmp_path).infinite_error
+    errors = REPRODUCTIONS.find("hermann2023-ex2").run(tmp_path).infinite_error
     for reach, fit, higdon in ((6, 4.5e-4, 8.4e-4), (3, 1.8e-4, 1.1e-3)):  # an independent program
         mark = f"horizon {reach} spacings: "
         assert errors[mark + "repaired"] < 2 * fit
@@ -177,7 +177,7 @@ def test_example_2(tmp_path):
 @pytest.mark.slow
 def test_example_3(tmp_path):
     """A larger disc is better for the fitted conditions; the lattice PML does not need it."""
-    errors = find("hermann2023-ex3").run(tmp_path).infinite_error
+    errors = REPRODUCTIONS.find("hermann2023-ex3").run(tmp_path).infinite_error
     for name in ("published A, thinned by 2", "repaired", "Higdon (0, 45)"):
         assert errors[f"radius 42, {name}"] < 0.5 * errors[f"radius 26, {name}"]
     assert max(errors["radius 26, lattice PML"], errors["radius 42, lattice PML"]) < 1e-7

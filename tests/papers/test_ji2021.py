@@ -18,7 +18,7 @@ from farhorizon.papers.ji2021 import (
     semi_discrete_kernel,
     solution,
 )
-from farhorizon.papers.registry import find
+from farhorizon.papers.reproductions import REPRODUCTIONS
 
 
 def chain_impulse(weights, t, half=400):
@@ -154,7 +154,7 @@ def test_reference_is_exact_in_time():
 
 
 def check_table(name, tmp_path, misprints):
-    outcome = find(name).function(tmp_path)
+    outcome = REPRODUCTIONS.find(name).function(tmp_path)
     assert sum(row.corrected is not None for row in outcome.rows) == misprints
     for row in outcome.rows:
         assert abs(row.deviation) <= 0.015, row  # the aim: 1.5 %
@@ -178,7 +178,7 @@ def test_tables_to_100(name, misprints, tmp_path):
 @pytest.mark.slow
 def test_table_1(tmp_path):
     """True errors as an independent program has them; against the half step within 5 % of the printed ones."""
-    rows = {row.what: row for row in find("ji2021-table1").function(tmp_path).rows}
+    rows = {row.what: row for row in REPRODUCTIONS.find("ji2021-table1").function(tmp_path).rows}
     published = {
         "3": (1.24e-5, 1.96e-5, 5.23e-5, 8.51e-5),
         "18": (1.23e-6, 2.02e-6, 6.39e-6, 1.18e-5),
@@ -197,7 +197,7 @@ def test_velocities_of_figure_4(tmp_path):
     """Beside the continuum's: what the lattice is off by, at once the same for both boundaries; at t = 40 only ours has
     left the bar.
     """
-    outcome = find("ji2021-fig4").run(tmp_path)
+    outcome = REPRODUCTIONS.find("ji2021-fig4").run(tmp_path)
     found = {row.what: row.ours for row in outcome.rows}
     for t in (5, 10):
         assert all(
@@ -252,7 +252,7 @@ def test_histories_of_the_seismic_source(tmp_path):
     early = times <= 10
     np.testing.assert_allclose(found["reference"][early, paper.ORIGIN], [ricker(t) for t in times[early]], atol=1e-14)
     assert np.abs(found[paper.OURS] - found["reference"]).max() < 2e-4
-    rows = {row.what: row for row in find("ji2021-fig13").run(tmp_path).rows}
+    rows = {row.what: row for row in REPRODUCTIONS.find("ji2021-fig13").run(tmp_path).rows}
     for place, t, height in (("right end", 15, 2), ("left end", 15, 1), ("left end", 35, 1), ("origin", 25, 1)):
         assert 0.85 * height < rows[f"{place}, hump about t = {t}"].ours < height
     right = found[paper.OURS][:, paper.RIGHT]

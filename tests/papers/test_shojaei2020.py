@@ -8,7 +8,7 @@ from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
 from farhorizon.papers import shojaei2020 as paper
 from farhorizon.papers.measure import infinite, measured_run, stability
-from farhorizon.papers.registry import find
+from farhorizon.papers.reproductions import REPRODUCTIONS
 
 COARSE = 0.005  # five times the paper's step: errors of the conditions change in the third digit
 
@@ -22,7 +22,7 @@ def largest(setup, boundary):
 
 def test_table_1(tmp_path):
     """All 14 entries and the series, which are right as printed."""
-    found = find("shojaei2020-table1").run(tmp_path).rows
+    found = REPRODUCTIONS.find("shojaei2020-table1").run(tmp_path).rows
     assert len(found) == 14 + 4
     assert max(abs(row.deviation) for row in found) < 1e-12
 
@@ -59,7 +59,7 @@ def test_stability():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["shojaei2020-ex1-fem", "shojaei2020-ex1-pd", "shojaei2020-ex1-layers"])
 def test_reproductions(name, tmp_path):
-    outcome = find(name).run(tmp_path)
+    outcome = REPRODUCTIONS.find(name).run(tmp_path)
     assert all(path.stat().st_size > 20_000 for path in outcome.pictures)
     if "lattice PML" in outcome.infinite_error:
         assert outcome.infinite_error["lattice PML"] < 1e-6

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from farhorizon import Kernel
-from farhorizon.papers.registry import find
+from farhorizon.papers.reproductions import REPRODUCTIONS
 from farhorizon.papers.shojaei2020_corrosion import (
     CLOSURES,
     INTERFACE,
@@ -80,7 +80,7 @@ def test_asymmetry():
 @pytest.mark.slow
 def test_full_letters(tmp_path):
     """Example 2 in full size: 1e-5 of the current maximum at 0.076 and 0.266, no event moved."""
-    outcome = find("shojaei2020-ex2").run(tmp_path)
+    outcome = REPRODUCTIONS.find("shojaei2020-ex2").run(tmp_path)
     found = {row.what: row.ours for row in outcome.rows}
     for time in ("0.076", "0.266"):
         assert found[f"t = {time}, LatticePML, largest error / largest concentration"] < 1e-5
@@ -91,7 +91,7 @@ def test_full_letters(tmp_path):
 @pytest.mark.slow
 def test_sphere(tmp_path):
     """Example 3 at twice the spacing: symmetric, and with the layer's target."""
-    outcome = find("shojaei2020-ex3").run(tmp_path)
+    outcome = REPRODUCTIONS.find("shojaei2020-ex3").run(tmp_path)
     found = {row.what: row.ours for row in outcome.rows}
     assert found["LatticePML, largest asymmetry at the end"] < 1e-12
     assert outcome.infinite_error["LatticePML"] < 1e-6 < 1e-2 < outcome.infinite_error["zero flux at the surface"]

@@ -9,7 +9,7 @@ import pytest
 
 from farhorizon import NonlocalPML
 from farhorizon.papers import wildman2012 as paper
-from farhorizon.papers.registry import find
+from farhorizon.papers.reproductions import REPRODUCTIONS
 
 
 def rows(outcome):
@@ -105,7 +105,7 @@ def test_forward_euler():
 
 
 def test_figure_3(tmp_path):
-    outcome = find("wildman2012-fig3").run(tmp_path)
+    outcome = REPRODUCTIONS.find("wildman2012-fig3").run(tmp_path)
     assert rows(outcome)["largest stretch (1/s)"].deviation == 0
     assert outcome.pictures[0].stat().st_size > 20_000
 
@@ -113,7 +113,7 @@ def test_figure_3(tmp_path):
 def test_figure_4(tmp_path):
     """The two part when the fixed edge has answered; at the end the layer's is below a thousandth of the fixed
     one's."""
-    outcome = find("wildman2012-fig4").run(tmp_path)
+    outcome = REPRODUCTIONS.find("wildman2012-fig4").run(tmp_path)
     found = rows(outcome)
     assert found["time at which the two part (0.1 % of the peak)"].ours == pytest.approx(0.73, abs=0.1)
     assert found["largest |u_x| after t = 4, layer"].ours < 1e-2 * found["largest |u_x| after t = 4, fixed"].ours
@@ -121,7 +121,7 @@ def test_figure_4(tmp_path):
 
 def test_figure_5(tmp_path):
     """11.4 % from the local solution and 3.0 % from the nonlocal one (an independent program)."""
-    found = rows(find("wildman2012-fig5").run(tmp_path))
+    found = rows(REPRODUCTIONS.find("wildman2012-fig5").run(tmp_path))
     assert found["layer, from the local solution / peak"].ours == pytest.approx(0.114, abs=0.005)
     assert found["layer, from the nonlocal solution / peak"].ours == pytest.approx(0.030, abs=0.002)
     assert found["eq. 3-3 at r = 0.05, t = 0"].deviation == pytest.approx(0, abs=1e-12)
@@ -130,7 +130,7 @@ def test_figure_5(tmp_path):
 
 def test_figure_7(tmp_path):
     """250 N: three nodes down and across, within one; the balance of energies."""
-    outcome = find("wildman2012-fig7").run(tmp_path)
+    outcome = REPRODUCTIONS.find("wildman2012-fig7").run(tmp_path)
     found = rows(outcome)
     assert abs(found["nodes down"].ours - 3) <= 1 and abs(found["nodes across"].ours - 3) <= 1
     assert found["critical stretch"].deviation == pytest.approx(0, abs=1e-4)
@@ -142,7 +142,9 @@ def test_figure_7(tmp_path):
 def test_figure_9(tmp_path):
     """Every separation within one node at each tip of the paper's fit."""
     found = [
-        row for what, row in rows(find("wildman2012-fig9").run(tmp_path)).items() if what.endswith("separation (mm)")
+        row
+        for what, row in rows(REPRODUCTIONS.find("wildman2012-fig9").run(tmp_path)).items()
+        if what.endswith("separation (mm)")
     ]
     assert len(found) == len(paper.LOADS)
     assert all(abs(row.ours - row.printed) < 2e3 * paper.GRID for row in found)
@@ -170,7 +172,7 @@ def test_long_times(tmp_path):
     """
     found = {
         what.removesuffix(", rate (1/s)"): row.ours
-        for what, row in rows(find("wildman2012-growth").run(tmp_path)).items()
+        for what, row in rows(REPRODUCTIONS.find("wildman2012-growth").run(tmp_path)).items()
     }
     grows = {name for name, rate in found.items() if rate > 0}
     assert grows == {

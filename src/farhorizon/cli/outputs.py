@@ -12,7 +12,7 @@ from typing_extensions import TypedDict
 from farhorizon import __version__
 from farhorizon.checks.certificate import CertificateFacts
 from farhorizon.checks.report import ReportFacts
-from farhorizon.papers.registry import EntryFacts, OutcomeFacts
+from farhorizon.studies.collection import EntryFacts, OutcomeFacts
 from farhorizon.studies.compare import Curve
 
 
@@ -42,9 +42,10 @@ OUTPUTS: dict[str, Any] = {
     "check": ReportFacts,
     "compare": dict[str, Curve],
     "reproduce": OutcomeFacts | dict[str, EntryFacts],
+    "validate": OutcomeFacts | dict[str, EntryFacts],
     "demo": dict[str, Curve],
 }
-"""What each command writes, by boundary what compares, by name what `reproduce` lists."""
+"""What each command writes, by boundary what compares, by name what `reproduce` and `validate` list."""
 
 
 class _WithNull(GenerateJsonSchema):

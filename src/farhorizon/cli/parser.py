@@ -9,9 +9,9 @@ from contextlib import suppress
 from typing import Any, NoReturn
 
 from farhorizon.cli.check_command import check_command
+from farhorizon.cli.collection_commands import reproduce_command, validate_command
 from farhorizon.cli.compare_command import compare_command, demo_command
 from farhorizon.cli.plot_command import plot_command
-from farhorizon.cli.reproduce_command import reproduce_command
 from farhorizon.cli.run_command import run_command
 from farhorizon.cli.text_commands import info_command, keys_command, new_command, schema_command
 
@@ -123,11 +123,11 @@ def _plot(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--format", default="png", metavar="png|pdf|svg", help="of pictures (default: png)")
 
 
-def _reproduce(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("name", nargs="?", help="name of the table or figure")
+def _entry(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("name", nargs="?", help="name in the list")
     sub.add_argument("--out", metavar="DIR", default=".", help="folder of the pictures (default: here)")
     sub.add_argument(
-        "--full", action="store_true", help="the published size, where the default is a smaller one; takes minutes"
+        "--full", action="store_true", help="the published or a finer size, where the default is smaller; takes minutes"
     )
 
 
@@ -190,8 +190,13 @@ _COMMANDS: dict[str, tuple[Callable[..., int], tuple[Callable[[argparse.Argument
     "plot": (plot_command, (_plot,), "draw pictures of a results file"),
     "reproduce": (
         reproduce_command,
-        (_reproduce, _computing),
+        (_entry, _computing),
         "compute a published table or figure anew, ours beside theirs; without a name, list them",
+    ),
+    "validate": (
+        validate_command,
+        (_entry, _computing),
+        "compute a problem of an unbounded medium whose exact solution is known; without a name, list them",
     ),
     "demo": (
         demo_command,

@@ -31,8 +31,9 @@ from farhorizon.inputs.conditions import Constraint, Flux, Insulated, Temperatur
 from farhorizon.medium.integrators import Integrator, RungeKuttaChebyshev
 from farhorizon.medium.kernel import Kernel
 from farhorizon.models import Heat
-from farhorizon.papers.registry import Outcome, Row, reproduction
+from farhorizon.papers.reproductions import reproduction
 from farhorizon.simulation.simulation import Simulation
+from farhorizon.studies.collection import Outcome, Row
 from farhorizon.studies.convergence import Study, convergence
 
 PAPER = "Bobaru, Duangpanya (2010), The peridynamic formulation for transient heat conduction"

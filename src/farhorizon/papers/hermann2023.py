@@ -38,8 +38,9 @@ from farhorizon.papers.measure import (
     stability,
     stability_note,
 )
-from farhorizon.papers.registry import Outcome, Row, reproduction
+from farhorizon.papers.reproductions import reproduction
 from farhorizon.simulation.simulation import Simulation
+from farhorizon.studies.collection import Outcome, Row
 
 PAPER = (
     "Hermann, Shojaei, Seleson, Cyron, Silling (2023), Dirichlet-type absorbing boundary conditions for peridynamic "

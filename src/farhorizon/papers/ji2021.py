@@ -24,7 +24,8 @@ from farhorizon.analysis.exact.chain import Recursion, force_form, fronts, ghost
 from farhorizon.engine.chain_loops import bar_acceleration, recursive_impulse
 from farhorizon.medium.integrators import Verlet
 from farhorizon.papers.bar import Bar, bonds_of
-from farhorizon.papers.registry import Outcome, Row, reproduction
+from farhorizon.papers.reproductions import reproduction
+from farhorizon.studies.collection import Outcome, Row
 
 PAPER = (
     "Ji, Pang, Zhang, Yang, Perdikaris (2021), Exact artificial boundary conditions of 1D semi-discretized peridynamics"

@@ -21,7 +21,8 @@ from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
 from farhorizon.models import Diffusion
 from farhorizon.papers.measure import Measured, Reference, infinite, measured_run, stability_note
-from farhorizon.papers.registry import Outcome, Row, reproduction
+from farhorizon.papers.reproductions import reproduction
+from farhorizon.studies.collection import Outcome, Row
 
 PAPER = (
     "Shojaei, Hermann, Seleson, Cyron (2020), Dirichlet absorbing boundary conditions for classical and "

@@ -33,8 +33,9 @@ from farhorizon.geometry.shapes import Ball, Disc, Shape
 from farhorizon.inputs.specimens import Specimen
 from farhorizon.medium.kernel import Kernel
 from farhorizon.models import Corrosion
-from farhorizon.papers.registry import Outcome, Row, reproduction
+from farhorizon.papers.reproductions import reproduction
 from farhorizon.simulation.simulation import Simulation
+from farhorizon.studies.collection import Outcome, Row
 
 PAPER = (
     "Shojaei, Hermann, Seleson, Cyron (2020), Dirichlet-type absorbing boundary conditions for peridynamic scalar "

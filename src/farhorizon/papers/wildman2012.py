@@ -40,9 +40,10 @@ from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.loads import Traction
 from farhorizon.medium.kernel import Kernel
 from farhorizon.models import Elastic
-from farhorizon.papers.registry import Outcome, Row, reproduction
+from farhorizon.papers.reproductions import reproduction
 from farhorizon.simulation.run import Run
 from farhorizon.simulation.simulation import Simulation
+from farhorizon.studies.collection import Outcome, Row
 
 PAPER = "Wildman, Gazonas (2012), A perfectly matched layer for peridynamics in two dimensions"
 SPACING = 0.01

@@ -92,7 +92,12 @@ class SolidAndLiquid:
         most = float(liquid.max()) / (self.dissolution.saturation - self.background)
         if most <= 1 + _SUPERSATURATED:
             return None
+        remedy = (
+            "limited = true keeps its bound in Euler's steps alone: take integrator = 'euler' or a smaller step"
+            if self.dissolution.limited
+            else "take limited = true, or an interface for the speed of the front (Corrosion.interface_for)"
+        )
         return (
-            f"the liquid holds up to {most:.3g} times the saturation: metal dissolves faster than it diffuses "
-            "away; take limited = true, or an interface for the speed of the front (Corrosion.interface_for)"
+            f"the liquid holds up to {most:.3g} times the saturation: metal dissolves faster than it diffuses away; "
+            f"{remedy}"
         )

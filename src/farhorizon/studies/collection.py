@@ -1,7 +1,7 @@
-"""Published tables and figures, computed anew: one module a paper, each result beside the printed one.
+"""Collections of computations with a known result: published tables and figures, exact solutions.
 
-A reproduction is a function of a folder (where it may draw a picture) that returns an `Outcome`; `reproduction` enters
-it under a name.
+An entry is a function of a folder (where it may draw a picture) that returns an `Outcome`: numbers of ours, each beside
+the one that is expected. `Collection.enter` puts it into a collection under a name.
 """
 
 from __future__ import annotations
@@ -16,8 +16,6 @@ from typing_extensions import TypedDict
 
 from farhorizon.errors import InputError
 
-_MODULES = ("bobaru2010", "hermann2023", "ji2021", "shojaei2020", "shojaei2020_corrosion", "wildman2012")
-
 
 @dataclass(frozen=True)
 class Row:
@@ -29,7 +27,7 @@ class Row:
         What it is, e.g. ``"t = 5, dt = 0.001"``.
     ours : float
     printed : float, optional
-        As the paper has it; None where it gives no number.
+        As the paper has it, or the value of the exact solution; None where there is no such number.
     corrected : float, optional
         What a misprint should read.
     note : str
@@ -55,7 +53,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a reproduction found.
+    """What an entry found.
 
     Attributes
     ----------
@@ -79,7 +77,7 @@ class RowFacts(TypedDict):
     ours: float
     """The number as computed here."""
     printed: float | None
-    """As the paper has it; null where it gives no number."""
+    """As the paper has it, or the exact value; null where there is no such number."""
     corrected: float | None
     """What a misprint should read; null where there is none."""
     note: str
@@ -87,10 +85,10 @@ class RowFacts(TypedDict):
 
 
 class OutcomeFacts(TypedDict):
-    """A published table or figure computed anew."""
+    """Computed numbers beside the known ones."""
 
     name: str
-    """Name in the list of reproductions."""
+    """Name in the list."""
     paper: str
     """Where it was published."""
     rows: list[RowFacts]
@@ -103,7 +101,7 @@ class OutcomeFacts(TypedDict):
 
 
 class EntryFacts(TypedDict):
-    """An entry of the list of reproductions."""
+    """An entry of the list."""
 
     paper: str
     """Where it was published."""
@@ -116,8 +114,8 @@ class EntryFacts(TypedDict):
 
 
 @dataclass(frozen=True)
-class Reproduction:
-    """An entry of the list of reproductions.
+class Entry:
+    """An entry of a collection.
 
     Attributes
     ----------
@@ -127,8 +125,8 @@ class Reproduction:
     takes : {"seconds", "a minute"}
         About how long it runs on one core, once what it needs is compiled.
     full : {"", "a minute", "minutes", "an hour"}
-        The same of the published size, where the default is a smaller version or has larger steps; empty if there is
-        one size.
+        The same of the full size, where the default is a smaller version or has larger steps; empty if there is one
+        size.
     """
 
     name: str
@@ -149,11 +147,11 @@ class Reproduction:
         return f"{self.takes}; --full: {self.full}" if self.scaled else self.takes
 
     def run(self, folder: Path, full: bool = False) -> Outcome:
-        """Compute it; `full` as published, as far as the machine allows within minutes."""
+        """Compute it; `full` in the size that was published or that the closest agreement takes."""
         return self.function(folder, full) if self.scaled else self.function(folder)
 
     @property
-    def entry(self) -> EntryFacts:
+    def facts(self) -> EntryFacts:
         """What the list says, as plain data."""
         return {"paper": self.paper, "title": self.title, "takes": self.takes, "full": self.full}
 
@@ -174,55 +172,72 @@ def _row_facts(row: Row) -> RowFacts:
     return {"what": row.what, "ours": row.ours, "printed": row.printed, "corrected": row.corrected, "note": row.note}
 
 
-_ENTRIES: dict[str, Reproduction] = {}
+@dataclass(frozen=True)
+class Collection:
+    """Entries by name.
 
-
-def reproduction(
-    name: str, paper: str, title: str, takes: str = "seconds", full: str = ""
-) -> Callable[[Callable[..., Outcome]], Callable[..., Outcome]]:
-    """Decorator that enters a function of the pictures' folder into the list; one with a `full` size takes `full`, too.
-    See `Reproduction`.
+    Attributes
+    ----------
+    command : str
+        The command that lists and computes them.
+    package : str
+        Where the modules are that enter them.
+    modules : tuple of str
+        In the order of the list.
+    known : str
+        What the known numbers are: the word over their column.
     """
 
-    def enter(function: Callable[..., Outcome]) -> Callable[..., Outcome]:
-        _ENTRIES[name] = Reproduction(name, paper, title, function, takes, full)
-        return function
+    command: str
+    package: str
+    modules: tuple[str, ...]
+    known: str
+    _entries: dict[str, Entry] = field(default_factory=dict)
 
-    return enter
+    def enter(
+        self, name: str, paper: str, title: str, takes: str = "seconds", full: str = ""
+    ) -> Callable[[Callable[..., Outcome]], Callable[..., Outcome]]:
+        """Decorator that enters a function of the pictures' folder; one with a `full` size takes `full`, too. See
+        `Entry`.
+        """
+
+        def entered(function: Callable[..., Outcome]) -> Callable[..., Outcome]:
+            self._entries[name] = Entry(name, paper, title, function, takes, full)
+            return function
+
+        return entered
+
+    def entries(self) -> dict[str, Entry]:
+        """All entries by name, in the order of the modules."""
+        for module in self.modules:
+            importlib.import_module(f"{self.package}.{module}")
+        return dict(self._entries)
+
+    def find(self, name: str) -> Entry:
+        """The entry of a name.
+
+        Raises
+        ------
+        InputError
+            An unknown name; the nearest known one is suggested.
+        """
+        entries = self.entries()
+        if name not in entries:
+            near = difflib.get_close_matches(name, entries, 1, 0.4)
+            raise InputError(
+                "there is no entry of this name",
+                value=name,
+                limit=", ".join(entries),
+                key=self.command,
+                remedy=f"did you mean {near[0]!r}?" if near else f"farhorizon {self.command} lists them",
+            )
+        return entries[name]
 
 
-def reproductions() -> dict[str, Reproduction]:
-    """All entries by name, in the order of the papers and of their tables."""
-    for module in _MODULES:
-        importlib.import_module(f"farhorizon.papers.{module}")
-    return dict(_ENTRIES)
-
-
-def find(name: str) -> Reproduction:
-    """The entry of a name.
-
-    Raises
-    ------
-    InputError
-        An unknown name; the nearest known one is suggested.
-    """
-    known = reproductions()
-    if name not in known:
-        near = difflib.get_close_matches(name, known, 1, 0.4)
-        raise InputError(
-            "unknown reproduction",
-            value=name,
-            limit=", ".join(known),
-            key="reproduce",
-            remedy=f"did you mean {near[0]!r}?" if near else "farhorizon reproduce lists them",
-        )
-    return known[name]
-
-
-def outcome_table(outcome: Outcome) -> str:
-    """The rows as text: ours, printed, deviation, note."""
+def outcome_table(outcome: Outcome, known: str) -> str:
+    """The rows as text: ours, the known number under its word, deviation, note."""
     width = max(len(row.what) for row in outcome.rows)
-    lines = [f"{'':{width}}  {'ours':>10}  {'printed':>10}  {'deviation':>9}  note"]
+    lines = [f"{'':{width}}  {'ours':>10}  {known:>10}  {'deviation':>9}  note"]
     for row in outcome.rows:
         printed = "" if row.printed is None else f"{row.printed:.5g}"
         deviation = "" if row.deviation is None else f"{100 * row.deviation:+.1f} %"

@@ -7,7 +7,8 @@ import pytest
 
 from farhorizon import InputError
 from farhorizon.cli import main
-from farhorizon.papers.registry import Outcome, Row, find, outcome_table, reproductions
+from farhorizon.papers.reproductions import REPRODUCTIONS
+from farhorizon.studies.collection import Outcome, Row, outcome_table
 from outputs import written
 
 
@@ -16,16 +17,21 @@ def test_rows():
     assert Row("a", 1.01, 1.0).deviation == pytest.approx(0.01)
     assert Row("a", 1.01, 10.0, 1.0, "why").deviation == pytest.approx(0.01)
     assert Row("a", 1.01).deviation is None
-    text = outcome_table(Outcome([Row("a", 1.01, 10.0, 1.0, "why"), Row("bb", 2.0)], {"PML": 1e-9}))
+    text = outcome_table(Outcome([Row("a", 1.01, 10.0, 1.0, "why"), Row("bb", 2.0)], {"PML": 1e-9}), "printed")
     assert "misprint, read 1: why" in text and "+1.0 %" in text and "PML: 1.0e-09" in text
 
 
 def test_all_published_items_are_there():
-    assert {f"hermann2023-{name}" for name in ("ex1", "ex2", "ex3", "appB", "fig6", "fig10")} <= set(reproductions())
-    assert {f"shojaei2020-{name}" for name in ("ex1-fem", "ex1-pd", "ex1-layers", "table1")} <= set(reproductions())
-    assert {f"ji2021-table{n}" for n in range(1, 7)} | {"ji2021-fig2", "ji2021-fig3"} <= set(reproductions())
-    assert {f"ji2021-fig{n}" for n in (4, 8, 9, 13)} <= set(reproductions())
-    assert {f"wildman2012-fig{n}" for n in (2, 3, 4, 5, 7, 9)} <= set(reproductions())
+    known = set(REPRODUCTIONS.entries())
+    assert {f"hermann2023-{name}" for name in ("ex1", "ex2", "ex3", "appB", "fig6", "fig10")} <= set(
+        REPRODUCTIONS.entries()
+    )
+    assert {f"shojaei2020-{name}" for name in ("ex1-fem", "ex1-pd", "ex1-layers", "table1")} <= set(
+        REPRODUCTIONS.entries()
+    )
+    assert {f"ji2021-table{n}" for n in range(1, 7)} | {"ji2021-fig2", "ji2021-fig3"} <= known
+    assert {f"ji2021-fig{n}" for n in (4, 8, 9, 13)} <= known
+    assert {f"wildman2012-fig{n}" for n in (2, 3, 4, 5, 7, 9)} <= known
 
 
 def test_the_documents_name_what_there_is():
@@ -38,20 +44,20 @@ def test_the_documents_name_what_there_is():
     for first, last in re.findall(r"`([\w-]+\d)` to `([\w-]+\d)`", text):
         stem = first.rstrip("0123456789")
         named |= {f"{stem}{n}" for n in range(int(first[len(stem) :]), int(last[len(stem) :]) + 1)}
-    assert named == set(reproductions())
+    assert named == set(REPRODUCTIONS.entries())
 
 
 def test_unknown_name():
     with pytest.raises(InputError, match="did you mean 'ji2021-table4'"):
-        find("ji2021-tabel4")
+        REPRODUCTIONS.find("ji2021-tabel4")
 
 
 def test_command_lists(capsys, tmp_path):
     assert main(["reproduce", "--json", str(tmp_path / "list.json")]) == 0
     printed = capsys.readouterr().out
-    assert all(name in printed for name in reproductions())
+    assert all(name in printed for name in REPRODUCTIONS.entries())
     found = written(tmp_path / "list.json", "reproduce")
-    assert set(found) == set(reproductions())
+    assert set(found) == set(REPRODUCTIONS.entries())
     assert {entry["takes"] for entry in found.values()} <= {"seconds", "a minute"}
     assert {entry["full"] for entry in found.values()} <= {"", "a minute", "minutes", "an hour"}
 
@@ -60,7 +66,7 @@ CONSTANTS = {"shojaei2020-table1"}  # nothing is run there that could be drawn
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", reproductions())
+@pytest.mark.parametrize("name", REPRODUCTIONS.entries())
 def test_command_runs_each(name, capsys, tmp_path):
     """With default arguments to the end: rows of numbers, pictures that are there and not empty, the same in the JSON
     file.
@@ -96,6 +102,6 @@ def test_command_draws_and_writes(capsys, tmp_path):
 @pytest.mark.slow
 def test_figure_2(tmp_path):
     """The numerical kernel is on the analytical one: 1e-8 of 1e-6 (table 1 at 3000 pi: 9e-9 for all four)."""
-    outcome = find("ji2021-fig2").function(tmp_path)
+    outcome = REPRODUCTIONS.find("ji2021-fig2").function(tmp_path)
     assert outcome.pictures[0].exists()
     assert outcome.rows[-1].ours < 1e-8 < 1e-6 < outcome.rows[0].ours

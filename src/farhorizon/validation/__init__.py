@@ -1,0 +1,1 @@
+"""Problems of unbounded media whose exact solutions are known."""

@@ -1,0 +1,119 @@
+r"""A centre of dilatation in an infinite solid, from its first wave to the static field that it leaves.
+
+The body force is the gradient of a Gaussian, :math:`b = -M(t)\,\nabla g`, whose integral is M. Then
+:math:`u = \nabla\Phi` with :math:`\rho\Phi_{tt} = \rho\alpha^2\Delta\Phi - M g`, a spherical field: by the Fourier
+integral over k
+
+.. math:: u_r = \frac{1}{2\pi^2\rho}\int_0^\infty k^3 j_1(kr)\,\hat g(k) \int_0^t M(s)\,
+   \frac{\sin\alpha k(t-s)}{\alpha k}\,ds\,dk .
+
+Outside the Gaussian that is :math:`u_r = \frac{1}{4\pi\rho\alpha^2}\left(\frac{M(t-r/\alpha)}{r^2} +
+\frac{\dot M(t-r/\alpha)}{\alpha r}\right)` (Aki and Richards, 2002, Quantitative Seismology, chapter 4), and
+for good :math:`M/(4\pi\rho\alpha^2r^2)`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from scipy.special import spherical_jn
+
+from farhorizon.boundaries import LatticePML
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.inputs.sources import Source
+from farhorizon.models import Elastic
+from farhorizon.simulation.simulation import Simulation
+from farhorizon.studies.collection import Outcome, Row
+from farhorizon.validation.validations import validation
+
+CENTRE = "Aki, Richards (2002), Quantitative Seismology"
+BREADTH = 1.0  # standard deviation of the Gaussian
+RISE = 2.0  # time in which M rises to 1
+HALF = 6.0  # half the near field
+SPACINGS = (0.6, 0.3)
+PASSING = 6.0  # the front is on its way through the near field
+STATIC = 40.0
+
+
+def moment(t: np.ndarray) -> np.ndarray:
+    """M(t): smooth from 0 to 1."""
+    share = np.clip(np.asarray(t) / RISE, 0.0, 1.0)
+    return share - np.sin(2 * np.pi * share) / (2 * np.pi)
+
+
+def exact(r: np.ndarray, t: float, speed: float, density: float) -> np.ndarray:
+    """Radial displacement at the distances r."""
+    nodes, weights = np.polynomial.legendre.leggauss(600)
+    highest = 9.0 / BREADTH
+    k, dk = (nodes + 1) * highest / 2, weights * highest / 2
+    s, ds = (nodes + 1) * min(t, RISE) / 2, weights * min(t, RISE) / 2
+    # after the rise M is 1, and the integral over s from there on is elementary
+    response = np.sin(speed * np.multiply.outer(k, t - s)) @ (ds * moment(s)) / (speed * k)
+    if t > RISE:
+        response += (1 - np.cos(speed * k * (t - RISE))) / (speed * k) ** 2
+    spectrum = dk * k**3 * np.exp(-((k * BREADTH) ** 2) / 2) * response / (2 * np.pi**2 * density)
+    return spherical_jn(1, np.multiply.outer(r, k)) @ spectrum
+
+
+def far(r: np.ndarray, speed: float, density: float) -> np.ndarray:
+    """Static radial displacement outside the Gaussian."""
+    return 1 / (4 * np.pi * density * speed**2 * r**2)
+
+
+def run(model: Elastic, spacing: float) -> Simulation:
+    """The solid before its first step."""
+    lattice = Lattice(spacing, (-HALF,) * 3, (HALF,) * 3)
+    points = lattice.coordinates()
+    gauss = np.exp(-sum(x**2 for x in points) / (2 * BREADTH**2)) / (2 * np.pi * BREADTH**2) ** 1.5
+    force = np.array([x / BREADTH**2 * gauss for x in points])
+    return Simulation(lattice, model, LatticePML(target=1e-3, until=STATIC), sources=[Source(force, time=moment)])
+
+
+def radial(sim: Simulation) -> tuple[np.ndarray, np.ndarray]:
+    """Distances from the centre and radial displacements of all nodes but the centre."""
+    points = np.array(sim.lattice.coordinates())
+    r = np.sqrt((points**2).sum(0))
+    there = r > 0
+    return r[there], (sim.fields["u"] * points).sum(0)[there] / r[there]
+
+
+@validation("explosion", CENTRE, "a centre of dilatation in an infinite solid, to its static limit", "a minute")
+def explosion(folder: Path) -> Outcome:
+    """A solid with Poisson's ratio 0.3."""
+    from farhorizon.pictures.curves import curve_panels
+
+    model = Elastic(None, young=1.0, poisson=0.3, density=1.0, material="finite-element")
+    speed, errors, panels = model.p_speed, [], []
+    for spacing in SPACINGS:
+        sim = run(model, spacing)
+        apart = []
+        for t in (PASSING, STATIC):
+            sim.run(t, progress=False)
+            r, found = radial(sim)
+            wanted = exact(r, sim.time, speed, model.density)
+            apart.append(float(np.abs(found - wanted).max() / np.abs(wanted).max()))
+            if spacing == SPACINGS[-1]:
+                order = np.argsort(r)
+                panels.append((f"t = {t:g}", [("exact", r[order], wanted[order]), ("computed", r, found)]))
+        errors.append(apart)
+    outer = r > 5 * BREADTH
+    rows = [
+        Row(f"largest difference at t = {t:g}, of the largest value, spacing {spacing:g}", error)
+        for spacing, apart in zip(SPACINGS, errors, strict=True)
+        for t, error in zip((PASSING, STATIC), apart, strict=True)
+    ]
+    rows += [
+        Row(f"order in the spacing, t = {t:g}", float(np.log2(coarse / fine)), 2.0)
+        for t, coarse, fine in zip((PASSING, STATIC), *errors, strict=True)
+    ]
+    rows.append(
+        Row(
+            "static displacement over M/(4 pi rho alpha^2 r^2), five breadths out and farther",
+            float((found / far(r, speed, model.density))[outer].mean()),
+            1.0,
+        )
+    )
+    picture = folder / "explosion.png"
+    curve_panels(panels, picture, xlabel="distance", ylabel="radial displacement")
+    return Outcome(rows, pictures=[picture])

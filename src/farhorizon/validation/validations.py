@@ -1,0 +1,12 @@
+"""Problems of unbounded media, computed beside their exact solutions: one module a kind of problem."""
+
+from farhorizon.studies.collection import Collection
+
+VALIDATIONS = Collection(
+    "validate",
+    "farhorizon.validation",
+    ("nonlocal_waves", "moving_load", "explosion", "mode_three", "dissolution"),
+    "exact",
+)
+#: Decorator that enters a function into the list.
+validation = VALIDATIONS.enter

@@ -1,0 +1,125 @@
+"""The exact solutions against their limits and other ways to them; slow: what `farhorizon validate` finds."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import quad, solve_ivp
+
+from farhorizon import InputError
+from farhorizon.cli import main
+from farhorizon.validation import dissolution, explosion, mode_three, moving_load, nonlocal_waves
+from farhorizon.validation.validations import VALIDATIONS
+from outputs import written
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+@pytest.mark.parametrize("k", [0.1, 1.0, 2.5])
+def test_frequencies_are_the_integral_over_the_bonds(k):
+    w = nonlocal_waves.WIDTH
+    bond = 4 / (np.sqrt(np.pi) * w**3)
+    square = 2 * quad(lambda xi: bond * np.exp(-((xi / w) ** 2)) * (1 - np.cos(k * xi)), 0, 8 * w, epsabs=1e-13)[0]
+    assert nonlocal_waves.frequency(k) == pytest.approx(np.sqrt(square), rel=1e-9)
+
+
+@pytest.mark.parametrize("dim", [1, 2])
+def test_the_released_gaussian_begins_as_one(dim):
+    r = np.array([0.0, 1.0, 5.0])
+    gauss = np.exp(-((r / nonlocal_waves.BREADTH) ** 2) / 2)
+    np.testing.assert_allclose(nonlocal_waves.released(r, 0.0, dim), gauss, atol=1e-13)
+
+
+@pytest.mark.parametrize(("k", "kappa"), [(1.3, 0.4), (1.3, 1.3), (0.0, 0.7), (0.0, 0.0), (0.7, -0.7)])
+def test_a_component_under_a_moving_load_is_an_oscillator(k, kappa):
+    t = 7.0
+    found = moving_load.oscillators(np.array([k]), np.array([kappa]), 1.0, t)[0]
+    steps = solve_ivp(
+        lambda s, y: [y[1], -(k**2) * y[0] + np.exp(-1j * kappa * s)], (0, t), [0j, 0j], rtol=1e-11, atol=1e-12
+    )
+    assert found == pytest.approx(steps.y[0, -1], abs=1e-8)
+
+
+def test_outside_its_gaussian_the_centre_of_dilatation_is_the_closed_form():
+    """M(t - r/c)/r^2 and its rate over c r; before the front nothing, for good the static field."""
+    speed, density, r = 1.2, 2.5, np.array([9.0, 12.0])
+
+    def closed(t):
+        late, h = t - r / speed, 1e-4
+        rate = (explosion.moment(late + h) - explosion.moment(late - h)) / (2 * h)
+        return (explosion.moment(late) / r**2 + rate / (speed * r)) / (4 * np.pi * density * speed**2)
+
+    # the Gaussian smooths the front: compare where it has passed by five breadths, and before it has come
+    np.testing.assert_allclose(explosion.exact(r, 40.0, speed, density), closed(40.0), rtol=1e-10)
+    np.testing.assert_allclose(explosion.exact(r, 40.0, speed, density), explosion.far(r, speed, density), rtol=1e-10)
+    assert np.abs(explosion.exact(r, 1.5, speed, density)).max() < 1e-6 * explosion.far(r, speed, density).max()
+
+
+def test_a_crack_opens_as_its_intensity_says_and_far_from_the_tip_as_a_wave_leaves_a_free_face():
+    t, tip = 9.0, np.array([1e-5])
+    near = mode_three.opening(tip, t) / (4 * np.sqrt(tip / (2 * np.pi)))
+    assert near[0] == pytest.approx(mode_three.intensity(t), rel=2e-3)
+    # each face moves with the stress of unit impedance
+    moved = quad(lambda s: float(mode_three.stress(s)), 0, t, limit=200)[0]
+    assert mode_three.opening(np.array([20.0]), t)[0] == pytest.approx(2 * moved, rel=1e-6)
+
+
+def test_an_intensity_is_found_in_an_opening():
+    r = np.arange(0.5, 64) / 8
+    found = 4 * 1.7 * np.sqrt((r + 0.03) / (2 * np.pi)) * (1 - 0.05 * r)
+    assert mode_three.measured_intensity(r, found) == pytest.approx(1.7, rel=0.01)
+
+
+def test_fronts_of_steel():
+    """7.88 and 1.19 micrometres per root second, computed by hand from the two equations of the Stefan problem."""
+    from scipy.special import erf, erfc
+
+    pencil = dissolution.parameter(erf)
+    electrolyte = dissolution.parameter(lambda p: float(erfc(-p)))
+    assert pencil == pytest.approx(0.13516, abs=2e-5)
+    assert electrolyte == pytest.approx(0.02039, abs=1e-5)
+
+
+def test_the_documents_name_what_there_is():
+    text = (DOCS / "explanation" / "validation.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"^\| `([\w-]+)` \|", text, re.MULTILINE)) == set(VALIDATIONS.entries())
+
+
+def test_command_lists_and_refuses(capsys, tmp_path):
+    assert main(["validate", "--json", str(tmp_path / "list.json")]) == 0
+    assert set(written(tmp_path / "list.json", "validate")) == set(VALIDATIONS.entries())
+    assert main(["validate", "mach-coen"]) == 2
+    assert "did you mean 'mach-cone'" in capsys.readouterr().err
+    with pytest.raises(InputError):
+        VALIDATIONS.find("nothing")
+
+
+def test_command_computes(capsys, tmp_path):
+    assert main(["validate", "open-electrolyte", "--out", str(tmp_path), "--json", str(tmp_path / "f.json")]) == 0
+    found = written(tmp_path / "f.json", "validate")
+    assert (tmp_path / found["pictures"][0]).stat().st_size > 10_000
+    assert "exact" in capsys.readouterr().out
+    assert all(abs(row["ours"] / row["printed"] - 1) < 0.005 for row in found["rows"])
+
+
+#: By name, what each row's number must be: the exact value and how far from it, by the order of the method.
+BOUNDS = {
+    "gaussian-bar": [(0.0, 1e-10), (0.0, 1e-3), (2.0, 0.1)],
+    "gaussian-plane": [(0.0, 1e-4), (0.0, 1e-2), (2.0, 0.1)],
+    "mach-cone": [(0.0, 0.1), (0.0, 0.025), (2.0, 0.3), (41.81, 0.5)],
+    "mach-cones": [(0.0, 0.1), (0.0, 0.025), (2.0, 0.3)],
+    "explosion": [(0.0, 0.15)] * 2 + [(0.0, 0.04)] * 2 + [(2.0, 0.3)] * 2 + [(1.0, 0.01)],
+    "mode-three": [(1.0, 0.01)] * 3 + [(0.0, 0.03), (0.0, 0.015), (1.0, 0.2), (1.0, 0.01)],
+    "pencil-electrode": [(1.0, 0.02), (1.0, 0.01), (7.881, 0.08)],
+    "open-electrolyte": [(1.0, 0.005), (1.0, 0.005), (1.189, 0.006)],
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", VALIDATIONS.entries())
+def test_command_is_on_the_exact_solution(name, tmp_path):
+    assert main(["validate", name, "--out", str(tmp_path), "--json", str(tmp_path / "f.json")]) == 0
+    rows = written(tmp_path / "f.json", "validate")["rows"]
+    for row, (exact, allowed) in zip(rows, BOUNDS[name], strict=True):
+        assert abs(row["ours"] - exact) <= allowed, row["what"]
