@@ -1,0 +1,222 @@
+r"""Cracks that a wave hits: the stress intensity factor from the first moment to the static one.
+
+A wave whose stress :math:`\tau(t)` rises within a short time falls at right angles on a crack of length 2a. What the
+crack adds to it is the field of a crack whose faces are loaded with that stress. Until a signal of the other tip
+arrives, each tip is that of a half-plane crack, and its K under a step :math:`\tau` is
+
+.. math:: K_{III} = 2\tau\sqrt{\frac{2ct}{\pi}}, \qquad
+   K_I = \frac{2\sqrt{1 - 2\nu}}{1 - \nu}\,\tau\sqrt{\frac{c_Pt}{\pi}}
+
+(Freund, 1990, Dynamic fracture mechanics; Achenbach, 1973, Wave propagation in elastic solids). In mode III even the
+faces are known: by Chaplygin's transformation each moves with
+
+.. math:: \dot w(r, t) = \frac{2c}{\pi\mu}\arcsin\sqrt{\min(1, r/ct)} .
+
+When all waves have left, :math:`K = \tau\sqrt{\pi a}`: what no run with edges comes to, and here needs no artificial
+damping.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from farhorizon.boundaries import LatticePML
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.inputs.sources import Source
+from farhorizon.medium.kernel import Kernel
+from farhorizon.medium.stencil import Stencil
+from farhorizon.models import Elastic, Wave
+from farhorizon.simulation.simulation import Simulation
+from farhorizon.studies.collection import Outcome, Row
+from farhorizon.validation.validations import validation
+
+CRACK = "Freund (1990), Dynamic fracture mechanics; Achenbach (1973), Wave propagation in elastic solids"
+HALF_LENGTH = 8.0  # a
+RISE = 2.0  # time in which the stress rises to 1
+SPACINGS = (0.25, 0.125)
+STATIC = 200.0
+YOUNG, POISSON = 1.0, 0.25  # bond-based, plane strain
+
+
+def stress(t: np.ndarray | float) -> np.ndarray:
+    """Of the incident wave: smooth from 0 to 1."""
+    share = np.clip(np.asarray(t) / RISE, 0.0, 1.0)
+    return share - np.sin(2 * np.pi * share) / (2 * np.pi)
+
+
+def opening(r: np.ndarray, t: float) -> np.ndarray:
+    """Exact distance between the faces at the distances r from a tip that knows nothing of the other one."""
+    nodes, weights = np.polynomial.legendre.leggauss(400)
+    s, ds = (nodes + 1) * t / 2, weights * t / 2
+    late = np.maximum(t - s, 1e-300)
+    rates = 4 / np.pi * np.arcsin(np.sqrt(np.minimum(1.0, r[:, None] / late)))
+    return rates @ (ds * stress(s))
+
+
+def intensity(t: float, step: Callable[[np.ndarray], np.ndarray]) -> float:
+    """Exact K of such a tip under the stress, from that under a step of stress by superposition."""
+    nodes, weights = np.polynomial.legendre.leggauss(400)
+    s, ds = (nodes + 1) * min(t, RISE) / 2, weights * min(t, RISE) / 2
+    rate = (1 - np.cos(2 * np.pi * s / RISE)) / RISE
+    return float((ds * rate) @ step(t - s))
+
+
+def shear_step(t: np.ndarray) -> np.ndarray:
+    """K of mode III under a step of unit stress, for unit modulus and speed."""
+    return 2 * np.sqrt(2 * t / np.pi)
+
+
+def pressure_step(way: np.ndarray) -> np.ndarray:
+    """K of mode I under a step of unit stress when P waves have come so far."""
+    return 2 * np.sqrt(1 - 2 * POISSON) / (1 - POISSON) * np.sqrt(way / np.pi)
+
+
+def measured_intensity(r: np.ndarray, found: np.ndarray) -> float:
+    """K from the opening, 4 K sqrt(r / 2 pi) at the tip: its square over r by a parabola, for the place of the tip
+    between two nodes is known to a part of the spacing only.
+    """
+    step = abs(r[1] - r[0])
+    near = (r > 3 * step) & (r < HALF_LENGTH / 4)
+    square = np.polynomial.Polynomial.fit(r[near], found[near] ** 2, 2)
+    roots = square.roots()
+    tip = roots[np.argmin(np.abs(roots))]
+    return float(np.sqrt(2 * np.pi * square.deriv()(tip).real) / 4)
+
+
+def sheared(spacing: float, until: float) -> Simulation:
+    """A crack in a membrane before its faces are loaded; it runs between two rows of nodes."""
+    lattice = Lattice(spacing, (-HALF_LENGTH - 2.0, spacing / 2 - 4.0), (HALF_LENGTH + 2.0, 4.0 - spacing / 2))
+    x, y = lattice.coordinates()
+    loaded = (np.abs(x) <= HALF_LENGTH + 1e-9) & (np.abs(y) < spacing)
+    tip = HALF_LENGTH + spacing / 2
+    return Simulation(
+        lattice,
+        Wave(Stencil.finite_difference(2)),
+        LatticePML(target=1e-5, until=until),
+        sources=[Source(-np.sign(y) * loaded / spacing, time=stress)],
+        cracks=[[(-tip, 0.0), (tip, 0.0)]],
+    )
+
+
+def faces(sim: Simulation) -> tuple[np.ndarray, np.ndarray]:
+    """Distances from the right tip of the nodes along the crack, and how far the rows of nodes on both sides of it are
+    apart, in the direction in which the load moves them.
+    """
+    x, y = sim.lattice.axes
+    middle = len(y) // 2
+    there = np.flatnonzero(np.abs(x) <= HALF_LENGTH + 1e-9)[::-1]
+    u = sim.fields["u"][-1] if sim.fields["u"].ndim > 2 else sim.fields["u"]
+    return HALF_LENGTH + sim.lattice.spacing / 2 - x[there], np.abs(u[there, middle - 1] - u[there, middle])
+
+
+@validation("mode-three", CRACK, "a shear wave hits a crack: K to the static limit", "a minute")
+def mode_three(folder: Path) -> Outcome:
+    """Opening before the tips know of each other, and K at several times."""
+    from farhorizon.pictures.curves import curve_panels
+
+    rows, errors, limits, panels = [], [], [], []
+    times = (4.0, 8.0, 12.0)  # a signal of the other tip takes 16
+    for spacing in SPACINGS:
+        sim, apart = sheared(spacing, STATIC), []
+        for t in times:
+            sim.run(t, progress=False)
+            r, found = faces(sim)
+            since = sim.time
+            found += spacing * stress(since)  # the faces lie half a spacing beyond the rows, with the load between
+            wanted = opening(r, since)
+            alone = r < 2 * HALF_LENGTH - since
+            apart.append(np.abs(found - wanted)[alone & (r > HALF_LENGTH / 8)].max() / wanted.max())
+            ratio = measured_intensity(r, found) / intensity(since, shear_step)
+            if spacing == SPACINGS[-1]:
+                rows.append(Row(f"K over that of the half-plane crack, t = {t:g}", ratio, 1.0))
+                panels.append((f"t = {t:g}", [("exact", r[alone], wanted[alone]), ("computed", r, found)]))
+        errors.append(float(max(apart)))
+        sim.run(STATIC, progress=False)
+        r, found = faces(sim)
+        found += spacing
+        limits.append(measured_intensity(r, found) / np.sqrt(np.pi * HALF_LENGTH))
+    static = 2 * np.sqrt(r * (2 * HALF_LENGTH - r).clip(0.0))
+    panels.append((f"t = {STATIC:g}, and the static opening", [("exact", r, static), ("computed", r, found)]))
+    rows += [
+        Row(f"opening beyond a/8 from the tip, largest difference of the largest, spacing {spacing:g}", error)
+        for spacing, error in zip(SPACINGS, errors, strict=True)
+    ]
+    rows.append(
+        Row("order in the spacing", float(np.log2(errors[0] / errors[1])), 1.0, note="the tip lies between nodes")
+    )
+    rows.append(Row(f"K over tau sqrt(pi a), t = {STATIC:g}", float(limits[-1]), 1.0))
+    picture = folder / "mode-three.png"
+    curve_panels(panels, picture, xlabel="distance from the tip", ylabel="opening")
+    return Outcome(rows, pictures=[picture])
+
+
+def opened(spacing: float, half: tuple[float, float]) -> tuple[Simulation, float]:
+    """A crack in a bond-based solid before its faces are pressed apart, in a near field of such half edges, and the
+    speed of P waves.
+
+    The bonds that the crack cuts pull with the incident wave's stress on what they are cut from; the wave's strain is
+    along its way alone.
+    """
+    model = Elastic(Kernel(2 * spacing, exponent=1), young=YOUNG)
+    lattice = Lattice(spacing, (-half[0], spacing / 2 - half[1]), (half[0], half[1] - spacing / 2))
+    stencil, tip = model.stencil(spacing, 2), HALF_LENGTH + spacing / 2
+    x, y = lattice.coordinates()
+    force = np.zeros((2, *lattice.shape))
+    strain = 1 / (model.lame + 2 * model.shear)  # of the wave, for a unit stress
+    for offset, weight in zip(stencil.offsets, stencil.weights, strict=True):
+        if offset[1]:
+            crosses = x - y * offset[0] / offset[1]
+            cut = (y * (y + spacing * offset[1]) < 0) & (np.abs(crosses) < tip)
+            pull = weight[:, 1] * strain * spacing * offset[1] * model.coefficient / spacing**2
+            force[:, cut] -= pull[:, None]
+    cracks = [[(-tip, 0.0), (tip, 0.0)]]
+    sources = [Source(force, time=stress)]
+    return Simulation(lattice, model, LatticePML(nodes=20), sources=sources, cracks=cracks), model.p_speed
+
+
+def pulled_intensity(sim: Simulation) -> float:
+    """K of mode I in plane strain, from the opening 8 K (1 - nu^2) / E sqrt(r / 2 pi)."""
+    return measured_intensity(*faces(sim)) * YOUNG / (2 * (1 - POISSON**2))
+
+
+@validation("mode-one", CRACK, "a pressure wave hits a crack: K to the static limit")
+def mode_one(folder: Path) -> Outcome:
+    """K at several times, in the end, and how little of it the near field's size decides.
+
+    K is read off the quarter of the half length next to the tip; before ct = 6 Rayleigh waves have not passed it.
+    """
+    from farhorizon.pictures.curves import curve_panels
+
+    rows, ends = [], []
+    static = np.sqrt(np.pi * HALF_LENGTH)
+    ways = np.concatenate([np.arange(6.0, 16.1, 0.5), np.arange(17.0, 120.0)])  # of P waves; the other tip is at 16
+    alone = ways <= 2 * HALF_LENGTH
+    for spacing, half in ((0.25, (10.0, 4.0)), (0.25, (14.0, 12.0)), (0.125, (10.0, 4.0))):
+        sim, speed = opened(spacing, half)
+        found, exact = [], []
+        for way in ways:
+            sim.run(way / speed, progress=False)
+            found.append(pulled_intensity(sim))
+            exact.append(intensity(sim.time, lambda t, speed=speed: pressure_step(speed * t)))  # type: ignore[misc]
+        sim.run(STATIC, progress=False)
+        ends.append(pulled_intensity(sim))
+    for way in (6.0, 8.0, 12.0, 16.0):
+        i = int(np.argmin(np.abs(ways - way)))
+        rows.append(Row(f"K over that of the half-plane crack, ct = {way:g}", found[i] / exact[i], 1.0))
+    rows.append(Row("largest K over p sqrt(pi a)", float(max(found) / static)))
+    rows += [
+        Row(f"K over p sqrt(pi a), t = {STATIC:g}, spacing {spacing:g}", float(end / static), 1.0)
+        for spacing, end in ((0.25, ends[0]), (0.125, ends[2]))
+    ]
+    rows.append(Row("K of a near field of 20 x 8 over that of 28 x 24", float(ends[0] / ends[1]), 1.0))
+    picture = folder / "mode-one.png"
+    curves = [
+        ("half-plane crack", ways[alone], np.array(exact)[alone]),
+        ("computed", ways, np.array(found)),
+        ("static", ways[~alone], np.full((~alone).sum(), static)),
+    ]
+    curve_panels([("", curves)], picture, xlabel="way of P waves (the half length is 8)", ylabel="K")
+    return Outcome(rows, pictures=[picture])
