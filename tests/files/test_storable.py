@@ -8,7 +8,17 @@ from farhorizon.files.storable import Storable
 from farhorizon.geometry.shapes import Shape
 
 #: What is no part of a set-up, or is kept in other ways: runs, models and sides (which know themselves), errors.
-APART = (fh.LatticeModel, fh.Side, fh.Simulation, fh.Body, fh.Setup, fh.Certificate, fh.Probes, fh.WholeSteps)
+APART = (
+    fh.LatticeModel,
+    fh.Side,
+    fh.Simulation,
+    fh.Body,
+    fh.Setup,
+    fh.Certificate,
+    fh.Probes,
+    fh.Receivers,
+    fh.WholeSteps,
+)
 
 
 def test_every_part_of_a_set_up_is_known():

@@ -261,12 +261,13 @@ def test_given_to_another_run_receivers_forget():
     assert receivers.data["u"].shape == (3, 3) and receivers.data["u"].min() > 19
 
 
-def test_records_that_are_taken_are_forgotten():
+def test_what_is_forgotten_is_gone():
     receivers = fh.Receivers(POINTS)
     run = waves(receivers)
     run.step(5)
-    times, data = receivers.take_records()
-    assert len(times) == len(data["u"]) == 6 and len(receivers.times) == len(receivers.data["u"]) == 0
+    kept = receivers.recorded
+    receivers.forget()
+    assert len(kept.times) == len(kept.data["u"]) == 6 and len(receivers.times) == len(receivers.data["u"]) == 0
     run.step(2)
     assert len(receivers.times) == len(receivers.data["u"]) == 2
 

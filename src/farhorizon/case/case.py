@@ -39,6 +39,7 @@ from farhorizon.case.toml import document
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.geometry.lattice import AXES
 from farhorizon.inputs.expressions import as_given, as_signal
+from farhorizon.simulation.recorder import Observer
 from farhorizon.simulation.run import Run
 from farhorizon.simulation.setup import keys
 from farhorizon.simulation.steps import WholeSteps, whole_steps
@@ -94,6 +95,7 @@ class Case:
                 self.vector = self.model.mechanical
                 self.setup = self._setup()
             self._check_output()
+            self._receivers()
 
     @classmethod
     def read(cls, path: str | Path, changes: Mapping[str, Any] | None = None) -> Case:
@@ -196,10 +198,32 @@ class Case:
             self._asked.check(made.dt, "run.dt")
             return made
 
-    def _made(self, observe: Sequence[Callable[[Any], None]] = (), **changes: Any) -> Run:
+    def _made(self, observe: Sequence[Observer] = (), **changes: Any) -> Run:
+        observe = [*self._receivers(), *observe]
         if isinstance(self.setup, fh.Setup):
             return fh.Simulation.of(replace(self.setup, **changes), observe)
         return self.kind(**{**self.setup, "observe": observe, **changes})
+
+    def _receivers(self) -> list[fh.Receivers]:
+        """New receivers, which belong to one run."""
+        found = []
+        for i, part in enumerate(self.parts.receivers):
+            key, several = f"receivers[{i}]", len(self.parts.receivers) > 1
+            given = [place for place in (part.points, part.line, part.grid) if place is not None]
+            if len(given) != 1:
+                raise InputError("give exactly one of points, line, grid", key=key)
+            name = part.name or (f"receivers_{i}" if several else "receivers")
+            options = {**part.model_dump(include={"record", "every", "interpolation"}), "name": name}
+            try:
+                if part.line is not None:
+                    found.append(fh.Receivers.line(**part.line.model_dump(), **options))
+                elif part.grid is not None:
+                    found.append(fh.Receivers.grid(**part.grid.model_dump(), **options))
+                else:
+                    found.append(fh.Receivers(part.points, **options))
+            except InputError as error:
+                raise error.at(under(key, error.key)) from None
+        return found
 
     def simulation(self, **changes: Any) -> fh.Simulation:
         """A new simulation of the case.

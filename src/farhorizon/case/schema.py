@@ -319,6 +319,47 @@ class PrescribedPart(Part):
     """Of waves: velocity with which they are released; the derivative of value unless given."""
 
 
+class LinePart(Part):
+    """Points at even distances along a line."""
+
+    start: list[Number]
+    """The first one."""
+    end: list[Number]
+    """The last one."""
+    count: int
+    """How many there are, both ends among them."""
+
+
+class GridPart(Part):
+    """Points on a grid."""
+
+    lower: list[Number]
+    """The least coordinates."""
+    upper: list[Number]
+    """The largest coordinates."""
+    counts: list[int]
+    """How many there are along each axis, both ends among them."""
+
+
+class ReceiversPart(Part):
+    """Points, on nodes or between them, at which a run is recorded in every step or in every few."""
+
+    points: list[list[Number]] | None = None
+    """Places; or give a line or a grid."""
+    line: LinePart | None = None
+    """Places along a line."""
+    grid: GridPart | None = None
+    """Places on a grid."""
+    record: list[str] = ["u"]
+    """u, v, gradient, strain, stress, pressure, divergence, curl, rotation, energy_flux."""
+    every: int = 1
+    """Steps from one record to the next."""
+    interpolation: str = "sinc"
+    """Between nodes: sinc, good to 1e-5, or linear, which needs the nodes next to the point alone."""
+    name: str | None = None
+    """In files and pictures; receivers, or receivers_0, receivers_1, ... unless given."""
+
+
 class RunPart(Part):
     until: Number
     """End of the run."""
@@ -380,6 +421,8 @@ class CasePart(Part):
     """The surface of a body: free, or fixed at the background."""
     background: Number = 0.0
     """Uniform state of the medium, which the absorbing sides keep."""
+    receivers: list[ReceiversPart] = []
+    """Points at which a run is recorded step by step."""
     run: RunPart
     """Time."""
     output: OutputPart = OutputPart()

@@ -94,7 +94,8 @@ def _taken_up(sim: Any, files: RunFiles) -> Any:
 
     kept = sim.load(files.checkpoint)
     sim.probes.take()  # the start, which the file has
-    return ResultsWriter.resume(files.result, int(kept["outputs"]), int(kept["rows"]), int(kept["records"]))
+    outputs, rows, records = (int(kept[name]) for name in ("outputs", "rows", "records"))
+    return ResultsWriter.resume(files.result, outputs, rows, records, kept.get("recorded"))
 
 
 def _begun(case: Any, sim: Any, files: RunFiles) -> Any:
@@ -105,7 +106,7 @@ def _begun(case: Any, sim: Any, files: RunFiles) -> Any:
     check_replaceable(files.result)
     files.checkpoint.unlink(missing_ok=True)  # it belongs to the results that go
     dim = case.lattice.dim
-    return ResultsWriter.create(
+    writer = ResultsWriter.create(
         files.result,
         shape=case.lattice.shape,
         spacing=case.lattice.spacing,
@@ -118,6 +119,9 @@ def _begun(case: Any, sim: Any, files: RunFiles) -> Any:
         program=f"farhorizon {__version__}",
         components={name: len(field) if field.ndim > dim else 1 for name, field in sim.fields.items()},
     )
+    for recorder in sim.recorders:
+        writer.hold(recorder.recorded)
+    return writer
 
 
 class _Record:
@@ -151,10 +155,14 @@ class _Record:
         """Write the checkpoint from which the run may go on."""
         self._probes()
         writer = self._writer
-        self._sim.save(self.checkpoint, outputs=writer.outputs, rows=writer.rows, records=writer.records)
+        counts = {name: getattr(writer, name) for name in ("outputs", "rows", "records", "recorded")}
+        self._sim.save(self.checkpoint, **counts)
         self._kept = time.monotonic()
 
     def _probes(self) -> None:
+        for recorder in self._sim.recorders:
+            self._writer.append_recorded(recorder.recorded)
+            recorder.forget()
         probes = self._sim.probes
         if len(probes.nodes):
             self._writer.append_probes(*probes.take())

@@ -33,6 +33,7 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.errors import FarhorizonError, FileFormatError, InputError
+from farhorizon.files.records import Recorded, dataset_parts
 from farhorizon.files.storage import Draft, changing, created, read
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ RESERVED = frozenset(
 )
 _CHUNK_BYTES = 2**26
 _CHUNK_ROWS = 512
-_DEPTH = 4  # of groups in each other, in any file of ours
+_DEPTH = 5  # of groups in each other, in any file of ours
 
 
 def _hdf5(path: Path | Draft, mode: str) -> Any:
@@ -233,6 +234,24 @@ def _set_outputs(file: Any, outputs: int) -> None:
     file["farhorizon"].attrs.modify("outputs", outputs)
 
 
+def _cut_recorded(file: Any, path: Path, outputs: int, wanted: Mapping[str, int]) -> None:
+    """Cut off what recorders have recorded after an output, or beyond the rows that are wanted."""
+    end = float(file["VTKHDF/Steps/Values"][outputs - 1]) if outputs else -np.inf
+    for name, group in file["farhorizon"].get("recorded", {}).items():
+        held = int(group.attrs["rows"])
+        rows = wanted.get(name, int(np.searchsorted(group["times"][:held], end, side="right")))
+        if rows > held:
+            raise FileFormatError(
+                f"{path} holds fewer rows of {name} than the checkpoint counts",
+                value=held,
+                limit=rows,
+                remedy="use the results file that belongs to the checkpoint, or start the run anew",
+            )
+        group.attrs.modify("rows", rows)
+        for dataset in (group["times"], *group["data"].values()):
+            dataset.resize(rows, axis=0)
+
+
 def _vtk_shape(shape: tuple[int, ...], components: int) -> tuple[int, ...]:
     """Shape of one stored output: z, y, x, without the slow axes that have a single node, for vtkHDFReader expects them
     left out; vectors last.
@@ -352,6 +371,8 @@ class ResultsWriter:
         Lattice shape (nx[, ny[, nz]]).
     components : dict of str to int
         Of each field.
+    recorded : dict of str to int
+        Valid rows of each recorder.
 
     Raises
     ------
@@ -371,6 +392,7 @@ class ResultsWriter:
             self._probes = (group["probes"].shape[0], *((width,) if width > 1 else ()))
             self.accounts = _words(group, "accounts")
             self._last_step = int(group["steps"][self.outputs - 1]) if self.outputs else None
+            self.recorded = {name: int(one.attrs["rows"]) for name, one in group.get("recorded", {}).items()}
 
     @classmethod
     def create(
@@ -525,7 +547,12 @@ class ResultsWriter:
 
     @classmethod
     def resume(
-        cls, path: str | Path, outputs: int, rows: int | None = None, records: int | None = None
+        cls,
+        path: str | Path,
+        outputs: int,
+        rows: int | None = None,
+        records: int | None = None,
+        recorded: Mapping[str, int] | None = None,
     ) -> ResultsWriter:
         """Take up a results file after its first `outputs` outputs; later ones, their history and their records, are
         cut off.
@@ -538,6 +565,8 @@ class ResultsWriter:
         rows, records : int, optional
             History rows and records of the probes to keep; as many as there were when the last kept output was
             appended, unless given.
+        recorded : mapping of str to int, optional
+            Rows of each recorder to keep; those up to the last kept output unless given.
 
         Returns
         -------
@@ -576,6 +605,7 @@ class ResultsWriter:
                         limit=wanted,
                         remedy="use the results file that belongs to the checkpoint, or start the run anew",
                     )
+            _cut_recorded(file, path, outputs, recorded or {})
             _set_outputs(file, outputs)
             group["history"].attrs.modify("rows", rows)
             group["records"].attrs.modify("rows", records)
@@ -677,6 +707,52 @@ class ResultsWriter:
         """Note that the run came to its end; `resume` takes that back."""
         with _opened(self.path, "r+", "results file") as file:
             file["farhorizon"].attrs["finished"] = True
+
+    def hold(self, records: Recorded) -> None:
+        """Make room for the records of a recorder, of which this has the first ones or none.
+
+        Raises
+        ------
+        InputError
+            There is one of this name, or the names of xarray would collide.
+        """
+        if records.name in self.recorded or records.name in (*RESERVED, *self.fields):
+            raise InputError(
+                "the results have something else of this name", value=records.name, key="name", remedy="another name"
+            )
+        with _opened(self.path, "r+", "results file") as file:
+            group = file["farhorizon"].require_group("recorded").create_group(records.name)
+            group.attrs["rows"] = 0
+            _put_fixed(group, "points", np.asarray(records.points, float))
+            _put_fixed(group, "frequencies", np.asarray(records.frequencies, float))
+            _growing(group, "times", "f8")
+            rows, spectra = (group.create_group(one, track_order=True) for one in ("data", "spectra"))
+            for name, values in records.data.items():
+                width = values.shape[1:]
+                chunk = (max(1, _CHUNK_ROWS // max(1, int(np.prod(width)) // 64)), *width)
+                rows.create_dataset(name, (0, *width), "f8", maxshape=(None, *width), chunks=chunk, fletcher32=True)
+            for name, values in records.spectra.items():
+                _put_fixed(spectra, name, np.zeros((2, *values.shape)))
+        self.recorded[records.name] = 0
+
+    def append_recorded(self, records: Recorded) -> None:
+        """Append the rows that this has, and put its spectra in place of those before.
+
+        Raises
+        ------
+        FileFormatError
+            The file has been damaged since the last call.
+        """
+        with _opened(self.path, "r+", "results file") as file:
+            group, first = file["farhorizon/recorded"][records.name], self.recorded[records.name]
+            if len(records.times):
+                _put(group["times"], first, records.times)
+                for name, values in records.data.items():
+                    _put(group["data"][name], first, values)
+                group.attrs.modify("rows", first + len(records.times))
+            for name, values in records.spectra.items():
+                group["spectra"][name][...] = np.stack([values.real, values.imag])
+        self.recorded[records.name] = first + len(records.times)
 
     def append_probes(self, times: np.ndarray, values: np.ndarray) -> None:
         """Append records of the probes, whose times are their own.
@@ -826,6 +902,24 @@ class Results:
         return self._records("values") if len(self.probes) else np.empty((0, 0))
 
     @property
+    def recorded(self) -> dict[str, Recorded]:
+        """What receivers and spectra have recorded, by their names."""
+        found = {}
+        with _opened(self.path, "r", "results file") as file:
+            for name, group in file["farhorizon"].get("recorded", {}).items():
+                place, rows = f"farhorizon/recorded/{name}", slice(int(group.attrs["rows"]))
+                spectra = {n: _read(file, self.path, f"{place}/spectra/{n}") for n in group["spectra"]}
+                found[name] = Recorded(
+                    name,
+                    _read(file, self.path, f"{place}/points"),
+                    _read(file, self.path, f"{place}/times", rows),
+                    {n: _read(file, self.path, f"{place}/data/{n}", rows) for n in group["data"]},
+                    _read(file, self.path, f"{place}/frequencies"),
+                    {n: real + 1j * imag for n, (real, imag) in spectra.items()},
+                )
+        return found
+
+    @property
     def energy(self) -> np.ndarray:
         """Energy, shape (rows,); nan where none was recorded."""
         return self._history_rows("energy")
@@ -882,7 +976,8 @@ class Results:
         xarray.Dataset
             Fields with the dimensions time, [component, ]x[, y[, z]]; ``energy`` (history_time), ``probe_values``
             (probe_time, probe), ``balance`` (history_time, account) if one was recorded; case, program and lattice as
-            attributes.
+            attributes; of each recorder NAME ``NAME_QUANTITY`` (NAME_time, NAME_point, ...), its spectra
+            ``NAME_QUANTITY_spectrum`` (NAME_frequency, NAME_point, ...), and the coordinates NAME_x, ....
 
         Raises
         ------
@@ -923,6 +1018,8 @@ class Results:
             coords["account"] = list(balance)
         if probed or any(component.values()):
             coords["component"] = list(names)
+        more = dataset_parts(self.recorded)
+        data, coords = data | more[0], coords | more[1]
         attributes = {
             "program": self.program,
             "case": self.case,

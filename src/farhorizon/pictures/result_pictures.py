@@ -16,6 +16,7 @@ from farhorizon.pictures.fields import comparable, field_panels, magnitude
 from farhorizon.pictures.fronts import front
 from farhorizon.pictures.movie import movie
 from farhorizon.pictures.style import DAMAGE, FORMATS, number_text, time_text
+from farhorizon.pictures.traces import trace_picture
 
 if TYPE_CHECKING:
     from farhorizon.files.results import Results
@@ -171,8 +172,8 @@ def plot_results(
     -------
     list of Path
         ``FIELD.png`` for every field, of vectors their length beside ``FIELD_x.png`` and so on (``front.png`` for the
-        times of dissolution), ``probes.png``, ``energy.png`` and ``balance.png`` where they were recorded;
-        ``deformed.png``; ``FIELD.gif`` and ``FIELD.mp4`` of a movie.
+        times of dissolution), ``probes.png``, of receivers ``NAME_QUANTITY.png``, ``energy.png`` and ``balance.png``
+        where they were recorded; ``deformed.png``; ``FIELD.gif`` and ``FIELD.mp4`` of a movie.
 
     Raises
     ------
@@ -309,6 +310,11 @@ def _histories(results: Results, directory: Path, ending: str) -> list[Path]:
         title = f"probe at {names[0]}" if len(names) == 1 else ""
         curves = [(name, *_recorded(moments, column)) for name, column in zip(names, values.T, strict=True)]
         lines(curves, written[-1], xlabel="t", ylabel="probe value", title=title)
+    for name, one in results.recorded.items():
+        for quantity in one.data if len(one.times) > 1 else ():
+            for column, traces in one.columns(quantity).items():
+                written.append(directory / f"{name}_{column}.{ending}")
+                trace_picture(one.points, one.times, traces, written[-1], label=column)
     history, energy = results.history_times, results.energy
     if np.isfinite(energy).any():
         moments, energies = _recorded(history, energy)

@@ -9,6 +9,7 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.errors import InputError, shown
+from farhorizon.files.records import Recorded
 from farhorizon.geometry.interpolation import INTERPOLATIONS, Blocks, as_points, interpolation_blocks
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.simulation.assembly import Parts
@@ -158,11 +159,14 @@ class Receivers(Recorder):
         """What was recorded, by quantity."""
         return {name: np.concatenate(rows) for name, rows in self._rows.items()}
 
-    def take_records(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Times and data since the last call, which are forgotten here."""
-        found = self.times, self.data
-        self._steps, self._rows = [], {name: [rows[:0]] for name, rows in found[1].items()}
-        return found
+    @property
+    def recorded(self) -> Recorded:
+        """What was recorded, apart from the run: it writes tables and arrays, and traces of ObsPy."""
+        return Recorded(self.name, self.points, self.times, self.data)
+
+    def forget(self) -> None:
+        """Keep no rows of the past."""
+        self._steps, self._rows = [], {name: [rows[0][:0]] for name, rows in self._rows.items()}
 
     # --- in a run ----------------------------------------------------------------------------------------------
 

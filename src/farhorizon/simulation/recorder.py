@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from farhorizon import kinds
 from farhorizon.errors import InputError
+from farhorizon.files.records import Recorded
 from farhorizon.geometry.interpolation import Blocks
 
 Arrays = dict[str, np.ndarray]
@@ -58,6 +60,15 @@ class Recorder(ABC):
     name: str
     notes: list[str]
 
+    @property
+    @abstractmethod
+    def recorded(self) -> Recorded:
+        """What was recorded so far, apart from the run."""
+
+    @abstractmethod
+    def forget(self) -> None:
+        """Keep no rows of the past: a file has them."""
+
     @abstractmethod
     def begin(self, setup: Any, parts: Any) -> Wanted:
         """Say what to take of a run.
@@ -91,6 +102,10 @@ class Recorder(ABC):
     @abstractmethod
     def take(self, state: Arrays) -> None:
         """Be in a state that `state` gave."""
+
+
+Observer = Callable[[Any], None] | Recorder
+"""What a run is given in ``observe=[...]``."""
 
 
 def recorder_name(value: object) -> str:

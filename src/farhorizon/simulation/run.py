@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -25,7 +25,7 @@ from farhorizon.simulation.examination import Examination
 from farhorizon.simulation.kept import packed
 from farhorizon.simulation.overstretch import IntactMargin
 from farhorizon.simulation.probes import Probes
-from farhorizon.simulation.recorder import Recorder
+from farhorizon.simulation.recorder import Observer, Recorder
 from farhorizon.simulation.resume import stored
 from farhorizon.simulation.steps import last_step, steps_between
 
@@ -88,7 +88,7 @@ class Run(ABC):
     dt: float
     probes: Probes | None = None
 
-    def _at_start(self, observe: Sequence[Callable[[Any], None]], nodes: int) -> None:
+    def _at_start(self, observe: Sequence[Observer], nodes: int) -> None:
         """Before the first step of a run that computes so many nodes."""
         given = kinds.sequence(observe, "observe", "functions of the run, and recorders")
         self.recorders = [one for one in given if isinstance(one, Recorder)]

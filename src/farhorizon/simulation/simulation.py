@@ -31,6 +31,7 @@ from farhorizon.simulation.drives import signals
 from farhorizon.simulation.flux import flux_tables, nodal_flux, plane, power_across
 from farhorizon.simulation.guard import likely_cause, refuse_explosion
 from farhorizon.simulation.march import March
+from farhorizon.simulation.recorder import Observer
 from farhorizon.simulation.recording import Recording
 from farhorizon.simulation.remaking import remade_setup
 from farhorizon.simulation.resume import matching
@@ -134,7 +135,7 @@ class Simulation(Run):
         cracks: Sequence[Any] = (),
         coefficient: Any = None,
         background: float = 0.0,
-        observe: Sequence[Callable[[Simulation], None]] = (),
+        observe: Sequence[Observer] = (),
         dt: float | Callable[[float], float] | None = None,
         dtype: str = "float64",
         threads: int | None = None,
@@ -149,7 +150,7 @@ class Simulation(Run):
         self._begin(Setup(*what, rule, rim, constraints, balance, specimens, loads), observe)
 
     @classmethod
-    def of(cls, setup: Setup, observe: Sequence[Callable[[Simulation], None]] = ()) -> Self:
+    def of(cls, setup: Setup, observe: Sequence[Observer] = ()) -> Self:
         """A run of a set-up.
 
         Parameters
@@ -162,7 +163,7 @@ class Simulation(Run):
         run._begin(setup, observe)
         return run
 
-    def _begin(self, setup: Setup, observe: Sequence[Callable[[Simulation], None]]) -> None:
+    def _begin(self, setup: Setup, observe: Sequence[Observer]) -> None:
         """Be at the start of a set-up, and show what others read of its parts."""
         self.setup = setup
         self.parts = parts = assemble(setup)

@@ -1,0 +1,200 @@
+"""What receivers and spectra have recorded, apart from the run: as arrays, tables, and in users' formats."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.errors import InputError
+
+if TYPE_CHECKING:
+    import obspy
+
+_AXES = "xyz"
+_WORST = 1e-6  # of a step: times further from even ones are not even
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """The records of one recorder of a run.
+
+    Attributes
+    ----------
+    name : str
+    points : ndarray, shape (n, dim)
+        Where it was recorded.
+    times : ndarray, shape (rows,)
+    data : dict of str to ndarray
+        By quantity, of shape (rows, n, ...).
+    frequencies : ndarray, shape (F,)
+        Of spectra, in cycles per unit of time.
+    spectra : dict of str to ndarray
+        By quantity, complex, of shape (F, n, ...).
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> import numpy as np
+    >>> line = fh.Receivers([-2.0, 2.0])
+    >>> lattice = fh.Lattice(1.0, -9, 9)
+    >>> sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), initial={"u": "exp(-x**2)"}, observe=[line])
+    >>> sim.step(4)
+    >>> line.recorded.to_csv("line.csv")
+    >>> np.loadtxt("line.csv", delimiter=",", skiprows=3).shape  # times, and two receivers
+    (5, 3)
+    """
+
+    name: str
+    points: np.ndarray
+    times: np.ndarray
+    data: dict[str, np.ndarray]
+    frequencies: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    spectra: dict[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def dim(self) -> int:
+        """Coordinates of a point."""
+        return int(self.points.shape[1])
+
+    def columns(self, quantity: str) -> dict[str, np.ndarray]:
+        """The components of a quantity by name ("u_x", "stress_xy"), each of shape (rows, n); of spectra (F, n).
+
+        Raises
+        ------
+        InputError
+            It was not recorded.
+        """
+        known = {**self.data, **self.spectra}
+        values = known[kinds.one_of(quantity, "quantity", known, f"{self.name} have no such quantity")]
+        return {
+            "_".join([quantity, *["".join(_AXES[i] for i in place)][: len(place)]]): values[:, :, *place]
+            for place in np.ndindex(values.shape[2:])
+        }
+
+    def to_npz(self, path: str | Path) -> None:
+        """Write all arrays into one file of NumPy: points, times, each quantity; of spectra the frequencies, too."""
+        arrays: dict[str, Any] = {"points": self.points, "times": self.times, **self.data}
+        if self.spectra:
+            arrays |= {"frequencies": self.frequencies, **self.spectra}
+        with _writable(path).open("wb") as file:
+            np.savez(file, **arrays)
+
+    def to_csv(self, path: str | Path, quantity: str | None = None) -> None:
+        """Write a quantity as a table: after lines with its name and the places of the receivers a row a time, the time
+        first.
+
+        Parameters
+        ----------
+        path : str or Path
+        quantity : str, optional
+            The first one unless given.
+
+        Raises
+        ------
+        InputError
+            It was not recorded; no such folder.
+        """
+        columns = self.columns(self._chosen(quantity))
+        places = [" ".join(f"{x:.10g}" for x in point) for point in self.points]
+        titles = ["t", *(f"{name} at {place}" for name in columns for place in places)]
+        table = np.column_stack([self.times, *columns.values()])
+        head = f"# {self.name}: {', '.join(columns)}\n# one column a receiver, at {' '.join(_AXES[: self.dim])}\n"
+        with _writable(path).open("w", encoding="utf-8") as file:
+            file.write(head + ",".join(titles) + "\n")
+            np.savetxt(file, table, delimiter=",", fmt="%.17g")
+
+    def to_obspy(self, quantity: str | None = None, start: Any = 0.0) -> obspy.Stream:
+        """A quantity as traces of ObsPy, which writes SAC, miniSEED, SEG-Y and more.
+
+        Parameters
+        ----------
+        quantity : str, optional
+            The first one unless given.
+        start : UTCDateTime or float
+            The moment of time 0, as `obspy.UTCDateTime` takes it.
+
+        Returns
+        -------
+        obspy.Stream
+            A trace a receiver and component: stations R00000, R00001, ...; channels are the last letters of the
+            components in capitals, or Z of a scalar. ``trace.stats.coordinates`` has the place.
+
+        Raises
+        ------
+        InputError
+            ObsPy is not installed; the quantity was not recorded; fewer than two rows, or times that are not even.
+
+        Notes
+        -----
+        Formats have limits of their own: times there are in seconds, and SEG-Y counts them in whole microseconds. Scale
+        the time in ``trace.stats.delta`` where the run's unit is another one.
+        """
+        try:
+            import obspy
+        except ImportError as error:
+            raise InputError("ObsPy is not installed", remedy="pip install 'farhorizon[obspy]'") from error
+        chosen, delta, traces = self._chosen(quantity), self._interval(), []
+        for name, values in self.columns(chosen).items():
+            letters = name.removeprefix(chosen).lstrip("_").upper() or "Z"
+            for number, column in enumerate(values.T):
+                stats = {
+                    "delta": delta,
+                    "starttime": obspy.UTCDateTime(start) + float(self.times[0]),
+                    "station": f"R{number:05d}",
+                    "channel": letters,
+                    "coordinates": dict(zip(_AXES, self.points[number].tolist(), strict=False)),
+                }
+                traces.append(obspy.Trace(np.ascontiguousarray(column), stats))
+        return obspy.Stream(traces)
+
+    def _chosen(self, quantity: str | None) -> str:
+        if not self.data:
+            raise InputError("nothing was recorded in time", value=self.name, remedy="Receivers record in time")
+        return (
+            next(iter(self.data))
+            if quantity is None
+            else kinds.one_of(quantity, "quantity", self.data, f"{self.name} have no such quantity")
+        )
+
+    def _interval(self) -> float:
+        """Time from one row to the next."""
+        if len(self.times) < 2:
+            raise InputError("a trace has two rows or more", value=len(self.times), key=self.name)
+        apart = np.diff(self.times)
+        if np.ptp(apart) > _WORST * apart.mean():
+            raise InputError("the times are not even", value=apart.min(), limit=apart.max(), key=self.name)
+        return float(apart.mean())
+
+
+def _writable(path: str | Path) -> Path:
+    found = kinds.path(path, "path")
+    if not found.parent.is_dir():
+        raise InputError(f"{found}: there is no directory {found.parent}", remedy="create it first")
+    return found
+
+
+def dataset_parts(records: Mapping[str, Recorded]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Variables and coordinates of an xarray Dataset: those of NAME begin with it."""
+    data: dict[str, Any] = {}
+    coords: dict[str, Any] = {}
+    for name, one in records.items():
+        ahead = f"{name}_time", f"{name}_point"
+        if one.data:
+            coords[ahead[0]] = one.times
+        for axis, letter in enumerate(_AXES[: one.dim]):
+            coords[f"{name}_{letter}"] = (ahead[1], one.points[:, axis])
+        for quantity, values in one.data.items():
+            data[f"{name}_{quantity}"] = ((*ahead, *("component", "along")[: values.ndim - 2]), values)
+            coords |= {dim: list(_AXES[: one.dim]) for dim in ("component", "along")[: values.ndim - 2]}
+        if one.spectra:
+            coords[f"{name}_frequency"] = one.frequencies
+        for quantity, values in one.spectra.items():
+            dims = (f"{name}_frequency", ahead[1], *("component", "along")[: values.ndim - 2])
+            data[f"{name}_{quantity}_spectrum"] = (dims, values)
+            coords |= {dim: list(_AXES[: one.dim]) for dim in ("component", "along")[: values.ndim - 2]}
+    return data, coords

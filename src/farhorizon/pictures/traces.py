@@ -1,0 +1,144 @@
+"""What receivers record, drawn: as wiggles, as a section (position against time) and as spectra."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from farhorizon.pictures.style import COLORS, figure_at, number_text, scale_of
+
+_MOST_WIGGLES = 41
+_LEAST_IN_SECTION = 8
+_MOST_CURVES = 7
+_STRAIGHT = 1e-6  # of a line's length: points further from it do not lie on it
+
+
+def trace_picture(
+    points: np.ndarray, times: np.ndarray, values: np.ndarray, path: str | Path | None, *, label: str
+) -> Any:
+    """Draw traces, and the amplitudes of their spectra: up to seven as curves over time, more of them beside their
+    receivers, time downwards, and as an image.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, dim)
+        Places of the receivers.
+    times : ndarray, shape (rows,)
+        Even ones.
+    values : ndarray, shape (rows, n)
+    path : str or Path, optional
+        The file; without one nothing is written.
+    label : str
+        What the values are.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    InputError
+        There is no such directory.
+    """
+    name, places = positions(points)
+    many = len(points) >= _LEAST_IN_SECTION
+    with figure_at(path, (9.6 if many else 6.4, 3.6)) as figure:
+        panels = list(figure.subplots(1, 2 + many))
+        if many:
+            _wiggles(panels[0], places, times, values, name)
+            _section(figure, panels[1], places, times, values, name, label)
+            panels[0].set_title(label)
+        else:
+            _curves(panels[0], points, times, values)
+            panels[0].set(xlabel="t", ylabel=label)
+        _spectra(panels[-1], points, times, values)
+    return figure
+
+
+def positions(points: np.ndarray) -> tuple[str, np.ndarray]:
+    """How far each point is along a line: what that is called, and the values; numbers of points that lie on none.
+
+    Along an axis it is the coordinate, else the distance from the first point.
+    """
+    numbers = np.arange(len(points), dtype=float)
+    apart = points - points[0]
+    length = float(np.linalg.norm(apart[-1]))
+    if len(points) < 2 or not length:
+        return "receiver", numbers
+    direction = apart[-1] / length
+    along = apart @ direction
+    aside = np.linalg.norm(apart - np.multiply.outer(along, direction), axis=1).max()
+    if aside > _STRAIGHT * length or (np.diff(along) <= 0).any():
+        return "receiver", numbers
+    axis = int(np.abs(direction).argmax())
+    if np.abs(direction[axis]) > 1 - _STRAIGHT:
+        return "xyz"[axis], points[:, axis]
+    return "distance along the receivers", along
+
+
+def _wiggles(axes: Any, places: np.ndarray, times: np.ndarray, values: np.ndarray, name: str) -> None:
+    """Traces beside their receivers, all on one scale: the largest is as wide as two receivers are apart."""
+    some = np.unique(np.linspace(0, len(places) - 1, min(len(places), _MOST_WIGGLES)).round().astype(int))
+    gap = np.abs(np.diff(places[some])).min() if len(some) > 1 else 1.0
+    largest = float(np.abs(values[np.isfinite(values)]).max(initial=0.0)) or 1.0
+    for number in some:
+        drawn = places[number] + gap * values[:, number] / largest
+        axes.plot(drawn, times, color=COLORS[0], linestyle="-", linewidth=0.7)
+        filled = {
+            "where": drawn > places[number],
+            "color": COLORS[0],
+            "linewidth": 0,
+            "alpha": 0.4,
+            "interpolate": True,
+        }
+        axes.fill_betweenx(times, places[number], drawn, **filled)
+    axes.set(xlabel=name, ylabel="t")
+    axes.margins(x=0.02, y=0)
+    axes.invert_yaxis()
+
+
+def _section(
+    figure: Any, axes: Any, places: np.ndarray, times: np.ndarray, values: np.ndarray, name: str, label: str
+) -> None:
+    """An image of position against time, as a B-scan."""
+    edges = [_edges(one) for one in (places, times)]
+    image = axes.pcolormesh(*edges, values, rasterized=True, **scale_of([values], None, None))
+    axes.set(xlabel=name, ylabel="t")
+    axes.invert_yaxis()
+    figure.colorbar(image, ax=axes, label=label)
+
+
+def _edges(middles: np.ndarray) -> np.ndarray:
+    """Edges between values, half-way, and beyond the first and the last as far as inside."""
+    if len(middles) < 2:
+        return middles[0] + np.array([-0.5, 0.5])
+    halves = (middles[1:] + middles[:-1]) / 2
+    return np.concatenate([[2 * middles[0] - halves[0]], halves, [2 * middles[-1] - halves[-1]]])
+
+
+def _spectra(axes: Any, points: np.ndarray, times: np.ndarray, values: np.ndarray) -> None:
+    """Amplitudes over frequency, to where the largest of all has fallen to a thousandth for good."""
+    if len(times) < 2:
+        axes.set_axis_off()
+        return
+    dt = float(times[-1] - times[0]) / (len(times) - 1)
+    amplitudes = dt * np.abs(np.fft.rfft(np.nan_to_num(values), axis=0))
+    frequencies = np.fft.rfftfreq(len(times), dt)
+    strong = np.flatnonzero(amplitudes.max(1) > 1e-3 * amplitudes.max())
+    shown = slice(0, min(len(frequencies), int(strong[-1]) + 2) if strong.size else None)
+    _curves(axes, points, frequencies[shown], amplitudes[shown])
+    axes.set(xlabel="frequency (cycles per unit of time)", ylabel="amplitude of the spectrum")
+
+
+def _curves(axes: Any, points: np.ndarray, x: np.ndarray, values: np.ndarray) -> None:
+    """Values at some of the receivers, which the legend names by their places."""
+    some = np.unique(np.linspace(0, len(points) - 1, min(len(points), _MOST_CURVES)).round().astype(int))
+    size = float(np.abs(points).max()) or 1.0
+    for number in some:
+        place = ", ".join(number_text(coordinate, size) for coordinate in points[number])
+        axes.plot(x, values[:, number], label=f"({place})")
+    axes.margins(x=0.01)
+    axes.grid(True)
+    axes.legend(fontsize="x-small")

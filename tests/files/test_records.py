@@ -1,0 +1,192 @@
+"""Records apart from their run: tables, arrays, traces, and in results files."""
+
+import sys
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.cli import main
+from farhorizon.files.records import Recorded
+from farhorizon.files.results import ResultsWriter, open_results
+
+POINTS = np.array([[0.5, 1.0], [1.5, -1.0], [2.5, 0.25]])
+
+
+def records(rows=4, first=0, name="line"):
+    times = 0.25 * np.arange(first, first + rows)
+    u = np.arange(3.0) + 10 * times[:, None]
+    stress = u[:, :, None, None] + np.array([[1.0, 2.0], [3.0, 4.0]])
+    return Recorded(name, POINTS, times, {"u": u, "v": np.stack([u, -u], -1), "stress": stress})
+
+
+def test_columns_are_named_by_their_components():
+    found = records()
+    assert list(found.columns("u")) == ["u"] and list(found.columns("v")) == ["v_x", "v_y"]
+    assert list(found.columns("stress")) == ["stress_xx", "stress_xy", "stress_yx", "stress_yy"]
+    np.testing.assert_array_equal(found.columns("stress")["stress_yx"], found.data["stress"][:, :, 1, 0])
+    with pytest.raises(fh.InputError, match="no such quantity"):
+        found.columns("w")
+
+
+def test_tables_and_arrays(tmp_path):
+    """All digits come back."""
+    found = records()
+    found.data["u"] /= 3
+    found.to_csv(tmp_path / "u.csv")
+    found.to_csv(tmp_path / "v.csv", "v")
+    table = np.loadtxt(tmp_path / "u.csv", delimiter=",", skiprows=3)
+    np.testing.assert_array_equal(table, np.column_stack([found.times, found.data["u"]]))
+    lines = (tmp_path / "v.csv").read_text().splitlines()
+    assert lines[2].split(",")[:3] == ["t", "v_x at 0.5 1", "v_x at 1.5 -1"] and len(lines) == 3 + 4
+    found.to_npz(tmp_path / "all.npz")
+    with np.load(tmp_path / "all.npz") as arrays:
+        assert set(arrays) == {"points", "times", "u", "v", "stress"}
+        np.testing.assert_array_equal(arrays["stress"], found.data["stress"])
+    with pytest.raises(fh.InputError, match="no directory"):
+        found.to_csv(tmp_path / "none" / "u.csv")
+
+
+def test_without_obspy_the_error_names_the_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "obspy", None)
+    with pytest.raises(fh.InputError, match=r"farhorizon\[obspy\]"):
+        records().to_obspy()
+
+
+def test_traces_of_obspy(tmp_path):
+    """A trace a receiver and component, as even in time; SAC, miniSEED and SEG-Y come back."""
+    obspy = pytest.importorskip("obspy")
+    found = records(rows=50)
+    stream = found.to_obspy("v", start="2026-01-01")
+    assert [trace.stats.channel for trace in stream] == ["X"] * 3 + ["Y"] * 3
+    assert stream[4].stats.station == "R00001" and stream[4].stats.delta == 0.25
+    np.testing.assert_array_equal(stream[4].data, found.data["v"][:, 1, 1])
+    for name, digits in (("MSEED", 15), ("SAC", 6)):
+        stream.select(channel="X", station="R00002").write(str(tmp_path / name), format=name)
+        (back,) = obspy.read(str(tmp_path / name))
+        np.testing.assert_allclose(back.data, found.data["v"][:, 2, 0], rtol=10.0**-digits)
+    with pytest.raises(fh.InputError, match="two rows"):
+        records(rows=1).to_obspy()
+
+
+def test_uneven_times_make_no_trace():
+    pytest.importorskip("obspy")
+    found = records()
+    found.times[2] += 0.01
+    with pytest.raises(fh.InputError, match="even"):
+        found.to_obspy()
+
+
+def written(path, outputs=3):
+    """A results file with an output every four rows."""
+    more = {"shape": (4, 3), "spacing": 1.0, "lower": (0.0, 0.0), "fields": ("u",), "dtype": "float64"}
+    writer = ResultsWriter.create(path, **more)
+    writer.hold(records(0))
+    for k in range(outputs):
+        writer.append_recorded(records(4, 4 * k))
+        writer.append(4 * k + 3, 0.25 * (4 * k + 3), {"u": np.full((4, 3), float(k))})
+    return writer
+
+
+def test_results_have_the_rows_as_they_come(tmp_path):
+    writer = written(tmp_path / "a.h5")
+    found, whole = open_results(tmp_path / "a.h5").recorded["line"], records(12)
+    np.testing.assert_array_equal(found.times, whole.times)
+    np.testing.assert_array_equal(found.points, POINTS)
+    assert list(found.data) == ["u", "v", "stress"] and writer.recorded == {"line": 12}
+    for name, values in whole.data.items():
+        np.testing.assert_array_equal(found.data[name], values)
+    with pytest.raises(fh.InputError, match="something else of this name"):
+        writer.hold(records(0))
+
+
+@pytest.mark.parametrize(("given", "kept"), [(None, 8), ({"line": 9}, 9)])
+def test_results_go_on_after_the_rows_of_the_checkpoint(tmp_path, given, kept):
+    """After those of the last output that is kept unless it says how many."""
+    written(tmp_path / "a.h5")
+    writer = ResultsWriter.resume(tmp_path / "a.h5", 2, recorded=given)
+    writer.append_recorded(records(3, kept))
+    found = open_results(tmp_path / "a.h5").recorded["line"]
+    np.testing.assert_array_equal(found.times, 0.25 * np.arange(kept + 3))
+    with pytest.raises(fh.FileFormatError, match="fewer rows"):
+        ResultsWriter.resume(tmp_path / "a.h5", 1, recorded={"line": 99})
+
+
+def test_xarray_has_them_with_their_coordinates(tmp_path):
+    written(tmp_path / "a.h5")
+    dataset = open_results(tmp_path / "a.h5").to_xarray()
+    assert dataset["line_stress"].dims == ("line_time", "line_point", "component", "along")
+    assert dataset["line_v"].sel(component="y", line_time=0.5).shape == (3,)
+    np.testing.assert_array_equal(dataset["line_y"], POINTS[:, 1])
+
+
+CASE = """
+[lattice]
+spacing = 0.25
+lower = [-5.0, -5.0]
+upper = [5.0, 5.0]
+[model]
+type = "wave"
+[model.kernel]
+horizon = 0.5
+[initial]
+u = "exp(-4*(x**2+y**2))"
+[boundary]
+all = { type = "lattice-pml", nodes = 6 }
+[run]
+until = 3.0
+[output]
+every = 1.0
+[[receivers]]
+line = { start = [-2.1, 2.0], end = [2.1, 2.0], count = 9 }
+record = ["u", "energy_flux"]
+[[receivers]]
+name = "well"
+points = [[0.13, 1.0]]
+every = 2
+interpolation = "linear"
+"""
+
+
+def test_receivers_of_a_case(tmp_path, monkeypatch, capsys):
+    """Run whole and in two parts they have the same bits, those of a run in Python; they are drawn."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.toml").write_text(CASE)
+    assert main(["run", "a.toml", "--out", "whole", "--no-report"]) == 0
+    assert main(["run", "a.toml", "--out", "part", "--until", "1.3", "--no-report"]) == 0
+    assert main(["run", "a.toml", "--out", "part", "--resume", "--no-report"]) == 0
+    whole, part = (open_results(f"{name}/a.h5").recorded for name in ("whole", "part"))
+    sim = fh.read_case("a.toml").simulation()
+    sim.run(3.0)
+    assert set(whole) == {"receivers_0", "well"} == {one.name for one in sim.recorders}
+    for one in sim.recorders:
+        for found in (whole[one.name], part[one.name]):
+            np.testing.assert_array_equal(found.times, one.times)
+            for name, values in one.data.items():
+                np.testing.assert_array_equal(found.data[name], values)
+    drawn = {path.name for path in (tmp_path / "whole" / "a").iterdir()}
+    assert {"receivers_0_u.png", "receivers_0_energy_flux_x.png", "well_u.png"} <= drawn
+    assert main(["check", "a.toml"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("every = 2", "every = 0", r"receivers\[1\]\.every"),
+        ('record = ["u", "energy_flux"]', 'record = ["w"]', r"receivers\[0\]\.record: unknown quantity"),
+        ('record = ["u", "energy_flux"]', 'record = ["stress"]', "no such quantity"),
+        ("points = [[0.13, 1.0]]", "", r"receivers\[1\]: give exactly one of points, line, grid"),
+        ("points = [[0.13, 1.0]]", "points = [[0.13, 9.0]]", "outside the near field"),
+        ("count = 9", "count = 0", r"receivers\[0\]"),
+    ],
+)
+def test_cases_that_are_refused(tmp_path, monkeypatch, capsys, old, new, message):
+    """Before any work, with the key."""
+    monkeypatch.chdir(tmp_path)
+    assert old in CASE
+    (tmp_path / "a.toml").write_text(CASE.replace(old, new))
+    assert main(["run", "a.toml"]) == 2
+    from re import search
+
+    assert search(message, capsys.readouterr().err)
+    assert not list(tmp_path.glob("*.h5"))

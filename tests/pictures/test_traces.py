@@ -1,0 +1,51 @@
+"""Traces as curves, wiggles, sections and spectra."""
+
+import numpy as np
+import pytest
+
+from drawn import is_picture
+from farhorizon.pictures.traces import positions, trace_picture
+
+TIMES = np.linspace(0.0, 20.0, 201)
+
+
+def traces(points):
+    """A pulse of 0.3 cycles per unit of time that passes with speed 1."""
+    late = TIMES[:, None] - 6 - points[:, 0]
+    return np.exp(-(late**2) / 4) * np.cos(2 * np.pi * 0.3 * late)
+
+
+@pytest.mark.parametrize("count", [1, 3, 9, 60])
+def test_pictures_of_few_and_many(tmp_path, count):
+    """Curves and spectra of few, wiggles, a section and spectra of many; the spectrum has its peak where it is."""
+    points = np.column_stack([np.linspace(0, 4, count), np.zeros(count)])
+    figure = trace_picture(points, TIMES, traces(points), tmp_path / "u.png", label="u")
+    assert is_picture(tmp_path / "u.png")
+    axes = [one for one in figure.axes if one.get_label() != "<colorbar>"]
+    assert len(axes) == (3 if count > 7 else 2)
+    line = axes[-1].get_lines()[0]
+    assert line.get_xdata()[np.argmax(line.get_ydata())] == pytest.approx(0.3, abs=0.05)
+    assert line.get_xdata()[-1] < 1.5  # nothing is drawn of what is empty
+    if count > 7:
+        assert len(axes[0].get_lines()) == min(count, 41) and axes[1].get_xlabel() == "x"
+        assert axes[0].yaxis_inverted() and axes[1].yaxis_inverted()
+
+
+def test_zeros_and_a_single_row(tmp_path):
+    """Nothing to show is shown as nothing."""
+    points = np.zeros((9, 2))
+    trace_picture(points, TIMES, np.zeros((201, 9)), tmp_path / "zero.png", label="u")
+    trace_picture(points[:1], TIMES[:1], np.ones((1, 1)), tmp_path / "one.png", label="u")
+    assert is_picture(tmp_path / "zero.png") and is_picture(tmp_path / "one.png")
+
+
+def test_positions_along_a_line():
+    """By the coordinate along an axis, by the distance otherwise, by number where they lie on no line."""
+    even = np.linspace(1.0, 3.0, 5)
+    name, places = positions(np.column_stack([np.full(5, 2.0), even]))
+    assert name == "y" and np.array_equal(places, even)
+    name, places = positions(np.column_stack([3 * even, 4 * even]))
+    assert name.startswith("distance") and places == pytest.approx(5 * (even - 1))
+    for points in (np.array([[0.0, 0.0], [1.0, 1.0], [2.0, 0.0]]), np.zeros((3, 2)), np.zeros((1, 2))):
+        name, places = positions(points)
+        assert name == "receiver" and places.tolist() == list(range(len(points)))
