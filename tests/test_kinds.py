@@ -118,6 +118,7 @@ RIGHT = {
     "Exact": {"compress": 1e-12},
     "Expression": {"text": "x", "dim": 1},
     "Extended": {"target": None, "nodes": None, "until": None},
+    "FarField": {"box": None, "frequencies": [0.1], "history": True, "name": "far_field"},
     "FirstOrder": {},
     "Fixed": {"value": 0.0},
     "Flux": {"where": "x-", "value": 0.0, "kind": "source", "within": None},

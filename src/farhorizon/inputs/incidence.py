@@ -214,6 +214,12 @@ class Incidence:
     operator : callable
         L of a field of the lattice's shape (with components first), zero beyond it.
 
+    Attributes
+    ----------
+    pulse : PlanePulse
+    start : float
+        Where, along its direction from the origin, the wave meets the box first and has its signal.
+
     Raises
     ------
     InputError
@@ -234,8 +240,8 @@ class Incidence:
         along = sum(n * x for n, x in zip(direction, np.ix_(*lattice.axes), strict=True))
         self._shape = (stencil.components, *lattice.shape)
         box = self._slices(lattice, 0)
-        start = float(along[box].min())
-        self._along = along - start
+        self.start = float(along[box].min())
+        self._along = along - self.start
         self.pulse = PlanePulse(
             stencil,
             coefficient,

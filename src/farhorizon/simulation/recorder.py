@@ -85,6 +85,15 @@ class Recorder(ABC):
             What this run cannot give.
         """
 
+    def foresee(self, until: float, steps: int) -> None:  # noqa: B027
+        """What `run` does first: look at a run to a time, of so many steps in all.
+
+        Raises
+        ------
+        InputError
+            What cannot be recorded of it.
+        """
+
     @abstractmethod
     def start(self, step: int, heard: Heard) -> None:
         """Forget what was recorded, and take the values at the first step, in the last of two rows; the row before

@@ -79,6 +79,11 @@ class Recording:
             blocks.append(np.einsum("rnkc,nk->rnc", values[:, nodes], weights))
         return Heard(values[:, wanted.nodes], tuple(blocks))
 
+    def foresee(self, until: float, steps: int) -> None:
+        """Let the recorders look at a run to a time, of so many steps in all."""
+        for one in self.recorders:
+            one.foresee(until, steps)
+
     def add(self, step: int) -> None:
         """Give the recorders what the loop has kept of its last steps, which begin with number `step`."""
         engine, row = self._grid.engine, 0

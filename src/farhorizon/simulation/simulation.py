@@ -213,6 +213,7 @@ class Simulation(Run):
         self.check_sources(until)
         self._end = max(self._end, until)
         last = super().prepare(until)
+        self._recording.foresee(until, last)
         if self.exact_ends is not None:
             self.exact_ends.cover(last)
         return last

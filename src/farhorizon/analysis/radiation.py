@@ -1,0 +1,251 @@
+"""What forces on a lattice radiate at a frequency: patterns, energies, and cross sections for plane waves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.analysis.references.driven import Scheme
+from farhorizon.analysis.wave_surface import along, carried, outgoing
+from farhorizon.errors import InputError
+
+#: Waves by the number of components of the field, the fastest first.
+WAVES = {1: ("wave",), 2: ("P", "S"), 3: ("P", "S1", "S2")}
+_BLOCK = 1 << 22  # complex numbers that are worked on at a time
+_NEAREST = 1e-6  # part of the band that is left out at its ends, where nothing moves
+
+
+@dataclass(frozen=True, eq=False)
+class Pattern:
+    r"""What is radiated, by frequency, wave and direction.
+
+    At a distance r from the origin of the coordinates, along a direction, the spectrum of the field (with the sign and
+    the scale of `FarField.frequencies`) approaches
+
+    .. math:: \sum_\text{waves} A\,e\;\frac{\exp(-i\,k \cdot x)}{r^{(\text{dim} - 1)/2}},
+
+    with what falls off faster left out: relative to this it is of the order of a wavelength over r, or of the square of
+    the size of what radiates over a wavelength and r.
+
+    Attributes
+    ----------
+    frequencies : ndarray, shape (F,)
+        Cycles per time.
+    directions : ndarray, shape (D, dim)
+        Unit vectors, along which energy travels.
+    waves : tuple of str
+        "wave" of a scalar; "P" and "S", in space "P", "S1" and "S2", the faster S wave first. Where both S waves are
+        one, they are any two at right angles.
+    amplitudes : ndarray of complex, shape (F, B, D)
+        A, field times time times length^((dim - 1) / 2).
+    polarisations : ndarray of complex, shape (F, B, D, components)
+        e, of unit length.
+    wave_vectors : ndarray of complex, shape (F, B, D, dim)
+        k, 1/length; it points along the direction only nearly, and less so in anisotropic media. Its imaginary part,
+        below zero, is that of damping.
+    intensities : ndarray, shape (F, B, D)
+        Energy per frequency and angle (in space solid angle; in one dimension per side): what a sphere without
+        damping is passed by, integrated over positive frequencies.
+    cross_sections : ndarray, shape (F, B, D), or None
+        Of a run with one incident wave the differential scattering cross section: power per angle over the incident
+        power per area (in two dimensions per length).
+    """
+
+    frequencies: np.ndarray
+    directions: np.ndarray
+    waves: tuple[str, ...]
+    amplitudes: np.ndarray
+    polarisations: np.ndarray
+    wave_vectors: np.ndarray
+    intensities: np.ndarray
+    cross_sections: np.ndarray | None = None
+
+    def spectrum(self, distance: float) -> np.ndarray:
+        """The spectrum of the field at a distance from the origin along each direction, as the pattern has it.
+
+        Parameters
+        ----------
+        distance : float
+
+        Returns
+        -------
+        ndarray of complex, shape (F, D[, components])
+        """
+        r, across = kinds.number(distance, "distance", above=0), self.directions.shape[1] - 1
+        phases = np.exp(-1j * r * np.einsum("fbdi,di->fbd", self.wave_vectors, self.directions))
+        waves = (self.amplitudes * phases)[..., None] * self.polarisations
+        found = waves.sum(1) / r ** (across / 2)
+        return np.asarray(found[..., 0] if len(self.waves) == 1 else found)
+
+
+def squared_frequency(scheme: Scheme, frequency: float) -> complex:
+    """The eigenvalue of the symbol for which a wave has a frequency, in cycles per time; with the time steps of the
+    scheme and its damping.
+    """
+    factor = np.exp(-2j * np.pi * frequency * scheme.dt)
+    return complex(-scheme.recursion.eigenvalue(factor) / scheme.rate)
+
+
+def checked_frequencies(scheme: Scheme, frequencies: Any, key: str) -> np.ndarray:
+    """Frequencies at which the lattice of a scheme carries waves in all directions.
+
+    Raises
+    ------
+    InputError
+        Others; frequencies of what has no waves.
+    """
+    found = np.atleast_1d(kinds.array(frequencies, key))
+    found = kinds.array(found, key, shape=(None,))
+    if not found.size:
+        return found
+    if scheme.order != 2:
+        raise InputError(
+            "only waves have a pattern by frequency", value=found, key=key, remedy="FarField.at, in time, serves"
+        )
+    nyquist = 0.5 / scheme.dt
+    roots = np.sqrt(np.array(carried(scheme.stencil)) * scheme.rate) * scheme.dt / 2
+    lowest, highest = np.arcsin(np.minimum(roots, 1.0)) * 2 * nyquist / np.pi
+    width = highest - lowest
+    wrong = found[(found <= lowest + _NEAREST * width) | (found >= highest - _NEAREST * width)]
+    if wrong.size:
+        raise InputError(
+            "the lattice does not carry waves of this frequency in all directions",
+            value=float(wrong[0]),
+            limit=f"{lowest:.4g} to {highest:.4g} cycles per time; the time steps end at {nyquist:.4g}",
+            key=key,
+            remedy="a lower frequency, or a finer lattice" if wrong[0] > lowest else "a higher frequency",
+        )
+    return found
+
+
+def as_directions(given: Any, dim: int, key: str) -> np.ndarray:
+    """Unit vectors (D, dim) from vectors, or from a number of even ones: both ways on a line, angles from the x axis in
+    the plane, a spiral from pole to pole in space.
+
+    Raises
+    ------
+    InputError
+        Vectors without length or of another dimension, a number below one.
+    """
+    if isinstance(given, int) and not isinstance(given, bool):
+        count = kinds.integer(given, key, least=1)
+        if dim == 1:
+            return np.array([[1.0], [-1.0]])
+        if dim == 2:
+            turn = 2 * np.pi * np.arange(count) / count
+            return np.stack([np.cos(turn), np.sin(turn)], -1)
+        height, turn = 1 - (2 * np.arange(count) + 1) / count, np.pi * (1 + np.sqrt(5)) * np.arange(count)
+        across = np.sqrt(1 - height**2)
+        return np.stack([across * np.cos(turn), across * np.sin(turn), height], -1)
+    found = kinds.array(np.atleast_2d(kinds.array(given, key)), key, shape=(None, dim))
+    lengths = np.linalg.norm(found, axis=1)
+    if not len(found) or not lengths.all():
+        raise InputError("directions are one or more vectors that are not zero", value=given, key=key)
+    return found / lengths[:, None]
+
+
+def waves_sent(
+    scheme: Scheme, squared: complex, nodes: np.ndarray, forces: np.ndarray, directions: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Amplitudes of the waves that forces send, for unit spacing.
+
+    Parameters
+    ----------
+    scheme : Scheme
+    squared : complex
+        As `squared_frequency` has it.
+    nodes : ndarray, shape (W, dim)
+        Their places, in spacings.
+    forces : ndarray of complex, shape (components, W)
+        Accelerations, of time dependence ``exp(-i omega t)``.
+    directions : ndarray, shape (D, dim)
+
+    Returns
+    -------
+    amplitudes : ndarray of complex, shape (B, D)
+    polarisations : ndarray of complex, shape (B, D, components)
+    wave_vectors : ndarray of complex, shape (B, D, dim)
+    slopes : ndarray of complex, shape (B, D)
+        Of the eigenvalue of the operator along the direction.
+    """
+    found = outgoing(scheme.stencil, squared, directions)
+    sums = transform(nodes, forces, found.wave_vectors)
+    amplitudes = (found.projections * sums).sum(-1) * found.amplitudes / scheme.rate
+    return amplitudes, found.polarisations, found.wave_vectors, scheme.rate * found.slopes
+
+
+def transform(nodes: np.ndarray, forces: np.ndarray, wave_vectors: np.ndarray) -> np.ndarray:
+    """``sum_j f_j exp(-i k . x_j)``, shape (.., components), for wave vectors of shape (.., dim)."""
+    vectors = wave_vectors.reshape(-1, wave_vectors.shape[-1])
+    rows = max(1, _BLOCK // len(nodes))
+    parts = [np.exp(-1j * vectors[start : start + rows] @ nodes.T) @ forces.T for start in range(0, len(vectors), rows)]
+    return np.concatenate(parts).reshape(*wave_vectors.shape[:-1], len(forces))
+
+
+@dataclass(frozen=True, eq=False)
+class ArrivingPlane:
+    """The spectrum of a plane wave at one frequency, for unit spacing: a sum of the branches that it is made of.
+
+    Attributes
+    ----------
+    amplitudes : ndarray of complex, shape (B,)
+        At the origin, of time dependence ``exp(-i omega t)``.
+    wave_vectors : ndarray of complex, shape (B, dim)
+    polarisations : ndarray of complex, shape (B, components)
+    slopes : ndarray, shape (B,)
+        Length of the gradient of the operator's eigenvalue.
+    """
+
+    amplitudes: np.ndarray
+    wave_vectors: np.ndarray
+    polarisations: np.ndarray
+    slopes: np.ndarray
+
+    @classmethod
+    def of(
+        cls,
+        scheme: Scheme,
+        squared: complex,
+        direction: np.ndarray,
+        vector: np.ndarray | None,
+        amplitude: complex,
+        place: float,
+    ) -> ArrivingPlane:
+        """The wave whose displacement along `vector` (None for a scalar) is `amplitude` on the plane at `place` on its
+        way.
+
+        Parameters
+        ----------
+        scheme : Scheme
+        squared : complex
+        direction : ndarray, shape (dim,)
+        vector : ndarray, shape (components,), or None
+        amplitude : complex
+        place : float
+        """
+        found = along(scheme.stencil, squared.real, direction)
+        count = len(found.slopes)
+        # as `PlanePulse` chooses them: the fastest branch, or those at right angles to it
+        used = slice(0, 1) if vector is None or abs(vector @ direction) > 0.5 else slice(1, count)
+        vectors, shapes = found.wave_vectors[used, 0], found.polarisations[used, 0]
+        shares = np.ones(1) if vector is None else shapes.conj() @ vector
+        phases = np.exp(-1j * (vectors @ direction) * place)
+        return cls(amplitude * shares * phases, vectors, shapes, scheme.rate * found.slopes[used, 0].real)
+
+    def field(self, nodes: np.ndarray) -> np.ndarray:
+        """The wave at places (W, dim), shape (components, W)."""
+        phases = np.exp(1j * nodes @ self.wave_vectors.T)
+        return np.asarray((phases * self.amplitudes @ self.polarisations).T)
+
+    @property
+    def strength(self) -> float:
+        """Twice the mean power per area, over mass and frequency (`FarField.energy` says which)."""
+        return float((np.abs(self.amplitudes) ** 2 * self.slopes).sum() / 2)
+
+    def work(self, nodes: np.ndarray, forces: np.ndarray) -> float:
+        """Twice the mean power that forces in place of a scatterer take from the wave, in the same units."""
+        sums = transform(nodes, forces, self.wave_vectors)
+        return float(((self.polarisations.conj() * sums).sum(-1) * self.amplitudes.conj()).sum().imag)

@@ -1,0 +1,266 @@
+"""The wave surface of a lattice: the waves of one frequency, and what a point force sends in each direction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from farhorizon.errors import InputError
+from farhorizon.medium.stencil import Stencil
+
+#: Branches nearer to each other than this part of their eigenvalue are one wave: S waves along an axis of symmetry.
+_APART = 1e-5
+_RADII = 96  # wavenumbers at which branches are looked at along a ray
+_RAYS = {1: 2, 2: 180, 3: 600}
+_NEWTON, _SETTLED = 30, 1e-12
+
+
+@dataclass(frozen=True)
+class Outgoing:
+    """Waves of one frequency that carry their energy in given directions.
+
+    Attributes
+    ----------
+    wave_vectors : ndarray of complex, shape (B, D, dim)
+        Times spacing; real without damping. Branches come with the largest eigenvalue, the fastest wave, first.
+    slopes : ndarray of complex, shape (B, D)
+        Derivative of the symbol's eigenvalue along the direction, along which its gradient points.
+    curvatures : ndarray of complex, shape (B, D)
+        Product of the second derivatives along the principal directions at right angles to it; 1 in one dimension.
+    polarisations, projections : ndarray of complex, shape (B, D, components)
+        Displacement of the wave, of unit length, and the row that finds its part in a force: without damping the
+        conjugate of the polarisation.
+    """
+
+    wave_vectors: np.ndarray
+    slopes: np.ndarray
+    curvatures: np.ndarray
+    polarisations: np.ndarray
+    projections: np.ndarray
+
+    @property
+    def amplitudes(self) -> np.ndarray:
+        r"""What a unit force at a node sends in each direction, shape (B, D): at a distance of r nodes the field is the
+        polarisation times ``amplitude * exp(i k . x) / r**((dim - 1) / 2)``, up to parts that fall off faster.
+
+        The integral of a plane wave over its Brillouin zone, divided by :math:`\lambda(k) - \Omega^2`, has the residue
+        :math:`i/g` on the wave surface, g the slope there. Along the surface its phase is stationary where the gradient
+        of the eigenvalue points to the receiver, and each principal direction contributes
+        :math:`\sqrt{g / (2 \pi i\, r h)}`, h the second derivative (Lighthill, Phil. Trans. R. Soc. A 252 (1960) 397,
+        section 4).
+        """
+        across = self.wave_vectors.shape[-1] - 1
+        return 1j / self.slopes * np.sqrt(self.slopes / (2j * np.pi)) ** across / np.sqrt(self.curvatures)
+
+
+def outgoing(stencil: Stencil, squared: complex, directions: np.ndarray) -> Outgoing:
+    """The waves of one frequency whose group velocity points along some directions.
+
+    Parameters
+    ----------
+    stencil : Stencil
+    squared : complex
+        Square of the frequency, in units of ``coefficient / spacing^2``: the eigenvalue of the symbol, between the
+        limits of `carried`. Its imaginary part is that of a damped wave, above zero.
+    directions : ndarray, shape (D, dim)
+        Unit vectors.
+
+    Raises
+    ------
+    InputError
+        A frequency at which several waves of one branch go in one direction.
+    """
+    start = _start(stencil, squared.real, directions)
+    found = [_branch(stencil, squared, directions, angles, number) for number, angles in enumerate(start)]
+    vectors, slopes, curvatures, shapes, rows = (np.stack(parts) for parts in zip(*found, strict=True))
+    if stencil.components == 3:
+        _set_apart(vectors, shapes, rows)
+    return Outgoing(vectors, slopes, curvatures, shapes, rows)
+
+
+def _set_apart(vectors: np.ndarray, shapes: np.ndarray, rows: np.ndarray) -> None:
+    """Choose two S waves at right angles where both are one, so that each of them was any of them."""
+    (one,) = np.nonzero(np.abs(vectors[1] - vectors[2]).max(1) < 1e-9 * np.abs(vectors[1]).max(1))
+    across = np.cross(rows[0, one], shapes[1, one].conj())
+    shapes[2, one] = across / np.linalg.norm(across, axis=1)[:, None]
+    rows[1:, one] = np.moveaxis(np.linalg.inv(np.moveaxis(shapes[:, one], 0, -1)), 1, 0)[1:]
+
+
+def along(stencil: Stencil, squared: float, direction: np.ndarray) -> Outgoing:
+    """The waves of one frequency whose phase travels along a direction; D is 1, and `slopes` are the lengths of the
+    eigenvalues' gradients.
+
+    Parameters
+    ----------
+    stencil : Stencil
+    squared : float
+        As of `outgoing`, without damping.
+    direction : ndarray, shape (dim,)
+        Unit vector.
+    """
+    lengths = np.pi / np.abs(direction).max() * np.linspace(0, 1, _RADII)
+    roots = np.sqrt(np.maximum(stencil.branches(*np.outer(direction, lengths)), 0.0)).T[::-1]
+    found = []
+    for number, branch in enumerate(roots):
+        last = int(np.argmax(branch > np.sqrt(squared)))
+        length = np.interp(np.sqrt(squared), branch[last - 1 : last + 1], lengths[last - 1 : last + 1])
+        for _ in range(_NEWTON):
+            value, gradient, *_ = _expansion(stencil, length * direction[None] + 0j, number)
+            change = (value[0].real - squared) / (gradient[0] @ direction).real
+            length -= change
+            if abs(change) < _SETTLED * length:
+                break
+        gradient, _, *vectors = _expansion(stencil, length * direction[None] + 0j, number)[1:]
+        slope = np.linalg.norm(gradient, axis=1)
+        found.append((length * direction[None] + 0j, slope, np.ones(1), *vectors))
+    return Outgoing(*(np.stack(parts) for parts in zip(*found, strict=True)))
+
+
+def carried(stencil: Stencil) -> tuple[float, float]:
+    """Between which squares of the frequency, in units of ``coefficient / spacing^2``, each branch has one closed wave
+    surface around k = 0.
+
+    Up to the upper one the eigenvalue grows along each ray from k = 0; above it waves of a wavelength of a few nodes
+    run backward, or not at all in some directions. Below the lower one, the reaction, nothing travels.
+    """
+    zone, values, slopes = stencil.zone_branches
+    outward = sum((k[..., None] * slope for k, slope in zip(zone, slopes, strict=True)), np.zeros(()))
+    moving = sum((k**2 for k in zone), np.zeros(()))[..., None] > 0
+    turned = np.broadcast_to(moving, values.shape) & (outward <= 1e-12 * values.max())
+    return stencil.reaction, float(values[turned].min())
+
+
+@lru_cache(maxsize=8)
+def _rays(stencil: Stencil) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Unit vectors (R, dim), wavenumbers on each up to the edge of the zone (R, n), and the square roots of the
+    branches there, the largest first (B, R, n).
+    """
+    count = _RAYS[stencil.dim]
+    if stencil.dim < 3:
+        turn = 2 * np.pi * (np.arange(count) + 0.5 * (stencil.dim > 1)) / count
+        rays = np.stack([np.cos(turn), np.sin(turn)], -1)[:, : stencil.dim]
+    else:
+        height, turn = 1 - (2 * np.arange(count) + 1) / count, np.pi * (1 + np.sqrt(5)) * np.arange(count)
+        across = np.sqrt(1 - height**2)
+        rays = np.stack([across * np.cos(turn), across * np.sin(turn), height], -1)
+    lengths = np.pi / np.abs(rays).max(1)[:, None] * np.linspace(0, 1, _RADII)
+    values = stencil.branches(*np.moveaxis(rays[:, None] * lengths[..., None], -1, 0))
+    return rays, lengths, np.moveaxis(np.sqrt(np.maximum(values, 0.0)), -1, 0)[::-1]
+
+
+def _start(stencil: Stencil, squared: float, directions: np.ndarray) -> np.ndarray:
+    """Wave vectors near those whose group velocity points along the directions, of undamped waves; shape (B, D, dim).
+
+    Raises
+    ------
+    InputError
+        A wave surface that is not convex.
+    """
+    rays, lengths, roots = _rays(stencil)
+    found: list[np.ndarray] = []
+    for branch in roots:
+        first = np.argmax(branch > np.sqrt(squared), axis=1)
+        rows = np.arange(len(rays))
+        below, above = branch[rows, first - 1], branch[rows, first]
+        share = (np.sqrt(squared) - below) / (above - below)
+        angles = rays * (lengths[rows, first - 1] + share * (lengths[rows, first] - lengths[rows, first - 1]))[:, None]
+        number = len(found)
+        # of S waves in space the mean: where they touch each has corners, of no consequence if they are nearly one
+        _, slopes, bends, *_ = _expansion(stencil, angles.astype(complex), number, 0.1)
+        normals = (slopes / np.linalg.norm(slopes, axis=1)[:, None]).real
+        if (_across(bends, normals).real <= 0).any():
+            raise InputError(
+                "waves of this frequency go in some directions by several ways: the wave surface is not convex",
+                value=f"{squared:.4g} coefficient / spacing^2, squared",
+                key="far_field.frequencies",
+                remedy="a lower frequency, or a finer lattice",
+            )
+        found.append(angles[np.argmax(directions @ normals.T, axis=1)])
+    return np.stack(found)
+
+
+def _branch(
+    stencil: Stencil, squared: complex, directions: np.ndarray, angles: np.ndarray, number: int
+) -> tuple[np.ndarray, ...]:
+    """Wave vectors of one branch by Newton's method, with all that `Outgoing` has of them.
+
+    The unknowns are the wave vector and the slope g: the eigenvalue is given, and its gradient is g times the
+    direction.
+    """
+    dim = stencil.dim
+    angles = angles.astype(complex)
+    value, gradient, bends, *rest = _expansion(stencil, angles, number)
+    slope = (gradient * directions).sum(1)
+    matrix = np.zeros((len(directions), dim + 1, dim + 1), complex)
+    for _ in range(_NEWTON):
+        wrong = np.concatenate([(value - squared)[:, None], gradient - slope[:, None] * directions], axis=1)
+        matrix[:, 0, :dim], matrix[:, 1:, :dim], matrix[:, 1:, dim] = gradient, bends, -directions
+        change = np.linalg.solve(matrix, wrong[..., None])[..., 0]
+        angles, slope = angles - change[:, :dim], slope - change[:, dim]
+        value, gradient, bends, *rest = _expansion(stencil, angles, number)
+        if np.abs(change[:, :dim]).max() < _SETTLED * np.abs(angles).max():
+            break
+    else:
+        raise InputError(
+            "no wave of this frequency is found for some direction",
+            value=f"{squared:.4g} coefficient / spacing^2, squared",
+            key="far_field.frequencies",
+            remedy="a lower frequency, or a finer lattice",
+        )
+    return angles, slope, _across(bends, directions), *rest
+
+
+def _across(bends: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Determinants of matrices (D, dim, dim) on the planes at right angles to the directions."""
+    # that of the bordered matrix, with the sign that it has in one dimension
+    dim = directions.shape[1]
+    matrix = np.zeros((len(directions), dim + 1, dim + 1), complex)
+    matrix[:, :dim, :dim], matrix[:, dim, :dim], matrix[:, :dim, dim] = bends, directions, directions
+    return -np.linalg.det(matrix)
+
+
+def _expansion(stencil: Stencil, angles: np.ndarray, number: int, apart: float = _APART) -> tuple[np.ndarray, ...]:
+    """A branch at complex wave vectors (D, dim): its eigenvalue, first (D, dim) and second derivatives (D, dim, dim),
+    of branches that touch the mean; polarisation and projection (D, components).
+    """
+    size, offsets = stencil.components, stencil.offsets.astype(float)
+    weights = stencil.weights.reshape(-1, size * size)
+    phases = np.exp(1j * angles @ offsets.T)
+    pairs = offsets[:, :, None] * offsets[:, None, :]
+    dim = stencil.dim
+    shape = (len(angles), size, size)
+    symbol = (weights.sum(0) - phases @ weights).reshape(shape) + stencil.reaction * np.eye(size)
+    first = np.stack([(-1j * phases * offsets[:, a]) @ weights for a in range(dim)], 1).reshape(-1, dim, size, size)
+    second = np.stack([(phases * pairs[:, a, b]) @ weights for a in range(dim) for b in range(dim)], 1)
+    second = second.reshape(-1, dim, dim, size, size)
+    values, right, left = _eigen(symbol)
+    first = np.einsum("nij,najk,nkl->nail", left, first, right)
+    second = np.einsum("nij,nabjk,nki->nabi", left, second, right)
+    gaps = values[:, :, None] - values[:, None, :]
+    one = np.abs(gaps) <= apart * np.abs(values[:, :, None])
+    products = np.einsum("naij,nbji->nabij", first, first)
+    products = products + products.swapaxes(1, 2)
+    second = second + (products / np.where(one, np.inf, gaps)[:, None, None]).sum(-1)
+    # the mean of those that are one with the branch
+    share = one[:, number] / one[:, number].sum(1, keepdims=True)
+    return (
+        (share * values).sum(1),
+        np.einsum("ni,naii->na", share, first),
+        np.einsum("ni,nabi->nab", share, second),
+        right[:, :, number],
+        left[:, number],
+    )
+
+
+def _eigen(matrices: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Eigenvalues with the largest real part first, eigenvectors of unit length in columns, and their inverse."""
+    if np.abs(matrices - matrices.conj().swapaxes(1, 2)).max() <= 1e-14 * np.abs(matrices).max():
+        values, right = np.linalg.eigh(matrices)
+        values, right = values[:, ::-1].astype(complex), right[:, :, ::-1]
+        return values, right, right.conj().swapaxes(1, 2)
+    values, right = np.linalg.eig(matrices)
+    order = np.argsort(-values.real, axis=1)
+    values, right = np.take_along_axis(values, order, 1), np.take_along_axis(right, order[:, None], 2)
+    return values, right, np.linalg.inv(right)

@@ -1,0 +1,177 @@
+"""What must lie inside the box of a far field, and what must not touch it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from farhorizon.analysis.references.driven import Scheme
+from farhorizon.errors import InputError, shown
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.geometry.shapes import Box
+from farhorizon.inputs.cracks import cut_bonds
+from farhorizon.inputs.incidence import IncidentWave
+from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.setup import Setup, side_name
+
+_TIMES = 33  # at which sources that do not split into space and time are looked at
+_ROUNDING = float(np.finfo(float).eps)
+
+
+def medium_outside(parts: Parts) -> Scheme:
+    """The uniform medium around a run, and how it is advanced.
+
+    Raises
+    ------
+    InputError
+        A medium that ends at some side, or is not linear.
+    """
+    near = parts.near
+    ends = [side_name(*key) for key, side in parts.around.sides.items() if not side.endless]
+    if ends:
+        raise InputError(
+            "the far field is that of a medium without end",
+            value=", ".join(ends),
+            limit="sides that absorb",
+            key="far_field",
+            remedy="LatticePML on every side",
+        )
+    law = near.model.bond_law
+    if law is not None and law.nonlinear:
+        raise InputError(
+            "the far field is that of a linear medium",
+            value="nonlinear = true",
+            key="far_field",
+            remedy="linear bonds, which may break inside the box",
+        )
+    factor = 1.0 if near.factor is None else float(near.factor.flat[0])
+    rate = factor * near.model.coefficient / near.lattice.spacing**2
+    return Scheme.of(near.stencil.beside(factor), rate, near.model.integrator, near.dt, near.model.damping)
+
+
+def check_outside(setup: Setup, parts: Parts, box: Box, reach: np.ndarray) -> list[str]:
+    """Refuse what lies outside a box and must not; returns notes of what is below what the sides may miss.
+
+    Parameters
+    ----------
+    setup : Setup
+    parts : Parts
+    box : Box
+        From node to node.
+    reach : ndarray, shape (dim,)
+        How far a step reaches.
+
+    Raises
+    ------
+    InputError
+        Cracks, holes, other materials, conditions, metal, initial data, sources.
+    """
+    _check_medium(setup, parts, box, reach)
+    for one in parts.incident:
+        _check_incident(one.wave, box, reach)
+    values = [("initial.u", parts.start.u), ("initial.v", parts.start.v)]
+    values += [("source", space) for space, _ in parts.drives.sources if space is not None]
+    outside = ~_core(parts, box, reach)
+    return [note for key, one in values for note in _missed(parts, np.abs(one), outside, key)]
+
+
+def check_moving(parts: Parts, box: Box, reach: np.ndarray, until: float) -> list[str]:
+    """`check_outside` for sources that do not split into space and time, at even times up to the end of a run."""
+    outside, notes = ~_core(parts, box, reach), []
+    for space, source in parts.drives.sources:
+        if space is None:
+            values = [np.broadcast_to(np.abs(source(t)), parts.near.field_shape) for t in np.linspace(0, until, _TIMES)]
+            notes += _missed(parts, np.max(values, axis=0), outside, "source")
+    return notes
+
+
+def is_around(box: Box, wave: IncidentWave) -> bool:
+    """Whether a box lies around that of an incident wave, and not inside it."""
+    assert wave.within is not None
+    return bool((box.lower <= wave.within.lower).all())
+
+
+def _inner(lattice: Lattice, box: Box, more: np.ndarray) -> np.ndarray:
+    """Nodes of the lattice in a box that is smaller by some lengths on each side."""
+    found = np.ones(lattice.shape, bool)
+    for axis, low, high in zip(np.ix_(*lattice.axes), box.lower + more, box.upper - more, strict=True):
+        found = found & (axis > low - 1e-6 * lattice.spacing) & (axis < high + 1e-6 * lattice.spacing)
+    return found
+
+
+def _core(parts: Parts, box: Box, reach: np.ndarray) -> np.ndarray:
+    """Nodes of the box without those that a step of several stages sees on its way through a face."""
+    lattice = parts.near.lattice
+    return _inner(lattice, box, reach - lattice.spacing * np.array(parts.near.stencil.reach))
+
+
+def _check_medium(setup: Setup, parts: Parts, box: Box, reach: np.ndarray) -> None:
+    """No bond through a face, and none outside, knows of cracks, holes, other materials, conditions or metal."""
+    near, lattice = parts.near, parts.near.lattice
+    limit = f"{shown(box.lower + reach)} to {shown(box.upper - reach)}"
+    core, deep = _core(parts, box, reach), _inner(lattice, box, reach)
+    for crack in setup.cracks:
+        nodes, bonds = cut_bonds(crack.cut, lattice.lower, lattice.spacing, lattice.shape, near.stencil.offsets)
+        ends = np.concatenate([nodes, nodes + near.stencil.offsets[bonds]])
+        seen = ((ends >= 0) & (ends < lattice.shape)).all(1)
+        if not (seen.all() and core[tuple(ends.T)].all()):
+            raise InputError(
+                "the box of a far field cuts a crack, or lies within one reach of it",
+                value=[np.asarray(bound).tolist() for bound in crack.cut.bounds()],
+                limit=limit,
+                key="far_field.box",
+                remedy="a larger box, or a shorter crack",
+            )
+    material = near.material
+    held = near.busy | (near.leak.reshape(lattice.shape) > 0 if near.leak.size else False)
+    for wrong, message in (
+        (~deep & ~(material == material.flat[0]), "cuts a hole, the rim of a body or another material"),
+        (~core & held, "leaves out nodes that a condition holds"),
+        (~deep & parts.start.solid, "cuts metal"),
+    ):
+        if wrong.any():
+            raise InputError(
+                f"the box of a far field {message}",
+                value=f"at {shown(_place(lattice, wrong))}",
+                limit=limit,
+                key="far_field.box",
+                remedy="a larger box, or a larger near field",
+            )
+
+
+def _place(lattice: Lattice, where: np.ndarray) -> np.ndarray:
+    """Coordinates of the first node of a mask."""
+    return np.asarray(lattice.lower + lattice.spacing * np.argwhere(where)[0])
+
+
+def _missed(parts: Parts, sizes: np.ndarray, outside: np.ndarray, key: str) -> list[str]:
+    """InputError where more lies outside than the sides may miss, a note of what is less."""
+    beyond = sizes.reshape(-1, *outside.shape).max(0)
+    peak, missed = float(beyond.max(initial=0)), float(beyond[outside].max(initial=0))
+    target = min(parts.beyond.targets.values())
+    if missed > target * peak:
+        raise InputError(
+            "not zero outside the box of a far field, which would miss it",
+            value=f"{missed:.3g} at {shown(_place(parts.near.lattice, outside & (beyond == missed)))}",
+            limit=f"{target * peak:.3g} ({target:g} of the largest)",
+            key=key,
+            remedy="a larger box, or narrower data",
+        )
+    faint = missed <= _ROUNDING * peak
+    return [] if faint else [f"{key}: {missed / peak:.2g} of the largest value lies outside the box of the far field"]
+
+
+def _check_incident(wave: IncidentWave, box: Box, reach: np.ndarray) -> None:
+    """The box holds all of the places at which an incident wave is joined to the scattered field, or none."""
+    assert wave.within is not None
+    slack, low, high = 1e-6 * reach, wave.within.lower, wave.within.upper
+    around = (box.lower <= low - reach + slack) & (box.upper >= high + reach - slack)
+    inside = (box.lower >= low + 2 * reach - slack) & (box.upper <= high - 2 * reach + slack)
+    if not (around.all() or inside.all()):
+        raise InputError(
+            "the box of a far field meets the box of an incident wave",
+            value=f"{shown(box.lower)} to {shown(box.upper)}",
+            limit=f"around {shown(low - reach)} to {shown(high + reach)}, or inside {shown(low + 2 * reach)} to "
+            f"{shown(high - 2 * reach)}",
+            key="far_field.box",
+            remedy="leave it out: the widest box serves",
+        )

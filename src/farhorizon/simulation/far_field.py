@@ -1,0 +1,476 @@
+"""The far field: what a run sends into the medium beyond its near field, from what it records on the shell of a box."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.analysis.radiation import (
+    WAVES,
+    ArrivingPlane,
+    Pattern,
+    as_directions,
+    checked_frequencies,
+    squared_frequency,
+    waves_sent,
+)
+from farhorizon.analysis.references.driven import DrivenLattice
+from farhorizon.errors import InputError, shown
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.geometry.shapes import Box
+from farhorizon.machine import available_memory
+from farhorizon.medium.shell import Shell
+from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.far_box import check_moving, check_outside, is_around, medium_outside
+from farhorizon.simulation.fourier_sums import FourierSums
+from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, recorder_name
+from farhorizon.simulation.setup import Setup
+
+_LEFT = 1e-3  # part of the largest field on the shell that is worth a note where it is left at the end
+
+
+class CrossSections(NamedTuple):
+    """What a scatterer takes from a plane wave: power over incident power per area (in two dimensions per length).
+
+    Attributes
+    ----------
+    scattering : ndarray, shape (F,)
+        What it sends elsewhere: the power that leaves the box.
+    total : ndarray, shape (F,)
+        What it takes in all, scattered and absorbed: by the optical theorem from what it sends forward.
+    """
+
+    scattering: np.ndarray
+    total: np.ndarray
+
+
+class FarField(Recorder):
+    r"""What a run sends into the unbounded medium around it: receivers at any distance, patterns by direction and
+    frequency, cross sections. It is given to a run in ``observe=[...]``.
+
+    After every step the field is recorded on the nodes within one reach of the faces of a box around all that radiates
+    or scatters. From it follow the forces :math:`f = L (\chi u) - \chi L u` that send the same waves into the uniform
+    infinite lattice as what is in the box, exactly and without any wave that only passes through, see
+    `farhorizon.medium.shell.Shell`.
+
+    Parameters
+    ----------
+    box : Box, optional
+        Around all that radiates or scatters, which lies one reach of the stencil inside its faces; it leaves one reach
+        of the near field on each side. The widest one unless given.
+    frequencies : sequence of float
+        Cycles per time, of waves, at which patterns and cross sections are wanted. Spectra are those of `numpy.fft`,
+        ``sum dt u exp(-2 pi i f t)``.
+    history : bool
+        Keep the shell at all steps, which `at` needs: 8 bytes for each step, node and component. Spectra alone need
+        memory by frequency only.
+    name : str
+        Tells several of one run apart, in files and pictures.
+
+    Attributes
+    ----------
+    notes : list of str
+        What is to be known: parts of the data outside the box, points for which the nearest nodes were taken, a run
+        that ended before the waves had left the box.
+
+    Raises
+    ------
+    InputError
+        When a run is made: a box that does not serve, a medium that ends at some side or is not the same from within
+        the faces of the box outwards, data or sources outside the box, frequencies that the lattice does not carry.
+
+    Notes
+    -----
+    Electromagnetics calls this a near-to-far-field transformation, with a quadrature over a surface: Taflove and
+    Hagness, Computational Electrodynamics (2005), chapter 8. Patterns follow from the wave surface of the lattice by
+    the method of stationary phase, see `farhorizon.analysis.wave_surface`.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> import numpy as np
+    >>> far = fh.FarField(fh.Box((-10.0, -10.0), (10.0, 10.0)), frequencies=[0.05])
+    >>> pulse = {"u": "exp(-(x**2 + y**2)/4)"}
+    >>> lattice = fh.Lattice(1.0, (-14.0, -14.0), (14.0, 14.0))
+    >>> sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(2.0)), initial=pulse, observe=[far])
+    >>> _ = sim.run(60.0)
+    >>> times, u = far.at([(40.0, 0.0)])
+    >>> bool(abs(times[np.argmax(u[:, 0])] - 40) < 4)  # of speed 1
+    True
+    >>> pattern = far.pattern(8)
+    >>> pattern.amplitudes.shape  # frequencies, waves, directions
+    (1, 1, 8)
+    """
+
+    def __init__(
+        self, box: Box | None = None, frequencies: Any = (), history: bool = True, name: str = "far_field"
+    ) -> None:
+        self.box = None if box is None else kinds.instance(box, "far_field.box", Box, "a Box")
+        self.frequencies = np.atleast_1d(kinds.array(frequencies, "far_field.frequencies"))
+        self.history, self.name = kinds.flag(history, "far_field.history"), recorder_name(name)
+        if not (self.history or self.frequencies.size):
+            raise InputError("nothing is to be recorded", key="far_field", remedy="frequencies, or history = true")
+        self.notes: list[str] = []
+        self._steps = -1
+
+    def __repr__(self) -> str:
+        return f"FarField({self.box}, {len(self.frequencies)} frequencies, name={self.name!r})"
+
+    # --- in a run ----------------------------------------------------------------------------------------------
+
+    def begin(self, setup: Setup, parts: Parts) -> Wanted:
+        near = parts.near
+        self._lattice, self._background, self._density = near.lattice, near.background, 1 / near.model.source_factor
+        self._scheme = medium_outside(parts)
+        self.frequencies = checked_frequencies(self._scheme, self.frequencies, "far_field.frequencies")
+        self._reach = near.lattice.spacing * np.array(self._scheme.stencil.reach, float)
+        first, last = _indices(near.lattice, self.box, self._scheme.stencil.reach)
+        self._shell = Shell(self._scheme.stencil, first, last)
+        corners = (near.lattice.lower + near.lattice.spacing * end for end in (first, last))
+        self._faces = Box(*corners)
+        self.notes = check_outside(setup, parts, self._faces, self._reach)
+        self._parts, self._incident = parts, list(parts.incident)
+        self._check_window(parts)
+        return Wanted(np.ravel_multi_index(tuple(self._shell.nodes.T), near.lattice.shape), ())
+
+    def foresee(self, until: float, steps: int) -> None:
+        """Before a run to a time: sources that do not split into space and time, and memory.
+
+        Raises
+        ------
+        InputError
+            Sources that leave the box, a history that does not fit into memory.
+        """
+        self.notes += check_moving(self._parts, self._faces, self._reach, until)
+        need = 8 * self._count * (steps + 1) * self.history
+        if need > available_memory():
+            raise InputError(
+                "what is recorded on the shell of the far field does not fit into memory",
+                value=f"about {need / 2**30:.3g} GiB for {len(self._shell.nodes)} nodes and {steps} steps",
+                limit=f"{available_memory() / 2**30:.3g} GiB available",
+                key="far_field.history",
+                remedy="a smaller box, a shorter run, or history = false with frequencies",
+            )
+
+    @property
+    def _count(self) -> int:
+        """Numbers that are recorded in a step."""
+        return self._scheme.stencil.components * len(self._shell.nodes)
+
+    def start(self, step: int, heard: Heard) -> None:
+        if step:
+            raise InputError(
+                "a far field is recorded from the start of a run on",
+                value=f"step {step}",
+                key="far_field",
+                remedy="the checkpoint of a run that has it",
+            )
+        self._rows: list[np.ndarray] = []
+        self._sums = FourierSums(self.frequencies, self._scheme.dt, self._count)
+        self._steps, self._largest, self._last = -1, 0.0, 0.0
+        self.add(0, Heard(heard.nodes[-1:], ()))
+
+    def add(self, step: int, heard: Heard) -> None:
+        rows = np.ascontiguousarray(heard.nodes.swapaxes(1, 2).reshape(len(heard.nodes), -1), float)
+        if self.history:
+            self._rows.append(rows)
+        self._sums.add(step, rows)
+        self._steps += len(rows)
+        sizes = np.abs(rows).max(axis=1, initial=0.0)
+        self._largest, self._last = max(self._largest, float(sizes.max())), float(sizes[-1])
+
+    def state(self) -> Arrays:
+        rows = np.concatenate([np.zeros((0, self._count)), *self._rows])
+        sums = {f"sums.{name}": array for name, array in self._sums.state().items()}
+        return {"rows": rows, "counts": np.array([self._steps, self._largest, self._last]), **sums}
+
+    def take(self, state: Arrays) -> None:
+        self._rows = [state["rows"]]
+        steps, self._largest, self._last = (float(one) for one in state["counts"])
+        self._steps = int(steps)
+        self._sums.take({name.removeprefix("sums."): array for name, array in state.items() if name[:5] == "sums."})
+
+    # --- in time -----------------------------------------------------------------------------------------------
+
+    def _forces(self) -> Iterator[np.ndarray]:
+        """The forces on the shell at each step that has a next one, shape (components * W,), components first."""
+        left = self._steps
+        for rows in self._rows:
+            driven = self._scheme.rate * (self._shell.commutator @ rows[:left].T).T
+            left -= len(driven)
+            yield from driven
+
+    def at(self, points: Any) -> tuple[np.ndarray, np.ndarray]:
+        """The field at places outside the box, in the near field or at any distance, exactly as a run that contains
+        them would have it.
+
+        Parameters
+        ----------
+        points : array_like, shape (P, dim), or (P,) in 1D
+            Each stands for the node of the infinite lattice nearest to it.
+
+        Returns
+        -------
+        times : ndarray, shape (steps + 1,)
+        values : ndarray, shape (steps + 1, P[, components])
+
+        Raises
+        ------
+        InputError
+            No history, a point inside the box, points so far away, or a run so long, that the work does not fit into
+            memory.
+        """
+        self._must_have_run()
+        if not self.history:
+            raise InputError(
+                "receivers of the far field need what the shell had at all steps",
+                value="history = false",
+                key="far_field.history",
+                remedy="history = true",
+            )
+        driven = DrivenLattice(self._scheme, self._steps, self._shell.nodes, self._receivers(points))
+        return self._scheme.dt * np.arange(self._steps + 1), driven.field(self._forces()) + self._background
+
+    def _receivers(self, points: Any) -> np.ndarray:
+        """Indices of the nodes nearest to points, beyond the lattice, too."""
+        lattice = self._lattice
+        given = kinds.array(points, "far_field.points")
+        if given.ndim < 2 and lattice.dim == 1:
+            given = given.reshape(-1, 1)
+        given = kinds.array(np.atleast_2d(given), "far_field.points", shape=(None, lattice.dim))
+        place = (given - lattice.lower) / lattice.spacing
+        if not len(given) or np.abs(place).max() > kinds.MOST_WHOLE:
+            raise InputError(
+                "receivers are one or more points at distances that can be computed",
+                value=given,
+                limit=f"{kinds.MOST_WHOLE} nodes away",
+                key="far_field.points",
+            )
+        nodes = np.round(place).astype(int)
+        inside = self._shell.contains(nodes)
+        if inside.any():
+            raise InputError(
+                "a receiver of the far field lies inside the box",
+                value=given[int(np.argmax(inside))],
+                limit=f"outside {shown(self._faces.lower)} to {shown(self._faces.upper)}",
+                key="far_field.points",
+                remedy="Simulation.record, or a smaller box",
+            )
+        apart = np.abs(place - nodes).max(1) > 1e-6
+        found = lattice.lower + lattice.spacing * nodes
+        self.notes += [
+            f"the far field at {shown(point)} is that of the nearest node, {shown(node)}"
+            for point, node in zip(given[apart].tolist(), found[apart].round(12).tolist(), strict=True)
+        ]
+        return nodes
+
+    # --- by frequency ------------------------------------------------------------------------------------------
+
+    def pattern(self, directions: Any = 180) -> Pattern:
+        """What is radiated far away, by frequency, wave and direction.
+
+        Parameters
+        ----------
+        directions : int or array_like, shape (D, dim)
+            Vectors along which energy travels; their length does not matter. Or how many, evenly spread: in the plane
+            from the x axis round, in space on a spiral from pole to pole.
+
+        Raises
+        ------
+        InputError
+            No frequencies; a frequency at which several waves of a kind go in one direction.
+        """
+        self._must_have_spectra()
+        scheme, spacing, dim = self._scheme, self._lattice.spacing, self._lattice.dim
+        unit = as_directions(directions, dim, "far_field.directions")
+        parts = []
+        for squared, force in zip(self._squares, self._spectral_forces, strict=True):
+            parts.append(waves_sent(scheme, squared, self._places, force, unit))
+        amplitudes, shapes, vectors, slopes = (np.stack(part) for part in zip(*parts, strict=True))
+        area = spacing ** (dim - 1)
+        strength = np.abs(amplitudes) ** 2 * slopes.real
+        mass = self._density * spacing * self._rates[:, None, None]
+        incident = self._arriving
+        return Pattern(
+            self.frequencies,
+            unit,
+            WAVES[scheme.stencil.components],
+            (np.sqrt(area) * amplitudes).conj(),
+            shapes.conj(),
+            vectors.conj() / spacing,
+            mass * area * strength,
+            None if not incident else area * strength / 2 / np.array([one.strength for one in incident])[:, None, None],
+        )
+
+    def energy(self) -> np.ndarray:
+        """Energy that leaves the box, by frequency: integrated over positive frequencies it is all that is radiated.
+
+        It is what the forces on the shell do on the field that they radiate, with the velocity of the scheme, ``(u(t +
+        dt) - u(t - dt)) / (2 dt)``, whose factor is ``sin(omega dt) / dt``: on the lattice just what crosses any closed
+        surface around them.
+
+        Returns
+        -------
+        ndarray, shape (F,)
+
+        Raises
+        ------
+        InputError
+            No frequencies; a medium with damping, which takes it.
+        """
+        self._must_have_spectra(undamped=True)
+        mass = self._density * self._lattice.spacing**self._lattice.dim
+        return 2 * mass * self._rates * self._outflow()
+
+    def cross_sections(self) -> CrossSections:
+        """Scattering and total cross section of what is in the box, for the incident wave of the run.
+
+        Raises
+        ------
+        InputError
+            No frequencies; not one incident wave.
+        """
+        self._must_have_spectra(undamped=True)
+        incident = self._arriving
+        if not incident:
+            raise InputError(
+                "cross sections are those of one incident wave",
+                value=f"{len(self._incident)} incident waves",
+                key="incident",
+                remedy="a run for each wave",
+            )
+        area = self._lattice.spacing ** (self._lattice.dim - 1)
+        strength = np.array([one.strength for one in incident])
+        work = [one.work(self._places, force) for one, force in zip(incident, self._spectral_forces, strict=True)]
+        return CrossSections(area * self._outflow() / strength, area * np.array(work) / strength)
+
+    def _outflow(self) -> np.ndarray:
+        """``Im sum f* v`` of forces and what they radiate, shape (F,): twice the mean power over mass and frequency."""
+        inside = self._shell.inside
+        field = np.where(inside, 0.0, self._spectra)
+        for number, one in enumerate(self._arriving if self._total else ()):
+            # of an incident wave that goes through both sides of the shell nothing is radiated but minus itself inside
+            field[number] -= one.field(self._places)
+        return np.asarray((self._spectral_forces.conj() * field).sum((1, 2)).imag)
+
+    @property
+    def _places(self) -> np.ndarray:
+        """Places of the shell's nodes in spacings, from the origin."""
+        return self._lattice.lower / self._lattice.spacing + self._shell.nodes
+
+    @property
+    def _squares(self) -> list[complex]:
+        return [squared_frequency(self._scheme, frequency) for frequency in self.frequencies]
+
+    @property
+    def _rates(self) -> np.ndarray:
+        """``sin(omega dt) / dt``: velocity over displacement."""
+        return np.sin(2 * np.pi * self.frequencies * self._scheme.dt) / self._scheme.dt
+
+    @property
+    def _spectra(self) -> np.ndarray:
+        """Of the field on the shell, with time dependence ``exp(-i omega t)``; shape (F, components, W)."""
+        return self._sums.values.conj().reshape(len(self.frequencies), self._scheme.stencil.components, -1)
+
+    @property
+    def _spectral_forces(self) -> np.ndarray:
+        spectra = self._spectra
+        found = self._shell.commutator @ spectra.reshape(len(spectra), -1).T
+        return np.asarray(self._scheme.rate * found.T.reshape(spectra.shape))
+
+    @property
+    def _total(self) -> bool:
+        """Whether the field on the shell is the total one, incident wave and all."""
+        return any(not is_around(self._faces, one.wave) for one in self._incident)
+
+    @property
+    def _arriving(self) -> list[ArrivingPlane]:
+        """The incident wave at each frequency; none if there is not just one, or there is damping."""
+        if len(self._incident) != 1:
+            return []
+        (one,), spacing, dt = self._incident, self._lattice.spacing, self._scheme.dt
+        direction = np.asarray(one.wave.direction, float) / np.linalg.norm(one.wave.direction)
+        times = dt * np.arange(int(np.ceil(one.wave.duration / dt - 1e-9)) + 1)
+        signal = dt * np.array([one.wave.at(t) for t in times])
+        spectrum = np.exp(2j * np.pi * np.outer(self.frequencies, times)) @ signal
+        vector, place = one.wave.vector(self._scheme.stencil.components), one.start / spacing
+        return [
+            ArrivingPlane.of(self._scheme, squared, direction, vector, complex(amplitude), place)
+            for squared, amplitude in zip(self._squares, spectrum, strict=True)
+        ]
+
+    # --- what is refused ---------------------------------------------------------------------------------------
+
+    def _must_have_run(self) -> None:
+        if self._steps < 0:
+            raise InputError("the far field of no run", key="far_field", remedy="Simulation(..., observe=[far])")
+
+    def _must_have_spectra(self, undamped: bool = False) -> None:
+        self._must_have_run()
+        if not self.frequencies.size:
+            raise InputError("no frequencies were recorded", key="far_field.frequencies", remedy="frequencies=[...]")
+        if undamped and any(squared.imag > 1e-12 * abs(squared) for squared in self._squares):
+            raise InputError(
+                "damping takes what is radiated: there is no energy far away",
+                key="model.damping",
+                remedy="damping = 0, or FarField.pattern",
+            )
+        note = "spectra of the far field leave out what has not left the box by the end of the run: "
+        self.notes = [one for one in self.notes if not one.startswith(note)]
+        if self._last > _LEFT * self._largest:
+            self.notes.append(f"{note}on its shell {self._last / self._largest:.2g} of the largest value is left")
+
+    def _check_window(self, parts: Parts) -> None:
+        hidden = parts.near.hidden
+        if hidden is not None and hidden[tuple(self._shell.nodes.T)].any():
+            raise InputError(
+                "the box of a far field reaches to the edge of the window",
+                value=f"{shown(self._faces.lower)} to {shown(self._faces.upper)}",
+                limit="inside the window by one reach",
+                key="far_field.box",
+                remedy="a smaller box, or a larger window",
+            )
+
+
+def _indices(lattice: Lattice, box: Box | None, reach: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """First and last indices of the nodes in a box, of the widest one where none is given.
+
+    Raises
+    ------
+    InputError
+        A box of another dimension, nearer to a side of the near field than one reach, or so small that nothing lies one
+        reach inside its faces.
+    """
+    more, spacing = np.array(reach), lattice.spacing
+    first, last = more, np.array(lattice.shape) - 1 - more
+    limits = f"{shown(lattice.lower + spacing * first)} to {shown(lattice.lower + spacing * last)}"
+    if box is not None:
+        if box.dim != lattice.dim:
+            raise InputError(
+                "the box of a far field and the lattice differ in dimension",
+                value=box.dim,
+                limit=lattice.dim,
+                key="far_field.box",
+            )
+        lower, upper = ((bound - lattice.lower) / spacing for bound in box.bounds())
+        if (lower < first - 1e-6).any() or (upper > last + 1e-6).any():
+            raise InputError(
+                "the box of a far field must leave one reach of the near field on each side",
+                value=f"{shown(box.lower)} to {shown(box.upper)}",
+                limit=limits,
+                key="far_field.box",
+                remedy="a smaller box, or a larger near field",
+            )
+        first, last = np.ceil(lower - 1e-6).astype(int), np.floor(upper + 1e-6).astype(int)
+    if (last - first < 2 * more).any():
+        raise InputError(
+            "the box of a far field is so small that nothing lies one reach inside its faces",
+            value=f"sides of {shown(spacing * (last - first))}",
+            limit=f"at least {shown(2 * spacing * more)}",
+            key="far_field.box",
+            remedy="a larger box in a larger near field",
+        )
+    return first, last

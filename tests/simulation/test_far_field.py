@@ -1,0 +1,299 @@
+"""The far field: what a box sends out is what runs see that contain the receivers."""
+
+import os
+
+import numpy as np
+import pytest
+from scipy import special
+
+import farhorizon as fh
+from farhorizon.analysis.radiation import squared_frequency, waves_sent
+from farhorizon.analysis.references.driven import Scheme
+from farhorizon.analysis.references.infinite import InfiniteLattice
+
+SEED = int(os.environ.get("FARHORIZON_SEED", "20261123"))
+print(f"far field: seed {SEED}")
+RANDOM = np.random.default_rng(SEED)
+
+_SCALAR = fh.Kernel(horizon=2.0)
+_BONDS = {"kernel": fh.Kernel(horizon=2.0, influence="linear", exponent=1), "young": 2.0, "density": 0.5}
+# A burst of width 12 that is 1e-11 where it is cut off: what `tests/inputs/test_incidence.py` finds to leak is that.
+_SIGNAL, _DURATION, _EXACT = fh.Expression("sin(2*pi*t/16)*exp(-((t-60)/12)**2)", 0), 120.0, 1e-11
+
+
+def _square(half, dim=2):
+    return fh.Lattice(spacing=1.0, lower=(-half,) * dim, upper=(half,) * dim)
+
+
+def _box(half, dim=2, shift=0):
+    return fh.Box((-half + shift,) * dim, (half + shift,) * dim)
+
+
+def _pulse(dim, components):
+    """A pulse off the middle, 1e-17 at a distance of 8 and, in space, of 5."""
+    text = "exp(-((x-0.5)**2 + (y+0.7)**2" + (" + z**2)/0.5)" if dim == 3 else ")/1.6)")
+    return text if components == 1 else [text, f"-0.6*{text}", "0"][:components]
+
+
+@pytest.mark.parametrize(
+    ("model", "box"),
+    [
+        (fh.Wave(_SCALAR), 8),
+        (fh.Wave(_SCALAR, damping=0.05), 8),
+        (fh.Elastic(**_BONDS), 8),
+        (fh.Diffusion(_SCALAR, integrator="euler"), 8),
+        (fh.Diffusion(_SCALAR, integrator="rk4"), 15),  # four times the reach
+        (fh.Diffusion(_SCALAR, integrator=fh.RungeKuttaChebyshev(3)), 13),
+    ],
+    ids=lambda one: f"{type(one).__name__}, {one.integrator.name}, {one.damping}" if hasattr(one, "damping") else "",
+)
+def test_receivers_are_what_a_larger_run_with_a_crack_sees(model, box):
+    """Both with sides from which nothing returns, so that nothing but the far field is judged."""
+    points = [(box + 11, 0), (-box - 9, 16), (box + 3, -13)]
+
+    def made(half, *observe):
+        crack = [[(-2.5, -1.2), (2.5, 1.5)]]
+        initial = {"u": _pulse(2, 2 if model.mechanical else 1)}
+        return fh.Simulation(_square(half), model, fh.Extended(nodes=40), initial, cracks=crack, observe=observe)
+
+    far = fh.FarField(_box(box))
+    near, large = made(box + 8, far), made(box + 16)
+    probes = large.record(points)
+    for sim in (near, large):
+        sim.run(40.0)
+    times, values = far.at(points)
+    np.testing.assert_allclose(times, probes.times, rtol=1e-14)
+    size = np.abs(probes.values).max(axis=(0, *range(2, values.ndim)))
+    assert (size > 1e-6).all()
+    error = np.abs(values - probes.values).max(axis=(0, *range(2, values.ndim)))
+    assert (error < 1e-10 * size).all()
+
+
+@pytest.mark.parametrize(
+    "model",
+    [fh.Wave(fh.Kernel(1.0)), fh.Elastic(fh.Kernel(1.5, 1, "linear"), 2.0, density=2.5)],
+    ids=["scalar", "elastic"],
+)
+def test_receivers_in_space_are_on_the_infinite_lattice(model):
+    far, pulse = fh.FarField(), {"u": _pulse(3, 3 if model.mechanical else 1)}
+    sim = fh.Simulation(_square(7, 3), model, fh.Extended(nodes=13), pulse, dt=0.5, observe=[far])
+    sim.run(15.0)
+    points = np.array([(9, 0, 0), (-7, 6, 8), (4, -9, 3)])
+    values = far.at(points)[1]
+    wide = np.zeros((*sim.field_shape[:-3], 19, 19, 19))
+    wide[..., 2:-2, 2:-2, 2:-2] = sim.start_u
+    exact = InfiniteLattice(sim.stencil, sim.model.coefficient, sim.model.integrator, sim.dt, sim.step_count, wide)
+    peak = np.abs(values).max()
+    assert peak > 1e-3
+    for step in (2 * sim.step_count // 3, sim.step_count):
+        seen = exact.after(step)[(..., *(points + 9).T)].T
+        assert np.abs(values[step] - seen).max() < 1e-10 * peak
+
+
+def test_boxes_in_each_other_and_moved_tell_the_same():
+    boxes = (_box(8), _box(12), _box(8, shift=1), fh.Box((-9, -8), (15, 13)))
+    fars = [fh.FarField(box, name=f"box-{number}") for number, box in enumerate(boxes)]
+    fh.Simulation(_square(17), fh.Elastic(**_BONDS), fh.Extended(nodes=40), {"u": _pulse(2, 2)}, observe=fars).run(40.0)
+    values = [far.at([(30, 7), (-20, -20)])[1] for far in fars]
+    for one in values[1:]:
+        np.testing.assert_allclose(one, values[0], atol=1e-13 * np.abs(values[0]).max())
+
+
+@pytest.mark.parametrize(
+    ("model", "polarisation", "box"),
+    [(fh.Wave(_SCALAR), "P", None), (fh.Elastic(**_BONDS), "S", _box(6))],
+    ids=["around the wave's box", "inside it"],
+)
+def test_an_incident_wave_alone_radiates_nothing(model, polarisation, box):
+    wave = fh.IncidentWave((1.0, 0.3), _SIGNAL, _DURATION, polarisation)
+    far, given = fh.FarField(box), {"sources": [wave], "dt": lambda half: 1.8 * half}
+    fh.Simulation(_square(14), model, fh.LatticePML(nodes=6), observe=[far], **given).run(130.0)
+    assert np.abs(far.at([(25, 0), (-30, 10), (22, -28)])[1]).max() < _EXACT
+
+
+def _refused(match, half=6, box=None, **changes):
+    with pytest.raises(fh.InputError, match=match):
+        fh.Simulation(_square(14), fh.Wave(_SCALAR), observe=[fh.FarField(box or _box(half))], **changes)
+
+
+def test_boxes_that_do_not_serve():
+    _refused("leave one reach of the near field", 13)
+    _refused("so small that nothing lies one reach inside", 1)
+    _refused("differ in dimension", box=fh.Box(-3.0, 3.0))
+    _refused("cuts a crack", cracks=[[(0.3, 0.2), (9.3, 0.2)]])
+    _refused("cuts a crack", cracks=[[(4.3, 0.2), (6.3, 0.2)]])
+    _refused("another material", coefficient=lambda x, y: np.where(x > 8, 0.5, 1.0))
+    _refused("another material", coefficient=lambda x, y: np.where(abs(x) + abs(y) < 6, 0.5, 1.0))
+    _refused("without end", boundary={"y-": fh.Free(), "all": fh.LatticePML(nodes=8)})
+    _refused("not zero outside the box", sources=["exp(-((x-7)**2+y**2))*sin(t)"])
+    _refused("not zero outside the box", initial={"u": "exp(-(x**2+y**2)/6)"})
+    _refused("meets the box of an incident wave", sources=[fh.IncidentWave((1, 0), _SIGNAL, _DURATION)], half=11)
+    _refused("leaves out nodes that a condition holds", constraints=[fh.Prescribed([[8.0, 0.0]], 0.0)])
+
+
+def test_a_far_field_that_is_asked_for_what_it_does_not_have():
+    far = fh.FarField(history=False, frequencies=[0.1])
+    with pytest.raises(fh.InputError, match="of no run"):
+        far.pattern()
+    sim = fh.Simulation(_square(14), fh.Wave(_SCALAR), initial={"u": _pulse(2, 1)}, observe=[far])
+    sim.step(3)
+    with pytest.raises(fh.InputError, match=r"far_field\.history: .*remedy: history = true"):
+        far.at([(20.0, 0.0)])
+    with pytest.raises(fh.InputError, match="cross sections are those of one incident wave"):
+        far.cross_sections()
+    with pytest.raises(fh.InputError, match="nothing is to be recorded"):
+        fh.FarField(history=False)
+
+
+def test_receivers_are_outside_the_box_at_nodes():
+    far = fh.FarField(_box(10))
+    sim = fh.Simulation(_square(14), fh.Wave(_SCALAR), initial={"u": _pulse(2, 1)}, observe=[far])
+    sim.step(3)
+    with pytest.raises(fh.InputError, match="inside the box"):
+        far.at([(3.0, 0.0)])
+    with pytest.raises(fh.InputError, match="distances that can be computed"):
+        far.at([(1e30, 0.0)])
+    with pytest.raises(fh.InputError, match=r"far_field\.frequencies: no frequencies"):
+        far.pattern()
+    far.at([(20.3, 0.0)])
+    assert far.notes == ["the far field at [20.3, 0] is that of the nearest node, [20, 0]"]
+
+
+def test_sources_that_move_out_of_the_box_are_refused():
+    moving = {"sources": ["exp(-2*((x-t)**2 + y**2))"]}
+    sim = fh.Simulation(_square(14), fh.Wave(_SCALAR), observe=[fh.FarField(_box(8))], **moving)
+    with pytest.raises(fh.InputError, match="not zero outside the box of a far field"):
+        sim.prepare(12.0)
+
+
+def test_a_run_that_is_saved_goes_on_with_its_far_field(tmp_path):
+    far, again = (fh.FarField(_box(10), [0.05]) for _ in range(2))
+    sim = fh.Simulation(_square(14), fh.Wave(_SCALAR), initial={"u": _pulse(2, 1)}, observe=[far])
+    sim.run(5.0)
+    sim.save(tmp_path / "run.ckpt")
+    for run in (sim, fh.Simulation.restore(tmp_path / "run.ckpt", observe=[again])):
+        run.run(20.0)
+    np.testing.assert_array_equal(again.at([(17, 3)])[1], far.at([(17, 3)])[1])
+    np.testing.assert_array_equal(again.pattern(8).amplitudes, far.pattern(8).amplitudes)
+    with pytest.raises(fh.InputError, match="from the start of a run on"):
+        fh.Simulation.restore(tmp_path / "run.ckpt", observe=[fh.FarField(name="other")])
+
+
+def _burst(t):
+    """Around a frequency of 0.08, from 1e-12 to 1e-12; without a constant part, which two dimensions remember."""
+    return np.sin(2 * np.pi * 0.08 * (t - 40)) * np.exp(-(((t - 40) / 7.6) ** 2))
+
+
+def test_the_pattern_of_a_box_is_that_of_the_sources_in_it():
+    """On the wave surface the forces on the shell have the sums of the sources' own; in space, with the energy that
+    leaves the box in all directions.
+    """
+    frequencies, space = [0.05, 0.08, 0.11], np.zeros((15, 15, 15))
+    space[7, 7, 7], space[6, 7, 8], space[8, 9, 7] = 1.0, -0.4, 0.7
+    far, dt = fh.FarField(frequencies=frequencies, history=False), 0.5
+    source = fh.Source(space, lambda t: _burst(t))
+    sim = fh.Simulation(
+        _square(7, 3), fh.Wave(fh.Kernel(1.0)), fh.LatticePML(nodes=16), sources=[source], observe=[far], dt=dt
+    )
+    sim.run(130.0)
+    heights, weights = np.polynomial.legendre.leggauss(12)
+    turns = 2 * np.pi * np.arange(24) / 24
+    z, turn = (each.ravel() for each in np.meshgrid(heights, turns, indexing="ij"))
+    directions = np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z], -1)
+    pattern = far.pattern(directions)
+    times = dt * np.arange(sim.step_count)
+    nodes = np.argwhere(space)
+    scheme = Scheme.of(sim.stencil, 1.0, sim.model.integrator, dt)
+    for number, frequency in enumerate(frequencies):
+        amplitude = dt * np.exp(2j * np.pi * frequency * times) @ _burst(times)
+        forces = amplitude * space[tuple(nodes.T)][None]
+        own, *_ = waves_sent(scheme, squared_frequency(scheme, frequency), nodes - 7, forces, directions)
+        np.testing.assert_allclose(pattern.amplitudes[number].conj(), own, atol=1e-7 * np.abs(own).max())
+    around = np.repeat(weights * 2 * np.pi / 24, 24)
+    np.testing.assert_allclose((pattern.intensities[:, 0] * around).sum(1), far.energy(), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("model", "polarisation"), [(fh.Wave(_SCALAR), "P"), (fh.Elastic(**_BONDS), "S")], ids=["scalar", "S"]
+)
+def test_a_crack_scatters_what_the_incident_wave_loses(model, polarisation):
+    """The optical theorem, energy through the box and in all directions of the pattern, and boxes around the incident
+    wave's and inside it.
+    """
+    wave = fh.IncidentWave((1.0, 0.3), _SIGNAL, _DURATION, polarisation)
+    boxes = {"around": None, "inside": _box(6), "moved": fh.Box((-6, -6), (5, 6))}
+    fars = [fh.FarField(box, [0.05, 0.0625, 0.08], False, name) for name, box in boxes.items()]
+    sim = fh.Simulation(
+        _square(14),
+        model,
+        fh.LatticePML(nodes=24),
+        sources=[wave],
+        cracks=[[(-1.5, -3.2), (1.5, 3.5)]],
+        observe=fars,
+        dt=lambda half: 1.8 * half,
+    )
+    sim.run(400.0)
+    around = fars[0].pattern(96)
+    for far in fars:
+        scattering, total = far.cross_sections()
+        assert (scattering > 5).all() and not far.notes
+        np.testing.assert_allclose(scattering, total, rtol=1e-7)
+        pattern = far.pattern(96)
+        np.testing.assert_allclose(pattern.cross_sections.sum((1, 2)) * 2 * np.pi / 96, scattering, rtol=1e-6)
+        size = np.abs(around.amplitudes).max()
+        np.testing.assert_allclose(pattern.amplitudes, around.amplitudes, atol=1e-7 * size)
+
+
+def _soft(k, radius):
+    """Scattering cross section of a cylinder on which the field vanishes: 4/k sum |J_n(ka) / H_n(ka)|^2."""
+    orders = np.arange(-40, 41)
+    return 4 / k * (np.abs(special.jv(orders, k * radius) / special.hankel1(orders, k * radius)) ** 2).sum()
+
+
+def test_a_soft_cylinder_converges_to_the_series():
+    """At first order, for its rim is a staircase of nodes: its radius is one to a spacing."""
+    frequencies, errors = [0.08, 0.125, 0.17], []
+    exact = [_soft(2 * np.pi * frequency, 2.0) for frequency in frequencies]
+    for spacing in (0.5, 0.25):
+        far = fh.FarField(frequencies=frequencies, history=False)
+        wave = fh.IncidentWave((1.0, 0.0), "sin(2*pi*t/8)*exp(-((t-24)/5)**2)", 48.0)
+        sim = fh.Simulation(
+            fh.Lattice(spacing, (-5, -5), (5, 5)),
+            fh.Wave(fh.Kernel(2 * spacing)),
+            fh.LatticePML(nodes=20),
+            sources=[wave],
+            constraints=[fh.Prescribed(fh.Disc(2.0), 0.0)],
+            observe=[far],
+            dt=lambda half: 1.8 * half,
+        )
+        sim.run(130.0)
+        found = far.cross_sections()
+        np.testing.assert_allclose(found.scattering, found.total, rtol=1e-4)
+        errors.append(np.abs(found.total / exact - 1))
+        assert (errors[-1] < spacing / 2.0).all()
+    assert (np.abs(np.log2(errors[0] / errors[1]) - 1) < 0.4).all(), errors
+
+
+@pytest.mark.parametrize(
+    ("frequencies", "model", "words"),
+    [
+        ([0.9], fh.Wave(_SCALAR), r"does not carry .*value: 0.9; limit: 0 to 0\.\d+ cycles per time"),
+        ([-0.1], fh.Wave(_SCALAR), "does not carry .*remedy: a higher frequency"),
+        ([0.1], fh.Diffusion(_SCALAR), "only waves have a pattern by frequency"),
+        ([[0.1]], fh.Wave(_SCALAR), "has another shape"),
+    ],
+)
+def test_frequencies_that_do_not_serve(frequencies, model, words):
+    with pytest.raises(fh.InputError, match=rf"far_field\.frequencies: .*{words}"):
+        fh.Simulation(_square(14), model, observe=[fh.FarField(frequencies=frequencies)])
+
+
+def test_damping_takes_what_is_radiated():
+    far = fh.FarField(frequencies=[0.08])
+    sim = fh.Simulation(_square(14), fh.Wave(_SCALAR, damping=0.1), initial={"u": _pulse(2, 1)}, observe=[far])
+    sim.step(5)
+    with pytest.raises(fh.InputError, match="damping takes"):
+        far.energy()
+    assert far.pattern([(1.0, 1.0)]).spectrum(10.0).shape == (1, 1)
+    (note,) = far.notes
+    assert note.startswith("spectra of the far field leave out what has not left the box")
