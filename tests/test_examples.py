@@ -78,6 +78,31 @@ def test_block_with_a_penny_crack():
     assert jumps[1] == pytest.approx(4 * example["RADIUS"] / np.pi, rel=0.1)  # a horizon is a fifth of the radius
 
 
+def test_shot_record():
+    """The direct wave and its image in the surface are those of the plane, but for the dispersion of finite
+    differences, which is ``k L (k dx)^2 / 24 = 0.07`` radians for the frequency of the pulse at the last offset; the
+    sea floor is heard when its ray comes.
+    """
+    example = script("shot_record")
+    sim, streamer = example["shot"](0.6)
+    ours, known = example["direct"](streamer)
+    assert np.abs(ours - known).max() < 0.07 * np.abs(known).max()
+    assert sim.check(budget=0.1).numbers["shortest_wave_nodes"] > 7
+    offset = example["OFFSETS"][0]
+    ray = np.hypot(offset, 2 * (example["FLOOR"] - example["DEPTH"])) / example["WATER"]
+    echo = np.where(streamer.times > ray, np.abs(streamer.data["u"][:, 0]), 0.0)
+    # the ghosts of gun and hydrophone come 4 * 10 m / 1480 m/s later at most
+    assert streamer.times[echo.argmax()] - ray == pytest.approx(example["PULSE"].delay + 0.0135, abs=0.0135)
+
+
+@pytest.mark.slow
+def test_double_couple():
+    """Its lobes are those of Aki and Richards to the dispersion of S waves of six nodes."""
+    example = script("double_couple")
+    p, s = example["errors"](example["quake"]()[1])
+    assert p < 0.02 and s < 0.05
+
+
 def test_mesh_closed_by_plane_waves():
     """Scattered waves leave the mesh: at every time a few times less comes back than from a fixed or a free rim, with
     wide clouds ten times.

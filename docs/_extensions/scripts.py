@@ -47,6 +47,55 @@ def insulating_crack(names: Names) -> Figure:
     return plane(sim := names["plate"](0.06), sim.fields["u"], "temperature of the steady state", "inferno")
 
 
+def double_couple(names: Names) -> Figure:
+    """The velocity in the plane of the circle times the distance, and the lobes on the circle beside the exact ones."""
+    sim, circle = names["quake"]()
+    earlier, _ = names["quake"](until=7.0)
+    middle = sim.lattice.shape[2] // 2
+    x, y, u, v = (part[:, :, middle] for part in (*sim.lattice.coordinates()[:2], *earlier.fields["v"][:2]))
+    x_out, y_out = x - names["AT"][0], y - names["AT"][1]
+    ways = {"P: radial": u * x_out + v * y_out, "S: along circles": v * x_out - u * y_out}
+    ring = np.append(names["ANGLES"], names["ANGLES"][:1])
+    figure = Figure(figsize=(9.0, 8.0), layout="constrained")
+    for number, (title, field) in enumerate(ways.items()):
+        panel = figure.add_subplot(2, 2, number + 1)
+        largest = np.abs(field[np.hypot(x_out, y_out) > 1.5]).max()
+        panel.pcolormesh(x, y, field, cmap="RdBu_r", vmin=-largest, vmax=largest, shading="nearest")
+        panel.plot(*(names["AT"][:2, None] + names["RADIUS"] * np.array([np.cos(ring), np.sin(ring)])), "k:", lw=0.8)
+        panel.set(
+            aspect="equal", title=f"{title} velocity times distance, t = {earlier.time:.0f}", xlabel="x", ylabel="y"
+        )
+        panel = figure.add_subplot(2, 2, number + 3, projection="polar")
+        ours, known = (np.abs(names["lobes"](one)[number]) for one in (circle.data["u"], names["exact"](circle.times)))
+        panel.plot(ring, np.append(known, known[:1]), "k-", lw=0.8, label="Aki and Richards")
+        panel.plot(names["ANGLES"], ours, f"C{number}.", ms=4, label="on the circle")
+        panel.set_yticklabels([])
+        panel.set_title("largest displacement", pad=16)
+        panel.legend(loc="lower left", fontsize="x-small", bbox_to_anchor=(-0.15, -0.1))
+    return figure
+
+
+def shot_record(names: Names) -> Figure:
+    """The ground with gun and streamer, and the record, louder the later."""
+    sim, streamer = names["shot"]()
+    x, y = sim.lattice.coordinates()
+    figure = Figure(figsize=(9.0, 4.8), layout="constrained")
+    model, record = figure.subplots(1, 2)
+    drawn = model.pcolormesh(x, y, names["ground"](sim.lattice), cmap="viridis", shading="nearest")
+    model.plot(*streamer.points.T, "w-", lw=1, label="streamer")
+    model.plot(*names["GUN"], "r*", label="air gun")
+    model.set(aspect="equal", xlabel="m", ylabel="m", title="speed of sound in m/s")
+    model.legend(loc="lower left", fontsize="small")
+    figure.colorbar(drawn, ax=model, shrink=0.6)
+    louder = streamer.data["u"] * streamer.times[:, None] ** 2
+    largest = np.abs(louder).max() / 4
+    record.pcolormesh(
+        names["OFFSETS"], streamer.times, louder, cmap="gray", vmin=-largest, vmax=largest, shading="nearest"
+    )
+    record.set(xlabel="offset in m", ylabel="time in s", ylim=(names["UNTIL"], 0), title="shot record, times t squared")
+    return figure
+
+
 def penny_crack(names: Names) -> Figure:
     sim = names["block"](0.0).run(2.0, progress=False)
     figure = Figure(figsize=(6.4, 4.4), layout="constrained")

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
+from farhorizon.checks.report import content
 
 LATTICE = fh.Lattice(1.0, (-10.0, -10.0), (10.0, 10.0))
 MODEL = fh.Wave(fh.Kernel(2.0))
@@ -47,3 +48,16 @@ def test_without_a_signal_nothing_is_said():
     source = fh.PointSource((0.0, 0.0), time=fh.Ricker(0.1))
     sim = fh.Simulation(LATTICE, fh.Diffusion(fh.Kernel(2.0)), fh.Fixed(), sources=[source], threads=1)
     assert "shortest_wave_nodes" not in sim.check(budget=0.1).numbers
+
+
+def test_wavelengths_are_those_of_the_signal():
+    """A point has waves of all lengths; the signal picks out those of its frequencies, whether the end of the run is
+    known or not.
+    """
+    signal = fh.Ricker(0.05)
+    sim = fh.Simulation(LATTICE, MODEL, fh.Fixed(), sources=[fh.PointSource((0.2, 0.3), time=signal)], threads=1)
+    bands = [content(sim, until) for until in (None, 200.0)]
+    for band in bands:
+        assert 1 / signal.highest_frequency < band.shortest < band.typical < 1.5 / signal.frequency
+    assert bands[0].typical == pytest.approx(bands[1].typical, rel=0.1)
+    assert content(sim.remade(sources=[fh.PointSource((0.2, 0.3), time="sin(t)")])).typical < 5

@@ -14,7 +14,7 @@ from typing_extensions import TypedDict
 
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.layer import LatticeMedium, LayerSide
-from farhorizon.analysis.layers.spectrum import Band, band, gain_of_time
+from farhorizon.analysis.layers.spectrum import Band, band, gain_of_spectrum, gain_of_time
 from farhorizon.analysis.resolution import ENOUGH, resolution
 from farhorizon.boundaries import Fixed, Side
 from farhorizon.checks.certificate import BUDGET, NOT_CERTIFIED, Certificate, CertificateFacts, certify, told
@@ -25,6 +25,7 @@ from farhorizon.engine.engine import Layer
 from farhorizon.errors import InputError
 from farhorizon.files.html import listed, preformatted, table
 from farhorizon.geometry.lattice import AXES
+from farhorizon.inputs.signals import Signal
 from farhorizon.machine import one_blas_thread
 from farhorizon.medium.stencil import BackwardWaves
 
@@ -530,7 +531,7 @@ def content(sim: Examined, until: float | None = None) -> Band | None:
     """Wavelengths in initial data and in what sources add, as far as these split into space and time; None if there is
     nothing.
 
-    With the end of the run the frequencies of the sources count, too.
+    The frequencies of sources count, too, where they are those of a signal or the end of the run is known.
     """
     waves = sim.model.order == 2
     rate = np.sqrt(sim.model.coefficient * max(sim.strongest, 1e-300)) / sim.lattice.spacing
@@ -540,12 +541,20 @@ def content(sim: Examined, until: float | None = None) -> Band | None:
     ]
     for space, factor in sim.sources:
         if space is not None:
-            gain = gain_of_time(factor, until, rate, sim.engine.reaction) if waves and until is not None else None
-            found.append((space, 0, gain))
+            found.append((space, 0, _gain(factor, until, rate, sim.engine.reaction) if waves else None))
     found += [(one.field(one.midway), sim.model.order - 1, None) for one in sim.incident]
     scalars = [(part, order, gain) for field, order, gain in found for part in field.reshape(-1, *sim.lattice.shape)]
     fields, orders, gains = zip(*scalars, strict=True)
     return band(fields, sim.lattice.spacing, orders, gains)
+
+
+def _gain(
+    factor: Callable[..., Any], until: float | None, rate: float, lowest: float
+) -> Callable[[np.ndarray], np.ndarray] | None:
+    """What a factor of time picks out of a source's waves, as far as its spectrum or the end of the run is known."""
+    if isinstance(factor, Signal):
+        return gain_of_spectrum(factor.spectrum, until or factor.end, rate, lowest)
+    return None if until is None else gain_of_time(factor, until, rate, lowest)
 
 
 def _wavelengths(sim: Examined, waves: Band | None, until: float | None) -> tuple[float, ...]:

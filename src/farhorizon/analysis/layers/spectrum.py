@@ -94,3 +94,27 @@ def gain_of_time(
     amplitudes = np.abs(np.fft.rfft(values, 2 * _MOMENTS))
     frequencies = 2 * np.pi * np.fft.rfftfreq(2 * _MOMENTS, moments[1])
     return lambda number: np.interp(np.sqrt((rate * number) ** 2 + lowest), frequencies, amplitudes, right=0.0)
+
+
+def gain_of_spectrum(
+    spectrum: Callable[[np.ndarray], np.ndarray], longest: float, rate: float, lowest: float = 0.0
+) -> Callable[[np.ndarray], np.ndarray]:
+    """The same as `gain_of_time` of a signal whose spectrum is known.
+
+    Parameters
+    ----------
+    spectrum : callable
+        Of frequencies in cycles per time.
+    longest : float
+        Longest period that counts: the spectrum of a load that lasts is infinite at 0.
+    rate : float
+        Speed over spacing.
+    lowest : float
+        Squared frequency of the longest waves.
+    """
+
+    def gain(number: np.ndarray) -> np.ndarray:
+        frequency = np.sqrt((rate * number) ** 2 + lowest) / (2 * np.pi)
+        return np.abs(spectrum(np.maximum(frequency, 1 / longest)))
+
+    return gain
