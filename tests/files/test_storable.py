@@ -17,6 +17,7 @@ APART = (
     fh.Certificate,
     fh.Probes,
     fh.Receivers,
+    fh.FarField,
     fh.WholeSteps,
 )
 

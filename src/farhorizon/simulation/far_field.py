@@ -19,6 +19,7 @@ from farhorizon.analysis.radiation import (
 )
 from farhorizon.analysis.references.driven import DrivenLattice
 from farhorizon.errors import InputError, shown
+from farhorizon.files.records import Recorded
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Box
 from farhorizon.machine import available_memory
@@ -181,6 +182,17 @@ class FarField(Recorder):
         self._steps += len(rows)
         sizes = np.abs(rows).max(axis=1, initial=0.0)
         self._largest, self._last = max(self._largest, float(sizes.max())), float(sizes[-1])
+
+    @property
+    def recorded(self) -> Recorded:
+        """The spectra of the field on the shell, as of receivers on its nodes."""
+        points = self._lattice.lower + self._lattice.spacing * self._shell.nodes
+        values = self._sums.values.reshape(len(self.frequencies), -1, len(points)).swapaxes(1, 2)
+        spectra = {"u": values[..., 0] if values.shape[-1] == 1 else values} if self.frequencies.size else {}
+        return Recorded(self.name, points, np.zeros(0), {}, self.frequencies, spectra)
+
+    def forget(self) -> None:
+        """Nothing: receivers need all that the shell had."""
 
     def state(self) -> Arrays:
         rows = np.concatenate([np.zeros((0, self._count)), *self._rows])
