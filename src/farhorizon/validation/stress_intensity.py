@@ -218,5 +218,10 @@ def mode_one(folder: Path) -> Outcome:
         ("computed", ways, np.array(found)),
         ("static", ways[~alone], np.full((~alone).sum(), static)),
     ]
-    curve_panels([("", curves)], picture, xlabel="way of P waves (the half length is 8)", ylabel="K")
+    curve_panels(
+        [("", curves)],
+        picture,
+        xlabel=f"distance travelled by P waves (half length of the crack: {HALF_LENGTH:g})",
+        ylabel="K",
+    )
     return Outcome(rows, pictures=[picture])
