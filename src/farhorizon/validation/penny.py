@@ -1,0 +1,84 @@
+r"""Heat that flows around an insulating penny-shaped crack in an infinite body.
+
+Far away the temperature rises by g over a unit of length along the crack's normal. What the crack adds to it is the
+field of a disc of radius a whose faces give off and take up the heat that would cross it. Its steady state is the
+harmonic function of an elliptic disc, whose faces differ by
+
+.. math:: [T](r) = \frac{4g}{\pi}\sqrt{a^2 - r^2}
+
+(Carslaw and Jaeger, 1959, Conduction of heat in solids, and the same in mode I: Sneddon, 1946). It is reached by the
+diffusion of the disturbance into the body, of which only what is beside the crack is computed.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from farhorizon.boundaries import LatticePML
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.geometry.shapes import DiscCut
+from farhorizon.inputs.cracks import Crack
+from farhorizon.inputs.sources import Source
+from farhorizon.medium.integrators import RungeKuttaChebyshev
+from farhorizon.medium.stencil import Stencil
+from farhorizon.models import Diffusion
+from farhorizon.simulation.simulation import Simulation
+from farhorizon.studies.collection import Outcome, Row
+from farhorizon.validation.validations import validation
+
+HEAT = "Sneddon (1946), The distribution of stress in the neighbourhood of a crack in an elastic solid"
+RADIUS = 0.5
+UNTIL = 4.0  # 16 radius^2 / diffusivity
+SPACINGS = (0.1, 0.05)
+
+
+def steady(r: np.ndarray, radius: float) -> np.ndarray:
+    """Exact jump of the temperature at the distances r from the middle, for a unit gradient."""
+    return 4 / np.pi * np.sqrt(np.maximum(radius**2 - r**2, 0.0))
+
+
+def jump(spacing: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """Distances from the middle of the nodes beside the crack, the jump across it in the end, and the radius of a disc
+    that is as large as what is cut of the lattice.
+    """
+    lattice = Lattice(spacing, (-0.8, -0.8, spacing / 2 - 0.5), (0.8, 0.8, 0.5 - spacing / 2))
+    x, y, z = lattice.coordinates()
+    r = np.hypot(x, y)
+    given = np.sign(z) * ((r < RADIUS) & (np.abs(z) < spacing)) / spacing
+    sim = Simulation(
+        lattice,
+        Diffusion(Stencil.finite_difference(3), integrator=RungeKuttaChebyshev(10)),
+        LatticePML(target=1e-3, until=UNTIL),
+        sources=[Source(given)],
+        cracks=[Crack(DiscCut((0, 0, 0), (0, 0, 1), RADIUS), 0.0)],
+    ).run(UNTIL, progress=False)
+    middle = lattice.shape[2] // 2
+    u = sim.fields["u"]
+    # the faces lie half a spacing beyond the nodes, with the unit gradient between
+    cut = spacing * np.sqrt((r[:, :, 0] < RADIUS).sum() / np.pi)
+    return r[:, :, 0], u[:, :, middle] - u[:, :, middle - 1] + spacing, float(cut)
+
+
+@validation("penny-crack", HEAT, "heat that flows around an insulating penny-shaped crack")
+def penny(folder: Path) -> Outcome:
+    """The jump in the middle, and along the radius."""
+    from farhorizon.pictures.curves import curve_panels
+
+    ratios = []
+    for spacing in SPACINGS:
+        r, found, radius = jump(spacing)
+        ratios.append(float(found[np.unravel_index(r.argmin(), r.shape)] / (4 * radius / np.pi)))
+    rows = [
+        Row(f"jump in the middle over 4 a g / pi, spacing a/{RADIUS / spacing:g}", ratio, 1.0)
+        for spacing, ratio in zip(SPACINGS, ratios, strict=True)
+    ]
+    order = np.log2((ratios[0] - 1) / (ratios[1] - 1))
+    rows.append(Row("order in the spacing", float(order), 1.0, note="the rim is a staircase"))
+    inside = r < RADIUS
+    places, first = np.unique(np.round(r[inside], 9), return_index=True)
+    curves = [("exact", places, steady(places, radius)), ("computed", places, found[inside][first])]
+    picture = folder / "penny-crack.png"
+    curve_panels([("", curves)], picture, xlabel="distance from the middle", ylabel="jump of the temperature")
+    return Outcome(rows, pictures=[picture])
