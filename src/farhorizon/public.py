@@ -76,5 +76,6 @@ from farhorizon.simulation.probes import Probes as Probes
 from farhorizon.simulation.receivers import Receivers as Receivers
 from farhorizon.simulation.setup import Setup as Setup
 from farhorizon.simulation.simulation import Simulation as Simulation
+from farhorizon.simulation.spectra import Spectra as Spectra
 from farhorizon.simulation.steps import WholeSteps as WholeSteps
 from farhorizon.studies.tuning import tuned as tuned

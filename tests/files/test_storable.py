@@ -18,6 +18,7 @@ APART = (
     fh.Probes,
     fh.Receivers,
     fh.FarField,
+    fh.Spectra,
     fh.WholeSteps,
 )
 

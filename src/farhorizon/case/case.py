@@ -26,7 +26,9 @@ from farhorizon.case.schema import (
     IncidentPart,
     Part,
     PrescribedPart,
+    ReceiversPart,
     SourcePart,
+    SpectraPart,
     TractionPart,
     case_part,
     model_kinds,
@@ -37,6 +39,7 @@ from farhorizon.case.schema import (
 )
 from farhorizon.case.toml import document
 from farhorizon.errors import FileFormatError, InputError
+from farhorizon.geometry.interpolation import points_on_grid, points_on_line
 from farhorizon.geometry.lattice import AXES
 from farhorizon.inputs.expressions import as_given, as_signal
 from farhorizon.simulation.recorder import Observer
@@ -95,7 +98,7 @@ class Case:
                 self.vector = self.model.mechanical
                 self.setup = self._setup()
             self._check_output()
-            self._receivers()
+            self._recorders()
 
     @classmethod
     def read(cls, path: str | Path, changes: Mapping[str, Any] | None = None) -> Case:
@@ -199,30 +202,27 @@ class Case:
             return made
 
     def _made(self, observe: Sequence[Observer] = (), **changes: Any) -> Run:
-        observe = [*self._receivers(), *observe]
+        observe = [*self._recorders(), *observe]
         if isinstance(self.setup, fh.Setup):
             return fh.Simulation.of(replace(self.setup, **changes), observe)
         return self.kind(**{**self.setup, "observe": observe, **changes})
 
-    def _receivers(self) -> list[fh.Receivers]:
-        """New receivers, which belong to one run."""
-        found = []
-        for i, part in enumerate(self.parts.receivers):
-            key, several = f"receivers[{i}]", len(self.parts.receivers) > 1
-            given = [place for place in (part.points, part.line, part.grid) if place is not None]
-            if len(given) != 1:
-                raise InputError("give exactly one of points, line, grid", key=key)
-            name = part.name or (f"receivers_{i}" if several else "receivers")
-            options = {**part.model_dump(include={"record", "every", "interpolation"}), "name": name}
-            try:
-                if part.line is not None:
-                    found.append(fh.Receivers.line(**part.line.model_dump(), **options))
-                elif part.grid is not None:
-                    found.append(fh.Receivers.grid(**part.grid.model_dump(), **options))
-                else:
-                    found.append(fh.Receivers(part.points, **options))
-            except InputError as error:
-                raise error.at(under(key, error.key)) from None
+    def _recorders(self) -> list[Observer]:
+        """New recorders, which belong to one run."""
+        found: list[Observer] = []
+        tables: dict[str, Sequence[ReceiversPart | SpectraPart]] = {
+            "receivers": self.parts.receivers,
+            "spectra": self.parts.spectra,
+        }
+        for table, parts in tables.items():
+            for i, part in enumerate(parts):
+                key = f"{table}[{i}]"
+                name = part.name or (f"{table}_{i}" if len(parts) > 1 else table)
+                options = part.model_dump(include={"record", "every", "interpolation", "frequencies"}) | {"name": name}
+                try:
+                    found.append((fh.Receivers if table == "receivers" else fh.Spectra)(_where(part, key), **options))
+                except InputError as error:
+                    raise error.at(under(key, error.key)) from None
         return found
 
     def simulation(self, **changes: Any) -> fh.Simulation:
@@ -566,6 +566,20 @@ def _built(part: Part, known: Mapping[str, Any], key: str, **changes: Any) -> An
         return known[part.type](**values)  # type: ignore[attr-defined]
     except InputError as error:
         raise error.at(under(key, error.key)) from None
+
+
+def _where(part: ReceiversPart | SpectraPart, key: str) -> Any:
+    """The points, or the region, of a recorder."""
+    region = part.region if isinstance(part, SpectraPart) else None
+    given = {"points": part.points, "line": part.line, "grid": part.grid, "region": region}
+    if sum(place is not None for place in given.values()) != 1:
+        known = [name for name in given if name in type(part).model_fields]
+        raise InputError(f"give exactly one of {', '.join(known)}", key=key)
+    if part.line is not None:
+        return points_on_line(**part.line.model_dump())
+    if part.grid is not None:
+        return points_on_grid(**part.grid.model_dump())
+    return part.points if region is None else region.build(f"{key}.region")
 
 
 def read_case(path: str | Path, changes: Mapping[str, Any] | None = None) -> Case:

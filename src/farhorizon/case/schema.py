@@ -360,6 +360,27 @@ class ReceiversPart(Part):
     """In files and pictures; receivers, or receivers_0, receivers_1, ... unless given."""
 
 
+class SpectraPart(Part):
+    """Where the spectrum of the field is summed up while the run goes on."""
+
+    points: list[list[Number]] | None = None
+    """Places; or give a line, a grid or a region."""
+    line: LinePart | None = None
+    """Places along a line."""
+    grid: GridPart | None = None
+    """Places on a grid."""
+    region: RegionPart | None = None
+    """All nodes in it."""
+    frequencies: list[Number]
+    """In cycles per unit of time."""
+    record: list[str] = ["u"]
+    """u, gradient, strain, stress, pressure, divergence, curl, rotation."""
+    interpolation: str = "sinc"
+    """Between nodes: sinc or linear."""
+    name: str | None = None
+    """In files and pictures; spectra, or spectra_0, spectra_1, ... unless given."""
+
+
 class RunPart(Part):
     until: Number
     """End of the run."""
@@ -423,6 +444,8 @@ class CasePart(Part):
     """Uniform state of the medium, which the absorbing sides keep."""
     receivers: list[ReceiversPart] = []
     """Points at which a run is recorded step by step."""
+    spectra: list[SpectraPart] = []
+    """Spectra at chosen frequencies, summed up while the run goes on."""
     run: RunPart
     """Time."""
     output: OutputPart = OutputPart()

@@ -124,6 +124,43 @@ def as_points(points: Any, dim: int, key: str = "points") -> np.ndarray:
     return found
 
 
+def points_on_line(start: Any, end: Any, count: int) -> np.ndarray:
+    """Points at even distances from one end to the other, both included, shape (count, dim).
+
+    Raises
+    ------
+    InputError
+        Ends of different dimensions, no point.
+    """
+    count = kinds.integer(count, "line.count", least=1)
+    ends = [np.atleast_1d(kinds.array(one, "line")) for one in (start, end)]
+    if ends[0].ndim != 1 or ends[0].shape != ends[1].shape:
+        raise InputError(
+            "both ends of a line have one coordinate an axis", value=[one.shape for one in ends], key="line"
+        )
+    return np.linspace(ends[0], ends[1], count)
+
+
+def points_on_grid(lower: Any, upper: Any, counts: Any) -> np.ndarray:
+    """Points on a grid, both corners included, the last axis fastest, shape (n, dim).
+
+    Raises
+    ------
+    InputError
+        Corners and counts of different dimensions, no point along an axis.
+    """
+    corners = [np.atleast_1d(kinds.array(one, "grid")) for one in (lower, upper)]
+    numbers = [kinds.integer(n, "grid.counts", least=1) for n in np.atleast_1d(np.asarray(counts, object))]
+    if any(one.shape != (len(numbers),) for one in corners):
+        raise InputError(
+            "corners and counts of a grid have one entry an axis",
+            value=[*(one.shape for one in corners), len(numbers)],
+            key="grid",
+        )
+    axes = [np.linspace(a, b, n) for a, b, n in zip(*corners, numbers, strict=True)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(axes))
+
+
 def _check_inside(lattice: Lattice, points: np.ndarray, place: np.ndarray, key: str) -> None:
     """InputError for a point beyond the near field, at its place in nodes, or where no node is the nearest one."""
     outside = ((place < 0) | (place > np.array(lattice.shape) - 1)).any(axis=1)

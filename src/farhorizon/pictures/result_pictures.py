@@ -16,7 +16,7 @@ from farhorizon.pictures.fields import comparable, field_panels, magnitude
 from farhorizon.pictures.fronts import front
 from farhorizon.pictures.movie import movie
 from farhorizon.pictures.style import DAMAGE, FORMATS, number_text, time_text
-from farhorizon.pictures.traces import trace_picture
+from farhorizon.pictures.traces import spectrum_picture, trace_picture
 
 if TYPE_CHECKING:
     from farhorizon.files.results import Results
@@ -315,6 +315,10 @@ def _histories(results: Results, directory: Path, ending: str) -> list[Path]:
             for column, traces in one.columns(quantity).items():
                 written.append(directory / f"{name}_{column}.{ending}")
                 trace_picture(one.points, one.times, traces, written[-1], label=column)
+        for quantity in one.spectra:
+            for column, sums in one.columns(quantity).items():
+                written.append(directory / f"{name}_{column}.{ending}")
+                spectrum_picture(one.points, one.frequencies, sums, written[-1], label=column)
     history, energy = results.history_times, results.energy
     if np.isfinite(energy).any():
         moments, energies = _recorded(history, energy)

@@ -57,6 +57,46 @@ def trace_picture(
     return figure
 
 
+def spectrum_picture(
+    points: np.ndarray, frequencies: np.ndarray, values: np.ndarray, path: str | Path | None, *, label: str
+) -> Any:
+    """Draw amplitudes of spectra: up to seven points over frequency, more of them over their places, a curve a
+    frequency.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, dim)
+    frequencies : ndarray, shape (F,)
+    values : ndarray, shape (F, n)
+        Complex.
+    path : str or Path, optional
+        The file; without one nothing is written.
+    label : str
+        What the values are.
+
+    Raises
+    ------
+    InputError
+        There is no such directory.
+    """
+    name, places = positions(points)
+    with figure_at(path, (6.4, 3.6)) as figure:
+        axes = figure.add_subplot()
+        axes.set_ylabel(f"amplitude of the spectrum of {label}")
+        if len(points) < _LEAST_IN_SECTION:
+            _curves(axes, points, frequencies, np.abs(values))
+            axes.set_xlabel("frequency (cycles per unit of time)")
+            return figure
+        some = np.unique(np.linspace(0, len(frequencies) - 1, min(len(frequencies), _MOST_CURVES)).round().astype(int))
+        for number in some:
+            axes.plot(places, np.abs(values[number]), label=f"{frequencies[number]:.4g}")
+        axes.set_xlabel(name)
+        axes.margins(x=0.01)
+        axes.grid(True)
+        axes.legend(title="frequency", fontsize="x-small")
+    return figure
+
+
 def positions(points: np.ndarray) -> tuple[str, np.ndarray]:
     """How far each point is along a line: what that is called, and the values; numbers of points that lie on none.
 

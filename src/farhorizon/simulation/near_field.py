@@ -61,6 +61,11 @@ class NearField:
         return self.model.integrator.step_limit(self.rate_limit)
 
     @property
+    def highest_frequency(self) -> float:
+        """Of the waves that the lattice carries, in cycles per unit of time: ``sin(pi f dt) = dt sqrt(rate) / 2``."""
+        return float(np.arcsin(min(1.0, self.dt * np.sqrt(self.rate_limit) / 2)) / (np.pi * self.dt))
+
+    @property
     def field_shape(self) -> tuple[int, ...]:
         """That of the lattice, of vectors with the components first."""
         shape, components = self.lattice.shape, self.stencil.components

@@ -7,13 +7,14 @@ lattice itself, bond by bond, is that of `farhorizon.simulation.energy_flux`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from farhorizon.models import LatticeModel
+from farhorizon.simulation.near_field import NearField
 
 
 class LocalModuli(NamedTuple):
@@ -66,6 +67,14 @@ class Reading(NamedTuple):
     def middle(self) -> np.ndarray:
         """The gradient half a step before."""
         return np.asarray((self.now[..., 1:] + self.before[..., 1:]) / 2)
+
+    def of(self, names: Iterable[str]) -> dict[str, np.ndarray]:
+        """Quantities by name, of shape (steps, n, ...)."""
+        found = {name: QUANTITIES[name].of(self) for name in names}
+        if self.now.shape[2] > 1:
+            return found
+        # a scalar has no component
+        return {n: values[:, :, 0] if n in ("u", "v", "gradient") else values for n, values in found.items()}
 
 
 @dataclass(frozen=True)
@@ -143,3 +152,13 @@ QUANTITIES: dict[str, Quantity] = {
     "rotation": Quantity(lambda s: curl(s.gradient) / 2, derived=True, mechanical=True),
     "energy_flux": Quantity(_energy_flux, derived=True, moving=True),
 }
+
+
+def moduli_at(near: NearField, points: np.ndarray) -> LocalModuli:
+    """Constants of the medium at points: those of the nearest nodes."""
+    factor = np.ones(len(points))
+    if near.factor is not None:
+        nearest = np.round((points - near.lattice.lower) / near.lattice.spacing).astype(int)
+        factor = near.factor[tuple(np.clip(nearest, 0, np.array(near.lattice.shape) - 1).T)]
+    lame, shear = near.model.moduli or (0.0, 0.0)
+    return LocalModuli(lame * factor, shear * factor)

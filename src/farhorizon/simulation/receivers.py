@@ -8,13 +8,19 @@ from typing import Any, Self
 import numpy as np
 
 from farhorizon import kinds
-from farhorizon.errors import InputError, shown
+from farhorizon.errors import InputError
 from farhorizon.files.records import Recorded
-from farhorizon.geometry.interpolation import INTERPOLATIONS, Blocks, as_points, interpolation_blocks
-from farhorizon.geometry.lattice import Lattice
+from farhorizon.geometry.interpolation import (
+    INTERPOLATIONS,
+    Blocks,
+    as_points,
+    interpolation_blocks,
+    points_on_grid,
+    points_on_line,
+)
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.near_field import NearField
-from farhorizon.simulation.quantities import QUANTITIES, LocalModuli, Reading
+from farhorizon.simulation.quantities import QUANTITIES, Reading, moduli_at
 from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, recorder_name
 from farhorizon.simulation.setup import Setup
 
@@ -111,15 +117,7 @@ class Receivers(Recorder):
         **options
             Of the constructor.
         """
-        count = kinds.integer(count, "receivers.count", least=1)
-        ends = [np.atleast_1d(kinds.array(one, "receivers.line")) for one in (start, end)]
-        if ends[0].ndim != 1 or ends[0].shape != ends[1].shape:
-            raise InputError(
-                "both ends of a line have one coordinate an axis",
-                value=[one.shape for one in ends],
-                key="receivers.line",
-            )
-        return cls(np.linspace(ends[0], ends[1], count), **options)
+        return cls(points_on_line(start, end, count), **options)
 
     @classmethod
     def grid(cls, lower: Any, upper: Any, counts: Any, **options: Any) -> Self:
@@ -133,16 +131,7 @@ class Receivers(Recorder):
         **options
             Of the constructor.
         """
-        corners = [np.atleast_1d(kinds.array(one, "receivers.grid")) for one in (lower, upper)]
-        numbers = [kinds.integer(n, "receivers.counts", least=1) for n in np.atleast_1d(np.asarray(counts, object))]
-        if not len(corners[0]) == len(corners[1]) == len(numbers):
-            raise InputError(
-                "corners and counts of a grid have one entry an axis",
-                value=[len(corners[0]), len(corners[1]), len(numbers)],
-                key="receivers.grid",
-            )
-        axes = [np.linspace(a, b, n) for a, b, n in zip(*corners, numbers, strict=True)]
-        return cls(np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(axes)), **options)
+        return cls(points_on_grid(lower, upper, counts), **options)
 
     def __repr__(self) -> str:
         return f"Receivers({len(self.points)} points, record={list(self.record)}, every={self.every})"
@@ -180,9 +169,8 @@ class Receivers(Recorder):
         options = self.points, self.interpolation
         blocks = [interpolation_blocks(lattice, *options, axis, "receivers.points") for axis in axes]
         for one in blocks:
-            self._check_hidden(near, one)
-            self._check_cracks(setup, lattice, one)
-        self._medium, self._background, self._dt = _medium(near, self.points), near.background, near.dt
+            check_blocks(setup, near, self.points, one, self.interpolation, "receivers.points")
+        self._medium, self._background, self._dt = moduli_at(near, self.points), near.background, near.dt
         self.notes = self._aliased(near)
         return Wanted(np.zeros(0, np.int64), tuple(blocks))
 
@@ -212,11 +200,7 @@ class Receivers(Recorder):
     def _recorded(self, now: np.ndarray, before: np.ndarray) -> dict[str, np.ndarray]:
         """All quantities from the field and its derivatives now and a step before."""
         reading = Reading(now, before, self._dt, self._background, self._medium)
-        found = {name: QUANTITIES[name].of(reading) for name in self.record}
-        if now.shape[2] > 1:
-            return found
-        # a scalar has no component
-        return {n: values[:, :, 0] if n in ("u", "v", "gradient") else values for n, values in found.items()}
+        return reading.of(self.record)
 
     def state(self) -> Arrays:
         steps = np.concatenate([np.zeros(0, np.int64), *self._steps])
@@ -233,63 +217,50 @@ class Receivers(Recorder):
         for name in self.record:
             kinds.one_of(name, "receivers.record", has, f"{near.model.title} has no such quantity")
 
-    def _check_hidden(self, near: NearField, blocks: Blocks) -> None:
-        """InputError where a sum takes nodes that are images beyond a wall, whose values are not the field's."""
-        if near.hidden is None:
-            return
-        nodes, weights = blocks.entries()
-        wrong = ((weights != 0) & near.hidden.ravel()[nodes]).any(axis=1)
-        if wrong.any():
-            raise InputError(
-                "the receiver needs nodes beyond a wall, which are images of those inside",
-                value=self.points[wrong][0],
-                key="receivers.points",
-                remedy=self._nearer,
-            )
-
-    @property
-    def _nearer(self) -> str:
-        return "interpolation = 'linear', or a point on a node" if self.interpolation == "sinc" else "a point on a node"
-
-    def _check_cracks(self, setup: Setup, lattice: Lattice, blocks: Blocks) -> None:
-        """InputError where a crack lies between a receiver and nodes that its sum takes: there the field jumps."""
-        if not setup.cracks:
-            return
-        nodes, weights = blocks.entries()
-        between = np.count_nonzero(weights, axis=1) > 1
-        for number in np.flatnonzero(between):
-            used = nodes[number][weights[number] != 0]
-            ends = lattice.lower + lattice.spacing * np.stack(np.unravel_index(used, lattice.shape), -1)
-            if any(crack.cut.cuts(self.points[number], ends).any() for crack in setup.cracks):
-                raise InputError(
-                    "a crack lies between the receiver and nodes that its interpolation takes",
-                    value=self.points[number],
-                    limit=f"interpolation = {self.interpolation!r}",
-                    key="receivers.points",
-                    remedy=self._nearer,
-                )
-
     def _aliased(self, near: NearField) -> list[str]:
         """What is to be known of waves whose frequencies not every step but every few cannot tell apart."""
         if near.model.order == 1 or self.every == 1:
             return []
-        fastest = 2 * np.arcsin(min(1.0, near.dt * np.sqrt(near.rate_limit) / 2))  # phase in a step, of Verlet
-        most = int(np.pi / fastest * (1 + 1e-9))
+        most = int(0.5 / (near.highest_frequency * near.dt) * (1 + 1e-9))
         if self.every <= most:
             return []
-        limit, highest = 0.5 / (self.every * near.dt), fastest / (2 * np.pi * near.dt)
+        limit = 0.5 / (self.every * near.dt)
         return [
-            f"{self.name} are recorded every {self.every} steps: what has frequencies above {shown(limit)} "
-            f"appears at lower ones, and the lattice carries waves up to {highest:.4g}; every = {max(most, 1)} or less "
-            "records all of them truly"
+            f"{self.name} are recorded every {self.every} steps: what has frequencies above {limit:.4g} "
+            f"appears at lower ones, and the lattice carries waves up to {near.highest_frequency:.4g}; "
+            f"every = {max(most, 1)} or less records "
+            "all of them truly"
         ]
 
 
-def _medium(near: NearField, points: np.ndarray) -> LocalModuli:
-    """Constants of the medium at points: those of the nearest nodes."""
-    factor = np.ones(len(points))
-    if near.factor is not None:
-        nearest = np.round((points - near.lattice.lower) / near.lattice.spacing).astype(int)
-        factor = near.factor[tuple(np.clip(nearest, 0, np.array(near.lattice.shape) - 1).T)]
-    lame, shear = near.model.moduli or (0.0, 0.0)
-    return LocalModuli(lame * factor, shear * factor)
+def check_blocks(setup: Setup, near: NearField, points: np.ndarray, blocks: Blocks, method: str, key: str) -> None:
+    """Refuse sums over nodes whose values are not those of the field around a point.
+
+    Raises
+    ------
+    InputError
+        Nodes beyond a wall, which are images of those inside, or beyond a crack, where the field jumps.
+    """
+    if near.hidden is None and not setup.cracks:
+        return
+    remedy = "interpolation = 'linear', or a point on a node" if method == "sinc" else "a point on a node"
+    nodes, weights = blocks.entries()
+    if near.hidden is not None and ((weights != 0) & near.hidden.ravel()[nodes]).any():
+        wrong = ((weights != 0) & near.hidden.ravel()[nodes]).any(axis=1)
+        raise InputError(
+            "the point needs nodes beyond a wall, which are images of those inside",
+            value=points[wrong][0],
+            key=key,
+            remedy=remedy,
+        )
+    for number in np.flatnonzero(np.count_nonzero(weights, axis=1) > 1) if setup.cracks else ():
+        used = nodes[number][weights[number] != 0]
+        ends = near.lattice.lower + near.lattice.spacing * np.stack(np.unravel_index(used, near.lattice.shape), -1)
+        if any(crack.cut.cuts(points[number], ends).any() for crack in setup.cracks):
+            raise InputError(
+                "a crack lies between the point and nodes that its interpolation takes",
+                value=points[number],
+                limit=f"interpolation = {method!r}",
+                key=key,
+                remedy=remedy,
+            )

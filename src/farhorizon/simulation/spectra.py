@@ -1,0 +1,214 @@
+"""Spectra while a run goes on: Fourier sums of the field at chosen frequencies, on regions and at points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.errors import InputError
+from farhorizon.files.records import Recorded
+from farhorizon.geometry.interpolation import INTERPOLATIONS, as_points, interpolation_blocks
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.geometry.shapes import Shape
+from farhorizon.machine import available_memory
+from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.fourier_sums import FourierSums
+from farhorizon.simulation.near_field import NearField
+from farhorizon.simulation.quantities import QUANTITIES, Reading, moduli_at
+from farhorizon.simulation.receivers import check_blocks
+from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, recorder_name
+from farhorizon.simulation.setup import Setup
+
+_LINEAR = [name for name, quantity in QUANTITIES.items() if not quantity.moving]
+
+
+class Spectra(Recorder):
+    """The field's spectrum at some frequencies, summed up in every step: memory by frequency, not by time.
+
+    It is given to a run in ``observe=[...]``. The sums are ``sum dt u(n dt) exp(-2 pi i f n dt)`` over all steps from
+    the first on, the convention of `numpy.fft`: of a field that has come to rest the Fourier transform.
+
+    Parameters
+    ----------
+    where : Shape or array_like, shape (n, dim), or (n,) in 1D
+        A region, all nodes of the near field in it, or points as of `Receivers`.
+    frequencies : array_like, shape (F,)
+        In cycles per unit of time.
+    record : str or sequence of str
+        Quantities of `Receivers` that are linear in the field: all but "v" and "energy_flux".
+    interpolation : {"sinc", "linear"}
+        Of points between nodes, as of `Receivers`.
+    name : str
+        Tells several of one run apart.
+
+    Attributes
+    ----------
+    points : ndarray, shape (n, dim)
+        The points, or the nodes of the region.
+    frequencies : ndarray, shape (F,)
+    data : dict of str to ndarray
+        The sums so far, complex, each of shape (F, n), of vectors (F, n, dim), of tensors (F, n, dim, dim).
+
+    Raises
+    ------
+    InputError
+        A frequency below zero, an unknown quantity. When a run is made: frequencies above what steps of that length, or
+        waves on the lattice, can have; no node in the region; points as of `Receivers`; sums that do not fit into
+        memory.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> import numpy as np
+    >>> spectra = fh.Spectra([1.0, 3.5], [0.05, 0.1])
+    >>> line = fh.Receivers([1.0, 3.5])
+    >>> lattice = fh.Lattice(0.5, -12, 12)
+    >>> start = {"v": "x*exp(-x**2)"}
+    >>> sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), initial=start, observe=[spectra, line])
+    >>> sim.step(100)
+    >>> phases = np.exp(-2j * np.pi * np.outer(spectra.frequencies, line.times))
+    >>> bool(np.allclose(spectra.data["u"], sim.dt * phases @ line.data["u"]))
+    True
+    """
+
+    def __init__(
+        self,
+        where: Any,
+        frequencies: Any,
+        record: str | Sequence[str] = ("u",),
+        interpolation: str = "sinc",
+        name: str = "spectra",
+    ) -> None:
+        self.where = where if isinstance(where, Shape) else kinds.array(where, "spectra.where")
+        self.frequencies = np.atleast_1d(kinds.array(frequencies, "spectra.frequencies"))
+        if self.frequencies.ndim != 1 or not self.frequencies.size or self.frequencies.min() < 0:
+            raise InputError(
+                "frequencies are a list of numbers from 0 on",
+                value=kinds.said(self.frequencies),
+                key="spectra.frequencies",
+            )
+        wanted = [record] if isinstance(record, str) else kinds.sequence(record, "spectra.record", "quantities")
+        for one in wanted or [""]:
+            kinds.one_of(one, "spectra.record", _LINEAR, "no quantity that is linear in the field")
+        self.record = tuple(dict.fromkeys(wanted))
+        self.interpolation = kinds.one_of(
+            interpolation, "spectra.interpolation", INTERPOLATIONS, "unknown interpolation"
+        )
+        self.name = recorder_name(name)
+        self.notes: list[str] = []
+        self.points = np.zeros((0, 1))
+
+    def __repr__(self) -> str:
+        return f"Spectra({len(self.frequencies)} frequencies, record={list(self.record)})"
+
+    @property
+    def data(self) -> dict[str, np.ndarray]:
+        """The sums so far, by quantity."""
+        reading = Reading(self._sums.values.reshape(-1, *self._shape), np.zeros(0), self._sums.dt, 0.0, self._medium)
+        return reading.of(self.record)
+
+    @property
+    def recorded(self) -> Recorded:
+        """The sums so far, apart from the run."""
+        return Recorded(self.name, self.points, np.zeros(0), {}, self.frequencies, self.data)
+
+    def forget(self) -> None:
+        """Nothing: there are no rows."""
+
+    # --- in a run ----------------------------------------------------------------------------------------------
+
+    def begin(self, setup: Setup, parts: Parts) -> Wanted:
+        near = parts.near
+        lattice = near.lattice
+        for name in self.record:
+            kinds.one_of(
+                name,
+                "spectra.record",
+                [one for one in _LINEAR if QUANTITIES[one].has(near.model)],
+                f"{near.model.title} has no such quantity",
+            )
+        check_frequencies(self.frequencies, near)
+        nodes = _nodes_in(self.where, lattice) if isinstance(self.where, Shape) else None
+        if nodes is None:
+            self.points = as_points(self.where, lattice.dim, "spectra.where")
+        else:
+            self.points = lattice.lower + lattice.spacing * np.stack(np.unravel_index(nodes, lattice.shape), -1)
+        derived = any(QUANTITIES[name].derived for name in self.record)
+        self._shape = len(self.points), near.stencil.components, 1 + lattice.dim * derived
+        self._check_size()
+        self._medium = moduli_at(near, self.points)
+        self._sums = FourierSums(self.frequencies, near.dt, int(np.prod(self._shape)))
+        if nodes is not None and not derived:
+            return Wanted(nodes, ())
+        axes = [None, *range(lattice.dim)] if derived else [None]
+        blocks = [
+            interpolation_blocks(lattice, self.points, self.interpolation, axis, "spectra.where") for axis in axes
+        ]
+        for one in blocks:
+            check_blocks(setup, near, self.points, one, self.interpolation, "spectra.where")
+        return Wanted(np.zeros(0, np.int64), tuple(blocks))
+
+    def start(self, step: int, heard: Heard) -> None:
+        self._sums = FourierSums(self.frequencies, self._sums.dt, int(np.prod(self._shape)))
+        self.add(step, Heard(heard.nodes[1:], tuple(one[1:] for one in heard.blocks)))
+
+    def add(self, step: int, heard: Heard) -> None:
+        rows = np.stack(heard.blocks, axis=-1) if heard.blocks else heard.nodes
+        self._sums.add(step, rows.reshape(len(rows), -1))
+
+    def state(self) -> Arrays:
+        return self._sums.state()
+
+    def take(self, state: Arrays) -> None:
+        self._sums.take(state)
+
+    def _check_size(self) -> None:
+        need = 32.0 * len(self.frequencies) * float(np.prod(self._shape))
+        if need > 2.0**28 and need > available_memory():
+            raise InputError(
+                "the sums do not fit into memory",
+                value=f"about {need / 2**30:.3g} GiB",
+                limit=f"{available_memory() / 2**30:.3g} GiB available",
+                key="spectra.frequencies",
+                remedy="fewer frequencies or points",
+            )
+
+
+def check_frequencies(frequencies: np.ndarray, near: NearField, key: str = "spectra.frequencies") -> None:
+    """Refuse what steps of that length cannot tell apart, and what no wave on the lattice has.
+
+    Raises
+    ------
+    InputError
+        A frequency above Nyquist's, or above the highest of the lattice's waves.
+    """
+    highest, nyquist = float(frequencies.max()), 0.5 / near.dt
+    if highest > nyquist * (1 + 1e-9):
+        raise InputError(
+            "the frequency is above Nyquist's: steps of this length cannot tell it from a lower one",
+            value=highest,
+            limit=nyquist,
+            key=key,
+            remedy="cycles, not radians, per unit of time; or a smaller dt",
+        )
+    if near.model.order == 2 and highest > near.highest_frequency * (1 + 1e-9):
+        raise InputError(
+            "no wave on the lattice has so high a frequency",
+            value=highest,
+            limit=near.highest_frequency,
+            key=key,
+            remedy="cycles, not radians, per unit of time; or a smaller spacing",
+        )
+
+
+def _nodes_in(region: Shape, lattice: Lattice) -> np.ndarray:
+    """Flat indices of the nodes of the near field in a region; InputError if there is none."""
+    inside = region.contains(np.stack(lattice.coordinates(), axis=-1)).ravel()
+    if lattice.mask is not None:
+        inside = inside & lattice.mask.ravel()
+    if not inside.any():
+        raise InputError("no node of the near field lies in the region", value=repr(region), key="spectra.where")
+    return np.flatnonzero(inside)

@@ -1,0 +1,159 @@
+"""Spectra while running: against the FFT of the record, and the lattice's exact response in frequency."""
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.cli import main
+from farhorizon.files.results import open_results
+
+
+def pulse(x, y):
+    return np.exp(-4 * (x**2 + y**2))
+
+
+def elastic(*observe):
+    lattice = fh.Lattice(0.25, [-4.0, -4.0], [4.0, 4.0])
+    material = fh.Elastic(fh.Kernel(0.5, exponent=1), 1.0)
+    start = {"u": [lambda x, y: 0.01 * pulse(x, y), 0.0]}
+    return fh.Simulation(lattice, material, fh.Sponge(4), start, observe=observe)
+
+
+POINTS = [(0.13, 0.2), (-1.0, 0.5), (0.7, -0.41)]
+
+
+@pytest.mark.parametrize("record", [["u"], ["u", "stress", "curl"]])
+def test_as_the_fft_of_the_record(record):
+    """At points between nodes and on all nodes of a region; frequencies of the FFT, the lowest and the highest that the
+    lattice carries among them.
+    """
+    steps = 150
+    receivers = fh.Receivers(POINTS, record)
+    run = elastic(receivers)
+    dt, most = run.dt, run.parts.near.highest_frequency
+    numbers = np.array([0, 1, 9, int(most * steps * dt)])
+    spectra = fh.Spectra(POINTS, numbers / (steps * dt), record)
+    region = fh.Spectra(fh.Box((-0.3, -0.3), (0.3, 0.3)), numbers / (steps * dt), name="region")
+    inside = fh.Receivers([(x, y) for x in (-0.25, 0.0, 0.25) for y in (-0.25, 0.0, 0.25)], name="inside")
+    run = elastic(receivers, spectra, region, inside)
+    for count in (1, 70, 0, 78):
+        run.step(count)
+    for one, other in ((spectra, receivers), (region, inside)):
+        np.testing.assert_allclose(one.points, other.points, atol=1e-14)
+        for name, values in other.data.items():
+            exact = dt * np.fft.fft(values, axis=0)[numbers]
+            assert one.data[name].shape == exact.shape if one is spectra or name == "u" else True
+            if name in one.data:
+                np.testing.assert_allclose(one.data[name], exact, rtol=0, atol=1e-12 * dt * np.abs(values).sum(0).max())
+
+
+def test_response_of_the_line_in_frequency():
+    """A chain with nearest neighbours, driven at a node: ``u_k = S h^2 z^|k| / (c^2 (1/z - z))``, z = exp(-i kappa),
+    ``4 (c/h)^2 sin^2(kappa/2) = Omega^2``, ``Omega = 2/dt sin(omega dt/2)``, S the sum of the source.
+    """
+    h, c, f = 0.5, 2.0, np.array([0.1, 0.25, 0.5])
+    lattice = fh.Lattice(h, -10.0, 10.0)
+
+    def signal(t):  # a Ricker wavelet, which leaves the line at rest
+        phase = (np.pi * 0.25 * (t - 6.4)) ** 2
+        return (1 - 2 * phase) * np.exp(-phase)
+
+    at_node = np.zeros(lattice.shape)
+    at_node[20] = 1.0
+    spectra = fh.Spectra([-3.0, 0.0, 2.5, 7.0], f)
+    model = fh.Wave(fh.Stencil.finite_difference(1), speed=c)
+    run = fh.Simulation(lattice, model, fh.Exact(), sources=[fh.Source(at_node, signal)], observe=[spectra])
+    run.run(until=30.0)
+    w = 2 * np.pi * f
+    t = run.dt * np.arange(run.step_count + 1)
+    s = run.dt * np.exp(-1j * np.outer(w, t)) @ signal(t)
+    kappa = 2 * np.arcsin(h / c / run.dt * np.sin(w * run.dt / 2))
+    z = np.exp(-1j * kappa)[:, None]
+    nodes = np.abs(np.round(spectra.points[:, 0] / h))
+    exact = s[:, None] * h**2 * z**nodes / (c**2 * (1 / z - z))
+    # the signal begins with exp(-25) of its peak, and so much of it is in the slowest waves, which remain
+    np.testing.assert_allclose(spectra.data["u"], exact, rtol=0, atol=1e-9 * np.abs(exact).max())
+
+
+def test_saved_and_taken_up_the_sums_are_the_same_bit_by_bit(tmp_path):
+    def made():
+        return fh.Spectra(POINTS, [0.05, 0.2], ["u", "strain"])
+
+    whole, first, second = made(), made(), made()
+    elastic(whole).step(90)
+    run = elastic(first)
+    run.step(37)
+    run.save(tmp_path / "state")
+    fh.Simulation.restore(tmp_path / "state", observe=[second]).step(53)
+    for name in whole.record:
+        np.testing.assert_array_equal(second.data[name], whole.data[name])
+
+
+@pytest.mark.parametrize(
+    ("where", "frequencies", "options", "message"),
+    [
+        (POINTS, [0.1, 99.0], {}, "Nyquist"),
+        (POINTS, "band", {}, "no wave on the lattice"),
+        (POINTS, [-0.1], {}, "from 0 on"),
+        (POINTS, [], {}, "from 0 on"),
+        (POINTS, [0.1], {"record": "v"}, "linear"),
+        (POINTS, [0.1], {"record": []}, "linear"),
+        ([(9.0, 0.0)], [0.1], {}, "outside"),
+        (fh.Disc(0.1, (0.12, 0.12)), [0.1], {}, "no node"),
+    ],
+)
+def test_refused(where, frequencies, options, message):
+    """By the run at the latest, with a remedy where there is one."""
+    run = elastic()
+    assert run.parts.near.highest_frequency < 0.5 / run.dt
+    if isinstance(frequencies, str):
+        frequencies = [1.01 * run.parts.near.highest_frequency]
+    with pytest.raises(fh.InputError, match=message):
+        elastic(fh.Spectra(where, frequencies, **options))
+
+
+CASE = """
+[lattice]
+spacing = 0.25
+lower = [-5.0, -5.0]
+upper = [5.0, 5.0]
+[model]
+type = "wave"
+[model.kernel]
+horizon = 0.5
+[initial]
+u = "exp(-4*(x**2+y**2))"
+[boundary]
+all = { type = "lattice-pml", nodes = 6 }
+[run]
+until = 2.0
+[output]
+every = 1.0
+[[spectra]]
+line = { start = [-2.1, 2.0], end = [2.1, 2.0], count = 9 }
+frequencies = [0.1, 0.2]
+[[spectra]]
+name = "patch"
+region = { box = { lower = [-0.5, -0.5], upper = [0.5, 0.5] } }
+frequencies = [0.3]
+"""
+
+
+def test_spectra_of_a_case(tmp_path, monkeypatch):
+    """Results have the sums of a run in Python, whole or resumed; they are drawn, and xarray has them."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.toml").write_text(CASE)
+    assert main(["run", "a.toml", "--out", "whole", "--no-report"]) == 0
+    assert main(["run", "a.toml", "--out", "part", "--until", "1.3", "--no-report"]) == 0
+    assert main(["run", "a.toml", "--out", "part", "--resume", "--no-report"]) == 0
+    sim = fh.read_case("a.toml").simulation()
+    sim.run(2.0)
+    assert [one.name for one in sim.recorders] == ["spectra_0", "patch"]
+    for path in ("whole/a.h5", "part/a.h5"):
+        results = open_results(path)
+        for one in sim.recorders:
+            found = results.recorded[one.name]
+            np.testing.assert_array_equal(found.frequencies, one.frequencies)
+            np.testing.assert_array_equal(found.spectra["u"], one.data["u"])
+    assert results.to_xarray()["patch_u_spectrum"].shape == (1, 25)
+    assert {"spectra_0_u.png", "patch_u.png"} <= {path.name for path in (tmp_path / "whole" / "a").iterdir()}
