@@ -31,7 +31,7 @@ def quake(spacing: float = 0.25, until: float = UNTIL) -> tuple[fh.Simulation, f
     sim = fh.Simulation(
         fh.Lattice(spacing, (-6.0,) * 3, (6.0,) * 3),
         rock,
-        boundary=fh.LatticePML(nodes=10),
+        boundary=fh.LatticePML(target=1e-3, until=until),
         sources=[FAULT],
         observe=[circle],
     )

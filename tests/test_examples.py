@@ -103,6 +103,21 @@ def test_double_couple():
     assert p < 0.02 and s < 0.05
 
 
+@pytest.mark.slow
+def test_side_drilled_hole():
+    """The echo comes when its ray does, to a quarter of a period; without the hole there is none, but for what the
+    layers send back.
+    """
+    example = script("side_drilled_hole")
+    _, probe = example["block"]()
+    scan = example["a_scan"](probe)
+    found, expected = example["echo"](scan, probe.times)
+    assert abs(found - expected) < 0.25 / example["BURST"].frequency
+    _, alone = example["block"](hole=False)
+    late = probe.times > 7e-6
+    assert np.abs(example["a_scan"](alone)[late]).max() < 0.05 * np.abs(scan[late]).max()
+
+
 def test_mesh_closed_by_plane_waves():
     """Scattered waves leave the mesh: at every time a few times less comes back than from a fixed or a free rim, with
     wide clouds ten times.

@@ -96,6 +96,32 @@ def shot_record(names: Names) -> Figure:
     return figure
 
 
+def side_drilled_hole(names: Names) -> Figure:
+    """The waves on their way to the hole, what each element received, and the A-scan."""
+    sim, probe = names["block"]()
+    earlier, _ = names["block"](until=5.2 * names["US"])
+    mm, us = names["MM"], names["US"]
+    x, y = (part / mm for part in sim.lattice.coordinates())
+    figure = Figure(figsize=(10.0, 4.4), layout="constrained")
+    waves, section, scan = figure.subplots(1, 3, width_ratios=(1.3, 1, 1))
+    speed = np.hypot(*earlier.fields["v"])
+    waves.pcolormesh(x, y, speed, cmap="inferno", vmax=np.nanmax(speed) / 2, shading="nearest")
+    waves.plot(*(names["ARRAY"].centres.T / mm), "s", color="C0", ms=4, clip_on=False)
+    waves.set(aspect="equal", xlabel="mm", ylabel="mm", title=f"speed of the steel at {earlier.time / us:.1f} us")
+    late = probe.times > 5 * us
+    normal = probe.data["v"][late, :, 1]
+    largest = np.abs(normal).max() / 2
+    ticks = np.arange(1, normal.shape[1] + 1)
+    section.pcolormesh(ticks, probe.times[late] / us, normal, cmap="gray", vmin=-largest, vmax=largest)
+    section.set(xlabel="element", ylabel="us", ylim=(11, 5), title="received")
+    total = names["a_scan"](probe)[late]
+    scan.plot(total / np.abs(total).max(), probe.times[late] / us, lw=0.8)
+    scan.axhline(names["echo"](names["a_scan"](probe), probe.times)[1] / us, color="C3", ls=":", label="way of the ray")
+    scan.set(ylim=(11, 5), xlabel="sum with delays", title="A-scan")
+    scan.legend(loc="upper right", fontsize="x-small")
+    return figure
+
+
 def penny_crack(names: Names) -> Figure:
     sim = names["block"](0.0).run(2.0, progress=False)
     figure = Figure(figsize=(6.4, 4.4), layout="constrained")

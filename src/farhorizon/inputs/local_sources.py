@@ -27,6 +27,7 @@ from farhorizon.inputs.sources import Source
 _AT_ONCE = 256  # points whose blocks of nodes are held at once
 _PER_NODE = 2  # points along a line or a patch for each spacing of its length
 
+_ROUNDING = 1e-15  # of the entries of a unit tensor
 _ANGLES = ("strike", "dip", "rake")
 
 
@@ -285,9 +286,8 @@ class MomentTensor(LocalSource):
     Examples
     --------
     >>> import farhorizon as fh
-    >>> import numpy as np
     >>> quake = fh.MomentTensor((0, 0, 0), 2.0, fh.Step(3.0), strike=0.0, dip=90.0, rake=0.0)
-    >>> (np.round(quake.tensor(3), 12) + 0.0).tolist()  # slip to the north on a vertical plane
+    >>> quake.tensor(3).tolist()  # slip to the north on a vertical plane
     [[0.0, 2.0, 0.0], [2.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
     >>> fh.MomentTensor((0.0, 0.0), 1.0).tensor(2).tolist()
     [[1.0, 0.0], [0.0, 1.0]]
@@ -367,7 +367,8 @@ def _double_couple(strike: float, dip: float, rake: float) -> np.ndarray:
     up = np.array([0.0, 0.0, 1.0])
     normal = np.sin(dip) * across + np.cos(dip) * up
     slip = np.cos(rake) * along + np.sin(rake) * (np.sin(dip) * up - np.cos(dip) * across)
-    return np.outer(slip, normal) + np.outer(normal, slip)
+    found = np.outer(slip, normal) + np.outer(normal, slip)
+    return np.where(np.abs(found) > _ROUNDING, found, 0.0)  # as in cos(90 degrees): a force where there is none
 
 
 @dataclass(frozen=True)
