@@ -105,8 +105,8 @@ def test_double_couple():
 
 @pytest.mark.slow
 def test_side_drilled_hole():
-    """The echo comes when its ray does, to a quarter of a period; without the hole there is none, but for what the
-    layers send back.
+    """The echo comes when its ray does, to a quarter of a period; without the hole there is none: the surface waves
+    along the row do not add up with these delays.
     """
     example = script("side_drilled_hole")
     _, probe = example["block"]()
@@ -115,7 +115,7 @@ def test_side_drilled_hole():
     assert abs(found - expected) < 0.25 / example["BURST"].frequency
     _, alone = example["block"](hole=False)
     late = probe.times > 7e-6
-    assert np.abs(example["a_scan"](alone)[late]).max() < 0.05 * np.abs(scan[late]).max()
+    assert np.abs(example["a_scan"](alone)[late]).max() < 0.1 * np.abs(scan[late]).max()
 
 
 def test_mesh_closed_by_plane_waves():

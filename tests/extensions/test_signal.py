@@ -1,6 +1,7 @@
 """A source signal that users define: the one of docs/extending.md."""
 
 import re
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from scipy import integrate, special
 
 import farhorizon as fh
+from farhorizon.files.storable import Storable
 
 PAGE = (Path(__file__).parents[2] / "docs" / "extending.md").read_text(encoding="utf-8")
 
@@ -61,3 +63,51 @@ def test_samples_are_a_signal(module):
         sim = fh.Simulation(lattice, model, fh.Exact(), sources=[source], threads=1)
         runs.append(sim.run(until=20.0).fields["u"])
     assert np.abs(runs[0] - runs[1]).max() < 1e-4 * np.abs(runs[0]).max()
+
+
+def test_a_class_is_known_to_case_files_and_checkpoints(tmp_path):
+    """By its name; its highest frequency follows from its spectrum."""
+
+    @dataclass(frozen=True)
+    class Sech(fh.Signal):
+        """A hyperbolic secant.
+
+        Parameters
+        ----------
+        width : float
+            Time in which it falls.
+        """
+
+        width: float
+
+        @property
+        def end(self):
+            return 40 * self.width
+
+        def __call__(self, t):
+            return 1 / np.cosh((np.asarray(t) - 20 * self.width) / self.width)
+
+        def spectrum(self, frequency):
+            f = np.asarray(frequency)
+            size = np.pi * self.width / np.cosh(np.pi**2 * self.width * f)
+            return size * np.exp(-40j * np.pi * f * self.width)
+
+    try:
+        text = """
+        lattice = { spacing = 1.0, lower = [-9.0], upper = [9.0] }
+        model = { type = "wave", stencil = "finite-difference" }
+        boundary = { all = { type = "exact" } }
+        source = [{ value = "exp(-x**2)", time = { type = "sech", width = 2.0 } }]
+        run = { until = 50.0 }
+        """
+        (tmp_path / "case.toml").write_text(text)
+        sim = fh.read_case(tmp_path / "case.toml").simulation()
+        signal = sim.setup.sources[0].time
+        assert signal == Sech(2.0)
+        # 2 / pi times the integral of sech(x) from pi^2 w F on is a thousandth: exp(-x) = pi / 4000
+        assert signal.highest_frequency == pytest.approx(np.log(4000 / np.pi) / (np.pi**2 * 2.0), rel=0.02)
+        sim.run(20.0)
+        sim.save(tmp_path / "checkpoint.h5")
+        assert fh.Simulation.restore(tmp_path / "checkpoint.h5").setup.sources[0].time == signal
+    finally:
+        del fh.Signal.known["Sech"], Storable.stored_as["Sech"]

@@ -127,7 +127,7 @@ class PhasedArray(LocalSource):
         found = []
         for centre, delay in zip(as_points(self.centres, lattice.dim, f"{key}.first"), self.delays, strict=True):
             points, amounts = patch(centre - sum(edges) / 2, edges, lattice.spacing)
-            density = spread(lattice, points, amounts, self.interpolation, key)
+            density = spread(lattice, points, amounts, self.interpolation, f"{key}.first")
             values = directed(density, self.strength, components, f"{key}.strength")  # type: ignore[arg-type]
             found.append(Source(values, _later(self.time or steady, float(delay))))
         return found
