@@ -34,7 +34,7 @@ _MODELS = {  # constants by model: powers of length, time, mass; with the defaul
 _MODULUS, _RATE = (-1, -2, 1), (0, -1, 0)
 _SOLID = {"young": _MODULUS, "bulk": _MODULUS, "shear": _MODULUS, "density": (-3, 0, 1), "fracture_energy": (0, -2, 1)}
 _TIMES = ("until", "dt", "every", "pictures", "opens", "duration", "probe_every")
-_RATES = ("damping", "drag", "strength", "shift", "sigma", "alpha")
+_RATES = ("damping", "drag", "strength", "shift", "sigma", "alpha", "frequencies")
 
 
 def in_units(text: str, length: float, time: float, mass: float) -> str:

@@ -118,6 +118,18 @@ def test_side_drilled_hole():
     assert np.abs(example["a_scan"](alone)[late]).max() < 0.1 * np.abs(scan[late]).max()
 
 
+def test_soft_cylinder():
+    """What is scattered is what is lost, and the error of a rim that is a staircase halves with the spacing."""
+    example = script("soft_cylinder")
+    exact, errors = np.array([example["series"](frequency) for frequency in example["FREQUENCIES"]]), []
+    for spacing in (0.5, 0.25):
+        scattering, total = example["measured"](spacing)
+        np.testing.assert_allclose(scattering, total, rtol=1e-4)
+        errors.append(np.abs(total / exact - 1))
+        assert (errors[-1] < spacing / example["RADIUS"]).all()
+    assert (np.abs(np.log2(errors[0] / errors[1]) - 1) < 0.3).all()
+
+
 def test_mesh_closed_by_plane_waves():
     """Scattered waves leave the mesh: at every time a few times less comes back than from a fixed or a free rim, with
     wide clouds ten times.

@@ -123,7 +123,7 @@ def checked_frequencies(scheme: Scheme, frequencies: Any, key: str) -> np.ndarra
 
 def as_directions(given: Any, dim: int, key: str) -> np.ndarray:
     """Unit vectors (D, dim) from vectors, or from a number of even ones: both ways on a line, angles from the x axis in
-    the plane, a spiral from pole to pole in space.
+    the plane, in space as many in each of the planes xy, yz and zx.
 
     Raises
     ------
@@ -131,15 +131,11 @@ def as_directions(given: Any, dim: int, key: str) -> np.ndarray:
         Vectors without length or of another dimension, a number below one.
     """
     if isinstance(given, int) and not isinstance(given, bool):
-        count = kinds.integer(given, key, least=1)
+        turn = 2 * np.pi * np.arange(kinds.integer(given, key, least=1)) / given
+        circle = np.stack([np.cos(turn), np.sin(turn), np.zeros(given)], -1)
         if dim == 1:
             return np.array([[1.0], [-1.0]])
-        if dim == 2:
-            turn = 2 * np.pi * np.arange(count) / count
-            return np.stack([np.cos(turn), np.sin(turn)], -1)
-        height, turn = 1 - (2 * np.arange(count) + 1) / count, np.pi * (1 + np.sqrt(5)) * np.arange(count)
-        across = np.sqrt(1 - height**2)
-        return np.stack([across * np.cos(turn), across * np.sin(turn), height], -1)
+        return circle[:, :2] if dim == 2 else np.concatenate([np.roll(circle, axis, 1) for axis in range(3)])
     found = kinds.array(np.atleast_2d(kinds.array(given, key)), key, shape=(None, dim))
     lengths = np.linalg.norm(found, axis=1)
     if not len(found) or not lengths.all():

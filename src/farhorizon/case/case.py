@@ -23,6 +23,7 @@ from farhorizon.case.schema import (
     BodyPart,
     ConstraintPart,
     CrackPart,
+    FarFieldPart,
     IncidentPart,
     Part,
     PrescribedPart,
@@ -223,6 +224,8 @@ class Case:
                     found.append((fh.Receivers if table == "receivers" else fh.Spectra)(_where(part, key), **options))
                 except InputError as error:
                     raise error.at(under(key, error.key)) from None
+        if self.parts.far_field is not None:
+            found.append(_far_field(self.parts.far_field))
         return found
 
     def simulation(self, **changes: Any) -> fh.Simulation:
@@ -566,6 +569,13 @@ def _built(part: Part, known: Mapping[str, Any], key: str, **changes: Any) -> An
         return known[part.type](**values)  # type: ignore[attr-defined]
     except InputError as error:
         raise error.at(under(key, error.key)) from None
+
+
+def _far_field(part: FarFieldPart) -> fh.FarField:
+    """A new far field, which belongs to one run; its history is kept for receivers alone."""
+    box = None if part.box is None else fh.Box(part.box.lower, part.box.upper)
+    options = part.model_dump(include={"frequencies", "points", "directions"})
+    return fh.FarField(box, **options, history=part.points is not None or not part.frequencies)
 
 
 def _where(part: ReceiversPart | SpectraPart, key: str) -> Any:

@@ -381,6 +381,19 @@ class SpectraPart(Part):
     """In files and pictures; spectra, or spectra_0, spectra_1, ... unless given."""
 
 
+class FarFieldPart(Part):
+    """What a run sends into the medium around it, from what it records around a box."""
+
+    box: BoxPart | None = None
+    """Around all that radiates or scatters; the near field less one reach of the stencil unless given."""
+    frequencies: list[Number] = []
+    """Cycles per time, of waves: those of the pattern."""
+    points: list[list[Number]] | None = None
+    """Receivers outside the box, at any distance."""
+    directions: int = 180
+    """Those of the pattern: so many from the x axis round, in space in each of the planes xy, yz and zx."""
+
+
 class RunPart(Part):
     until: Number
     """End of the run."""
@@ -446,6 +459,8 @@ class CasePart(Part):
     """Points at which a run is recorded step by step."""
     spectra: list[SpectraPart] = []
     """Spectra at chosen frequencies, summed up while the run goes on."""
+    far_field: FarFieldPart | None = None
+    """What is sent beyond the near field: receivers at any distance, patterns by direction and frequency."""
     run: RunPart
     """Time."""
     output: OutputPart = OutputPart()

@@ -119,9 +119,14 @@ def _begun(case: Any, sim: Any, files: RunFiles) -> Any:
         program=f"farhorizon {__version__}",
         components={name: len(field) if field.ndim > dim else 1 for name, field in sim.fields.items()},
     )
-    for recorder in sim.recorders:
+    for recorder in _growing(sim):
         writer.hold(recorder.recorded)
     return writer
+
+
+def _growing(sim: Any) -> list[Any]:
+    """Recorders that have something before the run has come to its end."""
+    return [one for one in sim.recorders if one.recorded.data or one.recorded.spectra]
 
 
 class _Record:
@@ -160,7 +165,7 @@ class _Record:
         self._kept = time.monotonic()
 
     def _probes(self) -> None:
-        for recorder in self._sim.recorders:
+        for recorder in _growing(self._sim):
             self._writer.append_recorded(recorder.recorded)
             recorder.forget()
         probes = self._sim.probes

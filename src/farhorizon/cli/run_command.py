@@ -42,6 +42,9 @@ def run_command(options: argparse.Namespace) -> int:
             remove_leftovers(path)
         writer, code = march(options, case, sim, files, until, last)
         if code == GOOD:
+            for recorder in sim.recorders:
+                for records in recorder.concluded():
+                    writer.conclude(records)
             _tell(options, case, sim, certificate, until, files)
             writer.finish()
     return code

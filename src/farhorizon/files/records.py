@@ -35,6 +35,8 @@ class Recorded:
         Of spectra, in cycles per unit of time.
     spectra : dict of str to ndarray
         By quantity, complex, of shape (F, n, ...).
+    directions : bool
+        Whether the points are unit vectors, the directions of a pattern.
 
     Examples
     --------
@@ -55,6 +57,7 @@ class Recorded:
     data: dict[str, np.ndarray]
     frequencies: np.ndarray = field(default_factory=lambda: np.zeros(0))
     spectra: dict[str, np.ndarray] = field(default_factory=dict)
+    directions: bool = False
 
     @property
     def dim(self) -> int:

@@ -722,7 +722,7 @@ class ResultsWriter:
             )
         with _opened(self.path, "r+", "results file") as file:
             group = file["farhorizon"].require_group("recorded").create_group(records.name)
-            group.attrs["rows"] = 0
+            group.attrs["rows"], group.attrs["directions"] = 0, records.directions
             _put_fixed(group, "points", np.asarray(records.points, float))
             _put_fixed(group, "frequencies", np.asarray(records.frequencies, float))
             _growing(group, "times", "f8")
@@ -734,6 +734,20 @@ class ResultsWriter:
             for name, values in records.spectra.items():
                 _put_fixed(spectra, name, np.zeros((2, *values.shape)))
         self.recorded[records.name] = 0
+
+    def conclude(self, records: Recorded) -> None:
+        """Keep what follows from all that was recorded, in place of what followed from an earlier end of the run.
+
+        Raises
+        ------
+        InputError
+            As `hold`.
+        """
+        if self.recorded.pop(records.name, None) is not None:
+            with _opened(self.path, "r+", "results file") as file:
+                del file["farhorizon/recorded"][records.name]
+        self.hold(records)
+        self.append_recorded(records)
 
     def append_recorded(self, records: Recorded) -> None:
         """Append the rows that this has, and put its spectra in place of those before.
@@ -916,6 +930,7 @@ class Results:
                     {n: _read(file, self.path, f"{place}/data/{n}", rows) for n in group["data"]},
                     _read(file, self.path, f"{place}/frequencies"),
                     {n: real + 1j * imag for n, (real, imag) in spectra.items()},
+                    bool(group.attrs.get("directions", False)),
                 )
         return found
 

@@ -15,13 +15,16 @@ from farhorizon.pictures.deformed import deformed_panels
 from farhorizon.pictures.fields import comparable, field_panels, magnitude
 from farhorizon.pictures.fronts import front
 from farhorizon.pictures.movie import movie
+from farhorizon.pictures.polar import polar_picture
 from farhorizon.pictures.style import DAMAGE, FORMATS, number_text, time_text
 from farhorizon.pictures.traces import spectrum_picture, trace_picture
 
 if TYPE_CHECKING:
+    from farhorizon.files.records import Recorded
     from farhorizon.files.results import Results
 
 _FLOOR = -60.0  # decibels, unless a range is given
+_LEVELS = {"intensity": "energy per frequency and angle", "cross_section": "scattering cross section per angle"}
 
 
 @dataclass(frozen=True)
@@ -172,8 +175,9 @@ def plot_results(
     -------
     list of Path
         ``FIELD.png`` for every field, of vectors their length beside ``FIELD_x.png`` and so on (``front.png`` for the
-        times of dissolution), ``probes.png``, of receivers ``NAME_QUANTITY.png``, ``energy.png`` and ``balance.png``
-        where they were recorded; ``deformed.png``; ``FIELD.gif`` and ``FIELD.mp4`` of a movie.
+        times of dissolution), ``probes.png``, of receivers ``NAME_QUANTITY.png``, of a far field ``NAME_pattern.png``,
+        ``energy.png`` and ``balance.png`` where they were recorded; ``deformed.png``; ``FIELD.gif`` and ``FIELD.mp4``
+        of a movie.
 
     Raises
     ------
@@ -315,6 +319,9 @@ def _histories(results: Results, directory: Path, ending: str) -> list[Path]:
             for column, traces in one.columns(quantity).items():
                 written.append(directory / f"{name}_{column}.{ending}")
                 trace_picture(one.points, one.times, traces, written[-1], label=column)
+        if one.directions:
+            written += _pattern(one, directory / f"{name}.{ending}")
+            continue
         for quantity in one.spectra:
             for column, sums in one.columns(quantity).items():
                 written.append(directory / f"{name}_{column}.{ending}")
@@ -331,6 +338,17 @@ def _histories(results: Results, directory: Path, ending: str) -> list[Path]:
         ylabel = "energy" if "kinetic" in results.balance else "gain since the start, and inflow"
         lines(curves, written[-1], xlabel="t", ylabel=ylabel)
     return written
+
+
+def _pattern(records: Recorded, path: Path) -> list[Path]:
+    """Draw the levels of a pattern over its directions; on a line there are but two."""
+    if records.dim == 1:
+        return []
+    levels = {name: values for name, values in records.spectra.items() if name.startswith(tuple(_LEVELS))}
+    what = next(what for what in _LEVELS if next(iter(levels)).startswith(what))
+    waves = {name.removeprefix(f"{what}_"): values.real for name, values in levels.items()}
+    polar_picture(records.points, records.frequencies, waves, path, _LEVELS[what])
+    return [path]
 
 
 def _moment(results: Results, index: int) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from farhorizon.analysis.references.driven import Scheme
@@ -46,6 +48,59 @@ def medium_outside(parts: Parts) -> Scheme:
     factor = 1.0 if near.factor is None else float(near.factor.flat[0])
     rate = factor * near.model.coefficient / near.lattice.spacing**2
     return Scheme.of(near.stencil.beside(factor), rate, near.model.integrator, near.dt, near.model.damping)
+
+
+def corner_nodes(lattice: Lattice, box: Box | None, reach: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """First and last indices of the nodes in a box, of the widest one where none is given.
+
+    Raises
+    ------
+    InputError
+        A box of another dimension, nearer to a side of the near field than one reach, or so small that nothing lies one
+        reach inside its faces.
+    """
+    more, spacing = np.array(reach), lattice.spacing
+    first, last = more, np.array(lattice.shape) - 1 - more
+    limits = f"{shown(lattice.lower + spacing * first)} to {shown(lattice.lower + spacing * last)}"
+    if box is not None:
+        if box.dim != lattice.dim:
+            raise InputError(
+                "the box of a far field and the lattice differ in dimension",
+                value=box.dim,
+                limit=lattice.dim,
+                key="far_field.box",
+            )
+        lower, upper = ((bound - lattice.lower) / spacing for bound in box.bounds())
+        if (lower < first - 1e-6).any() or (upper > last + 1e-6).any():
+            raise InputError(
+                "the box of a far field must leave one reach of the near field on each side",
+                value=f"{shown(box.lower)} to {shown(box.upper)}",
+                limit=limits,
+                key="far_field.box",
+                remedy="a smaller box, or a larger near field",
+            )
+        first, last = np.ceil(lower - 1e-6).astype(int), np.floor(upper + 1e-6).astype(int)
+    if (last - first < 2 * more).any():
+        raise InputError(
+            "the box of a far field is so small that nothing lies one reach inside its faces",
+            value=f"sides of {shown(spacing * (last - first))}",
+            limit=f"at least {shown(2 * spacing * more)}",
+            key="far_field.box",
+            remedy="a larger box in a larger near field",
+        )
+    return first, last
+
+
+def check_window(hidden: np.ndarray | None, nodes: np.ndarray, box: Box) -> None:
+    """InputError where nodes (W, dim) of the shell of a box are not shown, as outside a window."""
+    if hidden is not None and hidden[tuple(nodes.T)].any():
+        raise InputError(
+            "the box of a far field reaches to the edge of the window",
+            value=f"{shown(box.lower)} to {shown(box.upper)}",
+            limit="inside the window by one reach",
+            key="far_field.box",
+            remedy="a smaller box, or a larger window",
+        )
 
 
 def check_outside(setup: Setup, parts: Parts, box: Box, reach: np.ndarray) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,16 +20,23 @@ from farhorizon.analysis.radiation import (
 from farhorizon.analysis.references.driven import DrivenLattice
 from farhorizon.errors import InputError, shown
 from farhorizon.files.records import Recorded
-from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Box
 from farhorizon.machine import available_memory
 from farhorizon.medium.shell import Shell
 from farhorizon.simulation.assembly import Parts
-from farhorizon.simulation.far_box import check_moving, check_outside, is_around, medium_outside
+from farhorizon.simulation.far_box import (
+    check_moving,
+    check_outside,
+    check_window,
+    corner_nodes,
+    is_around,
+    medium_outside,
+)
 from farhorizon.simulation.fourier_sums import FourierSums
 from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, recorder_name
 from farhorizon.simulation.setup import Setup
 
+_LARGE = 2**28  # bytes of a history that are worth a note
 _LEFT = 1e-3  # part of the largest field on the shell that is worth a note where it is left at the end
 
 
@@ -65,9 +72,13 @@ class FarField(Recorder):
     frequencies : sequence of float
         Cycles per time, of waves, at which patterns and cross sections are wanted. Spectra are those of `numpy.fft`,
         ``sum dt u exp(-2 pi i f t)``.
+    points : array_like, shape (P, dim), or (P,) in 1D, optional
+        Receivers outside the box that results files keep.
+    directions : int or array_like, shape (D, dim)
+        Those of the pattern that results files keep, as `pattern` takes them.
     history : bool
-        Keep the shell at all steps, which `at` needs: 8 bytes for each step, node and component. Spectra alone need
-        memory by frequency only.
+        Keep the shell at all steps, which `at` and `points` need: 8 bytes for each step, node and component. Spectra
+        alone need memory by frequency only.
     name : str
         Tells several of one run apart, in files and pictures.
 
@@ -107,13 +118,26 @@ class FarField(Recorder):
     """
 
     def __init__(
-        self, box: Box | None = None, frequencies: Any = (), history: bool = True, name: str = "far_field"
+        self,
+        box: Box | None = None,
+        frequencies: Any = (),
+        points: Any = None,
+        directions: Any = 180,
+        history: bool = True,
+        name: str = "far_field",
     ) -> None:
         self.box = None if box is None else kinds.instance(box, "far_field.box", Box, "a Box")
         self.frequencies = np.atleast_1d(kinds.array(frequencies, "far_field.frequencies"))
+        self.points = None if points is None else kinds.array(points, "far_field.points")
+        self.directions = directions
         self.history, self.name = kinds.flag(history, "far_field.history"), recorder_name(name)
-        if not (self.history or self.frequencies.size):
-            raise InputError("nothing is to be recorded", key="far_field", remedy="frequencies, or history = true")
+        if not self.history and (self.points is not None or not self.frequencies.size):
+            raise InputError(
+                "receivers of the far field need what the shell had at all steps",
+                value="history = false",
+                key="far_field.history",
+                remedy="history = true, or frequencies without points",
+            )
         self.notes: list[str] = []
         self._steps = -1
 
@@ -128,13 +152,16 @@ class FarField(Recorder):
         self._scheme = medium_outside(parts)
         self.frequencies = checked_frequencies(self._scheme, self.frequencies, "far_field.frequencies")
         self._reach = near.lattice.spacing * np.array(self._scheme.stencil.reach, float)
-        first, last = _indices(near.lattice, self.box, self._scheme.stencil.reach)
+        first, last = corner_nodes(near.lattice, self.box, self._scheme.stencil.reach)
         self._shell = Shell(self._scheme.stencil, first, last)
         corners = (near.lattice.lower + near.lattice.spacing * end for end in (first, last))
         self._faces = Box(*corners)
         self.notes = check_outside(setup, parts, self._faces, self._reach)
+        if self.points is not None:
+            self._receivers(self.points)
+        as_directions(self.directions, near.lattice.dim, "far_field.directions")
         self._parts, self._incident = parts, list(parts.incident)
-        self._check_window(parts)
+        check_window(near.hidden, self._shell.nodes, self._faces)
         return Wanted(np.ravel_multi_index(tuple(self._shell.nodes.T), near.lattice.shape), ())
 
     def foresee(self, until: float, steps: int) -> None:
@@ -145,16 +172,20 @@ class FarField(Recorder):
         InputError
             Sources that leave the box, a history that does not fit into memory.
         """
-        self.notes += check_moving(self._parts, self._faces, self._reach, until)
+        notes = check_moving(self._parts, self._faces, self._reach, until)
         need = 8 * self._count * (steps + 1) * self.history
+        size = f"about {need / 2**30:.3g} GiB for {len(self._shell.nodes)} nodes and {steps} steps"
         if need > available_memory():
             raise InputError(
                 "what is recorded on the shell of the far field does not fit into memory",
-                value=f"about {need / 2**30:.3g} GiB for {len(self._shell.nodes)} nodes and {steps} steps",
+                value=size,
                 limit=f"{available_memory() / 2**30:.3g} GiB available",
                 key="far_field.history",
                 remedy="a smaller box, a shorter run, or history = false with frequencies",
             )
+        if need > _LARGE:
+            notes.append(f"the far field keeps the history of its shell: {size}")
+        self.notes += [note for note in notes if note not in self.notes]
 
     @property
     def _count(self) -> int:
@@ -185,14 +216,27 @@ class FarField(Recorder):
 
     @property
     def recorded(self) -> Recorded:
-        """The spectra of the field on the shell, as of receivers on its nodes."""
-        points = self._lattice.lower + self._lattice.spacing * self._shell.nodes
-        values = self._sums.values.reshape(len(self.frequencies), -1, len(points)).swapaxes(1, 2)
-        spectra = {"u": values[..., 0] if values.shape[-1] == 1 else values} if self.frequencies.size else {}
-        return Recorded(self.name, points, np.zeros(0), {}, self.frequencies, spectra)
+        """Nothing before the end of the run."""
+        return Recorded(self.name, np.zeros((0, self._lattice.dim)), np.zeros(0), {})
 
     def forget(self) -> None:
         """Nothing: receivers need all that the shell had."""
+
+    def concluded(self) -> list[Recorded]:
+        found = []
+        if self.points is not None:
+            times, values = self.at(self.points)
+            places = self._lattice.lower + self._lattice.spacing * self._receivers(self.points)
+            found.append(Recorded(f"{self.name}_points", places, times, {"u": values}))
+        if self.frequencies.size:
+            pattern = self.pattern(self.directions)
+            crossed = pattern.cross_sections
+            levels, what = (pattern.intensities, "intensity") if crossed is None else (crossed, "cross_section")
+            spectra = {f"{what}_{wave}": levels[:, number] + 0j for number, wave in enumerate(pattern.waves)}
+            spectra |= {wave: pattern.amplitudes[:, number] for number, wave in enumerate(pattern.waves)}
+            name, still = f"{self.name}_pattern", np.zeros(0)
+            found.append(Recorded(name, pattern.directions, still, {}, self.frequencies, spectra, directions=True))
+        return found
 
     def state(self) -> Arrays:
         rows = np.concatenate([np.zeros((0, self._count)), *self._rows])
@@ -215,14 +259,14 @@ class FarField(Recorder):
             left -= len(driven)
             yield from driven
 
-    def at(self, points: Any) -> tuple[np.ndarray, np.ndarray]:
+    def at(self, points: Any = None) -> tuple[np.ndarray, np.ndarray]:
         """The field at places outside the box, in the near field or at any distance, exactly as a run that contains
         them would have it.
 
         Parameters
         ----------
-        points : array_like, shape (P, dim), or (P,) in 1D
-            Each stands for the node of the infinite lattice nearest to it.
+        points : array_like, shape (P, dim), or (P,) in 1D, optional
+            Each stands for the node of the infinite lattice nearest to it; those of the constructor unless given.
 
         Returns
         -------
@@ -243,7 +287,8 @@ class FarField(Recorder):
                 key="far_field.history",
                 remedy="history = true",
             )
-        driven = DrivenLattice(self._scheme, self._steps, self._shell.nodes, self._receivers(points))
+        receivers = self._receivers(self.points if points is None else points)
+        driven = DrivenLattice(self._scheme, self._steps, self._shell.nodes, receivers)
         return self._scheme.dt * np.arange(self._steps + 1), driven.field(self._forces()) + self._background
 
     def _receivers(self, points: Any) -> np.ndarray:
@@ -273,22 +318,22 @@ class FarField(Recorder):
             )
         apart = np.abs(place - nodes).max(1) > 1e-6
         found = lattice.lower + lattice.spacing * nodes
-        self.notes += [
-            f"the far field at {shown(point)} is that of the nearest node, {shown(node)}"
-            for point, node in zip(given[apart].tolist(), found[apart].round(12).tolist(), strict=True)
-        ]
+        for point, node in zip(given[apart].tolist(), found[apart].round(12).tolist(), strict=True):
+            note = f"the far field at {shown(point)} is that of the nearest node, {shown(node)}"
+            self.notes += [note] if note not in self.notes else []
         return nodes
 
     # --- by frequency ------------------------------------------------------------------------------------------
 
-    def pattern(self, directions: Any = 180) -> Pattern:
+    def pattern(self, directions: Any = None) -> Pattern:
         """What is radiated far away, by frequency, wave and direction.
 
         Parameters
         ----------
-        directions : int or array_like, shape (D, dim)
+        directions : int or array_like, shape (D, dim), optional
             Vectors along which energy travels; their length does not matter. Or how many, evenly spread: in the plane
-            from the x axis round, in space on a spiral from pole to pole.
+            from the x axis round, in space so many in each of the planes xy, yz and zx. Those of the constructor unless
+            given.
 
         Raises
         ------
@@ -297,7 +342,7 @@ class FarField(Recorder):
         """
         self._must_have_spectra()
         scheme, spacing, dim = self._scheme, self._lattice.spacing, self._lattice.dim
-        unit = as_directions(directions, dim, "far_field.directions")
+        unit = as_directions(self.directions if directions is None else directions, dim, "far_field.directions")
         parts = []
         for squared, force in zip(self._squares, self._spectral_forces, strict=True):
             parts.append(waves_sent(scheme, squared, self._places, force, unit))
@@ -434,55 +479,3 @@ class FarField(Recorder):
         self.notes = [one for one in self.notes if not one.startswith(note)]
         if self._last > _LEFT * self._largest:
             self.notes.append(f"{note}on its shell {self._last / self._largest:.2g} of the largest value is left")
-
-    def _check_window(self, parts: Parts) -> None:
-        hidden = parts.near.hidden
-        if hidden is not None and hidden[tuple(self._shell.nodes.T)].any():
-            raise InputError(
-                "the box of a far field reaches to the edge of the window",
-                value=f"{shown(self._faces.lower)} to {shown(self._faces.upper)}",
-                limit="inside the window by one reach",
-                key="far_field.box",
-                remedy="a smaller box, or a larger window",
-            )
-
-
-def _indices(lattice: Lattice, box: Box | None, reach: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """First and last indices of the nodes in a box, of the widest one where none is given.
-
-    Raises
-    ------
-    InputError
-        A box of another dimension, nearer to a side of the near field than one reach, or so small that nothing lies one
-        reach inside its faces.
-    """
-    more, spacing = np.array(reach), lattice.spacing
-    first, last = more, np.array(lattice.shape) - 1 - more
-    limits = f"{shown(lattice.lower + spacing * first)} to {shown(lattice.lower + spacing * last)}"
-    if box is not None:
-        if box.dim != lattice.dim:
-            raise InputError(
-                "the box of a far field and the lattice differ in dimension",
-                value=box.dim,
-                limit=lattice.dim,
-                key="far_field.box",
-            )
-        lower, upper = ((bound - lattice.lower) / spacing for bound in box.bounds())
-        if (lower < first - 1e-6).any() or (upper > last + 1e-6).any():
-            raise InputError(
-                "the box of a far field must leave one reach of the near field on each side",
-                value=f"{shown(box.lower)} to {shown(box.upper)}",
-                limit=limits,
-                key="far_field.box",
-                remedy="a smaller box, or a larger near field",
-            )
-        first, last = np.ceil(lower - 1e-6).astype(int), np.floor(upper + 1e-6).astype(int)
-    if (last - first < 2 * more).any():
-        raise InputError(
-            "the box of a far field is so small that nothing lies one reach inside its faces",
-            value=f"sides of {shown(spacing * (last - first))}",
-            limit=f"at least {shown(2 * spacing * more)}",
-            key="far_field.box",
-            remedy="a larger box in a larger near field",
-        )
-    return first, last

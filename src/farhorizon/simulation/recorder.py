@@ -69,6 +69,10 @@ class Recorder(ABC):
     def forget(self) -> None:
         """Keep no rows of the past: a file has them."""
 
+    def concluded(self) -> list[Recorded]:
+        """What follows from all that was recorded, once the run has come to its end; nothing for most."""
+        return []
+
     @abstractmethod
     def begin(self, setup: Any, parts: Any) -> Wanted:
         """Say what to take of a run.

@@ -38,7 +38,7 @@ from farhorizon.simulation.resume import matching
 from farhorizon.simulation.run import Run
 from farhorizon.simulation.settling import Settling, outlasted, settled_sides
 from farhorizon.simulation.setup import Key, Setup, side_name
-from farhorizon.simulation.steps import seconds_of
+from farhorizon.simulation.steps import last_step, seconds_of
 
 
 class Simulation(Run):
@@ -437,6 +437,7 @@ class Simulation(Run):
         """
         if until is not None:
             self._settling.settle(self, until)
+            self._recording.foresee(until, last_step(until, self.dt))
         return Report.of(self, until, budget)
 
     # --- state -------------------------------------------------------------------------------------------------

@@ -1,0 +1,77 @@
+"""The far field of a case: in its results, in pictures, and what is refused before any work."""
+
+import re
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from drawn import is_picture
+from farhorizon.cli import main
+
+CASE = """
+lattice = { spacing = 1.0, lower = [-12.0, -12.0], upper = [12.0, 12.0] }
+model = { type = "wave", kernel = { horizon = 2.0 } }
+boundary = { all = { type = "lattice-pml", nodes = 12 } }
+crack = [{ points = [[-2.5, 0.3], [2.5, 0.3]] }]
+source = [{ value = "exp(-((x-0.5)**2 + (y+0.7)**2))*sin(0.6*(t-15))*exp(-((t-15)/6)**2)" }]
+run = { until = 60.0 }
+output = { every = 20.0 }
+[far_field]
+box = { lower = [-9.0, -9.0], upper = [9.0, 9.0] }
+frequencies = [0.07, 0.1]
+points = [[25.0, 0.0], [-20.0, 20.0]]
+directions = 24
+"""
+
+
+def test_a_far_field_is_in_the_results_and_drawn(tmp_path, monkeypatch, capsys):
+    """Run whole and in two parts it has the same bits, those of a run in Python; so has what an earlier end left."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.toml").write_text(CASE)
+    assert main(["run", "a.toml", "--out", "whole", "--no-report"]) == 0
+    assert main(["run", "a.toml", "--out", "part", "--until", "30", "--no-report"]) == 0
+    assert main(["run", "a.toml", "--out", "part", "--resume", "--no-report"]) == 0
+    whole, part = (fh.open_results(f"{name}/a.h5").recorded for name in ("whole", "part"))
+    assert set(whole) == set(part) == {"far_field_points", "far_field_pattern"}
+    sim = fh.read_case("a.toml").simulation()
+    sim.run(60.0)
+    (far,) = sim.recorders
+    times, values = far.at()
+    pattern = far.pattern()
+    for found in (whole, part):
+        points, waves = found["far_field_points"], found["far_field_pattern"]
+        np.testing.assert_array_equal(points.times, times)
+        np.testing.assert_array_equal(points.points, [(25, 0), (-20, 20)])
+        np.testing.assert_array_equal(points.data["u"], values)
+        assert waves.directions and not points.directions
+        np.testing.assert_array_equal(waves.points, pattern.directions)
+        np.testing.assert_array_equal(waves.spectra["wave"], pattern.amplitudes[:, 0])
+        np.testing.assert_array_equal(waves.spectra["intensity_wave"].real, pattern.intensities[:, 0])
+    for name in ("far_field_points_u", "far_field_pattern"):
+        assert is_picture(tmp_path / "whole" / "a" / f"{name}.png")
+    assert main(["check", "a.toml"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            "frequencies = [0.07, 0.1]",
+            "frequencies = [0.07, 2.0]",
+            r"far_field\.frequencies: the lattice does not carry",
+        ),
+        ("[25.0, 0.0]", "[5.0, 0.0]", r"far_field\.points: a receiver of the far field lies inside the box"),
+        ("directions = 24", "directions = 0", r"far_field\.directions"),
+        ("upper = [9.0, 9.0]", "upper = [11.0, 9.0]", r"far_field\.box: .*leave one reach"),
+        ("upper = [9.0, 9.0]", "upper = [2.0, 9.0]", r"far_field\.box: .*cuts a crack"),
+        ("directions = 24", "direction = 24", "directions"),
+    ],
+)
+def test_cases_with_far_fields_that_are_refused(tmp_path, monkeypatch, capsys, old, new, message):
+    monkeypatch.chdir(tmp_path)
+    assert old in CASE
+    (tmp_path / "a.toml").write_text(CASE.replace(old, new))
+    assert main(["run", "a.toml"]) == 2
+    assert re.search(message, capsys.readouterr().err)
+    assert not list(tmp_path.glob("*.h5"))
