@@ -19,6 +19,7 @@ APART = (
     fh.Receivers,
     fh.FarField,
     fh.Spectra,
+    fh.PowerThrough,
     fh.WholeSteps,
 )
 

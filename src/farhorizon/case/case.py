@@ -26,6 +26,7 @@ from farhorizon.case.schema import (
     FarFieldPart,
     IncidentPart,
     Part,
+    PowerPart,
     PrescribedPart,
     ReceiversPart,
     SourcePart,
@@ -210,18 +211,21 @@ class Case:
 
     def _recorders(self) -> list[Observer]:
         """New recorders, which belong to one run."""
-        found: list[Observer] = []
-        tables: dict[str, Sequence[ReceiversPart | SpectraPart]] = {
-            "receivers": self.parts.receivers,
-            "spectra": self.parts.spectra,
+        makers: dict[str, Callable[..., Observer]] = {
+            "receivers": fh.Receivers,
+            "spectra": fh.Spectra,
+            "power": fh.PowerThrough,
         }
-        for table, parts in tables.items():
+        found: list[Observer] = []
+        for table, make in makers.items():
+            parts = getattr(self.parts, table)
             for i, part in enumerate(parts):
                 key = f"{table}[{i}]"
                 name = part.name or (f"{table}_{i}" if len(parts) > 1 else table)
-                options = part.model_dump(include={"record", "every", "interpolation", "frequencies"}) | {"name": name}
+                options = part.model_dump(include={"record", "every", "interpolation", "frequencies"})
                 try:
-                    found.append((fh.Receivers if table == "receivers" else fh.Spectra)(_where(part, key), **options))
+                    where = _surface(part, key) if table == "power" else _where(part, key)
+                    found.append(make(where, **options, name=name))
                 except InputError as error:
                     raise error.at(under(key, error.key)) from None
         if self.parts.far_field is not None:
@@ -576,6 +580,15 @@ def _far_field(part: FarFieldPart) -> fh.FarField:
     box = None if part.box is None else fh.Box(part.box.lower, part.box.upper)
     options = part.model_dump(include={"frequencies", "points", "directions"})
     return fh.FarField(box, **options, history=part.points is not None or not part.frequencies)
+
+
+def _surface(part: PowerPart, key: str) -> Any:
+    """The region, or the plane, through which power is recorded."""
+    if part.region is not None and part.axis is None and part.position is None:
+        return part.region.build(f"{key}.region")
+    if part.region is not None or part.axis is None or part.position is None:
+        raise InputError("give either a region, or axis and position", key=key)
+    return part.axis, part.position
 
 
 def _where(part: ReceiversPart | SpectraPart, key: str) -> Any:

@@ -394,6 +394,19 @@ class FarFieldPart(Part):
     """Those of the pattern: so many from the x axis round, in space in each of the planes xy, yz and zx."""
 
 
+class PowerPart(Part):
+    """A surface through which the power of waves is recorded in every step."""
+
+    region: RegionPart | None = None
+    """What leaves it; or give an axis and a position."""
+    axis: str | None = None
+    """Normal of a plane: x, y or z."""
+    position: Number | None = None
+    """Of the plane, taken to the nearest middle between two nodes."""
+    name: str | None = None
+    """In files and pictures; power, or power_0, power_1, ... unless given."""
+
+
 class RunPart(Part):
     until: Number
     """End of the run."""
@@ -461,6 +474,8 @@ class CasePart(Part):
     """Spectra at chosen frequencies, summed up while the run goes on."""
     far_field: FarFieldPart | None = None
     """What is sent beyond the near field: receivers at any distance, patterns by direction and frequency."""
+    power: list[PowerPart] = []
+    """Surfaces through which the power of waves is recorded."""
     run: RunPart
     """Time."""
     output: OutputPart = OutputPart()

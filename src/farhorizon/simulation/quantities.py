@@ -2,7 +2,7 @@
 
 Stress and energy flux are those of classical elasticity and of the classical wave equation, which long waves obey:
 the strain is that of the interpolated field, the moduli are the model's. The energy that crosses a surface on the
-lattice itself, bond by bond, is that of `farhorizon.simulation.energy_flux`.
+lattice itself, bond by bond, is that of `farhorizon.simulation.power_through`.
 """
 
 from __future__ import annotations

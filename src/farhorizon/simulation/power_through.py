@@ -1,0 +1,262 @@
+"""Power through surfaces, bond by bond: what leaves one part of the medium and enters the other, exactly."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from farhorizon import kinds
+from farhorizon.engine.bonds import factors_of
+from farhorizon.errors import InputError
+from farhorizon.files.records import Recorded
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.geometry.shapes import Shape
+from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.flux import plane
+from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, recorder_name
+from farhorizon.simulation.setup import Setup
+
+_SYMMETRIC = 1e-12  # of a bond's largest weight
+
+
+class PowerThrough(Recorder):
+    r"""Power of waves through surfaces, recorded in every step: the sum over the bonds that cross them.
+
+    It is given to a run in ``observe=[...]``. A bond of weights w between the nodes x inside and y outside carries out
+    of the inside
+
+    .. math:: -\tfrac{1}{2}\,m\,(u_y - u_x) \cdot w\,(v_y + v_x),
+
+    the force in the bond times the mean velocity of its ends, with ``v = (u(t + dt) - u(t - dt)) / (2 dt)`` and m the
+    mass of a node. So much, times dt, the energy inside (that of `Simulation.energies`, in which bonds across the edge
+    count half) loses from half a step before to half a step after: exactly, where nothing is damped and no source acts
+    there.
+
+    Parameters
+    ----------
+    surfaces : Shape, (str, float), or sequence of these
+        A region, of which it is what leaves it; or a plane, ``("x", 2.5)``, half-way between two nodes, of which it is
+        what crosses it towards larger coordinates within the near field.
+    name : str
+        Tells several of one run apart.
+
+    Attributes
+    ----------
+    points : ndarray, shape (n, dim)
+        The middle of each region's nodes, and of each plane.
+    times : ndarray, shape (rows,)
+        Those of the steps from the first on; the power of a step is known after the next one.
+    data : dict of str to ndarray
+        "power", shape (rows, n); in two dimensions per thickness.
+
+    Raises
+    ------
+    InputError
+        What is neither a region nor a plane. When a run is made: no waves, bonds that are nonlinear or break or are cut
+        later, a region without nodes or out of which bonds reach beyond the near field, a plane outside it.
+
+    Notes
+    -----
+    The power of a bond is that of Silling and Lehoucq (2010), Adv. Appl. Mech. 44, section 3, where the energy of a
+    pair is shared evenly.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> import numpy as np
+    >>> power = fh.PowerThrough(fh.Disc(4.0))
+    >>> lattice = fh.Lattice(0.5, (-8.0, -8.0), (8.0, 8.0))
+    >>> start = {"u": "exp(-x**2 - y**2)"}
+    >>> sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), initial=start, observe=[power])
+    >>> energy = sim.energy()
+    >>> _ = sim.run(until=20.0)
+    >>> bool(abs(sim.dt * power.data["power"].sum() / energy - 1) < 0.02)  # nearly all has left the disc
+    True
+    """
+
+    def __init__(self, surfaces: Any, name: str = "power") -> None:
+        alone = isinstance(surfaces, Shape) or (
+            isinstance(surfaces, tuple) and bool(surfaces) and isinstance(surfaces[0], str)
+        )
+        self.surfaces = (surfaces,) if alone else tuple(kinds.sequence(surfaces, "power.surfaces", "surfaces"))
+        for one in self.surfaces:
+            if not isinstance(one, Shape) and not (isinstance(one, list | tuple) and len(one) == 2):
+                raise InputError(
+                    "a surface is the edge of a region, or a plane",
+                    value=kinds.said(one),
+                    key="power.surfaces",
+                    remedy='Box(...), Disc(...), or ("x", 2.5)',
+                )
+        if not self.surfaces:
+            raise InputError("there is no surface", key="power.surfaces", remedy="give at least one")
+        self.name = recorder_name(name)
+        self.notes: list[str] = []
+        self._first, self._dt = 0, 0.0
+        self._rows: list[np.ndarray] = []
+
+    def __repr__(self) -> str:
+        return f"PowerThrough({', '.join(map(str, self.surfaces))})"
+
+    @property
+    def data(self) -> dict[str, np.ndarray]:
+        """ "power" through each surface at `times`."""
+        return {"power": np.concatenate([np.zeros((0, len(self.surfaces))), *self._rows])}
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times of the rows."""
+        return (self._first + np.arange(sum(map(len, self._rows)))) * self._dt
+
+    @property
+    def recorded(self) -> Recorded:
+        """What was recorded, apart from the run."""
+        return Recorded(self.name, self.points, self.times, self.data)
+
+    def forget(self) -> None:
+        self._first += sum(map(len, self._rows))
+        self._rows = []
+
+    # --- in a run ----------------------------------------------------------------------------------------------
+
+    def begin(self, setup: Setup, parts: Parts) -> Wanted:
+        _check_bonds(setup, parts)
+        lattice = parts.near.lattice
+        bonds = [
+            _crossing(parts, *(_within(one, lattice) if isinstance(one, Shape) else _before(one, lattice)))
+            for one in self.surfaces
+        ]
+        nodes = np.unique(np.concatenate([ends.ravel() for ends, _ in bonds]))
+        self.points = np.array([_middle(lattice, nodes) for nodes, _ in bonds])
+        self._dt = parts.near.dt
+        mass = lattice.spacing**lattice.dim / parts.near.model.source_factor
+        self._forms = [_form(np.searchsorted(nodes, ends), mass * w, len(nodes)) for ends, w in bonds]
+        return Wanted(nodes, ())
+
+    def start(self, step: int, heard: Heard) -> None:
+        self._first, self._rows, self._last = step, [], heard.nodes
+
+    def add(self, step: int, heard: Heard) -> None:
+        rows = np.concatenate([self._last, heard.nodes]).reshape(len(heard.nodes) + 2, -1)
+        self._last = rows[-2:].reshape(2, *heard.nodes.shape[1:])
+        now, twice = rows[1:-1], rows[2:] - rows[:-2]
+        powers = [-np.einsum("ti,ti->t", now, (form @ twice.T).T) / (4 * self._dt) for form in self._forms]
+        self._rows.append(np.stack(powers, axis=-1))
+
+    def state(self) -> Arrays:
+        return {"first": np.array([self._first]), "last": self._last, **self.data}
+
+    def take(self, state: Arrays) -> None:
+        self._first, self._last, self._rows = int(state["first"][0]), state["last"].copy(), [state["power"]]
+
+
+def _within(region: Shape, lattice: Lattice) -> tuple[np.ndarray, None]:
+    """Nodes in a region, of the lattice's shape; it has no plane."""
+    inside = np.asarray(region.contains(np.stack(lattice.coordinates(), axis=-1)))
+    if not inside.any():
+        raise InputError("no node of the near field lies in the region", value=repr(region), key="power.surfaces")
+    return inside, None
+
+
+def _before(surface: Any, lattice: Lattice) -> tuple[np.ndarray, int]:
+    """Nodes before a plane, of the lattice's shape, and the axis that it is normal to."""
+    axis, row = plane(lattice, *surface)
+    before = np.arange(lattice.shape[axis]) <= row
+    others = [a for a in range(lattice.dim) if a != axis]
+    return np.broadcast_to(np.expand_dims(before, others), lattice.shape), axis
+
+
+def _check_bonds(setup: Setup, parts: Parts) -> None:
+    """InputError unless the bonds are those of a linear wave equation and stay."""
+    model, weights = parts.near.model, parts.grid.engine.weights
+    wrong = None
+    if model.order != 2:
+        wrong = "a field that diffuses carries no energy of waves: Simulation.power_across tells the heat"
+    elif model.bond_law is not None:
+        wrong = "the power of bonds that are nonlinear or break is not known"
+    elif any(crack.opens for crack in setup.cracks):
+        wrong = "cracks that open later change the bonds"
+    elif weights.ndim > 1 and np.abs(weights - weights.swapaxes(1, 2)).max() > _SYMMETRIC * np.abs(weights).max():
+        wrong = "the weights of bonds are no symmetric matrices"
+    if wrong is not None:
+        raise InputError(wrong, value=model.title, key="power")
+
+
+def _crossing(parts: Parts, inside: np.ndarray, normal: int | None) -> tuple[np.ndarray, np.ndarray]:
+    """Bonds of the near field from nodes inside to nodes that are not, and what is left of their weights: flat indices
+    (bonds, 2), weights (bonds, c, c).
+
+    Bonds across periodic sides are among them, but along the normal of a plane, which they do not cross.
+
+    Raises
+    ------
+    InputError
+        Of a closed surface, if bonds lead from nodes inside beyond the near field.
+    """
+    grid, engine, lattice = parts.grid, parts.grid.engine, parts.near.lattice
+    shape, flat = np.array(lattice.shape), np.flatnonzero(inside)
+    index, places = np.stack(np.unravel_index(flat, lattice.shape), axis=-1), grid.nodes.ravel()
+    wraps = np.array([parts.around.sides[a, -1].periodic and a != normal for a in range(lattice.dim)])
+    ends, found = [np.zeros((0, 2), np.int64)], [np.zeros((0, engine.components, engine.components))]
+    for offset, weight in zip(engine.offsets, engine.weights, strict=True):
+        there = index + offset[grid.lead :]
+        there = np.where(wraps, there % shape, there)
+        near = ((there >= 0) & (there < shape)).all(axis=1)
+        other = np.ravel_multi_index(tuple(np.where(near[:, None], there, 0).T), lattice.shape)
+        crosses = near & ~inside.ravel()[other]
+        beyond = ~near & (normal is None)
+        here = places[flat]
+        left = _left(parts, here, here + int(offset @ np.array(engine.core.stride)), weight)
+        if (left[beyond] > 0).any():
+            raise InputError(
+                "bonds lead out of the region beyond the near field",
+                value=[lattice.lower.tolist(), lattice.upper.tolist()],
+                limit=f"{parts.near.stencil.reach} nodes between the region and the edges",
+                key="power.surfaces",
+                remedy="a smaller region or a larger near field",
+            )
+        kept = crosses & (left > 0)
+        ends.append(np.stack([flat[kept], other[kept]], axis=-1))
+        found.append(left[kept, None, None] * weight.reshape(engine.components, engine.components))
+    return np.concatenate(ends), np.concatenate(found)
+
+
+def _left(parts: Parts, nodes: np.ndarray, others: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """What is left of a bond of that weight from each of some places to another: its factor, 0 where it is absent."""
+    engine = parts.grid.engine
+    cuts, size = engine.tables.cuts, engine.layout.size
+    largest = np.unravel_index(np.abs(weight).argmax(), weight.shape)
+    keys = cuts.nodes * size + cuts.neighbours
+    lost = np.zeros(len(nodes))
+    if keys.size:
+        taken = cuts.weights.reshape(len(keys), *weight.shape)[(slice(None), *largest)] / weight[largest]
+        order, wanted = np.argsort(keys), nodes * size + others
+        at = order[np.minimum(np.searchsorted(keys[order], wanted), keys.size - 1)]
+        lost = np.where(keys[at] == wanted, taken[at], 0.0)
+    exists = engine.absent.exists
+    left = factors_of(engine.tables.material, nodes, others) * (1 - lost) * (exists[nodes] & exists[others])
+    return np.where(left > _SYMMETRIC, left, 0.0)
+
+
+def _form(ends: np.ndarray, weights: np.ndarray, count: int) -> csr_array:
+    """The matrix A of ``u . A w = sum over bonds of (u_y - u_x) . weights (w_y + w_x)`` on so many nodes, of vectors
+    component by component of each node.
+    """
+    components = weights.shape[1]
+    rows, columns, values = [], [], []
+    for first, sign in ((1, 1.0), (0, -1.0)):
+        for second in (0, 1):
+            for a in range(components):
+                for b in range(components):
+                    rows.append(components * ends[:, first] + a)
+                    columns.append(components * ends[:, second] + b)
+                    values.append(sign * weights[:, a, b])
+    size = components * count
+    return csr_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(size, size))
+
+
+def _middle(lattice: Lattice, ends: np.ndarray) -> np.ndarray:
+    """Mean of the places of the ends of bonds."""
+    at = np.stack(np.unravel_index(ends.ravel(), lattice.shape), axis=-1)
+    return np.asarray(lattice.lower + lattice.spacing * (at.mean(axis=0) if len(at) else 0.0))
