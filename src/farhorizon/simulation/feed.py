@@ -24,11 +24,14 @@ class Batch:
     Attributes
     ----------
     steps : int
-    fields : ndarray, shape (j, nodes)
+    places : ndarray of int, shape (n,)
+        Where in the field sources act.
+    fields : ndarray, shape (j, n)
     amplitudes : ndarray, shape (steps, stages, j)
     """
 
     steps: int
+    places: np.ndarray
     fields: np.ndarray
     amplitudes: np.ndarray
 
@@ -58,13 +61,15 @@ class Feed:
     ) -> None:
         self.near, self.grid, self.drives, self.phases, self.scale = near, grid, list(drives), phases, scale
         self._nodes = grid.indices if self.drives else np.zeros(0, np.int64)
+        self._lasting: tuple[np.ndarray, np.ndarray] | None = None  # what `_strengths` finds, where it stays as it is
 
     def prescribe(self) -> None:
         """Give the engine the nodes that conditions prescribe, with their values at the start."""
         engine, table, near = self.grid.engine, self.near.conditions, self.grid.indices
         engine.set_dependents(near[table.nodes], table.starts, near[table.references], table.weights)
         if table.nodes.size:
-            fields, amplitudes = self._tables(table.drives, table.nodes.shape, 0, (0.0,), np.ones((1, 1)), 1)
+            fields = _rows(self._fields(table.drives, table.nodes.shape, 0, (0.0,)), np.arange(table.nodes.size))
+            amplitudes = self._amplitudes(table.drives, 0, (0.0,), np.ones((1, 1)), 1)
             self.scale = max(self.scale, _largest(fields, amplitudes))
             engine.set_dependent_values(amplitudes[0, 0] @ fields)
 
@@ -86,7 +91,7 @@ class Feed:
         if not self.drives and not held.nodes.size:
             nothing, still = np.zeros((0, 0), dtype), np.zeros((steps, stages, 0), dtype)
             engine.advance(steps, np.zeros(0, np.int64), nothing, still, self._prescribed(step, steps))
-            yield Batch(steps, np.zeros((0, int(np.prod(near.field_shape)))), still)
+            yield Batch(steps, np.zeros(0, np.int64), nothing, still)
             return
         integrator = near.model.integrator
         samples, weights = integrator.source_samples(near.dt)
@@ -94,19 +99,23 @@ class Feed:
         weights = weights * near.model.source_factor
         general = any(space is None for space, _ in self.drives + held.drives)
         count = len(self.drives + held.drives)
+        every = np.arange(held.nodes.size)
         batch = 1 if general else max(1, min(steps, _TABLE // max(stages * count, 1)))
         end = step + steps
         while step < end:
             n = min(batch, end - step)
-            strength, amplitudes = self._tables(self.drives, near.field_shape, step, samples, weights, n)
+            places, strength = self._strengths(step, samples)
+            amplitudes = self._amplitudes(self.drives, step, samples, weights, n)
             if general and self.phases is not None:
-                self.phases.refuse_wet(np.any(strength != 0, axis=0).reshape(near.lattice.shape))
-            values, times = self._tables(held.drives, held.nodes.shape, step, prescribed_samples, held_weights, n)
-            used = np.any(strength, axis=0)
+                busy = np.zeros(near.lattice.shape, bool)
+                busy.ravel()[places] = True
+                self.phases.refuse_wet(busy)
+            values = _rows(self._fields(held.drives, held.nodes.shape, step, prescribed_samples), every)
+            times = self._amplitudes(held.drives, step, prescribed_samples, held_weights, n)
             engine.advance(
                 n,
-                self._nodes[used] if self.drives else self._nodes,
-                np.ascontiguousarray(strength[:, used], dtype),
+                self._nodes[places],
+                strength.astype(dtype),
                 amplitudes.astype(dtype),
                 self._prescribed(step, n),
                 values.astype(dtype),
@@ -115,7 +124,7 @@ class Feed:
             explained = _largest(strength, amplitudes) * n * near.dt
             self.scale += explained * (max(1.0, step * near.dt) if near.model.order == 2 else 1.0)
             self.scale = max(self.scale, _largest(values, times))
-            yield Batch(n, strength, amplitudes)
+            yield Batch(n, places, strength, amplitudes)
             step += n
 
     def _prescribed(self, step: int, steps: int) -> np.ndarray | None:
@@ -126,38 +135,59 @@ class Feed:
         self.scale = max(self.scale, float(np.abs(values).max(initial=0)))
         return values
 
-    def _tables(
-        self,
-        drives: Sequence[Drive],
-        shape: tuple[int, ...],
-        step: int,
-        samples: Sequence[float],
-        weights: np.ndarray,
-        count: int,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Fields over nodes, shape (j, nodes), and their amplitudes in each stage of `count` steps from one on, shape
-        (count, stages, j).
+    def _strengths(self, step: int, samples: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+        """Where in the field sources act in the next steps, shape (n,), and how strongly each does there, shape (j, n).
 
-        What does not split into space and time takes one field for each sample time of the next step.
+        Those that split into space and time stay where they are: they are looked through once.
         """
-        times = self.near.dt * (step + np.arange(count))
-        fields, table = [], []
+        if self._lasting is not None:
+            return self._lasting
+        fields = self._fields(self.drives, self.near.field_shape, step, samples)
+        busy = np.zeros(int(np.prod(self.near.field_shape)), bool)
+        for values in fields:
+            busy |= values != 0
+        places = np.flatnonzero(busy)
+        found = places, _rows(fields, places)
+        if all(space is not None for space, _ in self.drives):
+            self._lasting = found
+        return found
+
+    def _fields(
+        self, drives: Sequence[Drive], shape: tuple[int, ...], step: int, samples: Sequence[float]
+    ) -> list[np.ndarray]:
+        """Fields over nodes. What does not split into space and time has one for each sample time of the next step."""
+        start, found = self.near.dt * step, []
         for space, time in drives:
             if space is None:
-                fields += [np.broadcast_to(np.asarray(time(times[0] + s), float), shape).ravel() for s in samples]
-                table += [np.broadcast_to(weights[:, i], (1, len(weights))) for i in range(len(samples))]
+                found += [np.broadcast_to(np.asarray(time(start + s), float), shape).ravel() for s in samples]
             else:
-                fields.append(np.asarray(space, float).ravel())
-                if time is steady:
-                    table.append(np.broadcast_to(weights.sum(1), (count, len(weights))))
-                else:
-                    table.append(np.array([[time(t + s) for s in samples] for t in times], float) @ weights.T)
-        if not fields:
-            return np.zeros((0, int(np.prod(shape)))), np.zeros((count, len(weights), 0))
+                found.append(np.asarray(space, float).ravel())
+        return found
+
+    def _amplitudes(
+        self, drives: Sequence[Drive], step: int, samples: Sequence[float], weights: np.ndarray, count: int
+    ) -> np.ndarray:
+        """Amplitudes of the fields in each stage of `count` steps from one on, shape (count, stages, j)."""
+        times = self.near.dt * (step + np.arange(count))
+        table: list[np.ndarray] = []
+        for space, time in drives:
+            if space is None:
+                table += [np.broadcast_to(weights[:, i], (1, len(weights))) for i in range(len(samples))]
+            elif time is steady:
+                table.append(np.broadcast_to(weights.sum(1), (count, len(weights))))
+            else:
+                table.append(np.array([[time(t + s) for s in samples] for t in times], float) @ weights.T)
+        if not table:
+            return np.zeros((count, len(weights), 0))
         amplitudes = np.stack(table, axis=-1)
         if not np.isfinite(amplitudes).all():
             raise InputError("a source or condition is not finite", value=f"t = {times[0]:g}", key="source")
-        return np.stack(fields), amplitudes
+        return amplitudes
+
+
+def _rows(fields: Sequence[np.ndarray], places: np.ndarray) -> np.ndarray:
+    """Some places of each field, as one table."""
+    return np.stack([values[places] for values in fields]) if fields else np.zeros((0, places.size))
 
 
 def _largest(fields: np.ndarray, amplitudes: np.ndarray) -> float:

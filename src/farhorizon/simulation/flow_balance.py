@@ -165,7 +165,9 @@ class FlowBalance:
         """Count in what the sources have done."""
         stages = self.grid.engine.stages
         effects = stage_effects(stages) * np.array([n[3] for n in stages.numbers])
-        totals = np.einsum("p,npj->j", effects, batch.amplitudes) * batch.fields[:, self._free.ravel()].sum(1)
+        totals = np.einsum("p,npj->j", effects, batch.amplitudes) * batch.fields[
+            :, self._free.ravel()[batch.places]
+        ].sum(1)
         row, samples = 0, len(self.near.model.integrator.source_samples(self.near.dt)[0])
         for number, (space, _) in enumerate(self.feed.drives):
             count = samples if space is None else 1
