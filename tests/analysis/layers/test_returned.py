@@ -7,7 +7,7 @@ import farhorizon as fh
 from farhorizon.analysis.exact.chain import Recursion
 from farhorizon.analysis.layers.choice import layer_reflection
 from farhorizon.analysis.layers.layer import LatticeMedium
-from farhorizon.analysis.layers.returned import Datum, arrivals, reflected
+from farhorizon.analysis.layers.returned import Datum, Sample, arrivals, reflected
 from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.engine.engine import Layer
 
@@ -107,3 +107,18 @@ def test_prediction_is_the_error_of_a_run(seed):
         sim.step(int(step) - sim.step_count)
         error = max(error, float(np.abs(sim.fields["u"] - infinite.after(int(step))).max()))
     assert 0.25 < error / predicted < 3
+
+
+def test_backward_waves_do_not_grow_in_what_is_predicted():
+    """Forces on two rows that run towards the side hold them, as those on the faces of a crack do; the closed form lets
+    them grow by a hundred and more, the layer damps them.
+    """
+    model = fh.Elastic(fh.Kernel(2.0, exponent=1), young=1.0)
+    front = medium(model, 2)
+    rows = np.zeros((60, 40))
+    rows[10:50, 19:21] = 1.0, -1.0
+    datum = Datum(rows, "u", component=1)
+    arrived = arrivals(front, int(800.0 / front.dt), [datum], [120], [range(40)], 1e-3, 1.0, Sample(front, 1))
+    layer = fh.LatticePML(nodes=24).make_layer(2, front.stencil, front.coefficient, 1.0, 0.0)
+    assert np.abs(reflected(arrived.root, arrived.frequency, layer)).max() > 100
+    assert arrived.returned(layer) <= arrived.largest  # no more comes back than came

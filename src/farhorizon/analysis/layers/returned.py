@@ -121,23 +121,24 @@ class Sample:
         except InputError:
             return None
 
-    def excess(self, layer: Layer) -> np.ndarray:
-        """By how much the reflected amplitude of each wave of the sample, of all types together, is above the closed
-        form.
+    def judged(self, layer: Layer) -> np.ndarray:
+        """Of each wave of the sample the reflected amplitude, of all types together, and by how much it is above the
+        closed form; shape (2, waves).
         """
         key = layer.sigma.tobytes() + layer.alpha.tobytes() + layer.damping.tobytes()
-        known = self._known.get(key, np.zeros(0))
-        waves = [wave for wave in self._waves[len(known) :] if wave is not None]
+        known = self._known.get(key, np.zeros((2, 0)))
+        waves = [wave for wave in self._waves[known.shape[1] :] if wave is not None]
         found = iter(amplitudes_of(waves, layer) if waves else [])
-        more = [0.0 if wave is None else _beyond(wave, layer, next(found)) for wave in self._waves[len(known) :]]
-        self._known[key] = np.append(known, more)
+        more = [(0.0, 0.0) if w is None else _judged(w, layer, next(found)) for w in self._waves[known.shape[1] :]]
+        self._known[key] = np.append(known, np.reshape(more, (-1, 2)).T, axis=1)
         return self._known[key]
 
 
-def _beyond(wave: ArrivingWave, layer: Layer, amplitudes: np.ndarray) -> float:
-    """By how much a wave's exact reflection is above the closed form; never more than all."""
+def _judged(wave: ArrivingWave, layer: Layer, amplitudes: np.ndarray) -> tuple[float, float]:
+    """A wave's exact reflection, never more than all, and by how much it is above the closed form."""
     closed = np.abs(reflected(np.array([wave.modes.incoming]), np.array([wave.s]), layer))[0]
-    return max(0.0, min(1.0, float(np.linalg.norm(amplitudes[wave.modes.travels]))) - float(closed))
+    exact = min(1.0, float(np.linalg.norm(amplitudes[wave.modes.travels])))
+    return exact, max(0.0, exact - float(closed))
 
 
 @dataclass(frozen=True)
@@ -192,7 +193,7 @@ class Arrivals:
         share of the waves' energy. As a sum of waves each step from one sample to the next would be noise, which the
         Laplace integral lets grow.
         """
-        closed = self._largest(self.amplitude * reflected(self.root, self.frequency, layer))
+        closed = self._largest(self.amplitude * self._closed(layer, slice(None)))
         if not self.sample.needed(layer):
             return closed
         beyond = float(np.linalg.norm(self.amplitude * self._excess(layer, slice(None))))
@@ -201,16 +202,28 @@ class Arrivals:
     def share(self, layer: Layer) -> float:
         """Root of the share of the waves' energy that comes back, from a part of them: quick, to compare layers by."""
         some = slice(None, None, 1 + len(self.amplitude) // _COMPARED)
-        back = self.amplitude[some] * (
-            np.abs(reflected(self.root[some], self.frequency[some], layer)) + self._excess(layer, some)
-        )
+        back = self.amplitude[some] * (np.abs(self._closed(layer, some)) + self._excess(layer, some))
         return float(np.linalg.norm(back) / max(float(np.linalg.norm(self.amplitude[some])), 1e-300))
+
+    def _closed(self, layer: Layer, some: slice) -> np.ndarray:
+        """Reflection of some waves by the closed form.
+
+        It lets backward waves grow, which the layer's damping takes: of them as much comes back as of those that stand
+        for them, or all.
+        """
+        found = reflected(self.root[some], self.frequency[some], layer)
+        sizes = np.abs(found)
+        grown = sizes > 1
+        if grown.any():
+            exact = self.sample.judged(layer)[0, self.number[some][grown]] if self.sample.needed(layer) else 1.0
+            found[grown] *= exact / sizes[grown]
+        return found
 
     def _excess(self, layer: Layer, some: slice) -> np.ndarray:
         """By how much the reflected amplitudes of some waves are above the closed form, by the waves that stand for
         them."""
         alike = self.number[some]
-        return self.sample.excess(layer)[alike] if self.sample.needed(layer) else np.zeros(len(alike))
+        return self.sample.judged(layer)[1, alike] if self.sample.needed(layer) else np.zeros(len(alike))
 
     @cached_property
     def largest(self) -> float:
