@@ -258,6 +258,34 @@ def test_work_of_a_point_force():
     assert energies["kinetic"] + energies["strain"] == pytest.approx(energies["work"], rel=1e-10)
 
 
+def test_heat_of_a_point_source():
+    """What is there is the power times the time."""
+    model = fh.Heat(fh.Kernel(1.0), density=2.0, specific_heat=3.0, conductivity=1.0)
+    options = {"sources": [fh.PointSource((0.1, 0.2), 5.0)], "balance": True, "threads": 1}
+    sim = fh.Simulation(square(8.0, 0.5), model, fh.Free(), **options).run(7.0)
+    assert 2.0 * 3.0 * sim.fields["u"].sum() * 0.25 == pytest.approx(5.0 * sim.time, rel=1e-12)
+    assert sim.balance()["source[0]"] == pytest.approx(5.0 * sim.time, rel=1e-12)
+
+
+def test_the_same_in_every_unit_system():
+    """Megametres, nanoseconds and micrograms for metres, seconds and kilograms."""
+    runs, nodes = [], []
+    for length, time, mass in ((1.0, 1.0, 1.0), (1e-6, 1e9, 1e9)):
+        modulus = mass / (length * time**2)
+        force = modulus * length  # per length across the plane
+        sources = [
+            fh.PointForce((0.23 * length, -0.1 * length), (0.3 * force, force), fh.Ricker(0.1 / time)),
+            fh.MomentTensor((length, 0.4 * length), 0.5 * force * length, fh.ToneBurst(0.05 / time, 4)),
+            fh.LineSource([(0.0, length), (2 * length, length)], (force / length, 0.0), fh.Step(12.0 * time)),
+        ]
+        model = fh.Elastic(fh.Kernel(length), young=2.5 * modulus, density=1.3 * mass / length**3)
+        sim = fh.Simulation(square(8.0 * length, 0.5 * length), model, fh.Fixed(), sources=sources, threads=1)
+        nodes.append(sim.check(budget=0.1).numbers["shortest_wave_nodes"])
+        runs.append(sim.run(20.0 * time).fields["u"] / length)
+    assert nodes[0] == pytest.approx(nodes[1], rel=1e-10) and nodes[0] > 1
+    assert np.abs(runs[0] - runs[1]).max() < 1e-11 * np.abs(runs[0]).max()
+
+
 def test_checkpoints_have_them(tmp_path):
     sources = [
         fh.PointForce((0.2, -0.1), (0.3, 1.0), fh.Ricker(0.1)),

@@ -149,7 +149,9 @@ def directed(density: np.ndarray, amount: float | tuple[float, ...], components:
 
 @dataclass(frozen=True)
 class PointSource(LocalSource):
-    r"""A source of a scalar field at a point, :math:`q\,\delta(x - x_0)\,s(t)` on the right-hand side.
+    r"""A source of a scalar field at a point.
+
+    :math:`q\,\delta(x - x_0)\,s(t)` on the right-hand side.
 
     Parameters
     ----------
@@ -200,7 +202,9 @@ class PointSource(LocalSource):
 
 @dataclass(frozen=True)
 class PointForce(LocalSource):
-    r"""A force on an elastic medium at a point, :math:`F\,\delta(x - x_0)\,s(t)` per volume.
+    r"""A force on an elastic medium at a point.
+
+    :math:`F\,\delta(x - x_0)\,s(t)` per volume.
 
     Parameters
     ----------
@@ -253,7 +257,9 @@ def _at_point(source: PointSource | PointForce, lattice: Lattice, key: str) -> n
 
 @dataclass(frozen=True)
 class MomentTensor(LocalSource):
-    r"""A source without force at a point: :math:`-M_{ij}\,\partial_j \delta(x - x_0)\,s(t)` per volume.
+    r"""A source without force at a point: an explosion, a double couple, or any tensor.
+
+    :math:`-M_{ij}\,\partial_j \delta(x - x_0)\,s(t)` per volume.
 
     Parameters
     ----------

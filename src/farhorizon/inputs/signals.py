@@ -140,8 +140,9 @@ class _Pulse(Signal):
 
 @dataclass(frozen=True)
 class Ricker(_Pulse):
-    r"""The Ricker wavelet, ``(1 - 2 a) exp(-a)`` with :math:`a = (\pi f (t - t_0))^2`: the second derivative of a
-    Gaussian bell, the usual signal of seismics.
+    r"""The Ricker wavelet, the second derivative of a Gaussian bell: the usual signal of seismics.
+
+    ``(1 - 2 a) exp(-a)`` with :math:`a = (\pi f (t - t_0))^2`.
 
     Parameters
     ----------
@@ -194,7 +195,9 @@ class Ricker(_Pulse):
 
 @dataclass(frozen=True)
 class Gaussian(_Pulse):
-    r"""A Gaussian pulse, :math:`\exp(-((t - t_0) / w)^2)`.
+    r"""A Gaussian pulse.
+
+    :math:`\exp(-((t - t_0) / w)^2)`.
 
     Parameters
     ----------
@@ -259,8 +262,9 @@ def _hann_spectrum(frequency: np.ndarray, length: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class ToneBurst(Signal):
-    r"""Some cycles of a sine under a Hann window, :math:`\sin(2 \pi f t) \sin^2(\pi f t / n)` for ``0 < t < n / f``, as
-    in ultrasonic testing.
+    r"""Some cycles of a sine under a Hann window: the usual signal of ultrasonic testing.
+
+    :math:`\sin(2 \pi f t) \sin^2(\pi f t / n)` for ``0 < t < n / f``.
 
     Parameters
     ----------
@@ -311,7 +315,9 @@ class ToneBurst(Signal):
 
 @dataclass(frozen=True)
 class Step(Signal):
-    r"""A load that rises smoothly from 0 to 1 and stays, :math:`t / T - \sin(2 \pi t / T) / (2 \pi)` for ``0 < t < T``.
+    r"""A load that rises smoothly from 0 to 1 and stays.
+
+    :math:`t / T - \sin(2 \pi t / T) / (2 \pi)` for ``0 < t < T``.
 
     Parameters
     ----------
@@ -356,7 +362,8 @@ class Step(Signal):
 
 @dataclass(frozen=True)
 class Chirp(Signal):
-    r"""A sine whose frequency goes evenly from one value to another, under a Hann window:
+    r"""A sine whose frequency goes evenly from one value to another, under a Hann window.
+
     :math:`\sin(2 \pi (f_0 t + (f_1 - f_0) t^2 / 2T)) \sin^2(\pi t / T)` for ``0 < t < T``.
 
     Parameters
@@ -431,7 +438,9 @@ def _sweep(frequency: np.ndarray, rate: float, length: float) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Samples(Signal):
-    """Samples of a signal, joined by a cubic spline: where they begin or end with a jump or a kink, it swings past it.
+    """Samples of a signal, joined by a cubic spline.
+
+    Where they begin or end with a jump or a kink, the spline swings past it.
 
     Parameters
     ----------

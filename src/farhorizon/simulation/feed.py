@@ -122,7 +122,7 @@ class Feed:
                 times.astype(dtype),
             )
             explained = _largest(strength, amplitudes) * n * near.dt
-            self.scale += explained * (max(1.0, step * near.dt) if near.model.order == 2 else 1.0)
+            self.scale += explained * ((step + n) * near.dt if near.model.order == 2 else 1.0)
             self.scale = max(self.scale, _largest(values, times))
             yield Batch(n, places, strength, amplitudes)
             step += n
