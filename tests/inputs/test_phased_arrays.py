@@ -43,6 +43,23 @@ def test_the_sum_of_its_elements():
     np.testing.assert_allclose(runs[0], runs[1], rtol=0, atol=1e-13)
 
 
+def test_its_elements_have_signals():
+    """With the spectrum of the delayed signal; functions of t are zero before their delay."""
+    for time in (BURST, lambda t: np.cos(t)):
+        array = fh.PhasedArray((0.0, 0.0), (4.0, 0.0), 3, 1.0, time, speed=0.5, angle=30.0)
+        sources = array.placed(fh.Lattice(0.5, (-6.0, -6.0), (10.0, 6.0)), 1, "source")
+        for source, delay in zip(sources, array.delays, strict=True):
+            assert [float(source.time(t)) for t in (delay - 0.1, delay + 7.0)] == [0.0, float(time(7.0))]
+    frequencies = np.array([0.03, 0.08, 0.2])
+    last = array.delays[-1]
+    delayed = fh.PhasedArray((0.0, 0.0), (4.0, 0.0), 3, 1.0, BURST, speed=0.5, angle=30.0).placed(
+        fh.Lattice(0.5, (-6.0, -6.0), (10.0, 6.0)), 1, "source"
+    )[-1]
+    known = BURST.spectrum(frequencies) * np.exp(-2j * np.pi * frequencies * last)
+    np.testing.assert_allclose(delayed.time.spectrum(frequencies), known)
+    assert delayed.time.highest_frequency == pytest.approx(BURST.highest_frequency, rel=0.05)
+
+
 def test_it_focuses():
     """The largest amplitude along the line below lies at the focus; without delays, or towards elsewhere, not there."""
     lattice, model = fh.Lattice(1.0, (-24.0, -20.0), (24.0, 10.0)), fh.Wave(fh.Kernel(2.0))

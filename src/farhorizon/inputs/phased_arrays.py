@@ -13,6 +13,7 @@ from farhorizon.errors import InputError
 from farhorizon.geometry.interpolation import as_points
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.inputs.local_sources import LocalSource, amount_of, directed, patch, place_of, settle_source, spread
+from farhorizon.inputs.signals import Delayed, Signal
 from farhorizon.inputs.sources import Source, steady
 
 
@@ -135,4 +136,6 @@ class PhasedArray(LocalSource):
 
 def _later(time: Callable[[float], Any], delay: float) -> Callable[[float], Any]:
     """A factor of time after a delay, zero before."""
+    if isinstance(time, Signal):
+        return Delayed(time, delay)
     return lambda t: time(t - delay) if t >= delay else 0.0

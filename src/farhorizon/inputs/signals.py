@@ -554,6 +554,33 @@ class Samples(Signal):
         return np.asarray(self._spline.c[1:-1])
 
 
+class Delayed(Signal):
+    """A signal that begins later, as one of the elements of an array gives it.
+
+    Parameters
+    ----------
+    signal : Signal
+    delay : float
+    """
+
+    def __init__(self, signal: Signal, delay: float) -> None:
+        self.signal, self.delay = signal, delay
+
+    @property
+    def end(self) -> float:
+        """That of the signal, after the delay."""
+        return self.signal.end + self.delay
+
+    def __call__(self, t: Any) -> Any:
+        """The signal at a time, or at times of any shape."""
+        t = np.asarray(t, float)
+        return np.where(t >= self.delay, self.signal(t - self.delay), 0.0)[()]
+
+    def spectrum(self, frequency: ArrayLike) -> np.ndarray:
+        """Complex spectrum at frequencies in cycles per time, of their shape."""
+        return np.asarray(self.signal.spectrum(frequency) * np.exp(-2j * np.pi * np.asarray(frequency) * self.delay))
+
+
 def _read(path: Path, dt: float) -> np.ndarray:
     """The samples in a file, which have no times or those of samples `dt` apart."""
     try:
