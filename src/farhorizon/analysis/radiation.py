@@ -86,7 +86,8 @@ def squared_frequency(scheme: Scheme, frequency: float) -> complex:
     scheme and its damping.
     """
     factor = np.exp(-2j * np.pi * frequency * scheme.dt)
-    return complex(-scheme.recursion.eigenvalue(factor) / scheme.rate)
+    found = complex(-scheme.recursion.eigenvalue(factor) / scheme.rate)
+    return found if scheme.recursion.keep < 1 else complex(found.real)
 
 
 def checked_frequencies(scheme: Scheme, frequencies: Any, key: str) -> np.ndarray:

@@ -14,7 +14,10 @@ from farhorizon.medium.stencil import Stencil
 _APART = 1e-5
 _RADII = 96  # wavenumbers at which branches are looked at along a ray
 _RAYS = {1: 2, 2: 180, 3: 600}
-_NEWTON, _SETTLED = 30, 1e-12
+_NEWTON, _SETTLED, _STRIDE = 30, 1e-12, 0.3  # steps, where they end, and how long they are at most, of the wave vector
+_ONTO = 3
+#: In the neighbourhood of directions in which both S waves are one these are taken as one up to this difference.
+_NEARLY = 0.1
 
 
 @dataclass(frozen=True)
@@ -74,10 +77,41 @@ def outgoing(stencil: Stencil, squared: complex, directions: np.ndarray) -> Outg
     """
     start = _start(stencil, squared.real, directions)
     found = [_branch(stencil, squared, directions, angles, number) for number, angles in enumerate(start)]
-    vectors, slopes, curvatures, shapes, rows = (np.stack(parts) for parts in zip(*found, strict=True))
+    settled = np.stack([branch[0] for branch in found])
+    vectors, slopes, curvatures, shapes, rows = (np.stack(parts) for parts in list(zip(*found, strict=True))[1:])
     if stencil.components == 3:
+        # by a corner of both surfaces of S waves there are none of one alone: their mean is smooth
+        (one,) = np.nonzero(~settled[1:].all(0))
+        for number in (1, 2) if one.size else ():
+            mean = _branch(stencil, squared, directions[one], start[number, one], number, _NEARLY)
+            for all_of, part in zip((settled, vectors, slopes, curvatures, shapes, rows), mean, strict=True):
+                all_of[number, one] = part
         _set_apart(vectors, shapes, rows)
+    if not settled.all():
+        raise InputError(
+            "no wave of this frequency is found for some direction",
+            value=f"{squared:.4g} coefficient / spacing^2, squared",
+            key="far_field.frequencies",
+            remedy="a lower frequency, or a finer lattice",
+        )
+    _turn(shapes, rows, directions)
     return Outgoing(vectors, slopes, curvatures, shapes, rows)
+
+
+def _turn(shapes: np.ndarray, rows: np.ndarray, directions: np.ndarray) -> None:
+    """Let displacements point the same way whenever they are computed: of P waves along the direction, of S waves in
+    the plane to its left, in space along their largest component.
+    """
+    along = np.zeros(shapes.shape)
+    largest = np.abs(shapes).round(6).argmax(-1)
+    np.put_along_axis(along, largest[..., None], 1.0, -1)
+    if shapes.shape[-1] > 1:
+        along[0] = directions
+    if shapes.shape[-1] == 2:
+        along[1] = np.stack([-directions[:, 1], directions[:, 0]], -1)
+    phase = np.exp(1j * np.angle((shapes * along).sum(-1)))[..., None]
+    shapes /= phase
+    rows *= phase
 
 
 def _set_apart(vectors: np.ndarray, shapes: np.ndarray, rows: np.ndarray) -> None:
@@ -168,7 +202,7 @@ def _start(stencil: Stencil, squared: float, directions: np.ndarray) -> np.ndarr
         angles = rays * (lengths[rows, first - 1] + share * (lengths[rows, first] - lengths[rows, first - 1]))[:, None]
         number = len(found)
         # of S waves in space the mean: where they touch each has corners, of no consequence if they are nearly one
-        _, slopes, bends, *_ = _expansion(stencil, angles.astype(complex), number, 0.1)
+        _, slopes, bends, *_ = _expansion(stencil, angles.astype(complex), number, _NEARLY)
         normals = (slopes / np.linalg.norm(slopes, axis=1)[:, None]).real
         if (_across(bends, normals).real <= 0).any():
             raise InputError(
@@ -182,34 +216,34 @@ def _start(stencil: Stencil, squared: float, directions: np.ndarray) -> np.ndarr
 
 
 def _branch(
-    stencil: Stencil, squared: complex, directions: np.ndarray, angles: np.ndarray, number: int
+    stencil: Stencil, squared: complex, directions: np.ndarray, angles: np.ndarray, number: int, apart: float = _APART
 ) -> tuple[np.ndarray, ...]:
-    """Wave vectors of one branch by Newton's method, with all that `Outgoing` has of them.
+    """Wave vectors of one branch by Newton's method: whether each was found, and all that `Outgoing` has of them.
 
     The unknowns are the wave vector and the slope g: the eigenvalue is given, and its gradient is g times the
     direction.
     """
     dim = stencil.dim
     angles = angles.astype(complex)
-    value, gradient, bends, *rest = _expansion(stencil, angles, number)
+    value, gradient, bends, *rest = _expansion(stencil, angles, number, apart)
     slope = (gradient * directions).sum(1)
     matrix = np.zeros((len(directions), dim + 1, dim + 1), complex)
     for _ in range(_NEWTON):
         wrong = np.concatenate([(value - squared)[:, None], gradient - slope[:, None] * directions], axis=1)
         matrix[:, 0, :dim], matrix[:, 1:, :dim], matrix[:, 1:, dim] = gradient, bends, -directions
         change = np.linalg.solve(matrix, wrong[..., None])[..., 0]
+        size, length = np.abs(change[:, :dim]).max(1), np.abs(angles).max(1)
+        change *= np.minimum(1.0, _STRIDE * length / np.maximum(size, 1e-300))[:, None]
         angles, slope = angles - change[:, :dim], slope - change[:, dim]
-        value, gradient, bends, *rest = _expansion(stencil, angles, number)
-        if np.abs(change[:, :dim]).max() < _SETTLED * np.abs(angles).max():
+        value, gradient, bends, *rest = _expansion(stencil, angles, number, apart)
+        settled = size < _SETTLED * length
+        if settled.all():
             break
-    else:
-        raise InputError(
-            "no wave of this frequency is found for some direction",
-            value=f"{squared:.4g} coefficient / spacing^2, squared",
-            key="far_field.frequencies",
-            remedy="a lower frequency, or a finer lattice",
-        )
-    return angles, slope, _across(bends, directions), *rest
+    for _ in range(_ONTO):  # from a mean onto the branch's own surface
+        value, gradient, _, *rest = _expansion(stencil, angles, number, 0.0)
+        angles = angles - ((value - squared) / (gradient * directions).sum(1))[:, None] * directions
+    curvatures = _across(bends, directions)
+    return settled & (curvatures.real > 0), angles, slope, curvatures, *rest
 
 
 def _across(bends: np.ndarray, directions: np.ndarray) -> np.ndarray:
