@@ -8,6 +8,7 @@ from scipy import optimize, special
 
 import farhorizon as fh
 from farhorizon.case.case import Case
+from farhorizon.simulation.drives import signals
 
 SEED = int(os.environ.get("FARHORIZON_SEED", np.random.default_rng().integers(2**31)))
 RNG = np.random.default_rng(SEED)
@@ -225,6 +226,40 @@ def test_in_a_case_file(text, signal):
     (source,) = Case(f"{CASE}time = {text}").setup.sources
     times = np.linspace(0.0, 20.0, 41)
     np.testing.assert_array_equal([source.time(t) for t in times], [signal(t) for t in times])
+
+
+def test_wherever_a_factor_of_time_is_taken():
+    """Sources, loads, incident waves and prescribed nodes, each with the name of its signal."""
+    text = """
+    lattice = { spacing = 1.0, lower = [-12.0, -12.0], upper = [12.0, 12.0] }
+    model = { type = "elastic", young = 1.0, kernel = { horizon = 2.0 } }
+    boundary = { all = { type = "lattice-pml", nodes = 4 }, "y+" = { type = "free" } }
+    run = { until = 20.0 }
+    load = [
+        { type = "body-force", value = ["exp(-x**2-y**2)", 0], time = { type = "gaussian", width = 9.0 } },
+        { type = "traction", side = "y+", value = [0, 1], time = { type = "step", rise = 30.0 } },
+    ]
+    """
+    case = Case(text)
+    assert case.setup.loads[0].time == fh.Gaussian(9.0)
+    sim = case.simulation(threads=1)
+    assert [(key, signal.end) for key, signal in sim.signals] == [("load[0].time", 81.0), ("load[1].time", 30.0)]
+    text = """
+    lattice = { spacing = 1.0, lower = [-12.0, -12.0], upper = [12.0, 12.0] }
+    model = { type = "wave", stencil = "finite-difference" }
+    boundary = { all = { type = "fixed" } }
+    run = { until = 20.0 }
+    incident = [{ direction = [1, 0], signal = { type = "ricker", frequency = 0.05 }, duration = 60.0 }]
+    [[constraint]]
+    type = "prescribed"
+    points = [[0, 0]]
+    value = { type = "tone-burst", frequency = 0.05, cycles = 2 }
+    """
+    setup = Case(text).setup
+    (wave,), (shaken,) = setup.sources, setup.constraints
+    assert wave.signal == fh.Ricker(0.05) and wave.at(30.0) == 1.0
+    assert shaken.value == fh.ToneBurst(0.05, 2) and shaken.at(10.0) == fh.ToneBurst(0.05, 2)(10.0)
+    assert [key for key, _ in signals(setup)] == ["incident.signal", "constraint.value"]
 
 
 def test_samples_lie_beside_the_case(tmp_path):

@@ -80,7 +80,7 @@ def given(setup: Setup, near: NearField, sides: Sides) -> list[tuple[str, Any]]:
     """Sources, those of incident waves left out, and loads as sources, each after what it is called in messages; those
     with places of their own as what they are on the nodes.
     """
-    plain = [s for s in setup.sources if not isinstance(s, IncidentWave)]
+    plain = _plain(setup)
     sources = [
         (key, part)
         for key, source in zip(keys("source", plain), plain, strict=True)
@@ -92,11 +92,17 @@ def given(setup: Setup, near: NearField, sides: Sides) -> list[tuple[str, Any]]:
     return sources + loads
 
 
+def _plain(setup: Setup) -> list[Any]:
+    """Sources without incident waves."""
+    return [source for source in setup.sources if not isinstance(source, IncidentWave)]
+
+
 def signals(setup: Setup) -> list[tuple[str, Signal]]:
     """The signals of sources, incident waves, loads and prescribed nodes whose spectra are known, each after what it is
     called in messages.
     """
-    named = [("source", setup.sources), ("load", setup.loads), ("constraint", setup.constraints)]
+    waves = [source for source in setup.sources if isinstance(source, IncidentWave)]
+    named = [("source", _plain(setup)), ("incident", waves), ("load", setup.loads), ("constraint", setup.constraints)]
     timed = [
         (f"{key}.{name}", getattr(one, name, None))
         for kind, given in named
