@@ -148,7 +148,8 @@ class Engine:
     loop : callable or None
         What works off the table of operations in place of the compiled loop: see `farhorizon.engine.interpreter`.
     watched : ndarray of int, shape (n,)
-        Places in a level whose values after each step of an `advance` are in `seen`, shape (steps, n).
+        Places in a level whose values after each step of an `advance` are in `seen`, shape (steps, n), until the next
+        one.
     heard : ndarray, shape (steps, R)
         The sums of `listen` after each of those steps.
     """
@@ -195,6 +196,7 @@ class Engine:
         self.absent = AbsentBonds(self, self.bonds)
         self.hold(np.zeros(0, np.int64))
         self.watched, self.seen, self.heard = np.zeros(0, np.int64), np.zeros((0, 0)), np.zeros((0, 0))
+        self._room: dict[str, np.ndarray] = {}
         self.loop: Loop | None = None
 
     @property
@@ -492,9 +494,16 @@ class Engine:
             np.zeros((0, len(self.tables.dependents.nodes)), self.dtype),
             times,
             self.watched,
-            np.zeros((steps, self.watched.size)),
-            np.zeros((steps, len(self.tables.listening.rows))),
+            self._rows("seen", steps, self.watched.size),
+            self._rows("heard", steps, len(self.tables.listening.rows)),
         )
+
+    def _rows(self, name: str, steps: int, width: int) -> np.ndarray:
+        """Room for so many rows, the same again and again: to be given new memory takes longer than to fill it."""
+        held = self._room.get(name)
+        if held is None or held.size < steps * width:
+            held = self._room[name] = np.zeros(steps * width)
+        return held[: steps * width].reshape(steps, width)
 
     def sweep_in_pieces(self, rows: int) -> None:
         """From now on sweep whole multiples of some rows at a time."""

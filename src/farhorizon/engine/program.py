@@ -494,6 +494,14 @@ def add_flow_of_ends(stage, ends, flows):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
+def watch(thread, level, nodes, seen):
+    """Values of some nodes."""
+    own = share(thread, nodes.size)
+    for k in range(own[0], own[1]):
+        seen[k] = level[nodes[k]]
+
+
+@njit(error_model="numpy", cache=True, counted=False)
 def listen(thread, level, listening, heard):
     """Sums over blocks of nodes."""
     rows, weights, stride, size = listening.rows, listening.weights, listening.stride, level.itemsize
@@ -585,8 +593,7 @@ def run(thread, steps, phase, levels, tables, inputs):
                                 copy(everywhere.coefficient, tables.copies, ONE)
                             barrier(thread)
                 elif operation == WATCH:  # the next step does not write this level before its first barrier
-                    for k in range(thread.number, inputs.watched.size, thread.threads):
-                        inputs.seen[step, k] = stage.out[inputs.watched[k]]
+                    watch(thread, stage.out, inputs.watched, inputs.seen[step])
                 elif SOME and operation == LISTEN:  # as above
                     listen(thread, stage.out, tables.listening, inputs.heard[step])
                 else:  # the work of one thread

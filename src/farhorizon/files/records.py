@@ -134,8 +134,9 @@ class Recorded:
 
         Notes
         -----
-        Formats have limits of their own: times there are in seconds, and SEG-Y counts them in whole microseconds. Scale
-        the time in ``trace.stats.delta`` where the run's unit is another one.
+        Formats have limits of their own: times there are in seconds, and SEG-Y counts them in whole microseconds and
+        takes single precision (``trace.data = trace.data.astype("float32")``). Scale the time in
+        ``trace.stats.delta`` where the run's unit is another one.
         """
         try:
             import obspy

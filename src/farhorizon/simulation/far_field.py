@@ -206,7 +206,7 @@ class FarField(Recorder):
         self.add(0, Heard(heard.nodes[-1:], ()))
 
     def add(self, step: int, heard: Heard) -> None:
-        rows = np.ascontiguousarray(heard.nodes.swapaxes(1, 2).reshape(len(heard.nodes), -1), float)
+        rows = np.array(heard.nodes.swapaxes(1, 2).reshape(len(heard.nodes), -1), float)
         if self.history:
             self._rows.append(rows)
         self._sums.add(step, rows)

@@ -34,19 +34,27 @@ class FourierSums:
 
     def __init__(self, frequencies: np.ndarray, dt: float, count: int) -> None:
         self.frequencies, self.dt = np.asarray(frequencies, float), dt
-        self._first, self._rows = 0, np.zeros((0, count))  # steps not summed yet
+        self._first, self._held = 0, 0  # steps not summed yet: the first one, and how many
+        self._rows = np.zeros((_BLOCK, count))
         self._sums = np.zeros((2 * len(self.frequencies), count))  # of cosines, then of sines
 
     def add(self, step: int, rows: np.ndarray) -> None:
         """Take the values of the steps from number `step` on, each one once and in order, shape (steps, count)."""
-        if not len(self._rows):
+        if not self._held:
             self._first = step
-        rows = np.concatenate([self._rows, rows]) if len(self._rows) else rows
         done = 0
-        while (ready := _BLOCK - (self._first + done) % _BLOCK) <= len(rows) - done:
-            self._sums += self._of(self._first + done, rows[done : done + ready])
-            done += ready
-        self._first, self._rows = self._first + done, np.array(rows[done:], float)
+        while done < len(rows):
+            end = done + min(_BLOCK - (self._first + self._held) % _BLOCK, len(rows) - done)
+            whole = (self._first + self._held + end - done) % _BLOCK == 0
+            block = rows[done:end]
+            if self._held or not whole:
+                self._rows[self._held : self._held + end - done] = block
+                self._held += end - done
+                block = self._rows[: self._held]
+            if whole:
+                self._sums += self._of(self._first, block)
+                self._first, self._held = self._first + len(block), 0
+            done = end
 
     def _of(self, step: int, rows: np.ndarray) -> np.ndarray:
         """Cosine and sine sums of some steps."""
@@ -57,13 +65,14 @@ class FourierSums:
     @property
     def values(self) -> np.ndarray:
         """The sums so far, complex, shape (F, count)."""
-        sums = self._sums + self._of(self._first, self._rows)
+        sums = self._sums + self._of(self._first, self._rows[: self._held])
         return sums[: len(self.frequencies)] - 1j * sums[len(self.frequencies) :]
 
     def state(self) -> dict[str, np.ndarray]:
         """All that `take` needs to go on from here."""
-        return {"first": np.array(self._first), "rows": self._rows, "sums": self._sums}
+        return {"first": np.array(self._first), "rows": self._rows[: self._held], "sums": self._sums}
 
     def take(self, state: dict[str, np.ndarray]) -> None:
         """Be in a state that `state` gave."""
-        self._first, self._rows, self._sums = int(state["first"]), state["rows"].copy(), state["sums"].copy()
+        self._first, self._held, self._sums = int(state["first"]), len(state["rows"]), state["sums"].copy()
+        self._rows[: self._held] = state["rows"]

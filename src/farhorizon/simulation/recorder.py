@@ -32,7 +32,8 @@ class Wanted(NamedTuple):
 
 
 class Heard(NamedTuple):
-    """What a recorder is given of some steps: the field less the background.
+    """What a recorder is given of some steps: the field less the background. The arrays are filled anew in the next
+    ones.
 
     Attributes
     ----------

@@ -598,18 +598,31 @@ def block_sum(typingctx, source, across, rows, apart, along, count, like):
         source, across, rows, apart, along, count, _ = args
         vectors = Vectors.of(builder, str(signature.args[6]))
         nothing = ir.Constant(vectors.type, [0.0] * vectors.lanes)
-        total, column = (cgutils.alloca_once(builder, vectors.type) for _ in range(2))
+        total, *columns = (cgutils.alloca_once(builder, vectors.type) for _ in range(3))
         builder.store(nothing, total)
-        step = builder.mul(apart, I64(vectors.size))
-        with cgutils.for_range_slice(builder, I64(0), count, I64(vectors.lanes), I64) as (x, _):
-            at = builder.mul(x, I64(vectors.size))
-            builder.store(nothing, column)
+        step, pair = builder.mul(apart, I64(vectors.size)), I64(2 * vectors.lanes)
+
+        def add_columns(x: Any, number: int) -> None:
+            """Vectors side by side: one alone would wait for its own additions."""
+            places = [builder.mul(builder.add(x, I64(i * vectors.lanes)), I64(vectors.size)) for i in range(number)]
+            for column in columns[:number]:
+                builder.store(nothing, column)
             with cgutils.for_range(builder, rows) as loop:
                 weight = builder.load(vectors.pointer(vectors.shifted(across, (1, loop.index)), vectors.scalar))
-                value = vectors.load(builder.add(builder.add(source, at), builder.mul(loop.index, step)))
-                builder.store(vectors.multiply_add(builder.load(column), vectors.splat(weight), value), column)
-            factor = vectors.load(builder.add(along, at))
-            builder.store(vectors.multiply_add(builder.load(total), factor, builder.load(column)), total)
+                factor, line = vectors.splat(weight), builder.add(source, builder.mul(loop.index, step))
+                for column, at in zip(columns, places, strict=False):
+                    value = vectors.load(builder.add(line, at))
+                    builder.store(vectors.multiply_add(builder.load(column), factor, value), column)
+            for column, at in zip(columns, places, strict=False):
+                factor = vectors.load(builder.add(along, at))
+                builder.store(vectors.multiply_add(builder.load(total), factor, builder.load(column)), total)
+
+        rest = builder.srem(count, pair)
+        whole = builder.sub(count, rest)
+        with cgutils.for_range_slice(builder, I64(0), whole, pair, I64) as (x, _):
+            add_columns(x, 2)
+        with builder.if_then(builder.icmp_signed(">", rest, I64(0))):
+            add_columns(whole, 1)
         found, half = builder.load(total), vectors.lanes // 2
         while half:
             places = [[(lane + shift) % vectors.lanes for lane in range(vectors.lanes)] for shift in (0, half)]

@@ -1,0 +1,89 @@
+"""What receivers and spectra add to a wave step.
+
+Measures, in one process with interleaved repeats, the processor time of `Simulation.step` on 1000^2 nodes, m = 3, one
+thread, with recorders over that without (medians of the ratios of a round):
+
+- points: 1000 receivers at every step, in a line along x, in a line along y and scattered, on nodes and between them
+  (windowed sinc, linear). Aim: at most 5 % more.
+- shell: sums at 20 frequencies on all nodes within one reach of the edge of a box of 900^2. Aim: at most 10 % more.
+- power: through the edge of that box, for information.
+
+Run: ``python benchmarks/receivers.py [points] [shell] [power] [--json FILE] [--repeats N]``. Takes about two minutes.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from common import interleaved, median, ratio, run_parts, verdict
+
+import farhorizon as fh
+
+NODES, REACH = 1000, 3
+SEED = 20261123
+
+
+def simulation(*observe: Any) -> fh.Simulation:
+    """Noise, so that nothing becomes denormal, between fixed edges."""
+    noise = np.random.default_rng(SEED).standard_normal((NODES, NODES))
+    lattice = fh.Lattice(1.0, (0.0, 0.0), (NODES - 1.0, NODES - 1.0))
+    return fh.Simulation(
+        lattice, fh.Wave(fh.Kernel(float(REACH))), fh.Fixed(), {"u": noise}, threads=1, observe=observe
+    )
+
+
+def measure(cases: dict[str, Any], aim: float | None, repeats: int) -> list[dict[str, Any]]:
+    """Time of a step with each recorder over that without."""
+    sims = {"none": simulation(), **{name: simulation(one) for name, one in cases.items()}}
+    times = interleaved({name: sim.step for name, sim in sims.items()}, repeats, time.process_time)
+    rows = []
+    for name in cases:
+        added = 100 * (ratio(times, name, "none") - 1)
+        met = "-" if aim is None else verdict(added, aim, larger=False)
+        rows.append({"recorder": name, "step ms": 1e3 * median(times, name), "added %": added, "aim": aim, "met": met})
+    return rows
+
+
+def points(repeats: int) -> list[dict[str, Any]]:
+    """1000 receivers."""
+    along, across = np.linspace(20.0, 979.0, 1000), np.full(1000, 500.3)
+    scattered = np.random.default_rng(SEED).uniform(20, 979, (1000, 2))
+    places = {
+        "along x": np.column_stack([along, across]),
+        "along y": np.column_stack([across, along]),
+        "scattered": scattered,
+    }
+    cases = {f"{name}, on nodes": fh.Receivers(np.round(at)) for name, at in places.items()}
+    cases |= {f"{name}, linear": fh.Receivers(at, interpolation="linear") for name, at in places.items()}
+    cases |= {f"{name}, sinc": fh.Receivers(at) for name, at in places.items()}
+    return measure(cases, 5.0, repeats)
+
+
+def box() -> fh.Box:
+    """The box of 900^2 nodes."""
+    return fh.Box((50.0, 50.0), (NODES - 51.0, NODES - 51.0))
+
+
+def shell(repeats: int) -> list[dict[str, Any]]:
+    """20 frequencies on a shell of two reaches."""
+    inner = fh.Box((50.0 + 2 * REACH,) * 2, (NODES - 51.0 - 2 * REACH,) * 2)
+    frequencies = np.linspace(0.01, 0.2, 20)
+    return measure({"20 frequencies on the shell": fh.Spectra(box() - inner, frequencies)}, 10.0, repeats)
+
+
+def power(repeats: int) -> list[dict[str, Any]]:
+    """Power through the edge of a box."""
+    return measure({"power through the box": fh.PowerThrough(box())}, None, repeats)
+
+
+if __name__ == "__main__":
+    run_parts(
+        __doc__,
+        {
+            "points": ("1000 receivers at every step", lambda given: points(given.repeats)),
+            "shell": ("Spectra on a shell", lambda given: shell(given.repeats)),
+            "power": ("Power through a box", lambda given: power(given.repeats)),
+        },
+    )
