@@ -47,8 +47,8 @@ def test_outside_its_gaussian_the_centre_of_dilatation_is_the_closed_form():
 
     def closed(t):
         late, h = t - r / speed, 1e-4
-        rate = (explosion.moment(late + h) - explosion.moment(late - h)) / (2 * h)
-        return (explosion.moment(late) / r**2 + rate / (speed * r)) / (4 * np.pi * density * speed**2)
+        rate = (explosion.MOMENT(late + h) - explosion.MOMENT(late - h)) / (2 * h)
+        return (explosion.MOMENT(late) / r**2 + rate / (speed * r)) / (4 * np.pi * density * speed**2)
 
     # the Gaussian smooths the front: compare where it has passed by five breadths, and before it has come
     np.testing.assert_allclose(explosion.exact(r, 40.0, speed, density), closed(40.0), rtol=1e-10)
@@ -61,7 +61,7 @@ def test_a_crack_opens_as_its_intensity_says_and_far_from_the_tip_as_a_wave_leav
     near = stress_intensity.opening(tip, t) / (4 * np.sqrt(tip / (2 * np.pi)))
     assert near[0] == pytest.approx(stress_intensity.intensity(t, stress_intensity.shear_step), rel=2e-3)
     # each face moves with the stress of unit impedance
-    moved = quad(lambda s: float(stress_intensity.stress(s)), 0, t, limit=200)[0]
+    moved = quad(lambda s: float(stress_intensity.STRESS(s)), 0, t, limit=200)[0]
     assert stress_intensity.opening(np.array([20.0]), t)[0] == pytest.approx(2 * moved, rel=1e-6)
 
 

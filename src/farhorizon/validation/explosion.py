@@ -21,6 +21,7 @@ from scipy.special import spherical_jn
 
 from farhorizon.boundaries import LatticePML
 from farhorizon.geometry.lattice import Lattice
+from farhorizon.inputs.signals import Step
 from farhorizon.inputs.sources import Source
 from farhorizon.models import Elastic
 from farhorizon.simulation.simulation import Simulation
@@ -30,16 +31,11 @@ from farhorizon.validation.validations import validation
 CENTRE = "Aki, Richards (2002), Quantitative Seismology"
 BREADTH = 1.0  # standard deviation of the Gaussian
 RISE = 2.0  # time in which M rises to 1
+MOMENT = Step(RISE)
 HALF = 6.0  # half the near field
 SPACINGS = (0.6, 0.3)
 PASSING = 6.0  # the front is on its way through the near field
 STATIC = 40.0
-
-
-def moment(t: np.ndarray) -> np.ndarray:
-    """M(t): smooth from 0 to 1."""
-    share = np.clip(np.asarray(t) / RISE, 0.0, 1.0)
-    return share - np.sin(2 * np.pi * share) / (2 * np.pi)
 
 
 def exact(r: np.ndarray, t: float, speed: float, density: float) -> np.ndarray:
@@ -49,7 +45,7 @@ def exact(r: np.ndarray, t: float, speed: float, density: float) -> np.ndarray:
     k, dk = (nodes + 1) * highest / 2, weights * highest / 2
     s, ds = (nodes + 1) * min(t, RISE) / 2, weights * min(t, RISE) / 2
     # after the rise M is 1, and the integral over s from there on is elementary
-    response = np.sin(speed * np.multiply.outer(k, t - s)) @ (ds * moment(s)) / (speed * k)
+    response = np.sin(speed * np.multiply.outer(k, t - s)) @ (ds * MOMENT(s)) / (speed * k)
     if t > RISE:
         response += (1 - np.cos(speed * k * (t - RISE))) / (speed * k) ** 2
     spectrum = dk * k**3 * np.exp(-((k * BREADTH) ** 2) / 2) * response / (2 * np.pi**2 * density)
@@ -67,7 +63,7 @@ def run(model: Elastic, spacing: float) -> Simulation:
     points = lattice.coordinates()
     gauss = np.exp(-sum(x**2 for x in points) / (2 * BREADTH**2)) / (2 * np.pi * BREADTH**2) ** 1.5
     force = np.array([x / BREADTH**2 * gauss for x in points])
-    return Simulation(lattice, model, LatticePML(target=1e-3, until=STATIC), sources=[Source(force, time=moment)])
+    return Simulation(lattice, model, LatticePML(target=1e-3, until=STATIC), sources=[Source(force, time=MOMENT)])
 
 
 def radial(sim: Simulation) -> tuple[np.ndarray, np.ndarray]:

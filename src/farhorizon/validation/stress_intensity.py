@@ -25,6 +25,7 @@ import numpy as np
 
 from farhorizon.boundaries import LatticePML
 from farhorizon.geometry.lattice import Lattice
+from farhorizon.inputs.signals import Step
 from farhorizon.inputs.sources import Source
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
@@ -35,16 +36,11 @@ from farhorizon.validation.validations import validation
 
 CRACK = "Freund (1990), Dynamic fracture mechanics; Achenbach (1973), Wave propagation in elastic solids"
 HALF_LENGTH = 8.0  # a
-RISE = 2.0  # time in which the stress rises to 1
+RISE = 2.0  # time in which the stress of the wave rises to 1
+STRESS = Step(RISE)
 SPACINGS = (0.25, 0.125)
 STATIC = 200.0
 YOUNG, POISSON = 1.0, 0.25  # bond-based, plane strain
-
-
-def stress(t: np.ndarray | float) -> np.ndarray:
-    """Of the incident wave: smooth from 0 to 1."""
-    share = np.clip(np.asarray(t) / RISE, 0.0, 1.0)
-    return share - np.sin(2 * np.pi * share) / (2 * np.pi)
 
 
 def opening(r: np.ndarray, t: float) -> np.ndarray:
@@ -53,7 +49,7 @@ def opening(r: np.ndarray, t: float) -> np.ndarray:
     s, ds = (nodes + 1) * t / 2, weights * t / 2
     late = np.maximum(t - s, 1e-300)
     rates = 4 / np.pi * np.arcsin(np.sqrt(np.minimum(1.0, r[:, None] / late)))
-    return rates @ (ds * stress(s))
+    return rates @ (ds * STRESS(s))
 
 
 def intensity(t: float, step: Callable[[np.ndarray], np.ndarray]) -> float:
@@ -96,7 +92,7 @@ def sheared(spacing: float, until: float) -> Simulation:
         lattice,
         Wave(Stencil.finite_difference(2)),
         LatticePML(target=1e-5, until=until),
-        sources=[Source(-np.sign(y) * loaded / spacing, time=stress)],
+        sources=[Source(-np.sign(y) * loaded / spacing, time=STRESS)],
         cracks=[[(-tip, 0.0), (tip, 0.0)]],
     )
 
@@ -125,7 +121,7 @@ def mode_three(folder: Path) -> Outcome:
             sim.run(t, progress=False)
             r, found = faces(sim)
             since = sim.time
-            found += spacing * stress(since)  # the faces lie half a spacing beyond the rows, with the load between
+            found += spacing * STRESS(since)  # the faces lie half a spacing beyond the rows, with the load between
             wanted = opening(r, since)
             alone = r < 2 * HALF_LENGTH - since
             apart.append(np.abs(found - wanted)[alone & (r > HALF_LENGTH / 8)].max() / wanted.max())
@@ -173,7 +169,7 @@ def opened(spacing: float, half: tuple[float, float]) -> tuple[Simulation, float
             pull = weight[:, 1] * strain * spacing * offset[1] * model.coefficient / spacing**2
             force[:, cut] -= pull[:, None]
     cracks = [[(-tip, 0.0), (tip, 0.0)]]
-    sources = [Source(force, time=stress)]
+    sources = [Source(force, time=STRESS)]
     return Simulation(lattice, model, LatticePML(nodes=20), sources=sources, cracks=cracks), model.p_speed
 
 
