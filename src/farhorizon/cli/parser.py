@@ -126,8 +126,12 @@ def _plot(sub: argparse.ArgumentParser) -> None:
 def _entry(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("name", nargs="?", help="name in the list")
     sub.add_argument("--out", metavar="DIR", default=".", help="folder of the pictures (default: here)")
+    sub.set_defaults(full=False)
+
+
+def _full(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
-        "--full", action="store_true", help="the published or a finer size, where the default is smaller; takes minutes"
+        "--full", action="store_true", help="the published size, where the default is a smaller one; takes minutes"
     )
 
 
@@ -190,7 +194,7 @@ _COMMANDS: dict[str, tuple[Callable[..., int], tuple[Callable[[argparse.Argument
     "plot": (plot_command, (_plot,), "draw pictures of a results file"),
     "reproduce": (
         reproduce_command,
-        (_entry, _computing),
+        (_entry, _full, _computing),
         "compute a published table or figure anew, ours beside theirs; without a name, list them",
     ),
     "validate": (

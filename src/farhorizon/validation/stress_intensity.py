@@ -178,7 +178,7 @@ def pulled_intensity(sim: Simulation) -> float:
     return measured_intensity(*faces(sim)) * YOUNG / (2 * (1 - POISSON**2))
 
 
-@validation("mode-one", CRACK, "a pressure wave hits a crack: K to the static limit")
+@validation("mode-one", CRACK, "a pressure wave hits a crack: K to the static limit", "a minute")
 def mode_one(folder: Path) -> Outcome:
     """K at several times, in the end, and how little of it the near field's size decides.
 
