@@ -5,7 +5,8 @@ thread, with recorders over that without (medians of the ratios of a round):
 
 - points: 1000 receivers at every step, in a line along x, in a line along y and scattered, on nodes and between them
   (windowed sinc, linear). Aim: at most 5 % more.
-- shell: sums at 20 frequencies on all nodes within one reach of the edge of a box of 900^2. Aim: at most 10 % more.
+- shell: sums at 20 frequencies on all nodes within one reach of the edge of a box of 900^2, over every step and over
+  every third one, which is enough for all waves on the lattice. Aim: at most 10 % more.
 - power: through the edge of that box, for information.
 
 Run: ``python benchmarks/receivers.py [points] [shell] [power] [--json FILE] [--repeats N]``. Takes about two minutes.
@@ -70,7 +71,10 @@ def shell(repeats: int) -> list[dict[str, Any]]:
     """20 frequencies on a shell of two reaches."""
     inner = fh.Box((50.0 + 2 * REACH,) * 2, (NODES - 51.0 - 2 * REACH,) * 2)
     frequencies = np.linspace(0.01, 0.2, 20)
-    return measure({"20 frequencies on the shell": fh.Spectra(box() - inner, frequencies)}, 10.0, repeats)
+    cases = {
+        f"20 frequencies, every = {every}": fh.Spectra(box() - inner, frequencies, every=every) for every in (1, 3)
+    }
+    return measure(cases, 10.0, repeats)
 
 
 def power(repeats: int) -> list[dict[str, Any]]:

@@ -110,6 +110,21 @@ def test_every_so_many_steps():
     np.testing.assert_array_equal(seldom.times, often.times[::3])
 
 
+def test_only_the_steps_that_are_wanted_are_looked_at():
+    """Rows of other steps are not filled; with the velocity, and with probes, every step is."""
+    seldom, plain = fh.Receivers(POINTS, every=4), fh.Receivers(POINTS)
+    run, other = waves(seldom), waves(plain)
+    for one in (run, other):
+        for count in (3, 6, 8):
+            one.step(count)
+    assert run.engine.watch_stride == 4 and other.engine.watch_stride == 1
+    np.testing.assert_array_equal(seldom.data["u"], plain.data["u"][::4])
+    assert waves(fh.Receivers(POINTS, "v", every=4)).engine.watch_stride == 1
+    assert waves(seldom, fh.Receivers(POINTS, every=6, name="more")).engine.watch_stride == 2
+    run.record([(0.0, 0.0)])
+    assert run.engine.watch_stride == 1
+
+
 def displacement(x, y, z=0.0):
     return [np.sin(x + 0.3 * y) + 0.2 * z, 0.5 * np.cos(x - 0.7 * y) * np.cos(0.4 * z), 0.1 * x * z + np.sin(0.6 * y)]
 

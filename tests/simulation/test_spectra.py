@@ -75,6 +75,32 @@ def test_response_of_the_line_in_frequency():
     np.testing.assert_allclose(spectra.data["u"], exact, rtol=0, atol=1e-9 * np.abs(exact).max())
 
 
+@pytest.mark.parametrize("every", [2, 3])
+def test_terms_of_every_few_steps(every):
+    """Of a pulse that comes and goes the sums are those of all steps, in whatever batches it is run."""
+    frequencies, points = [0.05, 0.2, 0.4], [(0.13, 0.2), (-1.0, 0.5)]
+    all_steps, few = fh.Spectra(points, frequencies, name="all"), fh.Spectra(points, frequencies, every=every)
+    inside = fh.Spectra(fh.Disc(0.6), frequencies, every=every, name="disc")
+    lattice = fh.Lattice(0.25, [-4.0, -4.0], [4.0, 4.0])
+    source = fh.PointSource((0.3, 0.1), time=fh.Ricker(0.35))
+    runs = [
+        fh.Simulation(lattice, fh.Wave(fh.Kernel(0.5)), fh.LatticePML(nodes=10), sources=[source], observe=observe)
+        for observe in ([all_steps, few], [inside])
+    ]
+    for run in runs:
+        run.run(until=40.0)
+    assert runs[0].engine.watch_stride == 1 and runs[1].engine.watch_stride == every
+    largest = np.abs(all_steps.data["u"]).max()
+    # what is left in the near field at the end, and of the signal above its highest frequency
+    np.testing.assert_allclose(few.data["u"], all_steps.data["u"], rtol=0, atol=1e-3 * largest)
+    assert 0.2 * largest < np.abs(inside.data["u"]).max()
+    alone = fh.Spectra(points, frequencies, every=every)
+    again = fh.Simulation(lattice, fh.Wave(fh.Kernel(0.5)), fh.LatticePML(nodes=10), sources=[source], observe=[alone])
+    for steps in (1, 70, 13, runs[0].step_count - 84):
+        again.step(steps)
+    np.testing.assert_array_equal(alone.data["u"], few.data["u"])
+
+
 def test_saved_and_taken_up_the_sums_are_the_same_bit_by_bit(tmp_path):
     def made():
         return fh.Spectra(POINTS, [0.05, 0.2], ["u", "strain"])
@@ -97,6 +123,7 @@ def test_saved_and_taken_up_the_sums_are_the_same_bit_by_bit(tmp_path):
         (POINTS, [-0.1], {}, "from 0 on"),
         (POINTS, [], {}, "from 0 on"),
         (POINTS, [0.1], {"record": "v"}, "linear"),
+        (POINTS, [0.1], {"every": 5}, "for others"),
         (POINTS, [0.1], {"record": []}, "linear"),
         ([(9.0, 0.0)], [0.1], {}, "outside"),
         (fh.Disc(0.1, (0.12, 0.12)), [0.1], {}, "no node"),

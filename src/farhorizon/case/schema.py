@@ -375,6 +375,8 @@ class SpectraPart(Part):
     """In cycles per unit of time."""
     record: list[str] = ["u"]
     """u, gradient, strain, stress, pressure, divergence, curl, rotation."""
+    every: int = 1
+    """Steps from one term of the sums to the next; half the stable step allows 3."""
     interpolation: str = "sinc"
     """Between nodes: sinc or linear."""
     name: str | None = None

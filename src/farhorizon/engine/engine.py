@@ -152,6 +152,8 @@ class Engine:
         one.
     heard : ndarray, shape (steps, R)
         The sums of `listen` after each of those steps.
+    watch_stride : int
+        Of both only the rows of steps that are multiples of it are filled.
     """
 
     def __init__(  # type: ignore[no-untyped-def]
@@ -196,6 +198,7 @@ class Engine:
         self.absent = AbsentBonds(self, self.bonds)
         self.hold(np.zeros(0, np.int64))
         self.watched, self.seen, self.heard = np.zeros(0, np.int64), np.zeros((0, 0)), np.zeros((0, 0))
+        self.watch_stride = 1
         self._room: dict[str, np.ndarray] = {}
         self.loop: Loop | None = None
 
@@ -496,6 +499,7 @@ class Engine:
             self.watched,
             self._rows("seen", steps, self.watched.size),
             self._rows("heard", steps, len(self.tables.listening.rows)),
+            self.watch_stride,
         )
 
     def _rows(self, name: str, steps: int, width: int) -> np.ndarray:

@@ -59,8 +59,8 @@ class Interpreter:
             op.DEPEND: self._depend,
             op.FRINGE: self._fringe,
             op.DISSOLVE: self._dissolve,
-            op.WATCH: self._watch,
-            op.LISTEN: self._listen,
+            op.WATCH: lambda: self._keep(self._watch),
+            op.LISTEN: lambda: self._keep(self._listen),
         }
 
     def run(self, steps: int, phase: int, levels: np.ndarray, tables: op.Tables, inputs: Inputs) -> None:
@@ -102,6 +102,11 @@ class Interpreter:
         levels = self._split(self.stage.src)
         for to, source in self.tables.copies.T:  # later ones copy what earlier ones have copied
             levels[:, to] = levels[:, source]
+
+    def _keep(self, values: Callable[[], None]) -> None:
+        """Keep some values unless they are those of a step in between."""
+        if (self.inputs.before + self.step + 1) % self.inputs.stride == 0:
+            values()
 
     def _watch(self) -> None:
         self.inputs.seen[self.step] = self.stage.out[self.inputs.watched]

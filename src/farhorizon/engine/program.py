@@ -593,9 +593,11 @@ def run(thread, steps, phase, levels, tables, inputs):
                                 copy(everywhere.coefficient, tables.copies, ONE)
                             barrier(thread)
                 elif operation == WATCH:  # the next step does not write this level before its first barrier
-                    watch(thread, stage.out, inputs.watched, inputs.seen[step])
+                    if (inputs.before + step + 1) % inputs.stride == 0:
+                        watch(thread, stage.out, inputs.watched, inputs.seen[step])
                 elif SOME and operation == LISTEN:  # as above
-                    listen(thread, stage.out, tables.listening, inputs.heard[step])
+                    if (inputs.before + step + 1) % inputs.stride == 0:
+                        listen(thread, stage.out, tables.listening, inputs.heard[step])
                 else:  # the work of one thread
                     if thread.number == 0:
                         if operation == COPY:

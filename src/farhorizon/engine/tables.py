@@ -198,6 +198,8 @@ class Inputs(NamedTuple):
     seen : ndarray, shape (steps, W)
     heard : ndarray, shape (steps, R)
         The sums of `Listening` after each step.
+    stride : int
+        Steps whose number, counted from the run's first on, is no multiple of it leave both as they are.
     """
 
     before: int
@@ -211,6 +213,7 @@ class Inputs(NamedTuple):
     watched: np.ndarray
     seen: np.ndarray
     heard: np.ndarray
+    stride: int
 
 
 class Listening(NamedTuple):

@@ -172,7 +172,8 @@ class Receivers(Recorder):
             check_blocks(setup, near, self.points, one, self.interpolation, "receivers.points")
         self._medium, self._background, self._dt = moduli_at(near, self.points), near.background, near.dt
         self.notes = self._aliased(near)
-        return Wanted(np.zeros(0, np.int64), tuple(blocks))
+        single = any(QUANTITIES[name].moving for name in self.record)  # the velocity takes the step before
+        return Wanted(np.zeros(0, np.int64), tuple(blocks), 1 if single else self.every)
 
     def start(self, step: int, heard: Heard) -> None:
         rows = np.stack(heard.blocks, axis=-1)

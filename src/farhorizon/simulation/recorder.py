@@ -25,10 +25,13 @@ class Wanted(NamedTuple):
         Flat indices of nodes in the lattice.
     blocks : tuple of Blocks
         Sums over blocks of nodes, computed in the loop.
+    every : int
+        Only steps that are multiples of it need be there; rows of others may hold anything.
     """
 
     nodes: np.ndarray
     blocks: tuple[Blocks, ...]
+    every: int = 1
 
 
 class Heard(NamedTuple):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -53,6 +54,7 @@ class Recording:
             along = [np.ones((len(first), 1))] * lead + list(blocks.weights)
             found += [(first + component * engine.layout.size, along) for component in range(engine.components)]
         engine.listen(found)
+        engine.watch_stride = math.gcd(*(wanted.every for wanted in self._wanted), int(self._probed.size > 0)) or 1
 
     def _all_nodes(self) -> list[np.ndarray]:
         return [self._probed, *(wanted.nodes for wanted in self._wanted)]

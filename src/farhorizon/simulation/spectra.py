@@ -39,6 +39,10 @@ class Spectra(Recorder):
         In cycles per unit of time.
     record : str or sequence of str
         Quantities of `Receivers` that are linear in the field: all but "v" and "energy_flux".
+    every : int
+        Steps from one term of the sums to the next, whose weight is so much larger: where the lattice carries no waves
+        that would be taken for others the sums are the same once the field has come to rest, and cost so much less.
+        Half the stable step allows 3.
     interpolation : {"sinc", "linear"}
         Of points between nodes, as of `Receivers`.
     name : str
@@ -79,6 +83,7 @@ class Spectra(Recorder):
         where: Any,
         frequencies: Any,
         record: str | Sequence[str] = ("u",),
+        every: int = 1,
         interpolation: str = "sinc",
         name: str = "spectra",
     ) -> None:
@@ -94,6 +99,7 @@ class Spectra(Recorder):
         for one in wanted or [""]:
             kinds.one_of(one, "spectra.record", _LINEAR, "no quantity that is linear in the field")
         self.record = tuple(dict.fromkeys(wanted))
+        self.every = kinds.integer(every, "spectra.every", least=1)
         self.interpolation = kinds.one_of(
             interpolation, "spectra.interpolation", INTERPOLATIONS, "unknown interpolation"
         )
@@ -131,6 +137,7 @@ class Spectra(Recorder):
                 f"{near.model.title} has no such quantity",
             )
         check_frequencies(self.frequencies, near)
+        self._check_stride(near)
         nodes = _nodes_in(self.where, lattice) if isinstance(self.where, Shape) else None
         if nodes is None:
             self.points = as_points(self.where, lattice.dim, "spectra.where")
@@ -140,30 +147,44 @@ class Spectra(Recorder):
         self._shape = len(self.points), near.stencil.components, 1 + lattice.dim * derived
         self._check_size()
         self._medium = moduli_at(near, self.points)
-        self._sums = FourierSums(self.frequencies, near.dt, int(np.prod(self._shape)))
+        self._sums = FourierSums(self.frequencies, self.every * near.dt, int(np.prod(self._shape)))
         if nodes is not None and not derived:
-            return Wanted(nodes, ())
+            return Wanted(nodes, (), self.every)
         axes = [None, *range(lattice.dim)] if derived else [None]
         blocks = [
             interpolation_blocks(lattice, self.points, self.interpolation, axis, "spectra.where") for axis in axes
         ]
         for one in blocks:
             check_blocks(setup, near, self.points, one, self.interpolation, "spectra.where")
-        return Wanted(np.zeros(0, np.int64), tuple(blocks))
+        return Wanted(np.zeros(0, np.int64), tuple(blocks), self.every)
 
     def start(self, step: int, heard: Heard) -> None:
         self._sums = FourierSums(self.frequencies, self._sums.dt, int(np.prod(self._shape)))
         self.add(step, Heard(heard.nodes[1:], tuple(one[1:] for one in heard.blocks)))
 
     def add(self, step: int, heard: Heard) -> None:
-        rows = np.stack(heard.blocks, axis=-1) if heard.blocks else heard.nodes
-        self._sums.add(step, rows.reshape(len(rows), -1))
+        kept = slice(-step % self.every, None, self.every)
+        rows = np.stack(heard.blocks, axis=-1)[kept] if heard.blocks else heard.nodes[kept]
+        self._sums.add(-(-step // self.every), rows.reshape(len(rows), int(np.prod(self._shape))))
 
     def state(self) -> Arrays:
         return self._sums.state()
 
     def take(self, state: Arrays) -> None:
         self._sums.take(state)
+
+    def _check_stride(self, near: NearField) -> None:
+        """InputError where terms are so far apart that some wave on the lattice would be taken for another one."""
+        waves = near.model.order == 2  # what diffuses has no highest frequency
+        most = max(1, int(0.5 / (near.highest_frequency * near.dt) * (1 + 1e-9))) if waves else 1
+        if self.every > most:
+            raise InputError(
+                "terms so far apart would take waves on the lattice for others",
+                value=self.every,
+                limit=f"1 to {most}",
+                key="spectra.every",
+                remedy=f"every = {most}",
+            )
 
     def _check_size(self) -> None:
         need = 32.0 * len(self.frequencies) * float(np.prod(self._shape))
