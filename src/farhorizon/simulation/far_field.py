@@ -33,10 +33,12 @@ from farhorizon.simulation.far_box import (
     medium_outside,
 )
 from farhorizon.simulation.fourier_sums import FourierSums
+from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, recorder_name
 from farhorizon.simulation.setup import Setup
 
 _LARGE = 2**28  # bytes of a history that are worth a note
+_SEEN = 16  # steps from one look at the largest field to the next
 _LEFT = 1e-3  # part of the largest field on the shell that is worth a note where it is left at the end
 
 
@@ -151,6 +153,7 @@ class FarField(Recorder):
         self._lattice, self._background, self._density = near.lattice, near.background, 1 / near.model.source_factor
         self._scheme = medium_outside(parts)
         self.frequencies = checked_frequencies(self._scheme, self.frequencies, "far_field.frequencies")
+        self._every = _steps_between_samples(near, self.frequencies)
         self._reach = near.lattice.spacing * np.array(self._scheme.stencil.reach, float)
         first, last = corner_nodes(near.lattice, self.box, self._scheme.stencil.reach)
         self._shell = Shell(self._scheme.stencil, first, last)
@@ -201,7 +204,7 @@ class FarField(Recorder):
                 remedy="the checkpoint of a run that has it",
             )
         self._rows: list[np.ndarray] = []
-        self._sums = FourierSums(self.frequencies, self._scheme.dt, self._count)
+        self._sums = FourierSums(self.frequencies, self._every * self._scheme.dt, self._count)
         self._steps, self._largest, self._last = -1, 0.0, 0.0
         self.add(0, Heard(heard.nodes[-1:], ()))
 
@@ -209,10 +212,11 @@ class FarField(Recorder):
         rows = np.array(heard.nodes.swapaxes(1, 2).reshape(len(heard.nodes), -1), float)
         if self.history:
             self._rows.append(rows)
-        self._sums.add(step, rows)
+        if self.frequencies.size:
+            self._sums.add(-(-step // self._every), rows[-step % self._every :: self._every])
         self._steps += len(rows)
-        sizes = np.abs(rows).max(axis=1, initial=0.0)
-        self._largest, self._last = max(self._largest, float(sizes.max())), float(sizes[-1])
+        self._last = float(np.abs(rows[-1]).max(initial=0.0))
+        self._largest = max(self._largest, self._last, float(np.abs(rows[::_SEEN]).max(initial=0.0)))
 
     @property
     def recorded(self) -> Recorded:
@@ -479,3 +483,13 @@ class FarField(Recorder):
         self.notes = [one for one in self.notes if not one.startswith(note)]
         if self._last > _LEFT * self._largest:
             self.notes.append(f"{note}on its shell {self._last / self._largest:.2g} of the largest value is left")
+
+
+def _steps_between_samples(near: NearField, frequencies: np.ndarray) -> int:
+    """Steps from one sample of a spectrum to the next: as many as leave its frequencies apart from all others that the
+    lattice carries, of which the highest is that of Verlet for the largest rate.
+    """
+    if not frequencies.size:
+        return 1
+    highest = np.arcsin(min(1.0, near.dt * float(np.sqrt(near.rate_limit)) / 2)) / (np.pi * near.dt)
+    return max(1, int(np.ceil(1 / (near.dt * (highest + float(frequencies.max()))))) - 1)
