@@ -337,6 +337,34 @@ class Draw:
             "initial": {"u": [self.bump(0.5, 0.02 * self.length)] + ["0"] * (self.dim - 1)},
         }
 
+    def signal(self) -> dict:
+        """A table with a signal that is resolved."""
+        low, long = self.number(0.05, 0.2) / self.time, self.number(2, 8) * self.time
+        return self.one(
+            {"type": "ricker", "frequency": low},
+            {"type": "tone-burst", "frequency": low, "cycles": self.number(1, 4)},
+            {"type": "gaussian", "width": long},
+            {"type": "step", "rise": long},
+            {"type": "chirp", "first": low, "last": 1.5 * low, "duration": 4 / low},
+            {"type": "samples", "values": [0.0, 0.1, self.number(0.5, 1.0), 0.3, 0.0, 0.0], "dt": long},
+        )
+
+    def local_source(self, vector: bool) -> dict:
+        """A source between nodes, most of which leave the sinc the nodes that it needs."""
+        near = 0.4 * self.span
+        at, end = ([self.number(-near, near) for _ in range(self.dim)] for _ in range(2))
+        strength = [self.number(-1, 1) for _ in range(self.dim)] if vector else self.number(0.5, 1.0)
+        rest = {"time": self.signal(), "interpolation": self.one("linear", "linear", "sinc")}
+        line = {"type": "line-source", "points": [at, end], "strength": strength}
+        array = {"type": "phased-array", "first": at, "last": end, "elements": 3, "strength": strength}
+        array |= {"speed": self.length / self.time, "angle": self.number(-40, 40)}
+        if not vector:
+            return self.one({"type": "point-source", "at": at, "strength": strength}, line, array) | rest
+        moment = {"type": "moment-tensor", "at": at, "moment": self.number(0.5, 1.0) * self.length}
+        if self.dim == 3 and self.chance(0.5):
+            moment |= {"strike": self.number(0, 360), "dip": self.number(0, 90), "rake": self.number(-180, 180)}
+        return self.one({"type": "point-force", "at": at, "force": strength}, line, array, moment) | rest
+
     # --- what may stand around ---------------------------------------------------------------------------------
 
     def around(self, case: dict) -> dict:
@@ -346,6 +374,8 @@ class Draw:
             bump = self.bump(0.4, 1 / self.time**2)
             signal = self.one(f"sin(3*t/{self.time!r})", "1", f"exp(-t/{self.time!r})")
             case["source"] = [{"value": f"{bump}*{signal}"}]
+        if self.chance(0.2) and kind in ("wave", "diffusion", "heat", "elastic"):
+            case["source"] = [*case.get("source", []), self.local_source(kind == "elastic")]
         whole = kind == "elastic" and case["model"]["material"] != "bond-based"  # its bonds are not cut one by one
         if (
             self.chance(0.25)
