@@ -9,6 +9,7 @@ import farhorizon as fh
 from farhorizon.cli import main
 from farhorizon.files.records import Recorded
 from farhorizon.files.results import ResultsWriter, open_results
+from farhorizon.pictures import result_pictures
 
 POINTS = np.array([[0.5, 1.0], [1.5, -1.0], [2.5, 0.25]])
 
@@ -134,38 +135,55 @@ u = "exp(-4*(x**2+y**2))"
 [boundary]
 all = { type = "lattice-pml", nodes = 6 }
 [run]
-until = 3.0
+until = 2.0
 [output]
 every = 1.0
 [[receivers]]
 line = { start = [-2.1, 2.0], end = [2.1, 2.0], count = 9 }
-record = ["u", "energy_flux"]
+record = ["u", "v"]
 [[receivers]]
 name = "well"
 points = [[0.13, 1.0]]
 every = 2
 interpolation = "linear"
+[[spectra]]
+region = { box = { lower = [-0.5, -0.5], upper = [0.5, 0.5] } }
+frequencies = [0.1, 0.3]
+[[power]]
+region = { disc = { radius = 1.5 } }
+[[power]]
+name = "right"
+axis = "x"
+position = 0.4
 """
 
 
-def test_receivers_of_a_case(tmp_path, monkeypatch, capsys):
+def test_recorders_of_a_case(tmp_path, monkeypatch, capsys):
     """Run whole and in two parts they have the same bits, those of a run in Python; they are drawn."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.toml").write_text(CASE)
     assert main(["run", "a.toml", "--out", "whole", "--no-report"]) == 0
+    monkeypatch.setattr(result_pictures, "plot_results", lambda *_: [])  # once is enough
     assert main(["run", "a.toml", "--out", "part", "--until", "1.3", "--no-report"]) == 0
     assert main(["run", "a.toml", "--out", "part", "--resume", "--no-report"]) == 0
     whole, part = (open_results(f"{name}/a.h5").recorded for name in ("whole", "part"))
     sim = fh.read_case("a.toml").simulation()
-    sim.run(3.0)
-    assert set(whole) == {"receivers_0", "well"} == {one.name for one in sim.recorders}
-    for one in sim.recorders:
-        for found in (whole[one.name], part[one.name]):
-            np.testing.assert_array_equal(found.times, one.times)
-            for name, values in one.data.items():
-                np.testing.assert_array_equal(found.data[name], values)
+    sim.run(2.0)
+    names = {"receivers_0", "well", "spectra", "power_0", "right"}
+    assert set(whole) == names == {one.name for one in sim.recorders}
+    for mine in (one.recorded for one in sim.recorders):
+        for found in (whole[mine.name], part[mine.name]):
+            np.testing.assert_array_equal(found.times, mine.times)
+            np.testing.assert_array_equal(found.frequencies, mine.frequencies)
+            for kind in ("data", "spectra"):
+                assert getattr(found, kind).keys() == getattr(mine, kind).keys()
+                for name, values in getattr(mine, kind).items():
+                    np.testing.assert_allclose(getattr(found, kind)[name], values, rtol=1e-12, atol=1e-15)
+            for name in mine.data if mine.name in ("receivers_0", "well") else ():
+                np.testing.assert_array_equal(found.data[name], mine.data[name])
+    assert open_results("part/a.h5").to_xarray()["spectra_u_spectrum"].shape == (2, 25)
     drawn = {path.name for path in (tmp_path / "whole" / "a").iterdir()}
-    assert {"receivers_0_u.png", "receivers_0_energy_flux_x.png", "well_u.png"} <= drawn
+    assert {"receivers_0_u.png", "receivers_0_v.png", "well_u.png", "spectra_u.png", "power_0_power.png"} <= drawn
     assert main(["check", "a.toml"]) == 0
 
 
@@ -173,8 +191,8 @@ def test_receivers_of_a_case(tmp_path, monkeypatch, capsys):
     ("old", "new", "message"),
     [
         ("every = 2", "every = 0", r"receivers\[1\]\.every"),
-        ('record = ["u", "energy_flux"]', 'record = ["w"]', r"receivers\[0\]\.record: unknown quantity"),
-        ('record = ["u", "energy_flux"]', 'record = ["stress"]', "no such quantity"),
+        ('record = ["u", "v"]', 'record = ["w"]', r"receivers\[0\]\.record: unknown quantity"),
+        ('record = ["u", "v"]', 'record = ["stress"]', "no such quantity"),
         ("points = [[0.13, 1.0]]", "", r"receivers\[1\]: give exactly one of points, line, grid"),
         ("points = [[0.13, 1.0]]", "points = [[0.13, 9.0]]", "outside the near field"),
         ("count = 9", "count = 0", r"receivers\[0\]"),

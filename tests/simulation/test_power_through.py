@@ -5,8 +5,6 @@ import pytest
 
 import farhorizon as fh
 from farhorizon.case.case import Case
-from farhorizon.cli import main
-from farhorizon.files.results import open_results
 
 
 def pulse(*at):
@@ -175,32 +173,6 @@ def test_saved_taken_up_and_forgotten(tmp_path):
 def test_refused(make, surfaces, message):
     with pytest.raises(fh.InputError, match=message):
         make([fh.PowerThrough(surfaces)])
-
-
-def test_power_of_a_case(tmp_path, monkeypatch):
-    """Results have the rows of a run in Python, whole or resumed, and they are drawn."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "a.toml").write_text(
-        """
-lattice = { spacing = 1.0, lower = [-9.0, -9.0], upper = [9.0, 9.0] }
-model = { type = "wave", kernel = { horizon = 2.0 } }
-initial = { u = "exp(-(x**2+y**2)/4)" }
-boundary = { all = { type = "lattice-pml", nodes = 5 } }
-run = { until = 12.0 }
-output = { every = 4.0 }
-power = [{ region = { disc = { radius = 4.0 } } }, { name = "right", axis = "x", position = 2.5 }]
-"""
-    )
-    for options in (["--out", "whole"], ["--out", "part", "--until", "5.0"], ["--out", "part", "--resume"]):
-        assert main(["run", "a.toml", "--no-report", *options]) == 0
-    sim = fh.read_case("a.toml").simulation()
-    sim.run(12.0)
-    for path in ("whole/a.h5", "part/a.h5"):
-        found = open_results(path).recorded
-        for one in sim.recorders:
-            np.testing.assert_array_equal(found[one.name].times, one.times)
-            np.testing.assert_allclose(found[one.name].data["power"], one.data["power"], rtol=1e-12, atol=1e-15)
-    assert {"power_0_power.png", "right_power.png"} <= {path.name for path in (tmp_path / "whole" / "a").iterdir()}
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 
 import farhorizon as fh
-from farhorizon.cli import main
-from farhorizon.files.results import open_results
 
 
 def pulse(x, y):
@@ -137,50 +135,3 @@ def test_refused(where, frequencies, options, message):
         frequencies = [1.01 * run.parts.near.highest_frequency]
     with pytest.raises(fh.InputError, match=message):
         elastic(fh.Spectra(where, frequencies, **options))
-
-
-CASE = """
-[lattice]
-spacing = 0.25
-lower = [-5.0, -5.0]
-upper = [5.0, 5.0]
-[model]
-type = "wave"
-[model.kernel]
-horizon = 0.5
-[initial]
-u = "exp(-4*(x**2+y**2))"
-[boundary]
-all = { type = "lattice-pml", nodes = 6 }
-[run]
-until = 2.0
-[output]
-every = 1.0
-[[spectra]]
-line = { start = [-2.1, 2.0], end = [2.1, 2.0], count = 9 }
-frequencies = [0.1, 0.2]
-[[spectra]]
-name = "patch"
-region = { box = { lower = [-0.5, -0.5], upper = [0.5, 0.5] } }
-frequencies = [0.3]
-"""
-
-
-def test_spectra_of_a_case(tmp_path, monkeypatch):
-    """Results have the sums of a run in Python, whole or resumed; they are drawn, and xarray has them."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "a.toml").write_text(CASE)
-    assert main(["run", "a.toml", "--out", "whole", "--no-report"]) == 0
-    assert main(["run", "a.toml", "--out", "part", "--until", "1.3", "--no-report"]) == 0
-    assert main(["run", "a.toml", "--out", "part", "--resume", "--no-report"]) == 0
-    sim = fh.read_case("a.toml").simulation()
-    sim.run(2.0)
-    assert [one.name for one in sim.recorders] == ["spectra_0", "patch"]
-    for path in ("whole/a.h5", "part/a.h5"):
-        results = open_results(path)
-        for one in sim.recorders:
-            found = results.recorded[one.name]
-            np.testing.assert_array_equal(found.frequencies, one.frequencies)
-            np.testing.assert_array_equal(found.spectra["u"], one.data["u"])
-    assert results.to_xarray()["patch_u_spectrum"].shape == (1, 25)
-    assert {"spectra_0_u.png", "patch_u.png"} <= {path.name for path in (tmp_path / "whole" / "a").iterdir()}
