@@ -1,6 +1,8 @@
 """The far field: what a box sends out is what runs see that contain the receivers."""
 
+import copy
 import os
+import pickle
 
 import numpy as np
 import pytest
@@ -171,6 +173,21 @@ def test_sources_that_move_out_of_the_box_are_refused():
     sim = fh.Simulation(_square(14), fh.Wave(_SCALAR), observe=[fh.FarField(_box(8))], **moving)
     with pytest.raises(fh.InputError, match="not zero outside the box of a far field"):
         sim.prepare(12.0)
+
+
+def test_copies_have_what_was_recorded():
+    """Of the run, and of the far field alone."""
+    wave = fh.IncidentWave((1.0, 0.0), "sin(t/3)*exp(-((t-30)/6)**2)", 60.0)
+    far = fh.FarField(frequencies=[0.05])
+    sim = fh.Simulation(_square(14), fh.Wave(_SCALAR), fh.LatticePML(nodes=6), sources=[wave], observe=[far])
+    sim.run(5.0)
+    again = pickle.loads(pickle.dumps(sim))
+    for run in (sim, again):
+        run.run(20.0)
+    for other in (again.recorders[0], copy.deepcopy(far)):
+        assert other is not far
+        np.testing.assert_array_equal(other.at([(20, 0)])[1], far.at([(20, 0)])[1])
+        np.testing.assert_array_equal(other.cross_sections().total, far.cross_sections().total)
 
 
 def test_a_run_that_is_saved_goes_on_with_its_far_field(tmp_path):

@@ -146,6 +146,10 @@ class FarField(Recorder):
     def __repr__(self) -> str:
         return f"FarField({self.box}, {len(self.frequencies)} frequencies, name={self.name!r})"
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What it has recorded, without the run."""
+        return {name: value for name, value in self.__dict__.items() if name != "_parts"}
+
     # --- in a run ----------------------------------------------------------------------------------------------
 
     def begin(self, setup: Setup, parts: Parts) -> Wanted:
@@ -163,7 +167,7 @@ class FarField(Recorder):
         if self.points is not None:
             self._receivers(self.points)
         as_directions(self.directions, near.lattice.dim, "far_field.directions")
-        self._parts, self._incident = parts, list(parts.incident)
+        self._parts, self._incident = parts, [(one.wave, one.start) for one in parts.incident]
         check_window(near.hidden, self._shell.nodes, self._faces)
         return Wanted(np.ravel_multi_index(tuple(self._shell.nodes.T), near.lattice.shape), ())
 
@@ -445,19 +449,19 @@ class FarField(Recorder):
     @property
     def _total(self) -> bool:
         """Whether the field on the shell is the total one, incident wave and all."""
-        return any(not is_around(self._faces, one.wave) for one in self._incident)
+        return any(not is_around(self._faces, wave) for wave, _ in self._incident)
 
     @property
     def _arriving(self) -> list[ArrivingPlane]:
         """The incident wave at each frequency; none if there is not just one, or there is damping."""
         if len(self._incident) != 1:
             return []
-        (one,), spacing, dt = self._incident, self._lattice.spacing, self._scheme.dt
-        direction = np.asarray(one.wave.direction, float) / np.linalg.norm(one.wave.direction)
-        times = dt * np.arange(int(np.ceil(one.wave.duration / dt - 1e-9)) + 1)
-        signal = dt * np.array([one.wave.at(t) for t in times])
+        ((wave, start),), spacing, dt = self._incident, self._lattice.spacing, self._scheme.dt
+        direction = np.asarray(wave.direction, float) / np.linalg.norm(wave.direction)
+        times = dt * np.arange(int(np.ceil(wave.duration / dt - 1e-9)) + 1)
+        signal = dt * np.array([wave.at(t) for t in times])
         spectrum = np.exp(2j * np.pi * np.outer(self.frequencies, times)) @ signal
-        vector, place = one.wave.vector(self._scheme.stencil.components), one.start / spacing
+        vector, place = wave.vector(self._scheme.stencil.components), start / spacing
         return [
             ArrivingPlane.of(self._scheme, squared, direction, vector, complex(amplitude), place)
             for squared, amplitude in zip(self._squares, spectrum, strict=True)
