@@ -115,18 +115,18 @@ def test_a_line_and_a_patch_have_their_length_and_area(rng):
 
 # Exact solutions
 
-SPACINGS = (0.5, 0.25, 0.125)
-PLACES = ((2.0, 0.0), (1.0, 2.0), (-2.0, 1.5))
+SPACINGS = (0.25, 1 / 6, 0.125)
+PLACES = ((3.0, 0.0), (1.5, 2.5), (-2.5, 2.0))  # beyond the eight nodes over which a source is spread
 
 
 def test_a_point_source_is_that_of_the_plane():
     """Of second order; nothing comes back from the walls until then."""
-    at, until, errors = np.array([0.13, -0.07]), 13.0, []
+    at, until, errors = np.array([0.13, -0.07]), 14.0, []
     signal = fh.Ricker(0.15)
     for spacing in SPACINGS:
         model = fh.Wave(fh.Kernel(2 * spacing))
         sources = [fh.PointSource(at, 3.0, signal)]
-        setup = fh.Setup(square(8.5, spacing), model, fh.Fixed(), sources=sources, threads=1)
+        setup = fh.Setup(square(9.0, spacing), model, fh.Fixed(), sources=sources, threads=1)
         found, times = courses(setup, PLACES, until)
         distances = np.linalg.norm(np.array(PLACES) - at, axis=1)
         known = 3 * np.stack([scalar_wave_in_the_plane(r, times, signal) for r in distances], axis=-1)
@@ -143,7 +143,7 @@ def in_the_plane(rock, at, times, solution):
     )
 
 
-LOW = fh.Ricker(0.16)
+LOW = fh.Ricker(0.2)
 AT = np.array([0.11, 0.06])
 IN_THE_PLANE = {
     "force": (
@@ -160,11 +160,11 @@ IN_THE_PLANE = {
 @pytest.mark.parametrize(("source", "solution"), IN_THE_PLANE.values(), ids=IN_THE_PLANE)
 def test_a_force_and_an_explosion_in_the_plane(source, solution):
     """Of second order; nothing comes back from the walls until then."""
-    errors, half, until = [], 9.0, 9.5
+    errors, half, until = [], 11.0, 12.0
     for spacing in SPACINGS:
         model = elastic(spacing)
         rock = FullSpace(model.p_speed, model.s_speed, model.density)
-        assert rock.p_speed * until < 2 * half - 2.6
+        assert rock.p_speed * until < 2 * half - 3.3
         setup = fh.Setup(square(half, spacing), model, fh.Fixed(), sources=[source], threads=1)
         found, times = (rows[::5] for rows in courses(setup, PLACES, until))
         known = np.stack([in_the_plane(rock, place - AT, times, solution) for place in np.array(PLACES)], axis=-1)
@@ -205,16 +205,17 @@ def test_in_space(kind):
 
 
 def moved(spacing, interpolation):
-    """How much a source between nodes differs from the same one on a node of a lattice that is shifted by a part of a
-    spacing; received on nodes of the first and, by the windowed sinc, between those of the second.
+    """How much it matters that source and receivers are between nodes: against those of a lattice that is shifted by a
+    part of a spacing, so that all of them are on nodes. They are so far apart that they have no nodes in common.
     """
     shift, signal, found = np.array([0.37, 0.21]) * spacing, fh.Ricker(0.12), []
     for by in (0.0, 1.0):
-        corner = np.full(2, -9.0) + by * shift
-        lattice = fh.Lattice(spacing, corner, corner + 18.0)
+        corner = np.full(2, -15.0) + by * shift
+        lattice = fh.Lattice(spacing, corner, corner + 30.0)
         source = fh.PointSource(shift, 1.0, signal, interpolation=interpolation)
         setup = fh.Setup(lattice, fh.Wave(fh.Kernel(2 * spacing)), fh.Fixed(), sources=[source], threads=1)
-        found.append(courses(setup, [(3.0, 0.0), (2.0, 2.0), (-3.0, 1.0)], 12.5)[0])
+        places = np.array([(8.5, 0.0), (6.5, 6.0), (-8.5, 2.0)]) + shift
+        found.append(courses(setup, places, 20.0)[0])
     return np.abs(found[1] - found[0]).max() / np.abs(found[0]).max()
 
 
