@@ -426,6 +426,7 @@ class Draw:
                     "within": {"lower": [-inner] * self.dim, "upper": [inner] * self.dim},
                 }
             ]
+        case |= self.recorders(kind)
         case["run"] = {
             "until": self.number(2, 8)
             * self.time
@@ -443,6 +444,34 @@ class Draw:
         if output:
             case["output"] = output
         return case
+
+    def recorders(self, kind: str) -> dict:
+        """What listens to a run between the nodes, at frequencies, across surfaces and from outside."""
+        found: dict = {}
+        if kind == "correspondence":
+            return found
+        waves = kind in ("wave", "elastic")
+        if self.chance(0.2):
+            record = ["u", "v"] if waves else ["u"]
+            points = [[self.number(-0.2, 0.2) * self.span for _ in range(self.dim)] for _ in range(3)]
+            found["receivers"] = [
+                {
+                    "points": points,
+                    "record": record,
+                    "every": self.one(1, 3),
+                    "interpolation": self.one("linear", "sinc"),
+                }
+            ]
+        if self.chance(0.1) and waves:
+            point = [0.1 * self.span] * self.dim
+            found["spectra"] = [{"points": [point], "frequencies": [0.05 / self.time], "interpolation": "linear"}]
+        if self.chance(0.1) and waves:
+            found["power"] = [{"axis": "x", "position": 0.1 * self.span}]
+        if self.chance(0.1) and kind in ("wave", "elastic", "diffusion"):
+            found["far_field"] = {"points": [[3.0 * self.span] * self.dim]}
+            if waves:
+                found["far_field"]["frequencies"] = [0.05 / self.time]
+        return found
 
     def case(self) -> dict:
         kinds = (
