@@ -7,7 +7,9 @@ import pytest
 
 import farhorizon as fh
 from drawn import is_picture
+from farhorizon.case.case import Case
 from farhorizon.cli import main
+from scaling import in_units
 
 CASE = """
 lattice = { spacing = 1.0, lower = [-12.0, -12.0], upper = [12.0, 12.0] }
@@ -51,6 +53,26 @@ def test_a_far_field_is_in_the_results_and_drawn(tmp_path, monkeypatch, capsys):
     for name in ("far_field_points_u", "far_field_pattern"):
         assert is_picture(tmp_path / "whole" / "a" / f"{name}.png")
     assert main(["check", "a.toml"]) == 0
+
+
+def test_a_far_field_is_the_same_in_si():
+    """Millimetres and two microseconds: fields have no unit, amplitudes that of time and of the root of a length,
+    energies that of length^2 / time beside a frequency.
+    """
+    length, time = 1e-3, 2e-6
+    unit = length**2 / time
+    found = []
+    for text in (CASE, in_units(CASE, length, time, 1.0)):
+        sim = Case(text).simulation()
+        sim.run(sim.dt * 105)
+        found.append(sim.recorders[0])
+    (one, other), (pattern, scaled) = found, [far.pattern() for far in found]
+    largest = np.abs(one.at()[1]).max()
+    np.testing.assert_allclose(other.at()[1], one.at()[1], atol=1e-11 * largest)
+    size = np.abs(pattern.amplitudes).max()
+    np.testing.assert_allclose(scaled.amplitudes / (time * length**0.5), pattern.amplitudes, atol=1e-9 * size)
+    np.testing.assert_allclose(scaled.intensities.sum((1, 2)) / unit, pattern.intensities.sum((1, 2)), rtol=1e-9)
+    np.testing.assert_allclose(other.energy() / unit, one.energy(), rtol=1e-9)
 
 
 @pytest.mark.parametrize(
