@@ -172,8 +172,8 @@ class Receivers(Recorder):
             check_blocks(setup, near, self.points, one, self.interpolation, "receivers.points")
         self._medium, self._background, self._dt = moduli_at(near, self.points), near.background, near.dt
         self.notes = self._aliased(near)
-        single = any(QUANTITIES[name].moving for name in self.record)  # the velocity takes the step before
-        return Wanted(np.zeros(0, np.int64), tuple(blocks), 1 if single else self.every)
+        self._moving = any(QUANTITIES[name].moving for name in self.record)  # these take the step before, too
+        return Wanted(np.zeros(0, np.int64), tuple(blocks), 1 if self._moving else self.every)
 
     def start(self, step: int, heard: Heard) -> None:
         rows = np.stack(heard.blocks, axis=-1)
@@ -183,20 +183,21 @@ class Receivers(Recorder):
         self._keep(step, rows[1:])
 
     def add(self, step: int, heard: Heard) -> None:
-        self._keep(step, np.stack(heard.blocks, axis=-1))
+        one = heard.blocks[0][..., None]  # of it all quantities make arrays of their own
+        self._keep(step, one if len(heard.blocks) == 1 else np.stack(heard.blocks, axis=-1))
 
     def _keep(self, step: int, rows: np.ndarray) -> None:
         """Take the field and its derivatives after the steps from number `step` on, shape (steps, n, components, 1 or 1
         + dim).
         """
-        earlier = np.concatenate([self._before, rows[:-1]])
-        steps = step + np.arange(len(rows))
-        kept = steps % self.every == 0
-        self._before = rows[-1:].copy()
-        if kept.any():
-            self._steps.append(steps[kept])
-            for name, values in self._recorded(rows[kept], earlier[kept]).items():
+        kept = slice(-step % self.every, None, self.every)
+        now = rows[kept]
+        if len(now):
+            before = np.concatenate([self._before, rows[:-1]])[kept] if self._moving else now
+            self._steps.append(np.arange(step, step + len(rows))[kept])
+            for name, values in self._recorded(now, before).items():
                 self._rows[name].append(values)
+        self._before = rows[-1:].copy()
 
     def _recorded(self, now: np.ndarray, before: np.ndarray) -> dict[str, np.ndarray]:
         """All quantities from the field and its derivatives now and a step before."""
