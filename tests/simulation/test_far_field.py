@@ -175,6 +175,12 @@ def test_sources_that_move_out_of_the_box_are_refused():
         sim.prepare(12.0)
 
 
+def test_names_that_results_would_have_twice_are_refused():
+    recorders = [fh.FarField(), fh.Receivers([(0.0, 0.0)], name="far_field_points")]
+    with pytest.raises(fh.InputError, match="two recorders have one name; value: far_field_points"):
+        fh.Simulation(_square(14), fh.Wave(_SCALAR), observe=recorders)
+
+
 def test_copies_have_what_was_recorded():
     """Of the run, and of the far field alone."""
     wave = fh.IncidentWave((1.0, 0.0), "sin(t/3)*exp(-((t-30)/6)**2)", 60.0)

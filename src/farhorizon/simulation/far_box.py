@@ -1,4 +1,4 @@
-"""What must lie inside the box of a far field, and what must not touch it."""
+"""What must lie inside the box of a far field, and what must not touch it; the medium around it."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from farhorizon.geometry.shapes import Box
 from farhorizon.inputs.cracks import cut_bonds
 from farhorizon.inputs.incidence import IncidentWave
 from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Setup, side_name
 
 _TIMES = 33  # at which sources that do not split into space and time are looked at
@@ -101,6 +102,16 @@ def check_window(hidden: np.ndarray | None, nodes: np.ndarray, box: Box) -> None
             key="far_field.box",
             remedy="a smaller box, or a larger window",
         )
+
+
+def steps_between_samples(near: NearField, frequencies: np.ndarray) -> int:
+    """Steps from one sample of a spectrum to the next: as many as leave its frequencies apart from all others that the
+    lattice carries, of which the highest is that of Verlet for the largest rate.
+    """
+    if not frequencies.size:
+        return 1
+    highest = np.arcsin(min(1.0, near.dt * float(np.sqrt(near.rate_limit)) / 2)) / (np.pi * near.dt)
+    return max(1, int(np.ceil(1 / (near.dt * (highest + float(frequencies.max()))))) - 1)
 
 
 def check_outside(setup: Setup, parts: Parts, box: Box, reach: np.ndarray) -> list[str]:

@@ -31,9 +31,9 @@ from farhorizon.simulation.far_box import (
     corner_nodes,
     is_around,
     medium_outside,
+    steps_between_samples,
 )
 from farhorizon.simulation.fourier_sums import FourierSums
-from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, recorder_name
 from farhorizon.simulation.setup import Setup
 
@@ -157,7 +157,7 @@ class FarField(Recorder):
         self._lattice, self._background, self._density = near.lattice, near.background, 1 / near.model.source_factor
         self._scheme = medium_outside(parts)
         self.frequencies = checked_frequencies(self._scheme, self.frequencies, "far_field.frequencies")
-        self._every = _steps_between_samples(near, self.frequencies)
+        self._every = steps_between_samples(near, self.frequencies)
         self._reach = near.lattice.spacing * np.array(self._scheme.stencil.reach, float)
         first, last = corner_nodes(near.lattice, self.box, self._scheme.stencil.reach)
         self._shell = Shell(self._scheme.stencil, first, last)
@@ -229,6 +229,10 @@ class FarField(Recorder):
 
     def forget(self) -> None:
         """Nothing: receivers need all that the shell had."""
+
+    @property
+    def names(self) -> list[str]:
+        return [self.name, f"{self.name}_points", f"{self.name}_pattern"]
 
     def concluded(self) -> list[Recorded]:
         found = []
@@ -487,13 +491,3 @@ class FarField(Recorder):
         self.notes = [one for one in self.notes if not one.startswith(note)]
         if self._last > _LEFT * self._largest:
             self.notes.append(f"{note}on its shell {self._last / self._largest:.2g} of the largest value is left")
-
-
-def _steps_between_samples(near: NearField, frequencies: np.ndarray) -> int:
-    """Steps from one sample of a spectrum to the next: as many as leave its frequencies apart from all others that the
-    lattice carries, of which the highest is that of Verlet for the largest rate.
-    """
-    if not frequencies.size:
-        return 1
-    highest = np.arcsin(min(1.0, near.dt * float(np.sqrt(near.rate_limit)) / 2)) / (np.pi * near.dt)
-    return max(1, int(np.ceil(1 / (near.dt * (highest + float(frequencies.max()))))) - 1)

@@ -73,6 +73,11 @@ class Recorder(ABC):
     def forget(self) -> None:
         """Keep no rows of the past: a file has them."""
 
+    @property
+    def names(self) -> list[str]:
+        """All names that it takes in results."""
+        return [self.name]
+
     def concluded(self) -> list[Recorded]:
         """What follows from all that was recorded, once the run has come to its end; nothing for most."""
         return []

@@ -30,7 +30,7 @@ class Recording:
 
     def __init__(self, setup: Setup, parts: Parts, recorders: Sequence[Recorder] = ()) -> None:
         self._near, self._grid, self.recorders = parts.near, parts.grid, list(recorders)
-        names = [one.name for one in self.recorders]
+        names = [name for one in self.recorders for name in one.names]
         for name in names:
             if names.count(name) > 1:
                 raise InputError(
