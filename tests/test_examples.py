@@ -57,6 +57,7 @@ def test_plate_with_an_insulating_crack_within_one_percent():
     assert script("insulating_crack")["differences"](0.015)[0] < 0.01
 
 
+@pytest.mark.slow
 def test_block_with_a_penny_crack():
     """The power falls when the crack opens, more for the insulating one, whose jump is about 4 radius / pi; the balance
     closes.

@@ -35,6 +35,7 @@ LARGE = [  # slow at full size; tests/test_examples.py has those that break on c
         "crack_scattering",
         "closed_disc",
         "backward_waves",
+        "indentation",
     )
 ]
 GROWING = EXAMPLES / "dispersive_pulse.toml"  # a kernel that the layer cannot absorb: it has a test of its own

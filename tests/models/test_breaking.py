@@ -295,7 +295,7 @@ def test_weak_waves_leave_as_those_of_the_stencil(nonlinear):
 
 
 RULES = [
-    pytest.param(dim, rule, marks=[pytest.mark.slow] if dim == 3 and rule != "harmonic" else [])
+    pytest.param(dim, rule, marks=[pytest.mark.slow] if dim == 3 else [])
     for dim in (2, 3)
     for rule in ("both", "arithmetic", "harmonic")
 ]

@@ -67,6 +67,7 @@ def good():
         "BodyForce": {"value": [1.0, 0.0]},
         "Box": {"lower": [0.0, 0.0], "upper": [1.0, 1.0]},
         "Body": {"lattice": lattice, "operator": kernel, "young": 1.0, "poisson": 0.25},
+        "Chirp": {"first": 0.1, "last": 0.2, "duration": 9.0},
         "Convection": {"where": "x-", "transfer": 1.0, "ambient": 0.0},
         "Corrosion": {"operator": kernel, "diffusivity": 1.0, "saturation": 0.9},
         "Crack": {"cut": square[:2]},
@@ -77,10 +78,12 @@ def good():
         "Exact": {},
         "Expression": {"text": "x", "dim": 2},
         "Extended": {},
+        "FarField": {"frequencies": [0.05], "points": [(9.0, 0.0)]},
         "FirstOrder": {},
         "Fixed": {},
         "Flux": {"where": "x-", "value": 1.0},
         "Free": {},
+        "Gaussian": {"width": 3.0},
         "Heat": {"operator": kernel},
         "Higdon": {},
         "Insulated": {"where": "x-"},
@@ -89,24 +92,43 @@ def good():
         "Kernel": {"horizon": 1.0},
         "Lattice": {"spacing": 0.5, "lower": (-1.0, -1.0), "upper": (1.0, 1.0)},
         "LatticePML": {},
+        "LineSource": {"points": [(-0.5, 0.0), (0.5, 0.0)], "strength": 1.0, "interpolation": "linear"},
+        "MomentTensor": {"at": (0.1, 0.2), "moment": 1.0, "interpolation": "linear"},
         "NonlocalPML": {},
         "Periodic": {},
+        "PhasedArray": {
+            "first": (-1.0, 0.0),
+            "last": (1.0, 0.0),
+            "elements": 3,
+            "strength": 1.0,
+            "time": fh.Ricker(0.1),
+            "interpolation": "linear",
+        },
         "PlaneWave": {},
         "PointCut": {"x": 0.1},
+        "PointForce": {"at": (0.1, 0.2), "force": (1.0, 0.0), "interpolation": "linear"},
+        "PointSource": {"at": (0.1, 0.2), "interpolation": "linear"},
         "Polygon": {"points": square},
         "PolygonCut": {"points": [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0)]},
         "Polyline": {"points": square},
+        "PowerThrough": {"surfaces": fh.Box((-1.0, -1.0), (1.0, 1.0))},
         "Prescribed": {"where": [[0.0, 0.0]], "value": 1.0},
+        "Receivers": {"points": [(0.1, 0.2)], "interpolation": "linear"},
         "Rectangle": {"corner": [0.0] * 3, "edge1": [1.0, 0.0, 0.0], "edge2": [0.0, 1.0, 0.0]},
+        "Ricker": {"frequency": 0.1},
         "RungeKuttaChebyshev": {"chebyshev": 5},
+        "Samples": {"values": [0.0, 1.0, 1.0, 0.0], "dt": 0.5},
         "Setup": {"lattice": lattice, "model": wave, "boundary": fh.LatticePML(nodes=4)},
         "Simulation": {"lattice": lattice, "model": wave, "boundary": fh.LatticePML(nodes=4)},
         "Source": {"value": 1.0, "time": 1.0},
+        "Spectra": {"where": [(0.1, 0.2)], "frequencies": [0.05], "interpolation": "linear"},
         "Specimen": {"where": disc, "concentration": 1.0},
         "Sponge": {},
+        "Step": {"rise": 3.0},
         "Stencil": {"offsets": [[1, 0], [-1, 0], [0, 1], [0, -1]], "weights": [1.0] * 4},
         "Temperature": {"where": "x-", "value": 1.0},
         "Text": {"text": "a", "height": 1.0},
+        "ToneBurst": {"frequency": 0.1, "cycles": 2},
         "Traction": {"side": "x-", "value": [1.0, 0.0]},
         "Wave": {"operator": kernel},
         "WholeSteps": {"every": 1.0},
@@ -127,6 +149,7 @@ NOT_CALLED = {
     "LatticeModel",
     "Probes",
     "Side",
+    "Signal",
     "tuned",
 }
 
@@ -192,6 +215,15 @@ def call(job):
         fh.Simulation(**{**setup, "boundary": made}).step(1)
     elif name in ("Wave", "Diffusion", "Heat"):
         fh.Simulation(**{**setup, "model": made}).step(1)
+    elif name in ("FarField", "PowerThrough", "Receivers", "Spectra"):
+        fh.Simulation(**{**setup, "initial": {"u": "exp(-9*(x**2 + y**2))"}, "observe": [made]}).step(2)
+    elif name in ("LineSource", "PhasedArray", "PointSource"):
+        fh.Simulation(**{**setup, "sources": [made]}).step(1)
+    elif name in ("MomentTensor", "PointForce"):
+        solid = {"model": fh.Elastic(fh.Kernel(1.0, 1), 1.0), "initial": {"u": [0.0, 0.0]}}
+        fh.Simulation(**{**setup, **solid, "sources": [made]}).step(1)
+    elif name in ("Chirp", "Gaussian", "Ricker", "Samples", "Step", "ToneBurst"):
+        fh.Simulation(**{**setup, "sources": [fh.PointSource((0.1, 0.2), time=made, interpolation="linear")]}).step(1)
     elif name == "Source":
         fh.Simulation(**{**setup, "boundary": fh.Fixed(), "sources": [made]}).step(1)
     elif name in ("Simulation", "Body"):
