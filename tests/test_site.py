@@ -77,6 +77,13 @@ def test_each_public_name_is_in_the_reference():
     assert sorted(listed) == sorted(fh.__all__)
 
 
+def test_each_example_script_has_a_picture_of_its_own():
+    """The build draws them; this is told at once."""
+    drawn = ast.parse((DOCS / "_extensions" / "scripts.py").read_text()).body
+    names = {node.name for node in drawn if isinstance(node, ast.FunctionDef)}
+    assert {path.stem for path in (ROOT / "examples").glob("*.py")} <= names
+
+
 def test_each_page_is_in_a_table_of_contents():
     """The build warns of others, too; this is told at once."""
     listed = set()

@@ -122,6 +122,21 @@ def side_drilled_hole(names: Names) -> Figure:
     return figure
 
 
+def cylinders(names: Names) -> Figure:
+    """Cross sections over frequency, measured at two spacings, beside the series."""
+    figure = Figure(figsize=(8.0, 3.6), layout="constrained")
+    fine = np.linspace(names["FREQUENCIES"][0], names["FREQUENCIES"][-1], 60)
+    for panel, rigid in zip(figure.subplots(1, 2), (False, True), strict=True):
+        panel.plot(fine, [names["series"](frequency, rigid) for frequency in fine], "k-", lw=0.8, label="Hankel series")
+        for spacing, marker in zip(names["SPACINGS"], "so", strict=True):
+            _, total = names["measured"](spacing, rigid)
+            panel.plot(names["FREQUENCIES"], total, marker, ms=4, label=f"spacing {spacing:g}")
+        panel.axhline(4 * names["RADIUS"], color="0.6", ls=":", label="twice the shadow")
+        panel.set(title="rigid" if rigid else "soft", xlabel="frequency", ylabel="cross section per length")
+    panel.legend(fontsize="small")
+    return figure
+
+
 def penny_crack(names: Names) -> Figure:
     sim = names["block"](0.0).run(2.0, progress=False)
     figure = Figure(figsize=(6.4, 4.4), layout="constrained")
