@@ -103,7 +103,9 @@ def test_command_computes(capsys, tmp_path):
     assert all(abs(row["ours"] / row["printed"] - 1) < 0.005 for row in found["rows"])
 
 
-#: By name, what each row's number must be: the exact value and how far from it, by the order of the method.
+#: By name, what each row's number must be: the exact value and how far from it. Ratios, orders and angles, and what the
+#: layers' target or rounding bounds, are held to what theory or their design says; errors of one grid, of which theory
+#: gives the order alone, to what was measured, rounded up, so that a change for the worse is told.
 BOUNDS = {
     "gaussian-bar": [(0.0, 1e-10), (0.0, 1e-3), (2.0, 0.1)],
     "gaussian-plane": [(0.0, 1e-4), (0.0, 1e-2), (2.0, 0.1)],

@@ -394,7 +394,7 @@ class Case:
         )
 
     def _source(self, part: Part, key: str) -> Any:
-        given = {"time": self._of_time(part.time, f"{key}.time")} if "time" in part.model_fields_set else {}  # type: ignore[attr-defined]
+        given = {"time": self._of_time(dict(part)["time"], f"{key}.time")} if "time" in part.model_fields_set else {}
         if not isinstance(part, SourcePart):
             return _built(part, source_kinds(), key, **given)
         value = self._expression(part.value, f"{key}.value")
@@ -568,9 +568,10 @@ class Case:
 
 def _built(part: Part, known: Mapping[str, Any], key: str, **changes: Any) -> Any:
     """What a table stands for that has a type and the fields of a dataclass, some of them changed."""
-    values = {name: getattr(part, name) for name in part.model_fields_set - {"type"}} | changes
+    given = dict(part)
+    values = {name: given[name] for name in part.model_fields_set - {"type"}} | changes
     try:
-        return known[part.type](**values)  # type: ignore[attr-defined]
+        return known[given["type"]](**values)
     except InputError as error:
         raise error.at(under(key, error.key)) from None
 
