@@ -82,7 +82,7 @@ def shot_record(names: Names) -> Figure:
     figure = Figure(figsize=(9.0, 4.8), layout="constrained")
     model, record = figure.subplots(1, 2)
     drawn = model.pcolormesh(x, y, names["ground"](sim.lattice), cmap="viridis", shading="nearest")
-    model.plot(*streamer.points.T, "w-", lw=1, label="streamer")
+    model.plot(*streamer.points.T, "C1-", lw=2, label="streamer")
     model.plot(*names["GUN"], "r*", label="air gun")
     model.set(aspect="equal", xlabel="m", ylabel="m", title="speed of sound in m/s")
     model.legend(loc="lower left", fontsize="small")
