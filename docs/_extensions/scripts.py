@@ -116,7 +116,9 @@ def side_drilled_hole(names: Names) -> Figure:
     section.set(xlabel="element", ylabel="us", ylim=(11, 5), title="received")
     total = names["a_scan"](probe)[late]
     scan.plot(total / np.abs(total).max(), probe.times[late] / us, lw=0.8)
-    scan.axhline(names["echo"](names["a_scan"](probe), probe.times)[1] / us, color="C3", ls=":", label="arrival by the ray")
+    scan.axhline(
+        names["echo"](names["a_scan"](probe), probe.times)[1] / us, color="C3", ls=":", label="time of the ray"
+    )
     scan.set(ylim=(11, 5), xlabel="sum with delays", title="A-scan")
     scan.legend(loc="upper right", fontsize="x-small")
     return figure
