@@ -284,6 +284,20 @@ def test_damage_is_a_field_of_bonds_that_break():
         )
 
 
+def test_a_run_to_the_static_state_has_a_latest_end():
+    text = GOOD.replace("until = 3.0", 'until = "static"\nlimit = 40.0\ntolerance = 0.01')
+    case = Case(text)
+    assert case.end == 40.0 and case.to_rest == {"tolerance": 0.01, "limit": 40.0}
+    assert case.setup.boundary["x-"].until == 40.0
+    for old, new, message in (
+        ("limit = 40.0\n", "", "a latest end"),
+        ('"static"', "3.0", r"run\.tolerance: only a run to the static state"),
+        ("= 0.01", "= -0.01", r"run\.tolerance: must be positive"),
+    ):
+        with pytest.raises(fh.InputError, match=message):
+            Case(text.replace(old, new))
+
+
 def test_a_list_is_for_vectors():
     with pytest.raises(fh.InputError, match="not as many entries"):
         Case(GOOD.replace('u = "exp(-4*(x**2+y**2))"', "u = [1.0, 2.0]"))

@@ -216,7 +216,7 @@ class TestWithoutDim:
         ),
         (
             lambda: waves(initial={"u": gauss}).run(until="soon"),
-            r"run\.until: must be a number; value: the text 'soon'",
+            r"run\.until: neither a time nor a state; value: the text 'soon'; limit: static",
         ),
     ],
 )

@@ -250,6 +250,7 @@ class Body(Run):
         self._intact_margin = self._find_margin()
         self._refuse_in_split_form(cracks, loads, drag)
         self.given |= {"dt": self.dt}
+        self.resting = self
         self._at_start(observe, int(np.prod(self.box)))
         if self.recorders:
             raise InputError(
@@ -342,7 +343,7 @@ class Body(Run):
         self.density = density
         fast, slow = np.sqrt((self.lame + 2 * self.shear) / density), np.sqrt(self.shear / density)
         self._fast = np.broadcast_to(fast, self.lattice.shape)
-        self.fast, self.slow = float(np.max(fast)), float(np.max(slow))
+        self.fast, self.slow, self._slowest = float(np.max(fast)), float(np.max(slow)), float(np.min(slow))
         self._reference = float(np.max(density))
         self.varied = any(np.ndim(value) > 0 for value in (young, poisson, density))
         place = int(np.argmax(self._fast))
@@ -1052,6 +1053,16 @@ class Body(Run):
         found = self.energies()
         return found.get("kinetic", 0.0) + found["strain"]
 
+    def kinetic(self) -> float | None:
+        if self.split:
+            return None  # velocities are not kept
+        density = self._reference * self._constant(engine.MASS, self._near_slices)
+        total = 0.5 * (density * self._view(self._v)[(slice(None), *self._near_slices)] ** 2).sum()
+        return float(total) * self.lattice.spacing**self.dim
+
+    def driven(self, t: float) -> list[np.ndarray]:
+        return [np.asarray(time(t), float) for time in self._times]
+
     def balance(self) -> dict[str, float]:
         """Where the work of the loads has gone since the start, for bodies with ``balance=True``.
 
@@ -1125,6 +1136,10 @@ class Body(Run):
     @property
     def crossing(self) -> float:
         return max(self.lattice.shape) * self.lattice.spacing / self.fast
+
+    @property
+    def slow_crossing(self) -> float:
+        return max(self.lattice.shape) * self.lattice.spacing / self._slowest
 
     def seconds_per_step(self) -> float:
         """Time of a step on this machine now, measured for a tenth of a second; the state stays as it is."""
@@ -1207,6 +1222,7 @@ class Body(Run):
             "start": list(self._start),
             "first": self._first,
             "cautions": self.cautions,
+            "peak": self.peak,
             "extra": extra,
         }
         write_checkpoint(path, arrays, {**meta, "setup": describe(self.given, arrays)})
@@ -1221,4 +1237,5 @@ class Body(Run):
         self.step_count = 0
         tick(self, int(meta["step"]))
         self.cautions = [Caution(*entry) for entry in meta["cautions"]]
+        self.peak = float(meta.get("peak", 0.0))
         return dict(meta["extra"])

@@ -45,6 +45,7 @@ from farhorizon.geometry.interpolation import points_on_grid, points_on_line
 from farhorizon.geometry.lattice import AXES
 from farhorizon.inputs.expressions import as_given, as_signal
 from farhorizon.simulation.recorder import Observer
+from farhorizon.simulation.rest import STATIC
 from farhorizon.simulation.run import Run
 from farhorizon.simulation.setup import keys
 from farhorizon.simulation.steps import WholeSteps, whole_steps
@@ -118,18 +119,30 @@ class Case:
         """Name of the results: the file's stem."""
         return self.path.stem
 
+    @property
+    def end(self) -> float:
+        """End of the run; of one to its static state the latest."""
+        run = self.parts.run
+        return float(run.limit if run.until == STATIC and run.limit is not None else run.until)
+
+    @property
+    def to_rest(self) -> dict[str, float]:
+        """What `Run.run` is told of a run to its static state."""
+        run = self.parts.run
+        return {name: value for name in ("tolerance", "limit") if (value := getattr(run, name)) is not None}
+
     def every(self, dt: float) -> float:
         """Time between two outputs with a time step; a fortieth of the run, or the number of steps next to it, unless
         given.
         """
         if self.parts.output.every is not None:
             return self.parts.output.every
-        return dt * max(1, round(self.parts.run.until / _OUTPUTS / dt))
+        return dt * max(1, round(self.end / _OUTPUTS / dt))
 
     @property
     def _asked(self) -> WholeSteps:
         """What is to be a whole number of steps."""
-        out, until = self.parts.output, self.parts.run.until
+        out, until = self.parts.output, self.end
         asked = {"output.every": out.every, "output.probe_every": out.probe_every, "run.until": until}
         return WholeSteps(**{name: interval for name, interval in asked.items() if interval is not None})
 
@@ -137,7 +150,7 @@ class Case:
         """The time step in place of the default one: it divides what is asked for, and a fortieth of the run if that
         comes for free.
         """
-        between = self.parts.run.until / _OUTPUTS
+        between = self.end / _OUTPUTS
         if self.parts.output.every is None and between >= default:
             try:
                 return WholeSteps(**self._asked.intervals, between=between)(default)
@@ -332,7 +345,7 @@ class Case:
         for side, part in self.parts.boundary.items():
             values = part.model_dump(exclude={"type"}, exclude_none=True)
             if "until" in type(part).model_fields:
-                values.setdefault("until", self.parts.run.until)
+                values.setdefault("until", self.end)
             try:
                 boundary[side] = kinds[part.type](**values)
             except InputError as error:
@@ -373,7 +386,7 @@ class Case:
             lattice=self.lattice,
             model=self.model,
             initial=self._initial(),
-            boundary=self._boundary() or fh.LatticePML(until=parts.run.until),
+            boundary=self._boundary() or fh.LatticePML(until=self.end),
             sources=[self._source(s, key) for s, key in zip(parts.source, keys("source", parts.source), strict=True)]
             + [self._incident(w) for w in parts.incident],
             specimens=[
@@ -527,19 +540,30 @@ class Case:
             raise error.at(under(key, error.key)) from None
 
     def _check_times(self) -> None:
-        out = self.parts.output
+        out, run = self.parts.output, self.parts.run
+        if run.until == STATIC and run.limit is None:
+            raise InputError(
+                "a run to the static state has a latest end, for which its layers are chosen",
+                key="run.limit",
+                remedy="some tens of the time in which the slowest wave crosses the near field",
+            )
+        for name, given in self.to_rest.items() if run.until != STATIC else ():
+            raise InputError(
+                "only a run to the static state has one", value=given, key=f"run.{name}", remedy='until = "static"'
+            )
         for name, value in (
             ("output.every", out.every),
             ("output.probe_every", out.probe_every),
-            ("run.until", self.parts.run.until),
+            ("run.until", self.end),
+            ("run.tolerance", run.tolerance),
         ):
             if value is not None and value <= 0:
                 raise InputError("must be positive", value=value, key=name)
-        if self.parts.run.until > _MOST_OUTPUTS * (out.every or self.parts.run.until):
+        if self.end > _MOST_OUTPUTS * (out.every or self.end):
             raise InputError(
                 "so many outputs cannot be written",
                 value=out.every,
-                limit=f">= {self.parts.run.until / _MOST_OUTPUTS:.3g}",
+                limit=f">= {self.end / _MOST_OUTPUTS:.3g}",
                 key="output.every",
                 remedy="fewer outputs; probes record every step",
             )

@@ -410,8 +410,13 @@ class PowerPart(Part):
 
 
 class RunPart(Part):
-    until: Number
-    """End of the run."""
+    until: Number | Literal["static"]
+    """End of the run; "static": when the waves have left."""
+    tolerance: Number | None = None
+    """Of a run to the static state: part of their largest value below which velocities are to fall; 1e-3 unless given.
+    """
+    limit: Number | None = None
+    """Of a run to the static state: its latest end, which it must have; layers are chosen for it."""
     dt: Number | None = None
     """Time step; half of the largest stable one unless given."""
     dtype: str = "float64"

@@ -15,8 +15,8 @@ def check_command(options: argparse.Namespace) -> int:
     case = case_of(options)
     sim = case.run()
     with case.naming():
-        sim.prepare(case.parts.run.until)
-    report = sim.check(case.parts.run.until, options.budget)
+        sim.prepare(case.end)
+    report = sim.check(case.end, options.budget)
     report.rows.append(("outputs", case.schedule(sim.dt)))
     report.notes = [*report.notes, *Probes(case.lattice, case.parts.output.probes).notes]
     print(report)

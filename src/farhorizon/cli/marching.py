@@ -52,7 +52,8 @@ def march(
         for note in (*sim.notes, *sim.probes.notes):
             print(f"note: {note}", file=sys.stderr)
         print(
-            f"{case.name}: {case.lattice.nodes} nodes, dt = {sim.dt:.6g}, {last} steps to t = {last * sim.dt:g}; "
+            f"{case.name}: {case.lattice.nodes} nodes, dt = {sim.dt:.6g}, {'at most ' * _to_rest(options, case)}"
+            f"{last} steps to t = {last * sim.dt:g}; "
             f"outputs {case.schedule(sim.dt)}"
         )
         record = _Record(writer, sim, case.fields, files.checkpoint)
@@ -71,7 +72,8 @@ def _advance(options: argparse.Namespace, case: Any, sim: Any, until: float, rec
 
     try:
         with said_plainly():
-            sim.run(until, case.every(sim.dt), allow_unstable=options.allow_unstable)
+            end = (case.parts.run.until, case.to_rest) if _to_rest(options, case) else (until, {})
+            sim.run(end[0], case.every(sim.dt), allow_unstable=options.allow_unstable, **end[1])
     except KeyboardInterrupt:
         if len(came) == 1:  # it ended between two steps
             record.keep()
@@ -85,7 +87,14 @@ def _advance(options: argparse.Namespace, case: Any, sim: Any, until: float, rec
         print(f"the last good checkpoint is {record.checkpoint}; {onward}", file=options.errors)
         raise
     record.keep()
+    if _to_rest(options, case):
+        print(f"{case.name}: ended at t = {sim.time:g}")
     return GOOD
+
+
+def _to_rest(options: argparse.Namespace, case: Any) -> bool:
+    """Whether the run goes on until it is static, and not to a time."""
+    return options.until is None and isinstance(case.parts.run.until, str)
 
 
 def _taken_up(sim: Any, files: RunFiles) -> Any:

@@ -21,7 +21,7 @@ def run_command(options: argparse.Namespace) -> int:
     from farhorizon.files.storage import locked, remove_leftovers
 
     case = case_of(options)
-    until = case.parts.run.until if options.until is None else options.until
+    until = case.end if options.until is None else options.until  # of a run to its static state the latest
     if not (np.isfinite(until) and until > 0):
         raise InputError("the end of the run must be positive", value=until, key="--until")
     files = RunFiles(Path(options.out), case.name)

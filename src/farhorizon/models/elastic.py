@@ -267,6 +267,11 @@ class Elastic(LatticeModel):
         return float(np.sqrt(self.p_modulus / self.density))
 
     @property
+    def speed_ratio(self) -> float:  # type: ignore[override]
+        """Of P waves to S waves."""
+        return self.p_speed / self.s_speed
+
+    @property
     def s_speed(self) -> float:
         """Speed of long S waves."""
         return float(np.sqrt(self.shear / self.density))

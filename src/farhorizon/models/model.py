@@ -74,6 +74,8 @@ class LatticeModel:
         Largest factor that the model itself puts on bonds.
     mechanical : bool
         Whether loads and tractions act on it.
+    speed_ratio : float
+        Of the fastest long waves to the slowest.
     target : float
         Error that sides keep unless they are given one: of waves relative to the largest value, of diffusion to the
         largest at the same time.
@@ -104,6 +106,7 @@ class LatticeModel:
     bonds: bool = True
     strongest: float = 1.0
     mechanical: bool = False
+    speed_ratio: float = 1.0
     target: float = 1e-5
     tag: ClassVar[str]
     known: ClassVar[dict[str, type[LatticeModel]]] = {}

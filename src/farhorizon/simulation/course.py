@@ -64,8 +64,16 @@ def checked_end(until: Any, dt: float) -> float:
     return until
 
 
-def go(run: Advancing, last: int, count: int | None, show: bool) -> None:
-    """Advance to a step; observers are called every `count` steps and at the end.
+def go(
+    run: Advancing,
+    last: int,
+    count: int | None,
+    show: bool,
+    ended: Callable[[], bool] | None = None,
+    pace: int | None = None,
+) -> bool:
+    """Advance to a step; observers are called every `count` steps and at the end. Returns whether `ended`, which is
+    asked every `pace` steps, has ended it before.
 
     Raises
     ------
@@ -76,14 +84,20 @@ def go(run: Advancing, last: int, count: int | None, show: bool) -> None:
 
     with tqdm(total=max(last - run.step_count, 0), disable=not show, unit="step", leave=False) as bar:
         while run.step_count < last:
-            stop = last if count is None else min(last, (run.step_count // count + 1) * count)
+            due = [(run.step_count // every + 1) * every for every in (count, pace) if every is not None]
+            stop = min([last, *due])
             while run.step_count < stop:
                 before = run.step_count
                 run.step(min(run.guard_steps, stop - run.step_count))
                 bar.update(run.step_count - before)
                 if run.stop_requested and run.step_count < stop:
                     raise KeyboardInterrupt
-            for observer in run.observers:
-                observer(run)
+            over = ended is not None and pace is not None and not run.step_count % pace and ended()
+            if over or run.step_count == last or (count is not None and not run.step_count % count):
+                for observer in run.observers:
+                    observer(run)
+            if over:
+                return True
             if run.stop_requested and run.step_count < last:
                 raise KeyboardInterrupt
+    return False

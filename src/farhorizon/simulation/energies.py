@@ -11,6 +11,14 @@ from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Sides
 
 
+def kinetic_energy(near: NearField, grid: Grid) -> float:
+    """Of waves, half a step ago."""
+    engine = grid.engine
+    mass = near.lattice.spacing**near.lattice.dim / near.model.source_factor
+    rate = (_shown(near, grid, engine.current).astype(float) - _shown(near, grid, engine.older)) / near.dt
+    return float(mass * 0.5 * (rate**2).sum())
+
+
 def energies(
     near: NearField, sides: Sides, grid: Grid, ends: ExactEnds | None, breaking: Breaking | None, work: bool
 ) -> dict[str, float]:
@@ -25,9 +33,8 @@ def energies(
         squared = _shown(near, grid, engine.current).astype(float) * _shown(near, grid, engine.older)
         own["reaction"] = float(mass * 0.5 * engine.reaction * squared.sum())
     if breaking is not None:
-        kinetic = (_shown(near, grid, engine.current).astype(float) - _shown(near, grid, engine.older)) / near.dt
         return own | {
-            "kinetic": float(mass * 0.5 * (kinetic**2).sum()),
+            "kinetic": kinetic_energy(near, grid),
             "strain": breaking.strain_energy(),
             "work": mass * engine.work,
             "broken": mass * engine.bonds.broken[0],

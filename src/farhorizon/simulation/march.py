@@ -11,7 +11,7 @@ import numpy as np
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.checkpoint import Arrays, state_of, take_rest, take_state
 from farhorizon.simulation.drives import Moving
-from farhorizon.simulation.energies import energies
+from farhorizon.simulation.energies import energies, kinetic_energy
 from farhorizon.simulation.feed import Feed
 from farhorizon.simulation.flow_balance import FlowBalance
 from farhorizon.simulation.overstretch import IntactMargin
@@ -89,6 +89,28 @@ class March:
         """Energies of the near field by name, see `farhorizon.Simulation.energies`."""
         parts = self.parts
         return energies(parts.near, parts.around.sides, parts.grid, parts.ends, parts.breaking, self.setup.lasting)
+
+    @property
+    def slow_crossing(self) -> float:
+        """The time that the slowest wave takes to cross the near field."""
+        return self.parts.near.slow_crossing
+
+    def kinetic(self) -> float | None:
+        """Kinetic energy of the near field; None of what diffuses."""
+        return kinetic_energy(self.parts.near, self.parts.grid) if self.parts.near.model.order == 2 else None
+
+    def driven(self, t: float) -> list[np.ndarray]:
+        """What drives it at a time: amplitudes of what splits into space and time, values of what does not; conditions,
+        prescribed nodes, and which cracks are open.
+        """
+        near = self.parts.near
+        drives = [*self.feed.drives, *near.conditions.drives]
+        followed = [
+            np.array([one.at(t), 1.0] if t <= (np.inf if one.until is None else one.until) else [0.0, 0.0])
+            for one in near.prescribed.constraints
+        ]
+        opened = np.array([crack.opens <= t for crack in self.setup.cracks], float)
+        return [*(np.asarray(time(t), float) for _, time in drives), *followed, opened]
 
     def fields(self) -> dict[str, np.ndarray]:
         """Copies of the near field by name, see `farhorizon.Simulation`."""

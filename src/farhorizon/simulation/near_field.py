@@ -111,6 +111,12 @@ class NearField:
         return self.model.crossing(max(self.lattice.shape) * self.lattice.spacing, max(self.strongest, 1e-300))
 
     @property
+    def slow_crossing(self) -> float:
+        """As `crossing`, of the slowest wave, or where the medium diffuses slowest."""
+        length = max(self.lattice.shape) * self.lattice.spacing
+        return self.model.speed_ratio * self.model.crossing(length, max(self.weakest, 1e-300))
+
+    @property
     def material(self) -> np.ndarray:
         """The factor on bonds at each node, nan where there is no node."""
         lattice = self.lattice

@@ -26,6 +26,7 @@ from farhorizon.simulation.kept import packed
 from farhorizon.simulation.overstretch import IntactMargin
 from farhorizon.simulation.probes import Probes
 from farhorizon.simulation.recorder import Observer, Recorder
+from farhorizon.simulation.rest import Resting, coming_to_rest
 from farhorizon.simulation.resume import stored
 from farhorizon.simulation.steps import last_step, steps_between
 
@@ -76,6 +77,10 @@ class Run(ABC):
         Set it (from a signal handler, an observer) to end `run` with KeyboardInterrupt between two steps.
     probes : Probes or None
         What `record` has made.
+    peak : float
+        The largest kinetic energy, of diffusion the largest value, that a run to its static state has seen.
+    resting : Resting
+        What tells whether the run has come to rest.
     cautions : list of Caution
         From when on the result is doubtful, and why; each has been a `ValidityWarning` when it was found.
     given : dict
@@ -87,6 +92,7 @@ class Run(ABC):
     stencil: Stencil
     dt: float
     probes: Probes | None = None
+    resting: Resting
 
     def _at_start(self, observe: Sequence[Observer], nodes: int) -> None:
         """Before the first step of a run that computes so many nodes."""
@@ -97,6 +103,7 @@ class Run(ABC):
         self.cautions: list[Caution] = []
         self._next_look = 0  # step of the next look at the margin
         self.time, self.step_count = 0.0, 0
+        self.peak = 0.0
         self._examination = Examination()
         self._remarks: list[str] = []
         self.guard_steps = max(1, min(_GUARD_STEPS, _GUARD_STEPS * _GUARD_NODES // max(nodes, 1)))
@@ -124,32 +131,53 @@ class Run(ABC):
         return last_step(until, self.dt)
 
     def run(
-        self, until: float, every: float | None = None, progress: bool | None = None, allow_unstable: bool = False
+        self,
+        until: float | str,
+        every: float | None = None,
+        progress: bool | None = None,
+        allow_unstable: bool = False,
+        tolerance: float | None = None,
+        limit: float | None = None,
     ) -> Self:
-        """Run to a time; observers are called every `every` time units and at the end.
+        """Run to a time, or until it has come to rest; observers are called every `every` time units and at the end.
 
         Parameters
         ----------
-        until : float
-            The run stops at the first step at or after it; `time` says when that was.
+        until : float or "static"
+            The run stops at the first step at or after it; `time` says when that was. "static": it stops when the
+            waves have left, see `farhorizon.simulation.rest.Rest`.
         every : float, optional
             A whole number of steps: build the run with ``dt=WholeSteps(every=...)`` where it matters.
         progress : bool, optional
             Show a bar; on terminals only unless given.
         allow_unstable : bool
             Run although something grows tenfold or more until then, see `examine`.
+        tolerance : float, optional
+            Of a run to the static state: part of their largest value below which velocities are to fall, 1e-3 unless
+            given.
+        limit : float, optional
+            Of a run to the static state: the latest end, for which layers are chosen, too; a hundred times as long as
+            the slowest wave takes to cross the near field unless given. A `ValidityWarning` tells of a run that ended
+            there.
 
         Raises
         ------
         InputError
             An end that is not finite, a time between outputs that is not a whole number of steps, a run that is not
-            stable.
+            stable, or one to the static state whose loads change up to its latest end.
         """
-        until = checked_end(until, self.dt)
+        rest = coming_to_rest(self, until, tolerance, limit)
+        end = checked_end(until, self.dt) if rest is None else rest.limit
         count = None if every is None else steps_between(every, self.dt)
-        last = self.prepare(until)
-        self.examine(until, allow_unstable)
-        go(self, last, count, sys.stderr.isatty() if progress is None else progress)
+        last = self.prepare(end)
+        self.examine(end, allow_unstable)
+        show = sys.stderr.isatty() if progress is None else progress
+        if rest is None:
+            go(self, last, count, show)
+        elif go(self, last, count, show, lambda: rest.reached(self), rest.pace):
+            self._remarks.append(f"static at t = {self.time:.6g}, to a tolerance of {rest.tolerance:g}")
+        else:
+            say_doubt(self, "not static", f"the run, ended by its limit, is not static to {rest.tolerance:g}")
         return self
 
     def record(self, points: Any, every: float | None = None) -> Probes:

@@ -184,7 +184,7 @@ class Simulation(Run):
         self._at_start(observe, int(np.prod(self.engine.core.nodes)))
         self._end = 0.0  # of the run, as far as it is known
         self._settling = Settling(parts.autos, [key for key, b in self.sides.items() if b.open_ended])
-        self._march = March(setup, parts)
+        self.resting = self._march = March(setup, parts)
         self._recording = Recording(setup, parts, self.recorders)
 
     # --- running -----------------------------------------------------------------------------------------------
@@ -449,7 +449,7 @@ class Simulation(Run):
         """Write the complete state, boundary memory included, under a temporary name and rename it."""
         arrays, meta = self._march.state(self.step_count)
         arrays |= self._recording.state()
-        meta |= {"fingerprint": self._fingerprint(), "cautions": self.cautions, "extra": extra}
+        meta |= {"fingerprint": self._fingerprint(), "cautions": self.cautions, "peak": self.peak, "extra": extra}
         meta["setup"] = describe(self.given, arrays)
         write_checkpoint(path, arrays, meta)
 
@@ -460,4 +460,5 @@ class Simulation(Run):
         tick(self, self._march.take(arrays, meta))
         self._recording.take(arrays, self.step_count)
         self.cautions = [Caution(*entry) for entry in meta["cautions"]]
+        self.peak = float(meta.get("peak", 0.0))
         return dict(meta["extra"])

@@ -1,0 +1,166 @@
+"""Coming to rest: until when a run to its static state goes, without any damping but the waves that leave."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.errors import InputError
+from farhorizon.simulation.course import checked_end
+from farhorizon.simulation.steps import last_step
+
+STATIC = "static"
+TOLERANCE = 1e-3
+_PATIENCE = 100  # windows up to the latest end, unless it is given
+_LOOKS = 16  # in a window
+
+
+class Resting(Protocol):
+    """What tells whether a run has come to rest."""
+
+    @property
+    def slow_crossing(self) -> float:
+        """The time that the slowest wave takes to cross the near field; of diffusion R^2/D."""
+
+    def kinetic(self) -> float | None:
+        """Kinetic energy of the near field; None of what diffuses, and where velocities are not kept."""
+
+    def driven(self, t: float) -> Sequence[np.ndarray]:
+        """What drives it at a time, as numbers that tell whether it changes."""
+
+
+class Running(Protocol):
+    """A run that may come to rest."""
+
+    dt: float
+    time: float
+    step_count: int
+    peak: float
+    resting: Resting
+
+    @property
+    def fields(self) -> dict[str, np.ndarray]:
+        """Copies of the near field by name."""
+
+
+@dataclass
+class Rest:
+    """Whether a run has come to rest.
+
+    Waves: the kinetic energy has stayed below the squared tolerance times its largest value, velocities below the
+    tolerance times theirs, for as long as the slowest wave takes to cross the near field. What diffuses has no such
+    time, for it comes to rest like a power of the time: there the field would change in as much time again as has
+    passed since its loads stayed by less than the tolerance times its largest value. Nothing that drives the run
+    changes any more.
+
+    Attributes
+    ----------
+    tolerance : float
+    limit : float
+        The latest end.
+    settled : float
+        Time from which on nothing that drives the run changes by more than the tolerance times its largest value.
+    window, pace : int
+        Steps for which a run has to be quiet, and from one look to the next.
+    quiet : int or None
+        The first step of those that have been quiet since.
+    """
+
+    tolerance: float
+    limit: float
+    settled: float
+    window: int
+    pace: int
+    quiet: int | None = None
+    _before: np.ndarray | None = None
+
+    @classmethod
+    def of(cls, run: Running, tolerance: float | None, limit: float | None) -> Rest:
+        """The end of a run that comes to rest.
+
+        Parameters
+        ----------
+        run : Running
+        tolerance : float, optional
+            1e-3 unless given.
+        limit : float, optional
+            A hundred times the time that the slowest wave takes to cross the near field unless given.
+
+        Raises
+        ------
+        InputError
+            What drives the run changes up to the latest end.
+        """
+        tolerance = TOLERANCE if tolerance is None else kinds.number(tolerance, "run.tolerance", above=0, below=1)
+        window = run.resting.slow_crossing
+        limit = run.time + _PATIENCE * window if limit is None else kinds.number(limit, "run.limit", above=0)
+        limit = checked_end(limit, run.dt)
+        steps = max(_LOOKS, last_step(window, run.dt))
+        looks = np.linspace(run.time, limit, max(2, int(_LOOKS * (limit - run.time) / window)))
+        settled = _last_change(run.resting, looks, tolerance)
+        if settled > limit - window:
+            raise InputError(
+                "what drives the run changes up to its latest end, so that it does not come to rest",
+                value=f"t = {settled:.6g}",
+                limit=f"{limit:.6g}, less {window:.6g} for the slowest wave",
+                key="run.until",
+                remedy="loads that stay or end, a later limit, or a time",
+            )
+        return cls(tolerance, limit, settled, steps, steps // _LOOKS)
+
+    def reached(self, run: Running) -> bool:
+        """Look at the run as it is now."""
+        still = run.time >= self.settled and self._still(run)
+        if not still:
+            self.quiet = None
+        elif self.quiet is None:
+            self.quiet = run.step_count
+        return self.quiet is not None and run.step_count - self.quiet >= self.window
+
+    def _still(self, run: Running) -> bool:
+        kinetic = run.resting.kinetic()
+        if kinetic is not None:
+            run.peak = max(run.peak, kinetic)
+            return kinetic <= self.tolerance**2 * run.peak
+        now, before = run.fields["u"], self._before
+        self._before = now
+        run.peak = max(run.peak, float(np.nanmax(np.abs(now))))
+        if before is None:
+            return False
+        rate = float(np.nanmax(np.abs(now - before))) / (self.pace * run.dt)
+        return rate * (run.time - self.settled) <= self.tolerance * run.peak
+
+
+def _last_change(run: Resting, times: np.ndarray, tolerance: float) -> float:
+    """The last of some times at which what drives a run is not what it is at the last one."""
+    final = run.driven(float(times[-1]))
+    sizes, apart = np.zeros((2, len(times), len(final)))
+    for row, t in enumerate(times):
+        for column, (now, end) in enumerate(zip(run.driven(float(t)), final, strict=True)):
+            sizes[row, column] = np.abs(now).max(initial=0)
+            apart[row, column] = np.abs(now - end).max(initial=0)
+    changing = np.flatnonzero((apart > tolerance * sizes.max(0, initial=0)).any(1))
+    return float(times[min(changing[-1] + 1, len(times) - 1)]) if changing.size else float(times[0])
+
+
+def coming_to_rest(run: Running, until: Any, tolerance: float | None, limit: float | None) -> Rest | None:
+    """How a run comes to its static state; None of one to a time.
+
+    Raises
+    ------
+    InputError
+        An end in other words, a tolerance or a limit of a run to a time, loads that change up to the limit.
+    """
+    if isinstance(until, str):
+        kinds.one_of(until, "run.until", (STATIC,), "neither a time nor a state")
+        return Rest.of(run, tolerance, limit)
+    for name, value in (("tolerance", tolerance), ("limit", limit)):
+        if value is not None:
+            raise InputError(
+                "only a run to the static state has one", value=value, key=f"run.{name}", remedy='until="static"'
+            )
+    return None
