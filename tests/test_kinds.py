@@ -141,6 +141,7 @@ RIGHT = {
     },
     "Higdon": {"angles": (0.0, 45.0), "shift": None},
     "ImageMask": {"image": np.ones((2, 2), bool), "width": 1.0, "centre": (0.0, 0.0), "threshold": 0.5},
+    "IncidentField": {"field": "cos(x)*cos(t)", "within": None},
     "IncidentWave": {"direction": (1.0, 0.0), "signal": "sin(t)", "duration": 1.0, "polarisation": "P", "within": None},
     "Insulated": {"where": "x-", "kind": "mirror", "within": None},
     "Kernel": {

@@ -19,7 +19,7 @@ from farhorizon.case.schema import schema
 
 DOCS = Path(__file__).resolve().parents[1]
 CASES = [*sorted((DOCS.parent / "examples").glob("*.toml")), *sorted((DOCS / "tutorials").glob("*.toml"))]
-CLASSES = {"ImagePart": "ImageMask", "IncidentPart": "IncidentWave"}  # others: without "Part"
+CLASSES = {"ImagePart": "ImageMask"}  # others: without "Part"
 WORDS = {"number": "a number", "integer": "a whole number", "string": "a text", "boolean": "true or false"}
 
 

@@ -42,7 +42,7 @@ from farhorizon.inputs.conditions import Insulated as Insulated
 from farhorizon.inputs.conditions import Temperature as Temperature
 from farhorizon.inputs.cracks import Crack as Crack
 from farhorizon.inputs.expressions import Expression as Expression
-from farhorizon.inputs.incidence import IncidentWave as IncidentWave
+from farhorizon.inputs.incident_fields import IncidentField as IncidentField
 from farhorizon.inputs.loads import BodyForce as BodyForce
 from farhorizon.inputs.loads import Traction as Traction
 from farhorizon.inputs.local_sources import LineSource as LineSource
@@ -50,6 +50,7 @@ from farhorizon.inputs.local_sources import MomentTensor as MomentTensor
 from farhorizon.inputs.local_sources import PointForce as PointForce
 from farhorizon.inputs.local_sources import PointSource as PointSource
 from farhorizon.inputs.phased_arrays import PhasedArray as PhasedArray
+from farhorizon.inputs.plane_waves import IncidentWave as IncidentWave
 from farhorizon.inputs.prescribed import Prescribed as Prescribed
 from farhorizon.inputs.signals import Chirp as Chirp
 from farhorizon.inputs.signals import Gaussian as Gaussian

@@ -24,7 +24,6 @@ from farhorizon.case.schema import (
     ConstraintPart,
     CrackPart,
     FarFieldPart,
-    IncidentPart,
     Part,
     PowerPart,
     PrescribedPart,
@@ -33,6 +32,7 @@ from farhorizon.case.schema import (
     SpectraPart,
     TractionPart,
     case_part,
+    incident_kinds,
     model_kinds,
     side_kinds,
     signal_kinds,
@@ -388,7 +388,7 @@ class Case:
             initial=self._initial(),
             boundary=self._boundary() or fh.LatticePML(until=self.end),
             sources=[self._source(s, key) for s, key in zip(parts.source, keys("source", parts.source), strict=True)]
-            + [self._incident(w) for w in parts.incident],
+            + [self._incident(w, key) for w, key in zip(parts.incident, keys("incident", parts.incident), strict=True)],
             specimens=[
                 fh.Specimen(s.region.build(f"specimen[{i}].region"), s.concentration)
                 for i, s in enumerate(parts.specimen)
@@ -413,10 +413,13 @@ class Case:
         value = self._expression(part.value, f"{key}.value")
         return fh.Source(value, **given) if given else value
 
-    def _incident(self, part: IncidentPart) -> fh.IncidentWave:
-        signal = self._of_time(part.signal, "incident.signal")
-        within = None if part.within is None else fh.Box(part.within.lower, part.within.upper)
-        return fh.IncidentWave(part.direction, signal, part.duration, part.polarisation, within)
+    def _incident(self, part: Part, key: str) -> Any:
+        given, changes = dict(part), {}
+        if "signal" in given:
+            changes["signal"] = self._of_time(given["signal"], f"{key}.signal")
+        if given["within"] is not None:
+            changes["within"] = fh.Box(given["within"].lower, given["within"].upper)
+        return _built(part, incident_kinds(), key, **changes)
 
     def _body_setup(self, model: BodyPart) -> dict[str, Any]:
         parts = self.parts

@@ -23,6 +23,7 @@ from farhorizon.boundaries import Side
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Shape
 from farhorizon.inputs.conditions import Constraint
+from farhorizon.inputs.incidence import Incident
 from farhorizon.inputs.local_sources import LocalSource
 from farhorizon.inputs.signals import Signal
 from farhorizon.models import LatticeModel
@@ -259,23 +260,6 @@ class SourcePart(Part):
     """Factor of t: an expression, or a table with a signal."""
 
 
-class IncidentPart(Part):
-    """A plane wave that comes from far away."""
-
-    direction: list[Number]
-    """Along which it travels; its length does not matter."""
-    signal: Factor
-    """Displacement as a function of t, where the wave meets the near field first: an expression, or a table with a
-    signal.
-    """
-    duration: Number
-    """The signal is zero before 0 and after it."""
-    polarisation: Literal["P", "S"] | list[Number] = "P"
-    """Of elastic waves P, S or a direction."""
-    within: BoxPart | None = None
-    """Contains all that scatters; the near field less two reaches of the stencil unless given."""
-
-
 class TractionPart(Part):
     """A force per area on a free side of an elastic medium."""
 
@@ -461,8 +445,8 @@ class CasePart(Part):
     """Cuts of bonds."""
     source: list[SourcePart] = []
     """Right-hand sides."""
-    incident: list[IncidentPart] = []
-    """Plane waves from far away."""
+    incident: list[Any] = []
+    """Waves from outside."""
     load: list[Any] = []
     """Forces on an elastic medium."""
     constraint: list[Any] = []
@@ -514,7 +498,12 @@ def source_kinds() -> dict[str, Any]:
     return _kinds_of(LocalSource)
 
 
-def _kinds_of(base: type[Signal] | type[LocalSource]) -> dict[str, Any]:
+def incident_kinds() -> dict[str, Any]:
+    """The incident waves by what they are called, those that users define among them."""
+    return _kinds_of(Incident)
+
+
+def _kinds_of(base: type[Signal] | type[LocalSource] | type[Incident]) -> dict[str, Any]:
     known = [kind for kind in base.known.values() if is_dataclass(kind) and not isabstract(kind)]
     return {kind.tag: kind for kind in sorted(known, key=lambda kind: kind.__name__)}
 
@@ -611,13 +600,17 @@ def _of_toml(hint: Any) -> Any:
 
 def case_part() -> type[CasePart]:
     """A whole case file, with the sides, models, sources and signals that are known now."""
-    known = (side_kinds(), model_kinds(), source_kinds(), signal_kinds())
+    known = (side_kinds(), model_kinds(), source_kinds(), signal_kinds(), incident_kinds())
     return _case_part(*(tuple(kinds.values()) for kinds in known))
 
 
 @lru_cache(maxsize=64)
 def _case_part(
-    sides: tuple[Any, ...], models: tuple[Any, ...], sources: tuple[Any, ...], signals: tuple[Any, ...]
+    sides: tuple[Any, ...],
+    models: tuple[Any, ...],
+    sources: tuple[Any, ...],
+    signals: tuple[Any, ...],
+    waves: tuple[Any, ...],
 ) -> type[CasePart]:
     factor = _tagged({_PLAIN: str | Number, **{kind.tag: part_of(kind) for kind in signals}}, _PLAIN)
     side: Any = _one_of([*map(part_of, sides)])
@@ -625,7 +618,7 @@ def _case_part(
     local = {kind.tag: _timed(part_of(kind), factor, "time") for kind in sources}
     lists = {
         "source": _tagged({"source": _timed(SourcePart, factor), **local}, "source"),
-        "incident": _timed(IncidentPart, factor),
+        "incident": _tagged({kind.tag: _incident(kind, factor) for kind in waves}, fh.IncidentWave.tag),
         "load": load,
         "constraint": constraint,
     }
@@ -652,6 +645,16 @@ def _tagged(options: Mapping[str, Any], plain: str) -> Any:
         return value.get("type", plain) if isinstance(value, Mapping) else getattr(value, "type", plain)
 
     return Annotated[reduce(or_, [Annotated[one, Tag(name)] for name, one in options.items()]), Discriminator(tag)]
+
+
+def _incident(kind: Any, factor: Any) -> type[Part]:
+    """The table of an incident wave, which is a plane one where it has no type; its box is a table, too."""
+    part, plain = part_of(kind), kind is fh.IncidentWave
+    keys = part.model_fields
+    given: dict[str, Any] = {"within": (BoxPart | None, keys["within"])}
+    if plain:
+        given["type"] = (Literal[kind.tag], Field(kind.tag, description=keys["type"].description))
+    return create_model(part.__name__, __base__=_timed(part, factor, "signal"), __doc__=part.__doc__, **given)
 
 
 def _timed(part: type[Part], factor: Any, *names: str) -> type[Part]:

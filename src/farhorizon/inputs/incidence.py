@@ -1,334 +1,359 @@
-"""Plane waves that come from far away: the field inside a box is the total one, outside it the scattered one."""
+"""Waves that come from outside: the field inside a box is the total one, outside it the scattered one."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from farhorizon import kinds
-from farhorizon.analysis.references.pulse import PlanePulse
+from farhorizon.analysis.references.driven import Scheme
 from farhorizon.errors import InputError, shown
 from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.geometry.shapes import Box, Cut
-from farhorizon.inputs.expressions import as_signal
-from farhorizon.medium.stencil import Stencil
+from farhorizon.medium.shell import Shell
 
-_POLARISATIONS = ("P", "S")
+End = tuple[int, int]  # axis and side, -1 or +1
+_CLOSE = 1e-6  # of a spacing: places nearer to each other than this are one
 
 
-@dataclass(frozen=True)
-class IncidentWave(Storable):
-    r"""A plane wave that falls on whatever is inside a box, exact on the lattice.
+@dataclass(frozen=True, eq=False)
+class Region:
+    """The box of an incident wave on a lattice, and the medium there.
 
-    Inside the box `within` the field is the total one, outside it only what is scattered, which the absorbing sides
-    take. On the box's faces the two are joined by the sources :math:`\chi L u_i - L (\chi u_i)` with the incident wave
-    :math:`u_i`, a sum of the lattice's own plane waves, and
-    :math:`\chi` 1 inside and 0 outside: without a scatterer nothing leaves the box but rounding.
-
-    Parameters
+    Attributes
     ----------
-    direction : sequence of float
-        Along which it travels; its length does not matter.
-    signal : callable, str or Expression
-        Displacement as a function of t, where the wave meets the box first.
-    duration : float
-        The signal is zero before 0 and after it.
-    polarisation : "P", "S" or sequence of float
-        Of elastic waves. In three dimensions an S wave needs its displacement's direction, at right angles to
-        `direction`.
-    within : Box, optional
-        The near field less two reaches of the stencil unless given. It contains all that scatters, two reaches inside
-        its faces.
-
-    Raises
-    ------
-    InputError
-        A direction without length, a duration that is not positive, a signal that is no function of t, an unknown
-        polarisation.
-
-    Examples
-    --------
-    >>> import farhorizon as fh
-    >>> plane = fh.IncidentWave((1.0, 0.0), "exp(-(t - 6)**2/2)", duration=12.0)
-    >>> lattice = fh.Lattice(0.5, (-6.0, -6.0), (6.0, 6.0))
-    >>> notch = [[(0.25, -1.0), (0.25, 1.0)]]
-    >>> sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), sources=[plane], cracks=notch)
-    >>> len(sim.incident)
-    1
+    lattice : Lattice
+    scheme : Scheme
+        Of the medium at the faces of the box and outside.
+    first, last : ndarray of int, shape (dim,)
+        Least and largest index of the box along each axis.
+    surface : (axis, side), optional
+        The free side on which the box stands.
     """
 
-    direction: Sequence[float]
-    signal: Any
-    duration: float
-    polarisation: str | Sequence[float] = "P"
-    within: Box | None = None
+    lattice: Lattice
+    scheme: Scheme
+    first: np.ndarray
+    last: np.ndarray
+    surface: End | None = None
 
-    def __post_init__(self) -> None:
-        if not kinds.array(self.direction, "incident.direction", shape=(None,)).any():
-            raise InputError(
-                "an incident wave needs a direction",
-                value=self.direction,
-                limit="one component an axis, not all zero",
-                key="incident.direction",
-            )
-        kinds.settle(
-            self,
-            duration=kinds.number(self.duration, "incident.duration", above=0),
-            signal=as_signal(self.signal, "incident.signal"),
-        )
-        if isinstance(self.polarisation, str):
-            kinds.one_of(self.polarisation, "incident.polarisation", _POLARISATIONS, "unknown polarisation")
-        else:
-            kinds.array(self.polarisation, "incident.polarisation", shape=(None,))
-        if self.within is not None:
-            kinds.instance(self.within, "incident.within", Box, "a Box")
+    @property
+    def nodes(self) -> np.ndarray:
+        """Indices of the nodes of the box, shape (n, dim)."""
+        counts = self.last - self.first + 1
+        return np.asarray(np.indices(counts).reshape(len(counts), -1).T + self.first)
 
-    def at(self, t: float) -> float:
-        """The signal at a time."""
-        return float(kinds.array(self.signal(t), "incident.signal", shape=())) if 0 <= t <= self.duration else 0.0
+    @property
+    def shell(self) -> Shell:
+        """Nodes with a bond through a face; there is none where the medium ends."""
+        first, last = self.first.copy(), self.last.copy()
+        if self.surface is not None:
+            axis, side = self.surface
+            (first if side < 0 else last)[axis] += side * self.scheme.stencil.reach[axis]
+        return Shell(self.scheme.stencil, first, last, self.lattice.shape)
 
-    def resolved(self, lattice: Lattice, reach: Sequence[int], walls: Sequence[tuple[int, int]] = ()) -> IncidentWave:
+    def places(self, nodes: np.ndarray) -> np.ndarray:
+        """Coordinates of nodes (n, dim)."""
+        return np.asarray(self.lattice.lower + self.lattice.spacing * nodes)
+
+
+class Passage(ABC):
+    """What an incident wave does on the nodes of a lattice.
+
+    Attributes
+    ----------
+    period : float
+        From then on it is zero.
+    midway : float
+        A time at which it is on its way through the box.
+    rests : bool
+        Whether it has not come to the box yet at the start.
+    notes : list of str
+        What is to be known.
+    """
+
+    period: float = np.inf
+    midway: float = 0.0
+    rests: bool = False
+    notes: Sequence[str] = ()
+
+    @abstractmethod
+    def at(self, nodes: np.ndarray) -> Callable[[float], np.ndarray]:
+        """The displacement of nodes (n, dim) as a function of t, of shape (components, n)."""
+
+    def foresee(self, until: float) -> list[str]:
+        """What is to be known of a run to a time.
+
+        Raises
+        ------
+        InputError
+            A wave that is not known for so long.
+        """
+        return []
+
+
+class Incident(Storable, ABC):
+    """A wave that falls on whatever is inside a box.
+
+    Attributes
+    ----------
+    within : Box, optional
+        It contains all that scatters, two reaches of the stencil inside its faces.
+    plane : bool
+        Whether it is a single plane wave in an open medium, of which cross sections are known.
+    undamped : bool
+        Whether it is one of an undamped medium.
+    tag : str
+        Its `type` in a case file: ``IncidentField`` is "incident-field".
+    known : dict of str to type
+        All such waves by name, those that users define among them.
+    """
+
+    within: Box | None
+    plane: ClassVar[bool] = False
+    undamped: ClassVar[bool] = True
+    tag: ClassVar[str]
+    known: ClassVar[dict[str, type[Incident]]] = {}
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        cls.tag = kinds.hyphened(cls.__name__)
+        Incident.known[cls.__name__] = cls
+
+    @abstractmethod
+    def passage(self, region: Region) -> Passage:
+        """The wave in a medium.
+
+        Raises
+        ------
+        InputError
+            A wave that this medium does not carry.
+        """
+
+    def on(self, dim: int) -> Self:
+        """The wave in space of so many dimensions, with every text in it as an expression of these coordinates."""
+        return self
+
+    def surface_met(self, free: Sequence[End]) -> End | None:
+        """The one of the free sides on which the box stands where none is given; None for most."""
+        return None
+
+    def resolved(self, lattice: Lattice, reach: Sequence[int], ends: Mapping[End, bool] | None = None) -> Self:
         """The same wave with its box.
 
         Parameters
         ----------
         lattice : Lattice
         reach : sequence of int
-        walls : sequence of (axis, side)
-            Sides at which the medium ends.
+        ends : mapping of (axis, side) to bool, optional
+            Sides at which the medium ends, and whether they are free.
 
         Raises
         ------
         InputError
-            A box that is not inside the near field by one reach, or reaches a side at which the medium ends, or is so
+            A box that is not inside the near field by one reach, but for one free side on which it may stand, or is so
             small that its faces' neighbourhoods meet.
         """
-        more = lattice.spacing * np.array(reach)
-        box = self.within or Box(tuple(lattice.lower + 2 * more), tuple(lattice.upper - 2 * more))
-        lower, upper = (np.asarray(b, float) for b in box.bounds())
-        if lower.size != lattice.dim or np.size(self.direction) != lattice.dim:
+        ends, more = ends or {}, lattice.spacing * np.array(reach)
+        if self.within is None:
+            low, high = lattice.lower + 2 * more, lattice.upper - 2 * more
+            met = self.surface_met([end for end, free in ends.items() if free])
+            if met is not None:
+                axis, side = met
+                (low if side < 0 else high)[axis] = (lattice.lower if side < 0 else lattice.upper)[axis]
+        else:
+            low, high = (np.array(bound, float) for bound in self.within.bounds())
+        if low.size != lattice.dim:
             raise InputError(
                 "an incident wave and the lattice differ in dimension",
-                value=np.size(self.direction),
+                value=low.size,
                 limit=lattice.dim,
                 key="incident",
             )
-        close = 1e-6 * lattice.spacing
-        outside = (lower - more < lattice.lower - close) | (upper + more > lattice.upper + close)
-        past = {-1: lower - more < lattice.lower - close, 1: upper + more > lattice.upper + close}
-        beyond = [(axis, side) for axis, side in walls if past[side][axis]]
-        if beyond:
-            names = ", ".join(AXES[axis] + "-+"[side > 0] for axis, side in beyond)
+        close = _CLOSE * lattice.spacing
+        stands = {-1: low < lattice.lower + close, 1: high > lattice.upper - close}
+        surfaces = [end for end, free in ends.items() if free and stands[end[1]][end[0]]]
+        for axis, side in surfaces:
+            (low if side < 0 else high)[axis] = (lattice.lower if side < 0 else lattice.upper)[axis]
+        self._check_box(lattice, more, low, high, ends, surfaces)
+        return replace(self, within=Box(tuple(low.tolist()), tuple(high.tolist())))  # type: ignore[type-var]
+
+    @staticmethod
+    def _check_box(
+        lattice: Lattice,
+        more: np.ndarray,
+        low: np.ndarray,
+        high: np.ndarray,
+        ends: Mapping[End, bool],
+        surfaces: Sequence[End],
+    ) -> None:
+        """Refuse a box whose faces are too near to the sides, or to each other."""
+        close = _CLOSE * lattice.spacing
+        near = {-1: low - more < lattice.lower - close, 1: high + more > lattice.upper + close}
+        beyond = [(axis, side) for axis, side in ends if near[side][axis] and (axis, side) not in surfaces]
+        if beyond or len(surfaces) > 1:
             raise InputError(
-                "an incident wave is the wave of the open medium, which does not know the surface that it would fall "
-                "on",
-                value=names,
+                "an incident wave does not know the surface that it would fall on"
+                if beyond
+                else "an incident wave knows one free surface",
+                value=_names(beyond or surfaces),
                 key="incident.within",
-                limit="one reach away from sides at which the medium ends",
+                limit="one reach away from sides at which the medium ends, or standing on one that is free",
                 remedy="a source below the surface, or initial data in the form of the wave",
             )
+        for axis, side in surfaces:
+            near[side][axis] = False
+        outside = near[-1] | near[1]
         if outside.any():
             axis = int(np.argmax(outside))
             limits = shown((lattice.lower + more)[axis]), shown((lattice.upper - more)[axis])
             raise InputError(
                 f"the box of an incident wave reaches too far along {AXES[axis]}: one reach of the near field must be "
                 "left around it",
-                value=f"{shown(lower[axis])} to {shown(upper[axis])}",
+                value=f"{shown(low[axis])} to {shown(high[axis])}",
                 key="incident.within",
                 limit=f"within {limits[0]} to {limits[1]}",
                 remedy="a smaller box, or a larger near field",
             )
-        if (upper - lower < 4 * more - close).any():
+        if (high - low < 4 * more - close).any():
             raise InputError(
                 "the box of an incident wave is too small",
-                value=(upper - lower).tolist(),
+                value=(high - low).tolist(),
                 limit=f"sides of {(4 * more).tolist()}",
                 key="incident.within",
                 remedy="enlarge the near field",
             )
-        return IncidentWave(
-            self.direction,
-            self.signal,
-            self.duration,
-            self.polarisation,
-            Box(tuple(lower.tolist()), tuple(upper.tolist())),
-        )
 
-    def vector(self, components: int) -> np.ndarray | None:
-        """Unit vector of the displacement; None for scalar fields.
 
-        Raises
-        ------
-        InputError
-            A displacement neither along the direction nor at right angles to it; "S" in three dimensions.
-        """
-        if components == 1:
-            return None
-        along = np.asarray(self.direction, float) / np.linalg.norm(self.direction)
-        if self.polarisation == "P":
-            return along
-        if self.polarisation == "S":
-            if components == 3:
-                raise InputError(
-                    "an S wave in three dimensions needs the direction of its displacement",
-                    value="S",
-                    key="incident.polarisation",
-                    limit="a vector at right angles to the direction",
-                )
-            return np.array([-along[1], along[0]])
-        vector = np.asarray(self.polarisation, float)
-        length = float(np.linalg.norm(vector))
-        if vector.shape != along.shape or not length > 0:
-            raise InputError(
-                "a polarisation has one component an axis, not all zero",
-                value=self.polarisation,
-                key="incident.polarisation",
-            )
-        vector = vector / length
-        if 1e-6 < abs(vector @ along) < 1 - 1e-6:
-            raise InputError(
-                "a wave's displacement is along its direction (P) or at right angles to it (S)",
-                value=self.polarisation,
-                limit=f"direction {along.tolist()}",
-                key="incident.polarisation",
-            )
-        return vector
+def _names(ends: Sequence[End]) -> str:
+    return ", ".join(AXES[axis] + "-+"[side > 0] for axis, side in ends)
+
+
+def standing_on(box: Box, lattice: Lattice, free: Sequence[End]) -> list[End]:
+    """The free sides on which a box stands."""
+    low, high = (np.asarray(bound, float) for bound in box.bounds())
+    close = _CLOSE * lattice.spacing
+    stands = {-1: low < lattice.lower + close, 1: high > lattice.upper - close}
+    return [(axis, side) for axis, side in free if stands[side][axis]]
 
 
 class Incidence:
-    """An incident wave on a lattice: what joins total and scattered field.
+    r"""An incident wave on a lattice: what joins total and scattered field.
+
+    The sources :math:`\chi L u_i - L (\chi u_i)` of the incident wave :math:`u_i`, with :math:`\chi` 1 inside the box
+    and 0 outside, need it on the nodes with a bond through a face alone (`farhorizon.medium.shell.Shell`).
 
     Parameters
     ----------
-    wave : IncidentWave
+    wave : Incident
         With its box.
     lattice : Lattice
-    stencil : Stencil
-    coefficient : float
+    scheme : Scheme
         Of the medium outside the box, for which the wave is made.
-    dt : float
-    operator : callable
-        L of a field of the lattice's shape (with components first), zero beyond it.
+    free : sequence of (axis, side)
+        Free sides.
 
     Attributes
     ----------
-    pulse : PlanePulse
-    start : float
-        Where, along its direction from the origin, the wave meets the box first and has its signal.
+    passage : Passage
+    region : Region
 
     Raises
     ------
     InputError
-        As `PlanePulse`.
+        As `Incident.passage`.
     """
 
-    def __init__(
-        self,
-        wave: IncidentWave,
-        lattice: Lattice,
-        stencil: Stencil,
-        coefficient: float,
-        dt: float,
-        operator: Callable[[np.ndarray], np.ndarray],
-    ) -> None:
-        self.wave, self._operator = wave, operator
-        direction = np.asarray(wave.direction, float) / np.linalg.norm(wave.direction)
-        along = sum(n * x for n, x in zip(direction, np.ix_(*lattice.axes), strict=True))
-        self._shape = (stencil.components, *lattice.shape)
-        box = self._slices(lattice, 0)
-        self.start = float(along[box].min())
-        self._along = along - self.start
-        self.pulse = PlanePulse(
-            stencil,
-            coefficient,
-            lattice.spacing,
-            dt,
-            direction,
-            wave.vector(stencil.components),
-            wave.at,
-            wave.duration,
-            float(self._along[box].max()),
-        )
-        reach = np.array(stencil.reach)
-        self._inside = self._mask(lattice, box, self._slices(lattice, -2 * reach))
-        self._outside_in = self._mask(lattice, self._slices(lattice, reach), self._slices(lattice, -reach))
-        self._values = self.pulse.at(self._along[self._inside])
-
-    def _slices(self, lattice: Lattice, more: np.ndarray | int) -> tuple[slice, ...]:
-        """Nodes of the box grown by some nodes an axis."""
-        assert self.wave.within is not None
-        lower, upper = (np.asarray(b, float) for b in self.wave.within.bounds())
-        first = np.ceil((lower - lattice.lower) / lattice.spacing - 1e-6).astype(int) - more
-        last = np.floor((upper - lattice.lower) / lattice.spacing + 1e-6).astype(int) + more
-        return tuple(slice(int(a), int(b) + 1) for a, b in zip(first, last, strict=True))
-
-    @staticmethod
-    def _mask(lattice: Lattice, outer: tuple[slice, ...], inner: tuple[slice, ...]) -> np.ndarray:
-        """Nodes of one box without those of a smaller one."""
-        mask = np.zeros(lattice.shape, bool)
-        mask[outer] = True
-        mask[inner] = False
-        return mask
+    def __init__(self, wave: Incident, lattice: Lattice, scheme: Scheme, free: Sequence[End] = ()) -> None:
+        assert wave.within is not None
+        low, high = (np.asarray(bound, float) for bound in wave.within.bounds())
+        first = np.ceil((low - lattice.lower) / lattice.spacing - _CLOSE).astype(int)
+        last = np.floor((high - lattice.lower) / lattice.spacing + _CLOSE).astype(int)
+        surfaces = standing_on(wave.within, lattice, free)
+        self.wave, self._lattice, self._dt = wave, lattice, scheme.dt
+        self.region = Region(lattice, scheme, first, last, surfaces[0] if surfaces else None)
+        self.passage = wave.passage(self.region)
+        shell = self.region.shell
+        self._values = self.passage.at(shell.nodes)
+        self._joins = -scheme.rate * shell.commutator
+        self._nodes = np.ravel_multi_index(tuple(shell.nodes.T), lattice.shape)
+        self._components = scheme.stencil.components
 
     def source(self, t: float) -> np.ndarray:
-        """``chi a - L (chi u)`` on the lattice, of displacement u and acceleration a of the wave; zero once it has
-        passed.
+        """``chi L u - L (chi u)`` of the wave on the lattice; zero once it has passed."""
+        force = np.zeros((self._components, int(np.prod(self._lattice.shape))))
+        if t < self.passage.period:
+            force[:, self._nodes] = (self._joins @ self._values(t).ravel()).reshape(self._components, -1)
+        return self._shaped(force)
+
+    def initial(self) -> tuple[np.ndarray, np.ndarray]:
+        """The wave inside its box at the start, and its velocity there, in the scheme's own sense ``(u(dt) - u(-dt)) /
+        (2 dt)``.
         """
-        force = np.zeros(self._shape)
-        if t < self.pulse.period:
-            displacement = np.zeros(self._shape)
-            displacement[:, self._inside], force[:, self._inside] = self._values(t)
-            force -= self._operator(displacement.reshape(self._field_shape)).reshape(self._shape)
-            force[:, ~self._outside_in] = 0
-        return force.reshape(self._field_shape)
+        nodes = self.region.nodes
+        wave = self.passage.at(nodes)
+        where = np.ravel_multi_index(tuple(nodes.T), self._lattice.shape)
+        found = np.zeros((2, self._components, int(np.prod(self._lattice.shape))))
+        found[0][:, where] = wave(0.0)
+        found[1][:, where] = (wave(self._dt) - wave(-self._dt)) / (2 * self._dt)
+        return self._shaped(found[0]), self._shaped(found[1])
 
     def field(self, t: float) -> np.ndarray:
         """The incident wave everywhere on the lattice, of the field's shape."""
-        if t >= self.pulse.period:
-            return np.zeros(self._field_shape)
-        return self.pulse.at(self._along.ravel())(t)[0].reshape(self._field_shape)
+        if t >= self.passage.period:
+            return self._shaped(np.zeros((self._components, int(np.prod(self._lattice.shape)))))
+        nodes = np.indices(self._lattice.shape).reshape(self._lattice.dim, -1).T
+        return self._shaped(self.passage.at(nodes)(t))
 
-    @property
-    def midway(self) -> float:
-        """A time at which the pulse is on its way through the box."""
-        return (self.wave.duration + self.pulse.distance / self.pulse.speed) / 2
-
-    @property
-    def _field_shape(self) -> tuple[int, ...]:
-        return self._shape if self._shape[0] > 1 else self._shape[1:]
+    def _shaped(self, values: np.ndarray) -> np.ndarray:
+        shape = self._lattice.shape
+        return values.reshape((self._components, *shape) if self._components > 1 else shape)
 
 
 def check_scatterers(
-    wave: IncidentWave, lattice: Lattice, reach: Sequence[int], cuts: Sequence[Cut], material: np.ndarray
-) -> None:
-    """Cracks, holes and other materials must be inside the box, two reaches from its faces.
+    wave: Incident,
+    lattice: Lattice,
+    reach: Sequence[int],
+    cuts: Sequence[Cut],
+    material: np.ndarray,
+    free: Sequence[End] = (),
+) -> float:
+    """What the bonds outside the box are multiplied with: cracks, holes and other materials must be inside it, two
+    reaches from its faces.
 
     Parameters
     ----------
-    wave : IncidentWave
+    wave : Incident
         With its box.
     lattice : Lattice
     reach : sequence of int
     cuts : sequence of Cut
     material : ndarray
         Of the lattice's shape: what the bonds are multiplied with, nan where there are no nodes.
+    free : sequence of (axis, side)
+        Free sides, on which the box may stand: it has no face there.
 
     Raises
     ------
     InputError
     """
     assert wave.within is not None
-    lower, upper = (np.asarray(b, float) for b in wave.within.bounds())
+    close = _CLOSE * lattice.spacing
+    lower, upper = (np.array(b, float) for b in wave.within.bounds())
     more = 2 * lattice.spacing * np.array(reach)
-    lower, upper = lower + more, upper - more
-    limit = f"{lower.tolist()} to {upper.tolist()}"
+    open_sides = standing_on(wave.within, lattice, free)
+    lower, upper = lower + more - close, upper - more + close
+    for axis, side in open_sides:
+        (lower if side < 0 else upper)[axis] = side * np.inf
+    limit = f"{shown(np.maximum(lower, lattice.lower))} to {shown(np.minimum(upper, lattice.upper))}"
     for cut in cuts:
         low, high = (np.asarray(b, float) for b in cut.bounds())
-        if (low < lower - 1e-9).any() or (high > upper + 1e-9).any():
+        if (low < lower).any() or (high > upper).any():
             raise InputError(
                 "a crack reaches to the faces of an incident wave's box",
                 value=[low.tolist(), high.tolist()],
@@ -338,13 +363,20 @@ def check_scatterers(
             )
     inner = np.ones(lattice.shape, bool)
     for axis, places in enumerate(lattice.axes):
-        within = (places >= lower[axis] - 1e-9) & (places <= upper[axis] + 1e-9)
+        within = (places >= lower[axis]) & (places <= upper[axis])
         inner &= within.reshape([-1 if a == axis else 1 for a in range(lattice.dim)])
     outside: Any = material[~inner]
-    if outside.size and not np.ptp(outside) == 0:
+    if not np.ptp(outside) == 0:
         raise InputError(
             "the medium is not uniform near the faces of an incident wave's box, or beyond",
             limit=limit,
             key="incident.within",
             remedy="enlarge the near field",
         )
+    return float(outside.flat[0])
+
+
+def check_within(within: Any) -> None:
+    """InputError unless it is a box, or none."""
+    if within is not None:
+        kinds.instance(within, "incident.within", Box, "a Box")

@@ -31,6 +31,9 @@ class Shell:
         Of the medium at the faces and outside.
     first, last : array_like of int, shape (dim,)
         Least and largest index of the box along each axis.
+    extent : array_like of int, shape (dim,), optional
+        Nodes that exist: indices from 0 to less than it. Bonds to others are absent, so that a box that goes on beyond
+        a free side is open there. All nodes exist unless given.
 
     Notes
     -----
@@ -49,18 +52,25 @@ class Shell:
     stencil: Stencil
     first: ArrayLike
     last: ArrayLike
+    extent: ArrayLike | None = None
 
     @cached_property
     def nodes(self) -> np.ndarray:
         """Indices of the nodes with a bond through a face, in order; shape (W, dim)."""
         first, last, reach = np.array(self.first), np.array(self.last), np.array(self.stencil.reach)
         grid = np.indices(last - first + 2 * reach + 1).reshape(len(reach), -1).T + first - reach
-        near = grid[~((grid >= first + reach) & (grid <= last - reach)).all(1)]
+        near = grid[~((grid >= first + reach) & (grid <= last - reach)).all(1) & self._exist(grid)]
         inside = self.contains(near)
         crossed = np.zeros(len(near), bool)
         for offset in self.stencil.offsets:
-            crossed |= self.contains(near + offset) != inside
+            crossed |= (self.contains(near + offset) != inside) & self._exist(near + offset)
         return near[crossed]
+
+    def _exist(self, nodes: np.ndarray) -> np.ndarray:
+        """Whether nodes exist."""
+        if self.extent is None:
+            return np.ones(len(nodes), bool)
+        return np.asarray(((nodes >= 0) & (nodes < np.array(self.extent))).all(-1))
 
     def contains(self, nodes: np.ndarray) -> np.ndarray:
         """Whether nodes, indices of shape (.., dim), are in the box."""
@@ -87,7 +97,7 @@ class Shell:
         rows, columns, values = [], [], []
         for offset, weight in zip(self.stencil.offsets, weights, strict=True):
             other = nodes + offset
-            jump = self.contains(other).astype(float) - self.inside
+            jump = (self.contains(other).astype(float) - self.inside) * self._exist(other)
             (i,) = np.nonzero(jump)
             j = numbers[np.ravel_multi_index(tuple((other[i] - low).T), tuple(extent))]
             for a, b in zip(*np.nonzero(weight), strict=True):

@@ -139,7 +139,7 @@ def assemble(setup: Setup) -> Parts:
         notes.append(f"cracks leave {alone} nodes without any bond: they move freely")
     held = rest_and_damp(near, around, cuts, setup.rim == "fixed")
     ends = exact_ends_of(near, sides, grid)
-    incident = [incidence(wave, near, sides, grid, cuts_given, notes) for wave in waves]
+    incident = [incidence(wave, near, sides, cuts_given, notes) for wave in waves]
     driving += [(None, lambda t, one=one: one.source(t) / model.source_factor) for one in incident]
     return Parts(
         near,

@@ -8,23 +8,21 @@ from typing import Any
 
 import numpy as np
 
+from farhorizon.analysis.references.driven import Scheme
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Cut
-from farhorizon.inputs.incidence import Incidence, IncidentWave, check_scatterers
+from farhorizon.inputs.incidence import Incidence, Incident, check_scatterers, standing_on
 from farhorizon.inputs.loads import BodyForce, Traction, force_density
 from farhorizon.inputs.local_sources import LocalSource
 from farhorizon.inputs.outside import Beyond
 from farhorizon.inputs.signals import Signal
 from farhorizon.inputs.sources import Source, as_source, by_component, space_and_time, split, steady
 from farhorizon.medium.integrators import Verlet
-from farhorizon.simulation.grid import Grid
 from farhorizon.simulation.near_field import NearField
-from farhorizon.simulation.setup import Setup, Sides, keys, side_name
+from farhorizon.simulation.setup import Key, Setup, Sides, keys, side_name
 
 Drive = tuple[np.ndarray | None, Callable[..., Any]]
-
-_SAID = 1e-9  # part of an incident wave's signal that a note is worth
 
 
 @dataclass(frozen=True)
@@ -94,14 +92,14 @@ def given(setup: Setup, near: NearField, sides: Sides) -> list[tuple[str, Any]]:
 
 def _plain(setup: Setup) -> list[Any]:
     """Sources without incident waves."""
-    return [source for source in setup.sources if not isinstance(source, IncidentWave)]
+    return [source for source in setup.sources if not isinstance(source, Incident)]
 
 
 def signals(setup: Setup) -> list[tuple[str, Signal]]:
     """The signals of sources, incident waves, loads and prescribed nodes whose spectra are known, each after what it is
     called in messages.
     """
-    waves = [source for source in setup.sources if isinstance(source, IncidentWave)]
+    waves = [source for source in setup.sources if isinstance(source, Incident)]
     named = [("source", _plain(setup)), ("incident", waves), ("load", setup.loads), ("constraint", setup.constraints)]
     timed = [
         (f"{key}.{name}", getattr(one, name, None))
@@ -141,11 +139,15 @@ def _of_load(load: BodyForce | Traction, lattice: Lattice, sides: Sides, key: st
     return found
 
 
-def incident_waves(setup: Setup, near: NearField, sides: Sides) -> list[IncidentWave]:
+def ends_of(sides: Sides) -> dict[Key, bool]:
+    """Sides at which the medium ends, and whether they are free surfaces."""
+    return {key: not b.bonded for key, b in sides.items() if not (b.endless or b.periodic)}
+
+
+def incident_waves(setup: Setup, near: NearField, sides: Sides) -> list[Incident]:
     """Incident waves with their boxes."""
-    walls = [key for key, b in sides.items() if not (b.endless or b.periodic)]
-    waves = [source for source in setup.sources if isinstance(source, IncidentWave)]
-    return [wave.resolved(setup.lattice, near.stencil.reach, walls) for wave in waves]
+    waves = [source for source in setup.sources if isinstance(source, Incident)]
+    return [wave.resolved(setup.lattice, near.stencil.reach, ends_of(sides)) for wave in waves]
 
 
 def split_drives(sources: Sequence[tuple[str, Any]], near: NearField, beyond: Beyond) -> Drives:
@@ -181,9 +183,7 @@ def _split_part(
     return unit * values, moment
 
 
-def incidence(
-    wave: IncidentWave, near: NearField, sides: Sides, grid: Grid, cuts: Sequence[Cut], notes: list[str]
-) -> Incidence:
+def incidence(wave: Incident, near: NearField, sides: Sides, cuts: Sequence[Cut], notes: list[str]) -> Incidence:
     """What joins the total field inside a wave's box to the scattered one outside it; `notes` gets what is to be known.
 
     Raises
@@ -191,31 +191,26 @@ def incidence(
     InputError
         A medium in which no such wave travels, or one that scatters outside the box.
     """
-    lattice, model, engine = near.lattice, near.model, grid.engine
-    if not isinstance(model.integrator, Verlet) or model.damping:
+    lattice, model = near.lattice, near.model
+    if not isinstance(model.integrator, Verlet) or (model.damping and wave.undamped):
         raise InputError(
-            "an incident wave travels through an undamped medium of second order",
+            "an incident wave travels through an undamped medium of second order"
+            if wave.undamped
+            else "an incident wave travels through a medium of second order",
             value=type(model).__name__,
             key="incident",
-            limit="Wave or Elastic with damping = 0",
+            limit="Wave or Elastic with damping = 0" if wave.undamped else "Wave or Elastic",
             remedy="a source, or initial data",
         )
-    walls = [side_name(*key) for key, b in sides.items() if not b.endless]
+    free = [key for key, is_free in ends_of(sides).items() if is_free]
+    factor = check_scatterers(wave, lattice, near.stencil.reach, cuts, near.material, free)
+    assert wave.within is not None
+    known = standing_on(wave.within, lattice, free)
+    walls = [side_name(*key) for key, b in sides.items() if not b.endless and key not in known]
     if walls:
-        notes.append(f"only what is scattered meets {', '.join(walls)}: an incident wave knows the open medium alone")
-    material = near.material
-    check_scatterers(wave, lattice, near.stencil.reach, cuts, material)
-
-    def operator(values: np.ndarray) -> np.ndarray:
-        level = np.zeros_like(engine.current)
-        part = grid.view(level)
-        part[...] = values.reshape(part.shape)
-        return grid.view(engine.apply_core(level)).reshape(values.shape)
-
-    found = Incidence(wave, lattice, near.stencil, model.coefficient * float(material.flat[0]), near.dt, operator)
-    if found.pulse.lost > _SAID:
-        notes.append(
-            f"a part of {found.pulse.lost:.1g} of an incident wave's signal is shorter than the lattice carries: "
-            "so much leaks from its box"
-        )
+        notes.append(f"only what is scattered meets {', '.join(walls)}: an incident wave does not know them")
+    rate = factor * model.coefficient / lattice.spacing**2
+    scheme = Scheme.of(near.stencil.beside(factor), rate, model.integrator, near.dt, model.damping)
+    found = Incidence(wave, lattice, scheme, free)
+    notes += found.passage.notes
     return found

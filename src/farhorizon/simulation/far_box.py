@@ -11,7 +11,7 @@ from farhorizon.errors import InputError, shown
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Box
 from farhorizon.inputs.cracks import cut_bonds
-from farhorizon.inputs.incidence import IncidentWave
+from farhorizon.inputs.incidence import Incident
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Setup, side_name
@@ -150,7 +150,7 @@ def check_moving(parts: Parts, box: Box, reach: np.ndarray, until: float) -> lis
     return notes
 
 
-def is_around(box: Box, wave: IncidentWave) -> bool:
+def is_around(box: Box, wave: Incident) -> bool:
     """Whether a box lies around that of an incident wave, and not inside it."""
     assert wave.within is not None
     return bool((box.lower <= wave.within.lower).all())
@@ -226,7 +226,7 @@ def _missed(parts: Parts, sizes: np.ndarray, outside: np.ndarray, key: str) -> l
     return [] if faint else [f"{key}: {missed / peak:.2g} of the largest value lies outside the box of the far field"]
 
 
-def _check_incident(wave: IncidentWave, box: Box, reach: np.ndarray) -> None:
+def _check_incident(wave: Incident, box: Box, reach: np.ndarray) -> None:
     """The box holds all of the places at which an incident wave is joined to the scattered field, or none."""
     assert wave.within is not None
     slack, low, high = 1e-6 * reach, wave.within.lower, wave.within.upper

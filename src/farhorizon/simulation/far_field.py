@@ -21,6 +21,7 @@ from farhorizon.analysis.references.driven import DrivenLattice
 from farhorizon.errors import InputError, shown
 from farhorizon.files.records import Recorded
 from farhorizon.geometry.shapes import Box
+from farhorizon.inputs.incidence import Region
 from farhorizon.machine import available_memory
 from farhorizon.medium.shell import Shell
 from farhorizon.simulation.assembly import Parts
@@ -167,7 +168,8 @@ class FarField(Recorder):
         if self.points is not None:
             self._receivers(self.points)
         as_directions(self.directions, near.lattice.dim, "far_field.directions")
-        self._parts, self._incident = parts, [(one.wave, one.start) for one in parts.incident]
+        self._parts = parts
+        self._incident: list[tuple[Any, Region]] = [(one.wave, one.region) for one in parts.incident]
         check_window(near.hidden, self._shell.nodes, self._faces)
         return Wanted(np.ravel_multi_index(tuple(self._shell.nodes.T), near.lattice.shape), ())
 
@@ -406,7 +408,7 @@ class FarField(Recorder):
         incident = self._arriving
         if not incident:
             raise InputError(
-                "cross sections are those of one incident wave",
+                "cross sections are those of one incident wave, a plane one",
                 value=f"{len(self._incident)} incident waves",
                 key="incident",
                 remedy="a run for each wave",
@@ -418,6 +420,12 @@ class FarField(Recorder):
 
     def _outflow(self) -> np.ndarray:
         """``Im sum f* v`` of forces and what they radiate, shape (F,): twice the mean power over mass and frequency."""
+        if self._total and not self._arriving:
+            raise InputError(
+                "what leaves a box inside that of an incident wave is known of one plane wave alone",
+                key="far_field.box",
+                remedy="leave it out: the widest box is around that of the wave",
+            )
         inside = self._shell.inside
         field = np.where(inside, 0.0, self._spectra)
         for number, one in enumerate(self._arriving if self._total else ()):
@@ -458,16 +466,14 @@ class FarField(Recorder):
     @property
     def _arriving(self) -> list[ArrivingPlane]:
         """The incident wave at each frequency; none if there is not just one, or there is damping."""
-        if len(self._incident) != 1:
+        if len(self._incident) != 1 or not self._incident[0][0].plane:
             return []
-        ((wave, start),), spacing, dt = self._incident, self._lattice.spacing, self._scheme.dt
-        direction = np.asarray(wave.direction, float) / np.linalg.norm(wave.direction)
+        ((wave, region),), spacing, dt = self._incident, self._lattice.spacing, self._scheme.dt
         times = dt * np.arange(int(np.ceil(wave.duration / dt - 1e-9)) + 1)
-        signal = dt * np.array([wave.at(t) for t in times])
-        spectrum = np.exp(2j * np.pi * np.outer(self.frequencies, times)) @ signal
-        vector, place = wave.vector(self._scheme.stencil.components), start / spacing
+        spectrum = np.exp(2j * np.pi * np.outer(self.frequencies, times)) @ [dt * wave.at(t) for t in times]
+        vector, place = wave.vector(self._scheme.stencil.components), wave.start(region) / spacing
         return [
-            ArrivingPlane.of(self._scheme, squared, direction, vector, complex(amplitude), place)
+            ArrivingPlane.of(self._scheme, squared, wave.along, vector, complex(amplitude), place)
             for squared, amplitude in zip(self._squares, spectrum, strict=True)
         ]
 

@@ -16,7 +16,7 @@ from farhorizon.analysis.layers.returned import Datum
 from farhorizon.analysis.layers.short_waves import high_pass, short_share
 from farhorizon.analysis.layers.thickness import Thickness, distance_to_side, thinnest_for_diffusion
 from farhorizon.errors import InputError
-from farhorizon.inputs.incidence import IncidentWave
+from farhorizon.inputs.incidence import Incident
 from farhorizon.inputs.sources import by_component, field, split
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.returned_waves import CROSSINGS, FORESEEN, LASTING, MOST_CROSSINGS, ReturnedWaves, stand_ins
@@ -172,7 +172,7 @@ class _Choice:
         found = self._initial()
         times = np.arange(int(np.ceil(until / near.dt)) + 1) * near.dt
         for source in self.sources:
-            if isinstance(source, IncidentWave):
+            if isinstance(source, Incident):
                 return stand_ins(lattice.shape, reach, components)
             for part, unit in by_component(source, lattice, components):
                 space, time = split(part, lattice, components if np.ndim(unit) == 0 else 1)

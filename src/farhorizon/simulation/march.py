@@ -16,7 +16,7 @@ from farhorizon.simulation.feed import Feed
 from farhorizon.simulation.flow_balance import FlowBalance
 from farhorizon.simulation.overstretch import IntactMargin
 from farhorizon.simulation.setup import Setup
-from farhorizon.simulation.start import Motion
+from farhorizon.simulation.start import Motion, begun
 
 
 class March:
@@ -55,7 +55,8 @@ class March:
         self.open_cracks(0)
         self.first_cuts = int(grid.engine.absent.count)
         held = [abs(b.held - near.background) for b in sides.values() if b.held is not None]
-        largest = float(np.abs(start.u).max()), float(np.abs(start.v).max()) * near.dt
+        self._begun = begun(start, parts.incident)
+        largest = float(np.abs(self._begun.u).max()), float(np.abs(self._begun.v).max()) * near.dt
         self.feed = Feed(near, grid, parts.driving, parts.phases, max([*largest, 1e-300, *held]))
         self._motion = Motion(near, grid, parts.ends, self.feed.force)
         self._lay_start()
@@ -72,7 +73,7 @@ class March:
 
     def _lay_start(self) -> None:
         """Give the engine the level of the start, and that one step before it."""
-        near, grid, closure, start = self.parts.near, self.parts.grid, self.parts.closure, self.parts.start
+        near, grid, closure, start = self.parts.near, self.parts.grid, self.parts.closure, self._begun
         # all, for the sweep leaves out metal that nothing reaches
         for level in grid.engine.levels[: 1 if near.model.order == 2 else None]:
             grid.view(level)[...] = start.u.reshape(grid.view(level).shape)

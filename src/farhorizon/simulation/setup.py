@@ -13,7 +13,7 @@ from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.inputs.conditions import Constraint
 from farhorizon.inputs.cracks import as_crack
 from farhorizon.inputs.expressions import as_given
-from farhorizon.inputs.incidence import IncidentWave
+from farhorizon.inputs.incidence import Incident
 from farhorizon.inputs.loads import BodyForce, Traction
 from farhorizon.inputs.local_sources import LocalSource
 from farhorizon.inputs.prescribed import Prescribed
@@ -34,6 +34,13 @@ def keys(name: str, values: Sequence[Any]) -> list[str]:
 def side_name(axis: int, side: int) -> str:
     """ "x-", "x+", .. of an axis and a side of -1 or +1."""
     return AXES[axis] + "-+"[side > 0]
+
+
+def _settled_source(source: Any, dim: int, key: str) -> Any:
+    """A source with every text in it as an expression."""
+    if isinstance(source, Incident):
+        return source.on(dim)
+    return source if isinstance(source, LocalSource) else as_source(source, dim, key)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +121,7 @@ constraints, balance, specimens, loads
             boundary={side_name(*key): boundary for key, boundary in beyond.items()},
             initial={k: as_given(value, lattice.dim, f"initial.{k}", time=False) for k, value in initial.items()},
             sources=tuple(
-                source if isinstance(source, IncidentWave | LocalSource) else as_source(source, lattice.dim, key)
+                _settled_source(source, lattice.dim, key)
                 for source, key in zip(self.sources, keys("source", self.sources), strict=True)
             ),
             cracks=tuple(as_crack(crack, lattice.dim) for crack in self.cracks),

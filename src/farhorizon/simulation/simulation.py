@@ -183,6 +183,7 @@ class Simulation(Run):
         self.given = {name: value for name, value in self.settled.arguments.items() if name != "initial"}
         self._at_start(observe, int(np.prod(self.engine.core.nodes)))
         self._end = 0.0  # of the run, as far as it is known
+        self._incident_notes: list[str] = []
         self._settling = Settling(parts.autos, [key for key, b in self.sides.items() if b.open_ended])
         self.resting = self._march = March(setup, parts)
         self._recording = Recording(setup, parts, self.recorders)
@@ -191,14 +192,16 @@ class Simulation(Run):
 
     def check_sources(self, until: float) -> None:
         """Look beyond the absorbing sides at sources that do not split into space and time, at up to 64 even times up
-        to the end of the run; `run` calls it.
+        to the end of the run, and at incident waves; `run` calls it.
 
         Raises
         ------
         InputError
-            The near field would miss more of a source than the side's target.
+            The near field would miss more of a source than the side's target; an incident wave that is not known for so
+            long.
         """
         self._march.moving.check(until)
+        self._incident_notes = [note for one in self.incident for note in one.passage.foresee(until)]
 
     def prepare(self, until: float) -> int:
         """What `run` does first: sides that depend on the length of the run, `check_sources`, and kernels of exact ends
@@ -362,7 +365,7 @@ class Simulation(Run):
         """What lies beyond the near field and is missed, but within the sides' targets, or cannot be known."""
         ends = [] if self.exact_ends is None else self.exact_ends.notes()
         overdue = outlasted(self.parts.around, max(self._end, self.time), self.dt)
-        notes = self.parts.beyond.notes + ends + self._remarks + self._settling.why + overdue
+        notes = self.parts.beyond.notes + ends + self._remarks + self._settling.why + overdue + self._incident_notes
         return notes + self._recording.notes
 
     @property
@@ -437,6 +440,7 @@ class Simulation(Run):
         """
         if until is not None:
             self._settling.settle(self, until)
+            self.check_sources(until)
             self._recording.foresee(until, last_step(until, self.dt))
         return Report.of(self, until, budget)
 

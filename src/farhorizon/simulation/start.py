@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from farhorizon.boundaries import ExactEnds
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Shape
+from farhorizon.inputs.incidence import Incidence
 from farhorizon.inputs.outside import Beyond
 from farhorizon.inputs.sources import field
 from farhorizon.simulation.grid import Grid
@@ -57,6 +58,14 @@ def start_of(setup: Setup, near: NearField, sides: Sides, beyond: Beyond) -> Sta
             shape = specimen.where
             beyond.check_function(lambda *at, shape=shape: shape.contains(np.stack(at, -1)), 1.0, f"specimen[{number}]")
     return Start(np.where(solid, metal - setup.background, u) if solid.any() else u, v, solid)
+
+
+def begun(start: Start, incident: Sequence[Incidence]) -> Start:
+    """The initial data with those of incident waves that are in their boxes already."""
+    parts = [one.initial() for one in incident if not one.passage.rests]
+    return (
+        replace(start, u=start.u + sum(u for u, _ in parts), v=start.v + sum(v for _, v in parts)) if parts else start
+    )
 
 
 def _initial(name: str, setup: Setup, near: NearField, beyond: Beyond) -> np.ndarray:

@@ -7,7 +7,7 @@ import numpy as np
 from farhorizon.boundaries import names
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import AXES
-from farhorizon.inputs.incidence import IncidentWave
+from farhorizon.inputs.incidence import Incident
 from farhorizon.medium.integrators import Euler, Verlet
 from farhorizon.medium.stencil import Stencil
 from farhorizon.simulation.setup import Setup, Sides, side_name
@@ -126,7 +126,7 @@ def _check_reaction(setup: Setup, sides: Sides, reaction: float) -> None:
             )
     if model.dissolution is not None:
         raise InputError("metal that dissolves has no reaction", value=value, key="model", limit=0)
-    if any(isinstance(source, IncidentWave) for source in setup.sources):
+    if any(isinstance(source, Incident) for source in setup.sources):
         raise InputError(
             "an incident wave travels through a medium without a reaction",
             value=value,

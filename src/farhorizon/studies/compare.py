@@ -20,10 +20,11 @@ from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Shape
 from farhorizon.inputs.cracks import as_cut
-from farhorizon.inputs.incidence import IncidentWave
+from farhorizon.inputs.incidence import Incident
 from farhorizon.inputs.loads import BodyForce
 from farhorizon.inputs.sources import Source
 from farhorizon.models import Elastic
+from farhorizon.simulation.drives import ends_of
 from farhorizon.simulation.setup import Setup
 from farhorizon.simulation.simulation import Simulation
 
@@ -370,8 +371,8 @@ def _extended_simulation(setup: Setup, ours: Simulation, until: float) -> Simula
     open_sides = {key: more for key, b in ours.sides.items() if b.endless}
 
     def widen(value: Any, mode: Literal["constant", "edge"] = "constant") -> Any:
-        if isinstance(value, IncidentWave):
-            return value.resolved(lattice, ours.stencil.reach)
+        if isinstance(value, Incident):
+            return value.resolved(lattice, ours.stencil.reach, ends_of(ours.sides))
         if isinstance(value, Source):
             return Source(widen(value.value), value.time)
         return _widened(value, lattice, open_sides, mode)

@@ -31,9 +31,7 @@ _STENCILS = {
 
 @pytest.mark.parametrize("name", _STENCILS)
 def test_the_equations_of_the_lattice(name):
-    """``(u(t+dt) - 2 u(t) + u(t-dt)) / dt^2 = L u(t)`` at nodes and times of no special place, and the acceleration
-    that is given.
-    """
+    """``(u(t+dt) - 2 u(t) + u(t-dt)) / dt^2 = L u(t)`` at nodes and times of no special place."""
     stencil, direction, polarisation = _STENCILS[name]
     direction, pulse = _pulse(stencil, direction, polarisation)
     nodes = np.random.default_rng(1).integers(0, 10, (15, stencil.dim))
@@ -41,13 +39,10 @@ def test_the_equations_of_the_lattice(name):
     values = pulse.at((_SPACING * around @ direction).ravel())
     seen = 0.0
     for t in (20.0, 23.4, 27.0):
-        (before, _), (now, acceleration), (after, _) = (
-            v.reshape(2, -1, *around.shape[:2]) for v in map(values, (t - _DT, t, t + _DT))
-        )
+        before, now, after = (v.reshape(-1, *around.shape[:2]) for v in map(values, (t - _DT, t, t + _DT)))
         weights = stencil.weights if stencil.components > 1 else stencil.weights[:, None, None]
         force = _COEFFICIENT / _SPACING**2 * np.einsum("kab,bkn->an", weights, now[:, 1:] - now[:, :1])
         seen = max(seen, np.abs(force).max())
-        np.testing.assert_allclose(acceleration[:, 0], force, atol=1e-11)
         np.testing.assert_allclose((after - 2 * now + before)[:, 0] / _DT**2, force, atol=1e-11)
     assert seen > 0.3
 
@@ -58,7 +53,7 @@ def test_the_signal_at_the_start(name):
     direction, pulse = _pulse(stencil, direction, polarisation)
     values = pulse.at(np.zeros(1))
     times = _DT * np.arange(0, int(pulse.period / _DT), 7)
-    found = np.array([values(t)[0, :, 0] for t in times])
+    found = np.array([values(t)[:, 0] for t in times])
     expected = np.where(times <= 40, _signal(times), 0.0)
     if polarisation is None:
         np.testing.assert_allclose(found[:, 0], expected, atol=1e-10)

@@ -5,10 +5,12 @@ the lattice's own waves.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from farhorizon.errors import InputError
+from farhorizon.machine import available_memory
 from farhorizon.medium.stencil import Stencil
 
 _SAMPLES = 1024  # wavenumbers at which a branch is looked at before its equation is solved
@@ -132,41 +134,86 @@ class PlanePulse:
         speeds = self._rate**2 * self._slopes * self.spacing / np.where(moves, rise, 1.0)
         return np.where(moves, speeds, speeds[moves].max())
 
-    def at(self, places: np.ndarray) -> Callable[[float], np.ndarray]:
-        """The pulse at places s along its way, shape (n,): a function of t that gives displacement and acceleration,
-        shape (2, components, n).
+    @property
+    def waves(self) -> TravellingWaves:
+        """The waves, of which the pulse is the sum."""
+        shapes = (self._amplitudes[:, None] * self.polarisations)[:, None]
+        return TravellingWaves(self.frequencies, self.wavenumbers, shapes, self.spacing)
 
-        The acceleration is that of velocity Verlet, ``(u(t + dt) - 2 u(t) + u(t - dt)) / dt^2``. Where places are many
-        the waves are summed on a line of points, and interpolated.
+    def at(self, places: np.ndarray) -> Callable[[float], np.ndarray]:
+        """The pulse at places s along its way, shape (n,): a function of t that gives the displacement, shape
+        (components, n).
+        """
+        return self.waves.at(places)
+
+
+@dataclass(frozen=True, eq=False)
+class TravellingWaves:
+    """``u = sum_j Re S_j(row) exp(i (w_j t - k_j s))``: waves along a line s, each with a shape across it.
+
+    Attributes
+    ----------
+    frequencies, wavenumbers : ndarray, shape (M,)
+    shapes : ndarray of complex, shape (M, rows, components)
+    spacing : float
+    """
+
+    frequencies: np.ndarray
+    wavenumbers: np.ndarray
+    shapes: np.ndarray
+    spacing: float
+
+    def at(self, places: np.ndarray, rows: np.ndarray | None = None) -> Callable[[float], np.ndarray]:
+        """The displacement at places s, shape (n,), and rows, the first one unless given: a function of t, of shape
+        (components, n).
+
+        Where places are many the waves are summed on a line of points, and interpolated.
+
+        Raises
+        ------
+        InputError
+            So many waves at so many places that they do not fit into memory.
         """
         from scipy import sparse
 
-        _, first_of, which = np.unique(
-            np.round(places / (1e-9 * self.spacing)).astype(np.int64), return_index=True, return_inverse=True
-        )
-        line = places[first_of]
-        step = 1 / (_GRID * max(self.wavenumbers.max(), 1e-9 / self.spacing))
-        count = int(np.ceil((line[-1] - line[0]) / step)) + 1
-        if count + 2 * _POINTS < line.size:
-            first = line[0] - _POINTS // 2 * step
-            line = first + step * np.arange(count + _POINTS + 1)
+        rows = np.zeros(places.size, int) if rows is None else rows
+        used, row = np.unique(rows, return_inverse=True)
+        label = np.round(places / (1e-9 * self.spacing)).astype(np.int64)
+        pairs, first_of, which = np.unique(np.stack([label, row], -1), axis=0, return_index=True, return_inverse=True)
+        line, at_rows = places[first_of], row[first_of]
+        step = 1 / (_GRID * max(np.abs(self.wavenumbers).max(initial=0), 1e-9 / self.spacing))
+        low, high = line.min(initial=0), line.max(initial=0)
+        count = int(np.ceil((high - low) / step)) + 1
+        if (count + 2 * _POINTS) * used.size < len(pairs):
+            first = low - _POINTS // 2 * step
+            points = first + step * np.arange(count + _POINTS + 1)
             index, weights = _lagrange((places - first) / step)
+            index = index + row[:, None] * points.size
+            line, at_rows = np.tile(points, used.size), np.repeat(np.arange(used.size), points.size)
         else:
             index, weights = which.reshape(-1, 1), np.ones((places.size, 1))
         start = np.arange(0, index.size + 1, index.shape[1])
         taken = sparse.csr_array((weights.ravel(), index.ravel(), start), shape=(places.size, line.size)).T
-        waves = (self._amplitudes[:, None] * self.polarisations)[:, :, None] * np.exp(
-            -1j * np.outer(self.wavenumbers, line)
-        )[:, None, :]
-        inertia = -((2 / self.dt * np.sin(self.frequencies * self.dt / 2)) ** 2)
-        both = np.stack([waves, inertia[:, None, None] * waves], axis=1).reshape(len(waves), -1)
-        real, imaginary = np.ascontiguousarray(both.real), np.ascontiguousarray(both.imag)
-        shape = (2, self.polarisations.shape[1], line.size)
+        components, count = self.shapes.shape[2], len(self.frequencies)
+        need = 16.0 * count * components * line.size
+        if need > available_memory() / 2:
+            raise InputError(
+                "the waves that an incident wave is made of do not fit into memory",
+                value=f"about {need / 2**30:.3g} GiB for {count} waves on {line.size} nodes",
+                limit=f"{available_memory() / 2**30 / 2:.3g} GiB",
+                key="incident",
+                remedy="a smaller box, a shorter signal, or a direction along an axis",
+            )
+        real, imaginary = np.empty((2, count, components, line.size))
+        for j, (number, shape) in enumerate(zip(self.wavenumbers, self.shapes, strict=True)):
+            wave = shape[used][at_rows].T * np.exp(-1j * number * line)
+            real[j], imaginary[j] = wave.real, wave.imag
+        real, imaginary = real.reshape(count, -1), imaginary.reshape(count, -1)
 
         def values(t: float) -> np.ndarray:
             phase = self.frequencies * t
-            found = (np.cos(phase) @ real - np.sin(phase) @ imaginary).reshape(-1, line.size)
-            return np.asarray(found @ taken).reshape(*shape[:2], places.size)
+            found = (np.cos(phase) @ real - np.sin(phase) @ imaginary).reshape(components, line.size)
+            return np.asarray(found @ taken)
 
         return values
 

@@ -1,0 +1,145 @@
+"""Incident waves that are given as functions of space and time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.errors import InputError
+from farhorizon.geometry.shapes import Box
+from farhorizon.inputs.expressions import Expression, as_given
+from farhorizon.inputs.incidence import Incident, Passage, Region, check_within
+from farhorizon.inputs.sources import as_source
+
+_TIMES, _NODES = 17, 500  # at which the equation of the lattice is looked at
+_EXACT = 1e-9  # of the acceleration: what the equation of the lattice lacks less of is a wave of the lattice
+
+
+@dataclass(frozen=True)
+class IncidentField(Incident):
+    r"""A wave that falls on whatever is inside a box, given as a function of space and time.
+
+    The run begins with the wave in its box, and joins total and scattered field on the faces as `IncidentWave` does. A
+    wave of the lattice leaves nothing outside but rounding. What the function lacks of one is radiated, from all of the
+    box: inside it, the field is the lattice's continuation of what comes through the faces.
+
+    Parameters
+    ----------
+    field : callable, str or Expression, or a list of one a component
+        Of the coordinates and t; it is asked for one step before the start, too. Of vectors what a callable returns has
+        the components first.
+    within : Box, optional
+        The near field less two reaches of the stencil unless given. One that stands on a free side takes the function
+        for a wave of the half-space.
+
+    Raises
+    ------
+    InputError
+        When a run is made: a text that is no expression, values that are not finite.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> ring = fh.IncidentField("cos(0.3*x)*cos(0.3*t)", fh.Box((-4.0, -4.0), (4.0, 4.0)))
+    >>> lattice = fh.Lattice(0.5, (-6.0, -6.0), (6.0, 6.0))
+    >>> sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), sources=[ring])
+    >>> any("equation of the lattice" in note for note in sim.check(until=10.0).notes)
+    True
+    """
+
+    field: str | float | Sequence[Any] | Callable[..., Any]
+    within: Box | None = None
+
+    undamped: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        as_given(self.field, 3, "incident.field")
+        check_within(self.within)
+
+    def on(self, dim: int) -> Self:
+        return replace(self, field=as_source(self.field, dim, "incident.field"))
+
+    def passage(self, region: Region) -> Passage:
+        """The function on the nodes."""
+        return _GivenPassage(self.field, region)
+
+
+class _GivenPassage(Passage):
+    """A function of space and time."""
+
+    def __init__(self, field: Any, region: Region) -> None:
+        self._field, self._region = field, region
+        self.midway = float(np.linalg.norm(region.last - region.first)) * region.lattice.spacing / 2
+        self.midway /= np.sqrt(region.scheme.rate) * region.lattice.spacing
+
+    def at(self, nodes: np.ndarray) -> Callable[[float], np.ndarray]:
+        places = self._region.places(nodes).T
+        return lambda t: _values(self._field, places, t, self._region.scheme.stencil.components)
+
+    def foresee(self, until: float) -> list[str]:
+        """The largest residual of the equation of the lattice, at some nodes of the box and some times of a run."""
+        lacks = self._residual(until)
+        if lacks <= _EXACT:
+            return []
+        return [
+            f"an incident field solves the equation of the lattice but for {lacks:.2g} of its acceleration: what it "
+            "lacks of a wave of the lattice is radiated, too"
+        ]
+
+    def _residual(self, until: float) -> float:
+        region, scheme = self._region, self._region.scheme
+        stencil, dt, components = scheme.stencil, scheme.dt, scheme.stencil.components
+        nodes = region.nodes
+        nodes = nodes[:: -(-len(nodes) // _NODES)]
+        around = nodes[:, None] + stencil.offsets
+        there = ((around >= 0) & (around < region.lattice.shape)).all(-1) | (region.surface is None)
+        near, far = self.at(nodes), self.at(around.reshape(-1, around.shape[-1]))
+        weights = stencil.weights.reshape(-1, components, components)
+        keep = scheme.recursion.keep
+        worst = largest = 0.0
+        for t in np.linspace(0, until, _TIMES):
+            now = near(t)
+            stretch = far(t).reshape(components, *there.shape) - now[:, :, None]
+            force = scheme.rate * np.einsum("kab,bnk->an", weights, np.where(there, stretch, 0.0))
+            change = (near(t + dt) - now - keep * (now - near(t - dt))) / scheme.recursion.scale
+            worst = max(worst, float(np.abs(change - force).max()))
+            largest = max(largest, float(np.abs(change).max()), float(np.abs(force).max()))
+        return worst / largest if largest else 0.0
+
+
+def _values(field: Any, places: np.ndarray, t: float, components: int) -> np.ndarray:
+    """What a function of the coordinates and t is at places (dim, n); of shape (components, n)."""
+    found = _value(field, places, t)
+    entries = list(found) if components > 1 and np.size(found) != 1 else [found]
+    if len(entries) != components:
+        raise InputError(
+            "a vector field needs one entry a component",
+            value=f"{len(entries)} entries",
+            limit=f"a list of {components}",
+            key="incident.field",
+        )
+    values = np.empty((components, places.shape[1]))
+    for number, entry in enumerate(entries):
+        part = kinds.array(_value(entry, places, t), "incident.field", finite=False)
+        if part.shape not in ((), values.shape[1:]):
+            raise InputError(
+                "an incident field has one value a place",
+                value=part.shape,
+                limit=values.shape[1:],
+                key="incident.field",
+            )
+        values[number] = part
+    if not np.isfinite(values).all():
+        raise InputError("an incident field must be finite", value=f"t = {t:g}", key="incident.field")
+    return values
+
+
+def _value(part: Any, places: np.ndarray, t: float) -> Any:
+    """A function at some places, or what is none as it is."""
+    if isinstance(part, Expression):
+        return part(*places, t=t)
+    return part(*places, t) if callable(part) else part
