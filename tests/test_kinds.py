@@ -213,6 +213,7 @@ RIGHT = {
     "PolygonCut": {"points": [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)]},
     "Polyline": {"points": [(0.0, 0.0), (1.0, 0.0)]},
     "Prescribed": {"where": [0.0], "value": 0.0, "until": None, "rate": None},
+    "RayleighWave": {"direction": (1.0, 0.0), "signal": "sin(t)", "duration": 1.0, "within": None},
     "Receivers": {"points": [[0.0]], "record": "u", "every": 1, "interpolation": "sinc", "name": "a"},
     "Spectra": {
         "where": [[0.0]],

@@ -88,6 +88,7 @@ def good():
         "Higdon": {},
         "Insulated": {"where": "x-"},
         "ImageMask": {"image": np.ones((3, 3), bool), "width": 1.0},
+        "RayleighWave": {"direction": [1.0, 0.0], "signal": fh.Expression("sin(t)", 0), "duration": 3.0},
         "IncidentField": {"field": "cos(x)*cos(t)"},
         "IncidentWave": {"direction": [1.0, 0.0], "signal": fh.Expression("sin(t)", 0), "duration": 3.0},
         "Kernel": {"horizon": 1.0},

@@ -11,6 +11,7 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.analysis.references.driven import Scheme
+from farhorizon.analysis.surface_pulses import Surface
 from farhorizon.errors import InputError, shown
 from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import AXES, Lattice
@@ -56,6 +57,12 @@ class Region:
             axis, side = self.surface
             (first if side < 0 else last)[axis] += side * self.scheme.stencil.reach[axis]
         return Shell(self.scheme.stencil, first, last, self.lattice.shape)
+
+    def under(self, surface: End) -> Surface:
+        """A free side and the medium below it."""
+        axis, side = surface
+        level = (self.lattice.lower if side < 0 else self.lattice.upper)[axis]
+        return Surface(self.scheme, self.lattice.spacing, axis, side, float(level), self.lattice.shape[axis])
 
     def places(self, nodes: np.ndarray) -> np.ndarray:
         """Coordinates of nodes (n, dim)."""
@@ -220,11 +227,14 @@ class Incident(Storable, ABC):
                 limit=f"within {limits[0]} to {limits[1]}",
                 remedy="a smaller box, or a larger near field",
             )
-        if (high - low < 4 * more - close).any():
+        least = 4 * more  # two for each face
+        for axis, _ in surfaces:
+            least[axis] /= 2
+        if (high - low < least - close).any():
             raise InputError(
                 "the box of an incident wave is too small",
                 value=(high - low).tolist(),
-                limit=f"sides of {(4 * more).tolist()}",
+                limit=f"sides of {least.tolist()}",
                 key="incident.within",
                 remedy="enlarge the near field",
             )

@@ -9,14 +9,16 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from farhorizon import kinds
-from farhorizon.analysis.references.pulse import PlanePulse
+from farhorizon.analysis.references.pulse import PlanePulse, sampled
+from farhorizon.analysis.surface_pulses import SurfacePulse, reflected_pulse
 from farhorizon.errors import InputError
-from farhorizon.geometry.lattice import AXES, Lattice
+from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Box
 from farhorizon.inputs.expressions import as_signal
 from farhorizon.inputs.incidence import End, Incident, Passage, Region, check_within
 
 _POLARISATIONS = ("P", "S")
+_TOWARDS = 1e-9  # of a unit vector: what more is along a normal comes to the side
 _SAID = 1e-9  # part of a signal that a note is worth
 
 
@@ -41,8 +43,9 @@ class IncidentWave(Incident):
         Of elastic waves. In three dimensions an S wave needs its displacement's direction, at right angles to
         `direction`.
     within : Box, optional
-        The near field less two reaches of the stencil unless given. It contains all that scatters, two reaches inside
-        its faces.
+        The near field less two reaches of the stencil unless given; it stands on a free side towards which the wave
+        travels, and the wave has with it all that the surface sends back. It contains all that scatters, two reaches
+        inside its faces.
 
     Raises
     ------
@@ -70,15 +73,9 @@ class IncidentWave(Incident):
     plane: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        if not kinds.array(self.direction, "incident.direction", shape=(None,)).any():
-            raise InputError(
-                "an incident wave needs a direction",
-                value=self.direction,
-                limit="one component an axis, not all zero",
-                key="incident.direction",
-            )
         kinds.settle(
             self,
+            direction=as_direction(self.direction),
             duration=kinds.number(self.duration, "incident.duration", above=0),
             signal=as_signal(self.signal, "incident.signal"),
         )
@@ -105,20 +102,48 @@ class IncidentWave(Incident):
 
     def start(self, region: Region) -> float:
         """Where, along its direction from the origin, the wave meets the box first and has its signal."""
-        return float(sum(min(n * a, n * b) for n, a, b in zip(self.along, *_corners(region), strict=True)))
+        return self.way(region)[0]
+
+    def way(self, region: Region) -> tuple[float, float]:
+        """From where to where, along its direction from the origin, the wave is in the box."""
+        ends = region.places(np.stack([region.first, region.last]))
+        begin, end = np.sort(self.along * ends, axis=0).sum(1).tolist()
+        return begin, end
+
+    def surface_met(self, free: Sequence[End]) -> End | None:
+        """The free side towards which it travels, if there is just one."""
+        met = [(axis, side) for axis, side in free if side * self.along[axis] > _TOWARDS]
+        return met[0] if len(met) == 1 else None
 
     def passage(self, region: Region) -> Passage:
-        """The wave in the open medium."""
-        if region.surface is not None:
-            axis, side = region.surface
-            raise InputError(
-                "an incident wave does not know the surface that it would fall on",
-                value=AXES[axis] + "-+"[side > 0],
-                key="incident.within",
-                limit="one reach away from sides at which the medium ends",
-                remedy="a source below the surface, or initial data in the form of the wave",
-            )
-        return _PlanePassage(self, region)
+        """The wave in the open medium, or with what the free side of the box sends back."""
+        if region.surface is None:
+            return _PlanePassage(self, region)
+        pulse = reflected_pulse(
+            region.under(region.surface),
+            lambda later: self.pulse(region, later),
+            self.along,
+            self.start(region),
+            sampled(self.at, self.duration, region.scheme.dt),
+        )
+        return SurfacePassage(pulse, region, region.surface)
+
+    def pulse(self, region: Region, later: float = 0.0) -> PlanePulse:
+        """The wave in the open medium, with a period that is longer by some time."""
+        scheme, spacing = region.scheme, region.lattice.spacing
+        begin, end = self.way(region)
+        return PlanePulse(
+            scheme.stencil,
+            scheme.rate * spacing**2,
+            spacing,
+            scheme.dt,
+            self.along,
+            self.vector(scheme.stencil.components),
+            self.at,
+            self.duration,
+            end - begin,
+            later,
+        )
 
     def vector(self, components: int) -> np.ndarray | None:
         """Unit vector of the displacement; None for scalar fields.
@@ -161,6 +186,18 @@ class IncidentWave(Incident):
         return vector
 
 
+def as_direction(direction: Any) -> Any:
+    """A direction as it is given; InputError unless it has a length."""
+    if not kinds.array(direction, "incident.direction", shape=(None,)).any():
+        raise InputError(
+            "an incident wave needs a direction",
+            value=direction,
+            limit="one component an axis, not all zero",
+            key="incident.direction",
+        )
+    return direction
+
+
 def signal_at(signal: Callable[[float], Any], duration: float, t: float) -> float:
     """A signal that is zero before 0 and after its duration, at a time."""
     return float(kinds.array(signal(t), "incident.signal", shape=())) if 0 <= t <= duration else 0.0
@@ -174,12 +211,6 @@ def check_direction(direction: Sequence[float], dim: int) -> None:
         )
 
 
-def _corners(region: Region) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates of the first and the last node of a box."""
-    low, high = region.places(np.stack([region.first, region.last]))
-    return low, high
-
-
 class _PlanePassage(Passage):
     """A plane wave in the open medium."""
 
@@ -187,32 +218,46 @@ class _PlanePassage(Passage):
 
     def __init__(self, wave: IncidentWave, region: Region) -> None:
         self._region, self._start, self._along = region, wave.start(region), wave.along
-        scheme, spacing = region.scheme, region.lattice.spacing
-        far = sum(max(n * a, n * b) for n, a, b in zip(wave.along, *_corners(region), strict=True))
-        self.pulse = PlanePulse(
-            scheme.stencil,
-            scheme.rate * spacing**2,
-            spacing,
-            scheme.dt,
-            wave.along,
-            wave.vector(scheme.stencil.components),
-            wave.at,
-            wave.duration,
-            float(far) - self._start,
-        )
+        self.pulse = wave.pulse(region)
         self.period = self.pulse.period
         self.midway = (wave.duration + self.pulse.distance / self.pulse.speed) / 2
-        self.notes = lost_notes(self.pulse)
+        self.notes = lost_notes(self.pulse.lost)
 
     def at(self, nodes: np.ndarray) -> Callable[[float], np.ndarray]:
         return self.pulse.at(self._region.places(nodes) @ self._along - self._start)
 
 
-def lost_notes(pulse: PlanePulse) -> list[str]:
-    """What of the signal the lattice does not carry, where it is worth a note."""
-    if pulse.lost <= _SAID:
+class SurfacePassage(Passage):
+    """A pulse in a half-space.
+
+    Parameters
+    ----------
+    pulse : SurfacePulse
+    region : Region
+    surface : (axis, side)
+    """
+
+    def __init__(self, pulse: SurfacePulse, region: Region, surface: End) -> None:
+        self._pulse, self._region, self._surface = pulse, region, surface
+        self.period, self.midway, self.tail = pulse.period, pulse.period / 2, pulse.tail
+        self.notes = lost_notes(pulse.lost)
+        if pulse.tail > _SAID:
+            self.notes.append(
+                f"an incident wave at a free surface has a tail before and after it, of {pulse.tail:.1g} of its "
+                f"signal: the run begins with it, and at t = {pulse.period:.4g} what is left of it is radiated"
+            )
+
+    def at(self, nodes: np.ndarray) -> Callable[[float], np.ndarray]:
+        axis, side = self._surface
+        rows = nodes[:, axis] if side < 0 else self._region.lattice.shape[axis] - 1 - nodes[:, axis]
+        return self._pulse.waves.at(self._region.places(nodes) @ self._pulse.direction, rows)
+
+
+def lost_notes(lost: float) -> list[str]:
+    """What of a signal the lattice does not carry, where it is worth a note."""
+    if lost <= _SAID:
         return []
     return [
-        f"a part of {pulse.lost:.1g} of an incident wave's signal is shorter than the lattice carries: "
+        f"a part of {lost:.1g} of an incident wave's signal is shorter than the lattice carries: "
         "so much leaks from its box"
     ]

@@ -146,7 +146,7 @@ def chain_modes(
         No wave comes to the side.
     """
     blocks = weights.reshape(len(weights), *weights.shape[1:] or (1, 1))
-    roots, vectors = _modes(blocks, complex(recursion.eigenvalue(np.array(factor))))
+    roots, vectors = chain_roots(blocks, complex(recursion.eigenvalue(np.array(factor))))
     powers = np.arange(len(blocks)) - len(blocks) // 2
     # zeta dL/dzeta of a wave
     slope = np.einsum("ni,kij,nj,nk->n", vectors.conj(), blocks, vectors, powers * roots[:, None] ** powers)
@@ -175,7 +175,7 @@ def chain_modes(
     return Modes(complex(incoming), vector / np.linalg.norm(vector), leaving, vectors[~ahead], travels)
 
 
-def _modes(blocks: np.ndarray, eigenvalue: complex) -> tuple[np.ndarray, np.ndarray]:
+def chain_roots(blocks: np.ndarray, eigenvalue: complex) -> tuple[np.ndarray, np.ndarray]:
     """Factors and polarisations, shapes (n,) and (n, d), of ``sum_k B_k zeta^k v = eigenvalue v`` by the companion
     pencil of the polynomial.
     """

@@ -25,6 +25,63 @@ _LATE = 1e-10  # and those above this share must have passed before the pulse is
 _GRID, _POINTS = 6.0, 14
 
 
+def sampled(signal: Callable[[float], float], duration: float, dt: float) -> np.ndarray:
+    """A signal at the time steps of its duration.
+
+    Raises
+    ------
+    InputError
+        It is not finite, or zero.
+    """
+    steps = int(np.ceil(duration / dt - 1e-9)) + 1  # a whole number of steps is one in all units
+    samples = np.array([float(signal(t)) for t in dt * np.arange(steps)])
+    if not np.isfinite(samples).all():
+        raise InputError("the signal must be finite", value=samples[~np.isfinite(samples)][0], key="incident.signal")
+    if not samples.any():
+        raise InputError(
+            "the signal is zero", value=duration, key="incident.signal", remedy="a signal within 0 <= t <= duration"
+        )
+    return samples
+
+
+def harmonics(samples: np.ndarray, dt: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies w (rad per time) and complex amplitudes a of which ``Re sum a exp(i w t)`` is the signal and then
+    zero, over `count` steps.
+    """
+    spectrum = np.fft.rfft(samples, count) * 2 / count
+    spectrum[0] /= 2
+    if count % 2 == 0:
+        spectrum[-1] /= 2
+    return 2 * np.pi * np.arange(spectrum.size) / (count * dt), spectrum
+
+
+def felt(amplitudes: np.ndarray) -> np.ndarray:
+    """Which of the waves of a pulse are not left out for their smallness."""
+    return np.asarray(np.abs(amplitudes) > _LOST * np.abs(amplitudes).max())
+
+
+def late(amplitudes: np.ndarray) -> np.ndarray:
+    """Which of the waves of a pulse must have passed before it is over."""
+    return np.asarray(np.abs(amplitudes) > _LATE * np.abs(amplitudes).max())
+
+
+def steps_of(time: float, dt: float) -> int:
+    """Steps of the period of what has passed at a time."""
+    return int(np.ceil(time / dt - 1e-9)) + 2
+
+
+def check_lost(lost: float, limit: float) -> None:
+    """InputError where a lattice does not carry too large a part of a signal, above a frequency."""
+    if lost > _CARRIED:
+        raise InputError(
+            "the signal has frequencies which the lattice does not carry",
+            key="incident.signal",
+            value=f"a share of {lost:.2g} above {limit:.4g} rad per time",
+            limit=f"{_CARRIED:g}",
+            remedy="a smoother or longer signal that is zero at both ends, or a finer lattice",
+        )
+
+
 class PlanePulse:
     """``u(x, t) = sum_j Re a_j p_j exp(i (w_j t - k_j s))``, s = n . (x - x0), with the dispersion of the lattice and
     of velocity Verlet.
@@ -46,10 +103,13 @@ class PlanePulse:
     signal : callable
         Of t, zero outside 0 to `duration`.
     duration, distance : float
+    later : float
+        By how much longer the period is, for what the pulse leaves behind.
 
     Attributes
     ----------
     frequencies, wavenumbers : ndarray, shape (M,)
+    amplitudes : ndarray of complex, shape (M,)
     polarisations : ndarray, shape (M, components)
     period : float
     speed : float
@@ -76,56 +136,40 @@ class PlanePulse:
         signal: Callable[[float], float],
         duration: float,
         distance: float,
+        later: float = 0.0,
     ) -> None:
         self._rate = np.sqrt(coefficient) / spacing
         self.spacing, self.dt, self.distance = spacing, dt, distance
-        steps = int(np.ceil(duration / dt - 1e-9)) + 1  # a whole number of steps is one in all units
-        samples = np.array([float(signal(t)) for t in dt * np.arange(steps)])
-        if not np.isfinite(samples).all():
-            raise InputError(
-                "the signal must be finite", value=samples[~np.isfinite(samples)][0], key="incident.signal"
-            )
-        if not samples.any():
-            raise InputError(
-                "the signal is zero", value=duration, key="incident.signal", remedy="a signal within 0 <= t <= duration"
-            )
+        samples = sampled(signal, duration, dt)
         self._branches = [
             _Branch(stencil, direction, polarisation, number) for number in range(_count(polarisation, direction))
         ]
-        self._set_waves(samples, 4 * steps)
+        self._set_waves(samples, 4 * samples.size)
         speeds = self._group_speeds()
         self.speed = float(speeds[0])
-        late = np.abs(self._amplitudes) > _LATE * np.abs(self._amplitudes).max()
-        passed = duration + distance / max(float(speeds[late].min()), 1e-300)
-        self._set_waves(samples, int(np.ceil(passed / dt - 1e-9)) + 2)
+        passed = duration + distance / max(float(speeds[self.late].min()), 1e-300) + later
+        self._set_waves(samples, steps_of(passed, dt))
 
     def _set_waves(self, samples: np.ndarray, count: int) -> None:
         """The waves whose sum is the signal and then zero, over `count` steps."""
-        spectrum = np.fft.rfft(samples, count) * 2 / count
-        spectrum[0] /= 2
-        if count % 2 == 0:
-            spectrum[-1] /= 2
-        frequencies = 2 * np.pi * np.arange(spectrum.size) / (count * self.dt)
+        frequencies, spectrum = harmonics(samples, self.dt, count)
         wanted = 2 / (self.dt * self._rate) * np.sin(frequencies * self.dt / 2)
         most = min(branch.most for branch in self._branches)
         above = wanted >= most
         self.lost = float(np.abs(spectrum[above]).sum() / np.abs(samples).max())
-        if self.lost > _CARRIED:
-            limit = 2 / self.dt * np.arcsin(min(most * self.dt * self._rate / 2, 1.0))
-            raise InputError(
-                "the signal has frequencies which the lattice does not carry",
-                key="incident.signal",
-                value=f"a share of {self.lost:.2g} above {limit:.4g} rad per time",
-                limit=f"{_CARRIED:g}",
-                remedy="a smoother or longer signal that is zero at both ends, or a finer lattice",
-            )
-        used = ~above & (np.abs(spectrum) > _LOST * np.abs(spectrum).max())
+        check_lost(self.lost, 2 / self.dt * np.arcsin(min(most * self.dt * self._rate / 2, 1.0)))
+        used = ~above & felt(spectrum)
         self.period = count * self.dt
         self.frequencies = np.tile(frequencies[used], len(self._branches))
-        self._amplitudes = np.tile(spectrum[used], len(self._branches))
+        self.amplitudes = np.tile(spectrum[used], len(self._branches))
         angles, slopes, polarisations = zip(*(branch.solve(wanted[used]) for branch in self._branches), strict=True)
         self.wavenumbers = np.concatenate(angles) / self.spacing
         self._slopes, self.polarisations = np.concatenate(slopes), np.concatenate(polarisations)
+
+    @property
+    def late(self) -> np.ndarray:
+        """Which waves must have passed before the pulse is over, shape (M,)."""
+        return late(self.amplitudes)
 
     def _group_speeds(self) -> np.ndarray:
         """dw/dk of each wave, and at k = 0 that of the fastest."""
@@ -137,7 +181,7 @@ class PlanePulse:
     @property
     def waves(self) -> TravellingWaves:
         """The waves, of which the pulse is the sum."""
-        shapes = (self._amplitudes[:, None] * self.polarisations)[:, None]
+        shapes = (self.amplitudes[:, None] * self.polarisations)[:, None]
         return TravellingWaves(self.frequencies, self.wavenumbers, shapes, self.spacing)
 
     def at(self, places: np.ndarray) -> Callable[[float], np.ndarray]:

@@ -1,0 +1,225 @@
+"""Waves of a half-infinite lattice that ends at a free surface: what the surface sends back of a plane wave, and those
+that run along it.
+
+Along the surface a wave has a wavenumber, so that the medium below is a column of rows: a chain of blocks. The first
+row is the surface; bonds beyond it are absent. Far down a wave is a sum of the modes of the infinite chain, ``v
+zeta^-q`` in row q, and the rows near the surface obey their own equations: one linear system for these rows and for the
+amplitudes of the modes that leave. A wave along the surface is a solution without one that comes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import linalg
+
+from farhorizon.analysis.layers.reflection import chain_roots, chain_weights
+from farhorizon.errors import InputError
+from farhorizon.medium.stencil import Stencil
+
+_UNIT = 1e-7  # a mode whose modulus differs less from 1 propagates
+_ROWS = 4  # at least so many are unknowns by themselves: a mode that is not found has fallen to nothing below them
+_SECANT, _SETTLED = 40, 1e-13  # steps of the search for a surface wave, and where it ends, of the wavenumber
+_TRAVELS = 1e-6  # of the largest mode: what a surface wave may send down
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """A wave in the rows below a surface, for one frequency and one wavenumber along it.
+
+    Attributes
+    ----------
+    rows : ndarray of complex, shape (T, components)
+        The first rows.
+    factors : ndarray of complex, shape (m,)
+        Of the modes below, from one row to the next one down.
+    vectors : ndarray of complex, shape (m, components)
+        In row T, with their amplitudes.
+    speeds : ndarray, shape (m,)
+        Downward, in rows for a unit of the squared frequency over the frequency: ``d(Omega^2)/dk`` of those that
+        propagate, infinite for others.
+    defect : complex
+        What the first rows lack of their equations, projected on the wave; zero unless it is one along the surface that
+        has not settled.
+    """
+
+    rows: np.ndarray
+    factors: np.ndarray
+    vectors: np.ndarray
+    speeds: np.ndarray
+    defect: complex = 0.0
+
+    def at(self, count: int) -> np.ndarray:
+        """The first rows down to a number of them, shape (count, components)."""
+        known = len(self.rows)
+        deeper = self.factors ** np.arange(max(count - known, 0))[:, None] @ self.vectors
+        return np.concatenate([self.rows[:count], deeper])
+
+
+@dataclass(frozen=True, eq=False)
+class HalfSpace:
+    """The half-infinite lattice below a free surface, in units of the stencil.
+
+    Parameters
+    ----------
+    stencil : Stencil
+        With the normal first.
+    side : {-1, 1}
+        1: the medium ends with growing indices along the normal.
+    """
+
+    stencil: Stencil
+    side: int
+
+    @cached_property
+    def reach(self) -> int:
+        """Rows that a row is linked with."""
+        return self.stencil.reach[0]
+
+    @cached_property
+    def _bonds(self) -> np.ndarray:
+        """Sum of the weights of all bonds to each row, down to up, shape (2 K + 1, d, d)."""
+        d = self.stencil.components
+        found = np.zeros((2 * self.reach + 1, d, d))
+        up = self.side * self.stencil.offsets[:, 0] + self.reach
+        np.add.at(found, up, self.stencil.weights.reshape(-1, d, d))
+        return found
+
+    def _blocks(self, along: np.ndarray) -> np.ndarray:
+        """The stencil along the normal, from the row K below to that K above, shape (2 K + 1, d, d)."""
+        d = self.stencil.components
+        return chain_weights(self.stencil, along.tolist())[:: self.side].reshape(-1, d, d)
+
+    def _modes(self, blocks: np.ndarray, squared: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Factors downward, polarisations and speeds of the modes that leave the surface."""
+        roots, vectors = chain_roots(blocks, complex(-squared))
+        powers = np.arange(len(blocks)) - self.reach
+        slope = np.einsum("ni,kij,nj,nk->n", vectors.conj(), blocks, vectors, powers * roots[:, None] ** powers)
+        travels = np.abs(np.abs(roots) - 1) < _UNIT
+        # u goes as exp(i (k q' - w t)), q' upward: d(Omega^2)/dk = -i slope
+        speed = (-1j * slope).real
+        leaves = np.where(travels, speed < 0, np.abs(roots) > 1)
+        return 1 / roots[leaves], vectors[leaves], np.where(travels, -speed, np.inf)[leaves]
+
+    def _system(self, blocks: np.ndarray, squared: float, count: int) -> np.ndarray:
+        """The equations of the first ``count + K`` rows, on the first ``count + 2 K`` rows, as a matrix."""
+        d, reach = self.stencil.components, self.reach
+        matrix = np.zeros(((count + reach), d, (count + 2 * reach), d), complex)
+        for row in range(count + reach):
+            for up in range(-reach, reach + 1):
+                if row - up >= 0:
+                    matrix[row, :, row - up] += blocks[up + reach]
+                else:  # an absent bond pulls at nothing
+                    matrix[row, :, row] += self._bonds[up + reach]
+            matrix[row, :, row] += squared * np.eye(d)
+        return matrix.reshape((count + reach) * d, -1)
+
+    def _unknowns(self, blocks: np.ndarray, squared: float) -> tuple[np.ndarray, ...]:
+        """The system for the first rows and the amplitudes of the modes below, the system on all rows, and the modes:
+        factors, vectors, speeds.
+        """
+        factors, vectors, speeds = self._modes(blocks, squared)
+        d, count = self.stencil.components, self.own_rows
+        whole = self._system(blocks, squared, count)
+        below = (factors[:, None] ** np.arange(2 * self.reach))[:, :, None] * vectors[:, None]
+        system = np.concatenate([whole[:, : count * d], whole[:, count * d :] @ below.reshape(len(factors), -1).T], 1)
+        return system, whole, factors, vectors, speeds
+
+    @property
+    def own_rows(self) -> int:
+        """Rows that are unknowns by themselves."""
+        return max(2 * self.reach, _ROWS)
+
+    def total(self, squared: float, along: np.ndarray, root: complex, vector: np.ndarray) -> Column:
+        """A plane wave and all that the surface makes of it.
+
+        Parameters
+        ----------
+        squared : float
+            Of the frequency, in units of ``coefficient / spacing^2``.
+        along : ndarray, shape (dim - 1,)
+            Wavenumbers along the surface, times spacing.
+        root : complex
+            Factor of the wave that comes from one row to the next one up.
+        vector : ndarray of complex, shape (d,)
+            Its displacement in the first row.
+
+        Raises
+        ------
+        InputError
+            It does not come to the surface.
+        """
+        d, blocks = self.stencil.components, self._blocks(along)
+        powers = np.arange(2 * self.reach + 1) - self.reach
+        slope = vector.conj() @ np.einsum("kij,k->ij", blocks, powers * root**powers) @ vector
+        if (-1j * slope).real <= 0:
+            raise InputError(
+                "the wave does not come to the surface", key="incident.direction", remedy="a direction towards it"
+            )
+        system, whole, factors, vectors, speeds = self._unknowns(blocks, squared)
+        count = self.own_rows
+        rows = np.arange(count + 2 * self.reach)
+        wave = root ** -rows.astype(float)[:, None] * vector
+        # the unknowns of the first rows are the total field, below they are what leaves
+        right = -whole[:, count * d :] @ wave[count:].ravel()
+        scale = np.abs(system).max(0)
+        found = linalg.lstsq(system / scale, right)[0] / scale
+        top, amplitudes = found[: count * d].reshape(count, d), found[count * d :]
+        return Column(
+            top,
+            np.append(factors, 1 / root),
+            np.concatenate([amplitudes[:, None] * vectors, wave[count : count + 1]]),
+            np.append(speeds, np.inf),
+        )
+
+    def free(self, squared: float, along: np.ndarray) -> Column:
+        """The wave along the surface of which the equations lack least: of unit length in its unknowns."""
+        d, count = self.stencil.components, self.own_rows
+        system, _, factors, vectors, speeds = self._unknowns(self._blocks(along), squared)
+        found = np.linalg.svd(system)[2][-1].conj()
+        top, amplitudes = found[: count * d].reshape(count, d), found[count * d :]
+        column = Column(top, factors, amplitudes[:, None] * vectors, speeds)
+        lacks = system @ found
+        field = column.at(count + self.reach).ravel()
+        return Column(top, factors, column.vectors, speeds, complex(field.conj() @ lacks))
+
+    def surface_wave(self, squared: float, direction: np.ndarray, start: float) -> tuple[float, Column]:
+        """The wave along the surface of one frequency, near a wavenumber times spacing.
+
+        The column is Hermitian, so that ``u* (H + Omega^2) u`` with the wave of which the equations lack least is of
+        second order in what its wavenumber is away from the wave's; its zero is found by secants.
+
+        Parameters
+        ----------
+        squared : float
+            Of the frequency, in units of ``coefficient / spacing^2``.
+        direction : ndarray, shape (dim - 1,)
+            Along the surface, a unit vector.
+        start : float
+
+        Raises
+        ------
+        InputError
+            There is none: the wave would send energy down.
+        """
+        numbers = [start, start * (1 + 1e-4)]
+        columns = [self.free(squared, number * direction) for number in numbers]
+        for _ in range(_SECANT):
+            (a, b), (f, g) = numbers, (column.defect.real for column in columns)
+            if g == f or abs(b - a) < _SETTLED * abs(b):
+                break
+            step = float(np.clip(-g * (b - a) / (g - f), -0.2 * b, 0.2 * b))
+            numbers = [b, b + step]
+            columns = [columns[1], self.free(squared, numbers[1] * direction)]
+        column = columns[1]
+        sent = np.linalg.norm(column.vectors[np.isfinite(column.speeds)], axis=1)
+        if abs(numbers[1] - numbers[0]) > 1e-9 * start or sent.max(initial=0) > _TRAVELS:
+            raise InputError(
+                "no wave of this frequency runs along the surface",
+                value=f"{np.sqrt(squared):.4g} sqrt(coefficient) / spacing",
+                key="incident.signal",
+                remedy="a smoother or longer signal, or a finer lattice",
+            )
+        return numbers[1], column

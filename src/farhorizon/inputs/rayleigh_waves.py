@@ -1,0 +1,113 @@
+"""Rayleigh waves, which run along a free surface."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.analysis.surface_pulses import rayleigh_pulse
+from farhorizon.errors import InputError
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.geometry.shapes import Box
+from farhorizon.inputs.expressions import as_signal
+from farhorizon.inputs.incidence import End, Incident, Passage, Region, check_within
+from farhorizon.inputs.plane_waves import SurfacePassage, as_direction, check_direction, signal_at
+
+_ALONG = 1e-9  # of a unit vector: what has less along a normal runs along the side
+
+
+@dataclass(frozen=True)
+class RayleighWave(Incident):
+    """A wave that comes along a free surface of an elastic medium, exact on the lattice: at each frequency the mode of
+    the half-infinite lattice that decays downwards.
+
+    Parameters
+    ----------
+    direction : sequence of float
+        Along the surface; its length does not matter.
+    signal : callable, str or Expression
+        Displacement of the surface along its outward normal as a function of t, where the wave meets the box first.
+    duration : float
+        The signal is zero before 0 and after it.
+    within : Box, optional
+        Stands on the free side, and is otherwise as that of `IncidentWave`. Unless given it stands on the one free side
+        that the direction is along.
+
+    Raises
+    ------
+    InputError
+        A direction without length, a duration that is not positive, a signal that is no function of t. When a run is
+        made: a box that does not stand on a free side along the direction, a scalar field, frequencies at which no such
+        wave runs.
+
+    Notes
+    -----
+    The displacement along the surface is a Hilbert transform of the signal, which has a tail before and after it.
+    The surface of a lattice is softer than that of the continuum over one horizon, so that short waves are slower (Lord
+    Rayleigh, Proc. Lond. Math. Soc. 17 (1885) 4, has the speed of long ones).
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> along = fh.RayleighWave((1.0, 0.0), "sin(t/3)*exp(-((t - 40)/8)**2)", duration=80.0)
+    >>> ground = fh.Lattice(1.0, (-12.0, -12.0), (12.0, 0.0))
+    >>> half_space = {"all": fh.LatticePML(), "y+": fh.Free()}
+    >>> sim = fh.Simulation(ground, fh.Elastic(fh.Kernel(2.0), young=1.0), half_space, sources=[along])
+    >>> len(sim.incident)
+    1
+    """
+
+    direction: Sequence[float]
+    signal: Any
+    duration: float
+    within: Box | None = None
+
+    def __post_init__(self) -> None:
+        kinds.settle(
+            self,
+            direction=as_direction(self.direction),
+            duration=kinds.number(self.duration, "incident.duration", above=0),
+            signal=as_signal(self.signal, "incident.signal"),
+        )
+        check_within(self.within)
+
+    def at(self, t: float) -> float:
+        """The signal at a time."""
+        return signal_at(self.signal, self.duration, t)
+
+    @property
+    def along(self) -> np.ndarray:
+        """The direction as a unit vector."""
+        direction = np.asarray(self.direction, float)
+        return direction / np.linalg.norm(direction)
+
+    def resolved(self, lattice: Lattice, reach: Sequence[int], ends: Mapping[End, bool] | None = None) -> Self:
+        """The same wave with its box; see `Incident.resolved`."""
+        check_direction(self.direction, lattice.dim)
+        return super().resolved(lattice, reach, ends)
+
+    def surface_met(self, free: Sequence[End]) -> End | None:
+        """The free side along which it runs, if there is just one."""
+        met = [(axis, side) for axis, side in free if abs(self.along[axis]) < _ALONG]
+        return met[0] if len(met) == 1 else None
+
+    def passage(self, region: Region) -> Passage:
+        """The wave below the free side on which its box stands."""
+        surface = region.surface
+        if surface is None or abs(self.along[surface[0]]) > _ALONG:
+            raise InputError(
+                "a Rayleigh wave runs along a free side, on which its box stands",
+                value=self.along.tolist(),
+                key="incident.direction",
+                remedy="a Free side, a direction along it, and a box that reaches it",
+            )
+        if region.scheme.stencil.components == 1:
+            raise InputError("a scalar field has no Rayleigh waves", key="incident", remedy="an Elastic medium")
+        ends = region.places(np.stack([region.first, region.last]))
+        begin, end = np.sort(self.along * ends, axis=0).sum(1).tolist()
+        pulse = rayleigh_pulse(region.under(surface), self.along, begin, end, self.at, self.duration)
+        return SurfacePassage(pulse, region, surface)

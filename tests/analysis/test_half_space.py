@@ -1,0 +1,112 @@
+"""The half-infinite lattice against the half-space of the continuum, and the energy that goes in and out."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import farhorizon as fh
+from farhorizon.analysis.half_space import HalfSpace
+
+_SOLID = fh.Elastic(fh.Kernel(2.5, influence="linear", exponent=1), young=1.0)  # unit P speed in units of the stencil
+_SLOW = 1 / np.sqrt(3)  # S speed: Poisson's ratio is 1/4
+
+
+def _half_space(dim=2, side=1):
+    return HalfSpace(_SOLID.medium(1.0, dim).along(dim - 1), side)
+
+
+def _arriving(half_space, wavevector, number):
+    """Squared frequency, tangential part, factor upward and displacement of a plane wave: 0 for P."""
+    values, vectors = np.linalg.eigh(half_space.stencil.symbol(*wavevector))
+    order = np.argsort(-np.abs(vectors.T @ wavevector))
+    one = order[0] if number == 0 else np.sort(order[1:])[number - 1]
+    up = np.exp(1j * half_space.side * wavevector[0])
+    return values[one], wavevector[1:], up, vectors[:, one].astype(complex)
+
+
+def _sent(column):
+    """Sizes of the waves that travel down, the fastest first; the one that comes is the last of the column."""
+    travels = np.isfinite(column.speeds)
+    sizes = np.linalg.norm(column.vectors[travels], axis=1)
+    return sizes[np.argsort(-column.speeds[travels])]
+
+
+def _aki_richards(slowness):
+    """P to P, P to S, S to P, S to S of displacements, eqs 5.27, 5.28, 5.31, 5.32 (2nd edition), in size."""
+    p, fast, slow = slowness, np.sqrt(1 - slowness**2 + 0j), np.sqrt(3 - slowness**2 + 0j)
+    a, b = (3 - 2 * p**2) ** 2, 4 * p**2 * fast * slow
+    pp, ps = (-a + b) / (a + b), 4 / _SLOW * p * fast * (3 - 2 * p**2) / (a + b)
+    sp, ss = 4 * _SLOW * p * slow * (3 - 2 * p**2) / (a + b), (a - b) / (a + b)
+    return np.abs([pp, ps, sp, ss])
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.3, 0.9])
+@pytest.mark.parametrize("number", [0, 1], ids=["P", "S"])
+def test_reflection_coefficients_to_second_order(number, angle):
+    """Under refinement the waves become longer in nodes."""
+    half_space, speed = _half_space(), (1.0, _SLOW)[number]
+    pp, ps, sp, ss = _aki_richards(np.sin(angle) / speed)
+    beyond = number == 1 and np.sin(angle) / speed > 1
+    expected = [pp, ps] if number == 0 else [ss] if beyond else [sp, ss]
+    errors = []
+    for size in (0.2, 0.1, 0.05):
+        wave = _arriving(half_space, size * np.array([np.cos(angle), np.sin(angle)]), number)
+        errors.append(np.abs(_sent(half_space.total(*wave)) - expected))
+    errors = np.array(errors)
+    if beyond:  # nothing else travels: all comes back
+        assert errors.max() < 1e-10
+        return
+    for sizes in errors.T:
+        if sizes[0] > 1e-12:  # straight up nothing changes its type
+            assert 1.9 < np.log2(sizes[1] / sizes[2]) < 2.1
+
+
+@pytest.mark.parametrize(("dim", "side"), [(2, 1), (3, -1)])
+def test_all_energy_comes_back(dim, side):
+    """At random directions and wavelengths down to six nodes: what comes is what the waves that travel take away."""
+    seed = 20261125
+    rng, half_space = np.random.default_rng(seed), _half_space(dim, side)
+    for _ in range(6):
+        k = rng.normal(size=dim)
+        k *= rng.uniform(0.1, 1.0) / np.linalg.norm(k)
+        k[0] = side * abs(k[0])
+        squared, along, root, vector = _arriving(half_space, k, rng.integers(dim))
+        column = half_space.total(squared, along, root, vector)
+        powers = np.arange(-half_space.reach, half_space.reach + 1)
+        blocks = half_space._blocks(along)
+        comes = (vector.conj() @ np.einsum("kij,k->ij", blocks, powers * root**powers) @ vector).imag
+        travels = np.isfinite(column.speeds)
+        goes = np.sum(column.speeds[travels] * np.linalg.norm(column.vectors[travels], axis=1) ** 2)
+        assert goes == pytest.approx(comes, rel=1e-8), f"seed {seed}"
+
+
+def test_rayleigh_speed_to_first_order():
+    """The surface of a lattice is softer than that of the continuum over one horizon."""
+    exact = brentq(lambda c: (2 - 3 * c**2) ** 2 - 4 * np.sqrt((1 - c**2) * (1 - 3 * c**2)), 0.4, 0.57)
+    half_space, errors = _half_space(), []
+    for size in (0.04, 0.02, 0.01, 0.005):
+        number, column = half_space.surface_wave((size * exact) ** 2, np.ones(1), size)
+        errors.append(1 - size / number)
+        assert abs(column.defect) < 1e-12
+        assert np.linalg.norm(column.at(4000)[-1]) < 1e-3 * np.linalg.norm(column.at(1))
+    rates = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert errors[-1] < 1e-3 and 0.9 < rates[-1] < 1.1
+
+
+def test_a_mode_obeys_the_column():
+    """The whole column as one banded Hermitian matrix, of which the surface wave is the lowest eigenvalue."""
+    half_space, wavenumber = _half_space(), 0.6
+    rows, d = 60, 2
+    matrix = -half_space._system(half_space._blocks(np.array([wavenumber])), 0.0, rows)
+    matrix = matrix[: rows * d, : rows * d]
+    assert np.abs(matrix - matrix.conj().T).max() < 1e-14
+    lowest = np.linalg.eigvalsh(matrix)[0]
+    found, _ = half_space.surface_wave(lowest, np.ones(1), 1.05 * wavenumber)
+    assert found == pytest.approx(wavenumber, rel=1e-10)
+
+
+def test_a_wave_that_goes_down_does_not_come():
+    half_space = _half_space()
+    squared, along, root, vector = _arriving(half_space, np.array([-0.3, 0.2]), 0)
+    with pytest.raises(fh.InputError, match="does not come to the surface"):
+        half_space.total(squared, along, root, vector)

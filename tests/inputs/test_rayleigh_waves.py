@@ -1,0 +1,69 @@
+"""Rayleigh waves: exact on the lattice, and the signal where they meet the box."""
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+
+_SIGNAL = fh.Expression("sin(2*pi*t/16)*exp(-((t-60)/12)**2)", 0)
+
+
+def _solid(reach=2.5):
+    return fh.Elastic(fh.Kernel(horizon=reach, influence="linear", exponent=1), young=2.0, density=0.1)
+
+
+def _ground(half, dim=2):
+    lattice = fh.Lattice(1.0, (-half,) * dim, (half,) * (dim - 1) + (0,))
+    return lattice, {"all": fh.LatticePML(nodes=3), "xyz"[dim - 1] + "+": fh.Free()}
+
+
+@pytest.mark.parametrize("direction", [(1.0, 0.0), (-1.0, 0.0), pytest.param((1.0, 0.3, 0.0), marks=pytest.mark.slow)])
+def test_without_a_scatterer_nothing_leaves_the_box(direction):
+    dim = len(direction)
+    lattice, sides = _ground(16 if dim == 2 else 9, dim)
+    sim = fh.Simulation(
+        lattice, _solid(2.5 if dim == 2 else 1.5), sides, sources=[fh.RayleighWave(direction, _SIGNAL, 120.0)]
+    )
+    low, high = sim.incident[0].wave.within.bounds()
+    assert high[-1] == 0
+    inside = np.logical_and.reduce(
+        [(x >= a - 1e-9) & (x <= b + 1e-9) for x, a, b in zip(lattice.coordinates(), low, high, strict=True)]
+    )
+    seen = 0.0
+    for t in (0.0, 40.0, 60.0, 90.0):
+        sim.run(until=t)
+        incident, u = sim.incident[0].field(sim.time), sim.fields["u"]
+        seen = max(seen, np.abs(incident[..., inside]).max())
+        assert np.abs(u - incident)[..., inside].max() < 1e-12
+        assert np.abs(u[..., ~inside]).max() < 1e-12
+    assert seen > 0.8
+    (note,) = [note for note in sim.notes if "has a tail" in note]
+    assert "the run begins with it" in note
+
+
+def test_the_signal_is_the_normal_displacement_where_the_box_begins():
+    lattice, sides = _ground(16)
+    wave = fh.RayleighWave((-1.0, 0.0), _SIGNAL, 120.0, fh.Box((-9.0, -8.0), (7.0, 0.0)))
+    incident = fh.Simulation(lattice, _solid(), sides, sources=[wave]).incident[0]
+    corner = lattice.index((7.0, 0.0))
+    for t in (45.0, 52.5, 60.0, 71.0):
+        at = incident.field(t)[(slice(None), *corner)]
+        assert at[1] == pytest.approx(wave.at(t), abs=2e-4)  # the tail of this burst is about 1e-4
+
+
+def _refused(match, boundary=None, model=None, **changes):
+    lattice, sides = _ground(12)
+    with pytest.raises(fh.InputError, match=match):
+        wave = fh.RayleighWave(**{"direction": (1.0, 0.0), "signal": _SIGNAL, "duration": 120.0, **changes})
+        fh.Simulation(lattice, model or _solid(2.0), boundary or sides, sources=[wave])
+
+
+def test_bad_input():
+    _refused("direction", direction=(0.0, 0.0))
+    _refused("dimension", direction=(1.0, 0.0, 0.0))
+    _refused("duration", duration=-1.0)
+    _refused("along a free side", direction=(1.0, 0.1))
+    _refused("along a free side", boundary=fh.LatticePML(nodes=3))
+    _refused("along a free side", within=fh.Box((-8, -8), (8, -3)))
+    _refused("no Rayleigh waves", model=fh.Wave(fh.Kernel(2.0)))
+    _refused("frequencies which the lattice does not carry", signal=lambda t: 1.0)
