@@ -36,7 +36,7 @@ _RAYLEIGH = 0.9  # about the speed of Rayleigh waves over that of S waves
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class FreeSurface:
     """A free surface across an axis of a lattice, and where a pulse meets the box that stands on it.
 
     Attributes
@@ -117,13 +117,13 @@ class SurfacePulse:
 
 
 def reflected_pulse(
-    surface: Surface, make: Callable[[float], PlanePulse], direction: np.ndarray, start: float, samples: np.ndarray
+    surface: FreeSurface, make: Callable[[float], PlanePulse], direction: np.ndarray, start: float, samples: np.ndarray
 ) -> SurfacePulse:
     """A plane pulse that comes to a surface, with all that this sends back.
 
     Parameters
     ----------
-    surface : Surface
+    surface : FreeSurface
     make : callable
         The pulse in the open medium, for a time by which its period is longer.
     direction : ndarray, shape (dim,)
@@ -185,13 +185,18 @@ def reflected_pulse(
 
 
 def rayleigh_pulse(
-    surface: Surface, direction: np.ndarray, start: float, end: float, signal: Callable[[float], float], duration: float
+    surface: FreeSurface,
+    direction: np.ndarray,
+    start: float,
+    end: float,
+    signal: Callable[[float], float],
+    duration: float,
 ) -> SurfacePulse:
     """A pulse that runs along a surface.
 
     Parameters
     ----------
-    surface : Surface
+    surface : FreeSurface
     direction : ndarray, shape (dim,)
         Along the surface, of length 1.
     start : float

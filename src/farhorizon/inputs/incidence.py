@@ -11,7 +11,7 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.analysis.references.driven import Scheme
-from farhorizon.analysis.surface_pulses import Surface
+from farhorizon.analysis.surface_pulses import FreeSurface
 from farhorizon.errors import InputError, shown
 from farhorizon.files.storable import Storable
 from farhorizon.geometry.lattice import AXES, Lattice
@@ -58,11 +58,11 @@ class Region:
             (first if side < 0 else last)[axis] += side * self.scheme.stencil.reach[axis]
         return Shell(self.scheme.stencil, first, last, self.lattice.shape)
 
-    def under(self, surface: End) -> Surface:
+    def under(self, surface: End) -> FreeSurface:
         """A free side and the medium below it."""
         axis, side = surface
         level = (self.lattice.lower if side < 0 else self.lattice.upper)[axis]
-        return Surface(self.scheme, self.lattice.spacing, axis, side, float(level), self.lattice.shape[axis])
+        return FreeSurface(self.scheme, self.lattice.spacing, axis, side, float(level), self.lattice.shape[axis])
 
     def places(self, nodes: np.ndarray) -> np.ndarray:
         """Coordinates of nodes (n, dim)."""
