@@ -27,6 +27,7 @@ ORDER = (
     "analysis.exact",
     "analysis.references",
     "analysis.layers",
+    "analysis.fracture",
     "analysis",  # what the symbol tells
     "models",  # a physics is one file
     "boundaries",  # a side is one file

@@ -74,6 +74,7 @@ from farhorizon.models import LatticeModel as LatticeModel
 from farhorizon.models import Wave as Wave
 from farhorizon.models import speed_of_current as speed_of_current
 from farhorizon.simulation.far_field import FarField as FarField
+from farhorizon.simulation.intensities import StressIntensity as StressIntensity
 from farhorizon.simulation.power_through import PowerThrough as PowerThrough
 from farhorizon.simulation.probes import Probes as Probes
 from farhorizon.simulation.receivers import Receivers as Receivers

@@ -127,6 +127,7 @@ def good():
         "Specimen": {"where": disc, "concentration": 1.0},
         "Sponge": {},
         "Step": {"rise": 3.0},
+        "StressIntensity": {"tips": [(0.5, 0.2)], "radii": (1.0, 1.5)},
         "Stencil": {"offsets": [[1, 0], [-1, 0], [0, 1], [0, -1]], "weights": [1.0] * 4},
         "Temperature": {"where": "x-", "value": 1.0},
         "Text": {"text": "a", "height": 1.0},
@@ -176,7 +177,7 @@ def jobs():
 
 
 METHODS = {
-    "run": ("until", "every"),
+    "run": ("until", "every", "tolerance", "limit"),
     "step": ("count",),
     "save": ("path",),
     "load": ("path",),
@@ -219,6 +220,8 @@ def call(job):
         fh.Simulation(**{**setup, "model": made}).step(1)
     elif name in ("FarField", "PowerThrough", "Receivers", "Spectra"):
         fh.Simulation(**{**setup, "initial": {"u": "exp(-9*(x**2 + y**2))"}, "observe": [made]}).step(2)
+    elif name == "StressIntensity":
+        fh.Simulation(**{**setup, "cracks": [[(-9.0, 0.2), (0.5, 0.2)]], "observe": [made]}).step(2)
     elif name in ("LineSource", "PhasedArray", "PointSource"):
         fh.Simulation(**{**setup, "sources": [made]}).step(1)
     elif name in ("MomentTensor", "PointForce"):

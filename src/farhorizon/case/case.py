@@ -224,21 +224,21 @@ class Case:
 
     def _recorders(self) -> list[Observer]:
         """New recorders, which belong to one run."""
-        makers: dict[str, Callable[..., Observer]] = {
-            "receivers": fh.Receivers,
-            "spectra": fh.Spectra,
-            "power": fh.PowerThrough,
+        makers: dict[str, tuple[Callable[..., Observer], Callable[[Any, str], Any]]] = {
+            "receivers": (fh.Receivers, _where),
+            "spectra": (fh.Spectra, _where),
+            "power": (fh.PowerThrough, _surface),
+            "stress_intensity": (fh.StressIntensity, lambda part, _: part.tips),
         }
         found: list[Observer] = []
-        for table, make in makers.items():
+        for table, (make, place) in makers.items():
             parts = getattr(self.parts, table)
             for i, part in enumerate(parts):
                 key = f"{table}[{i}]"
                 name = part.name or (f"{table}_{i}" if len(parts) > 1 else table)
-                options = part.model_dump(include={"record", "every", "interpolation", "frequencies"})
+                options = part.model_dump(include={"record", "every", "interpolation", "frequencies", "radii"})
                 try:
-                    where = _surface(part, key) if table == "power" else _where(part, key)
-                    found.append(make(where, **options, name=name))
+                    found.append(make(place(part, key), **options, name=name))
                 except InputError as error:
                     raise error.at(under(key, error.key)) from None
         if self.parts.far_field is not None:

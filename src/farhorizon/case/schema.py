@@ -367,6 +367,19 @@ class SpectraPart(Part):
     """In files and pictures; spectra, or spectra_0, spectra_1, ... unless given."""
 
 
+class StressIntensityPart(Part):
+    """Stress intensity factors at the tips of cracks, in every step or in every few."""
+
+    tips: list[list[Number]] | None = None
+    """Ends of cracks; all that lie in the near field unless given."""
+    radii: list[Number] | None = None
+    """Of the two circles between which the field is read; as large as they may be unless given."""
+    every: int = 1
+    """Steps from one record to the next."""
+    name: str | None = None
+    """In files and pictures; stress_intensity, or stress_intensity_0, stress_intensity_1, ... unless given."""
+
+
 class FarFieldPart(Part):
     """What a run sends into the medium around it, from what it records around a box."""
 
@@ -467,6 +480,8 @@ class CasePart(Part):
     """What is sent beyond the near field: receivers at any distance, patterns by direction and frequency."""
     power: list[PowerPart] = []
     """Surfaces through which the power of waves is recorded."""
+    stress_intensity: list[StressIntensityPart] = []
+    """Stress intensity factors at the tips of cracks."""
     run: RunPart
     """Time."""
     output: OutputPart = OutputPart()

@@ -14,6 +14,7 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.engine.bonds import factors_of
+from farhorizon.engine.engine import Engine
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.simulation.grid import Grid
@@ -21,6 +22,7 @@ from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.solid_and_liquid import SolidAndLiquid
 
 Bonds = Callable[[int], np.ndarray]
+_FAINT = 1e-12  # what is left of a bond below this part is rounding
 _SINGULAR = 1e-8  # second moments of the bonds left, relative to those of all
 
 
@@ -175,3 +177,19 @@ def plane(lattice: Lattice, axis: str, position: float) -> tuple[int, int]:
             limit=f"{lattice.lower[number]} to {lattice.upper[number]}",
         )
     return number, row
+
+
+def bonds_left(engine: Engine, nodes: np.ndarray, others: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """What is left of a bond of that weight from each of some places to another: its factor, 0 where it is absent."""
+    cuts, size = engine.tables.cuts, engine.layout.size
+    largest = np.unravel_index(np.abs(weight).argmax(), weight.shape)
+    keys = cuts.nodes * size + cuts.neighbours
+    lost = np.zeros(len(nodes))
+    if keys.size:
+        taken = cuts.weights.reshape(len(keys), *weight.shape)[(slice(None), *largest)] / weight[largest]
+        order, wanted = np.argsort(keys), nodes * size + others
+        at = order[np.minimum(np.searchsorted(keys[order], wanted), keys.size - 1)]
+        lost = np.where(keys[at] == wanted, taken[at], 0.0)
+    exists = engine.absent.exists
+    left = factors_of(engine.tables.material, nodes, others) * (1 - lost) * (exists[nodes] & exists[others])
+    return np.where(left > _FAINT, left, 0.0)

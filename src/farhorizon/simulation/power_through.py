@@ -8,13 +8,12 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from farhorizon import kinds
-from farhorizon.engine.bonds import factors_of
 from farhorizon.errors import InputError
 from farhorizon.files.records import Recorded
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Shape
 from farhorizon.simulation.assembly import Parts
-from farhorizon.simulation.flux import plane
+from farhorizon.simulation.flux import bonds_left, plane
 from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, recorder_name
 from farhorizon.simulation.setup import Setup
 
@@ -207,7 +206,7 @@ def _crossing(parts: Parts, inside: np.ndarray, normal: int | None) -> tuple[np.
         crosses = near & ~inside.ravel()[other]
         beyond = ~near & (normal is None)
         here = places[flat]
-        left = _left(parts, here, here + int(offset @ np.array(engine.core.stride)), weight)
+        left = bonds_left(engine, here, here + int(offset @ np.array(engine.core.stride)), weight)
         if (left[beyond] > 0).any():
             raise InputError(
                 "bonds lead out of the region beyond the near field",
@@ -220,23 +219,6 @@ def _crossing(parts: Parts, inside: np.ndarray, normal: int | None) -> tuple[np.
         ends.append(np.stack([flat[kept], other[kept]], axis=-1))
         found.append(left[kept, None, None] * weight.reshape(engine.components, engine.components))
     return np.concatenate(ends), np.concatenate(found)
-
-
-def _left(parts: Parts, nodes: np.ndarray, others: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """What is left of a bond of that weight from each of some places to another: its factor, 0 where it is absent."""
-    engine = parts.grid.engine
-    cuts, size = engine.tables.cuts, engine.layout.size
-    largest = np.unravel_index(np.abs(weight).argmax(), weight.shape)
-    keys = cuts.nodes * size + cuts.neighbours
-    lost = np.zeros(len(nodes))
-    if keys.size:
-        taken = cuts.weights.reshape(len(keys), *weight.shape)[(slice(None), *largest)] / weight[largest]
-        order, wanted = np.argsort(keys), nodes * size + others
-        at = order[np.minimum(np.searchsorted(keys[order], wanted), keys.size - 1)]
-        lost = np.where(keys[at] == wanted, taken[at], 0.0)
-    exists = engine.absent.exists
-    left = factors_of(engine.tables.material, nodes, others) * (1 - lost) * (exists[nodes] & exists[others])
-    return np.where(left > _SYMMETRIC, left, 0.0)
 
 
 def _form(ends: np.ndarray, weights: np.ndarray, count: int) -> csr_array:

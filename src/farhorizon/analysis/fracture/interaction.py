@@ -1,0 +1,229 @@
+r"""Stress intensity factors from the interaction integral over a domain around the tip.
+
+Of a field and one of unit intensity (a: that of `farhorizon.analysis.fracture.near_tip`) with q = 1 inside a circle
+around the tip, falling to 0 at another one,
+
+.. math:: M = \int \left(\sigma_{ij} u^a_{i,1} + \sigma^a_{ij} u_{i,1} - \sigma^a_{mn} u_{m,n} \delta_{1j}\right)
+   q_{,j}\,dA + \int q\,(\rho \ddot u_i - b_i)\,u^a_{i,1}\,dA = \frac{2K}{E'}
+
+(Yau, Wang and Corten, 1980, J. Appl. Mech. 47, 335; Li, Shih and Needleman, 1985, Eng. Fract. Mech. 21, 405). The
+second integral has the inertia inside and what loads the medium there, the faces of the crack among it; with it the
+result does not depend on the circles. The gradient is wanted between the circles only, away from the tip, and is fitted
+to the nodes on the same side of the crack, so that K is a sum over the nodes: weights times displacements, and times
+the force that acts on them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from farhorizon.analysis.fracture.near_tip import NearTip
+from farhorizon.errors import InputError
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.geometry.shapes import Cut
+
+_NEAR = 3.4  # spacings: nodes to which a gradient is fitted, by parabolas; three rows of them from a face on
+_FARTHEST = 6.0  # as far where a crack hides some of them
+_ENOUGH = 9  # nodes for the six numbers of a parabola
+_MOST_ALONG = 16  # points of the quadrature across the ring, whose field is smooth; eight times as many around
+_GRAZING = 1e-6  # of a turn: how near to the faces the circles are looked at
+
+
+class InteractionDomain:
+    """A ring around the tip of a straight crack, and the weights with which the nodes in it give its intensities.
+
+    Parameters
+    ----------
+    lattice : Lattice
+        In the plane.
+    tip, ahead : array_like, shape (2,)
+        The tip, and the way in which the crack would go on.
+    radii : (float, float)
+        Between the circles q falls from 1 to 0.
+    cuts : sequence of Cut
+        All cracks of the medium.
+    medium : NearTip
+
+    Attributes
+    ----------
+    nodes : ndarray of int, shape (N,)
+        Flat indices in the lattice.
+    static : ndarray, shape (modes, N, components)
+        Weights on the displacements.
+    loaded : ndarray, shape (modes, N, components)
+        Weights on the force per volume that the bonds exert on a node: the density times its acceleration, less the
+        load.
+    modes : tuple of str
+        "K_I" and "K_II", or "K_III".
+
+    Raises
+    ------
+    InputError
+        Circles that leave the near field; a crack that crosses them anywhere but once, straight behind the tip.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> import numpy as np
+    >>> lattice = fh.Lattice(0.5, (-4.75, -4.75), (4.75, 4.75))
+    >>> crack, medium = fh.Polyline([(-9.0, 0.0), (0.0, 0.0)]), NearTip(1.0, 1.0)
+    >>> domain = InteractionDomain(lattice, (0.0, 0.0), (1.0, 0.0), (2.0, 4.0), [crack], medium)
+    >>> x, y = (axis.ravel()[domain.nodes] for axis in lattice.coordinates())
+    >>> u = np.einsum("k,knc->nc", [3.0, -1.0], medium.fields(np.hypot(x, y), np.arctan2(y, x))[0])
+    >>> domain.intensities(u).round(1).tolist()
+    [3.0, -1.0]
+    """
+
+    def __init__(
+        self,
+        lattice: Lattice,
+        tip: Sequence[float] | np.ndarray,
+        ahead: Sequence[float] | np.ndarray,
+        radii: tuple[float, float],
+        cuts: Sequence[Cut],
+        medium: NearTip,
+    ) -> None:
+        self.medium, self.modes, self.radii = medium, medium.modes, radii
+        self.tip = np.asarray(tip, float)
+        first = np.asarray(ahead, float) / np.linalg.norm(ahead)
+        self._turn = np.array([first, [-first[1], first[0]]])  # rows: the axes of the tip
+        _check_circles(lattice, self.tip, self._turn, radii, cuts)
+        grid = np.stack(lattice.coordinates(), axis=-1).reshape(-1, 2)
+        inside = np.linalg.norm(grid - self.tip, axis=1) < radii[1] + _FARTHEST * lattice.spacing
+        candidates = np.flatnonzero(inside & (True if lattice.mask is None else lattice.mask.ravel()))
+        where, area = self._quadrature(lattice.spacing)
+        slopes = _slopes(where, grid[candidates], cuts, lattice.spacing)  # (Q, 2, candidates)
+        static = np.einsum("kqij,qjn->kni", self._on_gradient(where, area), slopes)
+        loaded = self._on_force(grid[candidates], lattice.spacing**2)
+        used = np.abs(static).any((0, 2)) | np.abs(loaded).any((0, 2))
+        self.nodes, self.static, self.loaded = candidates[used], static[:, used], loaded[:, used]
+
+    def intensities(self, u: np.ndarray, force: np.ndarray | None = None) -> np.ndarray:
+        """Stress intensity factors of a field.
+
+        Parameters
+        ----------
+        u : ndarray, shape (..., N, components)
+            Displacements of `nodes`.
+        force : ndarray of the same shape, optional
+            Force per volume that the bonds exert on them: the density times the acceleration, less the load; none
+            unless given.
+
+        Returns
+        -------
+        ndarray, shape (..., modes)
+        """
+        found = np.einsum("knc,...nc->...k", self.static, u)
+        return found if force is None else found + np.einsum("knc,...nc->...k", self.loaded, force)
+
+    def _quadrature(self, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+        """Points between the circles, shape (Q, 2), and the areas that they stand for."""
+        inner, outer = self.radii
+        along = int(np.clip(np.ceil((outer - inner) / spacing) + 1, 4, _MOST_ALONG))
+        around = int(np.clip(np.ceil(2 * np.pi * outer / spacing), 24, 8 * _MOST_ALONG))
+        (s, ds), (t, dt) = (np.polynomial.legendre.leggauss(n) for n in (along, around))
+        r, theta = (inner + outer) / 2 + (outer - inner) / 2 * s, np.pi * t
+        local = np.stack([np.multiply.outer(r, f(theta)) for f in (np.cos, np.sin)], axis=-1)
+        area = np.multiply.outer(r * ds * (outer - inner) / 2, np.pi * dt)
+        return self.tip + local.reshape(-1, 2) @ self._turn, area.ravel()
+
+    def _polar(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distance from the tip, and angle from the way ahead."""
+        x, y = ((points - self.tip) @ self._turn.T).T
+        return np.hypot(x, y), np.arctan2(y, x)
+
+    def _on_gradient(self, where: np.ndarray, area: np.ndarray) -> np.ndarray:
+        """Weights on the gradient of the field at the points, shape (modes, Q, components, 2)."""
+        r, theta = self._polar(where)
+        _, theirs = self.medium.fields(r, theta)
+        stress = self.medium.stress(theirs)
+        fall = -np.stack([np.cos(theta), np.sin(theta)], axis=-1) / (self.radii[1] - self.radii[0])  # grad q
+        weights = self.medium.stress(np.einsum("kqi,qj->kqij", theirs[..., 0], fall))
+        weights[..., 0] += np.einsum("kqij,qj->kqi", stress, fall)
+        weights -= stress * fall[:, 0, None, None]
+        weights *= area[:, None, None] * self.medium.stiffness / 2
+        back = weights @ self._turn
+        return back if self.medium.antiplane else np.einsum("kqia,ib->kqba", back, self._turn)
+
+    def _on_force(self, points: np.ndarray, cell: float) -> np.ndarray:
+        """Weights on the force at nodes, shape (modes, N, components)."""
+        r, theta = self._polar(points)
+        inner, outer = self.radii
+        q = np.clip((outer - r) / (outer - inner), 0.0, 1.0)
+        apart = np.maximum(r, 1e-3 * np.sqrt(cell))  # the gradient of a node on the tip itself is not finite
+        ahead = self.medium.fields(apart, theta)[1][..., 0] * (q * cell * self.medium.stiffness / 2)[:, None]
+        return ahead if self.medium.antiplane else ahead @ self._turn
+
+
+def _slopes(where: np.ndarray, nodes: np.ndarray, cuts: Sequence[Cut], spacing: float) -> np.ndarray:
+    """Derivatives at points as sums over nodes, by parabolas fitted to those that no crack hides; (Q, 2, nodes)."""
+    found = np.zeros((len(where), 2, len(nodes)))
+    for number, point in enumerate(where):
+        apart = (nodes - point) / spacing
+        distance = np.linalg.norm(apart, axis=1)
+        close = np.flatnonzero(distance < _FARTHEST)
+        for cut in cuts:
+            close = close[~cut.cuts(point, nodes[close])]
+        within = max(_NEAR, float(np.sort(distance[close])[min(_ENOUGH, len(close) - 1)]) * (1 + 1e-9))
+        close = close[distance[close] < within]
+        x, y = apart[close].T
+        weight = 1 - (distance[close] / within) ** 2
+        table = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1) * weight[:, None]
+        found[number][:, close] = np.linalg.pinv(table)[1:3] * weight / spacing
+    return found
+
+
+def _check_circles(
+    lattice: Lattice, tip: np.ndarray, turn: np.ndarray, radii: tuple[float, float], cuts: Sequence[Cut]
+) -> None:
+    """Refuse circles that leave the near field, or that cracks cross elsewhere than once behind the tip."""
+    inner, outer = radii
+    spacing = lattice.spacing
+    if not 2 * spacing <= inner * (1 + 1e-9) < outer - spacing:
+        raise InputError(
+            "the circles around the tip are too close to it or to each other",
+            value=[float(r) for r in radii],
+            limit=f"at least {2 * spacing:.4g} and {spacing:.4g}",
+            key="stress_intensity.radii",
+            remedy="larger circles, or a finer lattice",
+        )
+    room = float(min((tip - lattice.lower).min(), (lattice.upper - tip).min()))
+    if outer > room + 1e-9 * spacing:
+        raise InputError(
+            "the domain around the tip leaves the near field",
+            value=float(outer),
+            limit=f"{room:.6g} from the tip {tip.tolist()} to the edge",
+            key="stress_intensity.radii",
+            remedy="smaller radii, or a larger near field",
+        )
+    r = np.append(np.arange(spacing, outer, spacing / 2), outer)
+    theta = np.linspace(-np.pi, np.pi, max(16, int(np.ceil(4 * np.pi * outer / spacing))) + 1)
+    theta[[0, -1]] *= 1 - _GRAZING
+    rings = tip + r[:, None, None] * (np.stack([np.cos(theta), np.sin(theta)], axis=-1) @ turn)
+    behind, elsewhere = np.zeros((2, len(r)), int)
+    for cut in cuts:
+        behind += cut.cuts(rings[:, -1], rings[:, 0])
+        elsewhere += cut.cuts(rings[:, :-1], rings[:, 1:]).sum(1)
+        elsewhere[1:] += cut.cuts(rings[:-1], rings[1:]).sum(1)
+    wrong = np.flatnonzero((behind != 1) | (elsewhere > 0))
+    if wrong.size:
+        raise InputError(
+            "around the tip of a crack its domain is cut by another crack, or by this one elsewhere than straight "
+            "behind the tip",
+            value=f"at a distance of {r[wrong[0]]:.6g} from {tip.tolist()}",
+            limit=f"radii {inner:.6g} and {outer:.6g}",
+            key="stress_intensity.radii",
+            remedy="smaller radii, within which the crack is straight and alone; or the right direction",
+        )
+    if lattice.mask is not None:
+        grid = np.stack(lattice.coordinates(), axis=-1)
+        holes = ~lattice.mask & (np.linalg.norm(grid - tip, axis=-1) < outer)
+        if holes.any():
+            raise InputError(
+                "the domain around the tip has places without nodes",
+                value=grid[holes][0].tolist(),
+                key="stress_intensity.radii",
+                remedy="smaller radii",
+            )

@@ -1,0 +1,316 @@
+"""Stress intensity factors of cracks at rest, step by step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.analysis.fracture.interaction import InteractionDomain
+from farhorizon.analysis.fracture.near_tip import NearTip
+from farhorizon.errors import InputError
+from farhorizon.files.records import Recorded
+from farhorizon.geometry.shapes import Cut, Polyline
+from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.flux import bonds_left
+from farhorizon.simulation.near_field import NearField
+from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, recorder_name
+from farhorizon.simulation.setup import Setup
+
+_PART = 0.75  # of the way to the next corner of a crack, for the larger circle
+_UNEVEN = 1e-9  # of a factor on bonds
+
+
+class StressIntensity(Recorder):
+    r"""Stress intensity factors in time, from the interaction integral; given to a run in ``observe=[...]``.
+
+    K of a crack at rest is a sum over the nodes around its tip: the interaction integral is linear in the field, and
+    the force that the bonds exert on a node, the density times its acceleration less its load, is their sum.
+    It thus holds for waves and for loads on the faces, and it does not depend on the circles; see
+    `farhorizon.analysis.fracture.interaction`.
+
+    Parameters
+    ----------
+    tips : array_like, shape (n, 2), optional
+        Ends of cracks of the run, to within half a spacing; all that lie in the near field unless given.
+    radii : (float, float), optional
+        Circles between which the field's gradient is taken, and within which each crack is straight and alone; as large
+        as they may be unless given, the smaller of half the radius.
+    every : int
+        Steps from one record to the next.
+    name : str
+        Tells several of one run apart.
+
+    Attributes
+    ----------
+    points : ndarray, shape (n, 2)
+        The tips.
+    ahead : ndarray, shape (n, 2)
+        The ways in which the cracks would go on.
+    domains : list of InteractionDomain
+    times : ndarray, shape (rows,)
+    data : dict of str to ndarray
+        "K_I" and "K_II" of elastic media (K_I opens a crack; K_II moves the face on the left of the way ahead along),
+        "K_III" of scalar waves, whose modulus is the squared speed; "G", the energy that new area would release, by
+        Irwin's relation. Each of shape (rows, n).
+
+    Raises
+    ------
+    InputError
+        When a run is made: no crack tip, another dimension than two, bonds that are nonlinear or break, cracks that
+        open later or carry something, a medium that varies around a tip, circles within the horizon of the tip, that
+        leave the near field, or that a crack crosses twice.
+
+    Notes
+    -----
+    Yau, Wang and Corten (1980), J. Appl. Mech. 47, 335. On a lattice with the horizon m spacings wide the error falls
+    like the spacing, as the place of the tip between the nodes does.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> intensity = fh.StressIntensity([(4.0, 0.0)])
+    >>> lattice = fh.Lattice(0.5, (-8.25, -6.25), (8.25, 6.25))
+    >>> pull = fh.Source("0.5*y*exp(-y**2 - x**2/4)", fh.Step(4.0))
+    >>> crack = [(-4.0, 0.0), (4.0, 0.0)]
+    >>> model = fh.Wave(fh.Kernel(1.0))
+    >>> sim = fh.Simulation(lattice, model, sources=[pull], cracks=[crack], observe=[intensity])
+    >>> _ = sim.run(until=12.0)
+    >>> intensity.data["K_III"].shape == (sim.step_count + 1, 1)
+    True
+    """
+
+    def __init__(
+        self, tips: Any = None, radii: tuple[float, float] | None = None, every: int = 1, name: str = "stress_intensity"
+    ) -> None:
+        self.tips = None if tips is None else np.atleast_2d(kinds.array(tips, "stress_intensity.tips"))
+        if self.tips is not None and (self.tips.shape[1:] != (2,) or not len(self.tips)):
+            raise InputError(
+                "tips are points of the plane", value=self.tips.shape, limit="(n, 2)", key="stress_intensity.tips"
+            )
+        self.radii = None
+        if radii is not None:
+            inner, outer = kinds.array(radii, "stress_intensity.radii", shape=(2,))
+            self.radii = float(inner), float(outer)
+        self.every = kinds.integer(every, "stress_intensity.every", least=1)
+        self.name = recorder_name(name)
+        self.notes: list[str] = []
+        self.points = self.ahead = np.zeros((0, 2))
+        self.domains: list[InteractionDomain] = []
+        self._steps: list[np.ndarray] = []
+        self._rows: list[np.ndarray] = []
+        self._dt = 0.0
+
+    def __repr__(self) -> str:
+        return f"StressIntensity({'all' if self.tips is None else len(self.tips)} tips, every={self.every})"
+
+    # --- what was recorded -------------------------------------------------------------------------------------
+
+    @property
+    def times(self) -> np.ndarray:
+        """When each row was recorded, shape (rows,)."""
+        return np.concatenate([np.zeros(0, int), *self._steps]) * self._dt
+
+    @property
+    def data(self) -> dict[str, np.ndarray]:
+        """Intensities and what would be released, by name."""
+        if not self.domains:
+            return {}
+        medium = self.domains[0].medium
+        rows = np.concatenate([np.zeros((0, len(self.points), len(medium.modes))), *self._rows])
+        found = {mode: rows[..., number] for number, mode in enumerate(medium.modes)}
+        return {**found, "G": medium.release(rows)}
+
+    @property
+    def recorded(self) -> Recorded:
+        """What was recorded, apart from the run."""
+        return Recorded(self.name, self.points, self.times, self.data)
+
+    def forget(self) -> None:
+        self._steps, self._rows = [], []
+
+    # --- in a run ----------------------------------------------------------------------------------------------
+
+    def begin(self, setup: Setup, parts: Parts) -> Wanted:
+        near = parts.near
+        _check_medium(setup, near)
+        ends = _ends([crack.cut for crack in setup.cracks], near)
+        chosen = range(len(ends)) if self.tips is None else [_nearest(tip, ends, near) for tip in self.tips]
+        self.points = np.array([ends[number][0] for number in chosen])
+        self.ahead = np.array([ends[number][1] for number in chosen])
+        cuts = [crack.cut for crack in setup.cracks]
+        self.domains = [
+            InteractionDomain(
+                near.lattice, tip, ahead, _circles(tip, self.radii, cuts, near), cuts, _medium_at(near, tip)
+            )
+            for tip, ahead in zip(self.points, self.ahead, strict=True)
+        ]
+        for domain in self.domains:
+            _check_even(near, domain)
+        drives = [(space, time) for space, time in parts.driving if space is not None]
+        self._times = [time for _, time in drives]
+        shares = [_shares(domain, parts, [space for space, _ in drives]) for domain in self.domains]
+        self._faces = np.array([on_faces for _, on_faces in shares])  # (tips, drives, modes)
+        total = np.array([on_nodes for on_nodes, _ in shares])  # (tips, modes, nodes, components)
+        nodes = np.flatnonzero(total.any((0, 1, 3)))
+        self._table, self._dt = total[:, :, nodes], near.dt
+        return Wanted(nodes, (), self.every)
+
+    def start(self, step: int, heard: Heard) -> None:
+        self._steps, self._rows = [], []
+        self.add(step, Heard(heard.nodes[1:], ()))
+
+    def add(self, step: int, heard: Heard) -> None:
+        kept = slice(-step % self.every, None, self.every)
+        rows = heard.nodes[kept]
+        if len(rows):
+            steps = np.arange(step, step + len(heard.nodes))[kept]
+            loads = np.array([[time(self._dt * n) for time in self._times] for n in steps]).reshape(len(steps), -1)
+            self._steps.append(steps)
+            found = np.einsum("tknc,snc->stk", self._table, rows)
+            self._rows.append(found + np.einsum("tjk,sj->stk", self._faces, loads))
+
+    def state(self) -> Arrays:
+        rows = np.concatenate([np.zeros((0, *self._table.shape[:2])), *self._rows])
+        return {"steps": np.concatenate([np.zeros(0, np.int64), *self._steps]), "rows": rows}
+
+    def take(self, state: Arrays) -> None:
+        self._steps, self._rows = [np.asarray(state["steps"])], [state["rows"]]
+
+
+def _shares(domain: InteractionDomain, parts: Parts, loads: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:
+    """Weights on the displacements of all nodes, shape (modes, nodes, components), the force on a node being what its
+    bonds exert; and what loads on the faces add for each unit of their amplitude, shape (loads, modes).
+
+    The weights on forces are singular at the tip, where sums over nodes come near integrals like the root of the
+    spacing only. So there must be no load: to the field a linear one is added, which has no intensity, and whose
+    tractions on the faces are those of the load.
+    """
+    near, engine, grid = parts.near, parts.grid.engine, parts.grid
+    lattice, components = near.lattice, engine.components
+    places = grid.nodes.ravel()
+    busy = np.abs(domain.loaded).any((0, 2))
+    here, pull = domain.nodes[busy], domain.loaded[:, busy] / near.model.source_factor
+    index = np.stack(np.unravel_index(here, lattice.shape), axis=-1)
+    linear = np.eye(2 * components).reshape(-1, components, 2)  # gradients of linear fields
+    total = np.zeros((lattice.nodes, len(domain.modes), components))
+    total[domain.nodes] += domain.static.swapaxes(0, 1)
+    pulled = np.zeros((len(linear), len(here), components))  # by the bonds of a linear field
+    for offset, weight in zip(engine.offsets, engine.weights, strict=True):
+        step = offset[grid.lead :]
+        there = np.ravel_multi_index(tuple((index + step).T), lattice.shape)
+        left = bonds_left(engine, places[here], places[there], weight)
+        bond = np.multiply.outer(left, weight.reshape(components, components))
+        share = np.einsum("knc,ncd->nkd", pull, bond)
+        np.add.at(total, there, share)
+        np.add.at(total, here, -share)
+        pulled += np.einsum("ncd,md->mnc", bond, linear @ (lattice.spacing * step))
+    grid_points = np.stack(lattice.coordinates(), axis=-1).reshape(-1, 2)
+    at_tip = np.linalg.norm(grid_points[here] - domain.tip, axis=1)
+    often = np.sqrt(1 / np.maximum(at_tip, lattice.spacing / 2))[:, None]
+    table = (pulled / near.model.source_factor * often).reshape(len(linear), -1).T
+    wanted = [(np.asarray(load, float).reshape(components, -1).T[here] * often).ravel() for load in loads]
+    columns = np.array(wanted).reshape(len(loads), len(table)).T
+    fitted = np.linalg.lstsq(table, columns, rcond=_UNEVEN)[0]  # (fields, loads)
+    of_linear = np.einsum("nkc,mcb,nb->mk", total, linear, grid_points - domain.tip)
+    return total.swapaxes(0, 1), fitted.T @ of_linear
+
+
+def _check_medium(setup: Setup, near: NearField) -> None:
+    """InputError unless cracks in a medium of waves in the plane stay as they are."""
+    model, wrong, remedy = near.model, None, ""
+    if near.lattice.dim != 2:
+        wrong, remedy = "intensities are recorded in the plane", "opening_intensity of the faces in space"
+    elif model.order != 2 or model.moduli is None:
+        wrong, remedy = "only elastic media and scalar waves have stress intensity factors", "Elastic or Wave"
+    elif model.bond_law is not None:
+        wrong, remedy = "bonds that are nonlinear or break move the tip", "CrackTips, or linear bonds that stay"
+    elif any(crack.opens or crack.factor for crack in setup.cracks):
+        wrong, remedy = "cracks that open later or carry something have no such field", "cracks from the start on"
+    if wrong is not None:
+        raise InputError(wrong, value=model.title, key="stress_intensity", remedy=remedy)
+
+
+def _ends(cuts: Sequence[Cut], near: NearField) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Free tips in the near field, and the way ahead of each."""
+    lattice, found = near.lattice, []
+    for points in (cut.points for cut in cuts if isinstance(cut, Polyline)):
+        if (points[0] == points[-1]).all():
+            continue
+        for tip, before in ((points[0], points[1]), (points[-1], points[-2])):
+            if (tip >= lattice.lower).all() and (tip <= lattice.upper).all():
+                found.append((tip, (tip - before) / np.linalg.norm(tip - before)))
+    if not found:
+        raise InputError(
+            "no crack has a tip in the near field", key="stress_intensity", remedy="cracks=[[(x0, y0), (x1, y1)]]"
+        )
+    return found
+
+
+def _nearest(tip: np.ndarray, ends: Sequence[tuple[np.ndarray, np.ndarray]], near: NearField) -> int:
+    """Number of the tip that is meant."""
+    apart = [float(np.linalg.norm(tip - end)) for end, _ in ends]
+    if min(apart) > near.lattice.spacing / 2:
+        raise InputError(
+            "no crack ends there",
+            value=tip.tolist(),
+            limit=", ".join(str(end.round(12).tolist()) for end, _ in ends),
+            key="stress_intensity.tips",
+        )
+    return int(np.argmin(apart))
+
+
+def _circles(
+    tip: np.ndarray, given: tuple[float, float] | None, cuts: Sequence[Cut], near: NearField
+) -> tuple[float, float]:
+    """Those that are given, or the largest circle around a tip that needs no nodes beyond the near field and stays away
+    from other corners of cracks, and one of half its radius, or the horizon.
+
+    Raises
+    ------
+    InputError
+        Within the horizon of the tip, or of the edge.
+    """
+    lattice = near.lattice
+    room, reach = _room(tip, near), max(near.stencil.reach) * lattice.spacing
+    corners = np.concatenate([cut.points for cut in cuts if isinstance(cut, Polyline)])
+    apart = np.linalg.norm(corners - tip, axis=1)
+    widest = min(room - reach, _PART * float(apart[apart > 0].min()))
+    inner, outer = given or (max(widest / 2, reach), widest)
+    if inner < reach * (1 - _UNEVEN) or outer > room - reach * (1 - _UNEVEN):
+        raise InputError(
+            "the circles around the tip come within the horizon of the tip, or of the edge of the near field, beyond "
+            "which the layer is",
+            value=[inner, outer],
+            limit=f"{reach:.6g} to {room - reach:.6g}",
+            key="stress_intensity.radii",
+            remedy="a larger near field, a finer lattice, or a longer crack",
+        )
+    return inner, outer
+
+
+def _room(tip: np.ndarray, near: NearField) -> float:
+    """Distance from the nearest edge of the near field."""
+    return float(min((tip - near.lattice.lower).min(), (near.lattice.upper - tip).min()))
+
+
+def _medium_at(near: NearField, tip: np.ndarray) -> NearTip:
+    """The near fields of the medium around a tip."""
+    lame, shear = near.model.moduli or (0.0, 0.0)
+    factor = 1.0 if near.factor is None else float(near.factor[near.lattice.index(tip)])
+    return NearTip(factor * lame, factor * shear, antiplane=not near.model.mechanical)
+
+
+def _check_even(near: NearField, domain: InteractionDomain) -> None:
+    """Refuse a domain in which the medium varies, or ends."""
+    factor = np.ones(1) if near.factor is None else near.factor.ravel()[domain.nodes]
+    hidden = near.hidden is not None and bool(near.hidden.ravel()[domain.nodes].any())
+    if hidden or np.ptp(factor) > _UNEVEN * factor.max():
+        raise InputError(
+            "the medium varies around the tip, or ends there",
+            value=domain.tip.tolist(),
+            key="stress_intensity.radii",
+            remedy="smaller radii",
+        )

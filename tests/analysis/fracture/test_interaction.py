@@ -1,0 +1,95 @@
+"""The interaction integral of known fields: any crack, any mixture of modes, any circles; what is refused."""
+
+import os
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.analysis.fracture.interaction import InteractionDomain
+from farhorizon.analysis.fracture.near_tip import NearTip
+
+SEED = int(os.environ.get("FARHORIZON_SEED", np.random.SeedSequence().entropy % 2**32))
+
+
+def sampled(spacing, turn, tip, medium, intensities, radii=(1.5, 3.5), stretch=0.0):
+    """What the integral finds of a field that is known, with a pull along the crack added, on a lattice of that
+    spacing.
+    """
+    lattice = fh.Lattice(spacing, (-5.0, -5.0), (5.0, 5.0))
+    ahead = np.array([np.cos(turn), np.sin(turn)])
+    crack = fh.Polyline([tip - 20 * ahead, tip])
+    domain = InteractionDomain(lattice, tip, ahead, radii, [crack], medium)
+    across = np.array([-ahead[1], ahead[0]])
+    at = np.stack([axis.ravel()[domain.nodes] for axis in lattice.coordinates()], axis=-1) - tip
+    r, theta = np.hypot(at @ ahead, at @ across), np.arctan2(at @ across, at @ ahead)
+    u = np.einsum("k,knc->nc", intensities, medium.fields(r, theta)[0])
+    if not medium.antiplane:
+        thins = medium.lame / (medium.lame + 2 * medium.shear)
+        u += stretch * np.stack([at @ ahead, -thins * (at @ across)], axis=-1)
+        u = u @ np.array([ahead, across])
+    return domain.intensities(u)
+
+
+@pytest.mark.parametrize("antiplane", [False, True])
+def test_random_cracks_and_mixtures_to_third_order(antiplane):
+    """The gradient is that of parabolas, good to second order and better on whole neighbourhoods."""
+    print(f"seed {SEED}")
+    rng = np.random.default_rng(SEED)
+    medium = NearTip(*rng.uniform(0.5, 2.0, 2), antiplane)
+    turn, tip = rng.uniform(-np.pi, np.pi), rng.uniform(-0.2, 0.2, 2)
+    wanted = rng.normal(size=len(medium.modes))
+    errors = [np.abs(sampled(h, turn, tip, medium, wanted) - wanted).max() / np.abs(wanted).max() for h in (0.5, 0.25)]
+    assert errors[1] < 2e-3
+    assert np.log2(errors[0] / errors[1]) > 1.8
+
+
+def test_neither_the_circles_nor_a_pull_along_the_crack_matter():
+    medium, wanted = NearTip(1.0, 1.0), np.array([1.0, -0.4])
+    tip = np.array([0.05, 0.02])
+    for radii in ((1.2, 2.4), (2.0, 4.5), (3.0, 4.0)):
+        found = sampled(0.25, 0.6, tip, medium, wanted, radii, stretch=0.3)
+        assert np.abs(found - wanted).max() < 5e-3
+
+
+def test_inertia_is_part_of_it():
+    """A smooth field that leaves the faces free has no intensity: what its gradient says its force takes away."""
+    medium = NearTip(1.0, 1.0)
+    errors, parts = [], []
+    for spacing in (0.25, 0.125):
+        lattice = fh.Lattice(spacing, (-4.0 + spacing / 2,) * 2, (4.0 - spacing / 2,) * 2)
+        crack = fh.Polyline([(-9.0, 0.0), (0.0, 0.0)])
+        domain = InteractionDomain(lattice, (0.0, 0.0), (1.0, 0.0), (1.5, 3.0), [crack], medium)
+        x, y = (axis.ravel()[domain.nodes] for axis in lattice.coordinates())
+        u = np.stack([x**2 * y**2, -(2.0 / 9.0) * x * y**3], axis=-1)
+        # div of stress with lame = shear = 1: 3 u_xx + u_yy + 2 v_xy, 3 v_yy + v_xx + 2 u_xy; faces are free of stress
+        force = np.stack([6 * y**2 + 2 * x**2 - (4.0 / 3.0) * y**2, -4.0 * x * y + 8.0 * x * y], axis=-1)
+        errors.append(np.abs(domain.intensities(u, force)).max())
+        parts.append(np.abs(domain.intensities(u)).max())
+    assert errors[1] < 0.02 * parts[1]
+    assert errors[1] < errors[0] / 2
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"radii": (1.0, 6.0)}, "leaves the near field"),
+        ({"radii": (0.4, 3.0)}, "too close to it or to each other"),
+        ({"radii": (2.0, 2.1)}, "too close to it or to each other"),
+        ({"ahead": (0.0, 1.0)}, "cut by another crack, or by this one elsewhere"),
+        ({"ahead": (-1.0, 0.0)}, "cut by another crack, or by this one elsewhere"),
+        ({"more": [(1.0, -0.5), (1.0, 0.5)]}, "cut by another crack"),
+        ({"crack": [(-1.0, 0.1), (0.0, 0.0)]}, "cut by another crack, or by this one elsewhere"),
+        ({"crack": [(-9.0, 5.0), (-2.0, 0.0), (0.0, 0.0)]}, "cut by another crack, or by this one elsewhere"),
+        ({"crack": [(-9.0, 2.0), (2.0, 2.0), (2.0, 0.0), (0.0, 0.0)]}, "cut by another crack, or by this one"),
+        ({"body": fh.Box((-5.0, -5.0), (5.0, 5.0)) - fh.Disc(0.5, (1.0, 1.0))}, "places without nodes"),
+    ],
+)
+def test_what_the_domain_must_not_have(changes, message):
+    lattice = fh.Lattice(0.25, (-5.0, -5.0), (5.0, 5.0), body=changes.get("body"))
+    cuts = [fh.Polyline(changes.get("crack", [(-9.0, 0.0), (0.0, 0.0)]))]
+    cuts += [fh.Polyline(changes["more"])] if "more" in changes else []
+    with pytest.raises(fh.InputError, match=message):
+        InteractionDomain(
+            lattice, (0.0, 0.0), changes.get("ahead", (1.0, 0.0)), changes.get("radii", (1.5, 3.0)), cuts, NearTip(1, 1)
+        )

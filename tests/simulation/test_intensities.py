@@ -1,0 +1,164 @@
+"""Stress intensity factors in time: static cracks under any load from far away, and cracks that a wave hits."""
+
+import os
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.case.case import Case
+from farhorizon.validation.stress_intensity import force_on_faces, intensity, opened, pressure_step
+
+SEED = int(os.environ.get("FARHORIZON_SEED", np.random.SeedSequence().entropy % 2**32))
+HALF = 4.0
+BOX = fh.Lattice(0.5, (-7.75, -5.75), (7.75, 5.75))
+CRACK = [(-HALF, 0.0), (HALF, 0.0)]
+
+
+def sheared(observe, crack=CRACK, **given):
+    """A membrane with a crack, whose faces are pulled apart as by a unit gradient from far away."""
+    load = np.zeros(BOX.shape)
+    model = fh.Wave(fh.Kernel(1.0))
+    stencil, cut = model.stencil(BOX.spacing, 2), fh.Polyline(crack)
+    x, y = BOX.coordinates()
+    here = np.stack([x, y], axis=-1)
+    for offset, weight in zip(stencil.offsets, stencil.weights, strict=True):
+        crosses = cut.cuts(here, here + BOX.spacing * offset)
+        load -= crosses * weight * offset[1] / BOX.spacing
+    sides = fh.LatticePML(nodes=12)
+    return fh.Simulation(
+        BOX, model, sides, sources=[fh.Source(load, fh.Step(4.0))], cracks=[crack], observe=observe, **given
+    )
+
+
+def test_mode_three_comes_to_its_static_value():
+    """Within what the tip's place between two nodes means, a quarter of a spacing of the crack's length."""
+    large, small = fh.StressIntensity(), fh.StressIntensity([(HALF, 0.0)], (1.0, 2.0), every=4, name="small")
+    sim = sheared([large, small]).run("static", tolerance=0.01, limit=200.0)
+    exact = np.sqrt(np.pi * HALF)
+    assert large.points.tolist() == [[-HALF, 0.0], [HALF, 0.0]] and large.ahead.tolist() == [[-1.0, 0.0], [1.0, 0.0]]
+    left, right = large.data["K_III"][-1]
+    assert left == pytest.approx(-right, rel=1e-9)  # the face to the left of the way ahead is the lower one there
+    assert abs(right / exact - 1) < 0.25 * 0.5 / HALF
+    assert small.data["K_III"][-1, 0] == pytest.approx(right, rel=0.02)
+    assert large.data["G"][-1] == pytest.approx(right**2 / 2, rel=1e-9)
+    assert len(small.times) == sim.step_count // 4 + 1 and small.times[1] == pytest.approx(4 * sim.dt)
+    assert large.data["K_III"][0].tolist() == [0.0, 0.0]
+
+
+def test_a_run_in_parts_is_the_whole_run(tmp_path):
+    whole, first, second = (fh.StressIntensity([(HALF, 0.0)], every=3) for _ in range(3))
+    sheared([whole]).step(50)
+    sim = sheared([first])
+    sim.step(20)
+    sim.save(tmp_path / "state")
+    sim = sheared([second])
+    sim.load(tmp_path / "state")
+    sim.step(30)
+    assert (second.data["K_III"] == whole.data["K_III"]).all() and (second.times == whole.times).all()
+
+
+@pytest.mark.parametrize(
+    ("observer", "changes", "message"),
+    [
+        (fh.StressIntensity([(1.0, 0.0)]), {}, "no crack ends there"),
+        (fh.StressIntensity(radii=(0.5, 3.0)), {}, "within the horizon of the tip"),
+        (fh.StressIntensity(radii=(1.0, 3.5)), {}, "within the horizon of the tip, or of the edge"),
+        (fh.StressIntensity([(-HALF, 0.0)], (1.0, 2.0)), {"crack": [(-HALF, 0.0), (-2.5, 0.0), (HALF, 1.0)]}, "is cut"),
+        (fh.StressIntensity(), {"coefficient": "1 + 0.1*x"}, "the medium varies"),
+    ],
+)
+def test_what_cannot_be_recorded(observer, changes, message):
+    with pytest.raises(fh.InputError, match=message):
+        sheared([observer], **changes)
+
+
+def test_runs_without_such_a_field():
+    wave, diffusion = fh.Wave(fh.Kernel(1.0)), fh.Diffusion(fh.Kernel(1.0))
+    breaking = fh.Elastic(fh.Kernel(1.0, 1), 1.0, critical_stretch=0.1)
+    for model, cracks, message in (
+        (wave, [], "no crack has a tip"),
+        (wave, [fh.Crack(CRACK, factor=0.5)], "carry something"),
+        (diffusion, [CRACK], "only elastic media and scalar waves"),
+        (breaking, [CRACK], "break move the tip"),
+    ):
+        with pytest.raises(fh.InputError, match=message):
+            fh.Simulation(BOX, model, fh.LatticePML(nodes=8), cracks=cracks, observe=[fh.StressIntensity()])
+
+
+def test_case_file():
+    text = """
+    lattice = { spacing = 0.5, lower = [-7.75, -5.75], upper = [7.75, 5.75] }
+    model = { type = "wave", kernel = { horizon = 1.0 } }
+    boundary = { all = { type = "lattice-pml", nodes = 6 } }
+    crack = [{ points = [[-4.0, 0.0], [4.0, 0.0]] }]
+    stress_intensity = [{ tips = [[4.0, 0.0]], radii = [1.0, 2.0], every = 2, name = "right" }]
+    run = { until = 1.0 }
+    """
+    run = Case(text).run()
+    [made] = run.recorders
+    assert made.name == "right" and made.radii == (1.0, 2.0) and made.every == 2
+    run.run(1.0, progress=False)
+    assert set(made.recorded.data) == {"K_III", "G"}
+
+
+def pulled(spacing, turn, stress, model, observe):
+    """A crack turned against the lattice in a medium that is stressed from far away, at rest in the end."""
+    half = 8.0
+    lattice = fh.Lattice(spacing, (spacing / 2 - half,) * 2, (half - spacing / 2,) * 2)
+    ahead = np.array([np.cos(turn), np.sin(turn)])
+    crack = fh.Polyline([-HALF * ahead, HALF * ahead])
+    lame, shear = model.moduli
+    strain = (stress - lame / (2 * (lame + shear)) * np.trace(stress) * np.eye(2)) / (2 * shear)
+    sources = [fh.Source(force_on_faces(model, lattice, crack, strain), fh.Step(4.0))]
+    sim = fh.Simulation(
+        lattice, model, fh.LatticePML(nodes=16), sources=sources, cracks=[crack], observe=observe, threads=1
+    )
+    sim.run("static", tolerance=1e-3, limit=500.0, progress=False)
+    normal = np.array([-ahead[1], ahead[0]])
+    return np.sqrt(np.pi * HALF) * np.array([normal @ stress @ normal, ahead @ stress @ normal])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("reach", "plane"), [(2, "strain"), (3, "stress")])
+def test_turned_cracks_under_random_loads_converge(reach, plane):
+    """To the infinite plane's, at first order: a tip is known to a part of the spacing."""
+    print(f"seed {SEED}")
+    rng = np.random.default_rng(SEED)
+    turn, stress = rng.uniform(0.1, 1.4), rng.uniform(-1.0, 1.0, (2, 2))
+    stress = stress + stress.T + np.eye(2) * 1.5
+    errors = []
+    spacings = (0.5, 0.25, 0.125)
+    for spacing in spacings:
+        model = fh.Elastic(fh.Kernel(reach * spacing, exponent=1), young=1.0, plane=plane)
+        large, small = fh.StressIntensity(every=50), fh.StressIntensity(radii=(1.5, 2.5), every=50, name="small")
+        exact = pulled(spacing, turn, stress, model, [large, small])
+        found = np.array([large.data["K_I"][-1], large.data["K_II"][-1]])
+        errors.append(np.abs(found - exact[:, None]).max() / np.linalg.norm(exact))
+        inner = np.array([small.data["K_I"][-1], small.data["K_II"][-1]])
+        print(spacing, found.tolist(), inner.tolist(), exact, errors[-1])
+        assert np.abs(inner - found).max() < reach * spacing / 2 / 1.5 * np.linalg.norm(exact)
+    order = np.polyfit(np.log(spacings), np.log(errors), 1)[0]
+    print("order", order)
+    assert errors[-1] < 0.125 * reach / HALF
+    assert order > 0.7
+
+
+@pytest.mark.slow
+def test_a_crack_hit_by_a_pressure_wave():
+    """Freund's half-plane crack until the tips know of each other, and the static value in the end."""
+    errors = []
+    for spacing in (0.25, 0.125):
+        observer = fh.StressIntensity()
+        sim, speed = opened(spacing, (11.0, 5.0))
+        sim = sim.of(sim.setup, observe=[observer])
+        sim.run("static", tolerance=1e-3, limit=400.0, progress=False)
+        found, times = observer.data["K_I"][:, 1], observer.times
+        assert np.abs(observer.data["K_II"]).max() < 1e-9 * found.max()
+        early = (speed * times > 4.0) & (speed * times < 16.0)
+        exact = np.array([intensity(t, lambda s, c=speed: pressure_step(c * s)) for t in times[early]])
+        errors.append(np.abs(found[early] - exact).max() / exact.max())
+        static = found[-1] / np.sqrt(np.pi * 8.0)
+        print(spacing, errors[-1], static)
+        assert abs(static - 1) < 0.01
+    assert errors[-1] < 0.02
