@@ -147,9 +147,8 @@ class Engine:
     absent : AbsentBonds
     loop : callable or None
         What works off the table of operations in place of the compiled loop: see `farhorizon.engine.interpreter`.
-    watched : ndarray of int, shape (n,)
-        Places in a level whose values after each step of an `advance` are in `seen`, shape (steps, n), until the next
-        one.
+    seen : ndarray, shape (steps, n)
+        The values at the places of `watch` after each step of an `advance`, until the next one.
     heard : ndarray, shape (steps, R)
         The sums of `listen` after each of those steps.
     watch_stride : int
@@ -197,7 +196,8 @@ class Engine:
         self.bonds = BondZone(self)
         self.absent = AbsentBonds(self, self.bonds)
         self.hold(np.zeros(0, np.int64))
-        self.watched, self.seen, self.heard = np.zeros(0, np.int64), np.zeros((0, 0)), np.zeros((0, 0))
+        self.seen, self.heard = np.zeros((0, 0)), np.zeros((0, 0))
+        self.watch(np.zeros(0, np.int64))
         self.watch_stride = 1
         self._room: dict[str, np.ndarray] = {}
         self.loop: Loop | None = None
@@ -372,6 +372,12 @@ class Engine:
         """Sums of what has flowed, and the rounding of them, shape (2, count)."""
         return self.tables.flows.totals
 
+    def watch(self, places: np.ndarray) -> None:
+        """Keep the values at places of a level, shape (n,), after every step from now on, in `seen`."""
+        first = np.flatnonzero(np.diff(places, prepend=-2) != 1)  # where no neighbour of the one before follows
+        runs = places[first] % self.layout.size, places[first], first, np.diff(first, append=len(places))
+        self._watched = np.stack(runs, axis=-1)[np.argsort(runs[0], kind="stable")]
+
     def listen(self, blocks: Sequence[tuple[np.ndarray, Sequence[np.ndarray]]]) -> None:
         """Keep sums over blocks of nodes after every step from now on, in `heard`.
 
@@ -382,18 +388,25 @@ class Engine:
             three arrays of shape (n, width).
         """
         lanes = 64 // self.dtype.itemsize
-        rows, tables, count = [np.zeros((0, 5), np.int64)], [np.zeros(0, self.dtype)], 0
+        stride, column = self.tables.listening.stride, 0
+        sets, rows, tables, count = [], [np.zeros((0, 6), np.int64)], [np.zeros(0, self.dtype)], 0
         for places, (first, second, third) in blocks:
             padded = np.pad(third, ((0, 0), (0, -third.shape[1] % lanes)))
-            table = np.concatenate([first, second, padded], axis=1).astype(self.dtype)
-            row = np.empty((len(places), 5), np.int64)
-            row[:, 0], row[:, 1] = places, count + table.shape[1] * np.arange(len(places))
-            row[:, 2:] = first.shape[1], second.shape[1], padded.shape[1]
-            rows.append(row)
-            tables.append(table.ravel())
-            count += table.size
+            middle = first.shape[1] // 2 * stride[0] + second.shape[1] // 2 * stride[1]
+            columns = [places % self.layout.size + middle, places]
+            for along in (first, second, padded):
+                table, which = np.unique(along.astype(self.dtype), axis=0, return_inverse=True)
+                columns.append(count + table.shape[1] * which.reshape(-1))
+                tables.append(table.ravel())
+                count += table.size
+            sets.append([len(places), first.shape[1], second.shape[1], padded.shape[1]])
+            columns.append(column + np.arange(len(places)))
+            column += len(places)
+            rows.append(np.stack(columns, axis=1)[np.argsort(columns[0], kind="stable")])
         self.replace(
-            listening=self.tables.listening._replace(rows=np.concatenate(rows), weights=np.concatenate(tables))
+            listening=self.tables.listening._replace(
+                sets=np.array(sets, np.int64).reshape(-1, 4), rows=np.concatenate(rows), weights=np.concatenate(tables)
+            )
         )
 
     def set_dependent_values(self, values: np.ndarray) -> None:
@@ -496,8 +509,8 @@ class Engine:
             np.zeros((steps, len(self.held))),
             np.zeros((0, len(self.tables.dependents.nodes)), self.dtype),
             times,
-            self.watched,
-            self._rows("seen", steps, self.watched.size),
+            self._watched,
+            self._rows("seen", steps, int(self._watched[:, 3].sum())),
             self._rows("heard", steps, len(self.tables.listening.rows)),
             self.watch_stride,
         )

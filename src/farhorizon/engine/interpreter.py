@@ -7,7 +7,6 @@ every offset of the stencil. It is slow, and keeps the layers' memory to itself.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -59,8 +58,7 @@ class Interpreter:
             op.DEPEND: self._depend,
             op.FRINGE: self._fringe,
             op.DISSOLVE: self._dissolve,
-            op.WATCH: lambda: self._keep(self._watch),
-            op.LISTEN: lambda: self._keep(self._listen),
+            op.KEEP: self._keep,
         }
 
     def run(self, steps: int, phase: int, levels: np.ndarray, tables: op.Tables, inputs: Inputs) -> None:
@@ -103,23 +101,19 @@ class Interpreter:
         for to, source in self.tables.copies.T:  # later ones copy what earlier ones have copied
             levels[:, to] = levels[:, source]
 
-    def _keep(self, values: Callable[[], None]) -> None:
-        """Keep some values unless they are those of a step in between."""
-        if (self.inputs.before + self.step + 1) % self.inputs.stride == 0:
-            values()
-
-    def _watch(self) -> None:
-        self.inputs.seen[self.step] = self.stage.out[self.inputs.watched]
-
-    def _listen(self) -> None:
+    def _keep(self) -> None:
+        if (self.inputs.before + self.step + 1) % self.inputs.stride:
+            return
+        for _, place, column, count in self.inputs.watched.tolist():
+            self.inputs.seen[self.step, column : column + count] = self.stage.out[place : place + count]
         listening = self.tables.listening
-        for number, (place, first, *nodes) in enumerate(listening.rows.tolist()):
-            ends = np.cumsum([first, *nodes])
-            along = [listening.weights[a:b] for a, b in itertools.pairwise(ends)]
+        sizes = np.repeat(listening.sets[:, 1:], listening.sets[:, 0], axis=0).tolist()
+        for (_, place, *first, column), nodes in zip(listening.rows.tolist(), sizes, strict=True):
+            along = [listening.weights[a : a + count] for a, count in zip(first, nodes, strict=True)]
             block = np.lib.stride_tricks.as_strided(
                 self.stage.out[place:], nodes, listening.stride * self.stage.out.itemsize
             )
-            self.inputs.heard[self.step, number] = np.einsum("ijk,i,j,k", block, *along)
+            self.inputs.heard[self.step, column] = np.einsum("ijk,i,j,k", block, *along)
 
     # --- bonds -------------------------------------------------------------------------------------------------
 

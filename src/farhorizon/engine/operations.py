@@ -37,8 +37,7 @@ FLOW = 13  # what flows along bonds is added to the flows
 DEPEND = 14  # nodes whose values depend on those of others
 FRINGE = 15  # the halo along an outline
 DISSOLVE = 16  # solid nodes become liquid
-WATCH = 17  # values of watched nodes are kept
-LISTEN = 18  # sums over blocks of nodes are kept
+KEEP = 17  # values of watched nodes and sums over blocks of nodes are kept
 
 
 class Tables(NamedTuple):
@@ -109,9 +108,8 @@ def rarity(tables: Tables) -> int:
 def operations_of(tables: Tables, inputs: Inputs) -> tuple[np.ndarray, np.ndarray]:
     """What there is to do in a step: the `operations` and `starts` of tables that lack them."""
     lists = [_stage(tables, inputs, stage) for stage in range(len(tables.numbers))]
-    lists[-1] += _chosen(
-        (DISSOLVE, tables.phases.runs.size), (WATCH, inputs.watched.size), (LISTEN, len(tables.listening.rows))
-    )
+    kept = inputs.watched.size + tables.listening.rows.size
+    lists[-1] += _chosen((DISSOLVE, tables.phases.runs.size), (KEEP, kept))
     starts = np.cumsum([0, *map(len, lists)])
     return np.array(list(itertools.chain(*lists)), np.int64).reshape(-1, 2), starts
 

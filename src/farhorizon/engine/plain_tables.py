@@ -21,6 +21,7 @@ _SECOND_CACHE = 600_000  # bytes of the second cache that a part of the box may 
 def first_tables(engine: Field, heterogeneous: bool, rule: int) -> Tables:
     """Those of a medium without anything that may be set later."""
     none, nothing, one = np.zeros(0, np.int64), np.zeros(0, engine.dtype), engine.dtype.type(1)
+    no_sums = np.zeros((0, 4), np.int64), np.zeros((0, 6), np.int64)
     numbers = [numbers_of(engine, *stage) for stage in engine.stages.numbers]
     return Tables(
         operations=np.zeros((0, 2), np.int64),
@@ -45,7 +46,7 @@ def first_tables(engine: Field, heterogeneous: bool, rule: int) -> Tables:
         flows=no_flows(len(numbers), engine.dtype),
         fringe=no_fringe(),
         filter=_filter(engine),
-        listening=Listening(np.zeros((0, 5), np.int64), nothing, np.array(engine.layout.box.stride, np.int64)),
+        listening=Listening(*no_sums, nothing, np.array(engine.layout.box.stride, np.int64)),
     )
 
 

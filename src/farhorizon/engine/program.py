@@ -43,16 +43,23 @@ from farhorizon.engine.operations import (
     FLOW_LAYERS,
     FRINGE,
     HOLD,
+    KEEP,
     LINES,
-    LISTEN,
     STRETCH,
     SWEEP,
-    WATCH,
     WORK,
 )
 from farhorizon.engine.phases import LIQUID, SOLID, dissolve, find_runs
 from farhorizon.engine.rows.compiled import njit
-from farhorizon.engine.rows.vectors import TILE, TILE_ROWS, add_weighted, block_sum, call_sweep, sweep_phases
+from farhorizon.engine.rows.vectors import (
+    TILE,
+    TILE_ROWS,
+    add_weighted,
+    block_sum,
+    call_sweep,
+    copy_values,
+    sweep_phases,
+)
 from farhorizon.engine.tables import Material, Stage
 from farhorizon.engine.threads import barrier, claim, share
 
@@ -296,14 +303,74 @@ def release(stage, sweep, material, surface, number):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def sweep_box(thread, stage, sweep, material, surface, phases, bonds, backward):
+def first_from(rows, r, last, key):
+    """The first row from r on, of those before `last`, whose first number is not below a key; they are sorted."""
+    while r < last:
+        middle = (r + last) // 2
+        if rows[middle, 0] < key:
+            r = middle + 1
+        else:
+            last = middle
+    return r
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def watch(level, runs, low, high, seen):
+    """Values of nodes whose keys are from `low` to `high`, run by run: to read a number for each node would take longer
+    than to copy the nodes.
+    """
+    source, to, size = level.ctypes.data, seen.ctypes.data, level.itemsize
+    r = first_from(runs, ZERO, runs.shape[0], low)
+    while r < runs.shape[0] and runs[r, 0] < high:
+        copy_values(source + runs[r, 1] * size, to + runs[r, 2] * 8, runs[r, 3], level[0])
+        r += 1
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def listen(level, listening, low, high, heard):
+    """Sums over blocks of nodes whose keys are from `low` to `high`."""
+    sets, rows, weights, stride = listening.sets, listening.rows, listening.weights, listening.stride
+    source, factors, size, none = level.ctypes.data, weights.ctypes.data, level.itemsize, level[0] * 0
+    end = ZERO
+    for s in range(sets.shape[0]):
+        start, end = end, end + sets[s, 0]
+        planes, lines, nodes = sets[s, 1], sets[s, 2], sets[s, 3]
+        r = first_from(rows, start, end, low)
+        while r < end and rows[r, 0] < high:
+            place, first = rows[r, 1], rows[r, 2]
+            across, along = factors + rows[r, 3] * size, factors + rows[r, 4] * size
+            total = none
+            for i in range(planes):
+                plane = source + (place + i * stride[0]) * size
+                total += weights[first + i] * block_sum(plane, across, lines, stride[1], along, nodes, none)
+            heard[rows[r, 5]] = total
+            r += 1
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def keep(level, sweep, listening, inputs, step, number):
+    """What is watched and heard after a step in one part of the box."""
+    block = sweep.block
+    i0, first, last = rows_of(sweep, number)
+    plane = block[0] + i0 * block[4]
+    low, high = plane + first * block[5], plane + last * block[5]
+    watch(level, inputs.watched, low, high, inputs.seen[step])
+    if SOME and listening.sets.shape[0]:
+        listen(level, listening, low, high, inputs.heard[step])
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def sweep_box(thread, stage, sweep, material, tables, inputs, step, backward):
     """All parts of the box; in every other stage the last first: it meets what the last stage left in the cache.
+
+    Unless `step` is below 0 what recorders want of the field after that step, which is read here, is kept part by part,
+    as long as it is in the cache.
 
     Each thread has a share of its own, the same in all steps, for the threads' caches may lie far apart. It claims some
     parts as it goes, and when it is through some of the others', so that one whose processor is busy otherwise does
     less.
     """
-    count = count_parts(sweep)
+    count, surface, phases, bonds = count_parts(sweep), tables.surface, tables.phases, tables.bonds
     for shift in range(thread.threads):
         owner = (thread.number + shift) % thread.threads
         first = owner * count // thread.threads
@@ -321,6 +388,8 @@ def sweep_box(thread, stage, sweep, material, surface, phases, bonds, backward):
                     sweep_part(stage, sweep, material, number)
                 if surface.stretches.size:
                     release(stage, sweep, material, surface, number)
+                if step >= 0:
+                    keep(stage.src, sweep, tables.listening, inputs, step, number)
             claimed = claim(thread, owner) if thread.threads > 1 else 1
     barrier(thread)
 
@@ -493,30 +562,6 @@ def add_flow_of_ends(stage, ends, flows):
                 add_to(flows.totals, flows.ends[end, m], effect * ends.forces[end, m])
 
 
-@njit(error_model="numpy", cache=True, counted=False)
-def watch(thread, level, nodes, seen):
-    """Values of some nodes."""
-    own = share(thread, nodes.size)
-    for k in range(own[0], own[1]):
-        seen[k] = level[nodes[k]]
-
-
-@njit(error_model="numpy", cache=True, counted=False)
-def listen(thread, level, listening, heard):
-    """Sums over blocks of nodes."""
-    rows, weights, stride, size = listening.rows, listening.weights, listening.stride, level.itemsize
-    source, factors, none = level.ctypes.data, weights.ctypes.data, level[0] * 0
-    own = share(thread, rows.shape[0])
-    for r in range(own[0], own[1]):
-        place, first, planes, lines, nodes = rows[r, 0], rows[r, 1], rows[r, 2], rows[r, 3], rows[r, 4]
-        across = factors + (first + planes) * size
-        total = none
-        for i in range(planes):
-            plane = source + (place + i * stride[0]) * size
-            total += weights[first + i] * block_sum(plane, across, lines, stride[1], across + lines * size, nodes, none)
-        heard[r] = total
-
-
 @njit(error_model="numpy", nogil=True, cache=True, counted=False, entry=True)
 def run(thread, steps, phase, levels, tables, inputs):
     """One thread's share of `steps` steps from the rotation `phase`.
@@ -558,7 +603,8 @@ def run(thread, steps, phase, levels, tables, inputs):
                 operation = tables.operations[i, 0]
                 if operation == SWEEP:
                     backward = (phase + part) % 2 == 1
-                    sweep_box(thread, stage, sweep, everywhere, tables.surface, phases, tables.bonds, backward)
+                    wanted = part == 0 and (inputs.before + step) % inputs.stride == 0
+                    sweep_box(thread, stage, sweep, everywhere, tables, inputs, step - 1 if wanted else -ONE, backward)
                 elif operation == STRETCH:
                     add_layers(thread, tables.operations[i, 1], stage, layers, work, material)
                 elif operation == LINES:
@@ -592,12 +638,11 @@ def run(thread, steps, phase, levels, tables, inputs):
                             if thread.number == 0:
                                 copy(everywhere.coefficient, tables.copies, ONE)
                             barrier(thread)
-                elif operation == WATCH:  # the next step does not write this level before its first barrier
-                    if (inputs.before + step + 1) % inputs.stride == 0:
-                        watch(thread, stage.out, inputs.watched, inputs.seen[step])
-                elif SOME and operation == LISTEN:  # as above
-                    if (inputs.before + step + 1) % inputs.stride == 0:
-                        listen(thread, stage.out, tables.listening, inputs.heard[step])
+                elif operation == KEEP:  # other steps are kept as the next one reads the field
+                    if step == steps - 1 and (inputs.before + steps) % inputs.stride == 0:
+                        own = share(thread, count_parts(sweep))
+                        for number in range(own[0], own[1]):
+                            keep(stage.out, sweep, tables.listening, inputs, step, number)
                 else:  # the work of one thread
                     if thread.number == 0:
                         if operation == COPY:

@@ -193,9 +193,10 @@ class Inputs(NamedTuple):
     held_values : ndarray, shape (steps, H)
     dependent_fields, dependent_times : ndarray, shapes (M, n), (steps, stages, M)
         What is added to the values of `Dependents`.
-    watched : ndarray of int, shape (W,)
-        Nodes whose values are copied to ``seen[step]`` after each step.
-    seen : ndarray, shape (steps, W)
+    watched : ndarray of int, shape (W, 4)
+        Runs of neighbouring nodes whose values are copied to ``seen[step]`` after each step, sorted: the first one's
+        place in its component, its place in the level, its column, and their number.
+    seen : ndarray, shape (steps, columns)
     heard : ndarray, shape (steps, R)
         The sums of `Listening` after each step.
     stride : int
@@ -221,16 +222,20 @@ class Listening(NamedTuple):
 
     Attributes
     ----------
-    rows : ndarray of int, shape (R, 5)
-        Of each sum: place of the block's first node in a level, number of its first weight, and nodes along the axes,
-        of the third a whole number of vectors of 64 bytes.
+    sets : ndarray of int, shape (S, 4)
+        Number of the sums over blocks of one size, and nodes along the axes of these blocks, of the third a whole
+        number of vectors of 64 bytes.
+    rows : ndarray of int, shape (R, 6)
+        Of each sum, set by set and sorted: a place in the middle of the block, in its component; place of the block's
+        first node in the level; numbers of its first weights along the axes; and its column.
     weights : ndarray
-        Of each block those along the first axis, the second and the third: the weight of a node is their product. Those
-        that fill the last vector are zero.
+        Along one axis each: the weight of a node is the product of three. Those that fill the last vector are zero.
+        Blocks with equal weights along an axis share them, for to read them takes as long as to read the nodes.
     stride : ndarray of int, shape (3,)
         Distances of neighbours in a level.
     """
 
+    sets: np.ndarray
     rows: np.ndarray
     weights: np.ndarray
     stride: np.ndarray

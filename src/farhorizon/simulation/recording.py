@@ -9,6 +9,7 @@ import numpy as np
 
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.fourier_sums import BLOCK
 from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted
 from farhorizon.simulation.setup import Setup
 
@@ -47,7 +48,7 @@ class Recording:
         engine, lead = self._grid.engine, self._grid.lead
         places = self._grid.nodes.ravel()
         watched = [engine.all_components(places[nodes]) for nodes in self._all_nodes()]
-        engine.watched = np.concatenate(watched)
+        engine.watch(np.concatenate(watched))
         found: list[tuple[np.ndarray, list[np.ndarray]]] = []
         for blocks in (one for wanted in self._wanted for one in wanted.blocks):
             first = places[np.ravel_multi_index(tuple(blocks.first.T), blocks.shape)]
@@ -85,6 +86,12 @@ class Recording:
         """Let the recorders look at a run to a time, of so many steps in all."""
         for one in self.recorders:
             one.foresee(until, steps)
+
+    def allow(self, step: int, wanted: int) -> int:
+        """How many of the wanted steps to make from one on: to where blocks of Fourier sums end, if that is not much
+        less, for whole blocks are summed where they lie.
+        """
+        return wanted if wanted < 2 * BLOCK else wanted - (step + wanted + 1) % BLOCK
 
     def add(self, step: int) -> None:
         """Give the recorders what the loop has kept of its last steps, which begin with number `step`."""

@@ -249,7 +249,8 @@ class Simulation(Run):
         last = self.step_count + count
         while self.step_count < last:
             march.open_cracks(self.step_count)
-            steps = march.allow(self.step_count, min(last - self.step_count, self.guard_steps))
+            wanted = self._recording.allow(self.step_count, min(last - self.step_count, self.guard_steps))
+            steps = march.allow(self.step_count, wanted)
             for made in march.advance(self.step_count, steps):
                 self._recording.add(self.step_count + 1)
                 if self.probes is not None:

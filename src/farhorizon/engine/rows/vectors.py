@@ -636,6 +636,28 @@ def block_sum(typingctx, source, across, rows, apart, along, count, like):
 
 
 @intrinsic
+def copy_values(typingctx, source, to, count, like):
+    """Copy `count` neighbouring values of the type of `like` to numbers of 8 bytes; byte addresses. Up to a vector
+    behind the values is read, too.
+    """
+
+    def codegen(context: Any, builder: ir.IRBuilder, signature: Any, args: tuple[Any, ...]) -> Any:
+        source, to, count, like = args
+        numbers = Vectors(builder, ir.DoubleType(), 8)
+        values = Vectors(builder, like.type, numbers.lanes)
+
+        def chunk(x: Any, store: Callable[[Any, Any], None]) -> None:
+            value = values.load(values.shifted(source, (1, x)))
+            wide = value if values.size == numbers.size else builder.fpext(value, numbers.type)
+            store(wide, numbers.shifted(to, (1, x)))
+
+        numbers.in_chunks(count, chunk)
+        return context.get_dummy_value()
+
+    return types.void(*[types.int64] * 3, like), codegen
+
+
+@intrinsic
 def move_up(typingctx, address, count):
     """Move `count` neighbouring numbers of 8 bytes from a byte address on by one place."""
 
