@@ -1,8 +1,10 @@
 """Records apart from their run: tables, arrays, traces, and in results files."""
 
 import sys
+from dataclasses import replace
 
 import numpy as np
+import obspy
 import pytest
 
 import farhorizon as fh
@@ -56,7 +58,6 @@ def test_without_obspy_the_error_names_the_extra(monkeypatch):
 
 def test_traces_of_obspy(tmp_path):
     """A trace a receiver and component, as even in time; SAC, miniSEED and SEG-Y come back."""
-    obspy = pytest.importorskip("obspy")
     found = records(rows=50)
     stream = found.to_obspy("v", start="2026-01-01")
     assert [trace.stats.channel for trace in stream] == ["X"] * 3 + ["Y"] * 3
@@ -66,12 +67,17 @@ def test_traces_of_obspy(tmp_path):
         stream.select(channel="X", station="R00002").write(str(tmp_path / name), format=name)
         (back,) = obspy.read(str(tmp_path / name))
         np.testing.assert_allclose(back.data, found.data["v"][:, 2, 0], rtol=10.0**-digits)
+    found = replace(found, times=found.times / 64)  # SEG-Y has steps up to 65 ms, and single precision
+    single = found.to_obspy("v").select(channel="X", station="R00002")
+    single[0].data = single[0].data.astype(np.float32)
+    single.write(str(tmp_path / "SEGY"), format="SEGY")
+    (back,) = obspy.read(str(tmp_path / "SEGY"))
+    np.testing.assert_array_equal(back.data, single[0].data)
     with pytest.raises(fh.InputError, match="two rows"):
         records(rows=1).to_obspy()
 
 
 def test_uneven_times_make_no_trace():
-    pytest.importorskip("obspy")
     found = records()
     found.times[2] += 0.01
     with pytest.raises(fh.InputError, match="even"):
