@@ -1,11 +1,13 @@
 """Receivers: between nodes, in every step, with what follows from the gradient; saved, pickled, refused."""
 
 import pickle
+import warnings
 
 import numpy as np
 import pytest
 
 import farhorizon as fh
+from farhorizon.cli import main
 from farhorizon.geometry.interpolation import interpolation_blocks
 
 POINTS = [(0.13, 0.2), (-1.0, 0.5), (1.7, -0.41)]
@@ -110,6 +112,7 @@ def test_every_so_many_steps():
     np.testing.assert_array_equal(seldom.times, often.times[::3])
 
 
+@pytest.mark.filterwarnings("ignore::farhorizon.ValidityWarning")
 def test_only_the_steps_that_are_wanted_are_looked_at():
     """Rows of other steps are not filled; with the velocity, and with probes, every step is."""
     seldom, plain = fh.Receivers(POINTS, every=4), fh.Receivers(POINTS)
@@ -306,11 +309,30 @@ def test_lines_and_grids():
 def test_what_is_sampled_too_seldom_is_told():
     """Half the stable step turns the fastest wave of the lattice by 60 degrees: three steps tell it, four do not."""
     told = fh.Receivers(POINTS, every=4)
-    run = waves(told, fh.Receivers(POINTS, every=3, name="fine"))
-    assert len(told.notes) == 1 and told.notes[0] in run.notes and "every = 3 or less" in told.notes[0]
-    assert not run.recorders[1].notes
-    seldom = fh.Receivers(POINTS, every=50)
-    assert not heat(seldom).notes
+    with pytest.warns(fh.ValidityWarning, match="every = 3 or less") as found:
+        run = waves(told, fh.Receivers(POINTS, every=3, name="fine"))
+    (warning,) = found
+    assert warning.filename == __file__ and run.doubts == told.doubts == [str(warning.message)]
+    assert run.doubts[0] in run.check(until=1.0, budget=0.1).warnings
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run.remade(dt=run.dt)  # once is enough
+        heat(fh.Receivers(POINTS, every=50))
+
+
+def test_a_case_that_samples_too_seldom_is_told(tmp_path, capsys):
+    """By `check` among its warnings, and when it runs."""
+    case = tmp_path / "case.toml"
+    text = """[lattice]\nspacing = 1.0\nlower = [-9.0, -9.0]\nupper = [9.0, 9.0]
+        [model]\ntype = "wave"\n[model.kernel]\nhorizon = 2.0
+        [boundary]\nall = { type = "fixed" }\n[[receivers]]\npoints = [[0.0, 0.0]]\nevery = 4\n[run]\nuntil = 2.0"""
+    case.write_text("\n".join(line.strip() for line in text.splitlines()))
+    assert main(["check", str(case), "--budget", "0.1"]) == 0
+    out, err = capsys.readouterr()
+    assert "every = 3 or less" in out and "warning: receivers are recorded every 4 steps" in out
+    assert main(["run", str(case), "--no-report", "--out", str(tmp_path)]) == 0
+    out, err = capsys.readouterr()
+    assert err.count("warning: receivers are recorded every 4 steps") == 1
 
 
 CRACK = [[(0.4, -9.0), (0.4, 9.0)]]

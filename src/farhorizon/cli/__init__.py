@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_stdout, suppress
 from typing import Any, NoReturn
 
-from farhorizon.cli.common import BAD_INPUT, FAILED, GOOD, INTERRUPTED, check_json
+from farhorizon.cli.common import BAD_INPUT, FAILED, GOOD, INTERRUPTED, check_json, said_plainly
 from farhorizon.cli.parser import command_parser
 
 
@@ -43,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         import farhorizon.case.case  # noqa: F401
 
         check_json(getattr(options, "json", None))
-        with _silence() if getattr(options, "quiet", False) else nullcontext():
+        with _silence() if getattr(options, "quiet", False) else nullcontext(), said_plainly():
             code = int(options.command(options) or GOOD)
         sys.stdout.flush()  # here a full disk can still be told
         return code

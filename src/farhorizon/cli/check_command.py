@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import argparse
+import warnings
 
 from farhorizon.cli.common import BAD_INPUT, GOOD, case_of, check_folder, made_folder, write_json
 
 
 def check_command(options: argparse.Namespace) -> int:
+    from farhorizon.errors import ValidityWarning
     from farhorizon.simulation.probes import Probes
 
     if options.out:
         check_folder(options.out)
     case = case_of(options)
-    sim = case.run()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ValidityWarning)  # the report has them
+        sim = case.run()
     with case.naming():
         sim.prepare(case.end)
     report = sim.check(case.end, options.budget)

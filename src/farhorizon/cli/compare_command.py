@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from farhorizon.cli.common import GOOD, case_of, check_folder, said_plainly, thread_change, write_json
+from farhorizon.cli.common import GOOD, case_of, check_folder, thread_change, write_json
 
 
 def _compare_case(
@@ -19,7 +19,7 @@ def _compare_case(
     from farhorizon.pictures.fields import field_panels, magnitude
     from farhorizon.studies.compare import compare
 
-    with case.naming(), said_plainly():
+    with case.naming():
         result = compare(case.setup, case.end, times, moment, kind=case.kind)
     print(result.table())
     shown = {

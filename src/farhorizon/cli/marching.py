@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from farhorizon.cli.common import GOOD, INTERRUPTED, said_plainly
+from farhorizon.cli.common import GOOD, INTERRUPTED
 
 CHECKPOINT_SECONDS = 30.0
 
@@ -71,9 +71,8 @@ def _advance(options: argparse.Namespace, case: Any, sim: Any, until: float, rec
     from farhorizon.errors import FarhorizonError
 
     try:
-        with said_plainly():
-            end = (case.parts.run.until, case.to_rest) if _to_rest(options, case) else (until, {})
-            sim.run(end[0], case.every(sim.dt), allow_unstable=options.allow_unstable, **end[1])
+        end = (case.parts.run.until, case.to_rest) if _to_rest(options, case) else (until, {})
+        sim.run(end[0], case.every(sim.dt), allow_unstable=options.allow_unstable, **end[1])
     except KeyboardInterrupt:
         if len(came) == 1:  # it ended between two steps
             record.keep()

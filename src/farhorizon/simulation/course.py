@@ -39,15 +39,15 @@ def say_doubt(run: Advancing, brief: str, text: str) -> None:
     """Say once that the result of a run is doubtful from now on."""
     if all(brief != caution.brief for caution in run.cautions):
         run.cautions.append(Caution(run.time, brief, text))
-        warnings.warn(f"from t = {run.time:.6g} on {text}", ValidityWarning, stacklevel=_level_of_the_caller())
+        warn(f"from t = {run.time:.6g} on {text}")
 
 
-def _level_of_the_caller() -> int:
-    """How many calls above `say_doubt` the package was called: a run has many ways to be advanced."""
-    level, frame = 0, inspect.currentframe()
+def warn(text: str) -> None:
+    """Give a `ValidityWarning` at the line that called the package: a run has many ways to be made and advanced."""
+    level, frame = 1, inspect.currentframe()
     while frame and frame.f_globals.get("__name__", "").partition(".")[0] == "farhorizon":
         level, frame = level + 1, frame.f_back
-    return level
+    warnings.warn(text, ValidityWarning, stacklevel=level)
 
 
 def checked_end(until: Any, dt: float) -> float:

@@ -56,8 +56,8 @@ class Receivers(Recorder):
     data : dict of str to ndarray
         What was recorded, each of shape (rows, n), of vectors (rows, n, dim), of tensors (rows, n, dim, dim); gradients
         of displacements have the component first.
-    notes : list of str
-        What is to be known: which waves are recorded falsely where not every step is.
+    doubts : list of str
+        Which waves are recorded falsely where not every step is; a `ValidityWarning` when a run is made.
 
     Raises
     ------
@@ -171,7 +171,7 @@ class Receivers(Recorder):
         for one in blocks:
             check_blocks(setup, near, self.points, one, self.interpolation, "receivers.points")
         self._medium, self._background, self._dt = moduli_at(near, self.points), near.background, near.dt
-        self.notes = self._aliased(near)
+        self.doubts = self._aliased(near)
         self._moving = any(QUANTITIES[name].moving for name in self.record)  # these take the step before, too
         return Wanted(np.zeros(0, np.int64), tuple(blocks), 1 if self._moving else self.every)
 
@@ -220,7 +220,7 @@ class Receivers(Recorder):
             kinds.one_of(name, "receivers.record", has, f"{near.model.title} has no such quantity")
 
     def _aliased(self, near: NearField) -> list[str]:
-        """What is to be known of waves whose frequencies not every step but every few cannot tell apart."""
+        """What is false of waves whose frequencies not every step but every few cannot tell apart."""
         if near.model.order == 1 or self.every == 1:
             return []
         most = int(0.5 / (near.highest_frequency * near.dt) * (1 + 1e-9))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,10 +59,13 @@ class Recorder(ABC):
         By which results and checkpoints know it.
     notes : list of str
         What is allowed, but to be known.
+    doubts : sequence of str
+        Why what is recorded may be false: each is a `ValidityWarning` when a run is made.
     """
 
     name: str
     notes: list[str]
+    doubts: Sequence[str] = ()
 
     @property
     @abstractmethod

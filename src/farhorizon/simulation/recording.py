@@ -9,6 +9,7 @@ import numpy as np
 
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.course import warn
 from farhorizon.simulation.fourier_sums import BLOCK
 from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted
 from farhorizon.simulation.setup import Setup
@@ -37,7 +38,11 @@ class Recording:
                 raise InputError(
                     "two recorders have one name", value=name, key="observe", remedy='name="..." tells them apart'
                 )
+        known = self.doubts
         self._wanted = [one.begin(setup, parts) for one in self.recorders]
+        for text in self.doubts:
+            if text not in known:  # the recorders of a run that is made anew have told it
+                warn(text)
         self._probed = np.zeros(0, np.int64)
         self._lay()
         for one, wanted in zip(self.recorders, self._wanted, strict=True):
@@ -122,6 +127,11 @@ class Recording:
     def notes(self) -> list[str]:
         """What the recorders have to say."""
         return [note for one in self.recorders for note in one.notes]
+
+    @property
+    def doubts(self) -> list[str]:
+        """Why what they record may be false."""
+        return [text for one in self.recorders for text in one.doubts]
 
     def state(self) -> Arrays:
         """That of all recorders, by their names."""
