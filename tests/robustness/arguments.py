@@ -113,7 +113,7 @@ def good():
         "Polygon": {"points": square},
         "PolygonCut": {"points": [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0)]},
         "Polyline": {"points": square},
-        "PowerThrough": {"surfaces": fh.Box((-1.0, -1.0), (1.0, 1.0))},
+        "PowerThrough": {"surfaces": fh.Box((-1.0, -1.0), (1.0, 1.0)), "frequencies": [0.1]},
         "Prescribed": {"where": [[0.0, 0.0]], "value": 1.0},
         "Receivers": {"points": [(0.1, 0.2)], "interpolation": "linear"},
         "Rectangle": {"corner": [0.0] * 3, "edge1": [1.0, 0.0, 0.0], "edge2": [0.0, 1.0, 0.0]},

@@ -466,7 +466,7 @@ class Draw:
             point = [0.1 * self.span] * self.dim
             found["spectra"] = [{"points": [point], "frequencies": [0.05 / self.time], "interpolation": "linear"}]
         if self.chance(0.1) and waves:
-            found["power"] = [{"axis": "x", "position": 0.1 * self.span}]
+            found["power"] = [{"axis": "x", "position": 0.1 * self.span, "frequencies": [0.05 / self.time]}]
         if self.chance(0.1) and kind in ("wave", "elastic", "diffusion"):
             found["far_field"] = {"points": [[3.0 * self.span] * self.dim]}
             if waves:

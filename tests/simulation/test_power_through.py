@@ -94,6 +94,65 @@ def test_what_leaves_is_lost_inside(make):
     np.testing.assert_allclose(power.times, run.dt * np.arange(40))
 
 
+BURST = {"wave": fh.Wave(fh.Kernel(2.0)), "elastic": fh.Elastic(fh.Kernel(2.0, exponent=1), 2.0, density=0.7)}
+
+
+@pytest.mark.parametrize(
+    ("kind", "dim", "until"),
+    [
+        ("wave", 2, 300.0),
+        ("elastic", 2, 400.0),
+        pytest.param("wave", 3, 220.0, marks=pytest.mark.slow),
+        pytest.param("elastic", 3, 220.0, marks=pytest.mark.slow),
+    ],
+)
+def test_what_leaves_at_a_frequency_is_what_the_source_does(kind, dim, until):
+    """The work of a burst without slow parts, from its own samples and the field where it acts, and what goes through
+    two surfaces around it, until all has left to 1e-10; and the sum over all frequencies is that over time.
+    """
+    lattice = fh.Lattice(1.0, [-9.0, -8.0, -7.0][:dim], [9.0, 8.0, 7.0][:dim])
+    at = lattice.coordinates()
+    space = np.exp(-sum(x**2 for x in at) / 6) * (sum(x**2 for x in at) < 3.3**2)
+    direction = np.array([0.8, -0.6, 0.5])[:dim]
+    force = space if kind == "wave" else direction.reshape(-1, *[1] * dim) * space
+    frequencies = np.array([0.1, 0.12, 0.13])
+
+    def burst(t):
+        return np.exp(-(((t - 72) / 12) ** 2)) * np.sin(0.24 * np.pi * t)
+
+    box, ball = fh.Box([-5.2] * dim, [5.1] * dim), (fh.Disc if dim == 2 else fh.Ball)(4.3)
+    power = fh.PowerThrough([box, ball, box - ball], frequencies)
+    inside = fh.Spectra(fh.Box([-3.2] * dim, [3.2] * dim), frequencies)
+    run = fh.Simulation(
+        lattice, BURST[kind], fh.LatticePML(nodes=12), sources=[fh.Source(force, burst)], observe=[power, inside]
+    )
+    run.step(round(until / run.dt))
+    times = run.dt * np.arange(run.step_count + 1)
+    signal = run.dt * np.exp(-2j * np.pi * np.outer(frequencies, times)) @ burst(times)
+    moved = inside.data["u"].reshape(3, -1, 1 if kind == "wave" else dim)
+    nodes = tuple(np.round(inside.points - lattice.lower).astype(int).T)
+    pushed = np.einsum("fnc,cn->f", moved, force.reshape(-1, *lattice.shape)[(slice(None), *nodes)])
+    work = -2 * np.sin(2 * np.pi * frequencies * run.dt) / run.dt * (signal.conj() * pushed).imag
+    through = power.energy()
+    assert work.min() > 0
+    np.testing.assert_allclose(through[:, :2], np.stack([work, work], -1), rtol=0, atol=1e-10 * work.max())
+    np.testing.assert_allclose(through[:, 2], 0, atol=1e-10 * work.max())
+
+
+def test_all_frequencies_carry_what_goes_through_in_time():
+    """Parseval: over those of a discrete transform of the run, which ends when all has left but rounding."""
+    steps, every = 900, []
+    for frequencies in ((), every):
+        power = fh.PowerThrough([("x", 5.5), fh.Disc(6.2)], frequencies)
+        start = {"v": lambda x, y: x * np.exp(-(x**2 + y**2) / 6)}
+        run = scalar(2, [power]).remade(initial=start)
+        highest = run.parts.near.highest_frequency
+        every += [k / (steps * run.dt) for k in range(1, steps // 2) if k / (steps * run.dt) < highest]
+    run.step(steps - 1)
+    found, wanted = power.energy().sum(0) / (steps * run.dt), run.dt * power.data["power"].sum(0)
+    np.testing.assert_allclose(found, wanted, rtol=1e-6)
+
+
 def test_a_free_body_and_a_crack():
     """Absent bonds carry nothing: in a body with free faces, half of it behind a crack that ends in it."""
     body = fh.Box((-9.0, -8.0), (9.0, 8.0)) - fh.Disc(2.2, (4.0, -3.0))
@@ -133,7 +192,7 @@ def test_a_plane_wave_carries_its_energy():
 
 def test_saved_taken_up_and_forgotten(tmp_path):
     def made():
-        return fh.PowerThrough([fh.Box((-4.0, -4.0), (4.0, 4.0)), ("y", 1.5)])
+        return fh.PowerThrough([fh.Box((-4.0, -4.0), (4.0, 4.0)), ("y", 1.5)], [0.05, 0.1])
 
     whole, first, second = made(), made(), made()
     scalar(2, [whole]).step(30)
@@ -147,6 +206,8 @@ def test_saved_taken_up_and_forgotten(tmp_path):
         np.concatenate([kept.data["power"], second.data["power"]]), whole.data["power"], rtol=1e-12, atol=1e-16
     )
     np.testing.assert_allclose(np.concatenate([kept.times, second.times]), whole.times)
+    np.testing.assert_array_equal(second.energy(), whole.energy())
+    np.testing.assert_array_equal(second.recorded.spectra["energy"], whole.energy())
 
 
 @pytest.mark.parametrize(
@@ -170,9 +231,15 @@ def test_saved_taken_up_and_forgotten(tmp_path):
         ),
     ],
 )
-def test_refused(make, surfaces, message):
+def test_refused_surfaces(make, surfaces, message):
     with pytest.raises(fh.InputError, match=message):
         make([fh.PowerThrough(surfaces)])
+
+
+@pytest.mark.parametrize(("given", "message"), [([-0.1], "from 0 on"), ([9.0], "Nyquist"), ([0.6], "lattice")])
+def test_refused_frequencies(given, message):
+    with pytest.raises(fh.InputError, match=message):
+        scalar(2, [fh.PowerThrough(("x", 0.5), given)])
 
 
 @pytest.mark.parametrize(

@@ -402,6 +402,8 @@ class PowerPart(Part):
     """Normal of a plane: x, y or z."""
     position: Number | None = None
     """Of the plane, taken to the nearest middle between two nodes."""
+    frequencies: list[Number] = []
+    """Cycles per time, at which the energy that goes through is told."""
     name: str | None = None
     """In files and pictures; power, or power_0, power_1, ... unless given."""
 

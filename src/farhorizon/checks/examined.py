@@ -121,6 +121,10 @@ class Examined(Timed, Protocol):
     def notes(self) -> list[str]:
         """What is allowed, but to be known."""
 
+    @property
+    def doubts(self) -> list[str]:
+        """Why what is recorded may be false."""
+
     def medium_at(self, axis: int, side: int) -> Stencil:
         """The stencil of the medium at a side, in units of the coefficient there, with the normal first."""
 

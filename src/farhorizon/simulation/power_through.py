@@ -14,8 +14,10 @@ from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Shape
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.flux import bonds_left, plane
+from farhorizon.simulation.fourier_sums import FourierSums
 from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, recorder_name
 from farhorizon.simulation.setup import Setup
+from farhorizon.simulation.spectra import as_frequencies, check_frequencies
 
 _SYMMETRIC = 1e-12  # of a bond's largest weight
 
@@ -38,6 +40,8 @@ class PowerThrough(Recorder):
     surfaces : Shape, (str, float), or sequence of these
         A region, of which it is what leaves it; or a plane, ``("x", 2.5)``, half-way between two nodes, of which it is
         what crosses it towards larger coordinates within the near field.
+    frequencies : array_like, shape (F,)
+        In cycles per unit of time, at which `energy` tells what goes through; memory is by frequency, not by time.
     name : str
         Tells several of one run apart.
 
@@ -49,12 +53,14 @@ class PowerThrough(Recorder):
         Those of the steps from the first on; the power of a step is known after the next one.
     data : dict of str to ndarray
         "power", shape (rows, n); in two dimensions per thickness.
+    frequencies : ndarray, shape (F,)
 
     Raises
     ------
     InputError
-        What is neither a region nor a plane. When a run is made: no waves, bonds that are nonlinear or break or are cut
-        later, a region without nodes or out of which bonds reach beyond the near field, a plane outside it.
+        What is neither a region nor a plane, a frequency below zero. When a run is made: no waves, bonds that are
+        nonlinear or break or are cut later, a region without nodes or out of which bonds reach beyond the near field, a
+        plane outside it, frequencies that no wave on the lattice has.
 
     Notes
     -----
@@ -75,7 +81,7 @@ class PowerThrough(Recorder):
     True
     """
 
-    def __init__(self, surfaces: Any, name: str = "power") -> None:
+    def __init__(self, surfaces: Any, frequencies: Any = (), name: str = "power") -> None:
         alone = isinstance(surfaces, Shape) or (
             isinstance(surfaces, tuple) and bool(surfaces) and isinstance(surfaces[0], str)
         )
@@ -90,6 +96,7 @@ class PowerThrough(Recorder):
                 )
         if not self.surfaces:
             raise InputError("there is no surface", key="power.surfaces", remedy="give at least one")
+        self.frequencies = as_frequencies(frequencies, "power.frequencies")
         self.name = recorder_name(name)
         self.notes: list[str] = []
         self._first, self._dt = 0, 0.0
@@ -108,10 +115,30 @@ class PowerThrough(Recorder):
         """Times of the rows."""
         return (self._first + np.arange(sum(map(len, self._rows)))) * self._dt
 
+    def energy(self) -> np.ndarray:
+        r"""Energy that has gone through each surface, by frequency: integrated over positive frequencies it is the sum
+        of the power.
+
+        With the Fourier sums U of the field on the nodes next to a surface it is
+
+        .. math:: \frac{\sin \omega \Delta t}{\Delta t}\,\mathrm{Im} \sum (U_y - U_x)^* \cdot m w (U_y + U_x)
+
+        over its bonds. Once the field has come to rest as much leaves a region as the sources in it give at that
+        frequency, to rounding.
+
+        Returns
+        -------
+        ndarray, shape (F, n)
+        """
+        sums, dt = self._sums.values, self._dt
+        through = [np.einsum("fi,fi->f", sums.conj(), (form @ sums.T).T).imag for form in self._forms]
+        return np.sin(2 * np.pi * self.frequencies * dt)[:, None] / dt * np.stack(through, axis=-1)
+
     @property
     def recorded(self) -> Recorded:
         """What was recorded, apart from the run."""
-        return Recorded(self.name, self.points, self.times, self.data)
+        spectra = {"energy": self.energy() + 0j} if self.frequencies.size else {}
+        return Recorded(self.name, self.points, self.times, self.data, self.frequencies, spectra)
 
     def forget(self) -> None:
         self._first += sum(map(len, self._rows))
@@ -121,6 +148,7 @@ class PowerThrough(Recorder):
 
     def begin(self, setup: Setup, parts: Parts) -> Wanted:
         _check_bonds(setup, parts)
+        check_frequencies(self.frequencies, parts.near, "power.frequencies")
         lattice = parts.near.lattice
         bonds = [
             _crossing(parts, *(_within(one, lattice) if isinstance(one, Shape) else _before(one, lattice)))
@@ -135,19 +163,26 @@ class PowerThrough(Recorder):
 
     def start(self, step: int, heard: Heard) -> None:
         self._first, self._rows, self._last = step, [], heard.nodes
+        self._sums = FourierSums(self.frequencies, self._dt, int(np.prod(heard.nodes.shape[1:])))
+        self._sums.add(step, heard.nodes[1:].reshape(1, -1))
 
     def add(self, step: int, heard: Heard) -> None:
         rows = np.concatenate([self._last, heard.nodes]).reshape(len(heard.nodes) + 2, -1)
         self._last = rows[-2:].reshape(2, *heard.nodes.shape[1:])
+        if self.frequencies.size:
+            self._sums.add(step, rows[2:])
         now, twice = rows[1:-1], rows[2:] - rows[:-2]
         powers = [-np.einsum("ti,ti->t", now, (form @ twice.T).T) / (4 * self._dt) for form in self._forms]
         self._rows.append(np.stack(powers, axis=-1))
 
     def state(self) -> Arrays:
-        return {"first": np.array([self._first]), "last": self._last, **self.data}
+        sums = {f"sums.{name}": array for name, array in self._sums.state().items()} if self.frequencies.size else {}
+        return {"first": np.array([self._first]), "last": self._last, **self.data, **sums}
 
     def take(self, state: Arrays) -> None:
         self._first, self._last, self._rows = int(state["first"][0]), state["last"].copy(), [state["power"]]
+        if self.frequencies.size:
+            self._sums.take({name[5:]: array for name, array in state.items() if name.startswith("sums.")})
 
 
 def _within(region: Shape, lattice: Lattice) -> tuple[np.ndarray, None]:

@@ -88,13 +88,9 @@ class Spectra(Recorder):
         name: str = "spectra",
     ) -> None:
         self.where = where if isinstance(where, Shape) else kinds.array(where, "spectra.where")
-        self.frequencies = np.atleast_1d(kinds.array(frequencies, "spectra.frequencies"))
-        if self.frequencies.ndim != 1 or not self.frequencies.size or self.frequencies.min() < 0:
-            raise InputError(
-                "frequencies are a list of numbers from 0 on",
-                value=kinds.said(self.frequencies),
-                key="spectra.frequencies",
-            )
+        self.frequencies = as_frequencies(frequencies, "spectra.frequencies")
+        if not self.frequencies.size:
+            raise InputError("there is no frequency", key="spectra.frequencies", remedy="give at least one")
         wanted = [record] if isinstance(record, str) else kinds.sequence(record, "spectra.record", "quantities")
         for one in wanted or [""]:
             kinds.one_of(one, "spectra.record", _LINEAR, "no quantity that is linear in the field")
@@ -198,6 +194,14 @@ class Spectra(Recorder):
             )
 
 
+def as_frequencies(given: Any, key: str) -> np.ndarray:
+    """Frequencies as an array of shape (F,); InputError for what is none."""
+    found = np.atleast_1d(kinds.array(given, key))
+    if found.ndim != 1 or found.min(initial=0.0) < 0:
+        raise InputError("frequencies are a list of numbers from 0 on", value=kinds.said(found), key=key)
+    return found
+
+
 def check_frequencies(frequencies: np.ndarray, near: NearField, key: str = "spectra.frequencies") -> None:
     """Refuse what steps of that length cannot tell apart, and what no wave on the lattice has.
 
@@ -206,7 +210,7 @@ def check_frequencies(frequencies: np.ndarray, near: NearField, key: str = "spec
     InputError
         A frequency above Nyquist's, or above the highest of the lattice's waves.
     """
-    highest, nyquist = float(frequencies.max()), 0.5 / near.dt
+    highest, nyquist = float(frequencies.max(initial=0.0)), 0.5 / near.dt
     if highest > nyquist * (1 + 1e-9):
         raise InputError(
             "the frequency is above Nyquist's: steps of this length cannot tell it from a lower one",
