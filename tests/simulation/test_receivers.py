@@ -312,8 +312,8 @@ def test_what_is_sampled_too_seldom_is_told():
     with pytest.warns(fh.ValidityWarning, match="every = 3 or less") as found:
         run = waves(told, fh.Receivers(POINTS, every=3, name="fine"))
     (warning,) = found
-    assert warning.filename == __file__ and run.doubts == told.doubts == [str(warning.message)]
-    assert run.doubts[0] in run.check(until=1.0, budget=0.1).warnings
+    assert warning.filename == __file__ and told.doubts == [str(warning.message)]
+    assert told.doubts[0] in run.check(until=1.0, budget=0.1).warnings
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         run.remade(dt=run.dt)  # once is enough

@@ -70,6 +70,7 @@ class Examined(Timed, Protocol):
         By side, what the layers that chose themselves are predicted to do.
     extents : dict of (axis, side) to Extent
         How far the medium is computed beyond sides that extend it.
+    recorders : list of farhorizon.simulation.recorder.Recorder
     """
 
     lattice: Lattice
@@ -96,6 +97,7 @@ class Examined(Timed, Protocol):
     coefficients: dict[tuple[int, int], float]
     thickness: dict[str, Thickness]
     extents: dict[tuple[int, int], Extent]
+    recorders: list[Any]
 
     @property
     def crossing(self) -> float:
@@ -120,10 +122,6 @@ class Examined(Timed, Protocol):
     @property
     def notes(self) -> list[str]:
         """What is allowed, but to be known."""
-
-    @property
-    def doubts(self) -> list[str]:
-        """Why what is recorded may be false."""
 
     def medium_at(self, axis: int, side: int) -> Stencil:
         """The stencil of the medium at a side, in units of the coefficient there, with the normal first."""

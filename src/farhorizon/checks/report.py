@@ -206,7 +206,8 @@ class Report:
         report._certify(sim, backward, left if budget is None else budget)
         if any(b.held is not None for b in sim.sides.values()) and sim.engine.layers:
             report.warnings.append("a Fixed side reflects")
-        report.notes, report.warnings = [*report.notes, *sim.notes], [*report.warnings, *sim.doubts]
+        report.notes = [*report.notes, *sim.notes]
+        report.warnings += [text for one in sim.recorders for text in one.doubts]
         return report
 
     @property

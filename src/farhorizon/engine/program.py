@@ -348,7 +348,7 @@ def listen(level, listening, low, high, heard):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def keep(level, sweep, listening, inputs, step, number):
+def keep_part(level, sweep, listening, inputs, step, number):
     """What is watched and heard after a step in one part of the box."""
     block = sweep.block
     i0, first, last = rows_of(sweep, number)
@@ -389,7 +389,7 @@ def sweep_box(thread, stage, sweep, material, tables, inputs, step, backward):
                 if surface.stretches.size:
                     release(stage, sweep, material, surface, number)
                 if step >= 0:
-                    keep(stage.src, sweep, tables.listening, inputs, step, number)
+                    keep_part(stage.src, sweep, tables.listening, inputs, step, number)
             claimed = claim(thread, owner) if thread.threads > 1 else 1
     barrier(thread)
 
@@ -642,7 +642,7 @@ def run(thread, steps, phase, levels, tables, inputs):
                     if step == steps - 1 and (inputs.before + steps) % inputs.stride == 0:
                         own = share(thread, count_parts(sweep))
                         for number in range(own[0], own[1]):
-                            keep(stage.out, sweep, tables.listening, inputs, step, number)
+                            keep_part(stage.out, sweep, tables.listening, inputs, step, number)
                 else:  # the work of one thread
                     if thread.number == 0:
                         if operation == COPY:

@@ -370,11 +370,6 @@ class Simulation(Run):
         return notes + self._recording.notes
 
     @property
-    def doubts(self) -> list[str]:
-        """Why what the recorders record may be false; each was a `ValidityWarning` when the run was made."""
-        return self._recording.doubts
-
-    @property
     def ends(self) -> dict[str, str]:
         """What serves each exact end: modes and error bound of its sum, and for how many steps."""
         ends = self.exact_ends

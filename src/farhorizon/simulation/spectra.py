@@ -90,7 +90,7 @@ class Spectra(Recorder):
         self.where = where if isinstance(where, Shape) else kinds.array(where, "spectra.where")
         self.frequencies = as_frequencies(frequencies, "spectra.frequencies")
         if not self.frequencies.size:
-            raise InputError("there is no frequency", key="spectra.frequencies", remedy="give at least one")
+            raise InputError("frequencies are one or more numbers from 0 on", value="none", key="spectra.frequencies")
         wanted = [record] if isinstance(record, str) else kinds.sequence(record, "spectra.record", "quantities")
         for one in wanted or [""]:
             kinds.one_of(one, "spectra.record", _LINEAR, "no quantity that is linear in the field")
