@@ -223,6 +223,7 @@ RIGHT = {
         "interpolation": "sinc",
         "name": "a",
     },
+    "CrackTips": {"every": 1, "most": 6, "name": "a"},
     "StressIntensity": {"tips": [(1.0, 0.0)], "radii": (1.0, 2.0), "every": 1, "name": "a"},
     "PowerThrough": {"surfaces": [("x", 0.1)], "frequencies": [0.1], "name": "a"},
     "Probes": {"lattice": LINE, "points": [0.0], "stride": 1},

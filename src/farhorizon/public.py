@@ -73,6 +73,7 @@ from farhorizon.models import Heat as Heat
 from farhorizon.models import LatticeModel as LatticeModel
 from farhorizon.models import Wave as Wave
 from farhorizon.models import speed_of_current as speed_of_current
+from farhorizon.simulation.crack_tips import CrackTips as CrackTips
 from farhorizon.simulation.far_field import FarField as FarField
 from farhorizon.simulation.intensities import StressIntensity as StressIntensity
 from farhorizon.simulation.power_through import PowerThrough as PowerThrough

@@ -21,6 +21,7 @@ APART = (
     fh.Spectra,
     fh.PowerThrough,
     fh.StressIntensity,
+    fh.CrackTips,
     fh.WholeSteps,
 )
 

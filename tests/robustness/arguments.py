@@ -70,6 +70,7 @@ def good():
         "Chirp": {"first": 0.1, "last": 0.2, "duration": 9.0},
         "Convection": {"where": "x-", "transfer": 1.0, "ambient": 0.0},
         "Corrosion": {"operator": kernel, "diffusivity": 1.0, "saturation": 0.9},
+        "CrackTips": {},
         "Crack": {"cut": square[:2]},
         "Diffusion": {"operator": kernel, "diffusivity": 1.0},
         "Disc": {"radius": 1.0},
@@ -220,6 +221,9 @@ def call(job):
         fh.Simulation(**{**setup, "model": made}).step(1)
     elif name in ("FarField", "PowerThrough", "Receivers", "Spectra"):
         fh.Simulation(**{**setup, "initial": {"u": "exp(-9*(x**2 + y**2))"}, "observe": [made]}).step(2)
+    elif name == "CrackTips":
+        breaking = {"model": fh.Elastic(fh.Kernel(1.0, 1), 1.0, critical_stretch=0.1), "initial": {}}
+        fh.Simulation(**{**setup, **breaking, "cracks": [[(-9.0, 0.2), (0.5, 0.2)]], "observe": [made]}).step(2)
     elif name == "StressIntensity":
         fh.Simulation(**{**setup, "cracks": [[(-9.0, 0.2), (0.5, 0.2)]], "observe": [made]}).step(2)
     elif name in ("LineSource", "PhasedArray", "PointSource"):

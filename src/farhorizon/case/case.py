@@ -50,6 +50,7 @@ from farhorizon.simulation.run import Run
 from farhorizon.simulation.setup import keys
 from farhorizon.simulation.steps import WholeSteps, whole_steps
 
+_RECORDED = {"record", "every", "interpolation", "frequencies", "radii", "most"}  # what recorders are told by name
 _OUTPUTS = 40  # of a run, unless `every` is given
 
 _MOST_OUTPUTS = 1e6  # each takes milliseconds
@@ -229,6 +230,7 @@ class Case:
             "spectra": (fh.Spectra, _where),
             "power": (fh.PowerThrough, _surface),
             "stress_intensity": (fh.StressIntensity, lambda part, _: part.tips),
+            "crack_tips": (fh.CrackTips, lambda part, _: part.every),
         }
         found: list[Observer] = []
         for table, (make, place) in makers.items():
@@ -236,7 +238,7 @@ class Case:
             for i, part in enumerate(parts):
                 key = f"{table}[{i}]"
                 name = part.name or (f"{table}_{i}" if len(parts) > 1 else table)
-                options = part.model_dump(include={"record", "every", "interpolation", "frequencies", "radii"})
+                options = part.model_dump(include=_RECORDED - ({"every"} if table == "crack_tips" else set()))
                 try:
                     found.append(make(place(part, key), **options, name=name))
                 except InputError as error:

@@ -380,6 +380,17 @@ class StressIntensityPart(Part):
     """In files and pictures; stress_intensity, or stress_intensity_0, stress_intensity_1, ... unless given."""
 
 
+class CrackTipsPart(Part):
+    """Where the tips of cracks are while bonds break."""
+
+    every: int = 20
+    """Steps from one record to the next."""
+    most: int = 7
+    """Tips that are followed."""
+    name: str | None = None
+    """In files and pictures; crack_tips, or crack_tips_0, crack_tips_1, ... unless given."""
+
+
 class FarFieldPart(Part):
     """What a run sends into the medium around it, from what it records around a box."""
 
@@ -482,6 +493,8 @@ class CasePart(Part):
     """What is sent beyond the near field: receivers at any distance, patterns by direction and frequency."""
     power: list[PowerPart] = []
     """Surfaces through which the power of waves is recorded."""
+    crack_tips: list[CrackTipsPart] = []
+    """Tips of cracks, their ways and speeds, while bonds break."""
     stress_intensity: list[StressIntensityPart] = []
     """Stress intensity factors at the tips of cracks."""
     run: RunPart

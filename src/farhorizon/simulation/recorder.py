@@ -27,11 +27,14 @@ class Wanted(NamedTuple):
         Sums over blocks of nodes, computed in the loop.
     every : int
         Only steps that are multiples of it need be there; rows of others may hold anything.
+    stop : bool
+        Whether the loop returns after such steps, so that the recorder sees the run as it is then.
     """
 
     nodes: np.ndarray
     blocks: tuple[Blocks, ...]
     every: int = 1
+    stop: bool = False
 
 
 class Heard(NamedTuple):

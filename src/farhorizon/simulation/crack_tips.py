@@ -1,0 +1,209 @@
+"""Crack tips while a run goes on: where they are, how fast, and what they leave behind."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.analysis.fracture.crack_paths import CrackPaths, find_cracks, followed, saturated_damage
+from farhorizon.errors import InputError
+from farhorizon.files.records import Recorded
+from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.breaking import Breaking
+from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, recorder_name
+from farhorizon.simulation.setup import Setup
+
+_JUMP = 2.0  # times as far as the fastest wave comes between two records, and horizons: tips farther apart are others
+
+_WINDOW = 10.0  # horizons that the fastest wave travels in the time that speeds are means of
+
+
+class CrackTips(Recorder):
+    """Tips of cracks in the plane as bonds break; given to a run in ``observe=[...]``.
+
+    A tip lies where the damage ahead of a crack falls to half of what a long crack leaves beside itself; see
+    `farhorizon.analysis.fracture.crack_paths`. It keeps its number as it runs. At a branch one tip goes on, and each of
+    the others begins there with a new number. Where a crack ends at the edge of the near field there is no tip.
+
+    Parameters
+    ----------
+    every : int
+        Steps from one record to the next.
+    most : int
+        Tips that are followed; a note tells of more.
+    name : str
+        Tells several of one run apart.
+
+    Attributes
+    ----------
+    points : ndarray, shape (most, 1)
+        Numbers of the tips, from 1 on.
+    times : ndarray, shape (rows,)
+    data : dict of str to ndarray
+        "position", shape (rows, most, 2); "advance", the way of each tip since its first record, and "speed", its mean
+        rate over the time before in which P waves travel ten horizons, of shape (rows, most). nan where no tip is.
+    length : ndarray, shape (rows,)
+        Of all cracks together, those that were there at the start, too.
+    dissipated : ndarray, shape (rows,)
+        Energy that bonds held when they broke, as "broken" of `Simulation.energies`.
+    now : CrackPaths
+        The lines of the cracks, their tips and branches at the last record.
+
+    Raises
+    ------
+    InputError
+        When a run is made: another dimension than two, bonds that do not break.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> tips = fh.CrackTips(every=10)
+    >>> lattice = fh.Lattice(0.5, (-8.25, -8.25), (8.25, 8.25))
+    >>> model = fh.Elastic(fh.Kernel(1.0, 1), 1.0, critical_stretch=0.1)
+    >>> sim = fh.Simulation(lattice, model, cracks=[[(-3.0, 0.0), (3.0, 0.0)]], observe=[tips])
+    >>> abs(tips.data["position"][0, :2, 0]).round().tolist()
+    [3.0, 3.0]
+    """
+
+    def __init__(self, every: int = 20, most: int = 7, name: str = "crack_tips") -> None:
+        self.every = kinds.integer(every, "crack_tips.every", least=1)
+        self.most = kinds.integer(most, "crack_tips.most", least=1, most=1000)
+        self.name = recorder_name(name)
+        self.notes: list[str] = []
+        self.points = np.arange(1.0, self.most + 1)[:, None]
+        self.now = CrackPaths(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 2)), [])
+        self._dt = self._horizon = self._reach = self._window = 0.0
+        self._given = 0
+        self._steps: list[int] = []
+        self._places: list[np.ndarray] = []
+        self._sums: list[tuple[float, float]] = []
+
+    def __repr__(self) -> str:
+        return f"CrackTips(every={self.every})"
+
+    # --- what was recorded -------------------------------------------------------------------------------------
+
+    @property
+    def times(self) -> np.ndarray:
+        """When each row was recorded, shape (rows,)."""
+        return np.array(self._steps, float) * self._dt
+
+    @property
+    def data(self) -> dict[str, np.ndarray]:
+        """Positions, advances and speeds."""
+        places = np.array(self._places).reshape(-1, self.most, 2)
+        steps = np.linalg.norm(np.diff(places, axis=0), axis=-1)
+        advance = np.concatenate([np.zeros((min(1, len(places)), self.most)), np.nancumsum(steps, axis=0)])
+        advance = np.where(np.isnan(places[..., 0]), np.nan, advance)
+        return {"position": places, "advance": advance, "speed": _speeds(self.times, advance, self._window)}
+
+    @property
+    def length(self) -> np.ndarray:
+        """Of all cracks together, shape (rows,)."""
+        return np.array(self._sums).reshape(-1, 2)[:, 0]
+
+    @property
+    def dissipated(self) -> np.ndarray:
+        """Energy of broken bonds, shape (rows,)."""
+        return np.array(self._sums).reshape(-1, 2)[:, 1]
+
+    def energy_release(self) -> float:
+        """Energy that was spent on new crack, over its area: from the energy of the bonds that broke, per length of way
+        of all tips.
+
+        Raises
+        ------
+        InputError
+            No tip has come on by a horizon yet.
+        """
+        way = float(np.nansum(np.nanmax(self.data["advance"], axis=0, initial=0.0)))
+        if not way > self._horizon:
+            raise InputError(
+                "no crack has run yet", value=way, limit=f"more than {self._horizon:.4g}", key="crack_tips"
+            )
+        return float(self.dissipated[-1] - self.dissipated[0]) / way
+
+    @property
+    def recorded(self) -> Recorded:
+        """What was recorded, apart from the run."""
+        new = slice(self._given, None)
+        return Recorded(self.name, self.points, self.times[new], {name: one[new] for name, one in self.data.items()})
+
+    def forget(self) -> None:
+        self._given = len(self._steps)  # all are kept, for ways and speeds follow from those before
+
+    # --- in a run ----------------------------------------------------------------------------------------------
+
+    def begin(self, setup: Setup, parts: Parts) -> Wanted:
+        near = parts.near
+        if near.lattice.dim != 2 or parts.breaking is None:
+            raise InputError(
+                "tips are found in the plane, where bonds break",
+                value=f"{near.model.title} in {near.lattice.dim}D",
+                key="crack_tips",
+                remedy="critical_stretch, fracture_energy; StressIntensity for cracks that stay as they are",
+            )
+        self._breaking: Breaking = parts.breaking
+        self._bonds, self._lattice, self._dt = parts.grid.engine.bonds, near.lattice, near.dt
+        spacing = near.lattice.spacing
+        self._horizon = max(near.stencil.reach) * spacing
+        self._threshold = saturated_damage(near.stencil.offsets) / 2
+        fast = np.sqrt(self._breaking.law.p_modulus / self._breaking.law.density * near.strongest)
+        self._window = _WINDOW * self._horizon / float(fast)
+        self._reach = _JUMP * (self._horizon + float(fast) * self.every * near.dt)
+        self.notes = []
+        return Wanted(np.zeros(0, np.int64), (), self.every, stop=True)
+
+    def start(self, step: int, heard: Heard) -> None:
+        self._given, self._steps, self._places, self._sums = 0, [], [], []
+        self._look(step)
+
+    def add(self, step: int, heard: Heard) -> None:
+        last = step + len(heard.nodes) - 1
+        if last % self.every == 0:
+            self._look(last)
+
+    def state(self) -> Arrays:
+        return {
+            "given": np.array([self._given]),
+            "steps": np.array(self._steps, np.int64),
+            "places": np.array(self._places).reshape(-1, self.most, 2),
+            "sums": np.array(self._sums).reshape(-1, 2),
+        }
+
+    def take(self, state: Arrays) -> None:
+        self._given, self._steps = int(state["given"][0]), [int(step) for step in state["steps"]]
+        self._places = list(state["places"])
+        self._sums = [(float(a), float(b)) for a, b in state["sums"]]
+
+    def _look(self, step: int) -> None:
+        """Find the cracks as they are now."""
+        lattice, breaking = self._lattice, self._breaking
+        damage = breaking.damage
+        found = find_cracks(damage, lattice.lower, lattice.spacing, self._threshold, self._horizon)
+        before = np.array(self._places).reshape(-1, self.most, 2)
+        last = np.full((self.most, 2), np.nan)
+        for row in before:
+            last = np.where(np.isnan(row), last, row)
+        places = np.full((self.most, 2), np.nan)
+        free = [number for number in range(self.most) if np.isnan(last[number]).all()]
+        for tip, number in zip(found.tips, followed(last, found.tips, self._reach), strict=True):
+            if number < 0 and not free:
+                self.notes = [f"{self.name} follows {self.most} tips, and there are more: most = {2 * self.most}"]
+                continue
+            places[free.pop(0) if number < 0 else number] = tip
+        self.now = found
+        self._steps.append(step)
+        self._places.append(places)
+        self._sums.append((found.length, breaking.mass * float(self._bonds.broken[0])))
+
+
+def _speeds(times: np.ndarray, advance: np.ndarray, window: float) -> np.ndarray:
+    """Mean rates of advances over a window before each record, as far as the tip was there."""
+    found = np.where(np.isnan(advance), np.nan, 0.0)
+    for column, way in enumerate(advance.T):
+        known = np.flatnonzero(np.isfinite(way))
+        first = known[np.searchsorted(times[known], times[known] - window * (1 + 1e-9))]
+        some = known > first
+        found[known[some], column] = (way[known] - way[first])[some] / (times[known] - times[first])[some]
+    return found

@@ -1,0 +1,92 @@
+"""Crack tips of runs: that they stay, run, branch, and what they spend."""
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.case.case import Case
+
+BOX = fh.Lattice(0.5, (-8.25, -6.25), (8.25, 6.25))
+
+
+def pulled(observe, pull=0.01, **given):
+    """A crack between two bands that are pulled apart."""
+    model = fh.Elastic(fh.Kernel(1.0, 1), 1.0, critical_stretch=0.02)
+    band = [0.0, f"{pull}*(exp(-2*(y-3)**2)-exp(-2*(y+3)**2))*exp(-(x/4)**4)*(1-exp(-t))"]
+    return fh.Simulation(
+        BOX,
+        model,
+        fh.LatticePML(nodes=10),
+        sources=[band],
+        cracks=[[(-3.0, 0.0), (3.0, 0.0)]],
+        observe=observe,
+        **given,
+    )
+
+
+def test_a_crack_runs():
+    tips = fh.CrackTips(every=5)
+    sim = pulled([tips])
+    assert np.abs(tips.data["position"][0, :2]).max(1) == pytest.approx([3.0, 3.0], abs=0.25)
+    assert tips.length[0] == pytest.approx(6.0, abs=0.5)
+    sim.step(63)
+    assert (np.diff(tips.times) > 0).all() and len(tips.times) == 63 // 5 + 1
+    advance, speed = tips.data["advance"], tips.data["speed"]
+    assert advance[-1, 0] > 1.0 and advance[-1, 0] == pytest.approx(advance[-1, 1], abs=0.05)  # but for the thinning
+    assert 0 < np.nanmax(speed) < 0.9194 * sim.model.s_speed  # Rayleigh's
+    assert tips.dissipated[-1] > 0 and tips.energy_release() > 0
+    assert tips.now.length == tips.length[-1] > 6.5
+    assert np.isnan(tips.data["position"][:, 2:]).all()
+    record = tips.recorded
+    tips.forget()
+    sim.step(10)
+    later = tips.recorded
+    assert len(record.times) + len(later.times) == len(tips.times)
+    for name, values in tips.data.items():  # what was written in parts is what there is
+        np.testing.assert_array_equal(np.concatenate([record.data[name], later.data[name]]), values)
+    assert set(record.data) == {"position", "advance", "speed"} and len(record.points) == tips.most
+
+
+def test_records_do_not_change_the_run_and_resume(tmp_path):
+    alone, whole, first, second = pulled([]), fh.CrackTips(every=7), fh.CrackTips(every=7), fh.CrackTips(every=7)
+    seen = pulled([whole])
+    alone.step(60)
+    seen.step(60)
+    np.testing.assert_array_equal(alone.fields["u"], seen.fields["u"])
+    sim = pulled([first])
+    sim.step(33)
+    sim.save(tmp_path / "state")
+    sim = pulled([second])
+    sim.load(tmp_path / "state")
+    sim.step(27)
+    for name, values in whole.data.items():
+        np.testing.assert_array_equal(second.data[name], values)
+    assert (second.times == whole.times).all() and (second.length == whole.length).all()
+
+
+def test_what_has_no_tips_is_refused():
+    with pytest.raises(fh.InputError, match="in the plane, where bonds break"):
+        fh.Simulation(BOX, fh.Wave(fh.Kernel(1.0)), fh.LatticePML(nodes=8), observe=[fh.CrackTips()])
+    tips = fh.CrackTips()
+    pulled([tips], pull=1e-6).step(20)
+    with pytest.raises(fh.InputError, match="no crack has run yet"):
+        tips.energy_release()
+
+
+def test_more_tips_than_are_followed_are_noted():
+    tips = fh.CrackTips(most=1)
+    sim = pulled([tips])
+    assert any("there are more: most = 2" in note for note in sim.notes)
+
+
+def test_case_file():
+    text = """
+    lattice = { spacing = 0.5, lower = [-8.25, -6.25], upper = [8.25, 6.25] }
+    model = { type = "elastic", young = 1.0, critical_stretch = 0.1, kernel = { horizon = 1.0, exponent = 1 } }
+    boundary = { all = { type = "lattice-pml", nodes = 10 } }
+    crack = [{ points = [[-3.0, 0.0], [3.0, 0.0]] }]
+    crack_tips = [{ every = 4, most = 3 }]
+    run = { until = 1.0 }
+    """
+    [made] = Case(text).run().recorders
+    assert made.name == "crack_tips" and made.every == 4 and made.most == 3
