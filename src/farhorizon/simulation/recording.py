@@ -93,8 +93,8 @@ class Recording:
             one.foresee(until, steps)
 
     def allow(self, step: int, wanted: int) -> int:
-        """How many of the wanted steps to make from one on: to where a recorder has to see the run, or to where blocks of
-        Fourier sums end, if that is not much less, for whole blocks are summed where they lie.
+        """How many of the wanted steps to make from one on: to where a recorder has to see the run, or to where blocks
+        of Fourier sums end, if that is not much less, for whole blocks are summed where they lie.
         """
         wanted = min([wanted, *(one.every - step % one.every for one in self._wanted if one.stop)])
         return wanted if wanted < 2 * BLOCK else wanted - (step + wanted + 1) % BLOCK
