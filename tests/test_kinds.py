@@ -12,6 +12,7 @@ from farhorizon.errors import shown
 LINE = fh.Lattice(0.5, -4.0, 4.0)
 PLANE = fh.Lattice(0.5, (-3.0, -3.0), (3.0, 3.0))
 KERNEL = fh.Kernel(1.0)
+RECORD = {"points": [[0.0, 0.0], [1.0, 0.0]], "times": [0.0, 1.0], "u": [[0.0, 0.0], [0.0, 1.0]], "medium": 1.0}
 DISC = fh.Disc(1.0)
 ODD = [
     None,
@@ -142,6 +143,7 @@ RIGHT = {
     "Higdon": {"angles": (0.0, 45.0), "shift": None},
     "ImageMask": {"image": np.ones((2, 2), bool), "width": 1.0, "centre": (0.0, 0.0), "threshold": 0.5},
     "IncidentField": {"field": "cos(x)*cos(t)", "within": None},
+    "IncidentRecord": {"record": RECORD, "name": "shell", "within": None},
     "IncidentWave": {"direction": (1.0, 0.0), "signal": "sin(t)", "duration": 1.0, "polarisation": "P", "within": None},
     "Insulated": {"where": "x-", "kind": "mirror", "within": None},
     "Kernel": {
@@ -228,6 +230,7 @@ RIGHT = {
     "PowerThrough": {"surfaces": [("x", 0.1)], "frequencies": [0.1], "name": "a"},
     "Probes": {"lattice": LINE, "points": [0.0], "stride": 1},
     "Rectangle": {"corner": (0.0, 0.0, 0.0), "edge1": (1.0, 0.0, 0.0), "edge2": (0.0, 1.0, 0.0)},
+    "ShellRecorder": {"box": None, "name": "a"},
     "Ricker": {"frequency": 1.0, "delay": 2.0},
     "RungeKuttaChebyshev": {"chebyshev": 20},
     "Samples": {"values": [0.0, 1.0, 1.0, 0.0], "dt": 1.0},
@@ -323,6 +326,7 @@ PLACES = {
     "signal": lambda v: fh.Simulation(
         PLANE, fh.Wave(fh.Stencil.finite_difference(2)), sources=[fh.IncidentWave((1, 0), v, 1.0)], threads=1
     ),
+    "incident field": lambda v: fh.Simulation(LINE, fh.Wave(KERNEL), sources=[fh.IncidentField(v)], threads=1).step(1),
     "receivers": lambda v: fh.Simulation(LINE, fh.Wave(KERNEL), observe=[v], threads=1),
     "points of receivers": lambda v: fh.Simulation(LINE, fh.Wave(KERNEL), observe=[fh.Receivers(v)], threads=1),
     "spectra": lambda v: fh.Simulation(LINE, fh.Wave(KERNEL), observe=[fh.Spectra(v, 0.1)], threads=1),

@@ -43,6 +43,7 @@ from farhorizon.inputs.conditions import Temperature as Temperature
 from farhorizon.inputs.cracks import Crack as Crack
 from farhorizon.inputs.expressions import Expression as Expression
 from farhorizon.inputs.incident_fields import IncidentField as IncidentField
+from farhorizon.inputs.incident_records import IncidentRecord as IncidentRecord
 from farhorizon.inputs.loads import BodyForce as BodyForce
 from farhorizon.inputs.loads import Traction as Traction
 from farhorizon.inputs.local_sources import LineSource as LineSource
@@ -80,6 +81,7 @@ from farhorizon.simulation.power_through import PowerThrough as PowerThrough
 from farhorizon.simulation.probes import Probes as Probes
 from farhorizon.simulation.receivers import Receivers as Receivers
 from farhorizon.simulation.setup import Setup as Setup
+from farhorizon.simulation.shell_recorder import ShellRecorder as ShellRecorder
 from farhorizon.simulation.simulation import Simulation as Simulation
 from farhorizon.simulation.spectra import Spectra as Spectra
 from farhorizon.simulation.steps import WholeSteps as WholeSteps

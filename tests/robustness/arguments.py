@@ -59,6 +59,7 @@ def good():
 
     lattice, kernel = fh.Lattice(0.5, (-3.0, -3.0), (3.0, 3.0)), fh.Kernel(1.0)
     wave = fh.Wave(kernel)
+    record = {"points": [[0.0, 0.0], [1.0, 0.0]], "times": [0.0, 1.0], "u": [[0.0, 0.0], [0.0, 1.0]], "medium": 1.0}
     disc, square = fh.Disc(1.0), [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)]
     return {
         "Auto": {},
@@ -90,7 +91,8 @@ def good():
         "Insulated": {"where": "x-"},
         "ImageMask": {"image": np.ones((3, 3), bool), "width": 1.0},
         "RayleighWave": {"direction": [1.0, 0.0], "signal": fh.Expression("sin(t)", 0), "duration": 3.0},
-        "IncidentField": {"field": "cos(x)*cos(t)"},
+        "IncidentRecord": {"record": record},
+        "IncidentField": {"field": "cos(x)*cos(t)", "within": fh.Box((-2.0, -2.0), (2.0, 2.0))},
         "IncidentWave": {"direction": [1.0, 0.0], "signal": fh.Expression("sin(t)", 0), "duration": 3.0},
         "Kernel": {"horizon": 1.0},
         "Lattice": {"spacing": 0.5, "lower": (-1.0, -1.0), "upper": (1.0, 1.0)},
@@ -114,6 +116,7 @@ def good():
         "Polygon": {"points": square},
         "PolygonCut": {"points": [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0)]},
         "Polyline": {"points": square},
+        "ShellRecorder": {"box": fh.Box((-2.0, -2.0), (2.0, 2.0))},
         "PowerThrough": {"surfaces": fh.Box((-1.0, -1.0), (1.0, 1.0)), "frequencies": [0.1]},
         "Prescribed": {"where": [[0.0, 0.0]], "value": 1.0},
         "Receivers": {"points": [(0.1, 0.2)], "interpolation": "linear"},
@@ -226,6 +229,10 @@ def call(job):
         fh.Simulation(**{**setup, **breaking, "cracks": [[(-9.0, 0.2), (0.5, 0.2)]], "observe": [made]}).step(2)
     elif name == "StressIntensity":
         fh.Simulation(**{**setup, "cracks": [[(-9.0, 0.2), (0.5, 0.2)]], "observe": [made]}).step(2)
+    elif name == "ShellRecorder":
+        fh.Simulation(**{**setup, "observe": [made]}).step(2)
+    elif name == "IncidentField":
+        fh.Simulation(**{**setup, "sources": [made]}).step(1)
     elif name in ("LineSource", "PhasedArray", "PointSource"):
         fh.Simulation(**{**setup, "sources": [made]}).step(1)
     elif name in ("MomentTensor", "PointForce"):

@@ -28,6 +28,7 @@ from farhorizon.case.schema import (
     PowerPart,
     PrescribedPart,
     ReceiversPart,
+    ShellPart,
     SourcePart,
     SpectraPart,
     TractionPart,
@@ -231,6 +232,7 @@ class Case:
             "power": (fh.PowerThrough, _surface),
             "stress_intensity": (fh.StressIntensity, lambda part, _: part.tips),
             "crack_tips": (fh.CrackTips, lambda part, _: part.every),
+            "shell": (fh.ShellRecorder, _box),
         }
         found: list[Observer] = []
         for table, (make, place) in makers.items():
@@ -619,6 +621,11 @@ def _surface(part: PowerPart, key: str) -> Any:
     if part.region is not None or part.axis is None or part.position is None:
         raise InputError("give either a region, or axis and position", key=key)
     return part.axis, part.position
+
+
+def _box(part: ShellPart, key: str) -> fh.Box | None:
+    """The box of a shell."""
+    return None if part.box is None else fh.Box(part.box.lower, part.box.upper)
 
 
 def _where(part: ReceiversPart | SpectraPart, key: str) -> Any:

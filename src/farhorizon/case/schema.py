@@ -419,6 +419,15 @@ class PowerPart(Part):
     """In files and pictures; power, or power_0, power_1, ... unless given."""
 
 
+class ShellPart(Part):
+    """The shell of a box, recorded in every step for another run: `[[incident]]` with `type = "incident-record"`."""
+
+    box: BoxPart | None = None
+    """The near field less two reaches of the stencil unless given."""
+    name: str | None = None
+    """In the results file; shell, or shell_0, shell_1, ... unless given."""
+
+
 class RunPart(Part):
     until: Number | Literal["static"]
     """End of the run; "static": when the waves have left."""
@@ -497,6 +506,8 @@ class CasePart(Part):
     """Tips of cracks, their ways and speeds, while bonds break."""
     stress_intensity: list[StressIntensityPart] = []
     """Stress intensity factors at the tips of cracks."""
+    shell: list[ShellPart] = []
+    """Boxes whose shells are recorded for another run."""
     run: RunPart
     """Time."""
     output: OutputPart = OutputPart()

@@ -543,7 +543,9 @@ def content(sim: Examined, until: float | None = None) -> Band | None:
     for space, factor in sim.sources:
         if space is not None:
             found.append((space, 0, _gain(factor, until, rate, sim.engine.reaction) if waves else None))
-    found += [(one.field(one.passage.midway), sim.model.order - 1, None) for one in sim.incident]
+    found += [
+        (one.field(one.passage.midway), sim.model.order - 1, None) for one in sim.incident if one.passage.everywhere
+    ]
     scalars = [(part, order, gain) for field, order, gain in found for part in field.reshape(-1, *sim.lattice.shape)]
     fields, orders, gains = zip(*scalars, strict=True)
     return band(fields, sim.lattice.spacing, orders, gains)

@@ -37,6 +37,8 @@ class Recorded:
         By quantity, complex, of shape (F, n, ...).
     directions : bool
         Whether the points are unit vectors, the directions of a pattern.
+    medium : float
+        Of the shell of a box, recorded for another run: coefficient over squared spacing there; 0 for all else.
 
     Examples
     --------
@@ -58,6 +60,7 @@ class Recorded:
     frequencies: np.ndarray = field(default_factory=lambda: np.zeros(0))
     spectra: dict[str, np.ndarray] = field(default_factory=dict)
     directions: bool = False
+    medium: float = 0.0
 
     @property
     def dim(self) -> int:

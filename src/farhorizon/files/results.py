@@ -723,6 +723,7 @@ class ResultsWriter:
         with _opened(self.path, "r+", "results file") as file:
             group = file["farhorizon"].require_group("recorded").create_group(records.name)
             group.attrs["rows"], group.attrs["directions"] = 0, records.directions
+            group.attrs["medium"] = records.medium
             _put_fixed(group, "points", np.asarray(records.points, float))
             _put_fixed(group, "frequencies", np.asarray(records.frequencies, float))
             _growing(group, "times", "f8")
@@ -931,6 +932,7 @@ class Results:
                     _read(file, self.path, f"{place}/frequencies"),
                     {n: real + 1j * imag for n, (real, imag) in spectra.items()},
                     bool(group.attrs.get("directions", False)),
+                    float(group.attrs.get("medium", 0.0)),
                 )
         return found
 

@@ -80,6 +80,8 @@ class Passage(ABC):
         A time at which it is on its way through the box.
     rests : bool
         Whether it has not come to the box yet at the start.
+    everywhere : bool
+        Whether it is known on all nodes, and not on those with a bond through a face alone; nan on others.
     notes : list of str
         What is to be known.
     """
@@ -87,6 +89,7 @@ class Passage(ABC):
     period: float = np.inf
     midway: float = 0.0
     rests: bool = False
+    everywhere: bool = True
     notes: Sequence[str] = ()
 
     @abstractmethod
@@ -163,81 +166,94 @@ class Incident(Storable, ABC):
         Raises
         ------
         InputError
-            A box that is not inside the near field by one reach, but for one free side on which it may stand, or is so
-            small that its faces' neighbourhoods meet.
+            As `resolved_box`.
         """
-        ends, more = ends or {}, lattice.spacing * np.array(reach)
-        if self.within is None:
-            low, high = lattice.lower + 2 * more, lattice.upper - 2 * more
-            met = self.surface_met([end for end, free in ends.items() if free])
-            if met is not None:
-                axis, side = met
-                (low if side < 0 else high)[axis] = (lattice.lower if side < 0 else lattice.upper)[axis]
-        else:
-            low, high = (np.array(bound, float) for bound in self.within.bounds())
-        if low.size != lattice.dim:
-            raise InputError(
-                "an incident wave and the lattice differ in dimension",
-                value=low.size,
-                limit=lattice.dim,
-                key="incident",
-            )
-        close = _CLOSE * lattice.spacing
-        stands = {-1: low < lattice.lower + close, 1: high > lattice.upper - close}
-        surfaces = [end for end, free in ends.items() if free and stands[end[1]][end[0]]]
-        for axis, side in surfaces:
-            (low if side < 0 else high)[axis] = (lattice.lower if side < 0 else lattice.upper)[axis]
-        self._check_box(lattice, more, low, high, ends, surfaces)
-        return replace(self, within=Box(tuple(low.tolist()), tuple(high.tolist())))  # type: ignore[type-var]
+        ends = ends or {}
+        met = self.surface_met([end for end, free in ends.items() if free])
+        box = resolved_box(self.within, lattice, reach, ends, "incident.within", met)
+        return replace(self, within=box)  # type: ignore[type-var]
 
-    @staticmethod
-    def _check_box(
-        lattice: Lattice,
-        more: np.ndarray,
-        low: np.ndarray,
-        high: np.ndarray,
-        ends: Mapping[End, bool],
-        surfaces: Sequence[End],
-    ) -> None:
-        """Refuse a box whose faces are too near to the sides, or to each other."""
-        close = _CLOSE * lattice.spacing
-        near = {-1: low - more < lattice.lower - close, 1: high + more > lattice.upper + close}
-        beyond = [(axis, side) for axis, side in ends if near[side][axis] and (axis, side) not in surfaces]
-        if beyond or len(surfaces) > 1:
-            raise InputError(
-                "an incident wave does not know the surface that it would fall on"
-                if beyond
-                else "an incident wave knows one free surface",
-                value=_names(beyond or surfaces),
-                key="incident.within",
-                limit="one reach away from sides at which the medium ends, or standing on one that is free",
-                remedy="a source below the surface, or initial data in the form of the wave",
-            )
-        for axis, side in surfaces:
-            near[side][axis] = False
-        outside = near[-1] | near[1]
-        if outside.any():
-            axis = int(np.argmax(outside))
-            limits = shown((lattice.lower + more)[axis]), shown((lattice.upper - more)[axis])
-            raise InputError(
-                f"the box of an incident wave reaches too far along {AXES[axis]}: one reach of the near field must be "
-                "left around it",
-                value=f"{shown(low[axis])} to {shown(high[axis])}",
-                key="incident.within",
-                limit=f"within {limits[0]} to {limits[1]}",
-                remedy="a smaller box, or a larger near field",
-            )
-        least = 4 * more  # two for each face
-        for axis, _ in surfaces:
-            least[axis] /= 2
-        if (high - low < least - close).any():
-            raise InputError(
-                "the box of an incident wave is too small",
-                value=(high - low).tolist(),
-                limit=f"sides of {least.tolist()}",
-                key="incident.within",
-                remedy="enlarge the near field",
-            )
+
+def resolved_box(
+    within: Box | None,
+    lattice: Lattice,
+    reach: Sequence[int],
+    ends: Mapping[End, bool],
+    key: str,
+    met: End | None = None,
+) -> Box:
+    """A box through whose faces waves come, from node to node where it stands on a side.
+
+    Parameters
+    ----------
+    within : Box or None
+        As given; the near field less two reaches if it is not.
+    lattice : Lattice
+    reach : sequence of int
+    ends : mapping of (axis, side) to bool
+        Sides at which the medium ends, and whether they are free.
+    key : str
+        Named in messages.
+    met : (axis, side), optional
+        The free side on which the box stands if none is given.
+
+    Raises
+    ------
+    InputError
+        A box that is not inside the near field by one reach, but for one free side on which it may stand, or is so
+        small that its faces' neighbourhoods meet.
+    """
+    more, close = lattice.spacing * np.array(reach), _CLOSE * lattice.spacing
+    if within is None:
+        low, high = lattice.lower + 2 * more, lattice.upper - 2 * more
+        if met is not None:
+            (low if met[1] < 0 else high)[met[0]] = (lattice.lower if met[1] < 0 else lattice.upper)[met[0]]
+    else:
+        low, high = (np.array(bound, float) for bound in within.bounds())
+    if low.size != lattice.dim:
+        raise InputError(
+            "the box of a wave and the lattice differ in dimension", value=low.size, limit=lattice.dim, key=key
+        )
+    stands = {-1: low < lattice.lower + close, 1: high > lattice.upper - close}
+    surfaces = [end for end, free in ends.items() if free and stands[end[1]][end[0]]]
+    for axis, side in surfaces:
+        (low if side < 0 else high)[axis] = (lattice.lower if side < 0 else lattice.upper)[axis]
+    near = {-1: low - more < lattice.lower - close, 1: high + more > lattice.upper + close}
+    beyond = [(axis, side) for axis, side in ends if near[side][axis] and (axis, side) not in surfaces]
+    if beyond or len(surfaces) > 1:
+        raise InputError(
+            "an incident wave does not know the surface that it would fall on"
+            if beyond
+            else "an incident wave knows one free surface",
+            value=_names(beyond or surfaces),
+            key=key,
+            limit="one reach away from sides at which the medium ends, or standing on one that is free",
+            remedy="a source below the surface, or initial data in the form of the wave",
+        )
+    least = 4 * more  # two for each face
+    for axis, side in surfaces:
+        near[side][axis], least[axis] = False, 2 * more[axis]
+    outside = near[-1] | near[1]
+    if outside.any():
+        axis = int(np.argmax(outside))
+        limits = shown((lattice.lower + more)[axis]), shown((lattice.upper - more)[axis])
+        raise InputError(
+            f"the box of an incident wave reaches too far along {AXES[axis]}: one reach of the near field must be "
+            "left around it",
+            value=f"{shown(low[axis])} to {shown(high[axis])}",
+            key=key,
+            limit=f"within {limits[0]} to {limits[1]}",
+            remedy="a smaller box, or a larger near field",
+        )
+    if (high - low < least - close).any():
+        raise InputError(
+            "the box of an incident wave is too small",
+            value=(high - low).tolist(),
+            limit=f"sides of {least.tolist()}",
+            key=key,
+            remedy="enlarge the near field",
+        )
+    return Box(tuple(low.tolist()), tuple(high.tolist()))
 
 
 def _names(ends: Sequence[End]) -> str:
@@ -250,6 +266,15 @@ def standing_on(box: Box, lattice: Lattice, free: Sequence[End]) -> list[End]:
     close = _CLOSE * lattice.spacing
     stands = {-1: low < lattice.lower + close, 1: high > lattice.upper - close}
     return [(axis, side) for axis, side in free if stands[side][axis]]
+
+
+def region_of(box: Box, lattice: Lattice, scheme: Scheme, free: Sequence[End] = ()) -> Region:
+    """The nodes of a box, which may stand on one of the free sides, in a medium."""
+    low, high = (np.asarray(bound, float) for bound in box.bounds())
+    first = np.ceil((low - lattice.lower) / lattice.spacing - _CLOSE).astype(int)
+    last = np.floor((high - lattice.lower) / lattice.spacing + _CLOSE).astype(int)
+    surfaces = standing_on(box, lattice, free)
+    return Region(lattice, scheme, first, last, surfaces[0] if surfaces else None)
 
 
 class Incidence:
@@ -281,12 +306,8 @@ class Incidence:
 
     def __init__(self, wave: Incident, lattice: Lattice, scheme: Scheme, free: Sequence[End] = ()) -> None:
         assert wave.within is not None
-        low, high = (np.asarray(bound, float) for bound in wave.within.bounds())
-        first = np.ceil((low - lattice.lower) / lattice.spacing - _CLOSE).astype(int)
-        last = np.floor((high - lattice.lower) / lattice.spacing + _CLOSE).astype(int)
-        surfaces = standing_on(wave.within, lattice, free)
         self.wave, self._lattice, self._dt = wave, lattice, scheme.dt
-        self.region = Region(lattice, scheme, first, last, surfaces[0] if surfaces else None)
+        self.region = region_of(wave.within, lattice, scheme, free)
         self.passage = wave.passage(self.region)
         shell = self.region.shell
         self._values = self.passage.at(shell.nodes)
@@ -314,7 +335,7 @@ class Incidence:
         return self._shaped(found[0]), self._shaped(found[1])
 
     def field(self, t: float) -> np.ndarray:
-        """The incident wave everywhere on the lattice, of the field's shape."""
+        """The incident wave everywhere on the lattice, of the field's shape; nan where it is not known."""
         if t >= self.passage.period:
             return self._shaped(np.zeros((self._components, int(np.prod(self._lattice.shape)))))
         nodes = np.indices(self._lattice.shape).reshape(self._lattice.dim, -1).T

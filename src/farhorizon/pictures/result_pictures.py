@@ -315,7 +315,7 @@ def _histories(results: Results, directory: Path, ending: str) -> list[Path]:
         curves = [(name, *_recorded(moments, column)) for name, column in zip(names, values.T, strict=True)]
         lines(curves, written[-1], xlabel="t", ylabel="probe value", title=title)
     for name, one in results.recorded.items():
-        for quantity in one.data if len(one.times) > 1 else ():
+        for quantity in one.data if len(one.times) > 1 and not one.medium else ():
             for column, traces in one.columns(quantity).items():
                 written.append(directory / f"{name}_{column}.{ending}")
                 trace_picture(one.points, one.times, traces, written[-1], label=column)

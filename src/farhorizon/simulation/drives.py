@@ -183,6 +183,12 @@ def _split_part(
     return unit * values, moment
 
 
+def scheme_of(near: NearField, factor: float) -> Scheme:
+    """The medium of the near field where bonds are multiplied with a factor."""
+    rate = factor * near.model.coefficient / near.lattice.spacing**2
+    return Scheme.of(near.stencil.beside(factor), rate, near.model.integrator, near.dt, near.model.damping)
+
+
 def incidence(wave: Incident, near: NearField, sides: Sides, cuts: Sequence[Cut], notes: list[str]) -> Incidence:
     """What joins the total field inside a wave's box to the scattered one outside it; `notes` gets what is to be known.
 
@@ -209,8 +215,6 @@ def incidence(wave: Incident, near: NearField, sides: Sides, cuts: Sequence[Cut]
     walls = [side_name(*key) for key, b in sides.items() if not b.endless and key not in known]
     if walls:
         notes.append(f"only what is scattered meets {', '.join(walls)}: an incident wave does not know them")
-    rate = factor * model.coefficient / lattice.spacing**2
-    scheme = Scheme.of(near.stencil.beside(factor), rate, model.integrator, near.dt, model.damping)
-    found = Incidence(wave, lattice, scheme, free)
+    found = Incidence(wave, lattice, scheme_of(near, factor), free)
     notes += found.passage.notes
     return found

@@ -13,6 +13,7 @@ from farhorizon.geometry.shapes import Box
 from farhorizon.inputs.cracks import cut_bonds
 from farhorizon.inputs.incidence import Incident
 from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.drives import scheme_of
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Setup, side_name
 
@@ -46,9 +47,7 @@ def medium_outside(parts: Parts) -> Scheme:
             key="far_field",
             remedy="linear bonds, which may break inside the box",
         )
-    factor = 1.0 if near.factor is None else float(near.factor.flat[0])
-    rate = factor * near.model.coefficient / near.lattice.spacing**2
-    return Scheme.of(near.stencil.beside(factor), rate, near.model.integrator, near.dt, near.model.damping)
+    return scheme_of(near, 1.0 if near.factor is None else float(near.factor.flat[0]))
 
 
 def corner_nodes(lattice: Lattice, box: Box | None, reach: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:

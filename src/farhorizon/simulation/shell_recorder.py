@@ -1,0 +1,210 @@
+"""What a run does on the shell of a box, for another run to take it as an incident wave."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.errors import InputError
+from farhorizon.files.records import Recorded
+from farhorizon.geometry.shapes import Box
+from farhorizon.inputs.cracks import cut_bonds
+from farhorizon.inputs.incidence import Region, region_of, resolved_box
+from farhorizon.machine import available_memory
+from farhorizon.medium.integrators import Verlet
+from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.drives import ends_of, scheme_of
+from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, recorder_name
+from farhorizon.simulation.setup import Setup
+
+_KEY = "shell.box"
+_ROUNDING = 1e-12  # of the largest value: data and sources that have no more in the box are not in it
+
+
+class ShellRecorder(Recorder):
+    """The field on the nodes with a bond through a face of a box, after every step: all that another run needs to know
+    of the waves that come into the box, see `IncidentRecord`.
+
+    It is given to a run in ``observe=[...]``.
+
+    Parameters
+    ----------
+    box : Box, optional
+        With all of the medium that the other run changes, two reaches of the stencil inside its faces. The near field
+        less two reaches unless given; it may stand on a free side.
+    name : str
+        Tells several of one run apart, in results files too.
+
+    Attributes
+    ----------
+    points : ndarray, shape (n, dim)
+    times : ndarray, shape (rows,)
+    data : dict of str to ndarray
+        "u", shape (rows, n), of vectors (rows, n, dim).
+
+    Raises
+    ------
+    InputError
+        When a run is made: no waves of linear bonds, a box that does not fit, a medium that is not uniform at its
+        faces, initial data or sources inside it. When it is run: records that do not fit into memory.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> shell = fh.ShellRecorder(fh.Box((-4.0, -4.0), (4.0, 4.0)))
+    >>> lattice = fh.Lattice(0.5, (-16.0, -10.0), (8.0, 10.0))
+    >>> blow = "exp(-(x + 10)**2 - y**2)*exp(-(t - 3)**2)"
+    >>> sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(1.0)), sources=[blow], observe=[shell])
+    >>> sim.step(10)
+    >>> shell.data["u"].shape == (11, len(shell.points))
+    True
+    """
+
+    def __init__(self, box: Box | None = None, name: str = "shell") -> None:
+        self.box = None if box is None else kinds.instance(box, _KEY, Box, "a Box")
+        self.name = recorder_name(name)
+        self.notes: list[str] = []
+        self.points = np.zeros((0, 1))
+        self._rows: list[np.ndarray] = []
+        self._first, self._dt, self._medium = 0, 0.0, 0.0
+
+    def __repr__(self) -> str:
+        return f"ShellRecorder({self.box}, name={self.name!r})"
+
+    # --- what was recorded -------------------------------------------------------------------------------------
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times of the rows."""
+        return (self._first + np.arange(sum(map(len, self._rows)))) * self._dt
+
+    @property
+    def data(self) -> dict[str, np.ndarray]:
+        """ "u" on the nodes at `times`."""
+        return {"u": np.concatenate(self._rows)} if self._rows else {}
+
+    @property
+    def recorded(self) -> Recorded:
+        """What was recorded, apart from the run."""
+        return Recorded(self.name, self.points, self.times, self.data, medium=self._medium)
+
+    def forget(self) -> None:
+        self._first += sum(map(len, self._rows))
+        self._rows = [self._rows[0][:0]]
+
+    # --- in a run ----------------------------------------------------------------------------------------------
+
+    def begin(self, setup: Setup, parts: Parts) -> Wanted:
+        near, law = parts.near, parts.near.model.bond_law
+        if not isinstance(near.model.integrator, Verlet) or (law is not None and law.nonlinear):
+            raise InputError(
+                "waves for another run are those of linear bonds and of second order",
+                value=type(near.model).__name__,
+                key="shell",
+                limit="Wave or Elastic",
+            )
+        ends = ends_of(parts.around.sides)
+        box = resolved_box(self.box, near.lattice, near.stencil.reach, ends, _KEY)
+        scheme = scheme_of(near, 1.0)
+        region = region_of(box, near.lattice, scheme, [end for end, free in ends.items() if free])
+        nodes = region.shell.nodes
+        self._medium = scheme.rate * _factor(setup, parts, nodes)
+        self.notes = _check_rest(parts, region)
+        self.points, self._dt = region.places(nodes), near.dt
+        return Wanted(np.ravel_multi_index(tuple(nodes.T), near.lattice.shape), ())
+
+    def foresee(self, until: float, steps: int) -> None:
+        """Before a run: how much is recorded.
+
+        Raises
+        ------
+        InputError
+            It does not fit into memory.
+        """
+        need = 8 * int(np.prod(self._rows[0].shape[1:])) * (steps + 1)
+        size = f"about {need / 2**30:.3g} GiB for {len(self.points)} nodes and {steps} steps"
+        if need > available_memory():
+            raise InputError(
+                "what is recorded on the shell of a box does not fit into memory",
+                value=size,
+                limit=f"{available_memory() / 2**30:.3g} GiB available",
+                key=_KEY,
+                remedy="a smaller box, or a shorter run",
+            )
+        start = f"{self.name} records the shell of a box: "
+        self.notes = [note for note in self.notes if not note.startswith(start)] + [start + size]
+
+    def start(self, step: int, heard: Heard) -> None:
+        if step:
+            raise InputError(
+                "the shell of a box is recorded from the start of a run on",
+                value=f"step {step}",
+                key="shell",
+                remedy="the checkpoint of a run that has it",
+            )
+        self._first, self._rows = 0, []
+        self.add(0, Heard(heard.nodes[-1:], ()))
+
+    def add(self, step: int, heard: Heard) -> None:
+        rows = np.array(heard.nodes, float)
+        self._rows.append(rows[..., 0] if rows.shape[2] == 1 else rows)
+
+    def state(self) -> Arrays:
+        return {"first": np.array([self._first]), **self.data}
+
+    def take(self, state: Arrays) -> None:
+        self._first, self._rows = int(state["first"][0]), [state["u"]]
+
+
+def _factor(setup: Setup, parts: Parts, nodes: np.ndarray) -> float:
+    """What the bonds at the nodes of a shell are multiplied with: no crack, hole or other material, and no condition,
+    is there.
+    """
+    near, lattice = parts.near, parts.near.lattice
+    on = np.zeros(lattice.shape, bool)
+    on[tuple(nodes.T)] = True
+    material = near.material[on]
+    held = near.busy | (near.leak.reshape(lattice.shape) > 0 if near.leak.size else False)
+    wrong = bool(np.ptp(material) != 0) or bool((held & on).any())
+    for crack in setup.cracks:
+        starts, bonds = cut_bonds(crack.cut, lattice.lower, lattice.spacing, lattice.shape, near.stencil.offsets)
+        ends = np.concatenate([starts, starts + near.stencil.offsets[bonds]])
+        there = ends[((ends >= 0) & (ends < lattice.shape)).all(1)]
+        wrong |= bool(on[tuple(there.T)].any())
+    if wrong:
+        raise InputError(
+            "the medium is not uniform at the faces of a box whose shell is recorded: cracks, holes, other materials "
+            "and conditions are one reach away from them",
+            key=_KEY,
+            remedy="another box",
+        )
+    return float(material[0])
+
+
+def _check_rest(parts: Parts, region: Region) -> list[str]:
+    """Refuse data and sources inside a box; returns notes of what cannot be known."""
+    inside = np.zeros(parts.near.lattice.shape, bool)
+    inside[tuple(region.nodes.T)] = True
+    for key, values in [("initial.u", parts.start.u), ("initial.v", parts.start.v)] + [
+        ("source", space) for space, _ in parts.drives.sources if space is not None
+    ]:
+        sizes = np.abs(values).reshape(-1, *inside.shape).max(0)
+        if sizes[inside].max() > _ROUNDING * max(float(sizes.max()), 1e-300):
+            raise InputError(
+                "does not begin at rest in the box whose shell is recorded: the waves of another run come into it"
+                if key != "source"
+                else "acts inside the box whose shell is recorded: the waves of another run come into it",
+                value=f"{sizes[inside].max():.3g}",
+                limit=f"{_ROUNDING:g} of the largest value, {sizes.max():.3g}",
+                key=key,
+                remedy="a smaller box, or data farther away",
+            )
+    for one in parts.incident:
+        if inside[tuple(one.region.shell.nodes.T)].any() or not one.passage.rests:
+            raise InputError(
+                "an incident wave comes in inside the box whose shell is recorded",
+                key=_KEY,
+                remedy="a box outside that of the incident wave",
+            )
+    moving = any(space is None for space, _ in parts.drives.sources)
+    return ["a source that does not split into space and time must not act inside the recorded box"] if moving else []
