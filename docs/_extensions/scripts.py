@@ -140,11 +140,11 @@ def cylinders(names: Names) -> Figure:
 
 
 def penny_crack(names: Names) -> Figure:
-    sim = names["block"](0.0).run(2.0, progress=False)
+    sim = names["ground"](0.0).run(2.0, progress=False)
     figure = Figure(figsize=(6.4, 4.4), layout="constrained")
     panel = figure.add_subplot()
     x, _, z = sim.lattice.axes
-    section = sim.fields["u"][:, sim.lattice.shape[1] // 2]
+    section = sim.fields["u"][:, sim.lattice.shape[1] // 2] + z
     drawn = panel.pcolormesh(x, z, section.T, cmap="inferno", shading="nearest")
     panel.set(aspect="equal", xlabel="x", ylabel="z", title="temperature in a plane through the centre of the crack")
     figure.colorbar(drawn)
