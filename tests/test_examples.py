@@ -191,3 +191,38 @@ def test_an_inclusion_feels_no_box():
     assert curve["error"][-1] == pytest.approx(error, rel=1e-6)
     found = near.balance()
     assert abs(found["residual"]) < 1e-12 * found["outflow"] and found["outflow"] > found["drag"] > 0
+
+
+@pytest.mark.slow
+def test_surface_notch():
+    """The corner of notch and surface sends the burst back the way it came: all rays are twice as long as that to the
+    corner.
+    """
+    from scipy.signal import hilbert
+
+    case = Case((EXAMPLES / "surface_notch.toml").read_text(encoding="utf-8"))
+    sim = case.simulation()
+    probe, corner, begins = (np.array(place) for place in (case.parts.output.probes[0], (0.0, 0.0), (-8.4e-3, -7.2e-3)))
+    echo = sim.record([probe])
+    sim.run(case.parts.run.until, progress=False)
+    way = np.sum(corner - begins + corner - probe) / np.sqrt(2)
+    expected = way / sim.model.s_speed + 1.6e-6  # the middle of the burst
+    across = echo.values[:, 0] @ (-np.sqrt(0.5), np.sqrt(0.5))
+    assert abs(echo.times[np.abs(hilbert(across)).argmax()] - expected) < 0.5 / 1.5e6
+    assert np.abs(across).max() > 0.3  # of the burst
+
+
+@pytest.mark.slow
+def test_valley():
+    """Far from it the ground moves first as flat ground does: the coefficients of the lattice's surface are those of
+    the continuum but for (k dx)^2.
+    """
+    case = Case((EXAMPLES / "valley.toml").read_text(encoding="utf-8"))
+    sim = case.simulation()
+    ground = sim.record([case.parts.output.probes[0]])
+    sim.run(2.0, progress=False)
+    p, fast, slow = 0.342 / 1200, 1 / 2078.46, 1 / 1200  # slowness along the ground, of P and of S waves
+    qp, qs = np.sqrt(fast**2 - p**2), np.sqrt(slow**2 - p**2)
+    whole = (slow**2 - 2 * p**2) ** 2 + 4 * p**2 * qp * qs
+    horizontal = 2 * slow * qs * (slow**2 - 2 * p**2) / whole  # Aki and Richards, section 5.2
+    assert np.abs(ground.values[:, 0, 0]).max() == pytest.approx(horizontal, rel=0.02)

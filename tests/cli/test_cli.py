@@ -36,6 +36,8 @@ LARGE = [  # slow at full size; tests/test_examples.py has those that break on c
         "closed_disc",
         "backward_waves",
         "indentation",
+        "surface_notch",
+        "valley",
     )
 ]
 GROWING = EXAMPLES / "dispersive_pulse.toml"  # a kernel that the layer cannot absorb: it has a test of its own

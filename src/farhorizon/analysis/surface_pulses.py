@@ -16,22 +16,14 @@ import numpy as np
 
 from farhorizon.analysis.half_space import Column, HalfSpace
 from farhorizon.analysis.references.driven import Scheme
-from farhorizon.analysis.references.pulse import (
-    PlanePulse,
-    TravellingWaves,
-    check_lost,
-    felt,
-    harmonics,
-    late,
-    sampled,
-    steps_of,
-)
+from farhorizon.analysis.references.pulse import PlanePulse, TravellingWaves, check_lost, felt, harmonics, steps_of
 from farhorizon.errors import InputError
 
-_FAINT = 1e-10  # of the amplitude of a wave: what the surface sends back below this need not leave
 _TAIL = 1e-9  # of the signal: a pulse that has more of it left between two periods has a tail
-_LONGER = 2.0  # by which factor the period of a pulse with a tail is longer
+_SPARE, _LONGER = 1.5, (2.0, 4.0)  # periods over the least, and over the first of them
+_HELPS = 0.25  # a longer period that leaves more of the tail than this does not help
 _PROBES = 9  # times at which a tail is looked for
+_LONG = 1e-2  # wavenumber times spacing of a wave that is long
 _RAYLEIGH = 0.9  # about the speed of Rayleigh waves over that of S waves
 
 
@@ -50,6 +42,8 @@ class FreeSurface:
         Coordinate of its nodes.
     rows : int
         How far down the pulse is wanted.
+    depth : int
+        Rows of the box.
     """
 
     scheme: Scheme
@@ -58,6 +52,7 @@ class FreeSurface:
     side: int
     level: float
     rows: int
+    depth: int
 
     @property
     def half_space(self) -> HalfSpace:
@@ -83,6 +78,13 @@ class FreeSurface:
         """Square of a frequency in units of the stencil, as the scheme has it."""
         dt = self.scheme.dt
         return float((2 / dt * np.sin(frequency * dt / 2)) ** 2 / self.scheme.rate)
+
+    @property
+    def slowest(self) -> float:
+        """Speed of the slowest long wave that goes straight down, in rows for a unit of time."""
+        along = [_LONG, *[0.0] * (self.scheme.stencil.dim - 1)]
+        branches = self.scheme.stencil.along(self.axis).branches(*along)
+        return float(np.sqrt(self.scheme.rate * branches.min()) / _LONG)
 
     def along(self, direction: np.ndarray) -> tuple[np.ndarray, float]:
         """What of a unit vector is along the surface, as a unit vector in space, and its length."""
@@ -117,7 +119,11 @@ class SurfacePulse:
 
 
 def reflected_pulse(
-    surface: FreeSurface, make: Callable[[float], PlanePulse], direction: np.ndarray, start: float, samples: np.ndarray
+    surface: FreeSurface,
+    make: Callable[[float], PlanePulse],
+    direction: np.ndarray,
+    way: tuple[float, float],
+    samples: np.ndarray,
 ) -> SurfacePulse:
     """A plane pulse that comes to a surface, with all that this sends back.
 
@@ -125,11 +131,11 @@ def reflected_pulse(
     ----------
     surface : FreeSurface
     make : callable
-        The pulse in the open medium, for a time by which its period is longer.
+        The pulse in the open medium, of a period.
     direction : ndarray, shape (dim,)
         Along which it travels, of length 1.
-    start : float
-        Where on its way it has its signal, from the origin.
+    way : (float, float)
+        Where on its way it has its signal, from the origin, and how far it goes.
     samples : ndarray
         The signal at the time steps.
 
@@ -138,59 +144,33 @@ def reflected_pulse(
     InputError
         It does not come to the surface.
     """
-    scheme, half_space = surface.scheme, surface.half_space
+    half_space = surface.half_space
     flat, length = surface.along(direction)
     tangential = direction[surface.order[1:]]
     up = surface.side * direction[surface.axis]
-    met = direction[surface.axis] * surface.level - start  # its way to the surface, at the origin of the others axes
+    met = direction[surface.axis] * surface.level - way[0]  # its way to the surface, above the origin
 
-    def columns(pulse: PlanePulse) -> dict[int, Column]:
-        """What moves of the pulse, by the number of the wave."""
-        found = {}
+    def whole(period: float) -> SurfacePulse:
+        pulse, numbers, shapes = make(period), [], []
         for number in np.flatnonzero(pulse.frequencies > 0):
             wavenumber, amplitude = pulse.wavenumbers[number], pulse.amplitudes[number]
             # time goes as exp(-i w t) in a column
             vector = (amplitude * pulse.polarisations[number] * np.exp(-1j * wavenumber * met)).conj()
             if vector.any():
-                angle = wavenumber * surface.spacing
+                angle, squared = wavenumber * surface.spacing, surface.squared(pulse.frequencies[number])
                 wave = complex(np.exp(1j * angle * up)), surface.turned(vector)
-                found[int(number)] = half_space.total(
-                    surface.squared(pulse.frequencies[number]), angle * tangential, *wave
-                )
-        return found
-
-    def delay(pulse: PlanePulse) -> float:
-        """Time that what is sent back takes to the last row."""
-        slowest = np.inf
-        for number, column in columns(pulse).items():
-            if pulse.late[number]:
-                sizes = np.linalg.norm(column.vectors, axis=1)
-                speed = float(column.speeds[sizes > _FAINT * sizes.max()].min())
-                rise = 2 / scheme.dt * np.sin(pulse.frequencies[number] * scheme.dt)
-                slowest = min(slowest, scheme.rate * speed / rise)
-        return surface.rows / slowest
-
-    def whole(later: float) -> SurfacePulse:
-        pulse = make(later)
-        found = columns(pulse)
-        numbers, shapes = list(found), np.array([surface.shape(column) for column in found.values()])
+                shapes.append(surface.shape(half_space.total(squared, angle * tangential, *wave)))
+                numbers.append(number)
         moving = TravellingWaves(
-            pulse.frequencies[numbers], length * pulse.wavenumbers[numbers], shapes, surface.spacing
+            pulse.frequencies[numbers], length * pulse.wavenumbers[numbers], np.array(shapes), surface.spacing
         )
-        return _at_rest(moving, flat, pulse.period, pulse.lost, met / pulse.speed, samples, scheme.dt)
+        return _at_rest(moving, flat, pulse.period, pulse.lost, met / pulse.speed, samples, surface.scheme.dt)
 
-    later = delay(make(0.0))
-    found = whole(later)
-    return found if found.tail <= _TAIL else whole(later + (_LONGER - 1) * found.period)
+    return _with_a_small_tail(whole, surface, way, samples)
 
 
 def rayleigh_pulse(
-    surface: FreeSurface,
-    direction: np.ndarray,
-    start: float,
-    end: float,
-    signal: Callable[[float], float],
-    duration: float,
+    surface: FreeSurface, direction: np.ndarray, way: tuple[float, float], samples: np.ndarray
 ) -> SurfacePulse:
     """A pulse that runs along a surface.
 
@@ -199,58 +179,65 @@ def rayleigh_pulse(
     surface : FreeSurface
     direction : ndarray, shape (dim,)
         Along the surface, of length 1.
-    start : float
-        Where on its way the displacement of the surface along its outward normal is the signal, from the origin.
-    end : float
-        How far it is to go, from the origin.
-    signal : callable
-        Of t, zero outside 0 to `duration`.
-    duration : float
+    way : (float, float)
+        Where on its way the displacement of the surface along its outward normal is the signal, from the origin, and
+        how far it goes.
+    samples : ndarray
+        The signal at the time steps.
 
     Raises
     ------
     InputError
-        A signal that is not finite, or with frequencies of which no wave runs along the surface.
+        A signal with frequencies of which no wave runs along the surface.
     """
-    scheme, dt = surface.scheme, surface.scheme.dt
-    samples = sampled(signal, duration, dt)
+    scheme, dt, half_space = surface.scheme, surface.scheme.dt, surface.half_space
     tangential = direction[surface.order[1:]]
-    stencil = scheme.stencil.along(surface.axis)
-    angle = 1e-2
-    slow = stencil.branches(0.0, *(angle * tangential)).min() / angle**2
-    guess = 1 / (_RAYLEIGH * np.sqrt(slow))  # wavenumber over the root of the squared frequency
+    # wavenumber over the root of the squared frequency
+    guess = np.sqrt(scheme.rate) / (_RAYLEIGH * surface.slowest)
 
-    def waves(count: int) -> tuple[TravellingWaves, np.ndarray, float]:
+    def whole(period: float) -> SurfacePulse:
+        count = steps_of(period, dt)
         frequencies, amplitudes = harmonics(samples, dt, count)
         used = np.flatnonzero(felt(amplitudes) & (frequencies > 0))
-        ratio, numbers, shapes, lost, kept = guess, [], [], 0.0, []
+        ratio, lost = guess, 0.0
+        numbers, wavenumbers, shapes = [], [], []
         for number in used:
             squared = surface.squared(frequencies[number])
             try:
-                wavenumber, column = surface.half_space.surface_wave(squared, tangential, ratio * np.sqrt(squared))
+                angle, column = half_space.surface_wave(squared, tangential, ratio * np.sqrt(squared))
             except InputError:
                 lost = float(np.abs(amplitudes[number:]).sum() / np.abs(samples).max())
                 check_lost(lost, float(frequencies[number]))
                 break
-            ratio = wavenumber / np.sqrt(squared)
+            ratio, wavenumber = angle / np.sqrt(squared), angle / surface.spacing
             normal = surface.side * column.rows[0, 0].conj()
-            phase = np.exp(1j * wavenumber / surface.spacing * start)
-            shapes.append(surface.shape(column, amplitudes[number] * phase / normal))
-            numbers.append(wavenumber / surface.spacing)
-            kept.append(number)
-        found = TravellingWaves(frequencies[kept], np.array(numbers), np.array(shapes), surface.spacing)
-        return found, late(amplitudes[kept]), lost
+            shapes.append(surface.shape(column, amplitudes[number] * np.exp(1j * wavenumber * way[0]) / normal))
+            wavenumbers.append(wavenumber)
+            numbers.append(number)
+        moving = TravellingWaves(frequencies[numbers], np.array(wavenumbers), np.array(shapes), surface.spacing)
+        arrival = -way[0] * wavenumbers[0] / frequencies[numbers[0]]
+        return _at_rest(moving, direction, count * dt, lost, arrival, samples, dt)
 
-    moving, counts, _ = waves(4 * samples.size)
-    speeds = np.gradient(moving.frequencies, moving.wavenumbers)[counts]
-    passed = duration + (end - start) / float(speeds.min())
-    speed = float(moving.frequencies[0] / moving.wavenumbers[0])
-    for factor in (1.0, _LONGER):
-        count = steps_of(factor * passed, dt)
-        moving, _, lost = waves(count)
-        found = _at_rest(moving, direction, count * dt, lost, -start / speed, samples, dt)
+    return _with_a_small_tail(whole, surface, way, samples)
+
+
+def _with_a_small_tail(
+    whole: Callable[[float], SurfacePulse], surface: FreeSurface, way: tuple[float, float], samples: np.ndarray
+) -> SurfacePulse:
+    """The pulse with the shortest of some periods that leave no tail, or from which a longer one does not help.
+
+    The shortest is that in which the slowest long wave passes the box along the way and down, and half of it more.
+    """
+    passed = (way[1] - way[0]) / surface.spacing + surface.depth
+    least = _SPARE * (samples.size * surface.scheme.dt + passed / surface.slowest)
+    found = whole(least)
+    for factor in _LONGER:
         if found.tail <= _TAIL:
             break
+        longer = whole(factor * least)
+        if longer.tail > _HELPS * found.tail:
+            break
+        found = longer
     return found
 
 

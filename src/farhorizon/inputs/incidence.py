@@ -62,7 +62,8 @@ class Region:
         """A free side and the medium below it."""
         axis, side = surface
         level = (self.lattice.lower if side < 0 else self.lattice.upper)[axis]
-        return FreeSurface(self.scheme, self.lattice.spacing, axis, side, float(level), self.lattice.shape[axis])
+        rows, depth = self.lattice.shape[axis], int(self.last[axis] - self.first[axis]) + 1
+        return FreeSurface(self.scheme, self.lattice.spacing, axis, side, float(level), rows, depth)
 
     def places(self, nodes: np.ndarray) -> np.ndarray:
         """Coordinates of nodes (n, dim)."""

@@ -121,15 +121,15 @@ class IncidentWave(Incident):
             return _PlanePassage(self, region)
         pulse = reflected_pulse(
             region.under(region.surface),
-            lambda later: self.pulse(region, later),
+            lambda period: self.pulse(region, period),
             self.along,
-            self.start(region),
+            self.way(region),
             sampled(self.at, self.duration, region.scheme.dt),
         )
         return SurfacePassage(pulse, region, region.surface)
 
-    def pulse(self, region: Region, later: float = 0.0) -> PlanePulse:
-        """The wave in the open medium, with a period that is longer by some time."""
+    def pulse(self, region: Region, period: float | None = None) -> PlanePulse:
+        """The wave in the open medium, which repeats itself after a time: when it has passed unless given."""
         scheme, spacing = region.scheme, region.lattice.spacing
         begin, end = self.way(region)
         return PlanePulse(
@@ -142,7 +142,7 @@ class IncidentWave(Incident):
             self.at,
             self.duration,
             end - begin,
-            later,
+            period,
         )
 
     def vector(self, components: int) -> np.ndarray | None:

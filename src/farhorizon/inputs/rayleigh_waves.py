@@ -9,6 +9,7 @@ from typing import Any, Self
 import numpy as np
 
 from farhorizon import kinds
+from farhorizon.analysis.references.pulse import sampled
 from farhorizon.analysis.surface_pulses import rayleigh_pulse
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import Lattice
@@ -109,5 +110,6 @@ class RayleighWave(Incident):
             raise InputError("a scalar field has no Rayleigh waves", key="incident", remedy="an Elastic medium")
         ends = region.places(np.stack([region.first, region.last]))
         begin, end = np.sort(self.along * ends, axis=0).sum(1).tolist()
-        pulse = rayleigh_pulse(region.under(surface), self.along, begin, end, self.at, self.duration)
+        samples = sampled(self.at, self.duration, region.scheme.dt)
+        pulse = rayleigh_pulse(region.under(surface), self.along, (begin, end), samples)
         return SurfacePassage(pulse, region, surface)

@@ -60,11 +60,6 @@ def felt(amplitudes: np.ndarray) -> np.ndarray:
     return np.asarray(np.abs(amplitudes) > _LOST * np.abs(amplitudes).max())
 
 
-def late(amplitudes: np.ndarray) -> np.ndarray:
-    """Which of the waves of a pulse must have passed before it is over."""
-    return np.asarray(np.abs(amplitudes) > _LATE * np.abs(amplitudes).max())
-
-
 def steps_of(time: float, dt: float) -> int:
     """Steps of the period of what has passed at a time."""
     return int(np.ceil(time / dt - 1e-9)) + 2
@@ -103,8 +98,8 @@ class PlanePulse:
     signal : callable
         Of t, zero outside 0 to `duration`.
     duration, distance : float
-    later : float
-        By how much longer the period is, for what the pulse leaves behind.
+    period : float, optional
+        As long as all waves that count take to pass unless given.
 
     Attributes
     ----------
@@ -136,7 +131,7 @@ class PlanePulse:
         signal: Callable[[float], float],
         duration: float,
         distance: float,
-        later: float = 0.0,
+        period: float | None = None,
     ) -> None:
         self._rate = np.sqrt(coefficient) / spacing
         self.spacing, self.dt, self.distance = spacing, dt, distance
@@ -144,11 +139,13 @@ class PlanePulse:
         self._branches = [
             _Branch(stencil, direction, polarisation, number) for number in range(_count(polarisation, direction))
         ]
-        self._set_waves(samples, 4 * samples.size)
+        self._set_waves(samples, 4 * samples.size if period is None else steps_of(period, dt))
         speeds = self._group_speeds()
         self.speed = float(speeds[0])
-        passed = duration + distance / max(float(speeds[self.late].min()), 1e-300) + later
-        self._set_waves(samples, steps_of(passed, dt))
+        if period is None:
+            late = np.abs(self.amplitudes) > _LATE * np.abs(self.amplitudes).max()
+            passed = duration + distance / max(float(speeds[late].min()), 1e-300)
+            self._set_waves(samples, steps_of(passed, dt))
 
     def _set_waves(self, samples: np.ndarray, count: int) -> None:
         """The waves whose sum is the signal and then zero, over `count` steps."""
@@ -165,11 +162,6 @@ class PlanePulse:
         angles, slopes, polarisations = zip(*(branch.solve(wanted[used]) for branch in self._branches), strict=True)
         self.wavenumbers = np.concatenate(angles) / self.spacing
         self._slopes, self.polarisations = np.concatenate(slopes), np.concatenate(polarisations)
-
-    @property
-    def late(self) -> np.ndarray:
-        """Which waves must have passed before the pulse is over, shape (M,)."""
-        return late(self.amplitudes)
 
     def _group_speeds(self) -> np.ndarray:
         """dw/dk of each wave, and at k = 0 that of the fastest."""
