@@ -133,6 +133,8 @@ MEASUREMENTS = {
     "explosion": validated("explosion", ours={"error": 2, "order": 4}, off={"static": 6}),
     "mode-three": validated("mode-three", off={"early": 0, "late": 2, "static": 6}),
     "mode-one": validated("mode-one", off={"early": 1, "late": 3, "static": 6, "size": 7}),
+    "griffith-crack": validated("griffith-crack", ours={"sliding": 3, "opening": 5}, off={"intensity": 2}),
+    "penny-pressure": validated("penny-pressure", off={"opening": 1, "intensity": 2}),
     "penny-crack": validated("penny-crack", ours={"order": 2}, off={"jump": 1}),
     "pencil-electrode": validated("pencil-electrode", off={"rate": 2}),
     "open-electrolyte": validated("open-electrolyte", off={"rate": 2}),

@@ -23,9 +23,10 @@ from pathlib import Path
 
 import numpy as np
 
+from farhorizon.analysis.fracture.opening import opening_intensity
 from farhorizon.boundaries import LatticePML
 from farhorizon.geometry.lattice import Lattice
-from farhorizon.geometry.shapes import Polyline
+from farhorizon.geometry.shapes import Cut, Polyline
 from farhorizon.inputs.cracks import cut_bonds
 from farhorizon.inputs.signals import Step
 from farhorizon.inputs.sources import Source
@@ -72,16 +73,9 @@ def pressure_step(way: np.ndarray) -> np.ndarray:
     return 2 * np.sqrt(1 - 2 * POISSON) / (1 - POISSON) * np.sqrt(way / np.pi)
 
 
-def measured_intensity(r: np.ndarray, found: np.ndarray) -> float:
-    """K from the opening, 4 K sqrt(r / 2 pi) at the tip: its square over r by a parabola, for the place of the tip
-    between two nodes is known to a part of the spacing only.
-    """
-    step = abs(r[1] - r[0])
-    near = (r > 3 * step) & (r < HALF_LENGTH / 4)
-    square = np.polynomial.Polynomial.fit(r[near], found[near] ** 2, 2)
-    roots = square.roots()
-    tip = roots[np.argmin(np.abs(roots))]
-    return float(np.sqrt(2 * np.pi * square.deriv()(tip).real) / 4)
+def measured_intensity(r: np.ndarray, found: np.ndarray, stiffness: float = 2.0) -> float:
+    """K from the opening of the quarter of the half length next to the tip; of mode III unless a stiffness is given."""
+    return opening_intensity(r, found, stiffness, (3 * abs(r[1] - r[0]), HALF_LENGTH / 4))
 
 
 def sheared(spacing: float, until: float) -> Simulation:
@@ -151,12 +145,12 @@ def mode_three(folder: Path) -> Outcome:
     return Outcome(rows, pictures=[picture])
 
 
-def force_on_faces(model: Elastic, lattice: Lattice, crack: Polyline, strain: np.ndarray) -> np.ndarray:
+def force_on_faces(model: Elastic, lattice: Lattice, crack: Cut, strain: np.ndarray) -> np.ndarray:
     """Force per volume with which the bonds that a crack cuts would pull on their nodes in a medium of that strain,
     turned round: with it the crack does to a medium at rest what it does to one strained from far away.
     """
-    spacing, stencil = lattice.spacing, model.stencil(lattice.spacing, 2)
-    force = np.zeros((2, *lattice.shape))
+    spacing, stencil = lattice.spacing, model.stencil(lattice.spacing, lattice.dim)
+    force = np.zeros((lattice.dim, *lattice.shape))
     for offset, weight in zip(stencil.offsets, stencil.weights, strict=True):
         nodes, bonds = cut_bonds(crack, lattice.lower, spacing, lattice.shape, offset[None])
         force[:, *nodes.T] -= (weight @ strain @ offset * model.p_modulus / spacing)[:, None] * np.ones(len(bonds))
@@ -180,8 +174,8 @@ def opened(spacing: float, half: tuple[float, float]) -> tuple[Simulation, float
 
 
 def pulled_intensity(sim: Simulation) -> float:
-    """K of mode I in plane strain, from the opening 8 K (1 - nu^2) / E sqrt(r / 2 pi)."""
-    return measured_intensity(*faces(sim)) * YOUNG / (2 * (1 - POISSON**2))
+    """K of mode I in plane strain."""
+    return measured_intensity(*faces(sim), YOUNG / (1 - POISSON**2))
 
 
 @validation("mode-one", CRACK, "a pressure wave hits a crack: K to the static limit", "a minute")

@@ -221,15 +221,19 @@ def _centred(values: np.ndarray, line: np.ndarray, reach: int) -> np.ndarray:
 
 
 def _tip(values: np.ndarray, line: np.ndarray, threshold: float, reach: int) -> tuple[np.ndarray, np.ndarray]:
-    """The tip beyond the last place of a line, and the way ahead."""
-    back = line[max(0, len(line) - 1 - 2 * reach) : len(line) - 1]
-    way = line[-1] - (back.mean(0) if len(back) else line[-1])
-    way = way / max(float(np.linalg.norm(way)), 1e-300)
-    s = np.arange(-_SAMPLES * reach, 2 * _SAMPLES * reach + 1) / _SAMPLES
-    course = ndimage.map_coordinates(values, (line[-1] + s[:, None] * way).T, order=1, mode="nearest")
-    whole = np.flatnonzero(course >= threshold)
-    if not whole.size or whole[-1] == len(s) - 1:
+    """The tip beyond the last place of a line, and the way ahead: that of a straight line through the places before the
+    last horizon, where thinning leaves hooks.
+    """
+    used = line[max(0, len(line) - 3 * reach - 1) : max(2, len(line) - reach)]
+    middle = used.mean(0)
+    way = np.linalg.svd(used - middle)[2][0]
+    way = way * (1.0 if way @ (line[-1] - line[0]) >= 0 else -1.0)
+    start = middle + way * (way @ (used[-1] - middle))
+    s = np.arange(0, 4 * _SAMPLES * reach + 1) / _SAMPLES
+    course = ndimage.map_coordinates(values, (start + s[:, None] * way).T, order=1, mode="nearest")
+    below = np.flatnonzero(course < threshold)
+    if not below.size or not below[0]:
         return line[-1], way
-    i = whole[-1]
-    part = (course[i] - threshold) / max(course[i] - course[i + 1], 1e-300)
-    return line[-1] + (s[i] + part / _SAMPLES) * way, way
+    i = below[0] - 1
+    part = (course[i] - threshold) / (course[i] - course[i + 1])
+    return start + (s[i] + part / _SAMPLES) * way, way

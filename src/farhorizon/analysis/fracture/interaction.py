@@ -94,7 +94,7 @@ class InteractionDomain:
         inside = np.linalg.norm(grid - self.tip, axis=1) < radii[1] + _FARTHEST * lattice.spacing
         candidates = np.flatnonzero(inside & (True if lattice.mask is None else lattice.mask.ravel()))
         where, area = self._quadrature(lattice.spacing)
-        slopes = _slopes(where, grid[candidates], cuts, lattice.spacing)  # (Q, 2, candidates)
+        slopes = parabolas(where, grid[candidates], cuts, lattice.spacing)[:, 1:]  # (Q, 2, candidates)
         static = np.einsum("kqij,qjn->kni", self._on_gradient(where, area), slopes)
         loaded = self._on_force(grid[candidates], lattice.spacing**2)
         used = np.abs(static).any((0, 2)) | np.abs(loaded).any((0, 2))
@@ -157,9 +157,22 @@ class InteractionDomain:
         return ahead if self.medium.antiplane else ahead @ self._turn
 
 
-def _slopes(where: np.ndarray, nodes: np.ndarray, cuts: Sequence[Cut], spacing: float) -> np.ndarray:
-    """Derivatives at points as sums over nodes, by parabolas fitted to those that no crack hides; (Q, 2, nodes)."""
-    found = np.zeros((len(where), 2, len(nodes)))
+def parabolas(where: np.ndarray, nodes: np.ndarray, cuts: Sequence[Cut], spacing: float) -> np.ndarray:
+    """Value and derivatives at points as sums over nodes, by parabolas fitted to those nearby that no crack hides.
+
+    Parameters
+    ----------
+    where : ndarray, shape (Q, 2)
+    nodes : ndarray, shape (N, 2)
+    cuts : sequence of Cut
+    spacing : float
+
+    Returns
+    -------
+    ndarray, shape (Q, 3, N)
+        Weights of the value and of the derivatives along the axes.
+    """
+    found = np.zeros((len(where), 3, len(nodes)))
     for number, point in enumerate(where):
         apart = (nodes - point) / spacing
         distance = np.linalg.norm(apart, axis=1)
@@ -171,7 +184,7 @@ def _slopes(where: np.ndarray, nodes: np.ndarray, cuts: Sequence[Cut], spacing: 
         x, y = apart[close].T
         weight = 1 - (distance[close] / within) ** 2
         table = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1) * weight[:, None]
-        found[number][:, close] = np.linalg.pinv(table)[1:3] * weight / spacing
+        found[number][:, close] = np.linalg.pinv(table)[:3] * weight / np.array([[1.0], [spacing], [spacing]])
     return found
 
 
