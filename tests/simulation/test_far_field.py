@@ -3,6 +3,8 @@
 import copy
 import os
 import pickle
+import re
+import warnings
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from farhorizon.analysis.radiation import squared_frequency, transform, waves_se
 from farhorizon.analysis.references.driven import Scheme
 from farhorizon.analysis.references.infinite import InfiniteLattice
 from farhorizon.analysis.wave_surface import along
+from farhorizon.simulation import far_field
 
 SEED = int(os.environ.get("FARHORIZON_SEED", "20261123"))
 print(f"far field: seed {SEED}")
@@ -132,7 +135,10 @@ def test_boxes_that_do_not_serve():
     _refused("cuts a crack", cracks=[[(4.3, 0.2), (6.3, 0.2)]])
     _refused("another material", coefficient=lambda x, y: np.where(x > 8, 0.5, 1.0))
     _refused("another material", coefficient=lambda x, y: np.where(abs(x) + abs(y) < 6, 0.5, 1.0))
-    _refused("without end", boundary={"y-": fh.Free(), "all": fh.LatticePML(nodes=8)})
+    _refused(
+        "without end: .*value: y-.*remedy: LatticePML there; or",
+        boundary={"y-": fh.Free(), "all": fh.LatticePML(nodes=8)},
+    )
     _refused("not zero outside the box", sources=["exp(-((x-7)**2+y**2))*sin(t)"])
     _refused("not zero outside the box", initial={"u": "exp(-(x**2+y**2)/6)"})
     _refused("meets the box of an incident wave", sources=[fh.IncidentWave((1, 0), _SIGNAL, _DURATION)], half=11)
@@ -346,6 +352,50 @@ def test_a_crack_scatters_what_the_incident_wave_loses(model, polarisation):
 def test_frequencies_that_do_not_serve(frequencies, model, words):
     with pytest.raises(fh.InputError, match=rf"far_field\.frequencies: .*{words}"):
         fh.Simulation(_square(14), model, observe=[fh.FarField(frequencies=frequencies)])
+
+
+@pytest.mark.parametrize(("fast", "told"), [(0.0, False), (1.0, True)])
+def test_what_is_faster_than_the_lattice_is_told(fast, told, monkeypatch):
+    """Near a source that swings faster than any wave; what the warning says is the order of what spectra over every
+    step differ by.
+    """
+
+    def run():
+        far = fh.FarField(_box(8), [0.05, 0.0625])
+        burst = fh.Expression(f"(sin(2*pi*t/16) + {fast}*sin(2*pi*t*0.36))*exp(-((t-60)/12)**2)", 0)
+        source = fh.PointSource((5.0, 0.0), time=burst)
+        sim = fh.Simulation(_square(14), fh.Wave(_SCALAR), fh.LatticePML(nodes=16), sources=[source], observe=[far])
+        assert sim.parts.near.highest_frequency < 0.3
+        sim.run(1000.0)
+        return far, sim
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        far, sim = run()
+    assert bool(caught) == bool(far.notes) == told and far.notes == sim.notes
+    monkeypatch.setattr(far_field, "steps_between_samples", lambda *_: 1)
+    every, _ = run()
+    assert not every.notes
+    one, other = far.pattern(16).amplitudes, every.pattern(16).amplitudes
+    error = np.abs(one - other).max() / np.abs(other).max()
+    if told:
+        assert "faster than all waves" in far.notes[0] and "ValidityWarning" in str(caught[0].category)
+        assert caught[0].filename == __file__
+        said = float(re.search(r"some ([-.0-9e]+) of", far.notes[0])[1])
+        assert error / 10 < said < 10 * error and error > 1e-4
+    else:
+        assert error < 1e-4
+
+
+def test_a_run_that_ends_too_soon_is_told_at_its_end():
+    """Not only when its spectra are asked for, and not while it goes on."""
+    far = fh.FarField(frequencies=[0.08])
+    sim = fh.Simulation(_square(14), fh.Wave(_SCALAR), initial={"u": _pulse(2, 1)}, observe=[far])
+    sim.step(3)
+    assert not sim.notes
+    with pytest.warns(fh.ValidityWarning, match="leave out") as caught:
+        sim.run(10.0)
+    assert caught[0].filename == __file__ and sim.notes == far.notes == [str(caught[0].message)]
 
 
 def test_damping_takes_what_is_radiated():

@@ -12,12 +12,17 @@ from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Box
 from farhorizon.inputs.cracks import cut_bonds
 from farhorizon.inputs.incidence import Incident
+from farhorizon.machine import available_memory
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.drives import scheme_of
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Setup, side_name
 
 _TIMES = 33  # at which sources that do not split into space and time are looked at
+_LARGE = 2**28  # bytes of a history that are worth a note
+_LEFT = 1e-3  # part of the largest field on the shell that is worth a note where it is left at the end
+_FAST = 1e-6  # part of the largest sum that is worth a note where it is that of something fast, not of what is left
+_TINY = float(np.finfo(float).tiny)
 _ROUNDING = float(np.finfo(float).eps)
 
 
@@ -33,11 +38,11 @@ def medium_outside(parts: Parts) -> Scheme:
     ends = [side_name(*key) for key, side in parts.around.sides.items() if not side.endless]
     if ends:
         raise InputError(
-            "the far field is that of a medium without end",
+            "the far field is that of a medium without end: what walls, free surfaces and periods send on is not in it",
             value=", ".join(ends),
-            limit="sides that absorb",
+            limit="sides beyond which the medium goes on",
             key="far_field",
-            remedy="LatticePML on every side",
+            remedy="LatticePML there; or, where the medium does end, Receivers in a larger near field",
         )
     law = near.model.bond_law
     if law is not None and law.nonlinear:
@@ -147,6 +152,44 @@ def check_moving(parts: Parts, box: Box, reach: np.ndarray, until: float) -> lis
             values = [np.broadcast_to(np.abs(source(t)), parts.near.field_shape) for t in np.linspace(0, until, _TIMES)]
             notes += _missed(parts, np.max(values, axis=0), outside, "source")
     return notes
+
+
+def check_history(need: int, nodes: int, steps: int) -> list[str]:
+    """Notes on a history of so many bytes.
+
+    Raises
+    ------
+    InputError
+        It does not fit into memory.
+    """
+    size = f"about {need / 2**30:.3g} GiB for {nodes} nodes and {steps} steps"
+    if need > available_memory():
+        raise InputError(
+            "what is recorded on the shell of the far field does not fit into memory",
+            value=size,
+            limit=f"{available_memory() / 2**30:.3g} GiB available",
+            key="far_field.history",
+            remedy="a smaller box, a shorter run, or history = false with frequencies",
+        )
+    return [f"the far field keeps the history of its shell: {size}"] if need > _LARGE else []
+
+
+def spectral_notes(last: float, largest: float, missed: float) -> list[str]:
+    """What is doubtful of the spectra of a far field: of the largest field on the shell and the last one, and of what
+    the samples miss.
+    """
+    if last > _LEFT * largest:
+        return [
+            "spectra of the far field leave out what has not left the box by the end of the run: on its shell "
+            f"{last / largest:.2g} of the largest value is left"
+        ]
+    if missed > max(_FAST, last / max(largest, _TINY)):
+        return [
+            "spectra of the far field take something on the box that is faster than all waves of the lattice for "
+            f"something slower, some {missed:.2g} of the largest: sources that are smooth in time, or farther from the "
+            "faces of the box, send less of it"
+        ]
+    return []
 
 
 def is_around(box: Box, wave: Incident) -> bool:

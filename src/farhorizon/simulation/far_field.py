@@ -22,25 +22,25 @@ from farhorizon.errors import InputError, shown
 from farhorizon.files.records import Recorded
 from farhorizon.geometry.shapes import Box
 from farhorizon.inputs.incidence import Region
-from farhorizon.machine import available_memory
 from farhorizon.medium.shell import Shell
 from farhorizon.simulation.assembly import Parts
+from farhorizon.simulation.course import warn
 from farhorizon.simulation.far_box import (
+    check_history,
     check_moving,
     check_outside,
     check_window,
     corner_nodes,
     is_around,
     medium_outside,
+    spectral_notes,
     steps_between_samples,
 )
-from farhorizon.simulation.fourier_sums import FourierSums
+from farhorizon.simulation.fourier_sums import SampledSums
 from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, recorder_name
 from farhorizon.simulation.setup import Setup
 
-_LARGE = 2**28  # bytes of a history that are worth a note
 _SEEN = 16  # steps from one look at the largest field to the next
-_LEFT = 1e-3  # part of the largest field on the shell that is worth a note where it is left at the end
 
 
 class CrossSections(NamedTuple):
@@ -88,8 +88,9 @@ class FarField(Recorder):
     Attributes
     ----------
     notes : list of str
-        What is to be known: parts of the data outside the box, points for which the nearest nodes were taken, a run
-        that ended before the waves had left the box.
+        What is to be known: parts of the data outside the box, points for which the nearest nodes were taken. At the
+        end of a run a `ValidityWarning`, too: that it ended before the waves had left the box, or that something on the
+        box is faster than all waves of the lattice.
 
     Raises
     ------
@@ -168,7 +169,8 @@ class FarField(Recorder):
         if self.points is not None:
             self._receivers(self.points)
         as_directions(self.directions, near.lattice.dim, "far_field.directions")
-        self._parts = parts
+        self._parts, self._judged = parts, list[str]()
+        self._end = -1  # the last step of the run, once it is known
         self._incident: list[tuple[Any, Region]] = [(one.wave, one.region) for one in parts.incident]
         check_window(near.hidden, self._shell.nodes, self._faces)
         return Wanted(np.ravel_multi_index(tuple(self._shell.nodes.T), near.lattice.shape), ())
@@ -181,19 +183,8 @@ class FarField(Recorder):
         InputError
             Sources that leave the box, a history that does not fit into memory.
         """
-        notes = check_moving(self._parts, self._faces, self._reach, until)
-        need = 8 * self._count * (steps + 1) * self.history
-        size = f"about {need / 2**30:.3g} GiB for {len(self._shell.nodes)} nodes and {steps} steps"
-        if need > available_memory():
-            raise InputError(
-                "what is recorded on the shell of the far field does not fit into memory",
-                value=size,
-                limit=f"{available_memory() / 2**30:.3g} GiB available",
-                key="far_field.history",
-                remedy="a smaller box, a shorter run, or history = false with frequencies",
-            )
-        if need > _LARGE:
-            notes.append(f"the far field keeps the history of its shell: {size}")
+        self._end, notes = steps, check_moving(self._parts, self._faces, self._reach, until)
+        notes += check_history(8 * self._count * (steps + 1) * self.history, len(self._shell.nodes), steps)
         self.notes += [note for note in notes if note not in self.notes]
 
     @property
@@ -210,7 +201,7 @@ class FarField(Recorder):
                 remedy="the checkpoint of a run that has it",
             )
         self._rows: list[np.ndarray] = []
-        self._sums = FourierSums(self.frequencies, self._every * self._scheme.dt, self._count)
+        self._sums = SampledSums(self.frequencies, self._scheme.dt, self._every, self._count)
         self._steps, self._largest, self._last = -1, 0.0, 0.0
         self.add(0, Heard(heard.nodes[-1:], ()))
 
@@ -219,10 +210,13 @@ class FarField(Recorder):
         if self.history:
             self._rows.append(rows)
         if self.frequencies.size:
-            self._sums.add(-(-step // self._every), rows[-step % self._every :: self._every])
+            self._sums.add(step, rows)
         self._steps += len(rows)
         self._last = float(np.abs(rows[-1]).max(initial=0.0))
         self._largest = max(self._largest, self._last, float(np.abs(rows[::_SEEN]).max(initial=0.0)))
+        if self._steps == self._end and self.frequencies.size:
+            for text in self._judge():
+                warn(text)
 
     @property
     def recorded(self) -> Recorded:
@@ -254,14 +248,13 @@ class FarField(Recorder):
 
     def state(self) -> Arrays:
         rows = np.concatenate([np.zeros((0, self._count)), *self._rows])
-        sums = {f"sums.{name}": array for name, array in self._sums.state().items()}
-        return {"rows": rows, "counts": np.array([self._steps, self._largest, self._last]), **sums}
+        return {"rows": rows, "counts": np.array([self._steps, self._largest, self._last]), **self._sums.state()}
 
     def take(self, state: Arrays) -> None:
         self._rows = [state["rows"]]
         steps, self._largest, self._last = (float(one) for one in state["counts"])
         self._steps = int(steps)
-        self._sums.take({name.removeprefix("sums."): array for name, array in state.items() if name[:5] == "sums."})
+        self._sums.take(state)
 
     # --- in time -----------------------------------------------------------------------------------------------
 
@@ -493,7 +486,11 @@ class FarField(Recorder):
                 key="model.damping",
                 remedy="damping = 0, or FarField.pattern",
             )
-        note = "spectra of the far field leave out what has not left the box by the end of the run: "
-        self.notes = [one for one in self.notes if not one.startswith(note)]
-        if self._last > _LEFT * self._largest:
-            self.notes.append(f"{note}on its shell {self._last / self._largest:.2g} of the largest value is left")
+        self._judge()
+
+    def _judge(self) -> list[str]:
+        """What is doubtful of the spectra so far, in the notes, too."""
+        found = spectral_notes(self._last, self._largest, self._sums.missed)
+        self.notes = [one for one in self.notes if one not in self._judged] + found
+        self._judged = found
+        return found

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg.blas import dgemm
 
+_TINY = float(np.finfo(float).tiny)
 BLOCK = 64  # steps whose sums are one product of matrices
 
 
@@ -79,3 +80,68 @@ class FourierSums:
         """Be in a state that `state` gave."""
         self._first, self._held, self._sums = int(state["first"]), len(state["rows"]), state["sums"].copy()
         self._rows[: self._held] = state["rows"]
+
+
+class SampledSums:
+    """Fourier sums of every few steps of what is recorded, and how far they are from those of all steps.
+
+    Whatever is too fast for the samples is taken for something slower. What that comes to is seen in a mixture of all
+    values with random signs: of it alone all steps are summed, too.
+
+    Parameters
+    ----------
+    frequencies : ndarray, shape (F,)
+        In cycles per unit of time.
+    dt : float
+    every : int
+        Steps from one sample to the next, whose weight is so much larger.
+    count : int
+        Values a step.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> times = np.arange(400)
+    >>> slow, fast = (np.exp(-((times - 200) / 60) ** 2) * np.cos(2 * np.pi * f * times) for f in (0.05, 0.45))
+    >>> missed = []
+    >>> for values in (slow, slow + fast):
+    ...     sums = SampledSums(np.array([0.05]), 1.0, 2, 1)
+    ...     sums.add(0, values[:, None])
+    ...     missed.append(sums.missed)
+    >>> missed[0] < 1e-12, round(missed[1], 6)
+    (True, 1.0)
+    """
+
+    def __init__(self, frequencies: np.ndarray, dt: float, every: int, count: int) -> None:
+        self._every = every
+        self._sums, self._whole = FourierSums(frequencies, every * dt, count), FourierSums(frequencies, dt, 1)
+        self._signs = np.random.default_rng(count).choice([-1.0, 1.0], count)
+
+    def add(self, step: int, rows: np.ndarray) -> None:
+        """Take the values of the steps from number `step` on, each one once and in order, shape (steps, count)."""
+        self._sums.add(-(-step // self._every), rows[-step % self._every :: self._every])
+        if self._every > 1:
+            self._whole.add(step, np.einsum("tn,n->t", rows, self._signs)[:, None])
+
+    @property
+    def values(self) -> np.ndarray:
+        """The sums so far, complex, shape (F, count)."""
+        return self._sums.values
+
+    @property
+    def missed(self) -> float:
+        """Difference to the sums of all steps, over the largest of these; 0 where all are taken."""
+        if self._every == 1:
+            return 0.0
+        whole = self._whole.values[:, 0]
+        return float(np.abs(self.values @ self._signs - whole).max() / max(np.abs(whole).max(), _TINY))
+
+    def state(self) -> dict[str, np.ndarray]:
+        """All that `take` needs to go on from here."""
+        parts = (("sums", self._sums), ("whole", self._whole))
+        return {f"{part}.{name}": array for part, sums in parts for name, array in sums.state().items()}
+
+    def take(self, state: dict[str, np.ndarray]) -> None:
+        """Be in a state that `state` gave."""
+        for part, sums in (("sums", self._sums), ("whole", self._whole)):
+            sums.take({name.removeprefix(f"{part}."): a for name, a in state.items() if name.startswith(f"{part}.")})
