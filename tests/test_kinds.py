@@ -250,6 +250,7 @@ RIGHT = {
     "open_results": {"path": "no such file"},
     "read_case": {"path": "no such file", "changes": ()},
     "speed_of_current": {"density": 10.0, "metal": 143000.0, "electrons": 2.0},
+    "convergence": {"case": float, "spacings": [0.4, 0.2, 0.1], "quantity": float, "exact": 0.0},
     "tuned": {"sim": None, "angle": 60.0, "band": None, "budget": 1.0},
 }
 # a result, which nobody makes by hand, and what boundaries, models and signals derive from

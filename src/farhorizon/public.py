@@ -85,4 +85,5 @@ from farhorizon.simulation.shell_recorder import ShellRecorder as ShellRecorder
 from farhorizon.simulation.simulation import Simulation as Simulation
 from farhorizon.simulation.spectra import Spectra as Spectra
 from farhorizon.simulation.steps import WholeSteps as WholeSteps
+from farhorizon.studies.convergence import convergence as convergence
 from farhorizon.studies.tuning import tuned as tuned

@@ -116,6 +116,19 @@ class Case:
             raise FileFormatError(f"{path} is not a text file", remedy="a case file is TOML") from None
         return cls(text, path, changes)
 
+    def refined(self, spacing: float) -> Case:
+        """The case at another spacing, with as many nodes in the horizon; a time step of its own goes with the
+        spacing, where something diffuses with its square.
+        """
+        data, finer = tomllib.loads(self.text), spacing / self.lattice.spacing
+        changes = {"lattice.spacing": spacing}
+        if "horizon" in data["model"].get("kernel", {}):
+            changes["model.kernel.horizon"] = data["model"]["kernel"]["horizon"] * finer
+        if self.parts.run.dt is not None:
+            waves = self.kind is not fh.Simulation or self.model.order == 2
+            changes["run.dt"] = self.parts.run.dt * finer ** (1 if waves else 2)
+        return Case(self.text, self.path, changes)
+
     @property
     def name(self) -> str:
         """Name of the results: the file's stem."""

@@ -34,7 +34,7 @@ from farhorizon.models import Heat
 from farhorizon.papers.reproductions import reproduction
 from farhorizon.simulation.simulation import Simulation
 from farhorizon.studies.collection import Outcome, Row
-from farhorizon.studies.convergence import Study, convergence
+from farhorizon.studies.horizons import Study, over_horizons
 
 PAPER = "Bobaru, Duangpanya (2010), The peridynamic formulation for transient heat conduction"
 DIFFUSIVITY = 1.14
@@ -144,7 +144,7 @@ def studies(number: int, kernel: str) -> dict[str, Study]:
         u, x = sim.fields["u"][bar], sim.lattice.axes[0][bar]
         return {"middle": float(u[u.size // 2]), "difference": difference(u, example.classical.temperature(x, 8.0))}
 
-    return convergence(measure, [3 * example.length / d for d in DIVISIONS], RATIOS)
+    return over_horizons(measure, [3 * example.length / d for d in DIVISIONS], RATIOS)
 
 
 def limits(kernel: str, ratios: tuple[int, ...] = (2, 4, 8, 16, 32, 64, 128), kind: str = "node") -> Study:
@@ -156,7 +156,7 @@ def limits(kernel: str, ratios: tuple[int, ...] = (2, 4, 8, 16, 32, 64, 128), ki
         u = sim.fields["u"][bar]
         return {"middle": float(u[u.size // 2]) if u.size % 2 else float(u[u.size // 2 - 1 : u.size // 2 + 1].mean())}
 
-    return convergence(measure, [0.3], ratios)["middle"]
+    return over_horizons(measure, [0.3], ratios)["middle"]
 
 
 def _profiles(folder: Path, name: str, number: int) -> Outcome:

@@ -1,126 +1,175 @@
-"""Convergence studies: a measured number over a table of horizons and of nodes in the horizon.
-
-m-convergence: the horizon stays, the nodes in it become many; delta-convergence: their number m stays, the horizon
-shrinks.
-"""
+"""Convergence under refinement: one computation at several spacings, the horizon always as many of them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
+from farhorizon import kinds
 from farhorizon.errors import InputError
+from farhorizon.pictures.curves import log_panels
+
+_ORDERS = np.linspace(0.1, 10.0, 100)  # at which a fit is looked for
 
 
-@dataclass(frozen=True)
-class Study:
-    """Numbers over horizons and nodes in the horizon.
+class Refinable(Protocol):
+    """A case file, read."""
+
+    @property
+    def end(self) -> float:
+        """End of the run."""
+
+    def refined(self, spacing: float) -> Refinable:
+        """The same at another spacing."""
+
+    def run(self) -> Any:
+        """A new run."""
+
+
+@dataclass(frozen=True, eq=False)
+class Convergence:
+    """What some quantity is at several spacings, and its limit.
 
     Attributes
     ----------
-    horizons : ndarray, shape (H,)
-    ratios : ndarray, shape (M,)
-        Nodes in the horizon, m.
-    values : ndarray, shape (H, M)
+    spacings : ndarray, shape (n,)
+        The largest first.
+    values : ndarray, shape (n, ...)
+    limit : ndarray, shape (...)
+        The exact values, or, where none are given, those that the fit has at spacing 0.
+    errors : ndarray, shape (n,)
+        The largest difference to the limit.
+    order : float
+        Of the error in the spacing.
     """
 
-    horizons: np.ndarray
-    ratios: np.ndarray
+    spacings: np.ndarray
     values: np.ndarray
+    limit: np.ndarray
+    errors: np.ndarray
+    order: float
 
-    def increments(self) -> np.ndarray:
-        """What each refinement at the same horizon changes, shape (H, M - 1): in m-convergence they go to zero
-        geometrically.
-        """
-        return np.diff(self.values, axis=1)
+    def __str__(self) -> str:
+        rows = [f"{h:12.6g}  {e:12.4g}" for h, e in zip(self.spacings, self.errors, strict=True)]
+        return "\n".join([f"{'spacing':>12}  {'error':>12}", *rows, f"order {self.order:.3g}"])
 
-    def rates(self, last: int | None = None) -> np.ndarray:
-        """Slope of log value over log horizon for each m by least squares, shape (M,), over the `last` horizons (all
-        unless given).
+    def plot(self, path: str | Path) -> None:
+        """Draw the error over the spacing, with the slope of the order, into a PNG file.
 
         Raises
         ------
         InputError
-            Values that are not positive, or fewer than two horizons.
+            There is no such directory.
         """
-        first = 0 if last is None else len(self.horizons) - last
-        if len(self.horizons) - first < 2 or (self.values <= 0).any():
-            raise InputError(
-                "a rate needs two horizons and positive values",
-                value=self.values.min(),
-                limit="> 0",
-                key="study",
-                remedy="study an error, not a value",
-            )
-        return np.polyfit(np.log(self.horizons[first:]), np.log(self.values[first:]), 1)[0]
-
-    def crossing(self) -> tuple[float, float]:
-        """Number of nodes m* at which the curves of the two smallest horizons over log m cross, and the value there;
-        nan if they do not.
-        """
-        one, other = self.values[-2:]
-        place = np.log(self.ratios)
-        gap = one - other
-        for i in range(len(gap) - 1):
-            if gap[i] == 0 or gap[i] * gap[i + 1] < 0:
-                share = gap[i] / (gap[i] - gap[i + 1])
-                at = place[i] + share * (place[i + 1] - place[i])
-                return float(np.exp(at)), float(np.interp(at, place, other))
-        return np.nan, np.nan
+        curve = ("error", self.spacings, self.errors)
+        log_panels([("", [curve])], path, xlabel="spacing", ylabel="error", order=self.order)
 
 
 def convergence(
-    measure: Callable[[float, int], dict[str, float]],
-    horizons: Sequence[float],
-    ratios: Sequence[int],
-    workers: int | None = None,
-) -> dict[str, Study]:
-    """Measure over all horizons and nodes in the horizon.
+    case: Refinable | Callable[[float], Any],
+    spacings: Sequence[float],
+    quantity: Callable[[Any], Any],
+    exact: Any = None,
+) -> Convergence:
+    """Compute the same at several spacings and fit the order of the error.
+
+    With exact values it is the slope of the error's logarithm over that of the spacing, by least squares. Without them
+    limit and order are those of ``q(h) = q(0) + C h^p``, fitted to all values, each with a q(0) and a C of its own
+    (Richardson's extrapolation).
 
     Parameters
     ----------
-    measure : callable
-        Takes a horizon and m; returns numbers by name. Simulations in it should use one thread.
-    horizons : sequence of float
-    ratios : sequence of int
-    workers : int, optional
-        Runs side by side (threads; the compiled loop lets go of the interpreter); as many as cores are offered unless
-        given.
+    case : Case or callable
+        A case file that `read_case` has read, which is run to its end with the horizon as many spacings as in the file;
+        or a function that takes a spacing and returns what `quantity` takes, such as a `Simulation` that has run.
+    spacings : sequence of float
+        Two or more; without exact values three or more.
+    quantity : callable
+        Takes the run; returns a number or an array, always of one shape: fields at the same places.
+    exact : array_like, optional
+        What it should be.
 
     Returns
     -------
-    dict of str to Study
+    Convergence
 
     Raises
     ------
     InputError
-        Nothing to study, horizons or ratios that are not positive.
-    """
-    from farhorizon.engine.engine import available_threads
+        Too few spacings, or some that are not positive or appear twice; values of different shapes or not finite;
+        values of which all are exact. What the case at such a spacing refuses.
 
-    if not len(horizons) or not len(ratios) or min(horizons) <= 0 or min(ratios) < 1:
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> import numpy as np
+    >>> def swinging(spacing):
+    ...     lattice = fh.Lattice(spacing, 0.0, 2 * np.pi - spacing)
+    ...     sim = fh.Simulation(lattice, fh.Wave(fh.Kernel(2 * spacing)), fh.Periodic(), {"u": "cos(x)"}, threads=1)
+    ...     _ = sim.run(round(1.0 / sim.dt) * sim.dt, progress=False)
+    ...     return sim
+    >>> found = fh.convergence(
+    ...     swinging, 2 * np.pi / np.array([16, 32, 64]), lambda sim: sim.fields["u"][0] - np.cos(sim.time), exact=0.0
+    ... )
+    >>> round(found.order, 1)
+    2.0
+    """
+    steps = np.sort(kinds.array(spacings, "spacings", shape=(None,)))[::-1]
+    least = 2 if exact is not None else 3
+    if len(steps) < least or steps[-1] <= 0 or (np.diff(steps) == 0).any():
         raise InputError(
-            "a study needs positive horizons and at least one node in each",
-            value=(list(horizons), list(ratios)),
-            key="study",
+            "an order is found from different positive spacings",
+            value=kinds.said(steps),
+            limit=f"{least} or more",
+            key="spacings",
+            remedy="more spacings" if exact is not None else "more spacings, or exact values",
         )
-    cells = [(h, m) for h in horizons for m in ratios]
-    # the finest grid first, so that no worker ends alone with it
-    cost = sorted(range(len(cells)), key=lambda i: cells[i][0] / cells[i][1])
-    found: list[dict[str, Any]] = [{}] * len(cells)
-    with ThreadPoolExecutor(workers or available_threads()) as pool:
-        for i, result in zip(cost, pool.map(lambda i: measure(*cells[i]), cost), strict=True):
-            found[i] = result
-    shape = len(horizons), len(ratios)
-    return {
-        name: Study(
-            np.asarray(horizons, float),
-            np.asarray(ratios, int),
-            np.array([f[name] for f in found], float).reshape(shape),
+    made = kinds.function(quantity, "quantity", "the run")
+    found = [np.asarray(made(_computed(case, float(h))), float) for h in steps]
+    if len({one.shape for one in found}) > 1 or not all(np.isfinite(one).all() for one in found):
+        raise InputError(
+            "the quantity must be finite and of one shape at all spacings",
+            value=[one.shape for one in found],
+            key="quantity",
+            remedy="the field at the same places, as of Receivers",
         )
-        for name in found[0]
-    }
+    values = np.stack(found)
+    limit, order = (None, 0.0) if exact is not None else _fitted(steps, values)
+    if limit is None:
+        limit = np.broadcast_to(kinds.array(exact, "exact"), values.shape[1:])
+    errors = np.abs(values - limit).reshape(len(steps), -1).max(axis=1)
+    if (errors == 0).any():
+        raise InputError("no order follows from values without any error", value=kinds.said(errors), key="quantity")
+    if exact is not None:
+        order = float(np.polyfit(np.log(steps), np.log(errors), 1)[0])
+    return Convergence(steps, values, np.asarray(limit), errors, order)
+
+
+def _computed(case: Refinable | Callable[[float], Any], spacing: float) -> Any:
+    if callable(case):
+        return case(spacing)
+    finer = case.refined(spacing)
+    run = finer.run()
+    run.run(finer.end, progress=False)
+    return run
+
+
+def _fitted(spacings: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, float]:
+    """Limit and order of ``q(0) + C h^p`` with the least squares of what is left."""
+    flat, scaled = values.reshape(len(values), -1), spacings / spacings[0]
+
+    def solved(order: float) -> tuple[np.ndarray, float]:
+        table = np.stack([np.ones(len(scaled)), scaled**order], axis=1)
+        found = np.linalg.lstsq(table, flat, rcond=None)[0]
+        return found[0], float(((table @ found - flat) ** 2).sum())
+
+    left = [solved(order)[1] for order in _ORDERS]
+    best = int(np.argmin(left))
+    ends = _ORDERS[max(best - 1, 0)], _ORDERS[min(best + 1, len(_ORDERS) - 1)]
+    order = float(minimize_scalar(lambda p: solved(p)[1], bounds=ends, method="bounded", options={"xatol": 1e-9}).x)
+    return solved(order)[0].reshape(values.shape[1:]), order

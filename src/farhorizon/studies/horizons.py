@@ -1,0 +1,126 @@
+"""Studies of nonlocal models: a measured number over a table of horizons and of nodes in the horizon.
+
+m-convergence: the horizon stays, the nodes in it become many; delta-convergence: their number m stays, the horizon
+shrinks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from farhorizon.errors import InputError
+
+
+@dataclass(frozen=True)
+class Study:
+    """Numbers over horizons and nodes in the horizon.
+
+    Attributes
+    ----------
+    horizons : ndarray, shape (H,)
+    ratios : ndarray, shape (M,)
+        Nodes in the horizon, m.
+    values : ndarray, shape (H, M)
+    """
+
+    horizons: np.ndarray
+    ratios: np.ndarray
+    values: np.ndarray
+
+    def increments(self) -> np.ndarray:
+        """What each refinement at the same horizon changes, shape (H, M - 1): in m-convergence they go to zero
+        geometrically.
+        """
+        return np.diff(self.values, axis=1)
+
+    def rates(self, last: int | None = None) -> np.ndarray:
+        """Slope of log value over log horizon for each m by least squares, shape (M,), over the `last` horizons (all
+        unless given).
+
+        Raises
+        ------
+        InputError
+            Values that are not positive, or fewer than two horizons.
+        """
+        first = 0 if last is None else len(self.horizons) - last
+        if len(self.horizons) - first < 2 or (self.values <= 0).any():
+            raise InputError(
+                "a rate needs two horizons and positive values",
+                value=self.values.min(),
+                limit="> 0",
+                key="study",
+                remedy="study an error, not a value",
+            )
+        return np.polyfit(np.log(self.horizons[first:]), np.log(self.values[first:]), 1)[0]
+
+    def crossing(self) -> tuple[float, float]:
+        """Number of nodes m* at which the curves of the two smallest horizons over log m cross, and the value there;
+        nan if they do not.
+        """
+        one, other = self.values[-2:]
+        place = np.log(self.ratios)
+        gap = one - other
+        for i in range(len(gap) - 1):
+            if gap[i] == 0 or gap[i] * gap[i + 1] < 0:
+                share = gap[i] / (gap[i] - gap[i + 1])
+                at = place[i] + share * (place[i + 1] - place[i])
+                return float(np.exp(at)), float(np.interp(at, place, other))
+        return np.nan, np.nan
+
+
+def over_horizons(
+    measure: Callable[[float, int], dict[str, float]],
+    horizons: Sequence[float],
+    ratios: Sequence[int],
+    workers: int | None = None,
+) -> dict[str, Study]:
+    """Measure over all horizons and nodes in the horizon.
+
+    Parameters
+    ----------
+    measure : callable
+        Takes a horizon and m; returns numbers by name. Simulations in it should use one thread.
+    horizons : sequence of float
+    ratios : sequence of int
+    workers : int, optional
+        Runs side by side (threads; the compiled loop lets go of the interpreter); as many as cores are offered unless
+        given.
+
+    Returns
+    -------
+    dict of str to Study
+
+    Raises
+    ------
+    InputError
+        Nothing to study, horizons or ratios that are not positive.
+    """
+    from farhorizon.engine.engine import available_threads
+
+    if not len(horizons) or not len(ratios) or min(horizons) <= 0 or min(ratios) < 1:
+        raise InputError(
+            "a study needs positive horizons and at least one node in each",
+            value=(list(horizons), list(ratios)),
+            key="study",
+        )
+    cells = [(h, m) for h in horizons for m in ratios]
+    # the finest grid first, so that no worker ends alone with it
+    cost = sorted(range(len(cells)), key=lambda i: cells[i][0] / cells[i][1])
+    found: list[dict[str, Any]] = [{}] * len(cells)
+    with ThreadPoolExecutor(workers or available_threads()) as pool:
+        for i, result in zip(cost, pool.map(lambda i: measure(*cells[i]), cost), strict=True):
+            found[i] = result
+    shape = len(horizons), len(ratios)
+    return {
+        name: Study(
+            np.asarray(horizons, float),
+            np.asarray(ratios, int),
+            np.array([f[name] for f in found], float).reshape(shape),
+        )
+        for name in found[0]
+    }
