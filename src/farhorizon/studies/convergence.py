@@ -114,7 +114,7 @@ def convergence(
     ...     _ = sim.run(round(1.0 / sim.dt) * sim.dt, progress=False)
     ...     return sim
     >>> found = fh.convergence(
-    ...     swinging, 2 * np.pi / np.array([16, 32, 64]), lambda sim: sim.fields["u"][0] - np.cos(sim.time), exact=0.0
+    ...     swinging, 2 * np.pi / np.array([32, 64, 128]), lambda sim: sim.fields["u"][0] - np.cos(sim.time), exact=0.0
     ... )
     >>> round(found.order, 1)
     2.0
@@ -129,23 +129,24 @@ def convergence(
             key="spacings",
             remedy="more spacings" if exact is not None else "more spacings, or exact values",
         )
+    compute = case if hasattr(case, "refined") else kinds.function(case, "case", "the spacing")
     made = kinds.function(quantity, "quantity", "the run")
-    found = [np.asarray(made(_computed(case, float(h))), float) for h in steps]
-    if len({one.shape for one in found}) > 1 or not all(np.isfinite(one).all() for one in found):
+    found = [kinds.array(made(_computed(compute, float(h))), "quantity") for h in steps]
+    known = None if exact is None else kinds.array(exact, "exact")
+    shapes = {one.shape for one in found} | ({known.shape} if known is not None and known.ndim else set())
+    if len(shapes) > 1:
         raise InputError(
-            "the quantity must be finite and of one shape at all spacings",
+            "the quantity must be of one shape at all spacings, and that of the exact values",
             value=[one.shape for one in found],
             key="quantity",
             remedy="the field at the same places, as of Receivers",
         )
     values = np.stack(found)
-    limit, order = (None, 0.0) if exact is not None else _fitted(steps, values)
-    if limit is None:
-        limit = np.broadcast_to(kinds.array(exact, "exact"), values.shape[1:])
+    limit, order = _fitted(steps, values) if known is None else (np.broadcast_to(known, values.shape[1:]), 0.0)
     errors = np.abs(values - limit).reshape(len(steps), -1).max(axis=1)
     if (errors == 0).any():
         raise InputError("no order follows from values without any error", value=kinds.said(errors), key="quantity")
-    if exact is not None:
+    if known is not None:
         order = float(np.polyfit(np.log(steps), np.log(errors), 1)[0])
     return Convergence(steps, values, np.asarray(limit), errors, order)
 
