@@ -9,7 +9,7 @@ from scipy.integrate import quad, solve_ivp
 
 from farhorizon import InputError
 from farhorizon.cli import main
-from farhorizon.validation import dissolution, explosion, moving_load, nonlocal_waves, stress_intensity
+from farhorizon.validation import cross_sections, dissolution, explosion, moving_load, nonlocal_waves, stress_intensity
 from farhorizon.validation.validations import VALIDATIONS
 from outputs import written
 
@@ -65,6 +65,30 @@ def test_a_crack_opens_as_its_intensity_says_and_far_from_the_tip_as_a_wave_leav
     assert stress_intensity.opening(np.array([20.0]), t)[0] == pytest.approx(2 * moved, rel=1e-6)
 
 
+@pytest.mark.parametrize("frequency", [0.02, 0.1, 0.3])
+def test_scatterers_send_what_they_take_from_the_incident_wave(frequency):
+    """The optical theorem, order by order of scalar waves; of a cavity P and S waves together."""
+    for rigid in (False, True):
+        found = cross_sections.cylinder(frequency, rigid)
+        np.testing.assert_allclose(np.abs(found) ** 2, -found.real, rtol=0, atol=1e-14)
+    p, s = cross_sections.cavity(frequency)
+    np.testing.assert_allclose((np.abs([p, s]) ** 2).sum(0), -p.real, rtol=0, atol=1e-12)
+
+
+def test_cross_sections_of_long_and_of_short_waves(monkeypatch):
+    """Long waves see a dipole and, of a cylinder, what it displaces: 3/4 pi^2 k^3 a^4 of a rigid one, of a crack a
+    sixth of it; short ones twice the width.
+    """
+    radius, limits = cross_sections.RADIUS, {}
+    for frequencies in ([0.002], [2.0]):
+        monkeypatch.setattr(cross_sections, "FREQUENCIES", np.array(frequencies))
+        limits[frequencies[0]] = {kind: cross_sections.exact(kind)[0] for kind in ("rigid", "crack")}
+    long = 0.75 * np.pi**2 * (2 * np.pi * 0.002) ** 3 * radius**4
+    assert limits[0.002]["rigid"] == pytest.approx(long, rel=0.01)
+    assert limits[0.002]["crack"] == pytest.approx(long / 6, rel=0.01)
+    assert limits[2.0] == pytest.approx({"rigid": 4 * radius, "crack": 4 * radius}, rel=0.06)
+
+
 def test_an_intensity_is_found_in_an_opening():
     r = np.arange(0.5, 64) / 8
     found = 4 * 1.7 * np.sqrt((r + 0.03) / (2 * np.pi)) * (1 - 0.05 * r)
@@ -112,6 +136,18 @@ BOUNDS = {
     "mach-cone": [(0.0, 0.1), (0.0, 0.025), (2.0, 0.3), (41.81, 0.5)],
     "mach-cones": [(0.0, 0.1), (0.0, 0.025), (2.0, 0.3)],
     "explosion": [(0.0, 0.15)] * 2 + [(0.0, 0.04)] * 2 + [(2.0, 0.3)] * 2 + [(1.0, 0.01)],
+    "cylinders": [
+        (0.0, 0.07),
+        (0.0, 0.035),
+        (1.0, 0.2),
+        (0.0, 1e-4),
+        (0.0, 0.15),
+        (0.0, 0.07),
+        (1.0, 0.2),
+        (0.0, 1e-4),
+    ],
+    "crack-scattering": [(0.0, 0.5), (0.0, 0.25), (1.0, 0.2), (0.0, 1e-4)],
+    "cavity": [(0.0, 0.08), (0.0, 0.04), (1.0, 0.2), (0.0, 1e-4)],
     "mode-three": [(1.0, 0.01)] * 3 + [(0.0, 0.03), (0.0, 0.015), (1.0, 0.2), (1.0, 0.01)],
     "mode-one": [(1.0, 0.02)] * 4 + [(1.3, 0.1)] + [(1.0, 0.01)] * 2 + [(1.0, 1e-4)],
     "griffith-crack": [

@@ -5,7 +5,16 @@ from farhorizon.studies.collection import Collection
 VALIDATIONS = Collection(
     "validate",
     "farhorizon.validation",
-    ("nonlocal_waves", "moving_load", "explosion", "stress_intensity", "pressurised", "penny", "dissolution"),
+    (
+        "nonlocal_waves",
+        "moving_load",
+        "explosion",
+        "cross_sections",
+        "stress_intensity",
+        "pressurised",
+        "penny",
+        "dissolution",
+    ),
     "exact",
 )
 #: Decorator that enters a function into the list.
