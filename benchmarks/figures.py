@@ -138,6 +138,7 @@ MEASUREMENTS = {
     "mode-one": validated("mode-one", off={"early": 1, "late": 3, "static": 6, "size": 7}),
     "griffith-crack": validated("griffith-crack", ours={"sliding": 3, "opening": 5}, off={"intensity": 2}),
     "penny-pressure": validated("penny-pressure", off={"opening": 1, "intensity": 2}),
+    "branching": validated("branching", ours={"time": 0, "echo": 2, "boxed": 4, "speed": 5}),
     "penny-crack": validated("penny-crack", ours={"order": 2}, off={"jump": 1}),
     "pencil-electrode": validated("pencil-electrode", off={"rate": 2}),
     "open-electrolyte": validated("open-electrolyte", off={"rate": 2}),

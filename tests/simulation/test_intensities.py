@@ -162,3 +162,25 @@ def test_a_crack_hit_by_a_pressure_wave():
         print(spacing, errors[-1], static)
         assert abs(static - 1) < 0.01
     assert errors[-1] < 0.02
+
+
+@pytest.mark.slow
+def test_energy_that_a_longer_crack_releases():
+    """Loads on the faces have done half of their work for good: per half length that is twice G, which is K^2 / E'."""
+    found, spent = [], []
+    spacing, model = 0.25, fh.Elastic(fh.Kernel(0.5, exponent=1), young=1.0)
+    lattice = fh.Lattice(spacing, (-7.875, -5.875), (7.875, 5.875))
+    for half in (HALF, HALF + spacing):
+        crack, observer = fh.Polyline([(-half, 0.0), (half, 0.0)]), fh.StressIntensity([(half, 0.0)])
+        force = force_on_faces(model, lattice, crack, np.array([[0.0, 0.2], [0.2, 1.0]]))
+        sides, sources = fh.LatticePML(nodes=16), [fh.Source(force, fh.Step(4.0))]
+        sim = fh.Simulation(lattice, model, sides, sources=sources, cracks=[crack], observe=[observer])
+        sim.run("static", tolerance=1e-3, limit=400.0, progress=False)
+        spent.append(0.5 * spacing**2 * float((force * sim.fields["u"]).sum()))
+        found.append(observer.data["G"][-1, 0])
+        assert observer.data["G"][-1, 0] == pytest.approx(
+            sum(observer.data[name][-1, 0] ** 2 for name in ("K_I", "K_II")) * (1 - 0.25**2), rel=1e-9
+        )
+    by_energy = (spent[1] - spent[0]) / (2 * spacing)
+    print(found, by_energy)
+    assert by_energy == pytest.approx(np.mean(found), rel=0.02)

@@ -161,6 +161,8 @@ BOUNDS = {
         (20.0, 20.0),
     ],
     "penny-pressure": [(1.0, 0.1), (1.0, 0.03), (1.0, 0.03)],
+    # the speeds of waves alone are known: no echo is felt before it comes, tips are slower than Rayleigh waves
+    "branching": [(25.0, 5.0), (1.0, 0.02), (21.0, 0.1), (23.0, 2.0), (25.0, 5.0), (0.5, 0.5), (45.0, 25.0)],
     "penny-crack": [(1.0, 0.15), (1.0, 0.06), (1.0, 0.5)],
     "pencil-electrode": [(1.0, 0.02), (1.0, 0.01), (7.881, 0.08)],
     "open-electrolyte": [(1.0, 0.005), (1.0, 0.005), (1.189, 0.006)],

@@ -14,6 +14,7 @@ VALIDATIONS = Collection(
         "pressurised",
         "penny",
         "dissolution",
+        "branching",
     ),
     "exact",
 )

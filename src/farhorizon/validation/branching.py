@@ -1,0 +1,88 @@
+"""A crack that branches, with edges and without: does it need echoes?
+
+Two bands beside a short crack are pulled apart for good. Its ends run, faster and faster, until they split. In the
+infinite medium nothing comes back to them; in a plate with free edges the first echo does, at a known time. Bobaru and
+Hu (2012) found in smaller and larger plates that branching needs no waves from the edges: what is compared here is one
+and the same crack with no edges at all.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from farhorizon.boundaries import Free, LatticePML, Side
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.medium.kernel import Kernel
+from farhorizon.models import Elastic
+from farhorizon.simulation.crack_tips import CrackTips
+from farhorizon.simulation.simulation import Simulation
+from farhorizon.studies.collection import Outcome, Row
+from farhorizon.validation.validations import validation
+
+BRANCHING = "Bobaru and Hu (2012), The meaning, selection, and use of the peridynamic horizon"
+SPACING = 0.125
+HALF, WIDER = 16.0, 18.0  # of the near field
+BAND = 9.0  # where it is pulled
+END = 36.0
+RAYLEIGH = 0.9194  # over the speed of S waves, for a Poisson's ratio of 1/4
+
+
+def running(boundary: Side, half: float) -> tuple[Simulation, CrackTips]:
+    """A crack that has run and branched, and its tips."""
+    edge = half - SPACING / 2
+    lattice = Lattice(SPACING, (-half, -edge), (half, edge))
+    model = Elastic(Kernel(3 * SPACING, exponent=1), young=1.0, fracture_energy=3e-5)
+    bands = f"0.004*(exp(-(y-{BAND})**2)-exp(-(y+{BAND})**2))*exp(-(x/7)**4)*(1-exp(-t/3))"
+    tips = CrackTips(every=4)
+    sim = Simulation(lattice, model, boundary, sources=[["0", bands]], cracks=[[(-2, 0), (2, 0)]], observe=[tips])
+    return sim.run(END, progress=False), tips
+
+
+def time_of_branching(tips: CrackTips) -> float:
+    """When more than the two tips that there were at the start are seen first."""
+    seen = np.isfinite(tips.data["position"][..., 0])
+    return float(tips.times[np.argmax(seen[:, 2:].any(1))]) if seen[:, 2:].any() else np.inf
+
+
+def angle_of_branches(tips: CrackTips) -> float:
+    """Degrees between the two tips that are farthest to the right, seen from the branch that is."""
+    last = tips.now.tips[np.argsort(tips.now.tips[:, 0])[-2:]]
+    place = tips.now.branches[np.argmax(tips.now.branches[:, 0])]
+    return float(np.ptp(np.degrees(np.arctan2(*(last - place).T[::-1]))))
+
+
+def time_of_parting(tips: CrackTips, others: CrackTips) -> float:
+    """From when on the first tips of two runs are a quarter of a horizon apart."""
+    one, other = (found.data["position"][:, 0] for found in (tips, others))
+    apart = np.linalg.norm(one - other, axis=1) > 0.75 * SPACING
+    return float(tips.times[np.argmax(apart)]) if apart.any() else np.inf
+
+
+@validation("branching", BRANCHING, "a crack that branches in the infinite medium, and in a plate with free edges")
+def branching(folder: Path) -> Outcome:
+    """Times of branching and of the first echo, speeds, and angles."""
+    from farhorizon.pictures.curves import curve_panels
+
+    sim, tips = running(LatticePML(nodes=24), HALF)
+    _, more = running(LatticePML(nodes=24), WIDER)
+    _, boxed = running(Free(), HALF)
+    model = sim.model
+    assert isinstance(model, Elastic)
+    echo = 2 * (HALF - BAND) / model.p_speed + BAND / model.p_speed
+    first = time_of_branching(tips)
+    fastest = float(np.nanmax(tips.data["speed"][tips.times < first])) / (RAYLEIGH * model.s_speed)
+    rows = [
+        Row("branches in the infinite medium at t", first),
+        Row("the same in a near field wider by an eighth, over it", time_of_branching(more) / first, 1.0),
+        Row("the first echo of free edges comes to the crack at t", float(echo)),
+        Row("tips with free edges and without are a quarter of a horizon apart at t", time_of_parting(tips, boxed)),
+        Row("branches between free edges at t", time_of_branching(boxed)),
+        Row("largest speed before branching over that of Rayleigh waves", fastest),
+        Row("angle between the last branches, degrees", angle_of_branches(tips)),
+    ]
+    picture = folder / "branching.png"
+    speeds = [(name, one.times, one.data["speed"][:, 0]) for name, one in (("infinite", tips), ("free edges", boxed))]
+    curve_panels([("speed of a tip", speeds)], picture, xlabel="t", ylabel="")
+    return Outcome(rows, pictures=[picture])
