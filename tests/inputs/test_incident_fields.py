@@ -46,7 +46,9 @@ def _solution(sim, rng):
     return field
 
 
-@pytest.mark.parametrize("name", _MODELS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] if name == "space" else []) for name in _MODELS]
+)
 def test_a_wave_of_the_lattice_leaves_nothing(name):
     """It is under way at the start."""
     seed = 20261124
@@ -64,6 +66,16 @@ def test_a_wave_of_the_lattice_leaves_nothing(name):
         error = np.abs(np.where(inside, expected, 0.0) - sim.fields["u"]).max()
         assert error < 1e-10 * np.abs(expected).max(), f"seed {seed}"
     assert not any("equation of the lattice" in note for note in sim.notes)
+
+
+def test_its_own_forces_send_nothing_far_away():
+    """The sum of all forces on the shell of a box around it, with the phases of the waves that they send."""
+    model, lattice = fh.Wave(fh.Kernel(horizon=2.0)), _boxed(14.0, 2)
+    field = _solution(fh.Simulation(lattice, model), np.random.default_rng(20261126))
+    far = fh.FarField()
+    wave = fh.IncidentField(field, fh.Box((-8.0, -8.0), (8.0, 8.0)))
+    fh.Simulation(lattice, model, fh.LatticePML(nodes=3), sources=[wave], observe=[far]).run(20.0)
+    assert np.abs(far.at([(25.0, 0.0), (-18.0, 20.0)])[1]).max() < 1e-12
 
 
 def test_on_a_free_side():

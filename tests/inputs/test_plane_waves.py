@@ -44,7 +44,9 @@ def _mask(sim):
     return np.logical_and.reduce(inside)
 
 
-@pytest.mark.parametrize("name", _CASES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] if "space" in name else []) for name in _CASES]
+)
 def test_without_a_scatterer_nothing_leaves_the_box(name):
     model, direction, polarisation, half = _CASES[name]
     lattice = fh.Lattice(spacing=1.0, lower=(-half,) * len(direction), upper=(half,) * len(direction))
@@ -244,6 +246,31 @@ def test_with_what_a_surface_sends_back_nothing_leaves_the_box(name):
         assert np.abs(u[..., ~inside]).max() < _EXACT + left
     assert seen > 0.8  # something passed
     assert not any("only what is scattered" in note for note in sim.notes)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(20261127, 20261135))
+def test_random_media_and_directions_at_a_surface(seed):
+    """What nobody tuned: kernel, horizon, calibration, step, side, direction, type of wave."""
+    rng = np.random.default_rng(seed)
+    constants = {"young": 2.0, "density": 0.2, "plane": rng.choice(["strain", "stress"])}
+    kernel = {"influence": rng.choice(["constant", "linear"]), "exponent": int(rng.integers(3))}
+    kernel = fh.Kernel(float(rng.uniform(1.5, 3.2)), **kernel, calibrate=bool(rng.integers(2)))
+    model = fh.Elastic(kernel, **constants) if rng.integers(3) else fh.Wave(kernel)
+    side, angle = int(rng.choice([-1, 1])), rng.uniform(-1.4, 1.4)
+    direction, signal = (float(np.sin(angle)), side * float(np.cos(angle))), fh.Expression(_SIGNAL.text, 0)
+    wave = fh.IncidentWave(direction, signal, _DURATION, rng.choice(["P", "S"]))
+    if rng.integers(3) == 0 and type(model) is fh.Elastic:
+        wave = fh.RayleighWave((float(rng.choice([-1, 1])), 0.0), signal, _DURATION)
+    lattice, sides = _under_a_surface(24, side=side)
+    share = rng.uniform(0.3, 1.8)
+    sim = fh.Simulation(lattice, model, sides, sources=[wave], dt=lambda half: share * half)
+    inside = _mask(sim)
+    for t in (45.0, 60.0, 75.0):
+        sim.run(until=t)
+        incident, u = sim.incident[0].field(sim.time), sim.fields["u"]
+        peak = max(1.0, np.abs(incident).max())
+        assert np.abs(u - np.where(inside, incident, 0.0)).max() < _EXACT * peak, f"seed {seed}: {model}, {wave}"
 
 
 def test_before_the_reflection_comes_the_wave_of_the_open_medium():

@@ -17,10 +17,10 @@ def _ground(half, dim=2):
     return lattice, {"all": fh.LatticePML(nodes=3), "xyz"[dim - 1] + "+": fh.Free()}
 
 
-@pytest.mark.parametrize("direction", [(1.0, 0.0), (-1.0, 0.0), pytest.param((1.0, 0.3, 0.0), marks=pytest.mark.slow)])
+@pytest.mark.parametrize("direction", [(-1.0, 0.0), pytest.param((1.0, 0.3, 0.0), marks=pytest.mark.slow)])
 def test_without_a_scatterer_nothing_leaves_the_box(direction):
     dim = len(direction)
-    lattice, sides = _ground(16 if dim == 2 else 9, dim)
+    lattice, sides = _ground(12 if dim == 2 else 9, dim)
     sim = fh.Simulation(
         lattice, _solid(2.5 if dim == 2 else 1.5), sides, sources=[fh.RayleighWave(direction, _SIGNAL, 120.0)]
     )
@@ -67,3 +67,23 @@ def test_bad_input():
     _refused("along a free side", within=fh.Box((-8, -8), (8, -3)))
     _refused("no Rayleigh waves", model=fh.Wave(fh.Kernel(2.0)))
     _refused("frequencies which the lattice does not carry", signal=lambda t: 1.0)
+
+
+def test_case_file():
+    from farhorizon.case.case import Case
+
+    text = """
+    lattice = { spacing = 1.0, lower = [-12.0, -12.0], upper = [12.0, 0.0] }
+    model = { type = "elastic", young = 1.0, kernel = { horizon = 2.0, exponent = 1, influence = "linear" } }
+    boundary = { all = { type = "lattice-pml", nodes = 3 }, "y+" = { type = "free" } }
+    run = { until = 1.0 }
+    [[incident]]
+    type = "rayleigh-wave"
+    direction = [1.0, 0.0]
+    signal = { type = "ricker", frequency = 0.02 }
+    duration = 120.0
+    """
+    wave = Case(text).simulation().incident[0].wave
+    assert wave.within.bounds()[1].tolist() == [10.0, 0.0]
+    with pytest.raises(fh.InputError, match="did you mean 'direction'"):
+        Case(text.replace("direction", "directon"))

@@ -33,3 +33,29 @@ def test_forces_are_those_of_both_products(stencil):
     force[at] = 0
     assert np.abs(force).max() < 1e-13
     np.testing.assert_array_equal(shell.inside, inside[tuple(shell.nodes.T)] == 1)
+
+
+def test_of_nodes_that_do_not_exist_nothing_is_asked():
+    """A box that goes on beyond the last row is open there: the forces are those with the bonds through it absent."""
+    stencil, shape = kernel_stencil(2, 2), (14, 12)
+    shell = Shell(stencil, (4, 5), (9, 13), shape)
+    assert shell.nodes.max(0).tolist() == [11, 11] and (shell.nodes >= 0).all()
+    inside = np.zeros(shape)
+    inside[4:10, 5:] = 1
+    u = np.random.default_rng(2).normal(size=shape)
+
+    def applied(field):
+        """The operator with absent bonds, node by node."""
+        found = np.zeros(shape)
+        for offset, weight in zip(stencil.offsets, stencil.weights, strict=True):
+            for node in np.ndindex(shape):
+                other = np.add(node, offset)
+                if ((other >= 0) & (other < shape)).all():
+                    found[node] += weight * (field[tuple(other)] - field[node])
+        return found
+
+    force = applied(inside * u) - inside * applied(u)
+    at = tuple(shell.nodes.T)
+    np.testing.assert_allclose(shell.commutator @ u[at], force[at], atol=1e-13)
+    force[at] = 0
+    assert np.abs(force).max() < 1e-13

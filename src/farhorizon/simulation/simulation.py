@@ -56,8 +56,9 @@ class Simulation(Run):
         numbers. Of vectors arrays (dim, n..), callables that return the components, or a sequence of one value a
         component.
     sources : sequence
-        `Source`, array, callable of the coordinates and t, expression, or `IncidentWave`; `PointSource`, `PointForce`,
-        `MomentTensor`, `LineSource` and `PhasedArray`, which lie anywhere between the nodes.
+        `Source`, array, callable of the coordinates and t, or expression; `PointSource`, `PointForce`, `MomentTensor`,
+        `LineSource` and `PhasedArray`, which lie anywhere between the nodes; waves from outside: `IncidentWave`,
+        `RayleighWave`, `IncidentField` and `IncidentRecord`.
     loads : sequence of BodyForce and Traction
         Forces on an `Elastic` medium per volume, and per area on its free sides (bond-based materials).
     cracks : sequence
