@@ -66,7 +66,8 @@ class Comparison:
     edges : str
         Where the fixed and the free edge lie.
     scale : str
-        What the relative errors refer to: with zero initial values, and with constraints, the largest value of the run.
+        What the relative errors refer to: with zero initial values, constraints or incident waves the largest value of
+        the run.
     growth : dict of str to float
         With layers and backward waves: the measured rate at which the error of each boundary grows (per unit time) over
         the second half of the run.
@@ -231,7 +232,8 @@ def compare(
         if step == shown_step or (shown_step is None and worth > most):
             result.fields, result.shown_time, most = now, step * ours.dt, worth
     # driven by sources or prescribed values: the largest value of the run is the scale
-    if result.initial == 0 or (isinstance(setup, Setup) and setup.constraints):
+    driven = isinstance(setup, Setup) and (setup.constraints or any(isinstance(s, Incident) for s in setup.sources))
+    if result.initial == 0 or driven:
         result.initial, result.scale = max(size), "largest value of the run"
     for name, error in errors.items():
         result.curves[name] = {
