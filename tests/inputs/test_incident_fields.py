@@ -117,9 +117,17 @@ def test_what_is_no_wave_of_the_lattice_is_radiated_and_said():
     assert 1.7 < np.log2(lacks[0] / lacks[1]) < 2.3  # two digits are printed
 
 
+def test_what_is_far_from_a_wave_of_the_lattice_is_a_warning():
+    wave = fh.IncidentField("sin(1.2*x - 0.5*t)", fh.Box((-8.0, -8.0), (8.0, 8.0)))
+    sim = fh.Simulation(_boxed(12.0, 2), fh.Wave(fh.Kernel(2.0)), fh.LatticePML(nodes=3), sources=[wave])
+    with pytest.warns(fh.ValidityWarning, match="equation of the lattice"):
+        report = sim.check(until=5.0, budget=0.1)
+    assert any("equation of the lattice" in text for text in report.warnings)
+
+
 def test_restored_and_described(tmp_path):
     model, lattice = fh.Elastic(_LINEAR, young=2.0), _boxed(12.0, 2)
-    wave = fh.IncidentField(["cos(0.3*x - 0.3*t)", 0.0])
+    wave = fh.IncidentField(["cos(0.3*x - 0.4648*t)", 0.0])
     sim = fh.Simulation(lattice, model, fh.LatticePML(nodes=4), sources=[wave])
     sim.run(until=5.0)
     sim.save(tmp_path / "run.ckpt")

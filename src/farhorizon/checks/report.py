@@ -208,6 +208,7 @@ class Report:
             report.warnings.append("a Fixed side reflects")
         report.notes = [*report.notes, *sim.notes]
         report.warnings += [text for one in sim.recorders for text in one.doubts]
+        report.warnings += [text for one in sim.incident for text in one.passage.doubts]
         return report
 
     @property

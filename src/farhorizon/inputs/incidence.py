@@ -85,6 +85,8 @@ class Passage(ABC):
         Whether it is known on all nodes, and not on those with a bond through a face alone; nan on others.
     notes : list of str
         What is to be known.
+    doubts : list of str
+        Why what is computed with it may be false.
     """
 
     period: float = np.inf
@@ -92,6 +94,7 @@ class Passage(ABC):
     rests: bool = False
     everywhere: bool = True
     notes: Sequence[str] = ()
+    doubts: Sequence[str] = ()
 
     @abstractmethod
     def at(self, nodes: np.ndarray) -> Callable[[float], np.ndarray]:

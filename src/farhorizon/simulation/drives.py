@@ -19,6 +19,7 @@ from farhorizon.inputs.outside import Beyond
 from farhorizon.inputs.signals import Signal
 from farhorizon.inputs.sources import Source, as_source, by_component, space_and_time, split, steady
 from farhorizon.medium.integrators import Verlet
+from farhorizon.simulation.course import warn
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.setup import Key, Setup, Sides, keys, side_name
 
@@ -181,6 +182,24 @@ def _split_part(
         peak = float(np.abs(values if near.closed is None else values[near.closed]).max(initial=0))
         beyond.check_function(near.function(space), peak, key, missed="source value")
     return unit * values, moment
+
+
+def foreseen(incident: Sequence[Incidence], until: float) -> list[str]:
+    """What is to be known of incident waves in a run to a time; what makes them doubtful is a `ValidityWarning`, once.
+
+    Raises
+    ------
+    InputError
+        A wave that is not known for so long.
+    """
+    notes = []
+    for one in incident:
+        told = one.passage.doubts
+        notes += one.passage.foresee(until)
+        for text in one.passage.doubts:
+            if text not in told:
+                warn(text)
+    return notes
 
 
 def scheme_of(near: NearField, factor: float) -> Scheme:

@@ -27,7 +27,7 @@ from farhorizon.simulation.assembly import assemble
 from farhorizon.simulation.checkpoint import fingerprint
 from farhorizon.simulation.course import MOST_STEPS, say_doubt, tick
 from farhorizon.simulation.described import describe
-from farhorizon.simulation.drives import signals
+from farhorizon.simulation.drives import foreseen, signals
 from farhorizon.simulation.flux import flux_tables, nodal_flux, plane, power_across
 from farhorizon.simulation.guard import likely_cause, refuse_explosion
 from farhorizon.simulation.march import March
@@ -202,7 +202,7 @@ class Simulation(Run):
             long.
         """
         self._march.moving.check(until)
-        self._incident_notes = [note for one in self.incident for note in one.passage.foresee(until)]
+        self._incident_notes = foreseen(self.incident, until)
 
     def prepare(self, until: float) -> int:
         """What `run` does first: sides that depend on the length of the run, `check_sources`, and kernels of exact ends
