@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from farhorizon.analysis.fracture.near_tip import NearTip
 from farhorizon.errors import InputError
@@ -94,8 +95,11 @@ class InteractionDomain:
         inside = np.linalg.norm(grid - self.tip, axis=1) < radii[1] + _FARTHEST * lattice.spacing
         candidates = np.flatnonzero(inside & (True if lattice.mask is None else lattice.mask.ravel()))
         where, area = self._quadrature(lattice.spacing)
-        slopes = parabolas(where, grid[candidates], cuts, lattice.spacing)[:, 1:]  # (Q, 2, candidates)
-        static = np.einsum("kqij,qjn->kni", self._on_gradient(where, area), slopes)
+        numbers, slopes = parabolas(where, grid[candidates], cuts, lattice.spacing)
+        shares = np.einsum("kqij,qjn->qnki", self._on_gradient(where, area), slopes[:, 1:])
+        total = np.zeros((len(candidates), *shares.shape[2:]))
+        np.add.at(total, numbers, shares)
+        static = total.swapaxes(0, 1)
         loaded = self._on_force(grid[candidates], lattice.spacing**2)
         used = np.abs(static).any((0, 2)) | np.abs(loaded).any((0, 2))
         self.nodes, self.static, self.loaded = candidates[used], static[:, used], loaded[:, used]
@@ -157,7 +161,9 @@ class InteractionDomain:
         return ahead if self.medium.antiplane else ahead @ self._turn
 
 
-def parabolas(where: np.ndarray, nodes: np.ndarray, cuts: Sequence[Cut], spacing: float) -> np.ndarray:
+def parabolas(
+    where: np.ndarray, nodes: np.ndarray, cuts: Sequence[Cut], spacing: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Value and derivatives at points as sums over nodes, by parabolas fitted to those nearby that no crack hides.
 
     Parameters
@@ -169,23 +175,26 @@ def parabolas(where: np.ndarray, nodes: np.ndarray, cuts: Sequence[Cut], spacing
 
     Returns
     -------
-    ndarray, shape (Q, 3, N)
-        Weights of the value and of the derivatives along the axes.
+    numbers : ndarray of int, shape (Q, K)
+        Nodes that each point uses.
+    weights : ndarray, shape (Q, 3, K)
+        Of the value and of the derivatives along the axes.
     """
-    found = np.zeros((len(where), 3, len(nodes)))
-    for number, point in enumerate(where):
-        apart = (nodes - point) / spacing
-        distance = np.linalg.norm(apart, axis=1)
-        close = np.flatnonzero(distance < _FARTHEST)
-        for cut in cuts:
-            close = close[~cut.cuts(point, nodes[close])]
-        within = max(_NEAR, float(np.sort(distance[close])[min(_ENOUGH, len(close) - 1)]) * (1 + 1e-9))
-        close = close[distance[close] < within]
-        x, y = apart[close].T
-        weight = 1 - (distance[close] / within) ** 2
-        table = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1) * weight[:, None]
-        found[number][:, close] = np.linalg.pinv(table)[:3] * weight / np.array([[1.0], [spacing], [spacing]])
-    return found
+    most = min(len(nodes), int(np.ceil(np.pi * (_FARTHEST + 1) ** 2)))
+    distance, numbers = cKDTree(nodes).query(where, most, distance_upper_bound=_FARTHEST * spacing)
+    missing = ~np.isfinite(distance)
+    numbers[missing] = 0
+    for cut in cuts:
+        missing |= cut.cuts(where[:, None], nodes[numbers])
+    distance = np.where(missing, np.inf, distance / spacing)
+    enough = np.sort(distance, axis=1)[:, min(_ENOUGH, most - 1), None]
+    within = np.maximum(_NEAR, np.where(np.isfinite(enough), enough, _FARTHEST) * (1 + 1e-9))
+    weight = np.maximum(0.0, 1 - (np.where(missing, within, distance) / within) ** 2) ** 2
+    x, y = np.moveaxis((nodes[numbers] - where[:, None]) / spacing, -1, 0)
+    table = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+    weighted = table * weight[:, None]
+    fitted = (np.linalg.pinv(weighted @ table.swapaxes(1, 2), hermitian=True) @ weighted)[:, :3]
+    return numbers, fitted / np.array([1.0, spacing, spacing])[:, None]
 
 
 def _check_circles(

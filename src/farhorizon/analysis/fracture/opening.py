@@ -113,7 +113,8 @@ def face_jumps(
     sides = []
     for sign in (1, -1):
         faces = at + sign * _BESIDE * lattice.spacing * normal
-        sides.append(parabolas(faces, grid, [crack, *cuts], lattice.spacing)[:, 0] @ values.T)
+        numbers, weights = parabolas(faces, grid, [crack, *cuts], lattice.spacing)
+        sides.append(np.einsum("qn,cqn->qc", weights[:, 0], values[:, numbers]))
     jump = sides[0] - sides[1]
     if len(values) == 1:
         return np.asarray(jump[:, 0])
