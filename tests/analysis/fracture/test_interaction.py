@@ -71,6 +71,47 @@ def test_inertia_is_part_of_it():
     assert errors[1] < errors[0] / 2
 
 
+def test_energy_that_flows_into_a_running_crack():
+    """Mode III at speed V: ``w = 2 K / mu a sqrt(r / 2 pi) sin(theta / 2)`` with y shortened by ``a = sqrt(1 - V^2 /
+    c^2)`` releases ``K^2 / 2 mu a`` (Freund, 1990, section 4.2); without the kinetic energy it would not.
+    """
+    shear, density, speed, k = 1.3, 0.9, 0.6, 1.7
+    contracts = np.sqrt(1 - speed**2 * density / shear)
+
+    def field(x, y):
+        y = contracts * y
+        root = 2 * k / (shear * contracts) * np.sqrt(np.hypot(x, y) / (2 * np.pi))
+        return root * np.sin(np.arctan2(y, x) / 2)
+
+    found, d = [], 1e-4
+    for spacing in (0.5, 0.25):
+        lattice = fh.Lattice(spacing, (-4.0 + spacing / 2,) * 2, (4.0 - spacing / 2,) * 2)
+        domain = InteractionDomain(
+            lattice, (0.0, 0.0), (1.0, 0.0), (1.5, 3.0), [fh.Polyline([(-9.0, 0.0), (0.0, 0.0)])],
+            NearTip(0.0, shear, antiplane=True),
+        )  # fmt: skip
+        x, y = lattice.coordinates()
+        ahead, here, behind = (field(x + s, y) for s in (d, 0.0, -d))
+        v, a = -speed * (ahead - behind) / (2 * d), speed**2 * (ahead - 2 * here + behind) / d**2
+        found.append(domain.energy_release(here, v, density, density * a))
+        assert domain.energy_release(here, 0 * v, density, 0 * a) != pytest.approx(found[-1], rel=0.05)
+    exact = k**2 / (2 * shear * contracts)
+    assert found == pytest.approx([exact, exact], rel=1e-2)
+
+
+def test_energy_of_a_mixture_at_rest():
+    lattice, medium = fh.Lattice(0.125, (-4.0, -4.0), (4.0, 4.0)), NearTip(1.1, 0.6)
+    ahead = np.array([np.cos(2.2), np.sin(2.2)])
+    axes = np.array([ahead, [-ahead[1], ahead[0]]])
+    crack = fh.Polyline([np.array([0.03, 0.01]) - 9 * ahead, (0.03, 0.01)])
+    domain = InteractionDomain(lattice, (0.03, 0.01), ahead, (1.2, 3.0), [crack], medium)
+    x, y = np.moveaxis((np.stack(lattice.coordinates(), axis=-1) - [0.03, 0.01]) @ axes.T, -1, 0)
+    fields = medium.fields(np.hypot(x, y).ravel(), np.arctan2(y, x).ravel())[0]
+    u = (np.einsum("k,knc->nc", [1.0, -0.7], fields) @ axes).T.reshape(2, *lattice.shape)
+    found = domain.energy_release(u, np.zeros_like(u), 1.0, np.zeros_like(u))
+    assert found == pytest.approx(medium.release(np.array([1.0, -0.7])), rel=5e-3)
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
