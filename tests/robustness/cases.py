@@ -418,14 +418,16 @@ class Draw:
             and "window" not in case["lattice"]
         ):
             inner = 0.4 * self.span
-            case["incident"] = [
-                {
-                    "direction": [1.0] + [0.0] * (self.dim - 1),
-                    "signal": f"sin(2*t/{self.time!r})*exp(-t/{self.time!r})",
-                    "duration": 5 * self.time,
-                    "within": {"lower": [-inner] * self.dim, "upper": [inner] * self.dim},
-                }
-            ]
+            within = {"lower": [-inner] * self.dim, "upper": [inner] * self.dim}
+            plane = {
+                "direction": [1.0] + [0.0] * (self.dim - 1),
+                "signal": f"sin(2*t/{self.time!r})*exp(-t/{self.time!r})",
+                "duration": 5 * self.time,
+            }
+            known = {"type": "incident-field", "field": f"cos(x/{inner!r} - t/{self.time!r})"}
+            case["incident"] = [{**self.one(plane, known), "within": within}]
+            if self.chance(0.3):
+                case["shell"] = [{"box": within}]
         case |= self.recorders(kind)
         case["run"] = {
             "until": self.number(2, 8)
