@@ -139,6 +139,7 @@ def good():
         "Traction": {"side": "x-", "value": [1.0, 0.0]},
         "Wave": {"operator": kernel},
         "WholeSteps": {"every": 1.0},
+        "convergence": {"case": float, "spacings": [0.4, 0.2, 0.1], "quantity": float, "exact": 0.0},
         "open_results": {"path": "none.h5"},
         "read_case": {"path": machinery.HERE.parents[1] / "examples" / "blob.toml", "changes": {"run.until": 1.0}},
         "speed_of_current": {"density": 1.0, "metal": 143.0, "electrons": 2.0},
