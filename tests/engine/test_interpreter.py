@@ -114,6 +114,19 @@ CASES = {
         sources=[fh.Source(1e-3 * bump((13, 14), 2), "sin(t)")],
         balance=True,
     ),
+    "stresses of a body with a crack": lambda: fh.Simulation(
+        fh.Lattice(1.0, (0.0, 0.0), (16.0, 15.0), body=fh.Box((-1.0, -1.0), (17.0, 16.0)) - fh.Disc(2.2, (12.0, 4.0))),
+        fh.Elastic(fh.Kernel(2.0), young=1.0, poisson=0.3, material="correspondence", stabilisation=0.3),
+        {"x-": SLOW, "x+": fh.Fixed(), "y": fh.Free()},
+        {"v": 0.03 * bump((17, 16), 2)},
+        cracks=[fh.Crack([(6.1, 9.3), (9.2, 9.3)])],
+    ),
+    "dilatations in a corner": lambda: fh.Simulation(
+        lattice(13, 14),
+        fh.Elastic(fh.Kernel(2.0), young=1.0, poisson=0.1, material="state-based"),
+        {"x": SLOW, "y-": SLOW, "y+": fh.Free()},
+        {"v": 0.03 * bump((13, 14), 2)},
+    ),
     "nonlinear bonds": lambda: fh.Simulation(
         lattice(13, 14),
         fh.Elastic(fh.Kernel(2.0), nonlinear=True, **ELASTIC),
@@ -148,10 +161,10 @@ def test_both_compute_the_same(make):
         assert two.bonds.broken[0] == pytest.approx(one.bonds.broken[0], rel=1e-10)
 
 
-#: From which rarity on the program has an operation, by its text.
-SINCE = {
-    getattr(op, name): {"": 0, "SOME": 1, "RARE": 2}[group]
-    for group, name in re.findall(r"if (?:(SOME|RARE) and )?operation == ([A-Z_]+)", Path(program.__file__).read_text())
+RUN = Path(program.__file__).read_text().partition("def run(")[2]
+#: The kernels with which the program has an operation, by its text; none where every run has it.
+KERNELS = {
+    getattr(op, name): group for group, name in re.findall(r"if (?:(SOME|RARE) and )?operation == ([A-Z_]+)", RUN)
 }
 
 
@@ -162,10 +175,12 @@ def test_the_loop_of_a_run_has_all_kernels_that_the_run_needs(make):
     sim.engine.loop = lambda steps, phase, levels, tables, inputs: found.append(tables)
     sim.step(1)
     for tables in found:
-        assert max(SINCE[operation] for operation in tables.operations[:, 0].tolist()) <= op.rarity(tables)
-        assert op.rarity(tables) == 2 or tables.bonds.places.size == tables.phases.runs.size == 0
-        assert op.rarity(tables) or not tables.listening.rows.size
-    assert found and sorted(SINCE) == list(range(18))
+        kernels = op.needed(tables)
+        for operation, _, which in tables.operations.tolist():
+            assert ("STATES" if which else KERNELS[operation]) in (kernels | {""})
+        assert "RARE" in kernels or tables.bonds.places.size == tables.phases.runs.size == 0
+        assert "SOME" in kernels or not tables.listening.rows.size
+    assert found and sorted(KERNELS) == [i for i in range(19) if i != op.LAW]
 
 
 def test_corrosion():

@@ -14,8 +14,8 @@ from farhorizon.engine.bonds import PHASES, factors_of
 from farhorizon.engine.field import Field
 from farhorizon.engine.filter import without
 from farhorizon.engine.layer_cuts import cut_layers
-from farhorizon.engine.surface import bare_bonds, shared_rows
-from farhorizon.engine.tables import Cuts, Surface
+from farhorizon.engine.surface import bare_bonds, surface_of
+from farhorizon.engine.tables import Cuts
 
 
 class AbsentBonds:
@@ -63,7 +63,7 @@ class AbsentBonds:
         kept = self.exists[nodes] & self.exists[neighbours]
         nodes, neighbours, weights = nodes[kept], neighbours[kept], weights[kept]
         self.count = len(nodes)
-        self._open_surface()
+        bare = self._open_surface()
         swept = self.bonds.clear(nodes, neighbours) if self.bonds else np.zeros(len(nodes), bool)
         nodes, neighbours, weights = (
             nodes[~swept].astype(np.int64),
@@ -72,13 +72,19 @@ class AbsentBonds:
         )
         order = np.lexsort((neighbours, nodes))
         nodes, neighbours, weights = nodes[order], neighbours[order], weights[order]
+        if engine.passes is not None:
+            engine.passes.leave_out(nodes, neighbours, *bare, self.exists)
+            if not engine.weights.any():
+                nodes, neighbours, weights = nodes[:0], neighbours[:0], weights[:0]
         engine.replace(
             cuts=Cuts(nodes, neighbours, weights.astype(engine.dtype).ravel()),
             layers=cut_layers(engine.layer_tables, nodes, neighbours, weights),
         )
 
-    def _open_surface(self) -> None:
-        """Tables of the nodes with bonds to places without a node (see `engine.surface`), and the nodes `outside`."""
+    def _open_surface(self) -> tuple[np.ndarray, np.ndarray]:
+        """Tables of the nodes with bonds to places without a node (see `engine.surface`), and the nodes `outside`;
+        returns these nodes, and of which bonds one end alone is there.
+        """
         engine, exists, box = self.engine, self.exists, self.engine.layout.box
         at: tuple[np.ndarray, ...] = (np.zeros(0, np.int64),) * 3
         bare = np.zeros((len(engine.offsets), 0), bool)
@@ -94,12 +100,11 @@ class AbsentBonds:
         if self.bonds:
             self.bonds.clear_bits(flat, bare)
             kept &= ~self.bonds.contains(np.stack(at, axis=1))
-        first, second, third = (i[kept] for i in at)
-        order = np.lexsort((third, second, first))
-        counts = np.bincount(first * box.nodes[1] + second, minlength=box.nodes[0] * box.nodes[1])
-        weights = self._weights_of(flat[kept], bare[:, kept])[order].astype(engine.dtype)
-        weights = weights.reshape(-1, engine.components**2)
-        engine.replace(surface=Surface(*shared_rows(np.cumsum(np.append(0, counts)), third[order], weights)))
+        if not engine.weights.any():
+            kept[:] = False
+        weights = self._weights_of(flat[kept], bare[:, kept]).astype(engine.dtype)
+        engine.replace(surface=surface_of(box, flat[kept], weights))
+        return flat, bare
 
     def _weights_of(self, nodes: np.ndarray, chosen: np.ndarray) -> np.ndarray:
         """Sum of the weights of the `chosen` bonds, shape (K, S), of nodes; shape (S,) or (S, d, d).

@@ -20,18 +20,23 @@ from farhorizon.engine.ends import Ends
 from farhorizon.engine.filter import without
 from farhorizon.engine.fringe import fringe_table
 from farhorizon.engine.layer_tables import LayerTables
-from farhorizon.engine.layout import Layout, aligned_zeros
+from farhorizon.engine.layout import Layout, aligned, aligned_zeros
+from farhorizon.engine.nested import Layers
 from farhorizon.engine.operations import (
+    Operation,
     Tables,
     check_room,
+    needed,
     operations_of,
     operator_operations,
-    rarity,
     sweep_operations,
+    table_of,
 )
+from farhorizon.engine.passes import Passes, StateSums
 from farhorizon.engine.phases import NEVER, count_solid, phases_table
 from farhorizon.engine.plain_tables import first_tables, numbers_of
 from farhorizon.engine.rows.build import load_driver
+from farhorizon.engine.rows.matrices import Signs, signs_of
 from farhorizon.engine.rows.vectors import TILE, TILE_ROWS
 from farhorizon.engine.tables import Damping, Dependents, Flows, Inputs, Material, Stage
 from farhorizon.engine.threads import side_by_side
@@ -137,11 +142,16 @@ class Engine:
         Factor on bonds, combined by `rule`.
     reaction : float
         In units of the operator: what it takes of each node's own value, whatever the coefficient.
+    sums : StateSums, optional
+        Two passes beside the stencil, on its offsets; bonds have no coefficients then.
 
     Attributes
     ----------
     tables : Tables
         What the loop works off; the methods `set_..` put others in their place.
+    passes : Passes or None
+    memory : ndarray
+        What the layers remember.
     bonds : BondZone
         Those that follow a law of their own.
     absent : AbsentBonds
@@ -170,6 +180,7 @@ class Engine:
         coefficient=None,
         rule="both",
         reaction=0.0,
+        sums: StateSums | None = None,
     ) -> None:
         self.dtype = np.dtype(real)
         self.stages, self.dt, self.reaction = stages, dt, float(reaction)
@@ -182,11 +193,14 @@ class Engine:
         self.remember = any(np.any(layer.sigma) for layer in self.layers.values())
         recursion = {name: layer.recursion(dt) for name, layer in self.layers.items()}
         matrices = self.weights.reshape(len(self.weights), self.components, self.components)
-        self.layer_tables = LayerTables(
-            self.layout, self.offsets, matrices, recursion, self.dtype, self.remember, coefficient is None
-        )
+        signs = signs_of(self.components)
+        springs = recursion if self.weights.any() else {}  # of two passes there may be none
+        kept = self.dtype, self.remember, coefficient is None
+        self.layer_tables = LayerTables(self.layout, self.offsets, matrices, signs, signs, springs, *kept)
+        self.passes = None if sums is None else Passes(self, sums, recursion)
+        self.memory = self._one_memory()
         self.levels = aligned_zeros(self.components * self.layout.size, self.dtype, stages.levels)
-        memory = self.layer_tables.layers.memory.size // 4 if self.remember else 0
+        memory = self.memory.size // 4 if self.remember else 0
         numbers = self.components * int(np.prod(core)) + memory
         self.threads = threads if numbers >= _PARALLEL_NUMBERS else 1
         self.phase, self.steps_done = 0, 0
@@ -203,9 +217,19 @@ class Engine:
         self.loop: Loop | None = None
 
     @property
-    def memory(self) -> np.ndarray:
-        """What the layers remember."""
-        return self.tables.layers.memory
+    def _all_layers(self) -> list[LayerTables]:
+        """Those of all passes."""
+        return [self.layer_tables, *(() if self.passes is None else self.passes.layer_tables)]
+
+    def _one_memory(self) -> np.ndarray:
+        """What the layers of all passes remember, one after the other."""
+        every = self._all_layers
+        starts = np.cumsum([0, *(aligned(tables.layers.memory.size) for tables in every)])
+        memory = aligned_zeros(int(starts[-2]) + every[-1].layers.memory.size, self.dtype)
+        for start, tables in zip(starts[:-1], every, strict=True):
+            tables.start = int(start)
+            tables.layers = _remembering(tables.layers, memory, tables.start)
+        return memory
 
     def spread(self, core: np.ndarray, beyond: Mapping[tuple[int, int], float] | None = None) -> np.ndarray:
         """Nodal values of the core on every place of a level: constant along each normal from the core's edge on.
@@ -414,7 +438,7 @@ class Engine:
         prescribed node.
         """
         level, one = self.current, self.dtype.type(1)
-        stage = Stage(level, level, level, 0, one, one, one, one, False, self.components)
+        stage = Stage(level, level, level, 0, one, one, one, one, False, self.components, self.components)
         fields = np.asarray(values, self.dtype)[None]
         self._driver.depend(stage, self.tables.dependents, fields, np.ones(1, self.dtype))
 
@@ -437,7 +461,7 @@ class Engine:
     @property
     def _driver(self) -> ModuleType:
         """The compiled loop that has what this run needs."""
-        return load_driver(rarity(self.tables))
+        return load_driver(needed(self.tables))
 
     def _compiled(self, steps: int, phase: int, levels: np.ndarray, tables: Tables, inputs: Inputs) -> None:
         """Work off the table of operations, on all threads for those of the engine's own levels."""
@@ -477,25 +501,37 @@ class Engine:
         """The operator L on a level with whatever its halo holds, with plain shifts everywhere."""
         return self._operate(level, sweep_operations(self.tables))
 
-    def _operate(self, level: np.ndarray, operations: list[tuple[int, int]], apart: bool = False) -> np.ndarray:
+    def _operate(self, level: np.ndarray, operations: list[Operation], apart: bool = False) -> np.ndarray:
         """What some operations make of a level, without the rest of a stage, as a level: of bonds none breaks.
 
         If `apart`, the layers remember nothing of it.
         """
-        layers = self.tables.layers
         scale = self.stages.numbers[0][2]  # the last stage may be without operator
         levels = np.stack([level, np.zeros_like(level), np.zeros_like(level)])
         tables = self.tables._replace(
-            operations=np.array(operations, np.int64).reshape(-1, 2),
+            operations=table_of(operations),
             starts=np.array([0, len(operations)]),
             rotation=np.arange(3).reshape(1, 1, 3),
             numbers=np.array([numbers_of(self, float(self.stages.increments), 0.0, scale, 0.0)], self.dtype),
-            layers=layers._replace(memory=layers.memory.copy()) if apart else layers,
             bonds=self.tables.bonds._replace(limit=np.array([np.inf, np.inf], self.dtype)),
         )
+        if apart:
+            tables = self._with_memory(tables, self.memory.copy())
         (self.loop or self._compiled)(1, 0, levels, tables, self._no_inputs(1))
         level[:] = levels[0]
         return levels[1 if self.stages.increments else 2] / tables.numbers[0, 3]
+
+    def _with_memory(self, tables: Tables, memory: np.ndarray) -> Tables:
+        """Tables whose layers have another memory."""
+        starts = [one.start for one in self._all_layers]
+        tables = tables._replace(layers=_remembering(tables.layers, memory, starts[0]))
+        if self.passes is None:
+            return tables
+        gather, scatter = (
+            one._replace(layers=_remembering(one.layers, memory, start))
+            for one, start in zip((tables.gather, tables.scatter), starts[1:], strict=True)
+        )
+        return tables._replace(gather=gather, scatter=scatter)
 
     def _no_inputs(self, steps: int) -> Inputs:
         """Nothing from outside for some steps; prescribed values are zero."""
@@ -584,6 +620,7 @@ class Engine:
         ]
         mark.update(repr([(name, layer.columns, layer.whole) for name, layer in sorted(self.layers.items())]).encode())
         tables = self.tables
+        law = tables.gather.sweep.law
         ends, fringe = tables.ends, tables.fringe._replace(history=np.zeros(0))
         for array in (
             self.offsets,
@@ -592,6 +629,10 @@ class Engine:
             tables.material.coefficient,
             *tables.cuts,
             *tables.surface,
+            *(law.intact, law.nodes, law.numbers, law.matrices),
+            *tables.gather.surface,
+            *tables.scatter.surface,
+            *tables.scatter.cuts,
             *tables.damping,
             *tables.dependents,
             self.held,
@@ -630,16 +671,26 @@ class Engine:
         self.advance(steps, inputs.source_nodes, inputs.source_fields, inputs.source_times)
 
     @property
-    def layer_memory(self) -> list[tuple[tuple[int, int], np.ndarray]]:
-        """Places of the memory that is ever used: (axis, side) of a layer, and an array by component, number, and line;
-        see `LayerTables.cells`.
+    def layer_memory(self) -> list[tuple[int, tuple[int, int], np.ndarray, Signs]]:
+        """Places of the memory that is ever used: pass, (axis, side) of a layer, an array by component, number, and
+        line, and the components' signs; see `LayerTables.cells`.
         """
-        return self.layer_tables.cells(self.tables.layers.f != 0) if self.remember else []
+        return [
+            (number, key, tables.start + cells, signs)
+            for number, tables in enumerate(self._all_layers if self.remember else ())
+            for key, cells, signs in tables.cells(tables.layers.f != 0)
+        ]
 
     @property
     def nbytes(self) -> int:
         """Bytes of all time levels, slots, layer memory, phases, exact ends, fringes, the filter and absent bonds."""
         tables = self.tables
         parts = (tables.ends, tables.phases, tables.bonds, tables.fringe, tables.filter, tables.cuts, tables.surface)
-        held = (self.levels, tables.layers.slots, self.memory, tables.material.coefficient)
+        states = tables.gather.sweep.law.values
+        held = (self.levels, tables.layers.slots, self.memory, tables.material.coefficient, states)
         return sum(np.asarray(a).nbytes for part in (held, *parts) for a in part)
+
+
+def _remembering(layers: Layers, memory: np.ndarray, start: int) -> Layers:
+    """The same layers with another memory: the part of it that begins at `start`."""
+    return layers._replace(memory=memory[start : start + layers.memory.size])

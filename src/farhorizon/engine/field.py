@@ -26,8 +26,10 @@ class Field(Protocol):
     weights: np.ndarray
     layers: dict[tuple[int, int], Any]
     layer_tables: LayerTables
+    remember: bool
     levels: np.ndarray
     tables: Tables
+    passes: Any
 
     @property
     def current(self) -> np.ndarray: ...

@@ -37,7 +37,8 @@ class Interpreter:
         self.nodes = self.places.ravel()
         self.matrices = engine.weights.reshape(len(engine.offsets), self.components, self.components)
         self.memory: dict[object, np.ndarray] = {}
-        self.fields: dict[tuple[int, ...], np.ndarray] = {}
+        self.number, self.fields = op.SPRINGS, dict[tuple[int, ...], np.ndarray]()
+        self.raw = False
         self.edges = [self._edges(axis) for axis in range(3)]
         engine.loop = self.run
         self.methods: dict[int, Callable[..., None]] = {
@@ -63,15 +64,25 @@ class Interpreter:
 
     def run(self, steps: int, phase: int, levels: np.ndarray, tables: op.Tables, inputs: Inputs) -> None:
         """As `program.run`; with another memory than that of the engine, the layers' own is left as it is."""
-        kept = None if tables.layers.memory is self.engine.memory else {k: a.copy() for k, a in self.memory.items()}
+        kept = (
+            None
+            if np.shares_memory(tables.layers.memory, self.engine.memory)
+            else {k: a.copy() for k, a in self.memory.items()}
+        )
         self.tables, self.inputs = tables, inputs
         for self.step in range(steps):
             for part in range(tables.rotation.shape[1]):
                 src, base, out = (levels[i] for i in tables.rotation[phase, part])
                 a, a_difference, b, scale, _ = tables.numbers[part]
-                self.stage = Stage(src, base, out, part, a, a_difference, b, scale, tables.increments, self.components)
-                for operation, number in tables.operations[tables.starts[part] : tables.starts[part + 1]].tolist():
-                    self.methods[operation](*[number] * (operation == op.STRETCH))
+                self.stage = Stage(
+                    src, base, out, part, a, a_difference, b, scale, tables.increments, self.components, self.components
+                )
+                first, last = tables.starts[part : part + 2]
+                for operation, number, which in tables.operations[first:last].tolist():
+                    if which != op.SPRINGS:
+                        self._states(operation, number, which)
+                    else:
+                        self.methods[operation](*[number] * (operation == op.STRETCH))
             phase = (phase + 1) % len(tables.rotation)
         if kept is not None:
             self.memory = kept
@@ -200,6 +211,34 @@ class Interpreter:
         weights = cuts.weights.reshape(-1, d, d)
         self._add(-self.stage.scale * np.einsum("iab,bi->ai", weights, lost), cuts.nodes)
 
+    # --- states ------------------------------------------------------------------------------------------------
+
+    def _states(self, operation: int, axis: int, which: int) -> None:
+        """An operation of the two passes. The sums are those over the bonds that are there, so that none is cut."""
+        law, passes, scale = self.tables.gather.sweep.law, self.engine.passes, self.stage.scale
+        assert passes is not None
+        states = law.values.reshape(len(law.intact), -1)
+        levels = (self._split(self.stage.src), states, self._split(self.stage.out))
+        if self.raw and (which == op.SCATTER or operation == op.COPY):  # the loop may have done it node by node
+            odd = np.einsum("sab,bs->as", law.matrices[law.numbers], states[:, law.nodes])
+            states[...] = law.intact @ states
+            states[:, law.nodes], self.raw = odd, False
+        if operation == op.COPY:
+            for to, source in self.tables.copies.T:
+                states[:, to] = states[:, source]
+        elif operation == op.SWEEP:
+            read, sign, nodes = levels[which - op.GATHER], (-1, 1)[which - op.GATHER], self.nodes
+            total = np.zeros((len(levels[which]), nodes.size))
+            for distance, weight in zip(self.engine.offsets @ self.box.stride, passes.weights[which - 1], strict=True):
+                there = self._present(nodes, nodes + distance) & self.engine.absent.exists[nodes]
+                total += weight @ (there * (read[:, nodes + distance] + sign * read[:, nodes]))
+            if which == op.GATHER:
+                states[:, nodes], self.raw = 0, True
+            levels[which][:, nodes] += total * (1 if which == op.GATHER else scale)
+        elif operation == op.STRETCH:
+            found = self._stretched(axis, levels[which - op.GATHER], passes.weights[which - 1], which)
+            levels[which][:, self.nodes] += (1 if which == op.GATHER else scale) * found.reshape(len(found), -1)
+
     # --- layers ------------------------------------------------------------------------------------------------
 
     def _edges(self, axis: int) -> tuple[np.ndarray, ...]:
@@ -236,21 +275,25 @@ class Interpreter:
             sign = int(np.sign(stretched[first]))
             nearer = tuple(o - sign * (a == first) for a, o in enumerate(stretched))
             before = self._continued(nearer, axis)
-            made = [self._shift(u, first, sign, (stretched, c)) for c, u in enumerate(before)]
+            made = [self._shift(u, first, sign, (self.number, stretched, c)) for c, u in enumerate(before)]
             self.fields[stretched] = np.stack(made)
         return self.fields[stretched]
 
     def _stretch(self, axis: int) -> None:
-        self._add(self.stage.scale * self._stretched(axis).reshape(self.components, -1))
+        self._add(self.stage.scale * self._springs(axis).reshape(self.components, -1))
 
-    def _stretched(self, axis: int) -> np.ndarray:
-        """What stretched shifts along an axis add to plain ones, where later axes have theirs; L of all nodes."""
-        engine, shape = self.engine, (self.components, *self.box.nodes)
+    def _springs(self, axis: int) -> np.ndarray:
+        return self._stretched(axis, self._split(self.stage.src), self.matrices, op.SPRINGS)
+
+    def _stretched(self, axis: int, level: np.ndarray, matrices: np.ndarray, number: int) -> np.ndarray:
+        """What stretched shifts along an axis add to plain ones, where later axes have theirs: the sums of a pass, of a
+        level by component.
+        """
+        engine = self.engine
         if axis == max(a for a in range(3) if self._has_layers(a)):
-            level = self._split(self.stage.src)
-            self.fields = {(0, 0, 0): np.stack([self.box.all(level[c]).astype(float) for c in range(self.components)])}
-        total = np.zeros(shape)
-        for offset, weight in zip(engine.offsets.tolist(), self.matrices, strict=True):
+            self.number, self.fields = number, {(0, 0, 0): np.stack([self.box.all(u).astype(float) for u in level])}
+        total = np.zeros((matrices.shape[1], *self.box.nodes))
+        for offset, weight in zip(engine.offsets.tolist(), matrices, strict=True):
             if offset[axis]:
                 more = self._moved(self._continued(tuple(offset), axis), offset, axis)
                 later = next((a for a in range(axis + 1, 3) if self._has_layers(a)), 3)
@@ -265,7 +308,8 @@ class Interpreter:
 
     def _present(self, nodes: np.ndarray, others: np.ndarray) -> np.ndarray:
         """Which bonds are there, by the absent ones and by the places without a node."""
-        engine, cuts = self.engine, self.tables.cuts
+        engine, tables = self.engine, self.tables
+        cuts = tables.cuts if engine.passes is None else tables.gather.cuts
         size = engine.layout.size
         absent = np.isin(nodes * size + others, cuts.nodes * size + cuts.neighbours)
         return np.asarray(~absent & (engine.absent.exists[nodes] == engine.absent.exists[others]))
@@ -371,7 +415,7 @@ class Interpreter:
         for axis in (2, 1, 0):
             if self._has_layers(axis):
                 level = np.zeros(self.engine.layout.size)
-                level[self.nodes] = self._stretched(axis).ravel()
+                level[self.nodes] = self._springs(axis).ravel()
                 for at, account, first, last in flows.sides:
                     if at == axis:
                         gains = flows.effects[self.stage.part] * level[flows.beside[first:last]]

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from farhorizon.engine.layer_tables import LayerTables
-from farhorizon.engine.layout import Block
 from farhorizon.engine.nested import (
     AXIS,
     BASE,
@@ -27,14 +26,14 @@ from farhorizon.engine.nested import (
 
 
 def cut_layers(tables: LayerTables, nodes: np.ndarray, neighbours: np.ndarray, weights: np.ndarray) -> Layers:
-    """The layers without some bonds, given by places in a level and weights (n,) or (n, d, d).
+    """The layers without some bonds, given by places in a level and weights (n,) or (n, rows, columns).
 
     A layer's columns, and those of the core next to it, lack the same bonds; those of its first column count.
     """
-    box, components = tables.layout.box, tables.components
-    here = _coordinates(box, nodes)
-    offset = _coordinates(box, neighbours) - here
-    matrices = weights.reshape(len(nodes), components, components) / tables.unit
+    box = tables.layout.box
+    here = box.coordinates(nodes)
+    offset = box.coordinates(neighbours) - here
+    matrices = weights.reshape(len(nodes), tables.rows, tables.columns) / tables.unit
     faces, face_rows, band_rows, start = tables.faces.copy(), [], [], 0
     for face in faces:
         axis = int(face[AXIS])
@@ -42,7 +41,7 @@ def cut_layers(tables: LayerTables, nodes: np.ndarray, neighbours: np.ndarray, w
         face[CUTS] = start
         for i in np.flatnonzero((here[:, axis] == column) & (offset[:, axis] != 0)):
             face_rows += _face_cuts(tables, face, here[i], offset[i], matrices[i])
-        start += components * int(face[ROWS]) * len(tables.tiles)
+        start += tables.rows * int(face[ROWS]) * len(tables.tiles)
     for number, band in enumerate(tables.bands):
         column = int(band[ORIGIN]) - box.origin + int(band[STEP])
         for i in np.flatnonzero((here[:, 2] == column) & (offset[:, 2] != 0)) if band[COLUMNS] else ():
@@ -58,16 +57,6 @@ def cut_layers(tables: LayerTables, nodes: np.ndarray, neighbours: np.ndarray, w
         band_cuts=np.array([row[:5] for row in band_rows], np.int64).reshape(-1, 5),
         band_cut_weights=np.array([row[5] for row in band_rows], tables.dtype),
     )
-
-
-def _coordinates(box: Block, places: np.ndarray) -> np.ndarray:
-    """Numbers of nodes along the axes, counted from the first of the box, of places in a level; shape (n, 3)."""
-    found = []
-    left = np.asarray(places, np.int64) - box.origin + int(np.dot(box.reach, box.stride))
-    for stride, m in zip(box.stride, box.reach, strict=True):
-        found.append(left // stride - m)
-        left = left % stride
-    return np.stack(found, -1)
 
 
 def _face_cuts(

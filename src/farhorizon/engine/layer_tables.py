@@ -39,6 +39,7 @@ from farhorizon.engine.nested import (
 )
 from farhorizon.engine.rows.build import load_parts, load_shifts
 from farhorizon.engine.rows.choose import UNROLLED_LIMIT, mirrored
+from farhorizon.engine.rows.matrices import Signs
 from farhorizon.engine.rows.vectors import TURNED
 
 
@@ -48,8 +49,10 @@ class LayerTables:
     Parameters
     ----------
     layout : Layout
-    offsets, weights : ndarray, shapes (K, 3) and (K, d, d)
-        The stencil.
+    offsets, weights : ndarray, shapes (K, 3) and (K, rows, columns)
+        The stencil, from a field of so many components to one.
+    inside, outside : tuple of (int, int, int)
+        Signs of their components in mirrors, see `rows.matrices`.
     recursion : mapping of (axis, side) to (r, e, f)
         Of each layer, each of shape (columns + 1,).
     dtype : dtype
@@ -63,6 +66,8 @@ class LayerTables:
     slots : Slots
     scratch : int
         Numbers of the work space of each thread.
+    start : int
+        Of the memory, in that of the engine.
     """
 
     def __init__(
@@ -70,6 +75,8 @@ class LayerTables:
         layout: Layout,
         offsets: np.ndarray,
         weights: np.ndarray,
+        inside: Signs,
+        outside: Signs,
         recursion: Mapping[tuple[int, int], tuple[np.ndarray, ...]],
         dtype: np.dtype,
         remember: bool,
@@ -79,12 +86,13 @@ class LayerTables:
         self.unit = float(np.abs(weights).sum()) or 1.0
         self.layout, self.offsets, self.weights, self.remember = layout, offsets, weights / self.unit, remember
         self.dtype = dtype
-        self.lanes, self.components = 64 // dtype.itemsize, layout.components
+        self.lanes, self.signs = 64 // dtype.itemsize, (inside, outside)
+        self.columns, self.rows = len(inside), len(outside)
         names = list(recursion)
         self._profiles = {name: i for i, name in enumerate(names)}
         self.even = [self._mirrors(axis) for axis in range(3)]
         self.sets = [1 if even else 2 for even in self.even]  # parts outwards and inwards are the same, or not
-        self.memory = 0
+        self.memory = self.start = 0
         self.bands = np.zeros((2, LINE + 1), np.int64)
         self.slots = Slots(layout, self.sets[2], self.bands)
         room = self._make_bands()
@@ -93,7 +101,7 @@ class LayerTables:
         self.faces = self._make_faces()
         edges, kinds = self._make_edges()
         self.band_sums = self.terms.count
-        for row in range(self.components):
+        for row in range(self.rows):
             self.terms.add(row, [{}], [0, 1])
         items, ranges = self._make_items(edges)
         self.edges, self.kinds = edges, kinds
@@ -167,8 +175,8 @@ class LayerTables:
                 *layout.box.stride[:2],
                 self.slots.grid[0],
             )
-            size += self.components * self.sets[2] * m * self.slots.lines * width
-            self.memory += self.components * groups * self._group_lanes() * (2 * columns + 1) * m
+            size += self.columns * self.sets[2] * m * self.slots.lines * width
+            self.memory += self.columns * groups * self._group_lanes() * (2 * columns + 1) * m
         return size + SLACK
 
     def _group_lanes(self) -> int:
@@ -201,7 +209,7 @@ class LayerTables:
             columns, m, stride = layout.columns[axis, side], layout.reach[axis], layout.box.stride
             first = layout.low[axis] if side < 0 else layout.low[axis] + layout.core[axis] - 1
             sums = self.terms.count
-            for row, own in itertools.product(range(self.components), range(self.sets[axis])):
+            for row, own in itertools.product(range(self.rows), range(self.sets[axis])):
                 self.terms.add(row, [{axis: side * k * (1 - 2 * own)} for k in range(1, m + 1)], [other, 2])
             count = layout.box.nodes[other]
             rows.append(
@@ -224,7 +232,7 @@ class LayerTables:
                     0,
                 )
             )
-            self.memory += self.components * count * self._tile_lanes * (2 * columns + 1) * m
+            self.memory += self.rows * count * self._tile_lanes * (2 * columns + 1) * m
         return np.array(rows, np.int64).reshape(-1, CUTS + 1)
 
     def _make_edges(self) -> tuple[np.ndarray, np.ndarray]:
@@ -243,7 +251,7 @@ class LayerTables:
                     kinds.append((far, start, cells, *(load_shifts(far, True, self.dtype.name) if far else (0, 0, 0))))
                     cells += (int(face[COLUMNS]) + 1 - start) * (2 * int(other[COLUMNS]) + 1) * far
                 kinds_of = itertools.product(
-                    range(self.components), range(self.sets[0]), range(1, m[0] + 1), range(self.sets[1])
+                    range(self.rows), range(self.sets[0]), range(1, m[0] + 1), range(self.sets[1])
                 )
                 for row, own, a, inward in kinds_of:
                     x, y = sides[0] * a * (1 - 2 * own), sides[1] * (1 - 2 * inward)
@@ -253,7 +261,7 @@ class LayerTables:
                 wide = int(other[COLUMNS]) + m[1]
                 first = 0 if sides[1] < 0 else layout.box.nodes[1] - wide
                 rows.append((number, other_number, sums, self.memory, cells, first, first + wide, first_kind))
-                self.memory += self.components * self._tile_lanes * cells
+                self.memory += self.rows * self._tile_lanes * cells
         return np.array(rows, np.int64).reshape(-1, 8), np.array(kinds, np.int64).reshape(-1, 6)
 
     def _make_items(self, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -288,7 +296,7 @@ class LayerTables:
                 pairs.append(self.slots.first + np.add.outer(parts[0] * self.slots.grid[0], parts[1]).ravel())
             for band in self.bands:
                 if band[COLUMNS]:
-                    fields = np.arange(self.components * self.sets[2] * layout.reach[2]) * self.slots.lines
+                    fields = np.arange(self.columns * self.sets[2] * layout.reach[2]) * self.slots.lines
                     whole = [
                         np.add.outer(np.add.outer(fields, at) * band[WIDTH], np.arange(band[WIDTH])).ravel()
                         + band[BASE]
@@ -310,7 +318,7 @@ class LayerTables:
                 edge,
                 int(face[SETS] * face[REACH] * (face[COLUMNS] + face[REACH] + 1) * (other[COLUMNS] + other[REACH] + 1)),
             )
-        self.scratch = ((self.components + 2) * parts + self.components * edge) * LINES + SLACK
+        self.scratch = ((self.rows + 2) * parts + self.rows * edge) * LINES + SLACK
         return np.array(
             [
                 n0,
@@ -329,8 +337,8 @@ class LayerTables:
 
     def _mirrored(self, alike: bool) -> tuple[np.ndarray, np.ndarray]:
         """What `Layers.mirrored` and `mirrored_weights` hold."""
-        functions, rows, size = np.zeros((3, 2, 2), np.int64), [np.zeros(0)], self.components**2
-        shape, matrices = mirrored(dict(zip(map(tuple, self.offsets.tolist()), self.weights, strict=True)))
+        functions, rows, size = np.zeros((3, 2, 2), np.int64), [np.zeros(0)], self.rows * self.columns
+        shape, matrices = mirrored(dict(zip(map(tuple, self.offsets.tolist()), self.weights, strict=True)), *self.signs)
         in_bands = bool(self.bands[:, COLUMNS].any())
         used = [in_bands if axis == 2 else bool((self.faces[:, AXIS] == axis).any()) for axis in range(3)]
         for axis, apart in (
@@ -349,6 +357,7 @@ class LayerTables:
             parts = load_parts(
                 tuple(shape[i] for i in chosen),
                 pattern,
+                *self.signs,
                 axis,
                 self.sets[axis] == 2,
                 apart,
@@ -361,10 +370,10 @@ class LayerTables:
 
     # --- the memory --------------------------------------------------------------------------------------------
 
-    def cells(self, driven: np.ndarray) -> list[tuple[tuple[int, int], np.ndarray]]:
-        """Places of the memory that is ever used: of each layer, and then of each edge, its axis and side, and places
-        by component, number of the application, and line; `driven`, shape (layers, columns + 1), says of which edges
-        between columns.
+    def cells(self, driven: np.ndarray) -> list[tuple[tuple[int, int], np.ndarray, Signs]]:
+        """Places of the memory that is ever used: of each layer, and then of each edge, its axis and side, places by
+        component, number of the application, and line, and the components' signs; `driven`, shape (layers, columns +
+        1), says of which edges between columns.
         """
         found = []
         for number, band in enumerate(self.bands):
@@ -375,24 +384,26 @@ class LayerTables:
                 group = (np.arange(n0)[:, None] * each + y // size).ravel()
                 first = [
                     band[BAND_MEMORY] + (c * n0 * each + group) * size * cells + np.tile(y % size, n0)
-                    for c in range(self.components)
+                    for c in range(self.columns)
                 ]
                 used = self._used(band, driven)
-                found.append(((2, 2 * number - 1), np.array([used[:, None] * size + at for at in first])))
+                found.append(
+                    ((2, 2 * number - 1), np.array([used[:, None] * size + at for at in first]), self.signs[0])
+                )
         tile = np.repeat(np.arange(len(self.tiles)), self.tiles[:, TILE_COUNT])
         lane = np.arange(self.layout.box.nodes[2]) - self.tiles[tile, TILE_FIRST]
         size = self.tiles[tile, TILE_VECTORS] * self.lanes
         for face in self.faces:
             cells, rows = int(2 * face[COLUMNS] + 1) * int(face[REACH]), np.arange(face[ROWS])[:, None]
             used, places = self._used(face, driven), []
-            for c in range(self.components):
+            for c in range(self.rows):
                 first = (
                     face[MEMORY]
                     + ((c * face[ROWS] + rows) * self._tile_lanes + self.tiles[tile, TILE_PLACE]) * cells
                     + lane
                 )
                 places.append((first + used[:, None, None] * size).reshape(len(used), -1))
-            found.append(((int(face[AXIS]), int(np.sign(face[STEP]))), np.array(places)))
+            found.append(((int(face[AXIS]), int(np.sign(face[STEP]))), np.array(places), self.signs[1]))
         for edge in self.edges:
             face, other = self.faces[edge[EDGE_FACE]], self.faces[edge[EDGE_OTHER]]
             ever: list[np.ndarray] = []
@@ -406,10 +417,11 @@ class LayerTables:
             of_all = np.concatenate(ever)
             place = self.tiles[tile, TILE_PLACE]
             first = [
-                edge[EDGE_MEMORY] + (c * self._tile_lanes + place) * edge[EDGE_CELLS] + lane
-                for c in range(self.components)
+                edge[EDGE_MEMORY] + (c * self._tile_lanes + place) * edge[EDGE_CELLS] + lane for c in range(self.rows)
             ]
-            found.append(((1, int(np.sign(other[STEP]))), np.array([at + of_all[:, None] * size for at in first])))
+            found.append(
+                ((1, int(np.sign(other[STEP]))), np.array([at + of_all[:, None] * size for at in first]), self.signs[1])
+            )
         return found
 
     @staticmethod

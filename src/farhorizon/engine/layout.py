@@ -16,7 +16,8 @@ SLACK = 64
 #: Values whose bytes are a whole number of cache lines, in either precision.
 ALIGN = 16
 
-#: Columns of the row that describes a box to the compiled driver.
+#: Columns of the row that describes a box to the compiled driver; behind them the distances of the components that are
+#: read, and of those that are written.
 BOX_FIELDS = (
     "origin",
     "n0",
@@ -30,12 +31,6 @@ BOX_FIELDS = (
     "out",
     "out_step0",
     "out_step1",
-    "read0",
-    "read1",
-    "read2",
-    "written0",
-    "written1",
-    "written2",
 )
 
 
@@ -78,6 +73,15 @@ class Block:
         shape = [n + 2 * m for n, m in zip(self.nodes, self.reach, strict=True)]
         first = self.origin - int(np.dot(self.reach, self.stride))
         return np.lib.stride_tricks.as_strided(level[first:], shape, [s * level.itemsize for s in self.stride])
+
+    def coordinates(self, places: np.ndarray) -> np.ndarray:
+        """Numbers of nodes along the axes, counted from the first of this block, of places in a level; shape (n, 3)."""
+        found = []
+        left = np.asarray(places, np.int64) - self.origin + int(np.dot(self.reach, self.stride))
+        for stride, m in zip(self.stride, self.reach, strict=True):
+            found.append(left // stride - m)
+            left = left % stride
+        return np.stack(found, -1)
 
     def node_indices(self) -> np.ndarray:
         """Indices of all nodes in a level (of the first component), indexed by axis."""
@@ -156,14 +160,12 @@ class Layout:
         first = origin + int(np.dot(self.low, stride))
         self.near = Block(self.core, self.reach, stride, first, self.components, self.size)
 
-    def table(self) -> np.ndarray:
-        """The row of `BOX_FIELDS`."""
-        box, lead = self.box, 3 - self.components
-        number = [a - lead for a in range(lead, 3)] + [0] * lead if self.components > 1 else [0] * 3
-        apart = [c * self.size for c in number]
+    def table(self, columns: int, rows: int) -> np.ndarray:
+        """The row of `BOX_FIELDS` for a sweep from a field of so many components to one."""
+        box = self.box
+        apart = [c * self.size for count in (columns, rows) for c in range(count)]
         return np.array(
-            [box.origin, *box.nodes, *box.stride[:2], *box.stride, box.origin, *box.stride[:2], *apart, *apart],
-            np.int64,
+            [box.origin, *box.nodes, *box.stride[:2], *box.stride, box.origin, *box.stride[:2], *apart], np.int64
         )
 
     def copies(self) -> np.ndarray:

@@ -274,10 +274,10 @@ def slot_steps(layers, number, size):
 @njit(error_model="numpy", cache=True, counted=False)
 def add_bands(thread, stage, layers, work, material):
     """Add what the layers along the last axis contribute to all nodes in their bands."""
-    src, base, out, components, slots = stage.src, stage.base, stage.out, stage.components, layers.slots
+    src, base, out, slots = stage.src, stage.base, stage.out, layers.slots
     scale, coefficient = stage.scale * layers.unit, material.coefficient
     sizes, size = layers.sizes, src.itemsize
-    apart, to = src.size // components, address(work)
+    apart, to = src.size // stage.components, address(work)
     tables = tables_of(layers)
     olds, news, extra = address(base), address(out), address(slots)
     function, weights = layers.mirrored[2, 1, 0], address(layers.mirrored_weights) + layers.mirrored[2, 1, 1] * size
@@ -314,7 +314,7 @@ def add_bands(thread, stage, layers, work, material):
                     weights,
                     vectors,
                 )
-            for c in range(components):
+            for c in range(stage.rows):
                 here = to + (c * LINES * size if sums else 0)
                 if coefficient.size > 1:
                     weigh_bonds(layers, sizes[4] + c, 1, src, node, slot, number, work, 0, count, material)
@@ -345,8 +345,8 @@ def stretch_edge(number, c, t, stage, layers, work, material):
     m, n = face[REACH], other[REACH]
     size, like = src.itemsize, work[0]
     row, start = LINES * size, address(work)
-    parts, half = stage.components * sizes[5], sizes[5] // 2
-    target = (stage.components + 2) * sizes[5] + c * sizes[9]
+    parts, half = stage.rows * sizes[5], sizes[5] // 2
+    target = (stage.rows + 2) * sizes[5] + c * sizes[9]
     wide, high = face[COLUMNS] + m + 1, other[COLUMNS] + n + 1
     stretch = stretch_of(layers, other[PROFILE])
     tables = tables_of(layers)
@@ -403,18 +403,18 @@ def stretch_face(item, stage, layers, work, material):
     """Add what a face's layer contributes to some rows of one tile, on its columns and on those of the core next to it;
     advances its memory.
     """
-    src, base, out, components = stage.src, stage.base, stage.out, stage.components
+    src, base, out, rows = stage.src, stage.base, stage.out, stage.rows
     scale, slots, memory, coefficient = stage.scale * layers.unit, layers.slots, layers.memory, material.coefficient
     face, tile, sizes = layers.faces[item[0]], layers.tiles[item[3]], layers.sizes
     columns, m, sets = face[COLUMNS], face[REACH], face[SETS]
     band, count, vectors = tile[TILE_BAND], tile[TILE_COUNT], tile[TILE_VECTORS]
     size = src.itemsize
     wide, start = LINES * size, address(work)
-    half, found, added = sizes[5] // 2, (components + 1) * sizes[5], (components + 2) * sizes[5]
+    half, found, added = sizes[5] // 2, (rows + 1) * sizes[5], (rows + 2) * sizes[5]
     stretch = stretch_of(layers, face[PROFILE])
     tables = tables_of(layers)
     field, extra, olds, news = address(src), address(slots), address(base), address(out)
-    lanes, apart, cells = vectors * 64 // size, src.size // components, (2 * columns + 1) * m
+    lanes, apart, cells = vectors * 64 // size, src.size // stage.components, (2 * columns + 1) * m
     cell = layers.cell * lanes
     edge = item[4]
     other = layers.faces[layers.edges[max(edge, 0), EDGE_OTHER]] if edge >= 0 else face
@@ -429,7 +429,7 @@ def stretch_face(item, stage, layers, work, material):
     step, shift, ahead, behind = slot_steps(layers, band, size)
     on, back = (0, (sets - 1) * half * wide) if face[STEP] > 0 else ((sets - 1) * half * wide, 0)
     across, slots_across = face[ROW_STEP] * size, face[SLOT_ROW] * width * size
-    for c in range(components if edge >= 0 else 0):
+    for c in range(rows if edge >= 0 else 0):
         stretch_edge(edge, c, item[3], stage, layers, work, material)
     for row in range(item[1], item[2]):
         first = face[ORIGIN] + row * face[ROW_STEP] + tile[TILE_FIRST]
@@ -447,7 +447,7 @@ def stretch_face(item, stage, layers, work, material):
                 if band_function != 0:
                     strides = (slots_across, slots_across, shift, step)
                     call_mirrored(band_function, sides, (here + ahead, here + behind), strides, band_weights, vectors)
-            for part in range(0 if sums and edge < 0 and layers.cuts.shape[0] == 0 else components * sets):
+            for part in range(0 if sums and edge < 0 and layers.cuts.shape[0] == 0 else rows * sets):
                 c, own = part // sets, part % sets
                 if p < 0 and own < sets - 1:
                     continue
@@ -478,7 +478,7 @@ def stretch_face(item, stage, layers, work, material):
                 if layers.cuts.shape[0]:
                     cuts = face[CUTS] + (c * face[ROWS] + row) * layers.tiles.shape[0] + item[3]
                     take_cuts(cuts, own, p, node, slot, band, src, layers, work, here, material)
-        for c in range(components):
+        for c in range(rows):
             first_cell = face[MEMORY] + ((c * face[ROWS] + row) * sizes[6] + tile[TILE_PLACE]) * cells
             memo = address(memory) + layers.cell * first_cell
             zero, there = start + (c * sizes[5] + m * m) * wide, start + (found + m) * wide

@@ -8,6 +8,7 @@ the same lists.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -38,6 +39,34 @@ DEPEND = 14  # nodes whose values depend on those of others
 FRINGE = 15  # the halo along an outline
 DISSOLVE = 16  # solid nodes become liquid
 KEEP = 17  # values of watched nodes and sums over blocks of nodes are kept
+LAW = 18  # what nodes make of their states
+
+# Passes of the operator: the springs, sums over bonds that make states, sums over states that make forces.
+SPRINGS, GATHER, SCATTER = range(3)
+
+
+class Pass(NamedTuple):
+    """Sums over bonds, from a field of some components to another one.
+
+    Attributes
+    ----------
+    sweep : Sweep
+    layers : Layers
+    cuts : Cuts
+    surface : Surface
+    columns, rows : int
+        Components of what is read and of what is written.
+    """
+
+    sweep: Sweep
+    layers: Layers
+    cuts: Cuts
+    surface: Surface
+    columns: int
+    rows: int
+
+
+Operation = tuple[int, int, int]
 
 
 class Tables(NamedTuple):
@@ -45,8 +74,9 @@ class Tables(NamedTuple):
 
     Attributes
     ----------
-    operations : ndarray of int, shape (n, 2)
-        Those of all stages, one after the other: the operation, and a number.
+    operations : ndarray of int, shape (n, 3)
+        Those of all stages, one after the other: the operation, a number, and the pass of the operator that it belongs
+        to.
     starts : ndarray of int, shape (stages + 1,)
         First operation of each stage.
     rotation : ndarray of int, shape (rotations, stages, 3)
@@ -85,24 +115,30 @@ class Tables(NamedTuple):
     fringe: Fringe
     filter: Filter
     listening: Listening
+    gather: Pass
+    scatter: Pass
 
 
-def rarity(tables: Tables) -> int:
-    """Which kernels the loop needs: 0 for those of every run, 1 for those of some, too, 2 for all.
+def needed(tables: Tables) -> frozenset[str]:
+    """Which kernels the loop needs beside those of every run, by their names in `engine.program`.
 
     Operations on such tables that do without them find them in one program with the others.
     """
     flows = tables.flows
-    some = (
-        tables.damping.nodes,
-        tables.filter.runs,
-        flows.inflow,
-        flows.accounts,
-        tables.dependents.nodes,
-        tables.listening.rows,
-    )
-    few = (tables.phases.runs, tables.bonds.places, tables.work, tables.ends.nodes, tables.fringe.nodes)
-    return 2 if any(table.size for table in few) else int(any(table.size for table in some))
+    kernels = {
+        "SOME": (
+            tables.damping.nodes,
+            tables.filter.runs,
+            flows.inflow,
+            flows.accounts,
+            tables.dependents.nodes,
+            tables.listening.rows,
+        ),
+        "RARE": (tables.phases.runs, tables.bonds.places, tables.work, tables.ends.nodes, tables.fringe.nodes),
+        "STATES": (tables.gather.sweep.law.values,),
+    }
+    found = {name for name, used in kernels.items() if any(table.size for table in used)}
+    return frozenset(found | {"SOME"} if found else found)
 
 
 def operations_of(tables: Tables, inputs: Inputs) -> tuple[np.ndarray, np.ndarray]:
@@ -111,10 +147,15 @@ def operations_of(tables: Tables, inputs: Inputs) -> tuple[np.ndarray, np.ndarra
     kept = inputs.watched.size + tables.listening.rows.size
     lists[-1] += _chosen((DISSOLVE, tables.phases.runs.size), (KEEP, kept))
     starts = np.cumsum([0, *map(len, lists)])
-    return np.array(list(itertools.chain(*lists)), np.int64).reshape(-1, 2), starts
+    return table_of(itertools.chain(*lists)), starts
 
 
-def _stage(tables: Tables, inputs: Inputs, stage: int) -> list[tuple[int, int]]:
+def table_of(operations: Iterable[Operation]) -> np.ndarray:
+    """Operations as `Tables.operations`."""
+    return np.array(list(operations), np.int64).reshape(-1, 3)
+
+
+def _stage(tables: Tables, inputs: Inputs, stage: int) -> list[Operation]:
     damped, fed, flows = tables.damping.nodes.size, len(inputs.source_fields), tables.flows.effects[stage] != 0
     return (
         _chosen((DAMP_OLD, damped))
@@ -134,22 +175,40 @@ def _stage(tables: Tables, inputs: Inputs, stage: int) -> list[tuple[int, int]]:
     )
 
 
-def operator_operations(tables: Tables) -> list[tuple[int, int]]:
+def operator_operations(tables: Tables) -> list[Operation]:
     """The operator: its halo filled, layers included."""
-    layers = [(STRETCH, axis) for axis in (2, 1, 0) if has_layers(tables.layers, axis)]
-    return (
-        _chosen((COPY, tables.copies.size), (LINES, has_layers(tables.layers, 2))) + sweep_operations(tables) + layers
-    )
+    found = _chosen((COPY, tables.copies.size)) + _sums(tables.cuts, tables.layers, SPRINGS)
+    if tables.gather.sweep.law.values.size:
+        gather, scatter = tables.gather, tables.scatter
+        found += _sums(gather.cuts, gather.layers, GATHER) + _chosen(
+            (LAW, 1), (COPY, tables.copies.size), number=GATHER
+        )
+        found += _sums(scatter.cuts, scatter.layers, SCATTER)
+    return found
 
 
-def sweep_operations(tables: Tables) -> list[tuple[int, int]]:
+def sweep_operations(tables: Tables) -> list[Operation]:
     """The operator with plain shifts, whatever the halo holds."""
-    return _chosen((SWEEP, 1), (CUT, tables.cuts.nodes.size))
+    return [one for one in operator_operations(tables) if one[0] in (SWEEP, CUT, LAW) or one[::2] == (COPY, GATHER)]
 
 
-def _chosen(*wanted: tuple[int, int]) -> list[tuple[int, int]]:
+def _later(gather: Pass) -> bool:
+    """Whether some states are whole only after all sums have been made."""
+    law, nodes = gather.sweep.law, gather.sweep.block[1:4]
+    return bool((law.first > 0).any() or (law.end < nodes).any())
+
+
+def _sums(cuts: Cuts, layers: Layers, number: int) -> list[Operation]:
+    """Those of one pass."""
+    axes = [axis for axis in (2, 1, 0) if has_layers(layers, axis)]
+    return _chosen((LINES, 2 in axes), (SWEEP, 1), (CUT, cuts.nodes.size), number=number) + [
+        (STRETCH, axis, number) for axis in axes
+    ]
+
+
+def _chosen(*wanted: tuple[int, int], number: int = SPRINGS) -> list[Operation]:
     """Of (operation, whether there is anything to do), the operations."""
-    return [(operation, 0) for operation, there in wanted if there]
+    return [(operation, 0, number) for operation, there in wanted if there]
 
 
 def check_room(tables: Tables, inputs: Inputs, steps: int) -> None:

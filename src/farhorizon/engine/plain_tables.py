@@ -10,7 +10,8 @@ from farhorizon.engine.field import Field
 from farhorizon.engine.filter import Filter, filter_tables
 from farhorizon.engine.fringe import no_fringe
 from farhorizon.engine.layout import aligned_zeros
-from farhorizon.engine.operations import Tables
+from farhorizon.engine.operations import Pass, Tables
+from farhorizon.engine.passes import no_law
 from farhorizon.engine.phases import one_phase
 from farhorizon.engine.rows.choose import compiled_rows
 from farhorizon.engine.tables import Cuts, Damping, Dependents, Listening, Material, Surface, Sweep, no_flows
@@ -23,6 +24,11 @@ def first_tables(engine: Field, heterogeneous: bool, rule: int) -> Tables:
     none, nothing, one = np.zeros(0, np.int64), np.zeros(0, engine.dtype), engine.dtype.type(1)
     no_sums = np.zeros((0, 4), np.int64), np.zeros((0, 6), np.int64)
     numbers = [numbers_of(engine, *stage) for stage in engine.stages.numbers]
+    sweep, layers = _sweep(engine, heterogeneous), engine.layer_tables.layers
+    cuts = Cuts(none, none, nothing)
+    surface = Surface(np.zeros((0, 2), np.int64), np.zeros((0, 3), np.int64), np.zeros((1, 0), engine.dtype))
+    springs = Pass(sweep, layers, cuts, surface, engine.components, engine.components)
+    gather, scatter = (springs, springs) if engine.passes is None else engine.passes.tables(sweep)
     return Tables(
         operations=np.zeros((0, 2), np.int64),
         starts=np.zeros(len(numbers) + 1, np.int64),
@@ -30,13 +36,13 @@ def first_tables(engine: Field, heterogeneous: bool, rule: int) -> Tables:
         numbers=np.array(numbers).astype(engine.dtype),
         increments=engine.stages.increments,
         components=engine.components,
-        sweep=_sweep(engine, heterogeneous),
-        layers=engine.layer_tables.layers,
-        work_space=aligned_zeros(engine.layer_tables.scratch, engine.dtype, engine.threads),
+        sweep=sweep,
+        layers=layers,
+        work_space=aligned_zeros(_scratch(engine), engine.dtype, engine.threads),
         copies=engine.layout.copies(),
         material=Material(np.ones(1, engine.dtype), rule, one, engine.dtype.type(np.inf)),
-        cuts=Cuts(none, none, nothing),
-        surface=Surface(np.zeros((0, 2), np.int64), np.zeros((0, 3), np.int64), np.zeros((1, 0), engine.dtype)),
+        cuts=cuts,
+        surface=surface,
         phases=one_phase(),
         bonds=no_bonds(engine.dtype),
         work=np.zeros(0),
@@ -47,7 +53,15 @@ def first_tables(engine: Field, heterogeneous: bool, rule: int) -> Tables:
         fringe=no_fringe(),
         filter=_filter(engine),
         listening=Listening(*no_sums, nothing, np.array(engine.layout.box.stride, np.int64)),
+        gather=gather,
+        scatter=scatter,
     )
+
+
+def _scratch(engine: Field) -> int:
+    """Numbers of the work space of a thread."""
+    passes = () if engine.passes is None else engine.passes.layer_tables
+    return max(tables.scratch for tables in (engine.layer_tables, *passes))
 
 
 def _sweep(engine: Field, heterogeneous: bool) -> Sweep:
@@ -57,14 +71,18 @@ def _sweep(engine: Field, heterogeneous: bool) -> Sweep:
         else compiled_rows(engine.offsets, engine.weights, engine.dtype.name, engine.stages.increments)
     )
     scale = np.array([n[2] for n in engine.stages.numbers])
+    there = engine.weights.any(axis=tuple(range(1, engine.weights.ndim)))  # of two passes there may be no springs
+    offsets, weights = engine.offsets[there], engine.weights[there]
     return Sweep(
-        engine.layout.table(),
+        engine.layout.table(engine.components, engine.components),
         function,
+        1,
         _depth(engine),
         (scale[:, None] * row).astype(engine.dtype),
-        engine.offsets @ np.array(engine.layout.box.stride),
-        (scale[:, None] * engine.weights.ravel()).astype(engine.dtype),
+        offsets @ np.array(engine.layout.box.stride),
+        (scale[:, None] * weights.ravel()).astype(engine.dtype),
         np.array(engine.layout.reach),
+        no_law(engine),
     )
 
 

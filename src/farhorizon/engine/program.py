@@ -6,8 +6,9 @@ whatever else `engine.operations` lists. Levels are flat arrays laid out by `eng
 components each level holds as many copies of the layout, one after the other.
 
 This text is a template: `engine.rows.build` writes it out with and without the kernels of what some runs have (`SOME`:
-filters, sponges, balances, tied nodes) and of what few have (`RARE`: phases, bonds that break, exact ends, outlines).
-To compile those takes longer than all others; `operations.rarity` says which a run needs.
+filters, sponges, balances, tied nodes), of what few have (`RARE`: phases, bonds that break, exact ends, outlines) and
+of operators of two passes (`STATES`). To compile those takes longer than all others; `operations.needed` says which a
+run needs.
 
 Several threads go through the same loop, each with its share of every part, and meet at barriers.
 """
@@ -42,14 +43,18 @@ from farhorizon.engine.operations import (
     FLOW,
     FLOW_LAYERS,
     FRINGE,
+    GATHER,
     HOLD,
     KEEP,
+    LAW,
     LINES,
+    SPRINGS,
     STRETCH,
     SWEEP,
     WORK,
 )
 from farhorizon.engine.phases import LIQUID, SOLID, dissolve, find_runs
+from farhorizon.engine.point_law import apply_to_rows
 from farhorizon.engine.rows.compiled import njit
 from farhorizon.engine.rows.vectors import (
     TILE,
@@ -68,6 +73,7 @@ SHIFTS = 12  # column of a block's row where the distances of the components beg
 
 SOME = True
 RARE = True
+STATES = True
 
 # A plain number among the arguments would be a type of its own, for each of which Numba compiles a function anew.
 ZERO, ONE = np.int64(0), np.int64(1)
@@ -109,10 +115,16 @@ def sweep_general(stage, sweep, material, start, to, count):
 def sweep_general_matrix(stage, sweep, material, start, to, count):
     """One row of any stencil of matrices, given row by row, for a field of several components."""
     src, base, out, offsets, weights = stage.src, stage.base, stage.out, sweep.offsets, sweep.general[stage.part]
-    a, b, coefficient, components = stage.a_difference, stage.b, material.coefficient, stage.components
-    acc = np.empty((components, CHUNK), src.dtype)
+    a, b, coefficient, components, rows = (
+        stage.a_difference,
+        stage.b,
+        material.coefficient,
+        stage.components,
+        stage.rows,
+    )
+    acc = np.empty((rows, CHUNK), src.dtype)
     factor = np.empty(CHUNK, src.dtype)
-    read, written = src.size // components, out.size // components
+    read, written = src.size // components, out.size // rows
     for first in range(0, count, CHUNK):
         n = min(CHUNK, count - first)
         origin, node = start + first, to + first
@@ -125,15 +137,19 @@ def sweep_general_matrix(stage, sweep, material, start, to, count):
                     factor[i] = bond_factor(material.rule, coefficient[origin + i], coefficient[at + i])
             for column in range(components):
                 here, there = src[origin + column * read :], src[at + column * read :]
-                for row in range(components):
-                    w = weights[(k * components + row) * components + column]
+                for row in range(rows):
+                    w = weights[(k * rows + row) * components + column]
                     if w != 0:
                         for i in range(n):
                             acc[row, i] += w * factor[i] * (there[i] - here[i])
-        for row in range(components):
-            here, old, new = src[origin + row * read :], base[node + row * written :], out[node + row * written :]
+        for row in range(rows):
+            old, new = base[node + row * written :], out[node + row * written :]
+            if a != 0:
+                here = src[origin + row * read :]
+                for i in range(n):
+                    acc[row, i] += a * here[i]
             for i in range(n):
-                new[i] = a * here[i] + b * old[i] + acc[row, i]
+                new[i] = b * old[i] + acc[row, i]
 
 
 @njit(error_model="numpy", cache=True, counted=False)
@@ -156,18 +172,21 @@ def sweep_rows(stage, sweep, material, i0, i1, end, first, last):
     start, to = block[0] + i0 * block[4] + i1 * block[5] + first, block[9] + i0 * block[10] + i1 * block[11] + first
     if sweep.function != 0:
         size = src.itemsize
-        call_sweep(
-            sweep.function,
-            (src.ctypes.data + start * size, stage.base.ctypes.data + to * size, stage.out.ctypes.data + to * size),
-            sweep.weights.ctypes.data + stage.part * sweep.weights.shape[1] * size,
-            stage.a,
-            stage.b,
-            (last - first, end - i1),
-            (block[6], block[7], block[8]),
-            (block[5], block[11]),
-            block.ctypes.data + 8 * SHIFTS,
-        )
-    elif stage.components == 1:
+        read, written = src.nbytes // sweep.blocks, stage.out.nbytes // sweep.blocks
+        for number in range(sweep.blocks):
+            here, there = start * size + number * read, to * size + number * written
+            call_sweep(
+                sweep.function,
+                (src.ctypes.data + here, stage.base.ctypes.data + there, stage.out.ctypes.data + there),
+                sweep.weights.ctypes.data + stage.part * sweep.weights.shape[1] * size,
+                stage.a,
+                stage.b,
+                (last - first, end - i1),
+                (block[6], block[7], block[8]),
+                (block[5], block[11]),
+                block.ctypes.data + 8 * SHIFTS,
+            )
+    elif stage.components == stage.rows == 1:
         for row in range(end - i1):
             sweep_general(stage, sweep, material, start + row * block[5], to + row * block[11], last - first)
     else:
@@ -278,7 +297,7 @@ def release(stage, sweep, material, surface, number):
     ranges, stretches, weights, coefficient = surface.ranges, surface.stretches, surface.weights, material.coefficient
     rule, components = material.rule, stage.components
     size, count = src.itemsize, weights.shape[1]
-    apart, away = src.size // components, out.size // components
+    apart, away = src.size // components, out.size // stage.rows
     i0, first, last = rows_of(sweep, number)
     for i1 in range(first, last):
         start, to = block[0] + i0 * block[4] + i1 * block[5], block[9] + i0 * block[10] + i1 * block[11]
@@ -294,7 +313,7 @@ def release(stage, sweep, material, surface, number):
                     gap = bond_gap(rule, coefficient[own], liquid, src[own] * 0, src[own], material.ceiling)
                     out[to + place + i] += factor * weights[0, entry + i] * gap
                 continue
-            for a in range(components):
+            for a in range(stage.rows):
                 here, node = src.ctypes.data + (start + place) * size, (to + place + a * away) * size
                 taken = weights.ctypes.data + (a * components * count + entry) * size
                 add_weighted(out.ctypes.data + node, here, taken, scale, stop - place, components, apart, count)
@@ -360,7 +379,14 @@ def keep_part(level, sweep, listening, inputs, step, number):
 
 
 @njit(error_model="numpy", cache=True, counted=False)
-def sweep_box(thread, stage, sweep, material, tables, inputs, step, backward):
+def state_law(thread, sweep, number, whole):
+    """What the nodes of a part of the box make of their states: those that are whole by now, or the others."""
+    i0, first, last = rows_of(sweep, number)
+    apply_to_rows(thread, sweep.law, sweep.block, i0, first, last, whole)
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def sweep_box(thread, stage, sweep, material, surface, tables, inputs, step, backward):
     """All parts of the box; in every other stage the last first: it meets what the last stage left in the cache.
 
     Unless `step` is below 0 what recorders want of the field after that step, which is read here, is kept part by part,
@@ -370,7 +396,7 @@ def sweep_box(thread, stage, sweep, material, tables, inputs, step, backward):
     parts as it goes, and when it is through some of the others', so that one whose processor is busy otherwise does
     less.
     """
-    count, surface, phases, bonds = count_parts(sweep), tables.surface, tables.phases, tables.bonds
+    count, phases, bonds = count_parts(sweep), tables.phases, tables.bonds
     for shift in range(thread.threads):
         owner = (thread.number + shift) % thread.threads
         first = owner * count // thread.threads
@@ -390,6 +416,8 @@ def sweep_box(thread, stage, sweep, material, tables, inputs, step, backward):
                     release(stage, sweep, material, surface, number)
                 if step >= 0:
                     keep_part(stage.src, sweep, tables.listening, inputs, step, number)
+                if STATES and sweep.law.values.size:
+                    state_law(thread, sweep, number, True)
             claimed = claim(thread, owner) if thread.threads > 1 else 1
     barrier(thread)
 
@@ -417,7 +445,7 @@ def cut(thread, stage, material, cuts):
     src, base, out, components, rule = stage.src, stage.base, stage.out, stage.components, material.rule
     nodes, neighbours, weights, coefficient = cuts.nodes, cuts.neighbours, cuts.weights, material.coefficient
     own = share(thread, nodes.size)
-    apart = src.size // components
+    apart, rows = src.size // components, stage.rows
     for i in range(run_start(nodes, own[0]), run_start(nodes, own[1])):
         factor, mine, other = stage.scale, coefficient[0], coefficient[0]
         if coefficient.size > 1:
@@ -426,8 +454,8 @@ def cut(thread, stage, material, cuts):
         for column in range(components):
             here, there = src[nodes[i] + column * apart], src[neighbours[i] + column * apart]
             difference = factor * bond_gap(rule, mine, other, here, there, material.ceiling)
-            for row in range(components):
-                lost = weights[(i * components + row) * components + column] * difference
+            for row in range(rows):
+                lost = weights[(i * rows + row) * components + column] * difference
                 out[nodes[i] + row * apart] -= lost
                 if stage.increments:
                     base[nodes[i] + row * apart] -= lost
@@ -538,7 +566,7 @@ def add_flow_of_layers(thread, stage, layers, work, material, flows):
     """
     inflow, totals, sides, effect = flows.inflow, flows.totals, flows.sides, flows.effects[stage.part]
     one = inflow.dtype.type(1)
-    alone = Stage(stage.src, inflow, inflow, stage.part, one, one, one, one, False, stage.components)
+    alone = Stage(stage.src, inflow, inflow, stage.part, one, one, one, one, False, stage.components, stage.components)
     for axis in range(3):
         if thread.number == 0:
             inflow[:] = 0
@@ -560,6 +588,57 @@ def add_flow_of_ends(stage, ends, flows):
         for m in range(flows.ends.shape[1]):
             if flows.ends[end, m] >= 0:
                 add_to(flows.totals, flows.ends[end, m], effect * ends.forces[end, m])
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def sum_states(thread, operation, axis, stage, one, tables, inputs, material, backward):
+    """An operation of one pass."""
+    if operation == SWEEP:
+        sweep_box(thread, stage, one.sweep, material, one.surface, tables, inputs, -ONE, backward)
+    elif operation == CUT:
+        cut(thread, stage, material, one.cuts)
+    elif operation == LINES:
+        continue_lines(thread, stage, one.layers, tables.work_space[thread.number])
+    else:
+        add_layers(thread, axis, stage, one.layers, tables.work_space[thread.number], material)
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def work_off(thread, operation, axis, which, stage, tables, inputs, material, backward):
+    """An operation of the passes over the states of nodes."""
+    sweep, none, one = tables.gather.sweep, stage.src[0] * 0, stage.src.dtype.type(1)
+    law = sweep.law
+    if operation == LAW:
+        own = share(thread, count_parts(sweep))
+        for number in range(own[0], own[1]):
+            state_law(thread, sweep, number, False)
+        barrier(thread)
+    elif operation == COPY:
+        if thread.number == 0:
+            copy(law.values, tables.copies, law.intact.shape[0])
+        barrier(thread)
+    elif which == GATHER:
+        gather = tables.gather
+        made = Stage(
+            stage.src, law.values, law.values, stage.part, none, none, none, one, False, gather.columns, gather.rows
+        )
+        sum_states(thread, operation, axis, made, gather, tables, inputs, material, backward)
+    else:
+        scatter = tables.scatter
+        made = Stage(
+            law.values,
+            stage.out,
+            stage.out,
+            stage.part,
+            none,
+            none,
+            one,
+            stage.scale,
+            False,
+            scatter.columns,
+            scatter.rows,
+        )
+        sum_states(thread, operation, axis, made, scatter, tables, inputs, material, not backward)
 
 
 @njit(error_model="numpy", nogil=True, cache=True, counted=False, entry=True)
@@ -598,13 +677,19 @@ def run(thread, steps, phase, levels, tables, inputs):
                 numbers[part, 3],
                 tables.increments,
                 tables.components,
+                tables.components,
             )
             for i in range(tables.starts[part], tables.starts[part + 1]):
-                operation = tables.operations[i, 0]
-                if operation == SWEEP:
+                operation, which = tables.operations[i, 0], tables.operations[i, 2]
+                if STATES and which != SPRINGS:
+                    backward = (phase + part) % 2 == 1
+                    axis = tables.operations[i, 1]
+                    work_off(thread, operation, axis, which, stage, tables, inputs, material, backward)
+                elif operation == SWEEP:
                     backward = (phase + part) % 2 == 1
                     wanted = part == 0 and (inputs.before + step) % inputs.stride == 0
-                    sweep_box(thread, stage, sweep, everywhere, tables, inputs, step - 1 if wanted else -ONE, backward)
+                    seen = step - 1 if wanted else -ONE
+                    sweep_box(thread, stage, sweep, everywhere, tables.surface, tables, inputs, seen, backward)
                 elif operation == STRETCH:
                     add_layers(thread, tables.operations[i, 1], stage, layers, work, material)
                 elif operation == LINES:

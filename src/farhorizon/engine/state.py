@@ -31,7 +31,9 @@ class State:
         self.engine = engine
         nodes = engine.layout.box.node_indices().ravel()
         self._nodes = engine.all_components(nodes[engine.absent.exists[nodes]])
-        self._memory = np.concatenate([np.zeros(0, np.int64), *(cells.ravel() for _, cells in engine.layer_memory)])
+        self._memory = np.concatenate(
+            [np.zeros(0, np.int64), *(cells.ravel() for _, _, cells, _ in engine.layer_memory)]
+        )
         poles = engine.ends.poles
         self._modes = np.nonzero(np.concatenate([poles.any(1)] * 2, axis=1))
         self.size = len(self.read())
@@ -114,15 +116,17 @@ class State:
             )
             names += [(level, c, *column) for column in columns]  # a layer's nodes are counted outwards
             start += count
-        for (_, side), cells in self.engine.layer_memory:
+        # the first component is that along the normal
+        turned = {(level, 0): -1 for level in range(len(self._levels(0))) if components > 1}
+        for which, (normal, side), cells, alike in self.engine.layer_memory:
             for c, found in enumerate(cells):
                 place.append(np.arange(start, start + found.size).reshape(found.shape))
-                names += [(-1, c, side, p, len(found)) for p in range(len(found))]
+                names += [(-1 - which, c, side, p, len(found)) for p in range(len(found))]
+                turned[-1 - which, c] = 1 - 2 * alike[c][normal]
                 start += found.size
         number = {name: i for i, name in enumerate(names)}
         images = [number.get((level, c, -side, p if side else n - 1 - p, n)) for level, c, side, p, n in names]
-        # the first component is that along the normal
-        signs = np.array([-1 if components > 1 and c == 0 else 1 for _, c, *_ in names])
+        signs = np.array([turned.get((level, c), 1) for level, c, *_ in names])
         kinds = sorted({(level, c, n) for level, c, side, _, n in names if side == 0})
         near = np.array([[number[level, c, 0, p, n] for p in range(n)] for level, c, n in kinds])
         layers = {}

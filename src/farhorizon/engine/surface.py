@@ -11,6 +11,7 @@ import itertools
 import numpy as np
 
 from farhorizon.engine.layout import SLACK, Block
+from farhorizon.engine.tables import Surface
 
 
 def bare_bonds(block: Block, offsets: np.ndarray, exists: np.ndarray) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
@@ -35,6 +36,17 @@ def bare_bonds(block: Block, offsets: np.ndarray, exists: np.ndarray) -> tuple[t
     bare = np.stack([exists[flat] != exists[flat + int(offset @ np.array(block.stride))] for offset in offsets])
     found = bare.any(0)
     return tuple(i[found] for i in at), bare[:, found]
+
+
+def surface_of(block: Block, nodes: np.ndarray, weights: np.ndarray) -> Surface:
+    """Tables of the weights on the nodes' own values, for places of the block and weights of shape (S,), or (S, rows,
+    columns).
+    """
+    first, second, third = block.coordinates(nodes).T
+    order = np.lexsort((third, second, first))
+    counts = np.bincount(first * block.nodes[1] + second, minlength=block.nodes[0] * block.nodes[1])
+    matrices = weights[order].reshape(len(nodes), int(np.prod(weights.shape[1:])))
+    return Surface(*shared_rows(np.cumsum(np.append(0, counts)), third[order], matrices))
 
 
 def _reached(block: Block, there: np.ndarray) -> np.ndarray:

@@ -6,6 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from farhorizon.engine.point_law import PointLaw
+
 
 class Stage(NamedTuple):
     """One stage of a step: ``out = a*src + b*base + scale*L(src)`` on all nodes.
@@ -22,7 +24,8 @@ class Stage(NamedTuple):
         `a_difference` that in sums over differences; of increments both are what the increment takes of the value.
     increments : bool
         Whether `base` holds the increment ``out - src``, which the stage renews.
-    components : int
+    components, rows : int
+        Of `src`, and of `base` and `out`.
     """
 
     src: np.ndarray
@@ -35,6 +38,7 @@ class Stage(NamedTuple):
     scale: Any
     increments: bool
     components: int
+    rows: int
 
 
 class Sweep(NamedTuple):
@@ -46,6 +50,8 @@ class Sweep(NamedTuple):
         See `layout.BOX_FIELDS`.
     function : int
         Address of the compiled rows; 0 for a stencil without.
+    blocks : int
+        How often they are called: what is read and written falls into so many equal parts, one after the other.
     depth : int
         Rows that are swept at a time.
     weights : ndarray, shape (stages, n)
@@ -55,15 +61,19 @@ class Sweep(NamedTuple):
     general : ndarray, shape (stages, K * components**2)
         Weights of the neighbours.
     reach : ndarray of int, shape (3,)
+    law : PointLaw
+        What nodes make of the sums; without values where these are all.
     """
 
     block: np.ndarray
     function: int
+    blocks: int
     depth: int
     weights: np.ndarray
     offsets: np.ndarray
     general: np.ndarray
     reach: np.ndarray
+    law: PointLaw
 
 
 class Material(NamedTuple):

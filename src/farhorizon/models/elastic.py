@@ -13,11 +13,13 @@ import numpy as np
 
 from farhorizon import kinds
 from farhorizon.errors import InputError
+from farhorizon.medium.force_states import ForceStates, correspondence_states, dilatation_states
 from farhorizon.medium.fracture import fracture_energy as energy_of_fracture
 from farhorizon.medium.integrators import Verlet
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.moduli import moduli_of
 from farhorizon.medium.solids import (
+    Table,
     central,
     correspondence,
     dilatation,
@@ -34,10 +36,10 @@ MATERIALS = ("bond-based", "state-based", "correspondence", "finite-element")
 _CAUCHY = {"strain": 0.25, "stress": 1 / 3, None: 0.25}  # Poisson's ratio of central forces
 #: For messages; docs/explanation/elasticity.md has it as a table.
 COMBINATIONS = (
-    'free sides: material="bond-based" (Poisson\'s ratio 1/4, in plane stress 1/3) with LatticePML or Sponge, or, of '
-    "any ratio, Body "
-    '(type = "correspondence" in a case file) with NonlocalPML (cross = 0.1) or Sponge; no free sides: every material '
-    "with LatticePML or Sponge"
+    'with LatticePML or Sponge: free sides, bodies and cracks of material="bond-based" (Poisson\'s ratio 1/4, in plane '
+    'stress 1/3), "state-based" and "correspondence" (any ratio); "finite-element" without them. Several materials, or '
+    'bonds that break, of any ratio: Body (type = "correspondence" in a case file) with NonlocalPML (cross = 0.1) or '
+    "Sponge"
 )
 
 
@@ -211,6 +213,11 @@ class Elastic(LatticeModel):
         return self if self.bondwise else None
 
     @property
+    def cuttable(self) -> bool:
+        """Whether bonds may be absent."""
+        return self.bonds or isinstance(self.kernel, Kernel)
+
+    @property
     def linearised(self) -> Elastic:
         """The same material, linear and unbreakable."""
         model = copy.copy(self)
@@ -282,6 +289,22 @@ class Elastic(LatticeModel):
         model.kernel = stencil
         return model
 
+    def force_states(self, spacing: float, dim: int) -> ForceStates | None:
+        """Gradients and stresses of a correspondence material, dilatations and pressures of a state-based one."""
+        if self.bonds or not isinstance(self.kernel, Kernel) or self._given is not None:
+            return None
+        offsets, weights = Stencil.family(self.kernel, spacing, dim)
+        lame, shear = self.lame / self.p_modulus, self.shear / self.p_modulus
+        if self.material == "correspondence":
+            return correspondence_states(offsets, weights, lame, shear, self.stabilisation)
+        bonds = self._springs(offsets, weights, shear)[1]
+        return dilatation_states(offsets, bonds, weights, lame - shear, self.kernel.calibrate)
+
+    def _springs(self, offsets: np.ndarray, weights: np.ndarray, shear: float) -> Table:
+        """Bonds of a bond-based material, or those beside the dilatation of a state-based one."""
+        calibrate = isinstance(self.kernel, Kernel) and self.kernel.calibrate
+        return central(offsets, isotropic(offsets, weights) if calibrate else weights, shear)
+
     def stencil(self, spacing: float, dim: int) -> Stencil:
         """Stencil for unit P modulus."""
         if dim == 1:
@@ -301,11 +324,10 @@ class Elastic(LatticeModel):
         if self.kernel is None:
             return stencil_of(finite_element(lame, shear, dim))
         offsets, weights = Stencil.family(self.kernel, spacing, dim)
-        calibrate = self.kernel.calibrate
         if self.material == "correspondence":
             made = correspondence(offsets, weights, lame, shear, self.stabilisation)
         else:
-            made = central(offsets, isotropic(offsets, weights) if calibrate else weights, shear)
+            made = self._springs(offsets, weights, shear)
             if self.material == "state-based":
-                made = sum_of(made, dilatation(offsets, weights, lame - shear, calibrate))
+                made = sum_of(made, dilatation(offsets, weights, lame - shear, self.kernel.calibrate))
         return stable_solid(stencil_of(made))

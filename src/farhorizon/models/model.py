@@ -12,6 +12,7 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.errors import InputError, shown
 from farhorizon.files.html import table
+from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.integrators import Euler, Integrator, RungeKutta4, RungeKuttaChebyshev, Verlet
 from farhorizon.medium.kernel import Kernel
 from farhorizon.medium.stencil import Stencil
@@ -69,7 +70,7 @@ class LatticeModel:
     combinations : str
         What goes together with which sides, for messages.
     bonds : bool
-        Whether bonds may be cut and weakened one by one.
+        Whether the operator is bonds alone, which may be weakened one by one.
     strongest : float
         Largest factor that the model itself puts on bonds.
     mechanical : bool
@@ -181,6 +182,15 @@ class LatticeModel:
         """The law that bonds follow one by one; None where the operator is all there is."""
         return None
 
+    def force_states(self, spacing: float, dim: int) -> ForceStates | None:
+        """The two passes of which the stencil is the convolution; None where it is bonds alone."""
+        return None
+
+    @property
+    def cuttable(self) -> bool:
+        """Whether bonds may be absent: cut by cracks, beyond free sides and outside a body."""
+        return self.bonds
+
     @property
     def linearised(self) -> LatticeModel:
         """The same model, linear and unbreakable."""
@@ -211,7 +221,7 @@ class LatticeModel:
         side : type
             A `farhorizon.boundaries.Side`.
         """
-        return not side.split and (self.bonds or side.bonded)
+        return not side.split and (self.cuttable or side.bonded)
 
     def crossing(self, length: float, factor: float = 1.0) -> float:
         """Time in which the fastest long wave crosses a length, or in which what diffuses spreads over half of it:

@@ -18,7 +18,7 @@ from farhorizon.simulation.closing import close, exact_ends_of
 from farhorizon.simulation.cuts import CutBonds
 from farhorizon.simulation.drives import Drive, Drives, check_signals, given, incidence, incident_waves, split_drives
 from farhorizon.simulation.extension import Emitters, extend
-from farhorizon.simulation.grid import Grid, choose_margins, make_grid
+from farhorizon.simulation.grid import Grid, choose_margins, largest_rate, make_grid, states_of
 from farhorizon.simulation.layers import choose_layers
 from farhorizon.simulation.near_field import NearField, near_field, node_factor
 from farhorizon.simulation.setup import Key, Setup, Sides
@@ -79,8 +79,14 @@ class Parts:
     driving: list[Drive]
 
 
-def assemble(setup: Setup) -> Parts:
+def assemble(setup: Setup, stiffer: float = 1.0) -> Parts:
     """The parts of a run; `setup` is looked at from the cheap to the dear.
+
+    Parameters
+    ----------
+    setup : Setup
+    stiffer : float
+        Of the fastest oscillation the squared frequency over that of the medium with all its bonds, where it is known.
 
     Raises
     ------
@@ -95,7 +101,7 @@ def assemble(setup: Setup) -> Parts:
     check_stencil(setup, sides, stencil)
     check_memory(setup, stencil, by_target(setup, sides, stencil))
     factor = node_factor(setup)
-    near = near_field(setup, sides, stencil, factor)
+    near = near_field(setup, sides, stencil, factor, stiffer)
     check_signals(setup, near)
     waves = incident_waves(setup, near, sides)
     sources = given(setup, near, sides)
@@ -117,9 +123,10 @@ def assemble(setup: Setup) -> Parts:
 
     solid = start.solid
     material = solid.astype(float) if solid.any() else factor
-    margins = choose_margins(near, around, (start.u, start.v), material, cuts_given)
+    states = states_of(setup, sides)
+    margins = choose_margins(near, around, (start.u, start.v), material, cuts_given, states)
     check_conditions(near, sides, margins)
-    grid = make_grid(setup, near, around, margins)
+    grid = make_grid(setup, near, around, margins, states)
     phases = None
     if model.dissolution is not None:
         phases = SolidAndLiquid(grid, model.dissolution, setup.background, solid)
@@ -134,6 +141,8 @@ def assemble(setup: Setup) -> Parts:
     if setup.lasting:
         grid.engine.record_work()
     cuts.cut(setup.cracks)
+    if states is not None and grid.engine.absent.count and stiffer == 1.0:  # nodes with fewer bonds may be faster
+        return assemble(setup, max(1.0, largest_rate(grid.engine) / near.rate_limit))
     alone = breaking.loose() if breaking is not None and setup.cracks else 0
     if alone:
         notes.append(f"cracks leave {alone} nodes without any bond: they move freely")

@@ -58,7 +58,7 @@ class CutBonds:
             cut, lost = crack.cut, 1 - crack.factor
             crossed = self._crossed(cut)
             nodes, bonds = cut_bonds(
-                cut, self.grid.origin, self.near.lattice.spacing, block.nodes[lead:], self.near.stencil.offsets
+                cut, self.grid.origin, self.near.lattice.spacing, block.nodes[lead:], offsets[:, lead:]
             )
             flat = block.origin + nodes @ np.array(block.stride[lead:])
             found.append((flat, flat + offsets[bonds] @ np.array(block.stride), lost * engine.weights[bonds]))
@@ -162,7 +162,8 @@ class CutBonds:
         origin = self.grid.origin.copy()
         origin[axis] += spacing * (shape[axis] if side > 0 else -columns)
         shape[axis] = columns
-        nodes, bonds = cut_bonds(cut, origin, spacing, tuple(shape), self.near.stencil.offsets)
+        offsets = self.grid.engine.offsets[:, self.grid.lead :]
+        nodes, bonds = cut_bonds(cut, origin, spacing, tuple(shape), offsets)
         nodes[:, axis] = 0
         if not {(*r, b) for r, b in zip(nodes.tolist(), bonds.tolist(), strict=True)} <= continued:
             raise self._oblique(cut, key)

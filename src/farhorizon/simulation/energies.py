@@ -63,6 +63,7 @@ def _strain(near: NearField, sides: Sides, grid: Grid, u: np.ndarray, old: np.nd
     at_rest = grid.keyed({key: 0.0 for key, b in sides.items() if b.held == near.background})
     if at_rest:  # the other half of the bonds to sides where u is zero
         there = engine.spread(np.ones(engine.core.nodes), at_rest) * engine.absent.exists
+        there[grid.walls] = 0
         for unit, before in zip(np.eye(engine.components), ago, strict=True):
             strain -= (each * before * apply(np.multiply.outer(unit, there).ravel()).reshape(each.shape)).ravel()
     return strain

@@ -10,15 +10,18 @@ from typing import Any, Literal
 import numpy as np
 
 from farhorizon.engine.engine import Engine
+from farhorizon.engine.passes import StateSums
 from farhorizon.errors import InputError
 from farhorizon.geometry.lattice import AXES, Lattice
 from farhorizon.geometry.shapes import Cut
+from farhorizon.medium.force_states import ForceStates
 from farhorizon.medium.integrators import Verlet
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.run import wanted_threads
-from farhorizon.simulation.setup import Key, Setup
+from farhorizon.simulation.setup import Key, Setup, Sides
 from farhorizon.simulation.surroundings import Surroundings
 
+_ITERATIONS, _CONVERGED, _ABOVE = 100, 1e-3, 1.1  # of the largest squared frequency
 _FAINT = 1e-11  # part of the data that may touch a layer of given thickness, which may be good to rounding
 
 
@@ -32,11 +35,25 @@ class Grid:
     margins : dict of (axis, side) to int
         Nodes of the core beyond the near field.
     engine : Engine
+    walled : frozenset of (axis, side)
+        Fixed sides beyond which there are such nodes.
     """
 
     lattice: Lattice
     margins: dict[Key, int]
     engine: Engine
+    walled: frozenset[Key]
+
+    @property
+    def walls(self) -> np.ndarray:
+        """Places of the core's margins beyond fixed sides, and of layers along them."""
+        nodes = self.engine.layout.box.node_indices()
+        beyond = np.zeros(nodes.shape, bool)
+        for axis, side in self.walled:
+            margin = self.margins[axis, side]
+            last = slice(None, margin) if side < 0 else slice(-margin, None)
+            beyond[tuple(last if a == self.lead + axis else slice(None) for a in range(3))] = True
+        return nodes[beyond]
 
     @property
     def lead(self) -> int:
@@ -80,10 +97,27 @@ class Grid:
         return {(self.lead + axis, side): value for (axis, side), value in of_sides.items()}
 
 
+def states_of(setup: Setup, sides: Sides) -> ForceStates | None:
+    """The passes of the operator where they are worked off one after the other: where bonds may be absent, and in
+    space, where their convolution takes longer (`benchmarks/elastic.py passes`); else None.
+    """
+    lattice = setup.lattice
+    cut = bool(len(setup.cracks)) or (lattice.body is not None and setup.rim == "free")
+    if lattice.dim < 3 and not cut and all(b.bonded for b in sides.values()):
+        return None
+    return setup.model.force_states(lattice.spacing, lattice.dim)
+
+
 def choose_margins(
-    near: NearField, around: Surroundings, data: Sequence[np.ndarray], factor: np.ndarray | None, cuts: Sequence[Cut]
+    near: NearField,
+    around: Surroundings,
+    data: Sequence[np.ndarray],
+    factor: np.ndarray | None,
+    cuts: Sequence[Cut],
+    states: ForceStates | None,
 ) -> dict[Key, int]:
-    """Nodes of the core beyond the near field: a sponge, or unstretched nodes in front of a layer.
+    """Nodes of the core beyond the near field: a sponge, unstretched nodes in front of a layer, or those of the medium
+    beyond a fixed side whose states count.
 
     A layer's entrance must be free of sources, data, cracks and changes of the material. One node keeps sources out;
     the others need as many more as the stencil reaches. An exact end must be free of cracks and changes of the
@@ -98,10 +132,13 @@ def choose_margins(
     factor : ndarray or None
         Factor on bonds, or the phases of a corrosion.
     cuts : sequence of Cut
+    states : ForceStates or None
     """
     lattice, margins = near.lattice, {}
     for (axis, side), boundary in around.sides.items():
         margins[axis, side] = around.width((axis, side), near.stencil, lattice.spacing)
+        if states is not None and boundary.held is not None:
+            margins[axis, side] = int(np.abs(states.offsets[:, axis]).max())
         if boundary.uniform:
             m = near.stencil.reach[axis]
             last = np.arange(m + 1) if side < 0 else lattice.shape[axis] - 1 - np.arange(m + 1)
@@ -118,7 +155,9 @@ def choose_margins(
     return margins
 
 
-def make_grid(setup: Setup, near: NearField, around: Surroundings, margins: dict[Key, int]) -> Grid:
+def make_grid(
+    setup: Setup, near: NearField, around: Surroundings, margins: dict[Key, int], states: ForceStates | None
+) -> Grid:
     """The engine of a near field and its sides.
 
     Raises
@@ -129,8 +168,10 @@ def make_grid(setup: Setup, near: NearField, around: Surroundings, margins: dict
     lattice, model, stencil, sides = near.lattice, near.model, near.stencil, around.sides
     lead = 3 - lattice.dim
     core = (1,) * lead + tuple(n + margins[a, -1] + margins[a, 1] for a, n in enumerate(lattice.shape))
-    offsets = np.zeros((len(stencil.weights), 3), int)
-    offsets[:, lead:] = stencil.offsets
+    scale = model.coefficient / lattice.spacing**2
+    bonds = (stencil.offsets, stencil.weights) if states is None else (states.offsets, states.bonds)
+    offsets = np.zeros((len(bonds[0]), 3), int)
+    offsets[:, lead:] = bonds[0]
     layers = {(lead + axis, side): layer for (axis, side), layer in around.layers.items()}
     periodic = frozenset(lead + a for (a, side), b in sides.items() if side < 0 and b.periodic)
     if isinstance(model.integrator, Verlet):
@@ -145,7 +186,7 @@ def make_grid(setup: Setup, near: NearField, around: Surroundings, margins: dict
     engine = Engine(
         core,
         offsets,
-        stencil.weights * model.coefficient / lattice.spacing**2,
+        bonds[1] * scale,
         stages,
         near.dt,
         layers=layers,
@@ -154,13 +195,21 @@ def make_grid(setup: Setup, near: NearField, around: Surroundings, margins: dict
         threads=wanted_threads(setup.threads),
         coefficient=grown,
         rule=setup.rule,
-        reaction=stencil.reaction * model.coefficient / lattice.spacing**2,
+        reaction=stencil.reaction * scale,
+        sums=None if states is None else _sums(states, scale, lead),
     )
-    grid = Grid(lattice, margins, engine)
+    walled = frozenset(key for key, b in sides.items() if b.held is not None and margins[key])
+    grid = Grid(lattice, margins, engine, walled)
     for (axis, side), boundary in sides.items():
         if boundary.held is not None and boundary.held != near.background:
             _hold_beyond(grid, near, around, (axis, side), boundary.held)
     return grid
+
+
+def _sums(states: ForceStates, scale: float, lead: int) -> StateSums:
+    """The passes of the engine, whose operator has the unit `scale`."""
+    signs = tuple((sign[0] if lead == 0 else 0, sign[-2], sign[-1]) for sign in states.signs)
+    return StateSums(states.gradient, scale * states.divergence, states.shapes, states.law, signs)
 
 
 def check_material(near: NearField, around: Surroundings, margins: dict[Key, int], core: np.ndarray) -> None:
@@ -177,6 +226,26 @@ def check_material(near: NearField, around: Surroundings, margins: dict[Key, int
                     limit=f"constant over the last {m + 1 - margins[axis, side]} nodes",
                     remedy="enlarge the near field",
                 )
+
+
+def largest_rate(engine: Engine) -> float:
+    """Largest squared frequency of an engine's nodes without their layers, from a little above.
+
+    The operator is symmetric, so that repeated application finds it, from below; nodes that never move are at zero.
+    """
+    nodes = engine.layout.box.node_indices().ravel()
+    nodes = engine.all_components(nodes[engine.absent.exists[nodes]])
+    level = np.zeros(engine.levels.shape[1], engine.dtype)
+    level[nodes] = np.random.default_rng(1).standard_normal(len(nodes))
+    rate = 0.0
+    for _ in range(_ITERATIONS):
+        level[nodes] /= np.linalg.norm(level[nodes])
+        found = engine.apply_core(level)
+        before, rate = rate, -float(level[nodes] @ found[nodes])
+        if abs(rate - before) < _CONVERGED * rate:
+            break
+        level[nodes] = -found[nodes]
+    return _ABOVE * rate
 
 
 def _hold_beyond(grid: Grid, near: NearField, around: Surroundings, key: Key, value: float) -> None:

@@ -154,7 +154,9 @@ class NearField:
         return value if callable(value) else lambda *_: value
 
 
-def near_field(setup: Setup, sides: Sides, stencil: Stencil, factor: np.ndarray | None) -> NearField:
+def near_field(
+    setup: Setup, sides: Sides, stencil: Stencil, factor: np.ndarray | None, stiffer: float = 1.0
+) -> NearField:
     """The near field of a set-up.
 
     Parameters
@@ -165,6 +167,8 @@ def near_field(setup: Setup, sides: Sides, stencil: Stencil, factor: np.ndarray 
     stencil : Stencil
     factor : ndarray or None
         Factor on bonds, of the lattice's shape.
+    stiffer : float
+        Of the fastest oscillation the squared frequency over that of the medium with all its bonds.
 
     Raises
     ------
@@ -174,6 +178,7 @@ def near_field(setup: Setup, sides: Sides, stencil: Stencil, factor: np.ndarray 
     lattice, model = setup.lattice, setup.model
     conditions = _resolve(setup, stencil, factor)
     rate = _fastest_rate(lattice.spacing, model, factor) * stencil.with_reaction(0.0).symbol_maximum
+    rate *= stiffer
     rate += stencil.reaction * model.coefficient / lattice.spacing**2 + float(_leak(model, conditions).max(initial=0))
     dt = _choose_step(setup, sides, model.integrator.step_limit(rate))
     prescribed = tuple(c for c in setup.constraints if isinstance(c, Prescribed))

@@ -203,7 +203,7 @@ def _before(surface: Any, lattice: Lattice) -> tuple[np.ndarray, int]:
 
 def _check_bonds(setup: Setup, parts: Parts) -> None:
     """InputError unless the bonds are those of a linear wave equation and stay."""
-    model, weights = parts.near.model, parts.grid.engine.weights
+    model, (_, weights), engine = parts.near.model, _bonds(parts), parts.grid.engine
     wrong = None
     if model.order != 2:
         wrong = "a field that diffuses carries no energy of waves: Simulation.power_across tells the heat"
@@ -213,8 +213,19 @@ def _check_bonds(setup: Setup, parts: Parts) -> None:
         wrong = "cracks that open later change the bonds"
     elif weights.ndim > 1 and np.abs(weights - weights.swapaxes(1, 2)).max() > _SYMMETRIC * np.abs(weights).max():
         wrong = "the weights of bonds are no symmetric matrices"
+    elif engine.passes is not None and engine.absent.count:
+        wrong = "the power of forces by states is known where all bonds are there: no free sides, holes or cracks"
     if wrong is not None:
         raise InputError(wrong, value=model.title, key="power")
+
+
+def _bonds(parts: Parts) -> tuple[np.ndarray, np.ndarray]:
+    """Offsets and weights of the bonds; of an operator of two passes those of their convolution."""
+    engine, near = parts.grid.engine, parts.near
+    if engine.passes is None:
+        return engine.offsets, engine.weights
+    offsets = np.pad(near.stencil.offsets, ((0, 0), (parts.grid.lead, 0)))
+    return offsets, near.stencil.weights * near.model.coefficient / near.lattice.spacing**2
 
 
 def _crossing(parts: Parts, inside: np.ndarray, normal: int | None) -> tuple[np.ndarray, np.ndarray]:
@@ -233,7 +244,7 @@ def _crossing(parts: Parts, inside: np.ndarray, normal: int | None) -> tuple[np.
     index, places = np.stack(np.unravel_index(flat, lattice.shape), axis=-1), grid.nodes.ravel()
     wraps = np.array([parts.around.sides[a, -1].periodic and a != normal for a in range(lattice.dim)])
     ends, found = [np.zeros((0, 2), np.int64)], [np.zeros((0, engine.components, engine.components))]
-    for offset, weight in zip(engine.offsets, engine.weights, strict=True):
+    for offset, weight in zip(*_bonds(parts), strict=True):
         there = index + offset[grid.lead :]
         there = np.where(wraps, there % shape, there)
         near = ((there >= 0) & (there < shape)).all(axis=1)

@@ -84,7 +84,7 @@ def rest_and_damp(near: NearField, around: Surroundings, cuts: CutBonds, fixed_r
         nodes = engine.layout.box.node_indices()
         held = nodes[~exists[nodes]]
     resting, leaking, leak = _continued(near, grid)
-    held = np.concatenate([held, resting])
+    held = np.concatenate([held, resting, grid.walls])
     places: np.ndarray = engine.all_components(held)
     tables = [(places, *np.zeros((3, len(places))))]
     if any(b.damped for b in around.sides.values()):

@@ -27,24 +27,28 @@ _COMPILED_IN = (
     "layout",
     "nested",
     "operations",
+    "point_law",
     "phases",
     "tables",
     "threads",
     "rows/vectors",
     "rows/bond_sweeps",
+    "rows/laws",
     "rows/layer_sums",
     "rows/matrices",
 )
-_DRIVERS: dict[int, ModuleType] = {}
+_DRIVERS: dict[frozenset[str], ModuleType] = {}
 _LOADING = threading.RLock()  # simulations may be made side by side
 
 
-def load_driver(rarity: int) -> ModuleType:
-    """The compiled time loop with the kernels up to a rarity (`operations.rarity`); one that has more serves all."""
-    rarity = max(rarity, *_DRIVERS, 0)
-    if rarity not in _DRIVERS:
-        _DRIVERS[rarity] = _load("program", SOME=rarity > 0, RARE=rarity > 1)
-    return _DRIVERS[rarity]
+def load_driver(kernels: frozenset[str]) -> ModuleType:
+    """The compiled time loop with some kernels (`operations.needed`); one that has more serves, too."""
+    with _LOADING:
+        for loaded, driver in _DRIVERS.items():
+            if kernels <= loaded:
+                return driver
+        settings = {name: name in kernels for name in ("SOME", "RARE", "STATES")}
+        return _DRIVERS.setdefault(kernels, _load("program", **settings))
 
 
 def load_rows(
@@ -53,6 +57,9 @@ def load_rows(
     real: str,
     increments: bool,
     pattern: tuple[tuple[bool, ...], ...] = (),
+    inside: tuple[tuple[int, int, int], ...] = (),
+    outside: tuple[tuple[int, int, int], ...] = (),
+    form: str = "step",
 ) -> int:
     """Address of the compiled rows of a stencil shape (see `vectors.line_sweep`; with a pattern
     `matrices.matrix_line_sweep`).
@@ -67,6 +74,9 @@ def load_rows(
             INCREMENTS=increments,
             LINES=lines,
             PATTERN=pattern,
+            INSIDE=inside,
+            OUTSIDE=outside,
+            FORM=form,
         ).rows.address
     )
 
@@ -82,6 +92,8 @@ def load_shifts(reach: int, nested: bool, real: str) -> tuple[int, int, int]:
 def load_parts(
     shape: tuple[tuple[int, int, int], ...],
     pattern: tuple[tuple[bool, ...], ...],
+    inside: tuple[tuple[int, int, int], ...],
+    outside: tuple[tuple[int, int, int], ...],
     axis: int,
     both: bool,
     apart: bool,
@@ -92,9 +104,23 @@ def load_parts(
     `layer_sums.mirrored_parts`).
     """
     made = _load(
-        "rows/part_rows", SHAPE=shape, PATTERN=pattern, AXIS=axis, BOTH=both, APART=apart, DIFFER=differ, REAL=real
+        "rows/part_rows",
+        SHAPE=shape,
+        PATTERN=pattern,
+        INSIDE=inside,
+        OUTSIDE=outside,
+        AXIS=axis,
+        BOTH=both,
+        APART=apart,
+        DIFFER=differ,
+        REAL=real,
     )
     return int(made.tile_parts.address)
+
+
+def load_law(count: int, real: str) -> int:
+    """Address of the law of states of so many numbers (see `laws.linear_law`)."""
+    return int(_load("rows/law_rows", COUNT=count, REAL=real).law.address)
 
 
 def load_bonds(components: int, nonlinear: bool, real: str, rule: str | None) -> tuple[int, int, int]:

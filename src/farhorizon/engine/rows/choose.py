@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from farhorizon.engine.rows.build import load_rows
-from farhorizon.engine.rows.matrices import parity
+from farhorizon.engine.rows.matrices import Signs, parity, signs_of
 
 UNROLLED_LIMIT = 1200  # products in straight-line code beyond which compiling takes longer than a run
 _ROUNDING = 1e-14  # of the largest weight: mirror images that differ by less are alike
@@ -28,16 +28,40 @@ def compiled_rows(offsets: np.ndarray, weights: np.ndarray, real: str, increment
         Address of the rows, 0 where there are none.
     weights : ndarray, shape (n,)
     """
+    if not weights.any():
+        return 0, np.zeros(1)
     table = dict(zip(map(tuple, offsets.tolist()), weights, strict=True))
-    shape, row = _scalar_row(table) if weights.ndim == 1 else _matrix_row(table)
+    if weights.ndim > 1:  # the centre has what the others leave it
+        signs = signs_of(weights.shape[1])
+        return _matrix_rows(table | {(0, 0, 0): -np.sum(weights, axis=0)}, signs, signs, "step", real, increments)
+    shape, row = _scalar_row(table)
     if not shape:
         return 0, np.zeros(1)
-    if weights.ndim == 1:
-        numbers, row = _weight_classes(row)
-        return load_rows(shape, numbers, real, increments) if len(shape) <= UNROLLED_LIMIT else 0, row
-    used = row.reshape(len(shape), -1) != 0
+    numbers, row = _weight_classes(row)
+    return load_rows(shape, numbers, real, increments) if len(shape) <= UNROLLED_LIMIT else 0, row
+
+
+def compiled_sums(
+    offsets: np.ndarray, weights: np.ndarray, inside: Signs, outside: Signs, form: str, real: str
+) -> tuple[int, np.ndarray]:
+    """The same of sums from one field to another, weights of shape (K, rows, columns), whose components have these
+    signs; see `matrices.matrix_line_sweep`.
+    """
+    table = dict(zip(map(tuple, offsets.tolist()), weights, strict=True))
+    return _matrix_rows(table, inside, outside, form, real, False)
+
+
+def _matrix_rows(
+    table: dict[Offset, np.ndarray], inside: Signs, outside: Signs, form: str, real: str, increments: bool
+) -> tuple[int, np.ndarray]:
+    shape, found = mirrored(table, inside, outside)
+    if not shape:
+        return 0, np.zeros(1)
+    used = found.reshape(len(shape), -1) != 0
     pattern = tuple(tuple(r) for r in used.tolist())
-    return load_rows(shape, (), real, increments, pattern) if used.sum() <= UNROLLED_LIMIT else 0, row
+    if used.sum() > UNROLLED_LIMIT:
+        return 0, found.ravel()
+    return load_rows(shape, (), real, increments, pattern, inside, outside, form), found.ravel()
 
 
 def _scalar_row(table: dict[Offset, float]) -> tuple[tuple[Offset, ...], np.ndarray]:
@@ -49,35 +73,21 @@ def _scalar_row(table: dict[Offset, float]) -> tuple[tuple[Offset, ...], np.ndar
     return shape, np.array([table[o] for o in shape])
 
 
-def _matrix_row(table: dict[Offset, np.ndarray]) -> tuple[tuple[Offset, ...], np.ndarray]:
-    """The same for stencils of matrices that go over into themselves in mirrors: offsets >= 0, the centre with what the
-    others leave it.
+def mirrored(table: dict[Offset, np.ndarray], inside: Signs, outside: Signs) -> tuple[tuple[Offset, ...], np.ndarray]:
+    """Offsets >= 0 and their matrices, shape (n, rows, columns), of a stencil of matrices that goes over into itself in
+    mirrors, by which the components of its fields have these signs; else none.
     """
-    table = table | {(0, 0, 0): -np.sum(list(table.values()), axis=0)}
-    shape, found = mirrored(table)
-    return shape, found.ravel()
-
-
-def mirrored(table: dict[Offset, np.ndarray]) -> tuple[tuple[Offset, ...], np.ndarray]:
-    """Offsets >= 0 and their matrices, shape (n, d, d), of a stencil of matrices that goes over into itself in mirrors;
-    else none.
-    """
-    components, largest = len(next(iter(table.values()))), max(float(np.abs(w).max()) for w in table.values())
+    largest = max(float(np.abs(w).max()) for w in table.values())
 
     def even(axis: int) -> bool:
-        sign = np.array(
-            [
-                [1 - 2 * parity(row, column, components)[axis] for column in range(components)]
-                for row in range(components)
-            ]
-        )
-        mirrored = {o: tuple(-i if a == axis else i for a, i in enumerate(o)) for o in table}
+        sign = np.array([[1 - 2 * parity(row, column)[axis] for column in inside] for row in outside])
+        images = {o: tuple(-i if a == axis else i for a, i in enumerate(o)) for o in table}
         return all(
-            m in table and np.abs(table[m] - sign * table[o]).max() <= _ROUNDING * largest for o, m in mirrored.items()
+            m in table and np.abs(table[m] - sign * table[o]).max() <= _ROUNDING * largest for o, m in images.items()
         )
 
     shape = tuple(sorted(o for o in table if min(o) >= 0)) if all(even(axis) for axis in range(3)) else ()
-    found = np.array([table[o] for o in shape]).reshape(-1, components, components)
+    found = np.array([table[o] for o in shape]).reshape(-1, len(outside), len(inside))
     return shape, np.where(np.abs(found) > _ROUNDING * largest, found, 0.0)
 
 

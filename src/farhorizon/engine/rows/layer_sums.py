@@ -13,7 +13,7 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-from farhorizon.engine.rows.matrices import Octant, Pattern, mirror_sums, parity
+from farhorizon.engine.rows.matrices import Octant, Pattern, Signs, mirror_sums, parity
 from farhorizon.engine.rows.vectors import I64, Vectors, call_of, flat, int64s
 
 _IN_FLIGHT = 6  # sums that a vector is added up in, at least: each waits for itself
@@ -22,7 +22,15 @@ MIRRORED_SIGNATURE = types.void(*_MIRRORED)
 
 
 def mirrored_parts(
-    offsets: Octant, pattern: Pattern, axis: int, both: bool, apart: bool, differ: bool, real: str
+    offsets: Octant,
+    pattern: Pattern,
+    inside: Signs,
+    outside: Signs,
+    axis: int,
+    both: bool,
+    apart: bool,
+    differ: bool,
+    real: str,
 ) -> Any:
     """Make the intrinsic ``parts(to, source, strides, weights, vectors)``.
 
@@ -35,6 +43,8 @@ def mirrored_parts(
         Offsets >= 0 that stand for their mirror images.
     pattern : tuple of tuple of bool
         Which of their weights differ from zero, one for a scalar field.
+    inside, outside : tuple of (int, int, int)
+        Signs of the components that are read, and of those that are written.
     axis : int
         The first or the second axis, with k from 1 on; the last axis: one sum of all lines, no k.
     both : bool
@@ -53,18 +63,15 @@ def mirrored_parts(
         components, and of lines one node farther ahead. Then the weights, and how many vectors. From lines of their
         own, for the first two axes, sums are added to what is there.
     """
-    components = {1: 1, 4: 2, 9: 3}[len(pattern[0])]
+    columns, rows = len(inside), len(outside)
     adds = apart and axis < 2
     lines: dict[tuple[int, int], list[tuple[int, int, int]]] = {}
     for number, o in enumerate(offsets):
         line = (0 if axis == 0 else o[0], 0 if axis == 1 else o[1])
         lines.setdefault(line, []).append((o[axis] if axis < 2 else 1, o[2], number))
 
-    keys = len({(k, row) for terms in lines.values() for k, _, _ in terms for row in range(components)})
+    keys = len({(k, row) for terms in lines.values() for k, _, _ in terms for row in range(rows)})
     chains = max(1, _IN_FLIGHT // keys)
-
-    def signs(row: int, column: int) -> tuple[int, ...]:
-        return parity(row, column, components) if components > 1 else (0, 0, 0)
 
     def emit(builder: ir.IRBuilder, args: tuple[Any, ...]) -> None:
         plus, minus, part_k, part_c, ahead, behind, s0, s1, shift, step, weights, number_of_vectors = args
@@ -78,7 +85,7 @@ def mirrored_parts(
             return address
 
         def weight(number: int, row: int, column: int) -> Any:
-            place = (number * components + row) * components + column
+            place = (number * rows + row) * columns + column
             return vectors.splat_all(builder.add(weights, I64(place * vectors.size)), 1)[0]
 
         def along_lines(start: Any, line: tuple[int, int]) -> dict[tuple[int, ...], Any]:
@@ -113,16 +120,16 @@ def mirrored_parts(
         ):
             total: dict[tuple[int, int, int], list[Any]] = {}
             for line, terms in lines.items():
-                for column in range(components):
+                for column in range(columns):
                     kept: dict[str, Any] = {}
                     for i in sorted({i for _, i, _ in terms}):
                         on, back = neighbours(at, column, line, i, kept)
                         made: dict[tuple[int, ...], Any] = {}
                         for k, inner, number in terms:
-                            for row in range(components) if inner == i else ():
-                                if not pattern[number][row * components + column]:
+                            for row in range(rows) if inner == i else ():
+                                if not pattern[number][row * columns + column]:
                                     continue
-                                sign = signs(row, column)
+                                sign = parity(outside[row], inside[column])
                                 outer = tuple(0 if a == axis else sign[a] for a in (0, 1))
                                 name = (*outer, sign[2])
                                 if name not in made:
@@ -135,7 +142,7 @@ def mirrored_parts(
                                 sums = total.setdefault(key, [None] * chains)
                                 sums.append(vectors.multiply_add(sums.pop(0), weight(number, row, column), made[name]))
             zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
-            for row in range(components):
+            for row in range(rows):
                 for k in (
                     sorted({key[2] for key in total})
                     if adds

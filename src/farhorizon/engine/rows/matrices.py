@@ -1,9 +1,10 @@
 """Explicit SIMD for fields of several components: sweeps of stencils whose weights are matrices.
 
-A stencil of an isotropic or orthotropic medium goes over into itself in a mirror: where an axis is turned, the weights
-that couple the component along it with another one change their sign, all others stay. So the values at the mirror
-images of an offset (two, four or eight) are combined first, to sums that are even or odd along each axis, and every
-combination is multiplied once for each component that gets it.
+A stencil of an isotropic or orthotropic medium goes over into itself in a mirror: where an axis is turned, the
+components of a vector along it change their sign, those of a tensor with one index along it as well, and so do the
+weights that couple a component that changes with one that stays. So the values at the mirror images of an offset (two,
+four or eight) are combined first, to sums that are even or odd along each axis, and every combination is multiplied
+once for each component that gets it.
 """
 
 from __future__ import annotations
@@ -23,23 +24,29 @@ from farhorizon.engine.rows.vectors import (
     sweep_intrinsic,
     sweep_lines,
     tile_nodes,
+    with_own,
 )
 
 #: (offset >= 0 along the outer axes and along the inner one); every one stands for its mirror images.
 Octant = tuple[tuple[int, int, int], ...]
 #: For each offset whether the weight of [row, column] differs from zero, row by row.
 Pattern = tuple[tuple[bool, ...], ...]
+#: For each component of a field whether it changes its sign (1) or not (0) where an axis is turned.
+Signs = tuple[tuple[int, int, int], ...]
 
 
-def _components(pattern: Pattern) -> int:
-    return 2 if len(pattern[0]) == 4 else 3
+def signs_of(components: int) -> Signs:
+    """Of a scalar, or of a vector along the last axes."""
+    if components == 1:
+        return ((0, 0, 0),)
+    return tuple(
+        (int(c == components - 3), int(c == components - 2), int(c == components - 1)) for c in range(components)
+    )
 
 
-def parity(row: int, column: int, components: int) -> tuple[int, ...]:
-    """Along each axis whether the weight of [row, column] is even (0) or odd (1); the components are those along the
-    last axes.
-    """
-    return tuple(int((row == a) != (column == a)) for a in range(components - 3, components))
+def parity(row: tuple[int, ...], column: tuple[int, ...]) -> tuple[int, ...]:
+    """Along each axis whether the weight between components of these signs is even (0) or odd (1)."""
+    return tuple(int(a != b) for a, b in zip(row, column, strict=True))
 
 
 def mirror_sums(
@@ -60,30 +67,31 @@ def mirror_sums(
 class _Weights:
     """Weights read where they are used: there are more of them than registers."""
 
-    def __init__(self, vectors: Vectors, address: Any, pattern: Pattern) -> None:
-        self.vectors, self.address, self.pattern = vectors, address, pattern
-        self.components = _components(pattern)
+    def __init__(self, vectors: Vectors, address: Any, pattern: Pattern, columns: int) -> None:
+        self.vectors, self.address, self.pattern, self.columns = vectors, address, pattern, columns
+        self.rows = len(pattern[0]) // columns
 
     def used(self, number: int, row: int, column: int) -> bool:
-        return self.pattern[number][row * self.components + column]
+        return self.pattern[number][row * self.columns + column]
 
     def of(self, number: int, row: int, column: int) -> Any:
-        place = (number * self.components + row) * self.components + column
+        place = (number * self.rows + row) * self.columns + column
         return self.vectors.splat_all(self.vectors.builder.add(self.address, I64(place * self.vectors.size)), 1)[0]
 
 
-def _shifted_fields(vectors: Vectors, shifts: Any, components: int) -> tuple[list[Any], list[Any]]:
+def _shifted_fields(vectors: Vectors, shifts: Any, columns: int, rows: int) -> tuple[list[Any], list[Any]]:
     """Distances, in elements, of the components in ``src`` and in ``base`` and ``out``, from the table that a sweep is
     given.
     """
     found = [
-        vectors.builder.load(vectors.pointer(vectors.builder.add(shifts, I64(8 * i)), ir.IntType(64))) for i in range(6)
+        vectors.builder.load(vectors.pointer(vectors.builder.add(shifts, I64(8 * i)), I64))
+        for i in range(columns + rows)
     ]
-    return found[:components], found[3 : 3 + components]
+    return found[:columns], found[columns:]
 
 
-def matrix_line_sweep(offsets: Octant, pattern: Pattern, real: str) -> Any:
-    """Make the intrinsic of `vectors.line_sweep` for a field of two or three components.
+def matrix_line_sweep(offsets: Octant, pattern: Pattern, real: str, inside: Signs, outside: Signs, form: str) -> Any:
+    """Make the intrinsic of `vectors.line_sweep` for fields of several components.
 
     Parameters
     ----------
@@ -92,15 +100,19 @@ def matrix_line_sweep(offsets: Octant, pattern: Pattern, real: str) -> Any:
     pattern : tuple of tuple of bool
         Which weights differ from zero.
     real : {"float64", "float32"}
+    inside, outside : tuple of (int, int, int)
+        Signs of the components of ``src``, and of ``base`` and ``out``.
+    form : {"step", "sum", "add"}
+        What is written: ``a*src + b*base`` and the sums, for fields of the same components; the sums alone; or these
+        added to what ``out`` holds.
 
     Returns
     -------
     numba intrinsic
-        ``weights`` are matrices, one an offset; ``shifts`` is the address of six distances in elements (int64): of the
-        components in ``src``, and in ``base`` and ``out``. The components are those along the rows' axes, slowest
-        first, the last one along the row.
+        ``weights`` are matrices, one an offset; ``shifts`` is the address of distances in elements (int64): of the
+        components in ``src``, and of those in ``base`` and ``out``.
     """
-    components = _components(pattern)
+    columns, rows = len(inside), len(outside)
     lines: dict[tuple[int, int], list[tuple[int, int]]] = {}
     for number, (o0, o1, i) in enumerate(offsets):
         lines.setdefault((o0, o1), []).append((i, number))
@@ -110,13 +122,13 @@ def matrix_line_sweep(offsets: Octant, pattern: Pattern, real: str) -> Any:
     def emit(builder: ir.IRBuilder, args: tuple[Any, ...]) -> None:
         weights, s0, s1, step, t, shifts = args[3], args[8], args[9], args[11], args[12], args[13]
         vectors = Vectors.of(builder, real)
-        w = _Weights(vectors, weights, pattern)
-        inside, outside = _shifted_fields(vectors, shifts, components)
+        w = _Weights(vectors, weights, pattern, columns)
+        read_at, written_at = _shifted_fields(vectors, shifts, columns, rows)
         zero = ir.Constant(vectors.type, [0.0] * vectors.lanes)
 
         def prepare(here: Any, old: Any, new: Any) -> VectorRow:
-            sources = [vectors.shifted(here, (1, shift)) for shift in inside]
-            olds, news = ([vectors.shifted(start, (1, shift)) for shift in outside] for start in (old, new))
+            sources = [vectors.shifted(here, (1, shift)) for shift in read_at]
+            olds, news = ([vectors.shifted(start, (1, shift)) for shift in written_at] for start in (old, new))
             images = {(side * o0, turn * o1) for o0, o1 in lines for side in (1, -1) for turn in (1, -1)}
             places = [
                 {image: vectors.shifted(source, (image[0], s0), (image[1], s1)) for image in sorted(images)}
@@ -127,7 +139,7 @@ def matrix_line_sweep(offsets: Octant, pattern: Pattern, real: str) -> Any:
                 for source in sources
                 for o0, o1 in last.items()
                 for sign in ((1, -1) if o0 else (1,))
-            ] + [vectors.shifted(address, (AHEAD, t)) for address in olds]
+            ] + [vectors.shifted(address, (AHEAD, t)) for address in (olds if form == "step" else news)]
 
             def read_from(lines_at: dict[Any, Any], at: Any) -> Callable[[tuple[int, ...]], Any]:
                 return lambda image: vectors.load(builder.add(lines_at[image], at))
@@ -138,17 +150,17 @@ def matrix_line_sweep(offsets: Octant, pattern: Pattern, real: str) -> Any:
                 """
                 total: dict[tuple[int, int, int], Any] = {}
                 for line, terms in lines.items():
-                    for column in range(components):
+                    for column in range(columns):
                         combined = mirror_sums(vectors, line, read_from(places[column], at))
                         for i, number in terms:
-                            for row in range(components):
+                            for row in range(rows):
                                 if w.used(number, row, column):
-                                    *outer, odd = parity(row, column, components)
+                                    *outer, odd = parity(outside[row], inside[column])
                                     key = (row, odd, i)
                                     total[key] = vectors.multiply_add(
                                         total.get(key), w.of(number, row, column), combined[tuple(outer)]
                                     )
-                found: dict[Hashable, Any] = {(row, 0): total.get((row, 0, 0)) for row in range(components)}
+                found: dict[Hashable, Any] = {(row, 0): total.get((row, 0, 0)) for row in range(rows)}
                 for row, i in {(row, i) for row, _, i in total if i}:
                     even, turned = total.get((row, 0, i), zero), total.get((row, 1, i))
                     found[row, i, "ahead"] = even if turned is None else builder.fadd(even, turned)
@@ -159,62 +171,61 @@ def matrix_line_sweep(offsets: Octant, pattern: Pattern, real: str) -> Any:
                 {
                     i
                     for number, (_, _, i) in enumerate(offsets)
-                    if i and any(pattern[number][row * components : (row + 1) * components])
+                    if i and any(pattern[number][row * columns : (row + 1) * columns])
                 }
-                for row in range(components)
+                for row in range(rows)
             ]
+            own = {"step": (sources, olds), "sum": (), "add": (news,)}[form]
             outputs = [
                 Output(
                     (row, 0),
                     [(i, (row, i, "ahead"), (row, i, "behind")) for i in sorted(moved[row])],
-                    sources[row],
-                    olds[row],
+                    [at[row] for at in own],
                     news[row],
                 )
-                for row in range(components)
+                for row in range(rows)
             ]
             return VectorRow(sums, outputs, ahead)
 
-        sweep_lines(vectors, args, tile_nodes(components * read, vectors.size), prepare)
+        sweep_lines(vectors, args, tile_nodes(columns * read + rows * (form != "step"), vectors.size), prepare)
 
     return sweep_intrinsic(emit, real)
 
 
-def matrix_strided_sweep(offsets: Octant, pattern: Pattern, real: str) -> Any:
+def matrix_strided_sweep(offsets: Octant, pattern: Pattern, real: str, inside: Signs, outside: Signs, form: str) -> Any:
     """The same for rows whose neighbours lie any distance s2 apart: every value is read by itself."""
-    components = _components(pattern)
+    columns, rows = len(inside), len(outside)
 
     def emit(builder: ir.IRBuilder, args: tuple[Any, ...]) -> None:
         src, base, out, weights, a, b, n, count, s0, s1, s2, step, t, shifts = args
         vectors = Vectors.of(builder, real)
-        w = _Weights(vectors, weights, pattern)
-        inside, outside = _shifted_fields(vectors, shifts, components)
+        w = _Weights(vectors, weights, pattern, columns)
+        read_at, written_at = _shifted_fields(vectors, shifts, columns, rows)
         a_all, b_all = vectors.splat(a), vectors.splat(b)
 
         def chunk(x: Any, number: Any, store: Callable[[Any, Any], None]) -> None:
-            sources = [vectors.shifted(src, (1, builder.mul(number, step)), (1, x), (1, shift)) for shift in inside]
+            sources = [vectors.shifted(src, (1, builder.mul(number, step)), (1, x), (1, shift)) for shift in read_at]
             olds, news = (
-                [vectors.shifted(start, (1, builder.mul(number, t)), (1, x), (1, shift)) for shift in outside]
+                [vectors.shifted(start, (1, builder.mul(number, t)), (1, x), (1, shift)) for shift in written_at]
                 for start in (base, out)
             )
 
             def read_from(source: Any) -> Callable[[tuple[int, ...]], Any]:
                 return lambda image: vectors.load(vectors.shifted(source, *zip(image, (s0, s1, s2), strict=True)))
 
-            total: list[Any] = [None] * components
+            total: list[Any] = [None] * rows
             for place, offset in enumerate(offsets):
-                for column in range(components):
+                for column in range(columns):
                     combined = mirror_sums(vectors, offset, read_from(sources[column]))
-                    for row in range(components):
+                    for row in range(rows):
                         if w.used(place, row, column):
                             total[row] = vectors.multiply_add(
-                                total[row], w.of(place, row, column), combined[parity(row, column, components)]
+                                total[row], w.of(place, row, column), combined[parity(outside[row], inside[column])]
                             )
-            own = [vectors.load(source) for source in sources]
-            before = [vectors.load(old) for old in olds]
-            for row in range(components):
-                moved = vectors.multiply_add(total[row], b_all, before[row])
-                store(vectors.multiply_add(moved, a_all, own[row]), news[row])
+            own = {"step": (sources, olds), "sum": (), "add": (news,)}[form]
+            for row in range(rows):
+                values = [vectors.load(at[row]) for at in own]
+                store(with_own(vectors, total[row], values, (a_all, b_all)), news[row])
 
         with cgutils.for_range_slice(builder, I64(0), count, I64(1), I64) as (number, _):
             vectors.in_chunks(n, lambda x, store: chunk(x, number, store))

@@ -7,13 +7,15 @@ from farhorizon.engine.rows.layer_sums import MIRRORED_SIGNATURE, mirrored_parts
 
 SHAPE = ((0, 0, 1),)
 PATTERN = ((True,),)
+INSIDE = ((0, 0, 0),)
+OUTSIDE = ((0, 0, 0),)
 AXIS = 2
 BOTH = False
 APART = True
 DIFFER = False
 REAL = "float64"
 
-_parts = mirrored_parts(SHAPE, PATTERN, AXIS, BOTH, APART, DIFFER, REAL)
+_parts = mirrored_parts(SHAPE, PATTERN, INSIDE, OUTSIDE, AXIS, BOTH, APART, DIFFER, REAL)
 
 
 @cfunc(MIRRORED_SIGNATURE)

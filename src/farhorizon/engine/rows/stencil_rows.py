@@ -12,9 +12,13 @@ REAL = "float64"
 INCREMENTS = False
 LINES = True
 PATTERN = ()
+INSIDE = ((0, 0, 0),)
+OUTSIDE = ((0, 0, 0),)
+FORM = "step"
 
-strided = matrix_strided_sweep(SHAPE, PATTERN, REAL) if PATTERN else strided_sweep(SHAPE, CLASSES, REAL, INCREMENTS)
-line = (matrix_line_sweep(SHAPE, PATTERN, REAL) if PATTERN else line_sweep(SHAPE, CLASSES, REAL)) if LINES else strided
+_matrices = (SHAPE, PATTERN, REAL, INSIDE, OUTSIDE, FORM)
+strided = matrix_strided_sweep(*_matrices) if PATTERN else strided_sweep(SHAPE, CLASSES, REAL, INCREMENTS)
+line = (matrix_line_sweep(*_matrices) if PATTERN else line_sweep(SHAPE, CLASSES, REAL)) if LINES else strided
 
 
 @cfunc(sweep_signature(REAL))

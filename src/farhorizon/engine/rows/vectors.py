@@ -201,7 +201,7 @@ def line_sweep(shape: Shape, classes: tuple[int, ...], real: str) -> Any:
                         total[i] = vectors.multiply_add(total[i], w[number], together)
                 return total
 
-            return VectorRow(sums, [Output(0, [(i, i, i) for i in moved], here, old, new)], ahead)
+            return VectorRow(sums, [Output(0, [(i, i, i) for i in moved], (here, old), new)], ahead)
 
         sweep_lines(vectors, args, tile_nodes(len(terms_of), vectors.size), prepare)
 
@@ -218,14 +218,16 @@ class Output:
         Name of the sum that stays where it is.
     moved : list of (i, ahead, behind)
         The sum `ahead` comes from i nodes further on along the row, the sum `behind` from i nodes back.
-    here, old, new : address
-        In ``src``, ``base`` and ``out``.
+    before : sequence of address
+        In ``src`` and ``base``, to be added with their factors; none where the sums alone are written, ``out`` alone
+        where they are added to what it holds.
+    new : address
+        In ``out``.
     """
 
     centre: Hashable
     moved: Sequence[tuple[int, Hashable, Hashable]]
-    here: Any
-    old: Any
+    before: Sequence[Any]
     new: Any
 
 
@@ -238,6 +240,14 @@ class VectorRow:
     sums: Callable[[Any], Mapping[Any, Any]]
     outputs: Sequence[Output]
     ahead: Sequence[Any]
+
+
+def with_own(vectors: Vectors, total: Any, values: Sequence[Any], factors: tuple[Any, Any]) -> Any:
+    """A sum with ``a*src + b*base`` of a node, with what ``out`` holds, or alone, see `Output`."""
+    if len(values) == 2:
+        (own, old), (a, b) = values, factors
+        return vectors.multiply_add(vectors.multiply_add(total, b, old), a, own)
+    return vectors.sum([*values, total])
 
 
 def sweep_lines(
@@ -285,11 +295,8 @@ def sweep_lines(
                 total = vectors.sum(
                     [begun] + [vectors.concatenate(now[name], following[name], i) for i, name, _ in output.moved]
                 )
-                total = vectors.multiply_add(total, b_all, vectors.load(builder.add(output.old, at)))
-                store(
-                    vectors.multiply_add(total, a_all, vectors.load(builder.add(output.here, at))),
-                    builder.add(output.new, at),
-                )
+                values = [vectors.load(builder.add(place, at)) for place in output.before]
+                store(with_own(vectors, total, values, (a_all, b_all)), builder.add(output.new, at))
             return following, [from_before(output, now, following) for output in made.outputs]
 
         first = made.sums(I64(0))

@@ -1,0 +1,197 @@
+"""Operators of two passes: sums over bonds make a state at each node, and sums over the states make the forces.
+
+Each pass is a stencil of matrices from one field to another, swept, cut and continued into layers as the stencil of an
+engine is, of which the springs beside the states are the first pass. Stretched shifts follow one another, so that two
+passes with layers of their own absorb what their convolution absorbs, and that beside free faces and along cracks, too,
+where no stencil is their convolution. Between them stands a law that acts node by node.
+
+A node some of whose bonds are absent may have a law of its own (its shape tensor is that of the bonds that are there),
+and its own state counts: ``sum_k D_k (p_k + p_i)`` over the bonds that are there.
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from farhorizon.engine.field import Field
+from farhorizon.engine.layer_cuts import cut_layers
+from farhorizon.engine.layer_tables import LayerTables
+from farhorizon.engine.layout import aligned_zeros
+from farhorizon.engine.operations import Pass
+from farhorizon.engine.point_law import CHUNK, PointLaw
+from farhorizon.engine.rows.build import load_law
+from farhorizon.engine.rows.choose import compiled_sums
+from farhorizon.engine.rows.matrices import Signs, signs_of
+from farhorizon.engine.surface import surface_of
+from farhorizon.engine.tables import Cuts, Surface, Sweep
+
+
+@dataclass(frozen=True)
+class StateSums:
+    """The two passes of an operator, on the offsets of its springs.
+
+    Attributes
+    ----------
+    gradient : ndarray, shape (K, n, d)
+    divergence : ndarray, shape (K, d, n)
+        In units of the operator.
+    shapes : ndarray, shape (K, e, e)
+    law : callable
+    signs : tuple of (int, int, int)
+        See `farhorizon.medium.force_states`.
+    """
+
+    gradient: np.ndarray
+    divergence: np.ndarray
+    shapes: np.ndarray
+    law: Callable[[np.ndarray], np.ndarray]
+    signs: Signs
+
+
+class Passes:
+    """The two passes of an engine.
+
+    Parameters
+    ----------
+    engine : Field
+        With its layout.
+    sums : StateSums
+    recursion : mapping
+        Of the layers, see `LayerTables`.
+    """
+
+    def __init__(
+        self, engine: Field, sums: StateSums, recursion: Mapping[tuple[int, int], tuple[np.ndarray, ...]]
+    ) -> None:
+        self.engine: Field = weakref.proxy(engine)  # which holds this: a circle would keep its levels
+        self.layout, self.offsets, self.dtype, self.sums = engine.layout, engine.offsets, engine.dtype, sums
+        vector = signs_of(engine.components)
+        self.weights = sums.gradient, sums.divergence
+        self.signs = (vector, sums.signs), (sums.signs, vector)
+        self.layer_tables = tuple(
+            LayerTables(self.layout, self.offsets, weights, *signs, recursion, self.dtype, engine.remember)
+            for weights, signs in zip(self.weights, self.signs, strict=True)
+        )
+        self.scales = [np.ones(len(engine.stages.numbers)), np.array([n[2] for n in engine.stages.numbers])]
+
+    def tables(self, springs: Sweep) -> tuple[Pass, Pass]:
+        """Those of an operator with all bonds; parts of the box are those of the sweep of its springs."""
+        none = np.zeros(0, np.int64)
+        found = []
+        for number, (weights, signs) in enumerate(zip(self.weights, self.signs, strict=True)):
+            rows, columns = weights.shape[1:]
+            blocks = self.engine.components if _repeats(weights, self.engine.components) else 1
+            function, row = self._compiled(weights, signs, blocks, ("sum", "add")[number])
+            scale = self.scales[number][:, None]
+            sweep = springs._replace(
+                block=self.layout.table(columns // blocks, rows // blocks),
+                function=function,
+                blocks=blocks,
+                weights=(scale * row).astype(self.dtype),
+                offsets=self.offsets @ np.array(self.layout.box.stride),
+                general=(scale * weights.ravel()).astype(self.dtype),
+                law=no_law(self.engine) if number else self._law(),
+            )
+            nothing = np.zeros((rows * columns, 0), self.dtype)
+            surface = Surface(np.zeros((0, 2), np.int64), np.zeros((0, 3), np.int64), nothing)
+            cuts = Cuts(none, none, np.zeros(0, self.dtype))
+            found.append(Pass(sweep, self.layer_tables[number].layers, cuts, surface, columns, rows))
+        return found[0], found[1]
+
+    def _compiled(
+        self, weights: np.ndarray, signs: tuple[Signs, Signs], blocks: int, form: str
+    ) -> tuple[int, np.ndarray]:
+        """Compiled rows of one of so many equal blocks of the weights, and theirs."""
+        rows, columns = (count // blocks for count in weights.shape[1:])
+        inside, outside = signs[0][:columns], signs[1][:rows]
+        return compiled_sums(self.offsets, weights[:, :rows, :columns], inside, outside, form, self.dtype.name)
+
+    def leave_out(
+        self, nodes: np.ndarray, neighbours: np.ndarray, bare_nodes: np.ndarray, bare: np.ndarray, exists: np.ndarray
+    ) -> None:
+        """From now on some bonds are absent.
+
+        Parameters
+        ----------
+        nodes, neighbours : ndarray of int, shape (n,)
+            Ends of bonds that are cut, one row a direction, in the order of the nodes.
+        bare_nodes : ndarray of int, shape (S,)
+            Nodes of which some bonds have one end only.
+        bare : ndarray of bool, shape (K, S)
+            Which bonds these are.
+        exists : ndarray of bool, shape (places,)
+        """
+        distances = self.offsets @ np.array(self.layout.box.stride)
+        order = np.argsort(distances)
+        bonds = order[np.searchsorted(distances[order], neighbours - nodes)]
+        odd = np.union1d(nodes, bare_nodes)
+        at, beside = np.searchsorted(odd, nodes), np.searchsorted(odd, bare_nodes)
+
+        def lost(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            """Sums of the weights of the bonds of each node that have no other end, and of those that are cut."""
+            missing, cut = (np.zeros((len(odd), *weights.shape[1:])) for _ in range(2))
+            missing[beside] = np.einsum("ks,k...->s...", bare, weights)
+            np.add.at(cut, at, weights[bonds])
+            return missing, cut
+
+        there = exists[odd]
+        passes = [self.engine.tables.gather, self.engine.tables.scatter]
+        for number, (weights, tables) in enumerate(zip(self.weights, self.layer_tables, strict=True)):
+            missing, cut = lost(weights)
+            own = missing if number == 0 else -missing - 2 * cut
+            passes[number] = passes[number]._replace(
+                cuts=Cuts(nodes, neighbours, weights[bonds].astype(self.dtype).ravel()),
+                layers=cut_layers(tables, nodes, neighbours, weights[bonds]),
+                surface=surface_of(self.layout.box, odd[there], own[there].astype(self.dtype)),
+            )
+        shapes = np.eye(self.sums.shapes.shape[1]) - sum(lost(self.sums.shapes))
+        kinds, numbers = np.unique(shapes[there].round(14), axis=0, return_inverse=True)
+        nothing = np.zeros((1, *self.sums.gradient.shape[1:2] * 2))
+        matrices = np.concatenate([nothing, self.sums.law(kinds)]).astype(self.dtype)
+        of_node = np.zeros(len(odd), np.int64)
+        of_node[there] = 1 + numbers.ravel()
+        sweep = passes[0].sweep
+        first, end = (np.zeros(3, np.int64), np.zeros(3, np.int64)) if len(nodes) else self._whole()
+        law = sweep.law._replace(nodes=odd.astype(np.int64), numbers=of_node, matrices=matrices, first=first, end=end)
+        self.engine.replace(gather=passes[0]._replace(sweep=sweep._replace(law=law)), scatter=passes[1])
+
+    def _whole(self) -> tuple[np.ndarray, np.ndarray]:
+        """First node, and last + 1, of the box of nodes to whose states no layer adds."""
+        layout, m = self.layout, np.array(self.layout.reach)
+        layered = [[(a, side) in self.engine.layers for a in range(3)] for side in (-1, 1)]
+        first = np.where(layered[0], np.array(layout.low) + m, 0)
+        return first, np.maximum(first, layout.box.nodes - np.where(layered[1], np.array(layout.high) + m, 0))
+
+    def _law(self) -> PointLaw:
+        """That of nodes with all bonds."""
+        none, count = np.zeros(0, np.int64), len(self.sums.signs)
+        intact = self.sums.law(np.eye(self.sums.shapes.shape[1])[None])[0].astype(self.dtype)
+        return PointLaw(
+            aligned_zeros(count * self.layout.size, self.dtype),
+            load_law(count, self.dtype.name),
+            np.ascontiguousarray(intact),
+            none,
+            none,
+            np.zeros((1, count, count), self.dtype),
+            *self._whole(),
+            np.zeros((self.engine.threads, count, CHUNK), self.dtype),
+        )
+
+
+def _repeats(weights: np.ndarray, blocks: int) -> bool:
+    """Whether matrices fall into so many equal blocks on their diagonal."""
+    rows, columns = (count // blocks for count in weights.shape[1:])
+    if rows * blocks != weights.shape[1] or columns * blocks != weights.shape[2]:
+        return False
+    return np.array_equal(weights, [np.kron(np.eye(blocks), one[:rows, :columns]) for one in weights])
+
+
+def no_law(engine: Field) -> PointLaw:
+    """That of sums which are all that is wanted."""
+    none, nothing = np.zeros(0, np.int64), np.zeros((1, 1), engine.dtype)
+    room = np.zeros((1, 1, CHUNK), engine.dtype)
+    return PointLaw(np.zeros(0, engine.dtype), 0, nothing, none, none, nothing[None], none, none, room)

@@ -1,0 +1,102 @@
+"""What a node makes of its state: the law between the two passes of an operator, in the compiled loop.
+
+See `farhorizon.engine.passes`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from farhorizon.engine.rows.compiled import njit
+from farhorizon.engine.rows.laws import call_law
+
+CHUNK = 256  # nodes whose states go through the law together
+
+
+class PointLaw(NamedTuple):
+    """What a node makes of its state.
+
+    Attributes
+    ----------
+    values : ndarray
+        States, laid out as a level of so many components; empty where the operator has no passes.
+    function : int
+        Address of the compiled law of neighbouring nodes.
+    intact : ndarray, shape (n, n)
+        Matrix of all nodes but these:
+    nodes : ndarray of int, shape (S,)
+        Places, in their order.
+    numbers : ndarray of int, shape (S,)
+        Of each which of the matrices it has.
+    matrices : ndarray, shape (m, n, n)
+    first, end : ndarray of int, shape (3,)
+        Box of nodes whose states are whole once they are swept: no layer adds to them, and no bond is cut.
+    room : ndarray, shape (threads, n, CHUNK)
+        To work in.
+    """
+
+    values: np.ndarray
+    function: int
+    intact: np.ndarray
+    nodes: np.ndarray
+    numbers: np.ndarray
+    matrices: np.ndarray
+    first: np.ndarray
+    end: np.ndarray
+    room: np.ndarray
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def first_special(nodes, place):
+    """Number of the first of ordered nodes that is not before a place."""
+    low, high = 0, nodes.size
+    while low < high:
+        middle = (low + high) // 2
+        if nodes[middle] < place:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def apply_law(thread, law, first, last):
+    """The law of the places from `first` on, before `last`, of neighbours in memory; in place."""
+    values, intact, nodes, count = law.values, law.intact, law.nodes, law.intact.shape[0]
+    size = values.size // count
+    special = law.room[thread.number]
+    odd = first_special(nodes, first)
+    for start in range(first, last, CHUNK):
+        n, begin = min(CHUNK, last - start), odd
+        while odd < nodes.size and nodes[odd] < start + n:
+            special_matrix = law.matrices[law.numbers[odd]]
+            for row in range(count):
+                total = intact[0, 0] * 0
+                for column in range(count):
+                    total += special_matrix[row, column] * values[column * size + nodes[odd]]
+                special[row, odd - begin] = total
+            odd += 1
+        place, matrix = values.ctypes.data + start * values.itemsize, intact.ctypes.data
+        call_law(law.function, place, size * values.itemsize, matrix, n)
+        for row in range(count):
+            there = values[row * size + start :]
+            for i in range(begin, odd):
+                there[nodes[i] - start] = special[row, i - begin]
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def apply_to_rows(thread, law, block, i0, first, last, whole):
+    """The law of rows of a plane: of the nodes whose states are whole once they are swept, or of the others."""
+    inside = law.first[0] <= i0 < law.end[0]
+    for i1 in range(first, last):
+        place = block[0] + i0 * block[4] + i1 * block[5]
+        low, high = law.first[2], law.end[2]
+        if not inside or not law.first[1] <= i1 < law.end[1]:
+            low, high = block[3], block[3]
+        if whole:
+            apply_law(thread, law, place + low, place + high)
+        else:
+            apply_law(thread, law, place, place + low)
+            apply_law(thread, law, place + high, place + block[3])

@@ -1,0 +1,17 @@
+"""The law of nodes that are neighbours in memory. This text is a template: `engine.rows.build` writes it out once per
+number of values of a state and number type.
+"""
+
+from farhorizon.engine.rows.compiled import cfunc
+from farhorizon.engine.rows.laws import LAW_SIGNATURE, linear_law
+
+COUNT = 1
+REAL = "float64"
+
+_law = linear_law(COUNT, REAL)
+
+
+@cfunc(LAW_SIGNATURE)
+def law(place, apart, matrix, nodes):
+    """The law of a run of nodes, in place."""
+    _law(place, apart, matrix, nodes)

@@ -1,0 +1,121 @@
+"""Materials whose bonds' forces follow from a state of the node at each end (Silling et al. 2007), linearised.
+
+A sum over its bonds makes the state of a node, ``q_i = sum_k G_k (u_k - u_i)``; a law of the node makes of it
+``p_i = M_i q_i``; and the force density is ``sum_k D_k (p_k + p_i)``, beside that of bonds which are springs.
+
+Where a node has all its bonds the second p cancels, and one stencil, the convolution ``D M G``, makes the same forces:
+from it follow waves, layers and certificates. Where bonds are absent the sums are those over the bonds that are there,
+and the law may go by the node's shape tensor.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+_SINGULAR = 1e-3  # determinant of a node's shape tensor, over that of an intact one, below which it has no gradient
+
+
+@dataclass(frozen=True)
+class ForceStates:
+    """Sums over the bonds of a lattice, in units of its spacing, for unit P modulus.
+
+    Attributes
+    ----------
+    offsets : ndarray of int, shape (K, dim)
+    bonds : ndarray, shape (K, dim, dim)
+        Springs beside the states.
+    gradient : ndarray, shape (K, n, dim)
+        G, which makes the n numbers of a state.
+    divergence : ndarray, shape (K, dim, n)
+        D.
+    shapes : ndarray, shape (K, dim, dim)
+        What a bond adds to the shape tensor of its node, which is 1 where all are there.
+    law : callable
+        Takes shape tensors, shape (S, dim, dim), and returns M, shape (S, n, n).
+    signs : tuple of tuple of int
+        Of each number of a state whether it changes its sign (1) or not (0) where an axis is turned.
+    """
+
+    offsets: np.ndarray
+    bonds: np.ndarray
+    gradient: np.ndarray
+    divergence: np.ndarray
+    shapes: np.ndarray
+    law: Callable[[np.ndarray], np.ndarray]
+    signs: tuple[tuple[int, ...], ...]
+
+
+def correspondence_states(
+    offsets: np.ndarray, weights: np.ndarray, lame: float, shear: float, stabilisation: float = 0.0
+) -> ForceStates:
+    """Those of `solids.correspondence`: the state is the displacement gradient before it is multiplied by the inverse
+    shape tensor, what the law makes of it the stress times that inverse, less what the stabilisation takes.
+
+    Silling, Epton, Weckner, Xu and Askari (2007), section 18; stabilisation: Silling (2017), eq 21.
+    """
+    dim = offsets.shape[1]
+    moment = (weights * offsets[:, 0] ** 2).sum()
+    g = weights[:, None] * offsets / moment
+    eye = np.eye(dim)
+    # the number a dim + b of a state belongs to the derivative of component a along b
+    gradient = np.einsum("ac,kb->kabc", eye, g).reshape(len(g), dim * dim, dim)
+    stiffness = lame * np.einsum("ab,cd->abcd", eye, eye) + shear * (
+        np.einsum("ac,bd->abcd", eye, eye) + np.einsum("ad,bc->abcd", eye, eye)
+    )
+
+    def law(shapes: np.ndarray) -> np.ndarray:
+        inverse = inverse_shapes(shapes)
+        stress = np.einsum("abcd,sde->sabce", stiffness, inverse)
+        found = np.einsum("sacde,scb->sabde", stress, inverse)
+        found -= stabilisation * np.einsum("ac,sdb->sabcd", eye, inverse)
+        return np.asarray(found.reshape(len(shapes), dim * dim, dim * dim))
+
+    return ForceStates(
+        offsets,
+        2 * stabilisation / moment * weights[:, None, None] * eye,
+        gradient,
+        gradient.transpose(0, 2, 1),
+        g[:, :, None] * offsets[:, None, :],
+        law,
+        tuple(
+            tuple(int((axis == a) != (axis == b)) for axis in range(dim))
+            for a, b in itertools.product(range(dim), repeat=2)
+        ),
+    )
+
+
+def dilatation_states(
+    offsets: np.ndarray, bonds: np.ndarray, weights: np.ndarray, lame: float, calibrate: bool = True
+) -> ForceStates:
+    """Those of `solids.dilatation` beside springs: the state is the nonlocal dilatation, of which the law makes a
+    pressure.
+
+    Its weighted volume is that of a node with all its bonds, as the springs' stiffness is: the energy of every node is
+    positive then for any Poisson's ratio, and surfaces are soft as those of springs are.
+
+    Silling, Epton, Weckner, Xu and Askari (2007), eq 104.
+    """
+    dim = offsets.shape[1]
+    moment = (weights * offsets[:, 0] ** 2).sum() if calibrate else 2.0
+    g = weights[:, None] * offsets / moment
+    return ForceStates(
+        offsets,
+        bonds,
+        g[:, None, :],
+        g[:, :, None],
+        g[:, :, None] * offsets[:, None, :],
+        lambda shapes: np.full((len(shapes), 1, 1), lame),
+        ((0,) * dim,),
+    )
+
+
+def inverse_shapes(shapes: np.ndarray) -> np.ndarray:
+    """Inverse shape tensors, zero where the bonds that are there hardly span the space; shape (S, dim, dim)."""
+    whole = np.linalg.det(shapes) > _SINGULAR
+    found = np.zeros_like(shapes)
+    found[whole] = np.linalg.inv(shapes[whole])
+    return found

@@ -1,0 +1,189 @@
+"""State-based and correspondence materials as two passes: against their convolution, against a program that goes by the
+definitions, free surfaces, cracks and layers.
+"""
+
+import numpy as np
+import pytest
+
+import farhorizon as fh
+from farhorizon.geometry.shapes import PolygonCut, Polyline
+from farhorizon.inputs.cracks import cut_bonds
+from farhorizon.studies.compare import compare
+
+KERNEL = fh.Kernel(2.0)
+MATERIALS = {
+    "correspondence": {"poisson": 0.3, "material": "correspondence"},
+    "stabilised": {"poisson": 0.1, "material": "correspondence", "stabilisation": 0.4},
+    "state-based": {"poisson": 0.4, "material": "state-based"},
+    "stretching sideways": {"poisson": -0.3, "material": "state-based"},
+}
+SEED = 20261123
+IN_SPACE = pytest.param("stabilised", 3, marks=pytest.mark.slow)
+
+
+def elastic(name, **options):
+    return fh.Elastic(KERNEL, 2.0, density=1.5, **MATERIALS[name] | options)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("name", MATERIALS)
+def test_the_stencil_is_the_convolution_of_both_passes(name, dim):
+    """On plane waves of random wavenumbers the symbols are multiplied."""
+    model, rng = elastic(name), np.random.default_rng(SEED)
+    states, stencil = model.force_states(1.0, dim), model.stencil(1.0, dim)
+    (law,) = states.law(np.eye(dim)[None])
+    for k in rng.uniform(-np.pi, np.pi, (5, dim)):
+        ahead = np.exp(1j * states.offsets @ k)[:, None, None]
+        gradient, divergence = (states.gradient * (ahead - 1)).sum(0), (states.divergence * (ahead + 1)).sum(0)
+        passes = divergence @ law @ gradient + (states.bonds * (ahead - 1)).sum(0)
+        whole = (stencil.weights * (np.exp(1j * stencil.offsets @ k)[:, None, None] - 1)).sum(0)
+        np.testing.assert_allclose(passes, whole, rtol=0, atol=1e-14 * np.abs(stencil.weights).sum())
+
+
+def body_with_a_hole(dim):
+    """Free all around, with a hole and a crack, on a lattice of spacing 1/2."""
+    size = (10.0, 8.0, 8.0)[:dim]
+    hole = fh.Disc(1.3, (7.0, 5.0)) if dim == 2 else fh.Ball(1.3, (6.9, 4.6, 5.1))
+    lattice = fh.Lattice(
+        0.5 if dim == 2 else 1.0, (0.0,) * dim, size, body=fh.Box((-1.0,) * dim, np.array(size) + 1) - hole
+    )
+    if dim == 2:
+        return lattice, [(-1.0, 3.3), (4.4, 3.8)]
+    return lattice, [(-1.0, -1.0, 1.4), (4.4, -1.0, 1.6), (4.4, 6.3, 1.6), (-1.0, 6.3, 1.4)]
+
+
+def forces_by_the_definitions(lattice, crack, model, u):
+    """Force densities of the nodes that there are, node by node and bond by bond, and their number (N, dim).
+
+    Correspondence: Silling et al. (2007), section 18, with the stabilisation of Silling (2017), eq 21, as the gradient
+    of its energy; state-based: eq 104 there, linearised, with the weighted volume of a node with all its bonds.
+    """
+    dim, h = lattice.dim, lattice.spacing
+    states = model.force_states(h, dim)
+    offsets, shape = states.offsets, lattice.shape
+    cut = (Polyline if dim == 2 else PolygonCut)(crack)
+    nodes, bonds = cut_bonds(cut, lattice.lower, h, shape, offsets)
+    gone = {(*n, b) for n, b in zip(nodes.tolist(), bonds.tolist(), strict=True)}
+    there = {tuple(n): i for i, n in enumerate(np.argwhere(lattice.mask).tolist())}
+    family = [
+        [(k, there[j]) for k, o in enumerate(offsets) if (j := tuple(np.array(n) + o)) in there and (*n, k) not in gone]
+        for n in there
+    ]
+    values = u[:, lattice.mask].T
+    xi, w = h * offsets, np.trace(states.shapes, axis1=1, axis2=2) / (h * h * (offsets**2).sum(1))
+    lame, shear = model.lame, model.shear
+    force, state = np.zeros_like(values), []
+    for i, bonds_of in enumerate(family):
+        if model.material == "state-based":
+            theta = sum(w[k] * xi[k] @ (values[j] - values[i]) for k, j in bonds_of)
+            state.append((lame - shear) * theta * np.eye(dim))
+            continue
+        shape_tensor = sum(w[k] * np.outer(xi[k], xi[k]) for k, _ in bonds_of)
+        inverse = np.linalg.inv(shape_tensor)
+        e = sum(w[k] * np.outer(values[j] - values[i], xi[k]) for k, j in bonds_of) @ inverse
+        stress = lame * np.trace(e) * np.eye(dim) + shear * (e + e.T)
+        pull = model.stabilisation * model.p_modulus
+        for k, j in bonds_of:  # of the energy pull/2 sum w |eta - e xi|^2 of this node, and none of other displacements
+            rest = pull * w[k] * (values[j] - values[i] - e @ xi[k])
+            force[i] += rest
+            force[j] -= rest
+        state.append(stress @ inverse)
+    for i, bonds_of in enumerate(family):
+        for k, j in bonds_of:
+            force[i] += w[k] * (state[i] + state[j]) @ xi[k]
+            if model.material == "state-based":
+                force[i] += states.bonds[k] * model.p_modulus / h**2 @ (values[j] - values[i])
+    return force
+
+
+@pytest.mark.parametrize(("name", "dim"), [*((one, 2) for one in MATERIALS), IN_SPACE])
+def test_forces_are_those_of_the_definitions(name, dim):
+    lattice, crack = body_with_a_hole(dim)
+    model = elastic(name)
+    u = np.random.default_rng(SEED).standard_normal((dim, *lattice.shape)) * lattice.mask
+    sim = fh.Simulation(lattice, model, fh.Free(), {"u": u}, cracks=[crack], threads=1)
+    found = sim.engine.core.view(sim.engine.apply(sim.engine.current.copy())).reshape(u.shape)[:, lattice.mask].T
+    wanted = forces_by_the_definitions(lattice, crack, model, u) / model.density
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_a_free_body_keeps_its_energy_and_feels_no_rotation(name):
+    lattice, crack = body_with_a_hole(2)
+    rng = np.random.default_rng(SEED)
+    noise = {"u": rng.standard_normal((2, *lattice.shape))}
+    sim = fh.Simulation(lattice, elastic(name), fh.Free(), noise, cracks=[crack])
+    before = sim.energy()
+    for _ in range(3):
+        sim.step(50)
+        assert sim.energy() == pytest.approx(before, rel=1e-12)
+        assert min(sim.energies().values()) > 0.05 * before
+    turned = fh.Simulation(
+        lattice, elastic(name), fh.Free(), {"u": [lambda x, y: 0.3 - 0.01 * y, lambda x, y: 0.01 * x]}, cracks=[crack]
+    )
+    turned.step(50)
+    inside = lattice.mask
+    np.testing.assert_allclose(turned.fields["u"][:, inside], turned.start_u[:, inside], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["correspondence", "state-based"])
+def test_beyond_a_fixed_side_the_medium_goes_on(name):
+    """A crack in the middle makes the two passes; without it the convolution is swept, which knows the medium beyond:
+    until the crack is felt at a side and back, both move alike there.
+    """
+    lattice = fh.Lattice(1.0, (-14.0, -10.0), (14.0, 10.0))
+    shake = np.random.default_rng(SEED).standard_normal((2, *lattice.shape)) * (np.abs(lattice.coordinates()[0]) > 11)
+    one, two = (
+        fh.Simulation(lattice, elastic(name), fh.Fixed(), {"u": shake}, cracks=cracks, dt=0.5, threads=1)
+        for cracks in ([], [[(0.5, -1.2), (0.5, 1.2)]])
+    )
+    assert one.engine.passes is None and two.engine.passes is not None
+    for sim in (one, two):
+        sim.step(2)  # in a step forces reach 4 nodes
+    np.testing.assert_allclose(two.fields["u"], one.fields["u"], rtol=0, atol=1e-13)
+    before = two.energy()
+    two.step(100)
+    assert two.energy() == pytest.approx(before, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["stabilised", "state-based"])
+def test_free_surfaces_and_cracks_run_into_the_layers(name):
+    """A half-space with a crack across a side, against a domain so large that nothing returns."""
+    nodes, wanted = (12, 1e-5) if name == "stabilised" else (20, 1e-4)  # without backward waves, and with them
+    setup = {
+        "lattice": fh.Lattice(1.0, (-15.0, 0.0), (15.0, 20.0)),
+        "model": fh.Elastic(KERNEL, 1.0, **MATERIALS[name]),
+        "threads": 1,
+        "boundary": {"x": fh.LatticePML(nodes=nodes), "y-": fh.Free(), "y+": fh.LatticePML(nodes=nodes)},
+        "initial": {"u": [0.0, lambda x, y: np.exp(-(x**2 + y**2) / 9)]},
+    }
+    found = compare(setup, 40.0, [10.0, 20.0, 30.0, 40.0], beside=False)
+    (curve,) = found.curves.values()
+    assert max(curve["error_rel_initial"]) < wanted
+
+
+def test_a_step_may_be_half_of_the_limit_of_the_weakest_node():
+    """Nodes with few bonds oscillate faster than the medium: noise stays bounded just below the limit, and grows above
+    it.
+    """
+    lattice, crack = body_with_a_hole(2)
+    noise = {"u": np.random.default_rng(SEED).standard_normal((2, *lattice.shape))}
+
+    def size(part):
+        sim = fh.Simulation(lattice, elastic("correspondence"), fh.Free(), noise, cracks=[crack])
+        limit = sim.step_limit
+        sim = fh.Simulation(lattice, elastic("correspondence"), fh.Free(), noise, cracks=[crack], dt=part * limit)
+        sim.step(400)
+        return np.nanmax(np.abs(sim.fields["u"]))
+
+    assert size(0.999) < 1e3
+    with pytest.raises(fh.InputError, match="step"):
+        size(1.001)
+
+
+def test_weakened_bonds_are_refused():
+    lattice = fh.Lattice(1.0, (-9.0, -9.0), (9.0, 9.0))
+    thin = fh.Crack([(-1.0, 0.5), (1.0, 0.5)], factor=0.5)
+    for given in ({"coefficient": np.ones(lattice.shape)}, {"cracks": [thin]}):
+        with pytest.raises(fh.InputError, match="cannot be weakened"):
+            fh.Simulation(lattice, elastic("state-based"), fh.Free(), **given)
