@@ -30,16 +30,19 @@ def check_model(setup: Setup, sides: Sides) -> None:
                 key=f"boundary.{side_name(*key)}",
                 remedy=model.combinations,
             )
-    wrong = [
-        (not model.cuttable and len(cracks), "crack", "cut"),
-        (not model.bonds and coefficient is not None, "coefficient", "weakened one by one"),
-        (not model.cuttable and setup.lattice.body is not None, "lattice.body", "cut"),
-        (not model.bonds and any(crack.factor for crack in cracks), "crack.factor", "weakened"),
-    ]
-    for asked, where, what in wrong:
-        if asked:
-            words = f"the bonds of a model {model.title} cannot be {what}"
-            raise InputError(words, key=where, remedy="leave it out")
+    if not model.cuttable and (len(cracks) or coefficient is not None or setup.lattice.body is not None):
+        given = "crack" if len(cracks) else "coefficient" if coefficient is not None else "lattice.body"
+        raise InputError(
+            f"the bonds of a {type(model).__name__} cannot be cut or weakened one by one",
+            key=given,
+            remedy="leave it out",
+        )
+    if not model.bonds and (coefficient is not None or any(crack.factor for crack in cracks)):
+        raise InputError(
+            f"the bonds of an {model.title} cannot be weakened one by one",
+            key="crack.factor" if coefficient is None else "coefficient",
+            remedy="leave it out" if coefficient is not None else "cracks that cut bonds wholly, without a factor",
+        )
     if model.dissolution is not None and coefficient is not None:
         raise InputError("the phases are the coefficient of a Corrosion", key="coefficient", remedy="leave it out")
     if len(setup.specimens) and model.dissolution is None:

@@ -69,21 +69,27 @@ def test_functions_of_others_are_compiled_in_silence(tmp_path, capfd, fresh):
 
 
 def test_kernels_of_what_few_runs_have_are_left_out(monkeypatch):
-    """A wave takes the loop without them, a sponge that of some runs, metal that dissolves the one with all, which
-    serves all from then on.
+    """A wave takes the loop without them, a sponge that of some runs, metal that dissolves one with more, and so do two
+    passes; what has been loaded first serves all that need no more.
     """
-    monkeypatch.setattr(build, "_DRIVERS", {})
     lattice = lattice_of((12, 12))
-    for model, side, expected in (
-        (fh.Wave, fh.Free(), {0}),
-        (fh.Wave, fh.Sponge(3), {0, 1}),
-        (lambda k: fh.Corrosion(k, saturation=0.5), fh.Free(), {0, 1, 2}),
-        (fh.Wave, fh.Free(), {0, 1, 2}),
-    ):
-        sim = fh.Simulation(lattice, model(fh.Kernel(2.0)), side)
-        sim.step(1)
-        assert set(build._DRIVERS) == expected
-    assert sim.engine._driver is build._DRIVERS[2]
+    plain, some, rare = frozenset(), frozenset({"SOME"}), frozenset({"SOME", "RARE"})
+    runs = {
+        plain: (fh.Wave(fh.Kernel(2.0)), fh.Free()),
+        some: (fh.Wave(fh.Kernel(2.0)), fh.Sponge(3)),
+        rare: (fh.Corrosion(fh.Kernel(2.0), saturation=0.5), fh.Free()),
+        some | {"STATES"}: (fh.Elastic(fh.Kernel(1.0), 1.0, 0.3, material="state-based"), fh.Free()),
+    }
+
+    def loaded(order):
+        monkeypatch.setattr(build, "_DRIVERS", {})
+        for kernels in order:
+            fh.Simulation(lattice, *runs[kernels]).step(1)
+        return list(build._DRIVERS)
+
+    assert loaded(runs) == list(runs)
+    assert loaded(reversed(runs)) == [some | {"STATES"}, rare]
+    assert loaded([some, plain, some]) == [some]
 
 
 @pytest.mark.slow
