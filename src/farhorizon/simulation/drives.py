@@ -231,6 +231,14 @@ def incidence(wave: Incident, near: NearField, sides: Sides, cuts: Sequence[Cut]
     factor = check_scatterers(wave, lattice, near.stencil.reach, cuts, near.material, free)
     assert wave.within is not None
     known = standing_on(wave.within, lattice, free)
+    if known and not model.bonds:
+        raise InputError(
+            "the free surface that an incident wave knows is one of bonds",
+            value=model.title,
+            key="incident.within",
+            limit=f"one reach away from {', '.join(side_name(*key) for key in known)}",
+            remedy='a smaller box, or material = "bond-based"',
+        )
     walls = [side_name(*key) for key, b in sides.items() if not b.endless and key not in known]
     if walls:
         notes.append(f"only what is scattered meets {', '.join(walls)}: an incident wave does not know them")
