@@ -13,9 +13,9 @@ multiply-adds, layers against the infinite lattice.
   of the law, 5 dim + 7 a bond, a root and a division among them, each as long as a multiply-add. Target: 5e6 nodes/s in
   3D with m = 3, five times the rate of particle codes.
 - passes: state-based and correspondence materials as two passes over the stencil that is their convolution, both in
-  periodic boxes, compiled rows on one thread; in space with free faces all around and with a hole as well, over the
-  periodic box. Targets in 3D with m = 3: 1.5 times the rate of the convolution (state-based), twice (stabilised
-  correspondence); free faces and holes add 10 %; 200 bytes a node.
+  periodic boxes, compiled rows on one thread; with free faces all around, and with a hole, over the periodic box.
+  Targets in 3D with m = 3: 1.5 times the rate of the convolution (state-based), twice (stabilised correspondence); free
+  faces and holes add 10 %; 200 bytes a node.
 - layers: largest error of the near field against the infinite lattice, relative to the largest initial value, over four
   crossings of the P wave; pulses of all components that meet sides and corners. Targets in 3D: 1e-5 with 10 nodes, 1e-7
   with 20.

@@ -4,11 +4,13 @@ definitions, free surfaces, cracks and layers.
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq, least_squares
 
 import farhorizon as fh
 from farhorizon.geometry.shapes import PolygonCut, Polyline
 from farhorizon.inputs.cracks import cut_bonds
 from farhorizon.studies.compare import compare
+from helpers import fitted_rate
 
 KERNEL = fh.Kernel(2.0)
 MATERIALS = {
@@ -197,3 +199,48 @@ def test_weakened_bonds_are_refused():
     for given in ({"coefficient": np.ones(lattice.shape)}, {"cracks": [thin]}):
         with pytest.raises(fh.InputError, match="cannot be weakened"):
             fh.Simulation(lattice, elastic("state-based"), fh.Free(), **given)
+
+
+def surface_wave_speed(model, nodes):
+    """Of a Rayleigh wave so many nodes long, over that of the classical theory: a period of the free half-space, on
+    which the displacements oscillate like the cosine.
+    """
+    length, depth = float(nodes), 2.5 * nodes
+    ratio = model.shear / model.p_modulus
+    squared = brentq(lambda x: (2 - x) ** 2 - 4 * np.sqrt((1 - x) * (1 - ratio * x)), 0.1, 0.9999)
+    k, speed = 2 * np.pi / length, model.s_speed * np.sqrt(squared)
+    q, s = k * np.sqrt(1 - ratio * squared), k * np.sqrt(1 - squared)
+    part = 2 / (k * k + s * s)
+    initial = [
+        lambda x, y: (np.exp(q * y) - part * q * s * np.exp(s * y)) * np.sin(k * x),
+        lambda x, y: -q / k * (np.exp(q * y) - part * k * k * np.exp(s * y)) * np.cos(k * x),
+    ]
+    lattice = fh.Lattice(1.0, (0.0, -depth), (length - 1, 0.0))
+    sides = {"x": fh.Periodic(), "y-": fh.Fixed(), "y+": fh.Free()}
+    sim = fh.Simulation(lattice, model, sides, {"u": initial}, threads=1)
+    start, times, sizes = sim.fields["u"].copy(), [], []
+    while sim.time < 3 * length / speed:
+        sim.step(1)
+        times.append(sim.time)
+        sizes.append((sim.fields["u"] * start).sum() / (start**2).sum())
+    found = least_squares(lambda p: p[1] * np.cos(p[0] * np.array(times)) - sizes, [k * speed, 1.0])
+    return found.x[0] / (k * speed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("options", "at_20", "order"),
+    [
+        ({}, 0.02, 1.0),
+        ({"material": "state-based", "poisson": 0.4}, 0.015, 1.0),
+        ({"material": "correspondence", "poisson": 0.25, "stabilisation": 0.5}, 0.01, 1.7),
+    ],
+)
+def test_rayleigh_waves_run_at_the_classical_speed(options, at_20, order):
+    """Springs leave surfaces soft, which is an error of first order; gradients with the shape tensor of the bonds that
+    are there are exact for linear displacements at surfaces, too.
+    """
+    model = fh.Elastic(KERNEL, 1.0, **options)
+    errors = [abs(surface_wave_speed(model, nodes) - 1) for nodes in (20, 30, 40)]
+    assert errors[0] < at_20
+    assert fitted_rate([1 / 20, 1 / 30, 1 / 40], errors) > order
