@@ -2,8 +2,8 @@
 
 Physics: sixteen elements on the free surface of a block push one after the other, so that their longitudinal waves meet
 in a hole of 3 mm, drilled across the plane 20 mm below. What comes back is received by the same elements and added with
-the same delays. The block goes on at its sides and below. Bonds of a state of plane strain, whose Poisson's ratio is
-1/4.
+the same delays. The block goes on at its sides and below. A state of plane strain of a state-based material, which has the
+Poisson's ratio of steel, 0.29.
 
 Prints when the echo of the hole comes, beside the way to its top and back over the speed of longitudinal waves.
 
@@ -18,7 +18,7 @@ MM, US = 1e-3, 1e-6
 SPACING, UNTIL = 0.15 * MM, 11 * US
 HOLE, RADIUS = np.array([3.0 * MM, -20.0 * MM]), 1.5 * MM
 BURST = fh.ToneBurst(1e6, 3)
-STEEL = fh.Elastic(fh.Kernel(2 * SPACING), young=206e9, density=7850.0)
+STEEL = fh.Elastic(fh.Kernel(2 * SPACING), young=206e9, poisson=0.29, density=7850.0, material="state-based")
 ARRAY = fh.PhasedArray(
     (-9.0 * MM, 0.0), (9.0 * MM, 0.0), 16, (0.0, -1e6), BURST, speed=STEEL.p_speed, focus=HOLE, width=0.9 * MM
 )
