@@ -2,8 +2,8 @@
 
 Physics: sixteen elements on the free surface of a block push one after the other, so that their longitudinal waves meet
 in a hole of 3 mm, drilled across the plane 20 mm below. What comes back is received by the same elements and added with
-the same delays. The block goes on at its sides and below. A state of plane strain of a state-based material, which has the
-Poisson's ratio of steel, 0.29.
+the same delays. The block goes on at its sides and below. A state of plane strain of a state-based material, which has
+the Poisson's ratio of steel, 0.29.
 
 Prints when the echo of the hole comes, beside the way to its top and back over the speed of longitudinal waves.
 
