@@ -184,3 +184,33 @@ def test_energy_that_a_longer_crack_releases():
     by_energy = (spent[1] - spent[0]) / (2 * spacing)
     print(found, by_energy)
     assert by_energy == pytest.approx(np.mean(found), rel=0.02)
+
+
+@pytest.mark.slow
+def test_an_incident_wave_is_the_load_on_the_faces_that_it_would_have():
+    """Total field inside the wave's box, or what the crack adds to it: K is the same, but for the tip's place."""
+    spacing, model = 0.25, fh.Elastic(fh.Kernel(0.5, exponent=1), young=1.0)
+    lattice = fh.Lattice(spacing, (-8.875, -6.875), (8.875, 6.875))
+    crack, pulse = fh.Polyline(CRACK), fh.Gaussian(2.0)
+    falling, loaded = fh.StressIntensity([(HALF, 0.0)]), fh.StressIntensity([(HALF, 0.0)])
+    sides = fh.LatticePML(nodes=16)
+    box = fh.Box((-7.875, -5.875), (7.875, 5.875))
+    wave = fh.IncidentWave((0.0, 1.0), pulse, pulse.end, "P", within=box)
+    sim = fh.Simulation(lattice, model, sides, sources=[wave], cracks=[crack], observe=[falling])
+    sim.run(40.0, progress=False)
+    arrives = 5.875 / model.p_speed
+
+    def strain(t):
+        d = 1e-4
+        return -(pulse(t - arrives + d) - pulse(t - arrives - d)) / (2 * d * model.p_speed)
+
+    force = force_on_faces(model, lattice, crack, np.diag([0.0, 1.0]))
+    other = fh.Simulation(lattice, model, sides, sources=[fh.Source(force, strain)], cracks=[crack], observe=[loaded])
+    other.run(40.0, progress=False)
+    one, two = falling.data["K_I"][:, 0], loaded.data["K_I"][:, 0]
+    print(np.abs(one).max(), np.abs(two).max(), np.abs(one - two).max())
+    assert np.abs(one - two).max() < 0.05 * np.abs(two).max()
+    narrow = fh.IncidentWave((0.0, 1.0), pulse, pulse.end, "P", within=fh.Box((-4.875, -2.875), (4.875, 2.875)))
+    observe = [fh.StressIntensity([(HALF, 0.0)], (1.0, 2.0))]
+    with pytest.raises(fh.InputError, match="an incident wave's box"):
+        fh.Simulation(lattice, model, sides, sources=[narrow], cracks=[crack], observe=observe)

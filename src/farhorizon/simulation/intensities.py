@@ -61,7 +61,7 @@ class StressIntensity(Recorder):
     InputError
         When a run is made: no crack tip, another dimension than two, bonds that are nonlinear or break, cracks that
         open later or carry something, a medium that varies around a tip, circles within the horizon of the tip, that
-        leave the near field, or that a crack crosses twice.
+        leave the near field or the box of an incident wave, or that a crack crosses twice.
 
     Notes
     -----
@@ -141,9 +141,10 @@ class StressIntensity(Recorder):
         self.points = np.array([ends[number][0] for number in chosen])
         self.ahead = np.array([ends[number][1] for number in chosen])
         cuts = [crack.cut for crack in setup.cracks]
+        edges = _edges(parts)
         self.domains = [
             InteractionDomain(
-                near.lattice, tip, ahead, _circles(tip, self.radii, cuts, near), cuts, _medium_at(near, tip)
+                near.lattice, tip, ahead, _circles(tip, self.radii, cuts, near, edges), cuts, _medium_at(near, tip)
             )
             for tip, ahead in zip(self.points, self.ahead, strict=True)
         ]
@@ -263,7 +264,11 @@ def _nearest(tip: np.ndarray, ends: Sequence[tuple[np.ndarray, np.ndarray]], nea
 
 
 def _circles(
-    tip: np.ndarray, given: tuple[float, float] | None, cuts: Sequence[Cut], near: NearField
+    tip: np.ndarray,
+    given: tuple[float, float] | None,
+    cuts: Sequence[Cut],
+    near: NearField,
+    edges: tuple[np.ndarray, np.ndarray],
 ) -> tuple[float, float]:
     """Those that are given, or the largest circle around a tip that needs no nodes beyond the near field and stays away
     from other corners of cracks, and one of half its radius, or the horizon.
@@ -274,7 +279,8 @@ def _circles(
         Within the horizon of the tip, or of the edge.
     """
     lattice = near.lattice
-    room, reach = _room(tip, near), max(near.stencil.reach) * lattice.spacing
+    room = float(min((tip - edges[0]).min(), (edges[1] - tip).min()))
+    reach = max(near.stencil.reach) * lattice.spacing
     corners = np.concatenate([cut.points for cut in cuts if isinstance(cut, Polyline)])
     apart = np.linalg.norm(corners - tip, axis=1)
     widest = min(room - reach, _PART * float(apart[apart > 0].min()))
@@ -282,7 +288,7 @@ def _circles(
     if inner < reach * (1 - _UNEVEN) or outer > room - reach * (1 - _UNEVEN):
         raise InputError(
             "the circles around the tip come within the horizon of the tip, or of the edge of the near field, beyond "
-            "which the layer is",
+            "which the layer is, or of an incident wave's box",
             value=[inner, outer],
             limit=f"{reach:.6g} to {room - reach:.6g}",
             key="stress_intensity.radii",
@@ -291,9 +297,14 @@ def _circles(
     return inner, outer
 
 
-def _room(tip: np.ndarray, near: NearField) -> float:
-    """Distance from the nearest edge of the near field."""
-    return float(min((tip - near.lattice.lower).min(), (near.lattice.upper - tip).min()))
+def _edges(parts: Parts) -> tuple[np.ndarray, np.ndarray]:
+    """Between which the field is the whole one: those of the near field, and of the boxes of incident waves, outside of
+    which is what they scatter alone.
+    """
+    lattice, regions = parts.near.lattice, [one.region for one in parts.incident]
+    lower = np.max([lattice.lower, *(lattice.lower + lattice.spacing * region.first for region in regions)], axis=0)
+    upper = np.min([lattice.upper, *(lattice.lower + lattice.spacing * region.last for region in regions)], axis=0)
+    return lower, upper
 
 
 def _medium_at(near: NearField, tip: np.ndarray) -> NearTip:
