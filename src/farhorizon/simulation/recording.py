@@ -14,6 +14,8 @@ from farhorizon.simulation.fourier_sums import BLOCK
 from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted
 from farhorizon.simulation.setup import Setup
 
+_ROOM = 2**24  # numbers that are kept of the steps between two looks: fewer than memory has
+
 
 class Recording:
     """The recorders of a run at its start and its probes, and what the loop keeps for them.
@@ -60,6 +62,7 @@ class Recording:
             along = [np.ones((len(first), 1))] * lead + list(blocks.weights)
             found += [(first + component * engine.layout.size, along) for component in range(engine.components)]
         engine.listen(found)
+        self._kept = sum(map(len, watched)) + sum(len(first) for first, _ in found)  # numbers a step
         engine.watch_stride = math.gcd(*(wanted.every for wanted in self._wanted), int(self._probed.size > 0)) or 1
 
     def _all_nodes(self) -> list[np.ndarray]:
@@ -93,11 +96,14 @@ class Recording:
             one.foresee(until, steps)
 
     def allow(self, step: int, wanted: int) -> int:
-        """How many of the wanted steps to make from one on: to where a recorder has to see the run, or to where blocks
-        of Fourier sums end, if that is not much less, for whole blocks are summed where they lie.
+        """How many of the wanted steps to make from one on: to where a recorder has to see the run; so few that what is
+        kept of them stays small; and to where blocks of Fourier sums end, if that is not much less, for whole blocks
+        are summed where they lie.
         """
-        wanted = min([wanted, *(one.every - step % one.every for one in self._wanted if one.stop)])
-        return wanted if wanted < 2 * BLOCK else wanted - (step + wanted + 1) % BLOCK
+        most = max(BLOCK, _ROOM // max(1, self._kept))
+        wanted = min([wanted, most, *(one.every - step % one.every for one in self._wanted if one.stop)])
+        whole = wanted - (step + wanted + 1) % BLOCK
+        return whole if 2 * whole > wanted else wanted
 
     def add(self, step: int) -> None:
         """Give the recorders what the loop has kept of its last steps, which begin with number `step`."""
