@@ -29,6 +29,7 @@ def test_every_key_is_explained_and_every_key_of_the_examples_is_there():
     keys = all_keys()
     assert [key.path for key in keys if not key.text] == []
     used = set().union(*(paths(tomllib.loads(path.read_text(encoding="utf-8"))) for path in EXAMPLES.glob("*.toml")))
+    used = {path.replace(".without.", ".") for path in used}  # a region in a region has the same keys
     used = {path for path in used if not path.startswith(("initial.", "crack.rectangle.", "crack.disc."))}
     assert used <= {key.path for key in keys} and len(used) > 40
 
