@@ -80,6 +80,26 @@ def test_the_second_run_is_that_of_both_together(name):
     assert error.max() < (1e-12 if dim == 2 else 1e-8) * peak  # in space less layer is taken, which sends back so much
 
 
+def test_what_is_in_the_box_in_both_runs_scatters_in_the_first():
+    """The second run has the field of the first one in the box, and nothing outside; a crack more scatters as in one
+    run with both.
+    """
+    (model, value), low, high, half, until = _CASES["scalar"]
+    given = {"model": model, "sources": [value], "boundary": fh.Fixed(), "lattice": fh.Lattice(1.0, low, high)}
+    shell, old, new = fh.ShellRecorder(fh.Box((-half,) * 2, (half,) * 2)), _cut(2), [[(-2.0, 1.5), (-1.0, -1.5)]]
+    first = fh.Simulation(**given, cracks=old, observe=[shell]).run(until)
+    both = fh.Simulation(**given, cracks=old + new).run(until)
+    lattice = fh.Lattice(1.0, (-12, -12), (12, 12))
+    large = tuple(slice(int(n), int(n) + 25) for n in _places(first, lattice.lower))
+    inside = np.max([np.abs(x) for x in lattice.coordinates()], axis=0) <= half
+    options = {"lattice": lattice, "model": model, "boundary": fh.LatticePML(nodes=24), "dt": first.dt}
+    for cracks, run in ((old, first), (old + new, both)):
+        again = fh.Simulation(**options, sources=[fh.IncidentRecord(shell)], cracks=cracks).run(until)
+        total, known = run.fields["u"][large], first.fields["u"][large]
+        error = np.abs(again.fields["u"] - np.where(inside, total, total - known)).max()
+        assert error < 1e-12 * np.abs(total).max()
+
+
 def _ends(lattice):
     return lattice.lower, lattice.upper
 

@@ -22,7 +22,7 @@ RANDOM = np.random.default_rng(SEED)
 
 _SCALAR = fh.Kernel(horizon=2.0)
 _BONDS = {"kernel": fh.Kernel(horizon=2.0, influence="linear", exponent=1), "young": 2.0, "density": 0.5}
-# A burst of width 12 that is 1e-11 where it is cut off: what `tests/inputs/test_incidence.py` finds to leak is that.
+# A burst of width 12 that is 1e-11 where it is cut off: what `tests/inputs/test_plane_waves.py` finds to leak is that.
 _SIGNAL, _DURATION, _EXACT = fh.Expression("sin(2*pi*t/16)*exp(-((t-60)/12)**2)", 0), 120.0, 1e-11
 
 
