@@ -162,7 +162,7 @@ def _place(prefix: str, keys: Sequence[Key]) -> tuple[str, set[str]]:
     """The path that is meant, and the types of tables named on the way."""
     given, path, types = [step for step in steps(prefix) if step and not step.isdecimal()], "", set()
     # what is taken out of a region has the keys of a region
-    wanted = [step for step, below in zip(given, [*given[1:], ""], strict=True) if step != "without" or not below]
+    wanted = [step for step, below in zip(given, [*given, ""][1:], strict=True) if step != "without" or not below]
     for number, step in enumerate(wanted):
         known = {kind for key in keys if f"{key.path}.".startswith(f"{path}.") for kind in key.types}
         if any(key.parent == path and key.name == step for key in keys):
