@@ -20,6 +20,7 @@ APART = (
     fh.FarField,
     fh.Spectra,
     fh.PowerThrough,
+    fh.ShellRecorder,
     fh.StressIntensity,
     fh.CrackTips,
     fh.WholeSteps,
