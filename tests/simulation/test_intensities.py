@@ -104,7 +104,7 @@ def test_case_file():
 
 def pulled(spacing, turn, stress, model, observe):
     """A crack turned against the lattice in a medium that is stressed from far away, at rest in the end."""
-    half = 8.0
+    half = 8.5
     lattice = fh.Lattice(spacing, (spacing / 2 - half,) * 2, (half - spacing / 2,) * 2)
     ahead = np.array([np.cos(turn), np.sin(turn)])
     crack = fh.Polyline([-HALF * ahead, HALF * ahead])
@@ -114,7 +114,7 @@ def pulled(spacing, turn, stress, model, observe):
     sim = fh.Simulation(
         lattice, model, fh.LatticePML(nodes=16), sources=sources, cracks=[crack], observe=observe, threads=1
     )
-    sim.run("static", tolerance=1e-3, limit=500.0, progress=False)
+    sim.run("static", tolerance=2e-3, limit=300.0, progress=False)
     normal = np.array([-ahead[1], ahead[0]])
     return np.sqrt(np.pi * HALF) * np.array([normal @ stress @ normal, ahead @ stress @ normal])
 
@@ -122,26 +122,27 @@ def pulled(spacing, turn, stress, model, observe):
 @pytest.mark.slow
 @pytest.mark.parametrize(("reach", "plane"), [(2, "strain"), (3, "stress")])
 def test_turned_cracks_under_random_loads_converge(reach, plane):
-    """To the infinite plane's, at first order: a tip is known to a part of the spacing."""
+    """To the infinite plane's, at first order: a tip is known to a part of the spacing, in one crack more than in
+    another, so that the order is that of the mean of some.
+    """
     print(f"seed {SEED}")
     rng = np.random.default_rng(SEED)
-    turn, stress = rng.uniform(0.1, 1.4), rng.uniform(-1.0, 1.0, (2, 2))
-    stress = stress + stress.T + np.eye(2) * 1.5
-    errors = []
-    spacings = (0.5, 0.25, 0.125)
+    cracks = [(rng.uniform(0.1, 1.4), rng.uniform(-1.0, 1.0, (2, 2))) for _ in range(3)]
+    spacings, means = (0.5, 0.25, 0.125), []
     for spacing in spacings:
-        model = fh.Elastic(fh.Kernel(reach * spacing, exponent=1), young=1.0, plane=plane)
-        large, small = fh.StressIntensity(every=50), fh.StressIntensity(radii=(1.5, 2.5), every=50, name="small")
-        exact = pulled(spacing, turn, stress, model, [large, small])
-        found = np.array([large.data["K_I"][-1], large.data["K_II"][-1]])
-        errors.append(np.abs(found - exact[:, None]).max() / np.linalg.norm(exact))
-        inner = np.array([small.data["K_I"][-1], small.data["K_II"][-1]])
-        print(spacing, found.tolist(), inner.tolist(), exact, errors[-1])
-        assert np.abs(inner - found).max() < reach * spacing / 2 / 1.5 * np.linalg.norm(exact)
-    order = np.polyfit(np.log(spacings), np.log(errors), 1)[0]
-    print("order", order)
-    assert errors[-1] < 0.125 * reach / HALF
-    assert order > 0.7
+        errors = []
+        for turn, stress in cracks:
+            model = fh.Elastic(fh.Kernel(reach * spacing, exponent=1), young=1.0, plane=plane)
+            large, small = fh.StressIntensity(every=50), fh.StressIntensity(radii=(1.5, 2.5), every=50, name="small")
+            exact = pulled(spacing, turn, stress + stress.T + 1.5 * np.eye(2), model, [large, small])
+            found, inner = (np.array([one.data["K_I"][-1], one.data["K_II"][-1]]) for one in (large, small))
+            errors.append(np.abs(found - exact[:, None]).max() / np.linalg.norm(exact))
+            assert errors[-1] < reach * spacing / 4 / HALF  # half a horizon of the length, whose root K is
+            assert np.abs(inner - found).max() < reach * spacing / 2 / 1.5 * np.linalg.norm(exact)
+        means.append(np.sqrt(np.mean(np.square(errors))))
+    order = np.polyfit(np.log(spacings), np.log(means), 1)[0]
+    print(means, "order", order)
+    assert order > 0.6
 
 
 @pytest.mark.slow

@@ -139,19 +139,18 @@ def lattice_potential(n):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("tolerance", "target"), [(1e-3, 1e-5), (1e-4, 1e-6)])
-def test_a_force_in_space_beside_the_lattice_potential(tolerance, target):
+def test_a_force_in_space_beside_the_lattice_potential():
     """Far away 1 / 4 pi r: nine nodes a side are a small part of it, and the layers hold the rest."""
     force = np.zeros(CUBE.shape)
     force[4, 4, 4] = 1.0
     model = fh.Wave(fh.Stencil.finite_difference(3))
-    sim = fh.Simulation(CUBE, model, fh.LatticePML(target=target), sources=[fh.Source(force, fh.Step(20.0))])
-    sim.run("static", tolerance=tolerance)
+    sim = fh.Simulation(CUBE, model, fh.LatticePML(target=1e-5), sources=[fh.Source(force, fh.Step(20.0))])
+    sim.run("static", tolerance=1e-3)
     largest = lattice_potential((0, 0, 0))
     assert abs(largest - 0.2527310098586630) < 1e-9  # Watson (1939)
     for n in ((0, 0, 0), (1, 0, 0), (4, 0, 0), (3, 2, 1), (4, 4, 4)):
         error = sim.fields["u"][tuple(4 + i for i in n)] - lattice_potential(n)
-        assert abs(error) < tolerance * sim.time / sim.crossing * largest
+        assert abs(error) < 1e-3 * sim.time / sim.crossing * largest
 
 
 def periodic_kelvin(stencil, rate, force, nodes):
