@@ -65,6 +65,7 @@ class AbsentBonds:
         self.count = len(nodes)
         bare = self._open_surface()
         swept = self.bonds.clear(nodes, neighbours) if self.bonds else np.zeros(len(nodes), bool)
+        swept &= self.bonds.forces
         nodes, neighbours, weights = (
             nodes[~swept].astype(np.int64),
             neighbours[~swept].astype(np.int64),
@@ -99,7 +100,7 @@ class AbsentBonds:
         kept = exists[flat]
         if self.bonds:
             self.bonds.clear_bits(flat, bare)
-            kept &= ~self.bonds.contains(np.stack(at, axis=1))
+            kept &= ~(self.bonds.forces & self.bonds.contains(np.stack(at, axis=1)))
         if not engine.weights.any():
             kept[:] = False
         weights = self._weights_of(flat[kept], bare[:, kept]).astype(engine.dtype)

@@ -68,7 +68,11 @@ class BondZone:
         limits = np.array([limit, (limit / 2 * spacing) ** 2], self.engine.dtype)
         at = zone.table(self.engine.layout.reach)
         broken = np.zeros((*rows, 2))
-        engine.replace(bonds=Bonds(functions, table, places, alive, kinds, at, limits, nonlinear, broken))
+        forces = engine.passes is None
+        before = np.zeros((0, 0), np.uint64) if forces else alive.copy()
+        changed, full = np.zeros_like(kinds), all_bits(len(places))
+        damage = forces, changed, before, full
+        engine.replace(bonds=Bonds(functions, table, places, alive, kinds, at, limits, nonlinear, broken, *damage))
         engine.sweep_in_pieces(laws.PIECE_ROWS)
         self._find_kinds()
 
@@ -80,6 +84,11 @@ class BondZone:
     def __bool__(self) -> bool:
         """Whether there is one."""
         return len(self.table.places) > 0
+
+    @property
+    def forces(self) -> bool:
+        """Whether there is one whose bonds bring forces by their law."""
+        return bool(self) and self.table.forces
 
     def clear(self, nodes: np.ndarray, neighbours: np.ndarray) -> np.ndarray:
         """Clear the bits of bonds of the core; says which of them have their node in the zone, where bits alone
@@ -93,6 +102,7 @@ class BondZone:
         bond = order[np.searchsorted(places[order, 0], neighbours[mine] - nodes[mine])]
         np.bitwise_and.at(self.table.alive, (bond >> 6, nodes[mine]), ~(np.uint64(1) << (bond & 63).astype(np.uint64)))
         self._find_kinds()
+        self._remember()
         swept = np.zeros(len(nodes), bool)
         swept[mine] = self.contains(np.stack(np.unravel_index(number[nodes[mine]], block.nodes), axis=1))
         return swept
@@ -101,6 +111,12 @@ class BondZone:
         """Clear the bits of the bonds of nodes of the core that are `gone`, shape (K, nodes)."""
         for bond, which in enumerate(gone):
             self.table.alive[bond >> 6, nodes[which]] &= ~(np.uint64(1) << np.uint64(bond & 63))
+        self._remember()
+
+    def _remember(self) -> None:
+        """The bits are those for which the lost energy is known."""
+        if not self.table.forces:
+            self.table.before[...] = self.table.alive
 
     def contains(self, at: np.ndarray) -> np.ndarray:
         """Which nodes of the core, shape (N, 3), are in the zone of bonds with their own law: bits alone count
@@ -143,7 +159,10 @@ class BondZone:
         """What a checkpoint holds of the bonds: bits, kinds of tiles, and what has been added up of broken bonds and of
         work; they share memory.
         """
-        bonds = {"bonds": self.table.alive, "kinds": self.table.kinds, "broken": self.table.broken} if self else {}
+        table = self.table
+        bonds = {"bonds": table.alive, "kinds": table.kinds, "broken": table.broken} if self else {}
+        if not table.forces:
+            bonds |= {"changed": table.changed, "before": table.before}
         work = self.engine.tables.work
         return bonds | ({"work": work} if work.size else {})
 

@@ -24,6 +24,8 @@ from farhorizon.engine.tables import Material
 from farhorizon.engine.threads import barrier
 
 PLAIN, DAMAGED = 0, 1
+#: Of a tile of nodes with states: whether bonds have broken, or have just done so.
+UNCHANGED, CHANGED, JUST_CHANGED = 0, 1, 2
 #: Entries of the table of the zone, each for the three axes: where bonds follow the law (first node, extent), and its
 #: nodes (first, end).
 LAW_FIRST, LAW_EXTENT, FIRST, END = 0, 3, 6, 9
@@ -61,6 +63,14 @@ class Bonds(NamedTuple):
     nonlinear : bool
     broken : ndarray, shape (planes, rows of tiles, 2)
         Energy, in units of c, and number of the bonds that have broken.
+    forces : bool
+        Whether the bonds bring forces by the law; else they break only, see `engine.damage`, for which is the rest.
+    changed : ndarray, shape of `kinds`
+        Whether bonds have broken in a tile.
+    before : ndarray of uint64, shape of `alive`, or empty
+        Bits for which the lost energy is known.
+    full : ndarray of uint64, shape (words,)
+        Bits of a node with all its bonds.
     """
 
     functions: np.ndarray
@@ -72,6 +82,10 @@ class Bonds(NamedTuple):
     limit: np.ndarray
     nonlinear: bool
     broken: np.ndarray
+    forces: bool
+    changed: np.ndarray
+    before: np.ndarray
+    full: np.ndarray
 
 
 def no_bonds(dtype: np.dtype) -> Bonds:
@@ -87,6 +101,10 @@ def no_bonds(dtype: np.dtype) -> Bonds:
         np.zeros(2, dtype),
         False,
         np.zeros((0, 0, 2)),
+        True,
+        kinds,
+        bits,
+        np.zeros(0, np.uint64),
     )
 
 
@@ -300,9 +318,10 @@ def sweep_tiles(stage, sweep, material, bonds, i0, first, last, begin, end):
                 if number < stop:
                     kinds[i0, tile_row, number] = DAMAGED
             else:
-                number += 1
                 if found:
+                    bonds.changed[i0, tile_row, number] = JUST_CHANGED
                     add_broken(stage, material, bonds, kept, node, block[5], count, n, bonds.broken[i0, tile_row])
+                number += 1
 
 
 @njit(error_model="numpy", cache=True, entry=False)

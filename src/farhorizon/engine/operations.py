@@ -40,6 +40,8 @@ FRINGE = 15  # the halo along an outline
 DISSOLVE = 16  # solid nodes become liquid
 KEEP = 17  # values of watched nodes and sums over blocks of nodes are kept
 LAW = 18  # what nodes make of their states
+BREAK = 19  # bonds beyond their limit break
+DAMAGED = 20  # sums of nodes that have lost bonds are made anew
 
 # Passes of the operator: the springs, sums over bonds that make states, sums over states that make forces.
 SPRINGS, GATHER, SCATTER = range(3)
@@ -177,19 +179,22 @@ def _stage(tables: Tables, inputs: Inputs, stage: int) -> list[Operation]:
 
 def operator_operations(tables: Tables) -> list[Operation]:
     """The operator: its halo filled, layers included."""
-    found = _chosen((COPY, tables.copies.size)) + _sums(tables.cuts, tables.layers, SPRINGS)
+    breaks = not tables.bonds.forces
+    found = _chosen((COPY, tables.copies.size)) + _chosen((BREAK, breaks), number=GATHER)
+    found += _sums(tables.cuts, tables.layers, SPRINGS)
     if tables.gather.sweep.law.values.size:
         gather, scatter = tables.gather, tables.scatter
-        found += _sums(gather.cuts, gather.layers, GATHER) + _chosen(
-            (LAW, 1), (COPY, tables.copies.size), number=GATHER
-        )
-        found += _sums(scatter.cuts, scatter.layers, SCATTER)
+        found += _sums(gather.cuts, gather.layers, GATHER)
+        found += _chosen((LAW, _later(gather)), (DAMAGED, breaks), (COPY, tables.copies.size), number=GATHER)
+        found += _sums(scatter.cuts, scatter.layers, SCATTER) + _chosen((DAMAGED, breaks), number=SCATTER)
     return found
 
 
 def sweep_operations(tables: Tables) -> list[Operation]:
     """The operator with plain shifts, whatever the halo holds."""
-    return [one for one in operator_operations(tables) if one[0] in (SWEEP, CUT, LAW) or one[::2] == (COPY, GATHER)]
+    return [
+        one for one in operator_operations(tables) if one[0] in (SWEEP, CUT, LAW, DAMAGED) or one[::2] == (COPY, GATHER)
+    ]
 
 
 def _later(gather: Pass) -> bool:

@@ -41,6 +41,7 @@ class StateSums:
         In units of the operator.
     shapes : ndarray, shape (K, e, e)
     law : callable
+    moduli : tuple of three floats
     signs : tuple of (int, int, int)
         See `farhorizon.medium.force_states`.
     """
@@ -49,6 +50,7 @@ class StateSums:
     divergence: np.ndarray
     shapes: np.ndarray
     law: Callable[[np.ndarray], np.ndarray]
+    moduli: tuple[float, float, float]
     signs: Signs
 
 
@@ -177,6 +179,8 @@ class Passes:
             none,
             none,
             np.zeros((1, count, count), self.dtype),
+            np.array(self.sums.moduli, self.dtype),
+            self.sums.shapes.reshape(len(self.sums.shapes), -1).astype(self.dtype),
             *self._whole(),
             np.zeros((self.engine.threads, count, CHUNK), self.dtype),
         )
@@ -194,4 +198,6 @@ def no_law(engine: Field) -> PointLaw:
     """That of sums which are all that is wanted."""
     none, nothing = np.zeros(0, np.int64), np.zeros((1, 1), engine.dtype)
     room = np.zeros((1, 1, CHUNK), engine.dtype)
-    return PointLaw(np.zeros(0, engine.dtype), 0, nothing, none, none, nothing[None], none, none, room)
+    return PointLaw(
+        np.zeros(0, engine.dtype), 0, nothing, none, none, nothing[None], nothing[0], nothing, none, none, room
+    )

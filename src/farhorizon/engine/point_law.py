@@ -31,6 +31,10 @@ class PointLaw(NamedTuple):
     numbers : ndarray of int, shape (S,)
         Of each which of the matrices it has.
     matrices : ndarray, shape (m, n, n)
+    moduli : ndarray, shape (3,)
+        Lame's constant, the shear modulus and what stabilises, from which the matrices are.
+    shapes : ndarray, shape (K, d * d)
+        What each bond adds to the shape tensor.
     first, end : ndarray of int, shape (3,)
         Box of nodes whose states are whole once they are swept: no layer adds to them, and no bond is cut.
     room : ndarray, shape (threads, n, CHUNK)
@@ -43,6 +47,8 @@ class PointLaw(NamedTuple):
     nodes: np.ndarray
     numbers: np.ndarray
     matrices: np.ndarray
+    moduli: np.ndarray
+    shapes: np.ndarray
     first: np.ndarray
     end: np.ndarray
     room: np.ndarray

@@ -26,13 +26,16 @@ from farhorizon.engine.bonds import (
     next_piece,
     sweep_tiles,
 )
+from farhorizon.engine.damage import break_bonds, redo_damaged
 from farhorizon.engine.ends import exact_ends
 from farhorizon.engine.filter import damp_short_waves
 from farhorizon.engine.fringe import close_fringe
 from farhorizon.engine.nested import add_layers, continue_lines
 from farhorizon.engine.operations import (
+    BREAK,
     COPY,
     CUT,
+    DAMAGED,
     DAMP_NEW,
     DAMP_OLD,
     DEPEND,
@@ -48,6 +51,7 @@ from farhorizon.engine.operations import (
     KEEP,
     LAW,
     LINES,
+    SCATTER,
     SPRINGS,
     STRETCH,
     SWEEP,
@@ -408,7 +412,7 @@ def sweep_box(thread, stage, sweep, material, surface, tables, inputs, step, bac
                 number = first + (own - 1 - i if backward else i)
                 if RARE and phases.runs.size:
                     sweep_two_phases(stage, sweep, material, phases.runs, number)
-                elif RARE and bonds.places.shape[0]:
+                elif RARE and bonds.places.shape[0] and bonds.forces:
                     sweep_bonds(stage, sweep, material, bonds, number)
                 else:
                     sweep_part(stage, sweep, material, number)
@@ -613,6 +617,10 @@ def work_off(thread, operation, axis, which, stage, tables, inputs, material, ba
         for number in range(own[0], own[1]):
             state_law(thread, sweep, number, False)
         barrier(thread)
+    elif RARE and operation == BREAK:
+        break_bonds(thread, stage, tables.sweep, material, tables.bonds)
+    elif RARE and operation == DAMAGED:
+        redo_damaged(thread, stage, tables.sweep, tables.gather, tables.scatter, tables.bonds, which == SCATTER)
     elif operation == COPY:
         if thread.number == 0:
             copy(law.values, tables.copies, law.intact.shape[0])

@@ -36,6 +36,8 @@ class ForceStates:
         What a bond adds to the shape tensor of its node, which is 1 where all are there.
     law : callable
         Takes shape tensors, shape (S, dim, dim), and returns M, shape (S, n, n).
+    moduli : tuple of three floats
+        Lame's constant that the law goes by, the shear modulus, and what stabilises.
     signs : tuple of tuple of int
         Of each number of a state whether it changes its sign (1) or not (0) where an axis is turned.
     """
@@ -46,6 +48,7 @@ class ForceStates:
     divergence: np.ndarray
     shapes: np.ndarray
     law: Callable[[np.ndarray], np.ndarray]
+    moduli: tuple[float, float, float]
     signs: tuple[tuple[int, ...], ...]
 
 
@@ -81,6 +84,7 @@ def correspondence_states(
         gradient.transpose(0, 2, 1),
         g[:, :, None] * offsets[:, None, :],
         law,
+        (lame, shear, stabilisation),
         tuple(
             tuple(int((axis == a) != (axis == b)) for axis in range(dim))
             for a, b in itertools.product(range(dim), repeat=2)
@@ -109,6 +113,7 @@ def dilatation_states(
         g[:, :, None],
         g[:, :, None] * offsets[:, None, :],
         lambda shapes: np.full((len(shapes), 1, 1), lame),
+        (lame, 0.0, 0.0),
         ((0,) * dim,),
     )
 

@@ -180,19 +180,15 @@ class Elastic(LatticeModel):
         for name in ("critical_stretch", "fracture_energy"):
             if getattr(self, name) is not None:
                 setattr(self, name, kinds.number(getattr(self, name), f"model.{name}", above=0))
-        if self.bondwise and (not self.bonds or not isinstance(self.kernel, Kernel)):
-            key = (
-                "nonlinear"
-                if self.nonlinear
-                else "critical_stretch"
-                if self.critical_stretch is not None
-                else "fracture_energy"
-            )
+        given = [name for name in ("nonlinear", "fracture_energy", "critical_stretch") if getattr(self, name)]
+        served = ("bond-based",) if given != ["critical_stretch"] else MATERIALS[:3]
+        if given and (self.material not in served or not isinstance(self.kernel, Kernel)):
             raise InputError(
-                "only bonds of a bond-based material with a kernel are nonlinear or break",
+                f"bonds of this material have no {given[0]}",
                 value=self.material,
-                key=f"model.{key}",
-                remedy='material="bond-based", or Body for correspondence with damage',
+                limit=f"{' or '.join(served)} with a kernel",
+                key=f"model.{given[0]}",
+                remedy='material="bond-based", or critical_stretch alone',
             )
 
     combinations = COMBINATIONS

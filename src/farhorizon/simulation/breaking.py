@@ -64,8 +64,11 @@ class Breaking:
         """Give the engine the law of the bonds, whole and uncut."""
         law, spacing, stretch = self.law, self.near.lattice.spacing, self.critical_stretch
         limit = stretch * (2 + stretch) if law.nonlinear else 2 * stretch
-        stiffness = law.bond_stiffness(self.near.stencil, spacing) / law.density
-        self.grid.engine.bonds.set(stiffness, spacing, self.zone, law.nonlinear, limit)
+        engine = self.grid.engine
+        count = len(engine.offsets)
+        states = engine.passes is not None  # whose forces are not along their bonds
+        stiffness = np.zeros(count) if states else law.bond_stiffness(self.near.stencil, spacing) / law.density
+        engine.bonds.set(stiffness, spacing, self.zone, law.nonlinear, limit)
         self.cuts.cut(())
 
     def left(self) -> np.ndarray:
@@ -112,10 +115,10 @@ class Breaking:
             lattice.shape,
             tuple(slice(a, b) for a, b in zip(low, high, strict=True)),
             engine.core.node_indices()[part].reshape(lattice.shape),
-            near.stencil.offsets,
+            engine.offsets[:, self.grid.lead :],
             engine.bonds.present(part).reshape(-1, *lattice.shape),
             engine.offsets @ np.array(engine.core.stride),
-            lattice.spacing * near.stencil.offsets,
+            lattice.spacing * engine.offsets[:, self.grid.lead :],
             engine.bonds.limit,
             law.nonlinear,
             max(1, int(crossing / near.dt)),

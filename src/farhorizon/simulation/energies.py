@@ -32,7 +32,7 @@ def energies(
     if engine.reaction:
         squared = _shown(near, grid, engine.current).astype(float) * _shown(near, grid, engine.older)
         own["reaction"] = float(mass * 0.5 * engine.reaction * squared.sum())
-    if breaking is not None:
+    if breaking is not None and engine.bonds.forces:
         return own | {
             "kinetic": kinetic_energy(near, grid),
             "strain": breaking.strain_energy(),
@@ -46,6 +46,8 @@ def energies(
     rate = ((_shown(near, grid, u) - _shown(near, grid, old)) / near.dt) ** 2
     strain = _shown(near, grid, _strain(near, sides, grid, u, old))
     found = {"kinetic": float(mass * 0.5 * rate.sum()), "strain": float(mass * 0.25 * strain.sum())}
+    if breaking is not None:
+        own["broken"] = mass * engine.bonds.broken[0]
     return found | own | ({"work": mass * engine.work} if work else {})
 
 

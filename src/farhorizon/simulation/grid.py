@@ -102,7 +102,8 @@ def states_of(setup: Setup, sides: Sides) -> ForceStates | None:
     space, where their convolution takes longer (`benchmarks/elastic.py passes`); else None.
     """
     lattice = setup.lattice
-    cut = bool(len(setup.cracks)) or (lattice.body is not None and setup.rim == "free")
+    cut = bool(len(setup.cracks)) or setup.model.bond_law is not None
+    cut |= lattice.body is not None and setup.rim == "free"
     if lattice.dim < 3 and not cut and all(b.bonded for b in sides.values()):
         return None
     return setup.model.force_states(lattice.spacing, lattice.dim)
@@ -209,7 +210,7 @@ def make_grid(
 def _sums(states: ForceStates, scale: float, lead: int) -> StateSums:
     """The passes of the engine, whose operator has the unit `scale`."""
     signs = tuple((sign[0] if lead == 0 else 0, sign[-2], sign[-1]) for sign in states.signs)
-    return StateSums(states.gradient, scale * states.divergence, states.shapes, states.law, signs)
+    return StateSums(states.gradient, scale * states.divergence, states.shapes, states.law, states.moduli, signs)
 
 
 def check_material(near: NearField, around: Surroundings, margins: dict[Key, int], core: np.ndarray) -> None:

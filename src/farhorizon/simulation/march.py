@@ -140,12 +140,12 @@ class March:
         due = [crack for crack in self.setup.cracks if crack.opens <= step * dt + 1e-9 * dt]
         if len(due) == self._opened:
             return
-        stored = breaking.strain_energy() if breaking is not None and step else 0.0
+        stored = self.energies()["strain"] if breaking is not None and step else 0.0
         if breaking is not None and not step:
             breaking.begin()
         self.parts.cuts.cut(due)
         if breaking is not None and stored:
-            engine.bonds.count_cut((stored - breaking.strain_energy()) / breaking.mass)
+            engine.bonds.count_cut((stored - self.energies()["strain"]) / breaking.mass)
         self._opened = len(due)
         if self.flow_balance is not None and step:
             self.flow_balance.reopen()

@@ -21,6 +21,7 @@ _ENGINE = Path(__file__).parents[1]
 #: Modules that templates use.
 _COMPILED_IN = (
     "bonds",
+    "damage",
     "ends",
     "filter",
     "fringe",

@@ -1,0 +1,208 @@
+"""Bonds that break between nodes whose forces follow from states, in the compiled loop.
+
+Bonds break as those with a law of their own do, and in the same zone (`farhorizon.engine.bonds`); they bring no force
+by themselves. In tiles where some have broken the sums of both passes are made anew for each node that lacks bonds,
+over those that are there, and so is its shape tensor.
+
+What a node had more of energy before a bond broke is lost: with displacements a step apart it is what the scheme loses,
+to rounding.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from farhorizon.engine.bonds import CHANGED, END, FIRST, JUST_CHANGED, PIECE_ROWS, UNCHANGED, next_piece, sweep_tiles
+from farhorizon.engine.rows.bond_sweeps import LANES, ROWS
+from farhorizon.engine.rows.compiled import njit
+from farhorizon.engine.threads import barrier
+
+_SINGULAR = 1e-3  # determinant of a shape tensor below which a node has no gradient
+_STATE, _SHAPE, _INVERSE, _LAST, _NUMBERS = 0, 9, 18, 27, 36  # of the numbers that a thread works with
+
+_ROWS_2, _ROWS_3 = ROWS[2], ROWS[3]
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def break_bonds(thread, stage, sweep, material, bonds):
+    """Clear the bits of bonds beyond their limit; what the kernels write beside is overwritten by the next sweep."""
+    zone = bonds.zone
+    planes, rows = (
+        zone[END] - zone[FIRST],
+        (zone[END + 1] + PIECE_ROWS - 1) // PIECE_ROWS - zone[FIRST + 1] // PIECE_ROWS,
+    )
+    for number in range(thread.number, planes * rows, thread.threads):
+        i0, piece = zone[FIRST] + number // rows, zone[FIRST + 1] // PIECE_ROWS + number % rows
+        first, last = max(piece * PIECE_ROWS, zone[FIRST + 1]), min((piece + 1) * PIECE_ROWS, zone[END + 1])
+        stop = zone[FIRST + 2]
+        while stop < zone[END + 2]:
+            start = stop
+            stop, whole = next_piece(stage, sweep, material, bonds, i0, first, last, start)
+            if not whole:
+                sweep_tiles(stage, sweep, material, bonds, i0, first, last, start, stop)
+    barrier(thread)
+
+
+@njit(error_model="numpy", inline="always")
+def _there(bits, node, bond):
+    """Whether a bond is, by its bits."""
+    return (bits[bond >> 6, node] >> np.uint64(bond & 63)) & np.uint64(1) != 0
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def sum_state(level, node, bits, gather, numbers):
+    """State and shape tensor of a node, over the bonds that are there."""
+    law, general, distances = gather.sweep.law, gather.sweep.general[0], gather.sweep.offsets
+    columns, rows, apart = gather.columns, gather.rows, level.size // gather.columns
+    shapes, whole = law.shapes, law.shapes.shape[1]
+    numbers[_STATE : _STATE + rows] = 0
+    numbers[_SHAPE : _SHAPE + whole] = 0
+    for k in range(distances.size):
+        if _there(bits, node, k):
+            for column in range(columns):
+                at = node + column * apart
+                eta = level[at + distances[k]] - level[at]
+                for row in range(rows):
+                    numbers[_STATE + row] += general[(k * rows + row) * columns + column] * eta
+            for i in range(whole):
+                numbers[_SHAPE + i] += shapes[k, i]
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def invert_shape(numbers, dim):
+    """Inverse of the shape tensor, zero where it is hardly one."""
+    k, inverse = numbers[_SHAPE:_INVERSE], numbers[_INVERSE:_LAST]
+    inverse[:] = 0
+    if dim == 2:
+        determinant = k[0] * k[3] - k[1] * k[2]
+        if determinant > _SINGULAR:
+            inverse[0], inverse[1] = k[3] / determinant, -k[1] / determinant
+            inverse[2], inverse[3] = -k[2] / determinant, k[0] / determinant
+        return
+    for i in range(3):
+        for j in range(3):
+            a, b, c, d = (j + 1) % 3, (j + 2) % 3, (i + 1) % 3, (i + 2) % 3
+            inverse[3 * i + j] = k[3 * a + c] * k[3 * b + d] - k[3 * a + d] * k[3 * b + c]
+    determinant = k[0] * inverse[0] + k[1] * inverse[3] + k[2] * inverse[6]
+    for i in range(9):
+        inverse[i] = inverse[i] / determinant if determinant > _SINGULAR else 0
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def law_of_node(law, numbers, rows):
+    """What a node makes of its state, in the place of the state."""
+    lame, shear, pull = law.moduli[0], law.moduli[1], law.moduli[2]
+    state = numbers[_STATE:_SHAPE]
+    if rows == 1:
+        state[0] *= lame
+        return
+    dim = 2 if rows == 4 else 3
+    invert_shape(numbers, dim)
+    inverse, strain = numbers[_INVERSE:_LAST], numbers[_LAST:_NUMBERS]
+    trace = inverse[0] * 0
+    for a in range(dim):
+        for b in range(dim):
+            total = trace * 0
+            for c in range(dim):
+                total += state[a * dim + c] * inverse[c * dim + b]
+            strain[a * dim + b] = total
+        trace += strain[a * dim + a]
+    for a in range(dim):
+        for b in range(dim):
+            total = lame * trace * inverse[a * dim + b] - pull * strain[a * dim + b]
+            for c in range(dim):
+                total += shear * (strain[a * dim + c] + strain[c * dim + a]) * inverse[c * dim + b]
+            state[a * dim + b] = total
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def node_energy(stage, node, bits, springs, gather, scatter, numbers):
+    """Twice the energy of a node with some bonds, from the displacements now and a step ago, in units of the update."""
+    u, old, columns = stage.src, stage.base, gather.columns
+    sum_state(u, node, bits, gather, numbers)
+    law_of_node(gather.sweep.law, numbers, gather.rows)
+    apart, rows, distances = u.size // columns, scatter.columns, gather.sweep.offsets
+    weights, pulls = scatter.sweep.general[stage.part], springs.general[stage.part]
+    total = 0.0
+    for k in range(distances.size):
+        if _there(bits, node, k):
+            for a in range(columns):
+                at = node + a * apart
+                force = 0.0
+                for row in range(rows):
+                    force += weights[(k * columns + a) * rows + row] * numbers[_STATE + row]
+                if pulls.size:
+                    for b in range(columns):
+                        here = node + b * apart
+                        force += pulls[(k * columns + a) * columns + b] * (u[here + distances[k]] - u[here]) / 2
+                total += force * (old[at + distances[k]] - old[at])
+    return total
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def weigh_broken(stage, bonds, springs, gather, scatter, node, numbers, broken):
+    """Add the energy that a node loses as bonds break, and the bits from which it is known; then forget these."""
+    gone = False
+    for word in range(bonds.alive.shape[0]):
+        gone |= bonds.before[word, node] != bonds.alive[word, node]
+    if gone:
+        broken[0] += node_energy(stage, node, bonds.before, springs, gather, scatter, numbers) / 2
+        broken[0] -= node_energy(stage, node, bonds.alive, springs, gather, scatter, numbers) / 2
+        for word in range(bonds.alive.shape[0]):
+            bonds.before[word, node] = bonds.alive[word, node]
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def node_force(stage, node, bonds, springs, gather, scatter):
+    """The new displacement of a node by the bonds that are there."""
+    u, states, columns = stage.src, gather.sweep.law.values, gather.columns
+    apart, rows, distances = u.size // columns, scatter.columns, gather.sweep.offsets
+    weights, pulls = scatter.sweep.general[stage.part], springs.general[stage.part]
+    for a in range(columns):
+        at = node + a * apart
+        total = stage.a_difference * u[at] + stage.b * stage.base[at]
+        for k in range(distances.size):
+            if _there(bonds.alive, node, k):
+                for row in range(rows):
+                    here = node + row * apart
+                    total += weights[(k * columns + a) * rows + row] * (states[here] + states[here + distances[k]])
+                if pulls.size:
+                    for b in range(columns):
+                        here = node + b * apart
+                        total += pulls[(k * columns + a) * columns + b] * (u[here + distances[k]] - u[here])
+        stage.out[at] = total
+
+
+@njit(error_model="numpy", cache=True, counted=False)
+def redo_damaged(thread, stage, springs, gather, scatter, bonds, forces):
+    """States, or then forces, of the nodes that lack bonds in tiles where some have broken."""
+    zone, block, changed, alive = bonds.zone, springs.block, bonds.changed, bonds.alive
+    law, numbers = gather.sweep.law, gather.sweep.law.room[thread.number, 0]
+    high = _ROWS_3 if gather.columns == 3 else _ROWS_2
+    size = law.values.size // gather.rows
+    count = changed.shape[1] * changed.shape[2]
+    for number in range(thread.number, changed.shape[0] * count, thread.threads):
+        i0, row, tile = number // count, number % count // changed.shape[2], number % changed.shape[2]
+        kind = changed[i0, row, tile]
+        if kind == UNCHANGED:
+            continue
+        start = zone[FIRST + 2] + tile * LANES
+        for i1 in range(max(row * high, zone[FIRST + 1]), min((row + 1) * high, zone[END + 1])):
+            for i2 in range(start, min(start + LANES, zone[END + 2])):
+                node, full = block[0] + i0 * block[4] + i1 * block[5] + i2, True
+                for word in range(alive.shape[0]):
+                    full &= alive[word, node] == bonds.full[word]
+                if full:
+                    continue
+                if forces:
+                    node_force(stage, node, bonds, springs, gather, scatter)
+                    continue
+                if kind == JUST_CHANGED:
+                    weigh_broken(stage, bonds, springs, gather, scatter, node, numbers, bonds.broken[i0, row])
+                sum_state(stage.src, node, alive, gather, numbers)
+                law_of_node(law, numbers, gather.rows)
+                for c in range(gather.rows):
+                    law.values[c * size + node] = numbers[_STATE + c]
+        if not forces:
+            changed[i0, row, tile] = CHANGED
+    barrier(thread)
