@@ -127,6 +127,21 @@ CASES = {
         {"x": SLOW, "y-": SLOW, "y+": fh.Free()},
         {"v": 0.03 * bump((13, 14), 2)},
     ),
+    "stresses as bonds break": lambda: fh.Simulation(
+        fh.Lattice(1.0, (0.0, 0.0), (20.0, 21.0)),
+        fh.Elastic(fh.Kernel(2.0), 1.0, 0.3, material="correspondence", stabilisation=0.4, critical_stretch=0.006),
+        {"x-": SLOW, "x+": fh.Free(), "y": fh.Free()},
+        {"v": 0.03 * bump((21, 22), 2)},
+        cracks=[fh.Crack([(15.3, 10.4), (25.0, 10.4)])],
+        balance=True,
+    ),
+    "dilatations as bonds break": lambda: fh.Simulation(
+        fh.Lattice(1.0, (0.0, 0.0), (20.0, 21.0)),
+        fh.Elastic(fh.Kernel(2.0), 1.0, 0.4, material="state-based", critical_stretch=0.006),
+        {"x": fh.Fixed(), "y": fh.Periodic()},
+        {"v": 0.03 * bump((21, 22), 2)},
+        balance=True,
+    ),
     "nonlinear bonds": lambda: fh.Simulation(
         lattice(13, 14),
         fh.Elastic(fh.Kernel(2.0), nonlinear=True, **ELASTIC),
@@ -180,7 +195,7 @@ def test_the_loop_of_a_run_has_all_kernels_that_the_run_needs(make):
             assert ("STATES" if which else KERNELS[operation]) in (kernels | {""})
         assert "RARE" in kernels or tables.bonds.places.size == tables.phases.runs.size == 0
         assert "SOME" in kernels or not tables.listening.rows.size
-    assert found and sorted(KERNELS) == [i for i in range(19) if i != op.LAW]
+    assert found and sorted(KERNELS) == [i for i in range(21) if i not in (op.LAW, op.BREAK, op.DAMAGED)]
 
 
 def test_corrosion():

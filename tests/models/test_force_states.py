@@ -201,6 +201,99 @@ def test_weakened_bonds_are_refused():
             fh.Simulation(lattice, elastic("state-based"), fh.Free(), **given)
 
 
+# --- bonds that break ------------------------------------------------------------------------------------------
+
+BREAKING = {"stabilised": 4e-6, "state-based": 4e-6}
+
+
+def torn_plate(name, sides=None, force=1.5e-6, **options):
+    """A plate with a notch, pulled apart."""
+    lattice = fh.Lattice(1.0, (-14.0, -11.0), (14.0, 11.0))
+    pull = {"y+": force, "y-": -force}
+    free = sides is None or "y-" not in sides
+    loads = [
+        fh.Traction(side, (0.0, upwards), time=lambda t: min(t / 15, 1.0))
+        for side, upwards in pull.items()
+        if free or side == "y+"
+    ]
+    model = elastic(name, critical_stretch=BREAKING[name])
+    notch = [(-20.0, 0.5), (-6.3, 0.5)]
+    sides = {"x": fh.Free(), "y": fh.Free()} | (sides or {})
+    return fh.Simulation(lattice, model, sides, loads=loads, cracks=[notch], balance=True, threads=1, **options)
+
+
+@pytest.mark.parametrize("name", BREAKING)
+@pytest.mark.parametrize("side", [fh.Free(), fh.Fixed()], ids=["free", "fixed"])
+def test_energies_add_up_as_bonds_break(name, side):
+    """Work of the loads, what moves, what is stored, what has been spent: to rounding. Momentum stays in a free body,
+    and damage never falls.
+    """
+    sim, before = torn_plate(name, {"x": side}, 4e-6 if side.bonded else 1.5e-6), 0.0
+    for _ in range(8):
+        sim.step(25)
+        found = sim.balance()
+        assert abs(found["lost"]) < 1e-12 * found["work"]
+        damage = sim.fields["damage"]
+        assert (damage >= before).all()
+        before = damage
+    assert sim.broken_bonds > 100 and found["broken"] > 0.01 * found["work"]
+    if not side.bonded:
+        assert np.abs(sim.fields["v"].sum((1, 2))).max() < 1e-12 * np.abs(sim.fields["v"]).sum()
+
+
+def test_a_crack_runs_as_in_a_program_of_its_own():
+    """`Body` sums the same forces tile by tile: the same bonds break, and the same energy is spent."""
+    sim = torn_plate("stabilised")
+    model = sim.model
+    body = fh.Body(
+        sim.lattice,
+        KERNEL,
+        young=model.young,
+        poisson=model.poisson,
+        density=model.density,
+        boundary=fh.Free(),
+        loads=sim.setup.loads,
+        cracks=[crack.cut for crack in sim.setup.cracks],
+        critical_stretch=model.critical_stretch,
+        stabilisation=model.stabilisation,
+        dt=sim.dt,
+        threads=1,
+    )
+    for run in (sim, body):
+        run.step(150)
+    assert sim.broken_bonds == body.broken_bonds > 100
+    assert sim.energies()["broken"] == pytest.approx(body.energies()["broken"], rel=1e-10)
+    scale = np.abs(body.fields["u"]).max()
+    np.testing.assert_allclose(sim.fields["u"], body.fields["u"], rtol=0, atol=1e-11 * scale)
+    np.testing.assert_allclose(sim.fields["damage"], body.fields["damage"], rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("name", BREAKING)
+def test_threads_and_a_checkpoint_change_nothing_as_bonds_break(name, tmp_path):
+    one, two = torn_plate(name, {"y-": fh.LatticePML(nodes=6)}), torn_plate(name, {"y-": fh.LatticePML(nodes=6)})
+    one.step(80)
+    one.save(tmp_path / "a.ckpt")
+    two.load(tmp_path / "a.ckpt")
+    for sim in (one, two):
+        sim.step(80)
+    assert one.broken_bonds == two.broken_bonds > 50
+    assert np.array_equal(one.fields["u"], two.fields["u"]) and one.energies() == two.energies()
+
+
+@pytest.mark.parametrize("name", BREAKING)
+def test_a_uniform_stretch_breaks_no_bond_below_the_critical_one(name):
+    lattice, critical = fh.Lattice(0.5, (0.0, 0.0), (9.0, 9.5)), BREAKING[name]
+    x = np.stack(lattice.coordinates())
+    sim = fh.Simulation(lattice, elastic(name, critical_stretch=critical), fh.Free(), {"u": 0.9999 * critical * x})
+    sim.step()
+    assert sim.broken_bonds == 0
+    with pytest.raises(fh.InputError, match="stretch bonds beyond the critical stretch"):
+        fh.Simulation(lattice, elastic(name, critical_stretch=critical), fh.Free(), {"u": 1.0001 * critical * x})
+
+
+# --- surface waves ---------------------------------------------------------------------------------------------
+
+
 def surface_wave_speed(model, nodes):
     """Of a Rayleigh wave so many nodes long, over that of the classical theory: a period of the free half-space, on
     which the displacements oscillate like the cosine.

@@ -7,7 +7,7 @@ every offset of the stencil. It is slow, and keeps the layers' memory to itself.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -142,13 +142,15 @@ class Interpreter:
         return np.asarray(there - here)
 
     def _sweep(self) -> None:
-        stage, nodes = self.stage, self.nodes
+        stage, nodes, forces = self.stage, self.nodes, self.tables.bonds.forces
         total = np.zeros((self.components, nodes.size))
         for distance, weight in zip(self.tables.sweep.offsets, self.matrices, strict=True):
-            total += weight @ (self._factors(nodes, nodes + distance) * self._gaps(nodes, nodes + distance))
-        total += self._released()
+            gaps = self._factors(nodes, nodes + distance) * self._gaps(nodes, nodes + distance)
+            total += weight @ (gaps if forces else gaps * self._present(nodes, nodes + distance))
+        if forces:
+            total += self._released()
         total *= stage.scale
-        if self.tables.bonds.places.size:
+        if self.tables.bonds.places.size and forces:
             self._pull_bonds(total)
         src, base, out = (self._split(level) for level in stage[:3])
         if stage.increments:
@@ -173,26 +175,38 @@ class Interpreter:
         at = np.indices(self.box.nodes).reshape(3, -1)
         return np.asarray(((at >= zone[6:9, None]) & (at < zone[9:, None])).all(0))
 
-    def _pull_bonds(self, total: np.ndarray) -> None:
-        """The forces of bonds with a law of their own, in the place of those of the stencil; some break."""
+    def _stretches(self) -> Iterator[tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+        """Of each bond of the nodes in the zone: its number, the nodes, which of them have it and may lose it, whether
+        it follows the law, its vector with the part of its ends' displacements that counts, and its strain e.
+        """
         bonds, src, d = self.tables.bonds, self._split(self.stage.src), self.components
         inside = np.flatnonzero(self._zone())
         nodes, at = self.nodes[inside], np.indices(self.box.nodes).reshape(3, -1)[:, inside]
-        total[:, inside] = 0
         for bond, (place, *offset) in enumerate(bonds.places):
-            xi, inverse, stiffness = bonds.table[bond, :d, None], bonds.table[bond, d], bonds.table[bond, d + 1]
+            xi, inverse = bonds.table[bond, :d, None], bonds.table[bond, d]
             curved = _follows_law(bonds.zone, *at) & _follows_law(bonds.zone, *(at + np.array(offset)[:, None]))
             eta = src[:, nodes + place] - src[:, nodes]
             bent = np.where(curved & bonds.nonlinear, eta, 0)
-            e = (eta * (2 * xi + bent)).sum(0) * inverse
-            mask = np.uint64(1) << np.uint64(bond & 63)
-            alive = bonds.alive[bond >> 6, nodes] & mask != 0
+            alive = bonds.alive[bond >> 6, nodes] & np.uint64(1) << np.uint64(bond & 63) != 0
+            yield bond, nodes, alive, curved, xi + bent, (eta * (2 * xi + bent)).sum(0) * inverse
+
+    def _clear(self, bond: int, nodes: np.ndarray) -> None:
+        """A bond breaks at some nodes."""
+        self.tables.bonds.alive[bond >> 6, nodes] &= ~(np.uint64(1) << np.uint64(bond & 63))
+
+    def _pull_bonds(self, total: np.ndarray) -> None:
+        """The forces of bonds with a law of their own, in the place of those of the stencil; some break."""
+        bonds, d = self.tables.bonds, self.components
+        inside = np.flatnonzero(self._zone())
+        total[:, inside] = 0
+        for bond, nodes, alive, curved, ahead, e in self._stretches():
+            place, xi, stiffness = bonds.places[bond, 0], bonds.table[bond, :d, None], bonds.table[bond, d + 1]
             gone = alive & curved & (e > bonds.limit[0])
-            bonds.alive[bond >> 6, nodes[gone]] &= ~mask
+            self._clear(bond, nodes[gone])
             c = stiffness * self._factors(nodes, nodes + place)
             self._count_broken(nodes[gone], place, xi, c[gone])
             pull = np.where(curved & bonds.nonlinear, 1 / (1 + e + np.sqrt(np.maximum(1 + e, 0))), 0.5)
-            total[:, inside] += (alive & ~gone) * c * e * pull * (xi + bent)
+            total[:, inside] += (alive & ~gone) * c * e * pull * ahead
 
     def _count_broken(self, nodes: np.ndarray, place: int, xi: np.ndarray, stiffness: np.ndarray) -> None:
         """Half the energy of bonds that break, from their elongations now and a step ago, and half their number."""
@@ -206,6 +220,8 @@ class Interpreter:
         self.tables.bonds.broken[0, 0] += 0.25 * (stiffness * stretched[0] * stretched[1]).sum(), 0.5 * len(nodes)
 
     def _cut(self) -> None:
+        if not self.tables.bonds.forces:
+            return  # the sums are those over the bonds that are there
         cuts, d = self.tables.cuts, self.components
         lost = self._factors(cuts.nodes, cuts.neighbours) * self._gaps(cuts.nodes, cuts.neighbours)
         weights = cuts.weights.reshape(-1, d, d)
@@ -221,8 +237,13 @@ class Interpreter:
         levels = (self._split(self.stage.src), states, self._split(self.stage.out))
         if self.raw and (which == op.SCATTER or operation == op.COPY):  # the loop may have done it node by node
             odd = np.einsum("sab,bs->as", law.matrices[law.numbers], states[:, law.nodes])
+            if not self.tables.bonds.forces:
+                lost = self._lost_bonds()
+                damaged = np.einsum("sab,bs->as", passes.sums.law(self._shapes(lost)), states[:, lost])
             states[...] = law.intact @ states
             states[:, law.nodes], self.raw = odd, False
+            if not self.tables.bonds.forces:
+                states[:, lost] = damaged
         if operation == op.COPY:
             for to, source in self.tables.copies.T:
                 states[:, to] = states[:, source]
@@ -235,9 +256,51 @@ class Interpreter:
             if which == op.GATHER:
                 states[:, nodes], self.raw = 0, True
             levels[which][:, nodes] += total * (1 if which == op.GATHER else scale)
+        elif operation == op.BREAK:
+            self._break_bonds()
         elif operation == op.STRETCH:
             found = self._stretched(axis, levels[which - op.GATHER], passes.weights[which - 1], which)
             levels[which][:, self.nodes] += (1 if which == op.GATHER else scale) * found.reshape(len(found), -1)
+
+    def _lost_bonds(self) -> np.ndarray:
+        """Nodes that exist and lack bonds, cut, broken or beyond an edge."""
+        bonds, nodes = self.tables.bonds, self.nodes[self.engine.absent.exists[self.nodes]]
+        return np.asarray(nodes[(bonds.alive[:, nodes] != bonds.full[:, None]).any(0)])
+
+    def _shapes(self, nodes: np.ndarray) -> np.ndarray:
+        """Their shape tensors."""
+        assert self.engine.passes is not None
+        distances, shapes = self.engine.offsets @ self.box.stride, self.engine.passes.sums.shapes
+        there = np.stack([self._present(nodes, nodes + distance) for distance in distances])
+        return np.einsum("ks,kab->sab", there, shapes)
+
+    def _break_bonds(self) -> None:
+        """Bonds beyond their limit break; what the energy of their nodes loses is added up."""
+        bonds, before = self.tables.bonds, self.tables.bonds.alive.copy()
+        gone = [
+            (b, nodes[alive & curved & (e > bonds.limit[0])]) for b, nodes, alive, curved, _, e in self._stretches()
+        ]
+        nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *(nodes for _, nodes in gone)]))
+        stored = self._energies(nodes)
+        for bond, broken in gone:
+            self._clear(bond, broken)
+            bonds.broken[0, 0, 1] += 0.5 * len(broken)
+        if (bonds.alive != before).any():
+            bonds.broken[0, 0, 0] += stored - self._energies(nodes)
+
+    def _energies(self, nodes: np.ndarray) -> float:
+        """Energy of some nodes, from the displacements now and a step ago, in units of the update."""
+        passes, total = self.engine.passes, np.zeros(len(nodes))
+        assert passes is not None
+        now, ago = self._split(self.stage.src), self._split(self.stage.base)
+        distances = self.engine.offsets @ self.box.stride
+        there = np.stack([self._present(nodes, nodes + distance) for distance in distances])
+        (eta, old) = (np.stack([u[:, nodes + d] - u[:, nodes] for d in distances]) for u in (now, ago))
+        state = np.einsum("ks,kqa,kas->sq", there, passes.weights[0], eta)
+        last = np.einsum("sab,sb->sa", passes.sums.law(self._shapes(nodes)), state)
+        total += np.einsum("ks,kaq,sq,kas->s", there, passes.weights[1], last, old)
+        total += np.einsum("ks,kab,kas,kbs->s", there, self.matrices, old, eta) / 2
+        return float(self.stage.scale * total.sum() / 2)
 
     # --- layers ------------------------------------------------------------------------------------------------
 
@@ -311,8 +374,11 @@ class Interpreter:
         engine, tables = self.engine, self.tables
         cuts = tables.cuts if engine.passes is None else tables.gather.cuts
         size = engine.layout.size
-        absent = np.isin(nodes * size + others, cuts.nodes * size + cuts.neighbours)
-        return np.asarray(~absent & (engine.absent.exists[nodes] == engine.absent.exists[others]))
+        there = ~np.isin(nodes * size + others, cuts.nodes * size + cuts.neighbours)
+        if not tables.bonds.forces and len(nodes):
+            bond = int(np.flatnonzero(tables.bonds.places[:, 0] == others[0] - nodes[0])[0])
+            there &= tables.bonds.alive[bond >> 6, nodes] & np.uint64(1) << np.uint64(bond & 63) != 0
+        return np.asarray(there & (engine.absent.exists[nodes] == engine.absent.exists[others]))
 
     def _moved(self, field: np.ndarray, offset: list[int], axis: int) -> np.ndarray:
         """The nodes' values of a field that is shifted plainly along the axes before this one."""

@@ -47,7 +47,7 @@ def energies(
     strain = _shown(near, grid, _strain(near, sides, grid, u, old))
     found = {"kinetic": float(mass * 0.5 * rate.sum()), "strain": float(mass * 0.25 * strain.sum())}
     if breaking is not None:
-        own["broken"] = mass * engine.bonds.broken[0]
+        own["broken"] = float(mass * engine.bonds.broken[0])
     return found | own | ({"work": mass * engine.work} if work else {})
 
 
@@ -66,8 +66,10 @@ def _strain(near: NearField, sides: Sides, grid: Grid, u: np.ndarray, old: np.nd
     if at_rest:  # the other half of the bonds to sides where u is zero
         there = engine.spread(np.ones(engine.core.nodes), at_rest) * engine.absent.exists
         there[grid.walls] = 0
-        for unit, before in zip(np.eye(engine.components), ago, strict=True):
-            strain -= (each * before * apply(np.multiply.outer(unit, there).ravel()).reshape(each.shape)).ravel()
+        for unit, now in zip(
+            np.eye(engine.components), each, strict=True
+        ):  # sum_b (L there)_ba u_a old_b: L is symmetric
+            strain -= (now * ago * apply(np.multiply.outer(unit, there).ravel()).reshape(each.shape)).ravel()
     return strain
 
 
