@@ -225,14 +225,14 @@ def torn_plate(name, sides=None, force=1.5e-6, **options):
 @pytest.mark.parametrize("name", BREAKING)
 @pytest.mark.parametrize("side", [fh.Free(), fh.Fixed()], ids=["free", "fixed"])
 def test_energies_add_up_as_bonds_break(name, side):
-    """Work of the loads, what moves, what is stored, what has been spent: to rounding. Momentum stays in a free body,
+    """Work of the loads, what moves, what is stored, what has been spent, to rounding. Momentum stays in a free body,
     and damage never falls.
     """
     sim, before = torn_plate(name, {"x": side}, 4e-6 if side.bonded else 1.5e-6), 0.0
     for _ in range(8):
         sim.step(25)
         found = sim.balance()
-        assert abs(found["lost"]) < 1e-12 * found["work"]
+        assert abs(found["lost"]) < 1e-10 * found["work"]
         damage = sim.fields["damage"]
         assert (damage >= before).all()
         before = damage
