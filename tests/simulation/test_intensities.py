@@ -102,6 +102,19 @@ def test_case_file():
     assert set(made.recorded.data) == {"K_III", "G"}
 
 
+def missing_force(sim, strain):
+    """What `force_on_faces` is, of any material: in a medium of that strain without cracks nothing would pull."""
+    engine, lattice = sim.engine, sim.lattice
+    level = np.zeros(engine.levels.shape[1])
+    field = np.tensordot(strain, np.stack(lattice.coordinates()), 1)
+    level[sim.parts.grid.indices] = field.reshape(sim.parts.grid.indices.shape)
+    force = sim.model.density * engine.apply_core(level)[sim.parts.grid.indices].reshape(field.shape)
+    edge = 2 * sim.stencil.reach[0]
+    inner = np.zeros(lattice.shape, bool)
+    inner[edge:-edge, edge:-edge] = True
+    return force * inner
+
+
 def pulled(spacing, turn, stress, model, observe):
     """A crack turned against the lattice in a medium that is stressed from far away, at rest in the end."""
     half = 8.5
@@ -110,10 +123,13 @@ def pulled(spacing, turn, stress, model, observe):
     crack = fh.Polyline([-HALF * ahead, HALF * ahead])
     lame, shear = model.moduli
     strain = (stress - lame / (2 * (lame + shear)) * np.trace(stress) * np.eye(2)) / (2 * shear)
-    sources = [fh.Source(force_on_faces(model, lattice, crack, strain), fh.Step(4.0))]
-    sim = fh.Simulation(
-        lattice, model, fh.LatticePML(nodes=16), sources=sources, cracks=[crack], observe=observe, threads=1
-    )
+    sides = fh.LatticePML(nodes=16)
+    if model.bonds:
+        force = force_on_faces(model, lattice, crack, strain)
+    else:
+        force = missing_force(fh.Simulation(lattice, model, sides, cracks=[crack], threads=1), strain)
+    sources = [fh.Source(force, fh.Step(4.0))]
+    sim = fh.Simulation(lattice, model, sides, sources=sources, cracks=[crack], observe=observe, threads=1)
     sim.run("static", tolerance=2e-3, limit=300.0, progress=False)
     normal = np.array([-ahead[1], ahead[0]])
     return np.sqrt(np.pi * HALF) * np.array([normal @ stress @ normal, ahead @ stress @ normal])
@@ -143,6 +159,28 @@ def test_turned_cracks_under_random_loads_converge(reach, plane):
     order = np.polyfit(np.log(spacings), np.log(means), 1)[0]
     print(means, "order", order)
     assert order > 0.6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"material": "state-based", "poisson": 0.38},
+        {"material": "correspondence", "poisson": 0.3, "stabilisation": 0.5},
+    ],
+)
+def test_cracks_in_materials_of_states(options):
+    """As in bonds: both modes of a crack across the lattice, closer on the finer one."""
+    stress, errors = np.array([[0.3, 0.5], [0.5, 1.2]]), []
+    for spacing in (0.25, 0.125):
+        model = fh.Elastic(fh.Kernel(2 * spacing, exponent=1), young=1.0, **options)
+        observer = fh.StressIntensity(every=50)
+        exact = pulled(spacing, 0.4, stress, model, [observer])
+        found = np.array([observer.data["K_I"][-1], observer.data["K_II"][-1]])
+        errors.append(np.abs(found - exact[:, None]).max() / np.linalg.norm(exact))
+        assert errors[-1] < spacing / 2 / HALF
+    print("errors", errors)
+    assert errors[1] < 0.7 * errors[0]
 
 
 @pytest.mark.slow

@@ -146,8 +146,9 @@ class CrackTips(Recorder):
         self._breaking: Breaking = parts.breaking
         self._bonds, self._lattice, self._dt = parts.grid.engine.bonds, near.lattice, near.dt
         spacing = near.lattice.spacing
-        self._horizon = max(near.stencil.reach) * spacing
-        self._threshold = saturated_damage(near.stencil.offsets) / 2
+        offsets = parts.grid.engine.offsets[:, parts.grid.lead :]
+        self._horizon = int(np.abs(offsets).max()) * spacing
+        self._threshold = saturated_damage(offsets) / 2
         fast = np.sqrt(self._breaking.law.p_modulus / self._breaking.law.density * near.strongest)
         self._window = _WINDOW * self._horizon / float(fast)
         self._reach = _JUMP * (self._horizon + float(fast) * self.every * near.dt)

@@ -14,7 +14,6 @@ from farhorizon.errors import InputError
 from farhorizon.files.records import Recorded
 from farhorizon.geometry.shapes import Cut, Polyline
 from farhorizon.simulation.assembly import Parts
-from farhorizon.simulation.flux import bonds_left
 from farhorizon.simulation.near_field import NearField
 from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, recorder_name
 from farhorizon.simulation.setup import Setup
@@ -191,27 +190,27 @@ def _shares(domain: InteractionDomain, parts: Parts, loads: Sequence[Any]) -> tu
     """
     near, engine, grid = parts.near, parts.grid.engine, parts.grid
     lattice, components = near.lattice, engine.components
-    places = grid.nodes.ravel()
     busy = np.abs(domain.loaded).any((0, 2))
-    here, pull = domain.nodes[busy], domain.loaded[:, busy] / near.model.source_factor
-    index = np.stack(np.unravel_index(here, lattice.shape), axis=-1)
+    here = domain.nodes[busy]
     linear = np.eye(2 * components).reshape(-1, components, 2)  # gradients of linear fields
+
+    def pulled(values: np.ndarray) -> np.ndarray:
+        """What the bonds of a field, shape (nodes, components), exert on nodes."""
+        level = np.zeros(engine.levels.shape[1], engine.dtype)
+        level[grid.indices] = values.T.reshape(grid.indices.shape)
+        return np.asarray(engine.apply_core(level)[grid.indices]).reshape(components, -1).T
+
     total = np.zeros((lattice.nodes, len(domain.modes), components))
     total[domain.nodes] += domain.static.swapaxes(0, 1)
-    pulled = np.zeros((len(linear), len(here), components))  # by the bonds of a linear field
-    for offset, weight in zip(engine.offsets, engine.weights, strict=True):
-        step = offset[grid.lead :]
-        there = np.ravel_multi_index(tuple((index + step).T), lattice.shape)
-        left = bonds_left(engine, places[here], places[there], weight)
-        bond = np.multiply.outer(left, weight.reshape(components, components))
-        share = np.einsum("knc,ncd->nkd", pull, bond)
-        np.add.at(total, there, share)
-        np.add.at(total, here, -share)
-        pulled += np.einsum("ncd,md->mnc", bond, linear @ (lattice.spacing * step))
+    for k, loaded in enumerate(domain.loaded):  # the operator is symmetric
+        weights = np.zeros((lattice.nodes, components))
+        weights[domain.nodes] = loaded / near.model.source_factor
+        total[:, k] += pulled(weights)
     grid_points = np.stack(lattice.coordinates(), axis=-1).reshape(-1, 2)
     at_tip = np.linalg.norm(grid_points[here] - domain.tip, axis=1)
     often = np.sqrt(1 / np.maximum(at_tip, lattice.spacing / 2))[:, None]
-    table = (pulled / near.model.source_factor * often).reshape(len(linear), -1).T
+    forces = np.array([pulled((grid_points - domain.tip) @ gradient.T)[here] for gradient in linear])
+    table = (forces / near.model.source_factor * often).reshape(len(linear), -1).T
     wanted = [(np.asarray(load, float).reshape(components, -1).T[here] * often).ravel() for load in loads]
     columns = np.array(wanted).reshape(len(loads), len(table)).T
     fitted = np.linalg.lstsq(table, columns, rcond=_UNEVEN)[0]  # (fields, loads)
