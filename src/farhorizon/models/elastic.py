@@ -37,9 +37,8 @@ _CAUCHY = {"strain": 0.25, "stress": 1 / 3, None: 0.25}  # Poisson's ratio of ce
 #: For messages; docs/explanation/elasticity.md has it as a table.
 COMBINATIONS = (
     'with LatticePML or Sponge: free sides, bodies and cracks of material="bond-based" (Poisson\'s ratio 1/4, in plane '
-    'stress 1/3), "state-based" and "correspondence" (any ratio); "finite-element" without them. Several materials, or '
-    'bonds that break, of any ratio: Body (type = "correspondence" in a case file) with NonlocalPML (cross = 0.1) or '
-    "Sponge"
+    'stress 1/3), "state-based" and "correspondence" (any ratio); "finite-element" without them. Several materials of '
+    'any ratio: Body (type = "correspondence" in a case file) with NonlocalPML (cross = 0.1) or Sponge'
 )
 
 
@@ -69,9 +68,10 @@ class Elastic(LatticeModel):
         Bond-based: the force ``c (|xi + eta| - |xi|)`` along the deformed bond (the prototype microelastic material),
         not linearised in eta.
     critical_stretch : float, optional
-        Bond-based: bonds whose length has grown by more than this part break for good.
+        Bonds whose length has grown by more than this part break for good; not of finite elements.
     fracture_energy : float, optional
-        Instead of the critical stretch the energy that a new crack takes per area; see `critical_stretch_on`.
+        Bond-based: instead of the critical stretch the energy that a new crack takes per area; see
+        `critical_stretch_on`.
 
     Attributes
     ----------
@@ -92,8 +92,8 @@ class Elastic(LatticeModel):
     Bonds: Silling (2000), linearised unless `nonlinear`; bonds that break: Silling and Askari (2005). State-based:
     Silling, Epton, Weckner, Xu and Askari (2007), eq 104, linearised: its dilatation acts with lam - mu.
     Correspondence: the same, section 18, with the gradient of Wildman and Gazonas (2012), eqs 2-8 to 2-13; the
-    stabilisation is that of Silling (2017), eq 21. Bonds of the last three are no springs: they cannot be cut or
-    weakened one by one.
+    stabilisation is that of Silling (2017), eq 21. Forces of state-based and correspondence materials follow from
+    states of the nodes (`farhorizon.medium.force_states`): their bonds may be cut and break, but not be weakened.
 
     Examples
     --------
