@@ -123,6 +123,21 @@ def test_zeros_are_left_out_and_said(tmp_path):
     ]
 
 
+def test_rounding_is_left_out_unless_a_scale_shows_it(tmp_path):
+    """The first of three outputs is a tenth of a millionth of the others."""
+    writer = ResultsWriter.create(
+        tmp_path / "a.h5", shape=(9,), spacing=0.25, lower=(0.0,), fields=("u",), dtype="float64"
+    )
+    for k, size in enumerate((1e-7, 1.0, 0.5)):
+        writer.append(k, float(k), {"u": size * np.sin(np.arange(9.0))})
+    results, said = open_results(tmp_path / "a.h5"), []
+    drawing.plot_results(results, tmp_path, say=said.append)
+    assert said == ["u is below 1e-06 of its largest value at t = 0: left out"]
+    for view in (drawing.View(decibels=True), drawing.View(limits=(-1e-6, 1e-6))):
+        drawing.plot_results(results, tmp_path, view, say=said.append)
+    assert len(said) == 1
+
+
 def test_fields_and_components_are_chosen(tmp_path):
     results = axes_and_fields(tmp_path / "a.h5")
     view = drawing.View(fields=["v", "u_x", "v"], format="svg")

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from farhorizon.files.records import Recorded
     from farhorizon.files.results import Results
 
+_FAINT = 1e-6  # of the largest value that is shown: a panel of no more shows rounding and tails
 _FLOOR = -60.0  # decibels, unless a range is given
 _LEVELS = {"intensity": "energy per frequency and angle", "cross_section": "scattering cross section per angle"}
 
@@ -233,9 +234,14 @@ def _panels(
     if len(empty) == len(found):
         say(f"{part.label} is zero everywhere: no picture")
         return []
-    if empty:
-        say(f"{part.label} is zero everywhere at t = {', '.join(f'{results.times[k]:.4g}' for k in empty)}: left out")
-    kept = [k for k in drawn if k not in empty]
+    sizes = {k: float(np.abs(np.nan_to_num(values)).max()) for k, values in found.items()}
+    scaled = view.decibels or view.limits is not None
+    faint = [k for k in drawn if 0 < sizes[k] < _FAINT * max(sizes.values()) and not scaled]
+    for left_out, what in ((empty, "zero everywhere"), (faint, f"below {_FAINT:g} of its largest value")):
+        if left_out:
+            moments = ", ".join(f"{results.times[k]:.4g}" for k in left_out)
+            say(f"{part.label} is {what} at t = {moments}: left out")
+    kept = [k for k in drawn if k not in empty + faint]
     solids = [_solid(results, k) for k in kept] if "dissolved" in results.field_names else []
     path, shown = directory / f"{part.name}.{view.format}", [found[k] for k in kept]
     label, limits = part.label, view.limits
