@@ -264,7 +264,7 @@ def test_case_of_bonds_that_break(words, options):
         ("critical_stretch = 0.01", "critical_stretch = -0.01", "model.critical_stretch"),
         ("critical_stretch = 0.01", "critical_stretch = 0.01\nfracture_energy = 1.0", "two names of one thing"),
         ("nonlinear = true", 'nonlinear = "perhaps"', "model.nonlinear"),
-        ("nonlinear = true", 'poisson = 0.3\nmaterial = "state-based"', "only bonds of a bond-based material"),
+        ("nonlinear = true", 'nonlinear = true\npoisson = 0.3\nmaterial = "state-based"', "have no nonlinear"),
         ("points = [[-2.0, 0.25], [2.0, 0.25]]", "points = [[-2.0, 0.25], [2.0, 0.25]]\nfactor = 0.5", "whole or cut"),
         ("balance = true", 'fields = ["u", "solid"]', "has no such field"),
     ],
