@@ -457,6 +457,7 @@ def test_corrosion_goes_on_after_an_interrupt(tmp_path, monkeypatch):
     assert {p.name for p in Path("part/pitting").iterdir()} >= {"u.png", "front.png", "balance.png"}
 
 
+@pytest.mark.slow
 def test_a_killed_run_of_a_breaking_body_goes_on(tmp_path, monkeypatch, capsys):
     """Half of it, a resumed run that is killed, resumed again: displacements, damage, probes and balance are bitwise
     those of one run.

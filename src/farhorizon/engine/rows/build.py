@@ -43,13 +43,15 @@ _LOADING = threading.RLock()  # simulations may be made side by side
 
 
 def load_driver(kernels: frozenset[str]) -> ModuleType:
-    """The compiled time loop with some kernels (`operations.needed`); one that has more serves, too."""
+    """The compiled time loop with some kernels (`operations.needed`), and with those that the process has loaded
+    already: one program with all of them serves from then on, in either precision.
+    """
     with _LOADING:
-        for loaded, driver in _DRIVERS.items():
-            if kernels <= loaded:
-                return driver
-        settings = {name: name in kernels for name in ("SOME", "RARE", "STATES")}
-        return _DRIVERS.setdefault(kernels, _load("program", **settings))
+        kernels = kernels.union(*_DRIVERS)
+        if kernels not in _DRIVERS:
+            settings = {name: name in kernels for name in ("SOME", "RARE", "STATES")}
+            _DRIVERS[kernels] = _load("program", **settings)
+        return _DRIVERS[kernels]
 
 
 def load_rows(
