@@ -247,6 +247,7 @@ def test_a_kernel_that_takes_long_is_announced(monkeypatch, capsys):
     assert "kernel of 1024 steps" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_single_precision():
     """The near field in single precision, the ends in double."""
     u = np.exp(-((np.arange(40) - 20.0) ** 2) / 9)

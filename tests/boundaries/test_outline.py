@@ -87,6 +87,7 @@ def test_checkpoint_of_another_condition_is_refused(tmp_path):
         disc(fh.Higdon((0.0, 30.0))).load(tmp_path / "a.ckpt")
 
 
+@pytest.mark.slow
 def test_single_precision():
     """Each step rounds by 2^-24 and kicks the velocity: a random walk of 300 steps, summed. The condition itself is in
     double.

@@ -167,6 +167,7 @@ def test_threads_agree_on_the_work_of_sources():
     np.testing.assert_array_equal(*found)
 
 
+@pytest.mark.slow  # as all of single precision that takes the kernels of few runs: these compile for long
 @pytest.mark.parametrize("nonlinear", LAWS.values(), ids=LAWS)
 def test_single_precision(nonlinear):
     """A run without breaking to the precision of float32."""

@@ -15,7 +15,7 @@ import pytest
 PROCESSES = 2 if (os.cpu_count() or 1) > 1 else 1
 
 
-@pytest.mark.parametrize("count", [60, pytest.param(2000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [100, pytest.param(2000, marks=pytest.mark.slow)])
 def test_random_cases_run_or_are_refused(count, tmp_path):
     """No traceback, crash or hang, fields that are finite, resumes that are bitwise; the fast tier has the same cases
     always, for its time.

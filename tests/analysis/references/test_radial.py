@@ -69,6 +69,7 @@ def test_symbols(kernel, symbol):
     assert np.abs(lattice - symbol(k)).max() < tolerance * np.abs(symbol(k)).max()
 
 
+@pytest.mark.slow
 def test_body_against_the_nonlocal_solution():
     """A pulse five spacings wide in a body so large that its edge is not felt at the middle; order 2 in the step is
     below the rest.

@@ -43,15 +43,15 @@ _LOADING = threading.RLock()  # simulations may be made side by side
 
 
 def load_driver(kernels: frozenset[str]) -> ModuleType:
-    """The compiled time loop with some kernels (`operations.needed`), and with those that the process has loaded
-    already: one program with all of them serves from then on, in either precision.
+    """The compiled time loop with some kernels (`operations.needed`); the smallest one that is loaded and has more
+    serves, too.
     """
     with _LOADING:
-        kernels = kernels.union(*_DRIVERS)
-        if kernels not in _DRIVERS:
+        serving = [loaded for loaded in _DRIVERS if kernels <= loaded]
+        if not serving:
             settings = {name: name in kernels for name in ("SOME", "RARE", "STATES")}
             _DRIVERS[kernels] = _load("program", **settings)
-        return _DRIVERS[kernels]
+        return _DRIVERS[min(serving, key=len, default=kernels)]
 
 
 def load_rows(
