@@ -461,7 +461,7 @@ class Engine:
     @property
     def _driver(self) -> ModuleType:
         """The compiled loop that has what this run needs."""
-        return load_driver(needed(self.tables))
+        return load_driver(needed(self.tables), self.dtype.name)
 
     def _compiled(self, steps: int, phase: int, levels: np.ndarray, tables: Tables, inputs: Inputs) -> None:
         """Work off the table of operations, on all threads for those of the engine's own levels."""

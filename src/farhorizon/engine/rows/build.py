@@ -38,20 +38,20 @@ _COMPILED_IN = (
     "rows/layer_sums",
     "rows/matrices",
 )
-_DRIVERS: dict[frozenset[str], ModuleType] = {}
+_DRIVERS: dict[tuple[str, frozenset[str]], ModuleType] = {}
 _LOADING = threading.RLock()  # simulations may be made side by side
 
 
-def load_driver(kernels: frozenset[str]) -> ModuleType:
-    """The compiled time loop with some kernels (`operations.needed`); the smallest one that is loaded and has more
-    serves, too.
+def load_driver(kernels: frozenset[str], real: str) -> ModuleType:
+    """The compiled time loop with some kernels (`operations.needed`); the smallest one that has served this precision
+    and has more of them serves, too: each is compiled for each precision anew.
     """
     with _LOADING:
-        serving = [loaded for loaded in _DRIVERS if kernels <= loaded]
+        serving = [loaded for precision, loaded in _DRIVERS if precision == real and kernels <= loaded]
         if not serving:
             settings = {name: name in kernels for name in ("SOME", "RARE", "STATES")}
-            _DRIVERS[kernels] = _load("program", **settings)
-        return _DRIVERS[min(serving, key=len, default=kernels)]
+            _DRIVERS[real, kernels] = _load("program", **settings)
+        return _DRIVERS[real, min(serving, key=len, default=kernels)]
 
 
 def load_rows(
