@@ -127,6 +127,7 @@ def test_proofs(name):
     assert certificate.verdict == "certified" and not certificate.parts
 
 
+@pytest.mark.slow
 def test_no_proof_at_the_limit():
     """At the very step limit the shortest wave grows linearly: the proof does not hold, and rounding decides
     nothing."""
@@ -152,6 +153,7 @@ def test_a_beam_with_exact_ends():
     assert certify(sim).verdict == "certified"
 
 
+@pytest.mark.slow
 def test_a_layer_without_shift_drifts():
     """alpha = 0: a field of zero frequency is a double factor 1, from which a line drifts as fast as time; a small
     shift ends that.
