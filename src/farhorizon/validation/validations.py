@@ -9,6 +9,7 @@ VALIDATIONS = Collection(
         "nonlocal_waves",
         "moving_load",
         "explosion",
+        "half_space",
         "cross_sections",
         "stress_intensity",
         "pressurised",
