@@ -9,7 +9,7 @@ VALIDATIONS = Collection(
         "nonlocal_waves",
         "moving_load",
         "explosion",
-        "half_space",
+        "surface_motion",
         "cross_sections",
         "stress_intensity",
         "pressurised",

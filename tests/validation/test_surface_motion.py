@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from farhorizon.inputs.signals import Step
-from farhorizon.validation import half_space
+from farhorizon.validation import surface_motion
 
 SPEEDS, DENSITY = (np.sqrt(3), 1.0), 1.3
 
@@ -20,13 +20,13 @@ def by_frequencies(x, until, speeds, density):
     length, count = 3 * until, 256
     t = np.arange(count) * length / count
     shift = 12 / length  # so fast do the copies of the sum fall off
-    moment = np.fft.rfft(Step(half_space.RISE)(t) * np.exp(-shift * t))
+    moment = np.fft.rfft(Step(surface_motion.RISE)(t) * np.exp(-shift * t))
     s = (shift + 2j * np.pi * np.arange(count // 2 + 1) / length)[:, None]
     highest, n = 60.0, 4000
     k = (np.arange(n) + 0.5) * highest / n
     nu, eta = np.sqrt(k**2 + (s / alpha) ** 2), np.sqrt(k**2 + (s / beta) ** 2)
     bend = k**2 + eta**2
-    potential = -np.exp(-nu * half_space.DEPTH) / (4 * np.pi * density * alpha**2 * nu)
+    potential = -np.exp(-nu * surface_motion.DEPTH) / (4 * np.pi * density * alpha**2 * nu)
     share = nu * potential * (s / beta) ** 2 / (bend**2 - 4 * k**2 * eta * nu) * 2 * highest / n
     along = (4j * k * eta * share * 1j * np.sin(k * x)).sum(1)
     up = (2 * bend * share * np.cos(k * x)).sum(1)
@@ -37,17 +37,17 @@ def by_frequencies(x, until, speeds, density):
 @pytest.mark.parametrize("x", [0.0, 1.0, 3.0])
 def test_a_buried_blast_moves_the_surface_as_the_sum_of_its_plane_waves(x):
     times, wanted = by_frequencies(x, 7.0, SPEEDS, DENSITY)
-    found = half_space.buried_blast(x, times, SPEEDS, DENSITY)
+    found = surface_motion.buried_blast(x, times, SPEEDS, DENSITY)
     # the sum lacks frequencies above those of its time step, a twelfth of the rise: one in a thousand
     np.testing.assert_allclose(found, wanted, atol=1e-3 * np.abs(found).max())
 
 
 def test_a_buried_blast_leaves_the_static_field_that_a_free_surface_multiplies_by_4_less_4_nu():
     x, (alpha, _) = 1.5, SPEEDS
-    towards = np.array([x, half_space.DEPTH]) / (x**2 + half_space.DEPTH**2)
-    found = half_space.buried_blast(x, np.array([2000.0]), SPEEDS, DENSITY)[:, 0]
+    towards = np.array([x, surface_motion.DEPTH]) / (x**2 + surface_motion.DEPTH**2)
+    found = surface_motion.buried_blast(x, np.array([2000.0]), SPEEDS, DENSITY)[:, 0]
     np.testing.assert_allclose(found, 3 * towards / (2 * np.pi * DENSITY * alpha**2), rtol=1e-5)
 
 
 def test_nothing_moves_before_the_p_wave_comes():
-    assert not half_space.buried_blast(2.0, np.array([0.0, 1.29]), SPEEDS, DENSITY).any()
+    assert not surface_motion.buried_blast(2.0, np.array([0.0, 1.29]), SPEEDS, DENSITY).any()
