@@ -70,7 +70,8 @@ def _section(name: str) -> Iterator[str]:
     for key, value in table.get("properties", {}).items():
         yield f"`{key}`"
         takes = _kind(value)
-        yield f": {takes[0].upper()}{takes[1:]}; {_default(table, key, value)}."
+        unit = f" (unit: {value['unit']})" if "unit" in value else ""
+        yield f": {takes[0].upper()}{takes[1:]}{unit}; {_default(table, key, value)}."
         yield f"  {meaning(name, key)}"
         yield f"  Example: `{key} = {example(name, key)}`\n"
 
@@ -115,7 +116,7 @@ def _kind(value: dict[str, Any]) -> str:
         return "a table"
     if value.get("type") == "array":
         return f"a list, each entry {_kind(value.get('items', {}))}"
-    return WORDS.get(value.get("type", ""), "a table")
+    return "a number" if isinstance(value.get("type"), list) else WORDS.get(value.get("type", ""), "a table")
 
 
 def _default(table: dict[str, Any], key: str, value: dict[str, Any]) -> str:

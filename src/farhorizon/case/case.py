@@ -32,6 +32,7 @@ from farhorizon.case.schema import (
     SourcePart,
     SpectraPart,
     TractionPart,
+    UnitsPart,
     case_part,
     incident_kinds,
     model_kinds,
@@ -41,6 +42,7 @@ from farhorizon.case.schema import (
     under,
 )
 from farhorizon.case.toml import document
+from farhorizon.case.units import ANY, FIELD, FIELDS, RATE, Units
 from farhorizon.errors import FileFormatError, InputError
 from farhorizon.geometry.interpolation import points_on_grid, points_on_line
 from farhorizon.geometry.lattice import AXES
@@ -87,9 +89,14 @@ class Case:
                 data = changed(data, changes)
             self.text = document(data)
         try:
-            self.parts = case_part().model_validate(data, context={"folder": self.path.parent})
+            context: dict[str, Any] = {"folder": self.path.parent}
+            if _has_readable_units(data):  # else these are what is wrong
+                with self.naming():
+                    context["units"] = _units_of(data)
+            self.parts = case_part().model_validate(data, context=context)
         except ValidationError as error:
             raise InputError(f"{self.path}: " + explain(error, data)) from None
+        self.units: Units | None = context["units"]
         with self.naming():
             self._check_times()
             self.lattice = self._lattice()
@@ -120,10 +127,10 @@ class Case:
         """The case at another spacing, with as many nodes in the horizon; a time step of its own goes with the
         spacing, where something diffuses with its square.
         """
-        data, finer = tomllib.loads(self.text), spacing / self.lattice.spacing
-        changes = {"lattice.spacing": spacing}
-        if "horizon" in data["model"].get("kernel", {}):
-            changes["model.kernel.horizon"] = data["model"]["kernel"]["horizon"] * finer
+        finer, changes = spacing / self.lattice.spacing, {"lattice.spacing": spacing}
+        kernel = getattr(self.parts.model, "kernel", None)
+        if kernel is not None:
+            changes["model.kernel.horizon"] = kernel.horizon * finer
         if self.parts.run.dt is not None:
             waves = self.kind is not fh.Simulation or self.model.order == 2
             changes["run.dt"] = self.parts.run.dt * finer ** (1 if waves else 2)
@@ -210,6 +217,14 @@ class Case:
         return [
             np.asarray(c.points, float).reshape(-1, self.lattice.dim) for c in self.parts.crack if c.points is not None
         ]
+
+    @property
+    def unit_names(self) -> dict[str, str]:
+        """The units of length, time, u and v in pictures and files; nothing of those that the case does not say."""
+        if (units := self.units) is None:
+            return {}
+        named = {"length": "m", "time": "s", "u": FIELD, "v": RATE}
+        return {what: name for what, si in named.items() if (name := units.name(si))}
 
     @property
     def quantities(self) -> dict[str, str]:
@@ -608,6 +623,19 @@ class Case:
                 self.lattice.index(point)
             except InputError as error:
                 raise error.at("output.probes") from None
+
+
+def _has_readable_units(data: Mapping[str, Any]) -> bool:
+    """Whether the units of a case that is not validated yet are a table of known keys and texts, if it has any."""
+    given = data.get("units", {})
+    known = isinstance(given, dict) and given.keys() <= UnitsPart.model_fields.keys()
+    return known and all(isinstance(text, str) for text in given.values())
+
+
+def _units_of(data: Mapping[str, Any]) -> Units | None:
+    model = data.get("model")
+    kind = model.get("type") if isinstance(model, dict) else None
+    return Units(data["units"], FIELDS.get(str(kind), ANY)) if "units" in data else None
 
 
 def _built(part: Part, known: Mapping[str, Any], key: str, **changes: Any) -> Any:

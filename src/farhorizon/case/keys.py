@@ -35,7 +35,7 @@ class Key:
     types : tuple of str
         Types of the tables around it, where these have one.
     kind, default, text : str
-        What is given, what holds unless it is given, and what it is.
+        What is given, what holds unless it is given with what it is counted in, and what it is.
     """
 
     path: str
@@ -75,6 +75,7 @@ def _inside(
         needed, default = name in table.get("required", ()), found.get("default")
         said = "required" if needed else "optional" if default is None or _empty(default) else literal(default)
         text = found.get("description", "")
+        said += f", unit {found['unit']}" if "unit" in found else ""
         yield Key(place, types, _kind(found, defs), said, text)
         for kind, inner in _tables(found, defs):
             if kind not in within:
@@ -118,7 +119,7 @@ def _kind(found: dict[str, Any], defs: dict[str, Any]) -> str:
             if of
             else "list"
         )
-    return _KINDS.get(found.get("type", ""), "as in Python")
+    return "number" if isinstance(found.get("type"), list) else _KINDS.get(found.get("type", ""), "as in Python")
 
 
 def explain_keys(prefix: str, width: int = 100) -> str:
@@ -184,7 +185,7 @@ def _listed(entries: Sequence[tuple[str, str]], width: int) -> list[str]:
 
 
 def _default(key: Key) -> str:
-    return key.default if key.default in ("required", "optional") else f"default {key.default}"
+    return key.default if key.default.startswith(("required", "optional")) else f"default {key.default}"
 
 
 def _merged(keys: Sequence[Key]) -> list[tuple[Key, tuple[str, ...]]]:

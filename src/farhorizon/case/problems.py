@@ -107,6 +107,8 @@ def _problem(key: str, same: list[Any]) -> str:
             return f"unknown key {key}; {nearest(str(location[-1]), _known(location[:-1]))}"
         case "missing":
             return f"missing key {key}"
+        case "value_error" if isinstance(context["error"], InputError):  # the key of it is within the table
+            return str(context["error"].at(f"{key}.{context['error'].key}".lstrip(".")))
         case "union_tag_not_found" | "union_tag_invalid":
             types = _types(location)
             message = "unknown type" if "tag" in context else "the type is missing"

@@ -14,12 +14,23 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationInfo, create_model
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationInfo,
+    create_model,
+    model_validator,
+)
 from pydantic.fields import FieldInfo
 
 from farhorizon import __version__, kinds
 from farhorizon import public as fh
 from farhorizon.boundaries import Side
+from farhorizon.case.units import QUANTITY, measured, without_units
 from farhorizon.errors import InputError
 from farhorizon.geometry.shapes import Shape
 from farhorizon.inputs.conditions import Constraint
@@ -33,6 +44,13 @@ class Part(BaseModel):
     """A table. What stands below a key explains it, in the JSON Schema and at the prompt (`farhorizon keys`)."""
 
     model_config = ConfigDict(extra="forbid", strict=False, use_attribute_docstrings=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _in_units_of_the_case(cls, data: Any, info: ValidationInfo) -> Any:
+        context = info.context or {}
+        known = isinstance(data, dict) and "units" in context
+        return without_units(cls.__name__, data, context["units"]) if known else data
 
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -136,6 +154,29 @@ class RegionPart(Part):
         for hole in self.without:
             region = region - hole.build(key + ".without")
         return region
+
+
+class UnitsPart(Part):
+    """What plain numbers of the case are counted in, so that others may have units of their own ("5 mm")."""
+
+    length: str | None = None
+    """Such as "mm"."""
+    time: str | None = None
+    """Such as "us"."""
+    mass: str | None = None
+    """Such as "kg"; or give one of force, pressure, density, energy, from which it follows."""
+    force: str | None = None
+    """In place of the mass, such as "N"."""
+    pressure: str | None = None
+    """In place of the mass, such as "GPa"."""
+    density: str | None = None
+    """In place of the mass, such as "g/cm^3"."""
+    energy: str | None = None
+    """In place of the mass, such as "J"."""
+    temperature: str | None = None
+    """Such as "degC" or "K"."""
+    amount: str | None = None
+    """Of substance, such as "mol"."""
 
 
 class LatticePart(Part):
@@ -464,6 +505,8 @@ _CONSTRAINTS = (ConstraintPart, PrescribedPart)
 
 
 class CasePart(Part):
+    units: UnitsPart | None = None
+    """What its numbers are counted in; any consistent units unless given."""
     lattice: LatticePart
     """The near field and its nodes."""
     model: Any
@@ -719,10 +762,30 @@ def under(place: str, key: str) -> str:
 
 def schema() -> dict[str, Any]:
     """JSON Schema of case files: keys, kinds of values and defaults; what else must hold is told when a case is
-    read."""
+    read. What may be given with a unit has one of the SI as `unit`.
+    """
+    whole = case_part().model_json_schema()
+    for name, table in {"CasePart": whole, **whole["$defs"]}.items():
+        for key, found in table.get("properties", {}).items():
+            if (si := measured(name, key)) is not None:
+                _take_units(found)
+                found["unit"] = si
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
-        **case_part().model_json_schema(),
+        **whole,
         "title": "farhorizon case",
         "description": f"A case file of farhorizon {__version__}.",
     }
+
+
+def _take_units(found: Any) -> None:
+    """Let the numbers of a schema be texts with a unit, too."""
+    if isinstance(found, dict):
+        if found.get("type") == "number":
+            found |= {"type": ["number", "string"], "pattern": f"^{QUANTITY}$"}
+        for name, inner in found.items():
+            if name != "default":
+                _take_units(inner)
+    elif isinstance(found, list):
+        for inner in found:
+            _take_units(inner)

@@ -124,6 +124,7 @@ def _begun(case: Any, sim: Any, files: RunFiles) -> Any:
         probes=sim.probes.places,
         accounts=list(sim.balance()) if case.parts.output.balance else [],
         case=case.text,
+        units=case.unit_names,
         program=f"farhorizon {__version__}",
         components={name: len(field) if field.ndim > dim else 1 for name, field in sim.fields.items()},
     )

@@ -409,6 +409,7 @@ class ResultsWriter:
         case: str = "",
         program: str = "",
         components: int | Mapping[str, int] = 1,
+        units: Mapping[str, str] | None = None,
     ) -> ResultsWriter:
         """Create an empty results file; an older results file of that name is replaced, any other file is refused.
 
@@ -436,6 +437,8 @@ class ResultsWriter:
         components : int or mapping of str to int
             1, or dim for vector fields. VTK's vectors have three, the missing ones are stored as zeros. Probes show
             the field u if it is named, written or not, else the first one.
+        units : mapping of str to str, optional
+            Units of "length", "time" and fields, as far as they are known.
 
         Returns
         -------
@@ -499,7 +502,8 @@ class ResultsWriter:
                 if kind not in data.attrs:
                     _put_word(data.attrs, kind, name)
             group = file.create_group("farhorizon")
-            for name, word in (("format", FORMAT), ("program", program), ("cautions", "[]")):
+            named = json.dumps(dict(units or {}), ensure_ascii=False)
+            for name, word in (("format", FORMAT), ("program", program), ("cautions", "[]"), ("units", named)):
                 _put_word(group.attrs, name, word)
             group.attrs["version"], group.attrs["finished"] = RESULTS_VERSION, False
             group.attrs["dim"], group.attrs["shape"], group.attrs["spacing"], group.attrs["lower"] = (
@@ -824,6 +828,8 @@ class Results:
         Positions of the probes.
     case, program : str
         Text of the case file; name and version of the program that wrote the file.
+    units : dict of str to str
+        Units of "length", "time", "u" and "v", as far as the case says them.
     finished : bool
         Whether the run had come to its end when the file was opened.
 
@@ -849,6 +855,7 @@ class Results:
             self.probes: np.ndarray = _read(group, self.path, "probes")
             self.case: str = _words(group, "case")[0]
             self.program = _word(group.attrs, "program")
+            self.units: dict[str, str] = json.loads(_word(group.attrs, "units") or "{}")
             self.finished = bool(group.attrs.get("finished", False))
             self._accounts = _words(group, "accounts")
             self.components = _components(group)
@@ -1045,7 +1052,12 @@ class Results:
             "lower": list(self.lower),
             "cautions": [caution.text for caution in self.cautions],
         }
-        return xarray.Dataset(data, coords, attributes)
+        whole = xarray.Dataset(data, coords, attributes)
+        measured = {**dict.fromkeys(names, "length"), "time": "time", "probe_time": "time", "probe_values": "u"}
+        for name in whole.variables.keys() & (measured.keys() | self.units.keys()):
+            if unit := self.units.get(measured.get(str(name), str(name))):
+                whole[name].attrs["units"] = unit
+        return whole
 
 
 def _xarray() -> Any:

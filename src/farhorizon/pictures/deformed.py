@@ -9,7 +9,7 @@ import numpy as np
 
 from farhorizon.errors import InputError
 from farhorizon.pictures.fields import cell_edges, panel_grid
-from farhorizon.pictures.style import DAMAGE, SEQUENTIAL, figure_at
+from farhorizon.pictures.style import DAMAGE, SEQUENTIAL, figure_at, with_unit
 
 _PART = 0.05  # of the extent of the near field that the largest displacement takes, unless a factor is given
 
@@ -82,7 +82,8 @@ def deformed_panels(
         panels[0].set(xlim=(left - margin, right + margin), ylim=(bottom - margin, top + margin))
         for number, panel in enumerate(panels[: len(frames)]):
             panel.set(
-                xlabel="x" if number + columns >= len(frames) else "", ylabel="y" if number % columns == 0 else ""
+                xlabel=with_unit("x") if number + columns >= len(frames) else "",
+                ylabel=with_unit("y") if number % columns == 0 else "",
             )
         figure.colorbar(nodes, ax=list(panels[: len(frames)]), label=label, pad=0.02)
         figure.suptitle(f"displacements times {factor:g}", fontsize=panels[0].title.get_size())

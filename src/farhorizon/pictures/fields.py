@@ -10,7 +10,16 @@ import numpy as np
 
 from farhorizon.errors import InputError
 from farhorizon.pictures.curves import lines
-from farhorizon.pictures.style import DIVERGING, RIM, color_range, extent_beyond, figure_at, number_text, scale_of
+from farhorizon.pictures.style import (
+    DIVERGING,
+    RIM,
+    color_range,
+    extent_beyond,
+    figure_at,
+    number_text,
+    scale_of,
+    with_unit,
+)
 
 _ARROWS = 18  # along an axis
 _ROOM = 5.0  # how much larger than in the first column values may be in the others without leaving the colours
@@ -99,7 +108,7 @@ def field_panels(
         return lines(
             curves,
             path,
-            xlabel="x",
+            xlabel=with_unit("x"),
             ylabel=label,
             title=", ".join(filter(None, (title, titles[0] if len(titles) == 1 else ""))),
             places=[x for points in polylines for x in points[:, 0]],
@@ -238,7 +247,8 @@ def _images(
             panel.set_title(name)
             lowest = number + columns >= len(arrays)
             panel.tick_params(labelbottom=lowest, labelleft=number % columns == 0)
-            panel.set(xlabel=names[0] if lowest else "", ylabel=names[1] if number % columns == 0 else "")
+            first = number % columns == 0
+            panel.set(xlabel=with_unit(names[0]) if lowest else "", ylabel=with_unit(names[1]) if first else "")
             panel.locator_params(nbins=4 if width < 2 else 6)
             if not shared_scale:
                 figure.colorbar(image, ax=panel, label=label, extend=extent_beyond([array], limits))

@@ -10,7 +10,7 @@ import numpy as np
 
 from farhorizon.errors import InputError
 from farhorizon.pictures.fields import cell_edges, panel_grid
-from farhorizon.pictures.style import figure_at, number_text
+from farhorizon.pictures.style import figure_at, number_text, with_unit
 
 
 def _around(axis: np.ndarray, wanted: np.ndarray) -> tuple[float, float]:
@@ -90,5 +90,5 @@ def front(
             panel.plot(
                 points[:, 0], points[:, 1], color="#D55E00", linewidth=1.4, linestyle="-", scalex=False, scaley=False
             )
-        panel.set(xlabel=names[0], ylabel=names[1], title=title, xlim=shown[0], ylim=shown[1])
-        figure.colorbar(times, ax=panel, label="time of dissolution")
+        panel.set(xlabel=with_unit(names[0]), ylabel=with_unit(names[1]), title=title, xlim=shown[0], ylim=shown[1])
+        figure.colorbar(times, ax=panel, label=with_unit("time of dissolution", "time"))

@@ -16,7 +16,7 @@ from farhorizon.pictures.fields import comparable, field_panels, magnitude
 from farhorizon.pictures.fronts import front
 from farhorizon.pictures.movie import movie
 from farhorizon.pictures.polar import polar_picture
-from farhorizon.pictures.style import DAMAGE, FORMATS, number_text, time_text
+from farhorizon.pictures.style import DAMAGE, FORMATS, counted_in, number_text, time_text, with_unit
 from farhorizon.pictures.traces import spectrum_picture, trace_picture
 
 if TYPE_CHECKING:
@@ -188,9 +188,13 @@ def plot_results(
     FileFormatError
         The results file is damaged.
     """
-    view = view or View()
+    with counted_in(results.units):
+        return _drawn(results, Path(out_dir), view or View(), say)
+
+
+def _drawn(results: Results, directory: Path, view: View, say: Callable[[str], None]) -> list[Path]:
+    """Draw what a view asks for."""
     chosen, parts, plane = view.chosen(results, say), _wanted(results, view.fields), view.slice(results)
-    directory = Path(out_dir)
     if view.deformed is not None:
         frames = [(_moment(results, k), *_strained(results, k)) for k in chosen]
         directory.mkdir(parents=True, exist_ok=True)
@@ -244,10 +248,12 @@ def _panels(
     kept = [k for k in drawn if k not in empty + faint]
     solids = [_solid(results, k) for k in kept] if "dissolved" in results.field_names else []
     path, shown = directory / f"{part.name}.{view.format}", [found[k] for k in kept]
-    label, limits = part.label, view.limits
+    limits = view.limits
     if view.decibels:
         shown, limits = view.levels(shown), limits or (_FLOOR, 0.0)
         label = f"{part.label.strip('|')} (dB below the largest)"
+    else:
+        label = with_unit(part.label, "time" if part.field == "dissolved" else part.field)
     broken = part.name == "damage"  # shows the cracks, those cut in advance among them
     field_panels(
         [(_moment(results, k), values) for k, values in zip(kept, shown, strict=True)],
@@ -270,7 +276,7 @@ def _movie(
 ) -> list[Path]:
     """Draw the chosen outputs one after the other."""
     values = [part.of(results.field(part.field, k)) for k in chosen]
-    label, limits = part.label, view.limits
+    label, limits = with_unit(part.label, part.field), view.limits
     if view.decibels and any(np.nan_to_num(one).any() for one in values):
         values, limits = view.levels(values), limits or (_FLOOR, 0.0)
         label = f"{part.label.strip('|')} (dB below the largest)"
@@ -319,12 +325,13 @@ def _histories(results: Results, directory: Path, ending: str) -> list[Path]:
         written.append(directory / f"probes.{ending}")
         title = f"probe at {names[0]}" if len(names) == 1 else ""
         curves = [(name, *_recorded(moments, column)) for name, column in zip(names, values.T, strict=True)]
-        lines(curves, written[-1], xlabel="t", ylabel="probe value", title=title)
+        ylabel = with_unit("probe value", "u")
+        lines(curves, written[-1], xlabel=with_unit("t", "time"), ylabel=ylabel, title=title)
     for name, one in results.recorded.items():
         for quantity in one.data if len(one.times) > 1 and not one.medium else ():
             for column, traces in one.columns(quantity).items():
                 written.append(directory / f"{name}_{column}.{ending}")
-                trace_picture(one.points, one.times, traces, written[-1], label=column)
+                trace_picture(one.points, one.times, traces, written[-1], label=with_unit(column, quantity))
         if one.directions:
             written += _pattern(one, directory / f"{name}.{ending}")
             continue
@@ -337,12 +344,12 @@ def _histories(results: Results, directory: Path, ending: str) -> list[Path]:
         moments, energies = _recorded(history, energy)
         log = bool((energies > 0).all() and energies.max() > 100 * energies.min())
         written.append(directory / f"energy.{ending}")
-        lines([("energy", moments, energies)], written[-1], xlabel="t", ylabel="energy", log=log)
+        lines([("energy", moments, energies)], written[-1], xlabel=with_unit("t", "time"), ylabel="energy", log=log)
     if results.balance:
         written.append(directory / f"balance.{ending}")
         curves = [(name, *_recorded(history, values)) for name, values in results.balance.items()]
         ylabel = "energy" if "kinetic" in results.balance else "gain since the start, and inflow"
-        lines(curves, written[-1], xlabel="t", ylabel=ylabel)
+        lines(curves, written[-1], xlabel=with_unit("t", "time"), ylabel=ylabel)
     return written
 
 

@@ -7,10 +7,12 @@ open.
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import lru_cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -43,6 +45,7 @@ RIM = (("white", 2.2), ("0.1", 0.9))  # a light rim shows a line on dark colours
 DIVERGING, SEQUENTIAL = "RdBu_r", "viridis"
 DAMAGE = "magma_r"  # light where nothing is broken
 FORMATS = ("png", "pdf", "svg")
+_UNITS: ContextVar[Mapping[str, str]] = ContextVar("units", default=MappingProxyType({}))
 
 
 @lru_cache(maxsize=1)
@@ -78,6 +81,22 @@ def figure_at(path: str | Path | None, size: tuple[float, float], layout: str = 
         yield figure
         if path is not None:
             figure.savefig(path)
+
+
+@contextmanager
+def counted_in(units: Mapping[str, str]) -> Iterator[None]:
+    """Within it pictures name the units of what they show: of "length", "time" and fields, as far as they are given."""
+    token = _UNITS.set(units)
+    try:
+        yield
+    finally:
+        _UNITS.reset(token)
+
+
+def with_unit(name: str, measured: str = "length") -> str:
+    """The label of what is measured in a unit of `counted_in`, by default of a coordinate."""
+    unit = _UNITS.get().get(measured)
+    return f"{name} ({unit})" if unit else name
 
 
 def number_text(value: float, scale: float) -> str:
@@ -127,9 +146,9 @@ def extent_beyond(arrays: Sequence[np.ndarray], limits: tuple[float, float] | No
 
 
 def time_text(time: float) -> str:
-    """A time with four digits; powers of ten where there are many zeros."""
-    text = f"{time:.4g}"
-    if "e" not in text:
-        return text
-    digits, power = text.split("e")
-    return rf"${digits} \times 10^{{{int(power)}}}$"
+    """A time with four digits and its unit; powers of ten where there are many zeros."""
+    text, unit = f"{time:.4g}", _UNITS.get().get("time")
+    if "e" in text:
+        digits, power = text.split("e")
+        text = rf"${digits} \times 10^{{{int(power)}}}$"
+    return f"{text} {unit}" if unit else text

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from farhorizon.pictures.style import COLORS, figure_at, number_text, scale_of
+from farhorizon.pictures.style import COLORS, figure_at, number_text, scale_of, with_unit
 
 _MOST_WIGGLES = 41
 _LEAST_IN_SECTION = 8
@@ -52,7 +52,7 @@ def trace_picture(
             panels[0].set_title(label)
         else:
             _curves(panels[0], points, times, values)
-            panels[0].set(xlabel="t", ylabel=label)
+            panels[0].set(xlabel=with_unit("t", "time"), ylabel=label)
         _spectra(panels[-1], points, times, values)
     return figure
 
@@ -114,8 +114,8 @@ def positions(points: np.ndarray) -> tuple[str, np.ndarray]:
         return "receiver", numbers
     axis = int(np.abs(direction).argmax())
     if np.abs(direction[axis]) > 1 - _STRAIGHT:
-        return "xyz"[axis], points[:, axis]
-    return "distance along the receivers", along
+        return with_unit("xyz"[axis]), points[:, axis]
+    return with_unit("distance along the receivers"), along
 
 
 def _wiggles(axes: Any, places: np.ndarray, times: np.ndarray, values: np.ndarray, name: str) -> None:
@@ -134,7 +134,7 @@ def _wiggles(axes: Any, places: np.ndarray, times: np.ndarray, values: np.ndarra
             "interpolate": True,
         }
         axes.fill_betweenx(times, places[number], drawn, **filled)
-    axes.set(xlabel=name, ylabel="t")
+    axes.set(xlabel=name, ylabel=with_unit("t", "time"))
     axes.margins(x=0.02, y=0)
     axes.invert_yaxis()
 
@@ -145,7 +145,7 @@ def _section(
     """An image of position against time, as a B-scan."""
     edges = [_edges(one) for one in (places, times)]
     image = axes.pcolormesh(*edges, values, rasterized=True, **scale_of([values], None, None))
-    axes.set(xlabel=name, ylabel="t")
+    axes.set(xlabel=name, ylabel=with_unit("t", "time"))
     axes.invert_yaxis()
     figure.colorbar(image, ax=axes, label=label)
 

@@ -1,0 +1,262 @@
+"""Numbers with units in case files: what is measured by each key, and the units that a case counts in."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from farhorizon.errors import InputError
+
+#: What a case may give units of, and those of the SI: the powers of a `Unit` are in this order.
+BASES = {"mass": "kg", "length": "m", "time": "s", "temperature": "K", "amount": "mol"}
+#: Given in place of the mass, which follows from any of them with length and time.
+MASS_BY = {"force": "N", "pressure": "Pa", "density": "kg/m^3", "energy": "J"}
+
+ANY, FIELD, RATE = "any", "that of u", "that of v"
+
+#: SI unit of what a key takes, the same in all tables but for those that are named with their table.
+KEYS = {
+    **dict.fromkeys(("spacing", "lower", "upper", "horizon", "radius", "radii", "centre", "corner", "edge1"), "m"),
+    **dict.fromkeys(("edge2", "points", "height", "width", "start", "end", "probes", "position", "tips"), "m"),
+    **dict.fromkeys(("at", "focus", "first", "last", "across", "layer", "between"), "m"),
+    **dict.fromkeys(("until", "dt", "probe_every", "pictures", "opens", "delay", "rise", "duration", "limit"), "s"),
+    **dict.fromkeys(("OutputPart.every", "GaussianPart.width"), "s"),
+    **dict.fromkeys(("frequency", "frequencies", "damping", "drag", "shift"), "1/s"),
+    **dict.fromkeys(("ChirpPart.first", "ChirpPart.last", "NonlocalPMLPart.strength"), "1/s"),
+    **dict.fromkeys(("wavenumber", "smallest"), "1/m"),
+    **dict.fromkeys(("young", "bulk", "shear", "TractionPart.value"), "Pa"),
+    **dict.fromkeys(("u", "background", "FixedPart.value", "PrescribedPart.value"), FIELD),
+    **dict.fromkeys(("v", "PrescribedPart.rate"), RATE),
+    **dict.fromkeys(("concentration", "saturation", "force", "moment", "strength", "ConstraintPart.value"), ANY),
+    "SourcePart.value": ANY,
+    "BodyForcePart.value": "N/m^3",
+    "speed": "m/s",
+    "density": "kg/m^3",
+    "fracture_energy": "J/m^2",
+    "diffusivity": "m^2/s",
+    "conductivity": "W/(m*K)",
+    "specific_heat": "J/(kg*K)",
+    "transfer": "W/(m^2*K)",
+    "stiffness": "m^4/s^2",
+}
+#: SI unit of u by the type of the model; of others it may be anything.
+FIELDS = {**dict.fromkeys(("elastic", "correspondence", "beam"), "m"), "heat": "K"}
+
+# Tables that no class describes: what is in them has names of `KEYS`.
+_PLAIN_TABLES = ("initial", "rectangle", "disc")
+_NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+QUANTITY = _NUMBER.pattern + r"\s*(?![eE][-+]?\d)[A-Za-z\u00b5\u03bc\u00b0].*"
+"""What is read as a number with a unit, a regular expression: no expression begins in this way."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit as a multiple of a product of powers of the SI units in `BASES`; a temperature has a zero, in kelvins."""
+
+    scale: float
+    powers: tuple[int, ...]
+    zero: float = 0.0
+
+    def __mul__(self, other: Unit) -> Unit:
+        return Unit(self.scale * other.scale, tuple(a + b for a, b in zip(self.powers, other.powers, strict=True)))
+
+    def __pow__(self, power: int) -> Unit:
+        return Unit(self.scale**power, tuple(power * a for a in self.powers))
+
+
+_ONE = Unit(1.0, (0, 0, 0, 0, 0))
+_PREFIXES = {
+    "n": 1e-9,
+    "u": 1e-6,
+    "\u03bc": 1e-6,
+    "m": 1e-3,
+    "c": 1e-2,
+    "": 1.0,
+    "k": 1e3,
+    "M": 1e6,
+    "G": 1e9,
+    "T": 1e12,
+}
+# Those with prefixes, and those without: scale, and powers of kg, m, s, K, mol.
+_PREFIXED = {
+    "g": (1e-3, (1, 0, 0, 0, 0)),
+    "m": (1.0, (0, 1, 0, 0, 0)),
+    "s": (1.0, (0, 0, 1, 0, 0)),
+    "K": (1.0, (0, 0, 0, 1, 0)),
+    "mol": (1.0, (0, 0, 0, 0, 1)),
+    "Hz": (1.0, (0, 0, -1, 0, 0)),
+    "N": (1.0, (1, 1, -2, 0, 0)),
+    "Pa": (1.0, (1, -1, -2, 0, 0)),
+    "J": (1.0, (1, 2, -2, 0, 0)),
+    "W": (1.0, (1, 2, -3, 0, 0)),
+}
+_PLAIN = {
+    "min": (60.0, (0, 0, 1, 0, 0)),
+    "h": (3600.0, (0, 0, 1, 0, 0)),
+    "d": (86400.0, (0, 0, 1, 0, 0)),
+    "year": (365.25 * 86400.0, (0, 0, 1, 0, 0)),
+    "t": (1e3, (1, 0, 0, 0, 0)),
+    "l": (1e-3, (0, 3, 0, 0, 0)),
+    "bar": (1e5, (1, -1, -2, 0, 0)),
+}
+_SYMBOLS = {
+    prefix + symbol: Unit(factor * scale, powers)
+    for symbol, (scale, powers) in _PREFIXED.items()
+    for prefix, factor in _PREFIXES.items()
+}
+_SYMBOLS |= {symbol: Unit(*given) for symbol, given in _PLAIN.items()}
+_SYMBOLS["degC"] = Unit(1.0, _SYMBOLS["K"].powers, zero=273.15)
+
+
+def unit(text: str) -> Unit:
+    """The unit that a text such as "W/(m K)" or "kg/m^3" stands for; InputError if it is none."""
+    written = text.strip().replace("^", "**").replace("\u00b0", "deg").replace("\u00b7", "*")
+    written = written.replace("\u00b2", "**2").replace("\u00b3", "**3")
+    try:
+        return _value(ast.parse(re.sub(r"(?<=[\w)])\s+(?=[\w(])", "*", written), mode="eval").body)
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise InputError(
+            "unknown unit",
+            value=text,
+            limit=f"products and powers of {', '.join((*_PREFIXED, *_PLAIN, 'degC'))}; prefixes n, u, m, c, k, M, G, T",
+            remedy='for example "mm", "kg/m^3", "W/(m K)"; in expressions products are written with *',
+        ) from None
+
+
+def _value(node: ast.expr) -> Unit:
+    match node:
+        case ast.Name(name) if name in _SYMBOLS:
+            return _SYMBOLS[name]
+        case ast.Constant(1):
+            return _ONE
+        case ast.BinOp(left, ast.Mult(), right):
+            return _value(left) * _value(right)
+        case ast.BinOp(left, ast.Div(), right):
+            return _value(left) * _value(right) ** -1
+        case ast.BinOp(left, ast.Pow(), ast.Constant(int(power))) if power < 10:
+            return _value(left) ** power
+    raise ValueError
+
+
+def measured(table: str, key: str) -> str | None:
+    """The SI unit of what a key of a table takes, `ANY`, `FIELD` or `RATE`; None if it takes no unit."""
+    return KEYS.get(f"{table}.{key}", KEYS.get(key))
+
+
+class Units:
+    """The units that a case counts in.
+
+    Parameters
+    ----------
+    given : mapping of str to str
+        The table ``[units]``: what is in `BASES`, and one of `MASS_BY` in place of the mass.
+    field : str
+        SI unit of the field u, or `ANY`.
+
+    Raises
+    ------
+    InputError
+        An unknown unit, one that measures something else, more than one that gives the mass.
+    """
+
+    def __init__(self, given: Mapping[str, str], field: str = ANY) -> None:
+        self._named = {FIELD: field, RATE: ANY if field == ANY else f"{field}/s"}
+        self._bases: dict[str, tuple[str, Unit]] = {}
+        for name, text in given.items():
+            try:
+                found, usual = unit(text), {**BASES, **MASS_BY}[name]
+            except InputError as error:
+                raise error.at(f"units.{name}") from None
+            if found.powers != unit(usual).powers:
+                raise InputError(f"is no unit of {name}", value=text, limit=f"such as {usual}", key=f"units.{name}")
+            base = "mass" if name in MASS_BY else name
+            if base in self._bases:
+                masses = [one for one in given if one == "mass" or one in MASS_BY]
+                raise InputError("the unit of mass follows from one of them", value=", ".join(masses), key="units")
+            self._bases[base] = text, found
+
+    def number(self, value: float, text: str, si: str, key: str) -> float:
+        """A number with a unit in the units of the case.
+
+        Raises
+        ------
+        InputError
+            An unknown unit, one of something else than the key takes, or one for which the case has none.
+        """
+        try:
+            own = unit(text)
+        except InputError as error:
+            raise error.at(key) from None
+        given, wanted = f"{value:g} {text}", self._named.get(si, si)
+        if wanted != ANY and own.powers != unit(wanted).powers:
+            raise InputError("the unit measures something else", value=given, limit=f"such as {wanted}", key=key)
+        scale, shares = 1.0, self._shares(own.powers)
+        for base, power in shares.items():
+            if base not in self._bases:
+                raise InputError(
+                    f"the case has no unit of {base}",
+                    value=given,
+                    key=key,
+                    remedy=f'{base} = "{BASES[base]}" in [units]',
+                )
+            scale *= self._bases[base][1].scale ** power
+        zero = own.zero - self._bases["temperature"][1].zero if shares == {"temperature": 1} else 0.0
+        return float(f"{(value * own.scale + zero) / scale:.15g}")  # as it would have been written
+
+    def name(self, si: str) -> str:
+        """The unit of the case for what an SI unit measures, as text; empty where it has none."""
+        si = self._named.get(si, si)
+        shares = self._shares(unit(si).powers) if si != ANY else {}
+        if not shares or not shares.keys() <= self._bases.keys():
+            return ""
+        above = [_power(self._bases[base][0], power) for base, power in shares.items() if power > 0]
+        below = [_power(self._bases[base][0], -power) for base, power in shares.items() if power < 0]
+        over = " ".join(below) if len(below) < 2 else f"({' '.join(below)})"
+        return " ".join(above or ["1"]) + (f"/{over}" if over else "")
+
+    def _shares(self, powers: tuple[int, ...]) -> dict[str, int]:
+        """The powers of the units of the case in a unit with such powers of those of the SI."""
+        # what gives the mass, always in its first power, takes length and time with it
+        mass = self._bases["mass"][1].powers if "mass" in self._bases else _SYMBOLS["kg"].powers
+        rest = [powers[0], *(a - powers[0] * b for a, b in zip(powers[1:], mass[1:], strict=True))]
+        return {base: power for base, power in zip(BASES, rest, strict=True) if power}
+
+
+def _power(text: str, power: int) -> str:
+    if power == 1:
+        return text
+    inner = text if re.fullmatch(r"[\w\u00b0]+", text) else f"({text})"
+    return inner + {2: "\u00b2", 3: "\u00b3"}.get(power, f"^{power}")
+
+
+def without_units(table: str, data: Mapping[str, Any], units: Units | None) -> dict[str, Any]:
+    """A table of a case with plain numbers in place of those with units.
+
+    Raises
+    ------
+    InputError
+        A number with a unit in a case that has no ``[units]``; else as `Units.number`.
+    """
+    return {key: _plain(value, measured(table, key), units, key) for key, value in data.items()}
+
+
+def _plain(value: Any, si: str | None, units: Units | None, key: str) -> Any:
+    if isinstance(value, list):
+        return [_plain(one, si, units, f"{key}[{i}]") for i, one in enumerate(value)]
+    if isinstance(value, Mapping) and key in _PLAIN_TABLES:
+        return {name: _plain(one, measured("", name), units, f"{key}.{name}") for name, one in value.items()}
+    if si is None or not isinstance(value, str) or not re.fullmatch(QUANTITY, value):
+        return value
+    digits = _NUMBER.match(value)
+    assert digits
+    if units is None:
+        raise InputError(
+            "a number with a unit needs a case that says what units it counts in",
+            value=f"the text {value!r}",
+            key=key,
+            remedy='[units] with length = "m", time = "s", mass = "kg"',
+        )
+    return units.number(float(digits[0]), value[digits.end() :].strip(), si, key)
