@@ -12,6 +12,7 @@ VALIDATIONS = Collection(
         "surface_motion",
         "cross_sections",
         "stress_intensity",
+        "crack_impact",
         "pressurised",
         "penny",
         "dissolution",

@@ -1,0 +1,183 @@
+r"""An edge crack beside which a projectile hits the edge: stress intensity factors until the first echo.
+
+A half-plane x > 0 has a crack of length l from its edge, along y = 0. At t = 0 a projectile hits the edge below the
+crack, y < 0, and gives it the velocity :math:`v_0` inwards; it is smooth, and as wide as the half-plane. Until P waves
+have run to the tip, back to the edge and to the tip again, at :math:`t = 3l/c_P`, the tip cannot tell the edge above
+the crack from the middle of a plane in which the crack goes on, nor the projectile from the mirror image of what it
+hits. K is that of a crack in the infinite plane, and of a gap on the half-line x = 0, y < 0 that opens by
+:math:`2v_0t`. The problem is that of Lee and Freund (1990, J. Appl. Mech. 57, 104), a model of the experiment of
+Kalthoff and Winkler.
+
+By reciprocity K is the integral over the gap of its opening times the stress :math:`\sigma_{xx}` in Bueckner's weight
+field, that of the half-plane crack without loads and with faces that move as :math:`r^{-1/2}` at the tip. In Laplace's
+s the faces of this field are (Freund, 1990, Dynamic fracture mechanics, chapters 2 and 3)
+
+.. math:: u^\pm = \pm\frac{\sqrt{2s}}{2}\frac{1}{2\pi i} \int_{-i\infty}^{i\infty} F(\zeta)\,e^{s\zeta x}\,d\zeta,
+   \qquad F = \frac{\sqrt{\gamma - \zeta}}{(c - \zeta)\,S(-\zeta)} ,
+
+across the crack with :math:`\gamma = a` in mode I, along it with :math:`\gamma = b` in mode II, where a, b and c are
+the slownesses of P, S and Rayleigh waves, and with :math:`R(\zeta) = (b^2 - 2\zeta^2)^2 + 4\zeta^2AB`,
+:math:`A = \sqrt{a^2 - \zeta^2}`, :math:`B = \sqrt{b^2 - \zeta^2}`,
+
+.. math:: \frac{R}{2(b^2 - a^2)(c^2 - \zeta^2)} = S(\zeta)\,S(-\zeta), \qquad \ln S(\zeta) = -\frac1\pi \int_a^b
+   \arctan\frac{4w^2\sqrt{(w^2 - a^2)(b^2 - w^2)}}{(b^2 - 2w^2)^2}\,\frac{dw}{w + \zeta} .
+
+Each wave of it decays from the crack exponentially, so that the integral over the gap is elementary, and since the gap
+begins on the line of the crack, the inverse of Laplace's transform is, too:
+
+.. math:: K(t) = -\frac{2\sqrt2\mu v_0}{\pi\sqrt\pi}\,\mathrm{Im}\int_0^{t/l} \sqrt{t - \zeta l}\;F\,H\,d\zeta, \qquad
+   H_I = \frac{b^2 - 2a^2}{A^2}, \quad
+   H_{II} = \frac{2\zeta}{b^2}\left(\frac{b^2 - 2a^2 + 2\zeta^2}{A} + \frac{b^2 - 2\zeta^2}{B}\right) ,
+
+on a path through the upper half-plane. Both are negative: the wave presses the faces together, and the lower one moves
+on.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import brentq
+
+from farhorizon.boundaries import LatticePML
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.geometry.shapes import Polyline
+from farhorizon.inputs.cracks import cut_bonds
+from farhorizon.inputs.sources import Source
+from farhorizon.medium.kernel import Kernel
+from farhorizon.models import Elastic
+from farhorizon.simulation.intensities import StressIntensity
+from farhorizon.simulation.simulation import Simulation
+from farhorizon.studies.collection import Outcome, Row
+from farhorizon.validation.validations import validation
+
+IMPACT = "Lee, Freund (1990), Fracture initiation due to asymmetric impact loading of an edge cracked plate"
+LENGTH = 1.0  # of the crack, l
+SHEAR = 1.0  # the modulus; the density is 1, too, and with it the speed of S waves
+P_SPEED = np.sqrt(3.0)
+RISE = 0.5 * LENGTH / P_SPEED  # time in which the projectile's velocity rises to v0 = 1
+ECHO = 3 * LENGTH / P_SPEED
+DEEP = 3.0  # length of the gap: waves from its lower end come after the echo
+SPACINGS = (0.0125, 0.00625)
+NEAR = 1.2 * LENGTH / P_SPEED  # from here on K is compared
+
+
+@cache
+def slownesses() -> tuple[float, float, float]:
+    """Of P, S and Rayleigh waves."""
+    a, b = 1 / P_SPEED, 1.0
+
+    def rayleigh(z: float) -> float:
+        return float((b**2 - 2 * z**2) ** 2 - 4 * z**2 * np.sqrt((z**2 - a**2) * (z**2 - b**2)))
+
+    return a, b, float(brentq(rayleigh, b * (1 + 1e-9), 2 * b))
+
+
+def smooth_factor(zeta: np.ndarray) -> np.ndarray:
+    """S, for zeta in the right half-plane."""
+    a, b, _ = slownesses()
+    count = 100
+    cosine = np.cos((2 * np.arange(count) + 1) * np.pi / (2 * count))
+    w = (a + b + (b - a) * cosine) / 2
+    angle = np.arctan2(4 * w**2 * np.sqrt((w**2 - a**2) * (b**2 - w**2)), (b**2 - 2 * w**2) ** 2)
+    weights = angle * np.sqrt(1 - cosine**2) * (b - a) / (2 * count)
+    return np.asarray(np.exp(-(1 / np.add.outer(zeta, w)) @ weights))
+
+
+def step_intensities(t: np.ndarray) -> np.ndarray:
+    """K_I and K_II at times, shape (2, n), of an edge that is given the velocity 1 at once."""
+    a, b, c = slownesses()
+    nodes, weights = np.polynomial.legendre.leggauss(120)
+    part, weights = (1 - nodes) / 2, weights / 2
+    start, end = a / 2, np.maximum(np.asarray(t, float), a * LENGTH)[:, None] / LENGTH
+    # half a circle; the root at its end becomes smooth by the square
+    way = np.exp(1j * np.pi * part**2)
+    zeta = (start + end) / 2 + (end - start) / 2 * way
+    step = weights * (end - start) / 2 * -2j * np.pi * part * way
+    roots = {s: (np.sqrt(s - zeta), np.sqrt(s + zeta)) for s in (a, b)}
+    p, q = roots[a][0] * roots[a][1], roots[b][0] * roots[b][1]
+    rayleigh = (b**2 - 2 * zeta**2) ** 2 + 4 * zeta**2 * p * q
+    # 1 / ((c - zeta) S(-zeta)) by R, for S itself is smooth in the right half-plane alone
+    common = 2 * (b**2 - a**2) * (c + zeta) * smooth_factor(zeta) / rayleigh
+    opened = roots[a][0] * (b**2 - 2 * a**2) / p**2
+    slid = roots[b][0] * 2 * zeta / b**2 * ((b**2 - 2 * a**2 + 2 * zeta**2) / p + (b**2 - 2 * zeta**2) / q)
+    late = np.sqrt((end - zeta) * LENGTH)
+    factor = -2 * np.sqrt(2 / np.pi) * SHEAR / np.pi * late * common * step
+    return np.array([(factor * mode).sum(1).imag for mode in (opened, slid)])
+
+
+def intensities(t: np.ndarray) -> np.ndarray:
+    """K_I and K_II at times, shape (2, n), of one whose velocity rises to 1."""
+    nodes, weights = np.polynomial.legendre.leggauss(40)
+    s = (nodes + 1) * RISE / 2
+    rate = weights * (1 - np.cos(2 * np.pi * s / RISE)) / 2
+    late = np.subtract.outer(np.asarray(t, float), s)
+    return step_intensities(late.ravel()).reshape(2, *late.shape) @ rate
+
+
+def gap(t: float) -> float:
+    """How far the gap is open: twice the way of the edge."""
+    part = min(t / RISE, 1.0)
+    rising = part**2 / 2 - (1 - np.cos(2 * np.pi * part)) / (4 * np.pi**2)
+    return float(2 * (RISE * rising + max(t - RISE, 0.0)))
+
+
+def hit(spacing: float) -> StressIntensity:
+    """K of the crack in a bond-based solid; the bonds across the gap push their ends apart."""
+    # the gap and the crack run between nodes
+    lower = (-LENGTH - 0.3 + spacing / 2, -DEEP - 0.1 + spacing / 2)
+    lattice = Lattice(spacing, lower, (2 * LENGTH - spacing / 2, LENGTH - spacing / 2))
+    model = Elastic(Kernel(2 * spacing, exponent=1), shear=SHEAR)
+    crack, opened = Polyline([(-LENGTH, 0.0), (LENGTH, 0.0)]), Polyline([(0.0, -DEEP), (0.0, 0.0)])
+    stencil = model.stencil(spacing, 2)
+    force = np.zeros((2, *lattice.shape))
+    for offset, weight in zip(stencil.offsets, stencil.weights, strict=True):
+        nodes, _ = cut_bonds(opened, lattice.lower, spacing, lattice.shape, offset[None])
+        start = lattice.lower + spacing * nodes
+        nodes = nodes[~crack.cuts(start, start + spacing * offset)]
+        force[:, *nodes.T] -= (np.sign(offset[0]) * weight[:, 0] * model.p_modulus / spacing**2)[:, None]
+    intensity = StressIntensity([(LENGTH, 0.0)], radii=(0.4 * LENGTH, 0.8 * LENGTH))
+    sources = [Source(force, time=gap)]
+    Simulation(lattice, model, LatticePML(nodes=20), sources=sources, cracks=[crack], observe=[intensity]).run(
+        ECHO, progress=False
+    )
+    return intensity
+
+
+@validation("kalthoff", IMPACT, "a projectile hits the edge beside an edge crack: K_I and K_II to the echo", "a minute")
+def kalthoff(folder: Path) -> Outcome:
+    """Both intensities, from before the first wave comes to the tip."""
+    from farhorizon.pictures.curves import curve_panels
+
+    rows, errors = [], []
+    for spacing in SPACINGS:
+        found = hit(spacing)
+        times, wanted = found.times, intensities(found.times)
+        computed = np.array([found.data[mode][:, 0] for mode in ("K_I", "K_II")])
+        apart = np.abs(computed - wanted)[:, times > NEAR].max(1) / np.abs(wanted).max(1)
+        errors.append(apart)
+        rows += [
+            Row(f"{mode}: largest difference, of the largest, spacing {spacing:g} l", float(error))
+            for mode, error in zip(("K_I", "K_II"), apart, strict=True)
+        ]
+    rows += [
+        Row(f"{mode}: order in the spacing", float(np.log2(coarse / fine)), 1.0, note="the tip lies between nodes")
+        for mode, coarse, fine in zip(("K_I", "K_II"), *errors, strict=True)
+    ]
+    for way in (2.0, 3.0):
+        at = int(np.argmin(np.abs(times - way * LENGTH / P_SPEED)))
+        rows += [
+            Row(f"{mode} over the exact one at t = {way:g} l/c_P", float(computed[i, at] / wanted[i, at]), 1.0)
+            for i, mode in enumerate(("K_I", "K_II"))
+        ]
+    unit = SHEAR / P_SPEED * np.sqrt(LENGTH / np.pi)
+    way = times * P_SPEED / LENGTH
+    panels = [
+        (mode, [("exact", way, wanted[i] / unit), ("computed", way, computed[i] / unit)])
+        for i, mode in enumerate(("K_I", "K_II"))
+    ]
+    picture = folder / "kalthoff.png"
+    curve_panels(panels, picture, xlabel="c_P t / l", ylabel="K c_P / (mu v0) sqrt(pi / l)")
+    return Outcome(rows, pictures=[picture])
