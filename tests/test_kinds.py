@@ -11,6 +11,7 @@ from farhorizon.errors import shown
 
 LINE = fh.Lattice(0.5, -4.0, 4.0)
 PLANE = fh.Lattice(0.5, (-3.0, -3.0), (3.0, 3.0))
+TETRAHEDRON = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
 KERNEL = fh.Kernel(1.0)
 RECORD = {"points": [[0.0, 0.0], [1.0, 0.0]], "times": [0.0, 1.0], "u": [[0.0, 0.0], [0.0, 1.0]], "medium": 1.0}
 DISC = fh.Disc(1.0)
@@ -157,6 +158,7 @@ RIGHT = {
     "Lattice": {"spacing": 0.5, "lower": (0.0, 0.0), "upper": (1.0, 1.0), "window": None, "body": None},
     "LatticePML": {"target": None, "nodes": None, "profile": None, "until": None, "angle": None, "wavelengths": None},
     "LineSource": {"points": [(0.0,), (1.0,)], "strength": 1.0, "time": None, "interpolation": "sinc"},
+    "Mesh": {"triangles": (TETRAHEDRON, [(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)]), "scale": 1.0, "centre": None},
     "MomentTensor": {
         "at": (0.0, 0.0, 0.0),
         "moment": 1.0,
@@ -245,6 +247,7 @@ RIGHT = {
     "Text": {"text": "a", "height": 1.0, "centre": (0.0, 0.0), "font": "DejaVu Sans", "bold": False},
     "ToneBurst": {"frequency": 1.0, "cycles": 3.0},
     "Traction": {"side": "y+", "value": (1.0, 0.0), "between": None, "time": None},
+    "Voxels": {"voxels": np.ones((2, 2), int), "size": 1.0, "lower": (0.0, 0.0), "labels": None},
     "Wave": {"operator": KERNEL, "speed": 1.0, "damping": 0.0},
     "WholeSteps": {"every": 0.25, "until": 1.0},
     "open_results": {"path": "no such file"},

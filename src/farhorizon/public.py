@@ -27,6 +27,7 @@ from farhorizon.files.results import open_results as open_results
 from farhorizon.geometry.lattice import Lattice as Lattice
 from farhorizon.geometry.masks import ImageMask as ImageMask
 from farhorizon.geometry.masks import Text as Text
+from farhorizon.geometry.meshes import Mesh as Mesh
 from farhorizon.geometry.shapes import Ball as Ball
 from farhorizon.geometry.shapes import Box as Box
 from farhorizon.geometry.shapes import Disc as Disc
@@ -36,6 +37,7 @@ from farhorizon.geometry.shapes import Polygon as Polygon
 from farhorizon.geometry.shapes import PolygonCut as PolygonCut
 from farhorizon.geometry.shapes import Polyline as Polyline
 from farhorizon.geometry.shapes import Rectangle as Rectangle
+from farhorizon.geometry.voxels import Voxels as Voxels
 from farhorizon.inputs.conditions import Convection as Convection
 from farhorizon.inputs.conditions import Flux as Flux
 from farhorizon.inputs.conditions import Insulated as Insulated

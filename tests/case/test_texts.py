@@ -200,9 +200,8 @@ class TestWithoutDim:
             r"that vary",
         ),
         (
-            lambda: fh.Lattice(0.5, (0, 0), (1, 1), body=np.ones((3, 3), bool)),
-            r"lattice\.body: must be a shape; "
-            r".*ImageMask of a mask.*Shape",
+            lambda: fh.Lattice(0.5, (0, 0), (1, 1), body="disc"),
+            r"lattice\.body: must be a shape; .*Mesh, Voxels, of a body an array of bool of the lattice's shape.*Shape",
         ),
         (
             lambda: fh.Lattice(0.5, (0, 0), (1, 1), body=OwnShape()),

@@ -134,7 +134,17 @@ def test_texts_stay_texts():
 
 def test_each_number_has_a_unit_or_none():
     """New keys of the schema have to be told apart."""
-    none = {"coefficient", "poisson", "critical_stretch", "stabilisation", "factor", "normal", "threshold", "target"}
+    none = {
+        "coefficient",
+        "poisson",
+        "critical_stretch",
+        "stabilisation",
+        "factor",
+        "normal",
+        "threshold",
+        "target",
+        "scale",
+    }
     none |= {"direction", "polarisation", "strike", "dip", "rake", "cone", "angle", "angles", "cycles", "cross"}
     none |= {"plateau", "reflection", "rcond", "regularization", "tolerance", "compress", "interface", "profile"}
     none |= {"initial", "rectangle", "disc", "values", "time", "signal", "field"}  # tables, and functions of t

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from doubtful import CRACK_AT_THE_RIM
+from drawn import is_picture
 from farhorizon.cli import main
 from farhorizon.files.results import ResultsWriter, open_results, read_checkpoint
 from farhorizon.files.storage import locked
@@ -641,3 +642,33 @@ def test_plot_draws_what_it_is_asked_for(small, capsys):
         assert main(["plot", "small.h5", "--out", "new", *options]) == 2
         assert why in capsys.readouterr().err
     assert not Path("new").exists()
+
+
+GRAINS = """
+[lattice]
+spacing = 0.5
+lower = [-2.0, -2.0]
+upper = [2.0, 2.0]
+body = { box = { lower = [-9.0, -9.0], upper = [9.0, 9.0] }, without = [{ disc = { radius = 1.0 } }] }
+[model]
+type = "correspondence"
+young = 1.0
+poisson = 0.25
+kernel = { horizon = 1.0 }
+[[material]]
+region = { box = { lower = [0.0, -9.0], upper = [9.0, 9.0] } }
+young = 2.0
+[boundary]
+all = { type = "fixed" }
+[run]
+until = 1.0
+"""
+
+
+def test_check_draws_the_geometry(tmp_path, capsys):
+    (tmp_path / "grains.toml").write_text(GRAINS)
+    main(["check", str(tmp_path / "grains.toml"), "--out", str(tmp_path / "seen"), "--budget", "0.1"])
+    said = capsys.readouterr().out
+    for name in ("grains-nodes.png", "grains-young.png"):
+        assert is_picture(tmp_path / "seen" / name) and name in said
+    assert "density" not in said.split("picture:", 1)[1]

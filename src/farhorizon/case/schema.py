@@ -110,6 +110,26 @@ class ImagePart(Part):
     """Between 0 (black) and 1 (white): darker pixels are taken."""
 
 
+class VoxelsPart(Part):
+    file: FilePath
+    """An NPY array or a TIFF image or stack of images, by its path from the case file."""
+    size: Number
+    """Edge of a voxel."""
+    lower: list[Number] | None = None
+    """Least corner of the whole grid; its middle is the origin unless given."""
+    labels: list[int] | None = None
+    """Values of the voxels that are the region; all but 0 unless given."""
+
+
+class MeshPart(Part):
+    file: FilePath
+    """A closed surface (STL, OBJ, PLY), by its path from the case file."""
+    scale: Number = 1.0
+    """Factor of its coordinates."""
+    centre: list[Number] | None = None
+    """Middle of its bounding box; where the file has it unless given."""
+
+
 class RegionPart(Part):
     """One shape, with shapes taken out of it."""
 
@@ -125,6 +145,10 @@ class RegionPart(Part):
     """Letters (2D)."""
     image: ImagePart | None = None
     """The dark part of a picture (2D)."""
+    voxels: VoxelsPart | None = None
+    """Cells of a label image or a stack of images (1D, 2D, 3D)."""
+    mesh: MeshPart | None = None
+    """What a closed surface encloses (3D)."""
     without: list[RegionPart] = []
     """Regions that are taken out of it."""
 
@@ -148,8 +172,13 @@ class RegionPart(Part):
             shapes.append(fh.Text(**self.text.model_dump()))
         if self.image is not None:
             shapes.append(fh.ImageMask(self.image.file, self.image.width, self.image.centre, self.image.threshold))
+        if self.voxels is not None:
+            shapes.append(fh.Voxels(self.voxels.file, self.voxels.size, self.voxels.lower, self.voxels.labels))
+        if self.mesh is not None:
+            shapes.append(fh.Mesh(self.mesh.file, self.mesh.scale, self.mesh.centre))
         if len(shapes) != 1:
-            raise InputError("give exactly one of disc, ball, box, polygon, text, image", key=key)
+            known = ", ".join(name for name in type(self).model_fields if name != "without")
+            raise InputError(f"give exactly one of {known}", key=key)
         region = shapes[0]
         for hole in self.without:
             region = region - hole.build(key + ".without")

@@ -21,7 +21,7 @@ ANY, FIELD, RATE = "any", "that of u", "that of v"
 KEYS = {
     **dict.fromkeys(("spacing", "lower", "upper", "horizon", "radius", "radii", "centre", "corner", "edge1"), "m"),
     **dict.fromkeys(("edge2", "points", "height", "width", "start", "end", "probes", "position", "tips"), "m"),
-    **dict.fromkeys(("at", "focus", "first", "last", "across", "layer", "between"), "m"),
+    **dict.fromkeys(("at", "size", "focus", "first", "last", "across", "layer", "between"), "m"),
     **dict.fromkeys(("until", "dt", "probe_every", "pictures", "opens", "delay", "rise", "duration", "limit"), "s"),
     **dict.fromkeys(("OutputPart.every", "GaussianPart.width"), "s"),
     **dict.fromkeys(("frequency", "frequencies", "damping", "drag", "shift"), "1/s"),

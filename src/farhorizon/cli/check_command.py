@@ -9,6 +9,7 @@ from farhorizon.cli.common import BAD_INPUT, GOOD, case_of, check_folder, made_f
 
 
 def check_command(options: argparse.Namespace) -> int:
+    from farhorizon.case.geometry_picture import draw_geometry
     from farhorizon.errors import ValidityWarning
     from farhorizon.simulation.probes import Probes
 
@@ -25,7 +26,8 @@ def check_command(options: argparse.Namespace) -> int:
     report.notes = [*report.notes, *Probes(case.lattice, case.parts.output.probes).notes]
     print(report)
     if options.out:
-        for picture in report.draw(made_folder(options.out), case.name, case.lattice.spacing):
+        folder = made_folder(options.out)
+        for picture in [*draw_geometry(case, sim, folder), *report.draw(folder, case.name, case.lattice.spacing)]:
             print(f"picture: {picture}")
     facts = report.as_json()
     if options.tune:

@@ -78,7 +78,7 @@ def _run(sub: argparse.ArgumentParser) -> None:
 def _check(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("case", help="case file (TOML)")
     sub.add_argument(
-        "--out", metavar="DIR", help="draw reflection and a growing mode into this folder (default: no pictures)"
+        "--out", metavar="DIR", help="draw nodes, reflection and a growing mode into this folder (default: no pictures)"
     )
     sub.add_argument(
         "--tune",

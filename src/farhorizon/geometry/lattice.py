@@ -9,13 +9,14 @@ from farhorizon import kinds
 from farhorizon.errors import InputError, shown
 from farhorizon.files.storable import Storable
 from farhorizon.geometry.shapes import Shape
+from farhorizon.geometry.voxels import Voxels
 from farhorizon.machine import available_memory
 
 AXES = ("x", "y", "z")
 _LARGE = 2.0**28  # bytes that need no look at the memory, which takes longer than to fill a few nodes
 _COUNTED = 2.0**53  # nodes: beyond it their numbers are not exact in double precision
 _SHAPES = (
-    "Disc, Ball, Box, Polygon, in 2D ImageMask of a mask, "
+    "Disc, Ball, Box, Polygon, Mesh, Voxels, of a body an array of bool of the lattice's shape, "
     "or a subclass of farhorizon.geometry.shapes.Shape with dim, bounds() and contains(points)"
 )
 
@@ -32,8 +33,9 @@ class Lattice(Storable):
     window : Shape, optional
         A window on the medium instead of bounds: the lattice (through the origin) covers the bounding box,
         nothing ends at the window's edge, and only nodes inside are shown.
-    body : Shape, optional
-        A body that ends: nodes outside do not exist. Needs bounds.
+    body : Shape or ndarray of bool, optional
+        A body that ends: nodes outside do not exist. Needs bounds. An array, of the lattice's shape, has the nodes that
+        are there.
 
     Raises
     ------
@@ -57,13 +59,15 @@ class Lattice(Storable):
         upper: ArrayLike | None = None,
         *,
         window: Shape | None = None,
-        body: Shape | None = None,
+        body: Shape | np.ndarray | None = None,
     ) -> None:
         self.spacing = spacing = kinds.number(spacing, "lattice.spacing", above=0)
-        for key, shape in (("lattice.window", window), ("lattice.body", body)):
+        mask = body if isinstance(body, np.ndarray) else None
+        region = _cells(body, spacing, lower) if isinstance(body, np.ndarray) else body
+        for key, shape in (("lattice.window", window), ("lattice.body", region)):
             if shape is not None:
                 kinds.instance(shape, key, Shape, "a shape", remedy=_SHAPES)
-        self.window, self.body = window, body
+        self.window, self.body = window, region
         if window is not None:
             if lower is not None or upper is not None or body is not None:
                 raise InputError(
@@ -82,7 +86,7 @@ class Lattice(Storable):
                 for name, bound in (("lower", lower), ("upper", upper))
             )
             first, last = self._whole_spacings(lower, upper)
-        region = window if window is not None else body
+        region = window if window is not None else self.body
         if region is not None or np.prod(last - first + 1) > _COUNTED:
             _check_size(last - first + 1, 3 * len(first) + 2)
         self.shape: tuple[int, ...] = tuple(int(n) for n in last - first + 1)
@@ -96,6 +100,8 @@ class Lattice(Storable):
             )
         self.lower = np.asarray(first * self.spacing if lower is None else lower)
         self.upper = self.lower + (np.array(self.shape) - 1) * self.spacing
+        if mask is not None and mask.shape != self.shape:
+            raise InputError("has another shape", value=mask.shape, limit=self.shape, key="lattice.body")
         self.mask: np.ndarray | None = None
         if region is not None:
             if region.dim != self.dim:
@@ -196,6 +202,12 @@ class Lattice(Storable):
             f"Lattice(spacing={self.spacing}, lower={self.lower.tolist()}, upper={self.upper.tolist()}, "
             f"nodes={self.nodes})"
         )
+
+
+def _cells(mask: np.ndarray, spacing: float, lower: ArrayLike | None) -> Voxels:
+    """The nodes of a mask as a shape: a cell around each."""
+    first = np.zeros(mask.ndim) if lower is None else np.atleast_1d(kinds.array(lower, "lattice.lower"))
+    return Voxels(kinds.mask(mask, "lattice.body"), spacing, first - spacing / 2)
 
 
 def _check_size(count: np.ndarray, fields: int) -> None:

@@ -1,0 +1,60 @@
+"""What became of the geometry of a case: its nodes, and what they are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from farhorizon.case.case import Case
+from farhorizon.pictures.fields import field_panels
+from farhorizon.pictures.style import counted_in
+from farhorizon.simulation.run import Run
+from farhorizon.simulation.setup import Setup
+
+
+def draw_geometry(case: Case, run: Run, folder: Path) -> list[Path]:
+    """Draw the nodes of a case, as far as they are not the same everywhere.
+
+    Parameters
+    ----------
+    case : Case
+    run : Run
+        A run of it, at its start.
+    folder : Path
+        Where the pictures go.
+
+    Returns
+    -------
+    list of Path
+        ``NAME-nodes.png`` of a body or a window, ``NAME-coefficient.png``, ``NAME-metal.png``, of a body of several
+        materials ``NAME-young.png`` and so on; in space slices through the middle, ``NAME-nodes-x.png`` and so on;
+        nothing of a uniform medium that fills its box.
+    """
+    made, lattice = [], case.lattice
+    planes = [(axis, n // 2) for axis, n in enumerate(lattice.shape)] if lattice.dim == 3 else [None]
+    for what, values in _uneven(case, run):
+        for plane in planes:
+            made.append(folder / f"{case.name}-{what}{'' if plane is None else '-' + 'xyz'[plane[0]]}.png")
+            with counted_in(case.unit_names):
+                field_panels(
+                    [("", values)], lattice.axes, made[-1], cracks=case.polylines, label=what, plane=plane, title=what
+                )
+    return made
+
+
+def _uneven(case: Case, run: Run) -> Iterator[tuple[str, np.ndarray]]:
+    """Names and values of what differs from node to node."""
+    mask, setup = case.lattice.mask, case.setup
+    if mask is not None:
+        yield "nodes", mask.astype(float)
+    if isinstance(setup, Setup):
+        metal = run.fields["solid"] if "solid" in run.fields else None
+        told = {"coefficient": setup.coefficient, "metal": metal}
+    else:
+        told = {name: setup[name] for name in ("young", "poisson", "density")}
+    for name, values in told.items():
+        if isinstance(values, np.ndarray) and values.ndim:
+            there = np.ones(case.lattice.shape, bool) if mask is None else mask
+            yield name, np.where(there, values, np.nan)

@@ -1,0 +1,119 @@
+"""Surfaces of triangles from files: STL, OBJ and PLY."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from farhorizon.errors import FileFormatError, InputError
+
+_STL_HEAD = 84  # bytes: a comment, and the number of triangles
+_PLY_TYPES = {
+    **dict.fromkeys(("char", "int8"), "i1"),
+    **dict.fromkeys(("uchar", "uint8"), "u1"),
+    **dict.fromkeys(("short", "int16"), "i2"),
+    **dict.fromkeys(("ushort", "uint16"), "u2"),
+    **dict.fromkeys(("int", "int32"), "i4"),
+    **dict.fromkeys(("uint", "uint32"), "u4"),
+    **dict.fromkeys(("float", "float32"), "f4"),
+    **dict.fromkeys(("double", "float64"), "f8"),
+}
+
+
+def read_triangles(path: Path) -> np.ndarray:
+    """The triangles of a surface; faces with more corners are cut into fans of them.
+
+    Parameters
+    ----------
+    path : Path
+        STL (text or binary), OBJ or PLY (text or binary), told by the ending of the name.
+
+    Returns
+    -------
+    ndarray, shape (n, 3, 3)
+        Corners of each.
+
+    Raises
+    ------
+    InputError
+        An unknown ending, or a file that cannot be read.
+    FileFormatError
+        A damaged file, or one with what is not understood.
+    """
+    readers = {".stl": _stl, ".obj": _obj, ".ply": _ply}
+    if path.suffix.lower() not in readers:
+        raise InputError("unknown kind of surface file", value=path.name, limit=", ".join(readers), key="mesh")
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot read the surface {path}: {error.strerror}", key="mesh") from None
+    try:
+        found = readers[path.suffix.lower()](content)
+    except (ValueError, IndexError, KeyError, struct.error, OverflowError):
+        remedy = "export it anew, as binary STL"
+        raise FileFormatError(f"{path} is damaged, or of a kind that is not understood", remedy=remedy) from None
+    if not len(found):
+        raise FileFormatError(f"{path} has no triangles")
+    return found
+
+
+def _stl(content: bytes) -> np.ndarray:
+    if len(content) >= _STL_HEAD:
+        (count,) = struct.unpack_from("<I", content, _STL_HEAD - 4)
+        if len(content) == _STL_HEAD + 50 * count:
+            facet = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+            return np.frombuffer(content, facet, count, _STL_HEAD)["corners"].astype(float)
+    words = [line.split() for line in content.decode("ascii").splitlines()]
+    return np.array([line[1:4] for line in words if line[:1] == ["vertex"]], float).reshape(-1, 3, 3)
+
+
+def _obj(content: bytes) -> np.ndarray:
+    words = [line.split() for line in content.decode().splitlines()]
+    points = np.array([line[1:4] for line in words if line[:1] == ["v"]], float)
+    # corner/texture/normal, counted from one, or from the end where negative
+    faces = [[int(corner.split("/")[0]) for corner in line[1:]] for line in words if line[:1] == ["f"]]
+    return _fans(points, [[i - 1 if i > 0 else len(points) + i for i in face] for face in faces])
+
+
+def _ply(content: bytes) -> np.ndarray:
+    head, _, body = content.partition(b"end_header\n")
+    lines = [line.split() for line in head.decode("ascii").splitlines()]
+    if lines[0] != ["ply"]:
+        raise ValueError
+    kind = next(line[1] for line in lines if line[0] == "format")
+    counts = {line[1]: int(line[2]) for line in lines if line[0] == "element"}
+    if list(counts)[:2] != ["vertex", "face"]:
+        raise ValueError
+    start = lines.index(["element", "face", str(counts["face"])])
+    vertex = [line[1:] for line in lines[:start] if line[0] == "property"]
+    face = [line[1:] for line in lines[start:] if line[0] == "property"]
+    if len(face) != 1 or face[0][0] != "list":
+        raise ValueError
+    at = [[name for _, name in vertex].index(axis) for axis in "xyz"]
+    if kind == "ascii":
+        rows = [line.split() for line in body.decode("ascii").splitlines() if line.strip()]
+        points = np.array(rows[: counts["vertex"]], float)[:, at]
+        return _fans(points, [list(map(int, row[1:])) for row in rows[counts["vertex"] :][: counts["face"]]])
+    order = {"binary_little_endian": "<", "binary_big_endian": ">"}[kind]
+    stored = np.dtype([(name, order + _PLY_TYPES[of]) for of, name in vertex])
+    records = np.frombuffer(body, stored, counts["vertex"])
+    points = np.stack([records[axis] for axis in "xyz"], 1).astype(float)
+    number, corner = (np.dtype(order + _PLY_TYPES[of]) for of in face[0][1:3])
+    faces, place = [], counts["vertex"] * stored.itemsize
+    for _ in range(counts["face"]):
+        size = int(np.frombuffer(body, number, 1, place)[0])
+        faces.append(np.frombuffer(body, corner, size, place + number.itemsize).tolist())
+        place += number.itemsize + size * corner.itemsize
+    return _fans(points, faces)
+
+
+def _fans(points: np.ndarray, faces: Sequence[Sequence[int]]) -> np.ndarray:
+    corners = [(face[0], b, c) for face in faces for b, c in pairwise(face[1:])]
+    whole = np.array(corners, int).reshape(-1, 3)
+    if whole.size and whole.min() < 0:
+        raise ValueError
+    return points[whole]

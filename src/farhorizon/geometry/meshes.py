@@ -1,0 +1,154 @@
+"""Bodies in space that are bounded by triangles."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from farhorizon import kinds
+from farhorizon.errors import InputError
+from farhorizon.files.triangles import read_triangles
+from farhorizon.geometry.shapes import TOLERANCE, Array, Mask, Shape, constant
+
+_SAME = 1e-6  # of the size: corners that are as near are one, as STL has no numbers of corners
+
+
+class Mesh(Shape):
+    """What a closed surface of triangles encloses; its size is the longest edge of its bounding box.
+
+    Inside is what a ray leaves through an odd number of triangles, so that cavities are surfaces within.
+
+    Parameters
+    ----------
+    triangles : str, Path, (vertices, faces), or array_like of shape (n, 3, 3)
+        An STL, OBJ or PLY file; or points of shape (m, 3) and the three numbers of points of each triangle, as of
+        meshio, trimesh and Gmsh; or the corners themselves.
+    scale : float
+        Multiplies the coordinates: 1e-3 makes metres of a drawing in millimetres.
+    centre : array_like, shape (3,), optional
+        Where the middle of the bounding box is moved; it stays where it is unless given.
+
+    Attributes
+    ----------
+    triangles : ndarray, shape (n, 3, 3)
+        Corners, scaled and moved.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, a surface that is not closed, values that are not positive or not finite.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
+    >>> tetrahedron = fh.Mesh((corners, [(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)]))
+    >>> tetrahedron.contains([(0.2, 0.2, 0.2), (0.5, 0.5, 0.5)])
+    array([ True, False])
+    """
+
+    dim = 3
+    _shown = ("scale", "centre")
+
+    def __init__(self, triangles: Any, scale: float = 1.0, centre: ArrayLike | None = None) -> None:
+        factor = kinds.number(scale, "scale", above=0)
+        corners = factor * _corners(triangles)
+        constant("triangles", corners)
+        lower, upper = corners.min((0, 1)), corners.max((0, 1))
+        if not (upper > lower).all():
+            raise InputError("the surface is flat", value=(upper - lower).tolist(), key="mesh")
+        _check_closed(corners, float((upper - lower).max()))
+        if centre is not None:
+            corners = corners + (constant("centre", centre, (3,)) - (lower + upper) / 2)
+        # as they are now, so that the same arguments make the same shape again
+        self.triangles, self.scale, self.centre = corners, 1.0, None
+
+    def __repr__(self) -> str:
+        lower, upper = self.bounds()
+        return f"Mesh({len(self.triangles)} triangles from {lower.tolist()} to {upper.tolist()})"
+
+    def bounds(self) -> tuple[Array, Array]:
+        return self.triangles.min((0, 1)), self.triangles.max((0, 1))
+
+    def _contains(self, points: Array) -> Mask:
+        lower, upper = self.bounds()
+        slack = TOLERANCE * float((upper - lower).max())
+        flat = points.reshape(-1, 3)
+        near = ((flat >= lower - slack) & (flat <= upper + slack)).all(1)
+        inside = np.zeros(len(flat), bool)
+        columns, of = np.unique(flat[near, :2], axis=0, return_inverse=True)
+        height = flat[near, 2]
+        found = np.zeros(len(height), bool)
+        # Rays that run through edges or corners meet two triangles or none: they are moved aside, to all sides, and a
+        # point on the surface is inside for one of them.
+        for aside in ((1, 0.618), (-1, 0.618), (0.618, -1), (-0.618, -1)):
+            met = self._met(columns + slack * np.array(aside))
+            for z in (height - slack, height + slack):
+                found |= _odd_above(met, of.reshape(-1), z)
+        inside[near] = found
+        return inside.reshape(points.shape[:-1])
+
+    def _met(self, columns: Array) -> np.ndarray:
+        """Where vertical lines meet the surface: numbers of lines, heights as imaginary parts, sorted."""
+        met = [np.zeros(0, complex)]
+        low, high = self.triangles[..., :2].min(1), self.triangles[..., :2].max(1)
+        first = np.searchsorted(columns[:, 0], low[:, 0], "left")
+        last = np.searchsorted(columns[:, 0], high[:, 0], "right")
+        for number in np.flatnonzero(last > first):
+            a, b, c = self.triangles[number]
+            some = np.arange(first[number], last[number])
+            x, y = columns[some].T
+            edges = [
+                (q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0]) for p, q in ((b, c), (c, a), (a, b))
+            ]  # twice the areas opposite to a, b and c
+            positive = [edge > 0 for edge in edges]
+            through = (positive[0] == positive[1]) & (positive[1] == positive[2])
+            area = sum(edges)[through]
+            heights = sum(edge[through] * corner[2] for edge, corner in zip(edges, (a, b, c), strict=True)) / area
+            met.append(some[through] + 1j * heights)
+        return np.sort(np.concatenate(met))
+
+
+def _corners(given: Any) -> Array:
+    """Corners of the triangles that are given in one way or another, shape (n, 3, 3)."""
+    if isinstance(given, str | Path):
+        return read_triangles(Path(given))
+    if isinstance(given, tuple) and len(given) == 2:
+        points = kinds.array(given[0], "mesh", shape=(None, 3))
+        faces = kinds.array(given[1], "mesh", shape=(None, 3))
+        if not ((faces >= 0) & (faces < len(points)) & (faces == np.floor(faces))).all():
+            raise InputError(
+                "faces have the numbers of points",
+                limit=f"0 to {len(points) - 1}, whole",
+                key="mesh",
+                remedy="count from 0",
+            )
+        return points[faces.astype(int)]
+    return kinds.array(given, "mesh", shape=(None, 3, 3))
+
+
+def _check_closed(corners: Array, size: float) -> None:
+    """Refuse a surface in which an edge belongs to an odd number of triangles."""
+    _, points = np.unique(np.round(corners.reshape(-1, 3) / (_SAME * size)), axis=0, return_inverse=True)
+    faces = points.reshape(-1, 3)
+    faces = faces[(faces != np.roll(faces, 1, 1)).all(1)]  # without those of no area
+    edges = np.sort(np.stack([faces, np.roll(faces, -1, 1)], -1).reshape(-1, 2), 1)
+    _, counts = np.unique(edges, axis=0, return_counts=True)
+    open_edges = int((counts % 2).sum())
+    if open_edges:
+        raise InputError(
+            "the surface is not closed (watertight)",
+            value=f"{open_edges} edges with an odd number of triangles",
+            limit="two triangles at each edge",
+            key="mesh",
+            remedy="close its holes in the program that made it, or by trimesh.repair.fill_holes or MeshLab",
+        )
+
+
+def _odd_above(met: np.ndarray, column: np.ndarray, height: Array) -> Mask:
+    """Whether the surface is met an odd number of times above points of some columns."""
+    last = np.searchsorted(met, column + complex(0, np.inf), "right")
+    return (last - np.searchsorted(met, column + 1j * height, "right")) % 2 == 1

@@ -1,0 +1,131 @@
+"""Regions made of cells: masks, label images, stacks of images."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from farhorizon import kinds
+from farhorizon.errors import InputError
+from farhorizon.geometry.shapes import TOLERANCE, Array, Mask, Shape, constant
+
+_LISTED = 12  # labels in a message
+
+
+class Voxels(Shape):
+    """Cells of a regular grid, as of a mask, a label image or a tomogram; its size is the longest edge of the grid.
+
+    Parameters
+    ----------
+    voxels : str, Path or ndarray of bool or integers, shape (nx[, ny[, nz]])
+        The axes are those of space, in this order, as of a field of a run; or an NPY file of such an array; or a TIFF
+        file, whose columns run along x, rows down y, and pages, if there are several, along z.
+    size : float
+        Edge of a cell.
+    lower : array_like, shape (dim,), optional
+        Least corner of the grid, whose middle is the origin unless given.
+    labels : int or sequence of int, optional
+        Values of the cells that are taken; all but 0 unless given.
+
+    Attributes
+    ----------
+    voxels : ndarray of bool
+        The cells that are taken.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, an array of other numbers, a label that no cell has, no cell.
+
+    Examples
+    --------
+    >>> import farhorizon as fh
+    >>> import numpy as np
+    >>> grains = np.array([[1, 1], [2, 0]])  # x = -0.5 first
+    >>> fh.Voxels(grains, size=1.0, labels=1).contains([(-0.5, 0.5), (0.5, -0.5)])
+    array([ True, False])
+    """
+
+    _shown = ("size", "lower")
+
+    def __init__(
+        self,
+        voxels: str | Path | np.ndarray,
+        size: float,
+        lower: ArrayLike | None = None,
+        labels: int | Sequence[int] | None = None,
+    ) -> None:
+        given = _read(Path(voxels)) if isinstance(voxels, str | Path) else voxels
+        if not isinstance(given, np.ndarray) or given.dtype.kind not in "biu" or given.ndim not in (1, 2, 3):
+            raise InputError(
+                "voxels are a file, or an array of bool or whole numbers",
+                value=kinds.said(given),
+                limit="one to three axes",
+                key="voxels",
+            )
+        self.size = kinds.number(size, "size", above=0)
+        self.dim = given.ndim
+        extent = self.size * np.array(given.shape)
+        self.lower = constant(
+            "lower", -extent / 2 if lower is None else np.atleast_1d(kinds.array(lower, "lower")), (self.dim,)
+        )
+        self.voxels, self.labels = _taken(given, labels), None
+        if not self.voxels.any():
+            raise InputError("no voxel is taken", value="all are 0", key="voxels", remedy="other labels")
+
+    def bounds(self) -> tuple[Array, Array]:
+        along = [np.flatnonzero(self.voxels.any(tuple(set(range(self.dim)) - {axis}))) for axis in range(self.dim)]
+        low, high = np.array([one[0] for one in along]), np.array([one[-1] + 1 for one in along])
+        return self.lower + self.size * low, self.lower + self.size * high
+
+    def _contains(self, points: Array) -> Mask:
+        place, shape = (points - self.lower) / self.size, np.array(self.voxels.shape)
+        slack = TOLERANCE * shape.max()
+        found = np.zeros(points.shape[:-1], bool)
+        for aside in itertools.product((-slack, slack), repeat=self.dim):  # a face belongs to the cells on both sides
+            cell = np.floor(place + np.array(aside)).astype(np.int64)
+            there = ((cell >= 0) & (cell < shape)).all(-1)
+            found[there] |= self.voxels[tuple(cell[there].T)]
+        return found
+
+
+def _taken(cells: np.ndarray, labels: Any) -> Mask:
+    """The cells with some labels, or all that are not zero."""
+    if labels is None:
+        return cells != 0
+    wanted = kinds.array([labels] if isinstance(labels, int | np.integer) else labels, "labels", shape=(None,))
+    there = np.unique(cells)
+    missing = sorted(set(wanted.tolist()) - set(there.tolist()))
+    if missing or not wanted.size:
+        known = ", ".join(map(str, there[:_LISTED].tolist())) + ", ..." * (len(there) > _LISTED)
+        raise InputError("no voxel has this label", value=missing, limit=known, key="labels")
+    return np.isin(cells, wanted)
+
+
+def _read(path: Path) -> np.ndarray:
+    """The array of a file, axes in the order of space."""
+    remedy = "an NPY file of bool or whole numbers, or a TIFF file of grey values or labels"
+    try:
+        if path.suffix.lower() == ".npy":
+            return np.asarray(np.load(path, allow_pickle=False))
+        if path.suffix.lower() in (".tif", ".tiff"):
+            return _pages(path)
+    except (OSError, ValueError, EOFError, SyntaxError) as error:
+        raise InputError(f"cannot read the voxels {path}: {error}", key="voxels", remedy=remedy) from None
+    raise InputError("unknown kind of voxel file", value=path.name, limit=".npy, .tif", key="voxels", remedy=remedy)
+
+
+def _pages(path: Path) -> np.ndarray:
+    from PIL import Image, ImageSequence
+
+    with Image.open(path) as image:
+        pages = np.stack([np.asarray(page) for page in ImageSequence.Iterator(image)])
+    if pages.ndim != 3:
+        raise ValueError("its pages have colours")
+    found = pages.transpose(2, 1, 0)[:, ::-1]  # columns, rows from below, pages
+    return found[..., 0] if len(pages) == 1 else found
