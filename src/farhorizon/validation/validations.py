@@ -13,6 +13,7 @@ VALIDATIONS = Collection(
         "cross_sections",
         "stress_intensity",
         "crack_impact",
+        "lattice_crack",
         "pressurised",
         "penny",
         "dissolution",
