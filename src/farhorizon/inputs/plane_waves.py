@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
 from farhorizon import kinds
 from farhorizon.analysis.references.pulse import PlanePulse, sampled
-from farhorizon.analysis.surface_pulses import SurfacePulse, reflected_pulse
+from farhorizon.analysis.surface_pulses import reflected_pulse
 from farhorizon.errors import InputError
-from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Box
-from farhorizon.inputs.expressions import as_signal
-from farhorizon.inputs.incidence import End, Incident, Passage, Region, check_within
+from farhorizon.inputs.incidence import End, Passage, Region
+from farhorizon.inputs.travelling_waves import SurfacePassage, TravellingWave, lost_notes
 
 _POLARISATIONS = ("P", "S")
 _TOWARDS = 1e-9  # of a unit vector: what more is along a normal comes to the side
-_SAID = 1e-9  # part of a signal that a note is worth
 
 
 @dataclass(frozen=True)
-class IncidentWave(Incident):
+class IncidentWave(TravellingWave):
     r"""A plane wave that falls on whatever is inside a box, exact on the lattice.
 
     Inside the box `within` the field is the total one, outside it only what is scattered, which the absorbing sides
@@ -64,51 +62,21 @@ class IncidentWave(Incident):
     1
     """
 
-    direction: Sequence[float]
-    signal: Any
-    duration: float
     polarisation: str | Sequence[float] = "P"
     within: Box | None = None
 
     plane: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        kinds.settle(
-            self,
-            direction=as_direction(self.direction),
-            duration=kinds.number(self.duration, "incident.duration", above=0),
-            signal=as_signal(self.signal, "incident.signal"),
-        )
+        super().__post_init__()
         if isinstance(self.polarisation, str):
             kinds.one_of(self.polarisation, "incident.polarisation", _POLARISATIONS, "unknown polarisation")
         else:
             kinds.array(self.polarisation, "incident.polarisation", shape=(None,))
-        check_within(self.within)
-
-    def at(self, t: float) -> float:
-        """The signal at a time."""
-        return signal_at(self.signal, self.duration, t)
-
-    @property
-    def along(self) -> np.ndarray:
-        """The direction as a unit vector."""
-        direction = np.asarray(self.direction, float)
-        return direction / np.linalg.norm(direction)
-
-    def resolved(self, lattice: Lattice, reach: Sequence[int], ends: Mapping[End, bool] | None = None) -> Self:
-        """The same wave with its box; see `Incident.resolved`."""
-        check_direction(self.direction, lattice.dim)
-        return super().resolved(lattice, reach, ends)
 
     def start(self, region: Region) -> float:
         """Where, along its direction from the origin, the wave meets the box first and has its signal."""
         return self.way(region)[0]
-
-    def way(self, region: Region) -> tuple[float, float]:
-        """From where to where, along its direction from the origin, the wave is in the box."""
-        ends = region.places(np.stack([region.first, region.last]))
-        begin, end = np.sort(self.along * ends, axis=0).sum(1).tolist()
-        return begin, end
 
     def surface_met(self, free: Sequence[End]) -> End | None:
         """The free side towards which it travels, if there is just one."""
@@ -186,31 +154,6 @@ class IncidentWave(Incident):
         return vector
 
 
-def as_direction(direction: Any) -> Any:
-    """A direction as it is given; InputError unless it has a length."""
-    if not kinds.array(direction, "incident.direction", shape=(None,)).any():
-        raise InputError(
-            "an incident wave needs a direction",
-            value=direction,
-            limit="one component an axis, not all zero",
-            key="incident.direction",
-        )
-    return direction
-
-
-def signal_at(signal: Callable[[float], Any], duration: float, t: float) -> float:
-    """A signal that is zero before 0 and after its duration, at a time."""
-    return float(kinds.array(signal(t), "incident.signal", shape=())) if 0 <= t <= duration else 0.0
-
-
-def check_direction(direction: Sequence[float], dim: int) -> None:
-    """InputError unless it has one component an axis."""
-    if np.size(direction) != dim:
-        raise InputError(
-            "an incident wave and the lattice differ in dimension", value=np.size(direction), limit=dim, key="incident"
-        )
-
-
 class _PlanePassage(Passage):
     """A plane wave in the open medium."""
 
@@ -225,39 +168,3 @@ class _PlanePassage(Passage):
 
     def at(self, nodes: np.ndarray) -> Callable[[float], np.ndarray]:
         return self.pulse.at(self._region.places(nodes) @ self._along - self._start)
-
-
-class SurfacePassage(Passage):
-    """A pulse in a half-space.
-
-    Parameters
-    ----------
-    pulse : SurfacePulse
-    region : Region
-    surface : (axis, side)
-    """
-
-    def __init__(self, pulse: SurfacePulse, region: Region, surface: End) -> None:
-        self._pulse, self._region, self._surface = pulse, region, surface
-        self.period, self.midway, self.tail = pulse.period, pulse.period / 2, pulse.tail
-        self.notes = lost_notes(pulse.lost)
-        if pulse.tail > _SAID:
-            self.notes.append(
-                f"an incident wave at a free surface has a tail before and after it, of {pulse.tail:.1g} of its "
-                f"signal: the run begins with it, and at t = {pulse.period:.4g} what is left of it is radiated"
-            )
-
-    def at(self, nodes: np.ndarray) -> Callable[[float], np.ndarray]:
-        axis, side = self._surface
-        rows = nodes[:, axis] if side < 0 else self._region.lattice.shape[axis] - 1 - nodes[:, axis]
-        return self._pulse.waves.at(self._region.places(nodes) @ self._pulse.direction, rows)
-
-
-def lost_notes(lost: float) -> list[str]:
-    """What of a signal the lattice does not carry, where it is worth a note."""
-    if lost <= _SAID:
-        return []
-    return [
-        f"a part of {lost:.1g} of an incident wave's signal is shorter than the lattice carries: "
-        "so much leaks from its box"
-    ]

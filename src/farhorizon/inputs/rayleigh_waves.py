@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Self
 
-import numpy as np
-
-from farhorizon import kinds
 from farhorizon.analysis.references.pulse import sampled
 from farhorizon.analysis.surface_pulses import rayleigh_pulse
 from farhorizon.errors import InputError
-from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Box
-from farhorizon.inputs.expressions import as_signal
-from farhorizon.inputs.incidence import End, Incident, Passage, Region, check_within
-from farhorizon.inputs.plane_waves import SurfacePassage, as_direction, check_direction, signal_at
+from farhorizon.inputs.incidence import End, Passage, Region
+from farhorizon.inputs.travelling_waves import SurfacePassage, TravellingWave
 
 _ALONG = 1e-9  # of a unit vector: what has less along a normal runs along the side
 
 
 @dataclass(frozen=True)
-class RayleighWave(Incident):
+class RayleighWave(TravellingWave):
     """A wave that comes along a free surface of an elastic medium, exact on the lattice: at each frequency the mode of
     the half-infinite lattice that decays downwards.
 
@@ -62,34 +56,7 @@ class RayleighWave(Incident):
     1
     """
 
-    direction: Sequence[float]
-    signal: Any
-    duration: float
     within: Box | None = None
-
-    def __post_init__(self) -> None:
-        kinds.settle(
-            self,
-            direction=as_direction(self.direction),
-            duration=kinds.number(self.duration, "incident.duration", above=0),
-            signal=as_signal(self.signal, "incident.signal"),
-        )
-        check_within(self.within)
-
-    def at(self, t: float) -> float:
-        """The signal at a time."""
-        return signal_at(self.signal, self.duration, t)
-
-    @property
-    def along(self) -> np.ndarray:
-        """The direction as a unit vector."""
-        direction = np.asarray(self.direction, float)
-        return direction / np.linalg.norm(direction)
-
-    def resolved(self, lattice: Lattice, reach: Sequence[int], ends: Mapping[End, bool] | None = None) -> Self:
-        """The same wave with its box; see `Incident.resolved`."""
-        check_direction(self.direction, lattice.dim)
-        return super().resolved(lattice, reach, ends)
 
     def surface_met(self, free: Sequence[End]) -> End | None:
         """The free side along which it runs, if there is just one."""
@@ -108,8 +75,6 @@ class RayleighWave(Incident):
             )
         if region.scheme.stencil.components == 1:
             raise InputError("a scalar field has no Rayleigh waves", key="incident", remedy="an Elastic medium")
-        ends = region.places(np.stack([region.first, region.last]))
-        begin, end = np.sort(self.along * ends, axis=0).sum(1).tolist()
         samples = sampled(self.at, self.duration, region.scheme.dt)
-        pulse = rayleigh_pulse(region.under(surface), self.along, (begin, end), samples)
+        pulse = rayleigh_pulse(region.under(surface), self.along, self.way(region), samples)
         return SurfacePassage(pulse, region, surface)

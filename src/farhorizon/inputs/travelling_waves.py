@@ -1,0 +1,125 @@
+"""What waves have in common that travel along a direction with a signal: plane ones and those along a surface."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from farhorizon import kinds
+from farhorizon.analysis.surface_pulses import SurfacePulse
+from farhorizon.errors import InputError
+from farhorizon.geometry.lattice import Lattice
+from farhorizon.inputs.expressions import as_signal
+from farhorizon.inputs.incidence import End, Incident, Passage, Region, check_within
+
+_SAID = 1e-9  # part of a signal that a note is worth
+
+
+@dataclass(frozen=True)
+class TravellingWave(Incident):
+    """A wave along a direction, with a signal where it meets its box first.
+
+    Parameters
+    ----------
+    direction : sequence of float
+        Along which it travels; its length does not matter.
+    signal : callable, str or Expression
+        Displacement as a function of t, where the wave meets the box first.
+    duration : float
+        The signal is zero before 0 and after it.
+
+    Raises
+    ------
+    InputError
+        A direction without length, a duration that is not positive, a signal that is no function of t.
+    """
+
+    direction: Sequence[float]
+    signal: Any
+    duration: float
+
+    def __post_init__(self) -> None:
+        kinds.settle(
+            self,
+            direction=_as_direction(self.direction),
+            duration=kinds.number(self.duration, "incident.duration", above=0),
+            signal=as_signal(self.signal, "incident.signal"),
+        )
+        check_within(self.within)
+
+    def at(self, t: float) -> float:
+        """The signal at a time: zero before 0 and after its duration."""
+        return float(kinds.array(self.signal(t), "incident.signal", shape=())) if 0 <= t <= self.duration else 0.0
+
+    @property
+    def along(self) -> np.ndarray:
+        """The direction as a unit vector."""
+        direction = np.asarray(self.direction, float)
+        return direction / np.linalg.norm(direction)
+
+    def resolved(self, lattice: Lattice, reach: Sequence[int], ends: Mapping[End, bool] | None = None) -> Self:
+        """The same wave with its box; see `Incident.resolved`."""
+        if np.size(self.direction) != lattice.dim:
+            raise InputError(
+                "an incident wave and the lattice differ in dimension",
+                value=np.size(self.direction),
+                limit=lattice.dim,
+                key="incident",
+            )
+        return super().resolved(lattice, reach, ends)
+
+    def way(self, region: Region) -> tuple[float, float]:
+        """From where to where, along its direction from the origin, the wave is in the box."""
+        ends = region.places(np.stack([region.first, region.last]))
+        begin, end = np.sort(self.along * ends, axis=0).sum(1).tolist()
+        return begin, end
+
+
+class SurfacePassage(Passage):
+    """A pulse in a half-space.
+
+    Parameters
+    ----------
+    pulse : SurfacePulse
+    region : Region
+    surface : (axis, side)
+    """
+
+    def __init__(self, pulse: SurfacePulse, region: Region, surface: End) -> None:
+        self._pulse, self._region, self._surface = pulse, region, surface
+        self.period, self.midway, self.tail = pulse.period, pulse.period / 2, pulse.tail
+        self.notes = lost_notes(pulse.lost)
+        if pulse.tail > _SAID:
+            self.notes.append(
+                f"an incident wave at a free surface has a tail before and after it, of {pulse.tail:.1g} of its "
+                f"signal: the run begins with it, and at t = {pulse.period:.4g} what is left of it is radiated"
+            )
+
+    def at(self, nodes: np.ndarray) -> Callable[[float], np.ndarray]:
+        axis, side = self._surface
+        rows = nodes[:, axis] if side < 0 else self._region.lattice.shape[axis] - 1 - nodes[:, axis]
+        return self._pulse.waves.at(self._region.places(nodes) @ self._pulse.direction, rows)
+
+
+def lost_notes(lost: float) -> list[str]:
+    """What of a signal the lattice does not carry, where it is worth a note."""
+    if lost <= _SAID:
+        return []
+    return [
+        f"a part of {lost:.1g} of an incident wave's signal is shorter than the lattice carries: "
+        "so much leaks from its box"
+    ]
+
+
+def _as_direction(direction: Any) -> Any:
+    if not kinds.array(direction, "incident.direction", shape=(None,)).any():
+        raise InputError(
+            "an incident wave needs a direction",
+            value=direction,
+            limit="one component an axis, not all zero",
+            key="incident.direction",
+        )
+    return direction
