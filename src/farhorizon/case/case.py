@@ -21,6 +21,7 @@ from farhorizon.case.schema import (
     CONDITIONS,
     BodyForcePart,
     BodyPart,
+    BoxPart,
     ConstraintPart,
     CrackPart,
     FarFieldPart,
@@ -28,7 +29,6 @@ from farhorizon.case.schema import (
     PowerPart,
     PrescribedPart,
     ReceiversPart,
-    ShellPart,
     SourcePart,
     SpectraPart,
     TractionPart,
@@ -254,23 +254,22 @@ class Case:
 
     def _recorders(self) -> list[Observer]:
         """New recorders, which belong to one run."""
-        makers: dict[str, tuple[Callable[..., Observer], Callable[[Any, str], Any]]] = {
-            "receivers": (fh.Receivers, _where),
-            "spectra": (fh.Spectra, _where),
-            "power": (fh.PowerThrough, _surface),
-            "stress_intensity": (fh.StressIntensity, lambda part, _: part.tips),
-            "crack_tips": (fh.CrackTips, lambda part, _: part.every),
-            "shell": (fh.ShellRecorder, _box),
+        makers: dict[str, tuple[Callable[..., Observer], Callable[[Any, str], list[Any]]]] = {
+            "receivers": (fh.Receivers, lambda part, key: [_where(part, key)]),
+            "spectra": (fh.Spectra, lambda part, key: [_where(part, key)]),
+            "power": (fh.PowerThrough, lambda part, key: [_surface(part, key)]),
+            "stress_intensity": (fh.StressIntensity, lambda part, _: [part.tips]),
+            "crack_tips": (fh.CrackTips, lambda *_: []),
+            "shell": (fh.ShellRecorder, lambda part, _: [_box(part.box)]),
         }
         found: list[Observer] = []
-        for table, (make, place) in makers.items():
+        for table, (make, places) in makers.items():
             parts = getattr(self.parts, table)
             for i, part in enumerate(parts):
                 key = f"{table}[{i}]"
                 name = part.name or (f"{table}_{i}" if len(parts) > 1 else table)
-                options = part.model_dump(include=_RECORDED - ({"every"} if table == "crack_tips" else set()))
                 try:
-                    found.append(make(place(part, key), **options, name=name))
+                    found.append(make(*places(part, key), **part.model_dump(include=_RECORDED), name=name))
                 except InputError as error:
                     raise error.at(under(key, error.key)) from None
         if self.parts.far_field is not None:
@@ -446,11 +445,10 @@ class Case:
         return fh.Source(value, **given) if given else value
 
     def _incident(self, part: Part, key: str) -> Any:
-        given, changes = dict(part), {}
+        given = dict(part)
+        changes = {"within": _box(given["within"])}
         if "signal" in given:
             changes["signal"] = self._of_time(given["signal"], f"{key}.signal")
-        if given["within"] is not None:
-            changes["within"] = fh.Box(given["within"].lower, given["within"].upper)
         return _built(part, incident_kinds(), key, **changes)
 
     def _body_setup(self, model: BodyPart) -> dict[str, Any]:
@@ -650,9 +648,8 @@ def _built(part: Part, known: Mapping[str, Any], key: str, **changes: Any) -> An
 
 def _far_field(part: FarFieldPart) -> fh.FarField:
     """A new far field, which belongs to one run; its history is kept for receivers alone."""
-    box = None if part.box is None else fh.Box(part.box.lower, part.box.upper)
     options = part.model_dump(include={"frequencies", "points", "directions"})
-    return fh.FarField(box, **options, history=part.points is not None or not part.frequencies)
+    return fh.FarField(_box(part.box), **options, history=part.points is not None or not part.frequencies)
 
 
 def _surface(part: PowerPart, key: str) -> Any:
@@ -664,9 +661,9 @@ def _surface(part: PowerPart, key: str) -> Any:
     return part.axis, part.position
 
 
-def _box(part: ShellPart, key: str) -> fh.Box | None:
-    """The box of a shell."""
-    return None if part.box is None else fh.Box(part.box.lower, part.box.upper)
+def _box(part: BoxPart | None) -> fh.Box | None:
+    """A box that may be left out."""
+    return None if part is None else fh.Box(part.lower, part.upper)
 
 
 def _where(part: ReceiversPart | SpectraPart, key: str) -> Any:

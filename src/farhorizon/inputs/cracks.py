@@ -10,6 +10,7 @@ import numpy as np
 from farhorizon import kinds
 from farhorizon.errors import InputError
 from farhorizon.files.storable import Storable
+from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Cut, PointCut, PolygonCut, Polyline
 
 
@@ -126,3 +127,9 @@ def cut_bonds(
         nodes.append(grid[hit])
         bonds.append(np.full(int(hit.sum()), number))
     return np.concatenate(nodes), np.concatenate(bonds)
+
+
+def cut_ends(cut: Cut, lattice: Lattice, offsets: np.ndarray) -> np.ndarray:
+    """Both ends of the bonds of a lattice that a crack cuts, those beyond the lattice too: indices, shape (n, dim)."""
+    nodes, bonds = cut_bonds(cut, lattice.lower, lattice.spacing, lattice.shape, offsets)
+    return np.concatenate([nodes, nodes + offsets[bonds]])

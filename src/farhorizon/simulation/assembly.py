@@ -192,7 +192,7 @@ def _with_layers(setup: Setup, near: NearField, sides: Sides, sources: Sequence[
 
 def _acted_on(near: NearField, driving: Sequence[Drive]) -> np.ndarray:
     """Nodes that a condition or a source acts on."""
-    busy = near.busy
+    busy = near.conditioned
     for space, _ in driving:
         busy |= False if space is None else space != 0
-    return busy | (near.leak > 0) if near.leak.size else busy
+    return busy

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import reduce
+
 import numpy as np
 
 from farhorizon import kinds
@@ -14,7 +16,6 @@ from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, reco
 from farhorizon.simulation.setup import Setup
 
 _JUMP = 2.0  # times as far as the fastest wave comes between two records, and horizons: tips farther apart are others
-
 _WINDOW = 10.0  # horizons that the fastest wave travels in the time that speeds are means of
 
 
@@ -71,6 +72,7 @@ class CrackTips(Recorder):
         self.name = recorder_name(name)
         self.notes: list[str] = []
         self.points = np.arange(1.0, self.most + 1)[:, None]
+        self._nowhere = np.full((self.most, 2), np.nan)
         self.now = CrackPaths(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 2)), [])
         self._dt = self._horizon = self._reach = self._window = 0.0
         self._given = 0
@@ -157,6 +159,7 @@ class CrackTips(Recorder):
 
     def start(self, step: int, heard: Heard) -> None:
         self._given, self._steps, self._places, self._sums = 0, [], [], []
+        self._last = self._nowhere
         self._look(step)
 
     def add(self, step: int, heard: Heard) -> None:
@@ -175,6 +178,7 @@ class CrackTips(Recorder):
     def take(self, state: Arrays) -> None:
         self._given, self._steps = int(state["given"][0]), [int(step) for step in state["steps"]]
         self._places = list(state["places"])
+        self._last = reduce(_latest, self._places, self._nowhere)
         self._sums = [(float(a), float(b)) for a, b in state["sums"]]
 
     def _look(self, step: int) -> None:
@@ -182,21 +186,23 @@ class CrackTips(Recorder):
         lattice, breaking = self._lattice, self._breaking
         damage = breaking.damage
         found = find_cracks(damage, lattice.lower, lattice.spacing, self._threshold, self._horizon)
-        before = np.array(self._places).reshape(-1, self.most, 2)
-        last = np.full((self.most, 2), np.nan)
-        for row in before:
-            last = np.where(np.isnan(row), last, row)
-        places = np.full((self.most, 2), np.nan)
-        free = [number for number in range(self.most) if np.isnan(last[number]).all()]
-        for tip, number in zip(found.tips, followed(last, found.tips, self._reach), strict=True):
+        places = self._nowhere.copy()
+        free = [number for number in range(self.most) if np.isnan(self._last[number]).all()]
+        for tip, number in zip(found.tips, followed(self._last, found.tips, self._reach), strict=True):
             if number < 0 and not free:
                 self.notes = [f"{self.name} follows {self.most} tips, and there are more: most = {2 * self.most}"]
                 continue
             places[free.pop(0) if number < 0 else number] = tip
         self.now = found
+        self._last = _latest(self._last, places)
         self._steps.append(step)
         self._places.append(places)
         self._sums.append((found.length, breaking.mass * float(self._bonds.broken[0])))
+
+
+def _latest(last: np.ndarray, now: np.ndarray) -> np.ndarray:
+    """Where each tip was seen last, of two records one after the other."""
+    return np.where(np.isnan(now), last, now)
 
 
 def _speeds(times: np.ndarray, advance: np.ndarray, window: float) -> np.ndarray:

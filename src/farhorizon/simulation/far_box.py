@@ -10,12 +10,12 @@ from farhorizon.analysis.references.driven import Scheme
 from farhorizon.errors import InputError, shown
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.geometry.shapes import Box
-from farhorizon.inputs.cracks import cut_bonds
+from farhorizon.inputs.cracks import cut_ends
 from farhorizon.inputs.incidence import Incident
-from farhorizon.machine import available_memory
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.drives import scheme_of
 from farhorizon.simulation.near_field import NearField
+from farhorizon.simulation.recorder import size_of_record
 from farhorizon.simulation.setup import Setup, side_name
 
 _TIMES = 33  # at which sources that do not split into space and time are looked at
@@ -88,7 +88,7 @@ def corner_nodes(lattice: Lattice, box: Box | None, reach: Sequence[int]) -> tup
     if (last - first < 2 * more).any():
         raise InputError(
             "the box of a far field is so small that nothing lies one reach inside its faces",
-            value=f"sides of {shown(spacing * (last - first))}",
+            value=f"sides of {shown(spacing * np.maximum(last - first, 0))}",
             limit=f"at least {shown(2 * spacing * more)}",
             key="far_field.box",
             remedy="a larger box in a larger near field",
@@ -162,15 +162,8 @@ def check_history(need: int, nodes: int, steps: int) -> list[str]:
     InputError
         It does not fit into memory.
     """
-    size = f"about {need / 2**30:.3g} GiB for {nodes} nodes and {steps} steps"
-    if need > available_memory():
-        raise InputError(
-            "what is recorded on the shell of the far field does not fit into memory",
-            value=size,
-            limit=f"{available_memory() / 2**30:.3g} GiB available",
-            key="far_field.history",
-            remedy="a smaller box, a shorter run, or history = false with frequencies",
-        )
+    remedy = "a smaller box, a shorter run, or history = false with frequencies"
+    size = size_of_record(need, nodes, steps, "far_field.history", remedy)
     return [f"the far field keeps the history of its shell: {size}"] if need > _LARGE else []
 
 
@@ -218,8 +211,7 @@ def _check_medium(setup: Setup, parts: Parts, box: Box, reach: np.ndarray) -> No
     limit = f"{shown(box.lower + reach)} to {shown(box.upper - reach)}"
     core, deep = _core(parts, box, reach), _inner(lattice, box, reach)
     for crack in setup.cracks:
-        nodes, bonds = cut_bonds(crack.cut, lattice.lower, lattice.spacing, lattice.shape, near.stencil.offsets)
-        ends = np.concatenate([nodes, nodes + near.stencil.offsets[bonds]])
+        ends = cut_ends(crack.cut, lattice, near.stencil.offsets)
         seen = ((ends >= 0) & (ends < lattice.shape)).all(1)
         if not (seen.all() and core[tuple(ends.T)].all()):
             raise InputError(
@@ -230,10 +222,9 @@ def _check_medium(setup: Setup, parts: Parts, box: Box, reach: np.ndarray) -> No
                 remedy="a larger box, or a shorter crack",
             )
     material = near.material
-    held = near.busy | (near.leak.reshape(lattice.shape) > 0 if near.leak.size else False)
     for wrong, message in (
         (~deep & ~(material == material.flat[0]), "cuts a hole, the rim of a body or another material"),
-        (~core & held, "leaves out nodes that a condition holds"),
+        (~core & near.conditioned, "leaves out nodes that a condition holds"),
         (~deep & parts.start.solid, "cuts metal"),
     ):
         if wrong.any():

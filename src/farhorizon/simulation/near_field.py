@@ -132,6 +132,11 @@ class NearField:
         found.ravel()[np.concatenate([self.conditions.nodes, *self.prescribed.nodes]).astype(int)] = True
         return found
 
+    @property
+    def conditioned(self) -> np.ndarray:
+        """Nodes that a condition holds, or at which heat is lost, of the lattice's shape."""
+        return self.busy | (self.leak > 0) if self.leak.size else self.busy
+
     def inside(self, values: np.ndarray) -> np.ndarray:
         """Zero outside a body, where there are no nodes, and beyond a window's outline if a condition closes it."""
         if self.closed is not None:

@@ -12,6 +12,7 @@ from farhorizon import kinds
 from farhorizon.errors import InputError
 from farhorizon.files.records import Recorded
 from farhorizon.geometry.interpolation import Blocks
+from farhorizon.machine import available_memory
 
 Arrays = dict[str, np.ndarray]
 
@@ -130,6 +131,26 @@ class Recorder(ABC):
     @abstractmethod
     def take(self, state: Arrays) -> None:
         """Be in a state that `state` gave."""
+
+
+def size_of_record(need: int, nodes: int, steps: int, key: str, remedy: str) -> str:
+    """What a record of some nodes over all steps takes, in words.
+
+    Raises
+    ------
+    InputError
+        More bytes than the machine has left.
+    """
+    size = f"about {need / 2**30:.3g} GiB for {nodes} nodes and {steps} steps"
+    if need > available_memory():
+        raise InputError(
+            "what is recorded on the shell of a box does not fit into memory",
+            value=size,
+            limit=f"{available_memory() / 2**30:.3g} GiB available",
+            key=key,
+            remedy=remedy,
+        )
+    return size
 
 
 Observer = Callable[[Any], None] | Recorder

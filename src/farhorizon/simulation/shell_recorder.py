@@ -8,13 +8,12 @@ from farhorizon import kinds
 from farhorizon.errors import InputError
 from farhorizon.files.records import Recorded
 from farhorizon.geometry.shapes import Box
-from farhorizon.inputs.cracks import cut_bonds
+from farhorizon.inputs.cracks import cut_ends
 from farhorizon.inputs.incidence import Region, region_of, resolved_box
-from farhorizon.machine import available_memory
 from farhorizon.medium.integrators import Verlet
 from farhorizon.simulation.assembly import Parts
 from farhorizon.simulation.drives import ends_of, scheme_of
-from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, recorder_name
+from farhorizon.simulation.recorder import Arrays, Heard, Recorder, Wanted, recorder_name, size_of_record
 from farhorizon.simulation.setup import Setup
 
 _KEY = "shell.box"
@@ -122,15 +121,7 @@ class ShellRecorder(Recorder):
             It does not fit into memory.
         """
         need = 8 * int(np.prod(self._rows[0].shape[1:])) * (steps + 1)
-        size = f"about {need / 2**30:.3g} GiB for {len(self.points)} nodes and {steps} steps"
-        if need > available_memory():
-            raise InputError(
-                "what is recorded on the shell of a box does not fit into memory",
-                value=size,
-                limit=f"{available_memory() / 2**30:.3g} GiB available",
-                key=_KEY,
-                remedy="a smaller box, or a shorter run",
-            )
+        size = size_of_record(need, len(self.points), steps, _KEY, "a smaller box, or a shorter run")
         start = f"{self.name} records the shell of a box: "
         self.notes = [note for note in self.notes if not note.startswith(start)] + [start + size]
 
@@ -164,11 +155,9 @@ def _factor(setup: Setup, parts: Parts, nodes: np.ndarray) -> float:
     on = np.zeros(lattice.shape, bool)
     on[tuple(nodes.T)] = True
     material = near.material[on]
-    held = near.busy | (near.leak.reshape(lattice.shape) > 0 if near.leak.size else False)
-    wrong = bool(np.ptp(material) != 0) or bool((held & on).any())
+    wrong = bool(np.ptp(material) != 0) or bool((near.conditioned & on).any())
     for crack in setup.cracks:
-        starts, bonds = cut_bonds(crack.cut, lattice.lower, lattice.spacing, lattice.shape, near.stencil.offsets)
-        ends = np.concatenate([starts, starts + near.stencil.offsets[bonds]])
+        ends = cut_ends(crack.cut, lattice, near.stencil.offsets)
         there = ends[((ends >= 0) & (ends < lattice.shape)).all(1)]
         wrong |= bool(on[tuple(there.T)].any())
     if wrong:

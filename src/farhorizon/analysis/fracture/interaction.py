@@ -260,9 +260,9 @@ def _check_circles(
         raise InputError(
             "the circles around the tip are too close to it or to each other",
             value=[float(r) for r in radii],
-            limit=f"at least {2 * spacing:.4g} and {spacing:.4g}",
+            limit=f"the smaller {2 * spacing:.4g} at least, the larger {spacing:.4g} more than that",
             key="stress_intensity.radii",
-            remedy="larger circles, or a finer lattice",
+            remedy="larger circles, a longer crack, or a finer lattice",
         )
     room = float(min((tip - lattice.lower).min(), (lattice.upper - tip).min()))
     if outer > room + 1e-9 * spacing:
