@@ -4,6 +4,7 @@ place."""
 from __future__ import annotations
 
 import math
+import tomllib
 
 ODD = [
     "0",
@@ -73,6 +74,25 @@ def toml(value) -> str:
 def text_of(case: dict) -> str:
     """A case file: one line a key."""
     return "\n".join(f"{key} = {toml(value)}" for key, value in case.items()) + "\n"
+
+
+def crack_across(dim: int, at: float, reach: float) -> list[list[float]]:
+    """Points of a crack across the x axis."""
+    return {
+        1: [[at]],
+        2: [[at, -reach], [at, reach]],
+        3: [[at, -reach, -reach], [at, reach, -reach], [at, reach, reach]],
+    }[dim]
+
+
+def with_record(text: str, file: str, dt: float) -> str:
+    """The case of a second run, of whose box the first one has recorded the shell: with a crack in it."""
+    first = tomllib.loads(text)
+    spacing, dim = first["lattice"]["spacing"], len(first["lattice"]["lower"])
+    second = {key: first[key] for key in ("lattice", "model", "boundary") if key in first}
+    second["incident"] = [{"type": "incident-record", "record": file}]
+    second["crack"] = [{"points": crack_across(dim, 0.3 * spacing, 0.9 * spacing)}]
+    return text_of(second | {"run": first["run"] | {"dt": dt}})
 
 
 class Draw:
@@ -271,31 +291,35 @@ class Draw:
 
     def elastic(self) -> dict:
         self.dim, self.names, self.vector = max(2, self.dim), "xyz"[: max(2, self.dim)], True
-        self.half = min(self.half, 9 if self.dim == 2 else 5)
-        self.span = self.half * self.spacing
         material = self.one("bond-based", "bond-based", "state-based", "correspondence", "finite-element")
+        twice = material in ("state-based", "correspondence")  # as far do their forces reach
+        self.half = 5 if self.dim == 3 else 14 if twice else min(self.half, 9)
+        self.span = self.half * self.spacing
         model = {"type": "elastic", "young": 2.5 * self.speed**2, "material": material, "density": 1.0}
         if material == "bond-based":
             kernel = self.kernel()
             kernel["exponent"] = int(self.rng.integers(0, 3))
             if self.chance(0.4):
                 model |= {"nonlinear": True}
-            if self.chance(0.3):
-                model |= {"critical_stretch": 0.3}
         else:
             model["poisson"] = self.number(0.1, 0.3)
             kernel = {"horizon": 2 * self.spacing, "exponent": 1}
         if material != "finite-element":
             model["kernel"] = kernel
+            if self.chance(0.3):
+                model["critical_stretch"] = self.one(0.3, 0.06)
         if material == "correspondence":
             model["stabilisation"] = self.number(0.1, 0.9)
-        closed = [{"type": "fixed"}] + [{"type": "free"}] * (material == "bond-based")
+        closed = [{"type": "fixed"}] + [{"type": "free"}] * (material != "finite-element")
         case = {
             "lattice": self.lattice(),
             "model": model,
             "boundary": self.sides([self.pml(), {"type": "sponge", "nodes": 8}], closed),
         }
-        case["initial"] = {"u": [self.bump(0.5, 0.02 * self.length)] + ["0"] * (self.dim - 1)}
+        still = ["0"] * (self.dim - 1)
+        case["initial"] = {"u": [self.bump(0.5, 0.02 * self.length), *still]}
+        if model.get("critical_stretch") == 0.06:  # which the displacements are below, and soon above
+            case["initial"]["v"] = [self.bump(0.5, 0.2 * self.speed), *still]
         if self.chance(0.2):
             case["load"] = [
                 {
@@ -304,6 +328,73 @@ class Draw:
                     "time": f"sin(t/{self.time!r})",
                 }
             ]
+        return case
+
+    def from_outside(self) -> dict:
+        """A wave that comes into a box in which something scatters it; below a free surface, too."""
+        materials = {1: ["wave"], 2: ["wave", "bond-based", "state-based"], 3: ["wave", "bond-based"]}[self.dim]
+        material = self.one(*materials)
+        elastic, reach = material != "wave", 4 if material == "state-based" else 2
+        length = 3 if self.dim == 2 else 1  # of half a crack
+        self.vector, self.half = elastic, {1: 14, 2: 6 * reach + 2, 3: 8}[self.dim]
+        self.span = self.half * self.spacing
+        model = {"type": "wave", "speed": self.speed}
+        if elastic:
+            model = {"type": "elastic", "young": self.speed**2, "material": material}
+        if material == "state-based":
+            model["poisson"] = 0.2
+        model["kernel"] = {"horizon": 2 * self.spacing, "exponent": 1}
+        case = {"lattice": self.lattice(), "model": model, "boundary": {"all": {"type": "lattice-pml", "nodes": 6}}}
+        surface = material == "bond-based" and self.chance(0.4)
+        if surface:
+            case["boundary"]["y+"] = {"type": "free"}
+        case["incident"] = [self.incident(elastic, surface)]
+        inner = (2 * reach + length) * self.spacing  # two reaches inside its faces there is a place for a crack
+        if self.chance(0.5):
+            within = {"lower": [-inner] * self.dim, "upper": [inner] * self.dim}
+            if surface:
+                within["upper"][1] = self.span
+            case["incident"][0]["within"] = within
+        if self.chance(0.6) and (self.dim < 3 or "within" in case["incident"][0]):
+            case["crack"] = [{"points": crack_across(self.dim, 0.3 * self.spacing, 0.9 * length * self.spacing)}]
+        return case
+
+    def incident(self, elastic: bool, surface: bool) -> dict:
+        """What comes in: towards +x, up to a free surface or along it."""
+        ahead = self.number(-1, 1)
+        direction = [1.0, *([abs(ahead) + 0.2 if surface else ahead] * (self.dim - 1))]
+        low = self.number(0.05, 0.15)
+        plane = {
+            "direction": direction,
+            "signal": f"sin({2 * math.pi * low / self.time!r}*t)*sin({math.pi * low / self.time!r}*t)**2",
+            "duration": self.time / low,
+        }
+        if elastic and self.dim == 2:
+            plane["polarisation"] = self.one("P", "S")
+        field = f"cos({0.3 / self.length!r}*x - {0.3 / self.time!r}*t)"
+        given = {"type": "incident-field", "field": [field] + ["0"] * (self.dim - 1) if elastic else field}
+        along = {"type": "rayleigh-wave"} | {key: plane[key] for key in ("signal", "duration")}
+        along["direction"] = [1.0] + [0.0] * (self.dim - 1)
+        return self.one(plane, plane, given, *[along] * (elastic and surface))
+
+    def passing(self) -> dict:
+        """Waves that come into a box from a source beside it, where a shell records them for another run."""
+        elastic = self.dim > 1 and self.chance(0.5)
+        self.vector, self.half = elastic, {1: 14, 2: 12, 3: 8}[self.dim]
+        self.span = self.half * self.spacing
+        model = {"type": "elastic", "young": self.speed**2} if elastic else {"type": "wave", "speed": self.speed}
+        model["kernel"] = {"horizon": 2 * self.spacing, "exponent": 1}
+        case = {"lattice": self.lattice(), "model": model, "boundary": {"all": {"type": "lattice-pml", "nodes": 6}}}
+        inner, off = 5 * self.spacing, 8 * self.spacing
+        lower, upper = [-inner] * self.dim, [inner] * self.dim
+        if self.dim == 2 and self.chance(0.3):
+            case["boundary"]["y+"] = {"type": "free"}
+            upper[1] = self.span
+        case["lattice"]["lower"][0] -= off
+        place = f"((x+{self.span + off / 4!r})**2" + "".join(f"+{name}**2" for name in self.names[1:]) + ")"
+        beside = f"max(0, 1-{place}/{(5 * self.spacing) ** 2!r})**3*sin(t/{self.time!r})"
+        case["source"] = [{"value": [beside] + ["0"] * (self.dim - 1) if elastic else beside}]
+        case["shell"] = [{"box": {"lower": lower, "upper": upper}}]
         return case
 
     def correspondence(self) -> dict:
@@ -369,27 +460,44 @@ class Draw:
 
     def around(self, case: dict) -> dict:
         kind = case["model"]["type"]
-        body = kind in ("correspondence",)
+        if "incident" not in case and "shell" not in case:
+            case = self.acted_on(case, kind)
+        case |= self.recorders(kind) | self.tips(case)
+        case["run"] = {
+            "until": self.number(2, 8)
+            * self.time
+            / (1 if kind in ("wave", "elastic", "beam", "correspondence") else 20)
+        }
+        if self.chance(0.08) and kind != "correspondence":
+            case["run"]["dtype"] = "float32"
+        if self.chance(0.2):
+            case["run"]["threads"] = self.one(1, 2)
+        output: dict = {"every": case["run"]["until"] / int(self.rng.integers(2, 6))} if self.chance(0.8) else {}
+        if self.chance(0.4):
+            output["probes"] = [[0.2 * self.span] * self.dim]
+        if self.chance(0.25) and kind not in ("wave", "beam"):
+            output["balance"] = True
+        if output:
+            case["output"] = output
+        return case
+
+    def acted_on(self, case: dict, kind: str) -> dict:
+        """Sources, a crack, a medium that varies, nodes that are moved."""
+        body = kind == "correspondence"
         if self.chance(0.25) and kind in ("wave", "diffusion", "heat"):
             bump = self.bump(0.4, 1 / self.time**2)
             signal = self.one(f"sin(3*t/{self.time!r})", "1", f"exp(-t/{self.time!r})")
             case["source"] = [{"value": f"{bump}*{signal}"}]
         if self.chance(0.2) and kind in ("wave", "diffusion", "heat", "elastic"):
             case["source"] = [*case.get("source", []), self.local_source(kind == "elastic")]
-        whole = kind == "elastic" and case["model"]["material"] != "bond-based"  # its bonds are not cut one by one
+        whole = case["model"].get("material") == "finite-element"  # its bonds are not cut one by one
         if (
             self.chance(0.25)
             and not whole
             and kind in ("wave", "diffusion", "elastic", "correspondence")
             and "window" not in case["lattice"]
         ):
-            at, reach = 0.31 * self.span, 0.35 * self.span
-            points = {
-                1: [[at]],
-                2: [[at, -reach], [at, reach]],
-                3: [[at, -reach, -reach], [at, reach, -reach], [at, reach, reach]],
-            }[self.dim]
-            crack: dict = {"points": points}
+            crack: dict = {"points": crack_across(self.dim, 0.31 * self.span, 0.35 * self.span)}
             if not body and kind != "elastic" and self.chance(0.4):
                 crack |= {"factor": 0.3}
             if not body and self.chance(0.3):
@@ -410,42 +518,18 @@ class Draw:
                     "until": 3 * self.time,
                 }
             ]
-        if (
-            self.chance(0.08)
-            and kind == "wave"
-            and case["boundary"].get("all", {}).get("type") == "lattice-pml"
-            and len(case["boundary"]) == 1
-            and "window" not in case["lattice"]
-        ):
-            inner = 0.4 * self.span
-            within = {"lower": [-inner] * self.dim, "upper": [inner] * self.dim}
-            plane = {
-                "direction": [1.0] + [0.0] * (self.dim - 1),
-                "signal": f"sin(2*t/{self.time!r})*exp(-t/{self.time!r})",
-                "duration": 5 * self.time,
-            }
-            known = {"type": "incident-field", "field": f"cos(x/{inner!r} - t/{self.time!r})"}
-            case["incident"] = [{**self.one(plane, known), "within": within}]
-            if self.chance(0.3):
-                case["shell"] = [{"box": within}]
-        case |= self.recorders(kind)
-        case["run"] = {
-            "until": self.number(2, 8)
-            * self.time
-            / (1 if kind in ("wave", "elastic", "beam", "correspondence") else 20)
-        }
-        if self.chance(0.08) and not body:
-            case["run"]["dtype"] = "float32"
-        if self.chance(0.2):
-            case["run"]["threads"] = self.one(1, 2)
-        output: dict = {"every": case["run"]["until"] / int(self.rng.integers(2, 6))} if self.chance(0.8) else {}
-        if self.chance(0.4):
-            output["probes"] = [[0.2 * self.span] * self.dim]
-        if self.chance(0.25) and kind not in ("wave", "beam"):
-            output["balance"] = True
-        if output:
-            case["output"] = output
         return case
+
+    def tips(self, case: dict) -> dict:
+        """What listens to the tips of cracks in the plane."""
+        if self.dim != 2 or case["model"]["type"] not in ("wave", "elastic") or not self.chance(0.5):
+            return {}
+        if "critical_stretch" in case["model"]:
+            return {"crack_tips": [{"every": self.one(1, 5), "most": self.one(1, 7)}]}
+        settled = "crack" in case and not {"opens", "factor"} & set(case["crack"][0])
+        if not settled or "coefficient" in case or "nonlinear" in case["model"]:
+            return {}
+        return {"stress_intensity": [{"every": self.one(1, 5)}]}
 
     def recorders(self, kind: str) -> dict:
         """What listens to a run between the nodes, at frequencies, across surfaces and from outside."""
@@ -488,6 +572,8 @@ class Draw:
             "elastic",
             "elastic",
             "correspondence",
+            "from_outside",
+            "passing",
         )
         return self.around(getattr(self, self.one(*kinds))())
 

@@ -79,7 +79,22 @@ def library(text, folder):
             return {"class": "other resume", "where": f"{name} of {case.parts.model.type}"}
     if not np.isfinite(sim.energy()):
         return {"class": "not finite", "where": "energy"}
+    if isinstance(sim, fh.Simulation) and any(isinstance(one, fh.ShellRecorder) for one in sim.recorders):
+        return recorded(text, folder, sim.dt, until)
     return {"class": "accepted"}
+
+
+def recorded(text, folder, dt, until):
+    """Run a case with a shell from the command line, and what its results file has recorded as a wave."""
+    from farhorizon.cli import main
+
+    path, said = folder / "first.toml", io.StringIO()
+    path.write_text(text)
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        code = main(["run", str(path), "--out", str(folder / "first"), "--until", repr(until), "--no-report"])
+    if code:
+        return {"class": "wrong exit", "where": f"{code}: {said.getvalue()[-300:]}"}
+    return library(cases.with_record(text, str(folder / "first" / "first.h5"), dt), folder)
 
 
 def command(text, folder, arguments):

@@ -11,7 +11,8 @@ from farhorizon.validation.stress_intensity import force_on_faces, intensity, op
 
 SEED = int(os.environ.get("FARHORIZON_SEED", np.random.SeedSequence().entropy % 2**32))
 HALF = 4.0
-BOX = fh.Lattice(0.5, (-7.75, -5.75), (7.75, 5.75))
+ENDS = (-7.75, -5.75), (7.75, 5.75)
+BOX = fh.Lattice(0.5, *ENDS)
 CRACK = [(-HALF, 0.0), (HALF, 0.0)]
 
 
@@ -56,6 +57,24 @@ def test_a_run_in_parts_is_the_whole_run(tmp_path):
     sim.load(tmp_path / "state")
     sim.step(30)
     assert (second.data["K_III"] == whole.data["K_III"]).all() and (second.times == whole.times).all()
+
+
+def test_a_hole_is_felt_when_waves_have_been_there():
+    """A body in which nodes are absent has the intensities of the whole medium until then."""
+    found = []
+    for body in (None, fh.Box(*ENDS) - fh.Disc(0.5, (0.0, 4.25))):
+        intensity = fh.StressIntensity()
+        lattice, pull = fh.Lattice(0.5, *ENDS, body=body), fh.Source("y*exp(-2*(x**2 + y**2))", fh.Step(1.0))
+        sides = fh.LatticePML(nodes=6)
+        sim = fh.Simulation(
+            lattice, fh.Wave(fh.Kernel(1.0)), sides, sources=[pull], cracks=[CRACK], observe=[intensity]
+        )
+        sim.run(10.0)
+        found.append(intensity)
+    whole, holed = (one.data["K_III"][:, 1] for one in found)
+    away = np.abs(holed - whole) / np.abs(whole).max()
+    assert away[found[0].times < 4.5].max() < 1e-4  # from the source by the hole to the circle it is 6.5
+    assert away.max() > 1e-2
 
 
 @pytest.mark.parametrize(

@@ -200,13 +200,13 @@ def _shares(domain: InteractionDomain, parts: Parts, loads: Sequence[Any]) -> tu
         level[grid.indices] = values.T.reshape(grid.indices.shape)
         return np.asarray(engine.apply_core(level)[grid.indices]).reshape(components, -1).T
 
-    total = np.zeros((lattice.nodes, len(domain.modes), components))
+    grid_points = np.stack(lattice.coordinates(), axis=-1).reshape(-1, 2)
+    total = np.zeros((len(grid_points), len(domain.modes), components))
     total[domain.nodes] += domain.static.swapaxes(0, 1)
     for k, loaded in enumerate(domain.loaded):  # the operator is symmetric
-        weights = np.zeros((lattice.nodes, components))
+        weights = np.zeros((len(grid_points), components))
         weights[domain.nodes] = loaded / near.model.source_factor
         total[:, k] += pulled(weights)
-    grid_points = np.stack(lattice.coordinates(), axis=-1).reshape(-1, 2)
     at_tip = np.linalg.norm(grid_points[here] - domain.tip, axis=1)
     often = np.sqrt(1 / np.maximum(at_tip, lattice.spacing / 2))[:, None]
     forces = np.array([pulled((grid_points - domain.tip) @ gradient.T)[here] for gradient in linear])
