@@ -68,6 +68,9 @@ def test_a_step_of_its_own_is_refined_with_the_spacing(tmp_path):
         (SPACINGS, lambda h: np.zeros(round(1 / h)), None, "one shape"),
         (SPACINGS, lambda h: np.nan, None, "finite"),
         (SPACINGS, lambda h: 1.0, 1.0, "without any error"),
+        (SPACINGS, lambda h: 1.0, None, "without any error"),
+        (SPACINGS, lambda h: 1 / h, None, "no nearer to a limit"),
+        (SPACINGS, lambda h: h == 0.2, None, "no nearer to a limit"),
         (SPACINGS, 3.0, None, "quantity"),
     ],
 )

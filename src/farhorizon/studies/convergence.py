@@ -11,9 +11,10 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from farhorizon import kinds
-from farhorizon.errors import InputError
+from farhorizon.errors import InputError, shown
 from farhorizon.pictures.curves import log_panels
 
+_ROUNDING = 8 * float(np.finfo(float).eps)  # of the largest value
 _ORDERS = np.linspace(0.1, 10.0, 100)  # at which a fit is looked for
 
 
@@ -102,7 +103,8 @@ def convergence(
     ------
     InputError
         Too few spacings, or some that are not positive or appear twice; values of different shapes or not finite;
-        values of which all are exact. What the case at such a spacing refuses.
+        values of which all are exact, or, without exact ones, that come no nearer to a limit. What the case at such a
+        spacing refuses.
 
     Examples
     --------
@@ -124,7 +126,7 @@ def convergence(
     if len(steps) < least or steps[-1] <= 0 or (np.diff(steps) == 0).any():
         raise InputError(
             "an order is found from different positive spacings",
-            value=kinds.said(steps),
+            value=shown(steps),
             limit=f"{least} or more",
             key="spacings",
             remedy="more spacings" if exact is not None else "more spacings, or exact values",
@@ -144,8 +146,8 @@ def convergence(
     values = np.stack(found)
     limit, order = _fitted(steps, values) if known is None else (np.broadcast_to(known, values.shape[1:]), 0.0)
     errors = np.abs(values - limit).reshape(len(steps), -1).max(axis=1)
-    if (errors == 0).any():
-        raise InputError("no order follows from values without any error", value=kinds.said(errors), key="quantity")
+    if (errors <= _ROUNDING * np.abs(values).max()).any():
+        raise InputError("no order follows from values without any error", value=shown(errors), key="quantity")
     if known is not None:
         order = float(np.polyfit(np.log(steps), np.log(errors), 1)[0])
     return Convergence(steps, values, np.asarray(limit), errors, order)
@@ -171,6 +173,14 @@ def _fitted(spacings: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, float
 
     left = [solved(order)[1] for order in _ORDERS]
     best = int(np.argmin(left))
-    ends = _ORDERS[max(best - 1, 0)], _ORDERS[min(best + 1, len(_ORDERS) - 1)]
+    if best in (0, len(_ORDERS) - 1):
+        raise InputError(
+            "the values come no nearer to a limit by a power of the spacing",
+            value=shown(flat[:, 0]),
+            limit=f"orders between {_ORDERS[0]:g} and {_ORDERS[-1]:g}",
+            key="quantity",
+            remedy="finer spacings, or exact values",
+        )
+    ends = _ORDERS[best - 1], _ORDERS[best + 1]
     order = float(minimize_scalar(lambda p: solved(p)[1], bounds=ends, method="bounded", options={"xatol": 1e-9}).x)
     return solved(order)[0].reshape(values.shape[1:]), order
