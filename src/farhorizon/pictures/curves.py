@@ -89,8 +89,8 @@ def curve_panels(
     panels: Sequence[tuple[str, Sequence[tuple[str, np.ndarray, np.ndarray]]]],
     path: str | Path,
     *,
-    xlabel: str,
-    ylabel: str,
+    xlabel: str | Sequence[str],
+    ylabel: str | Sequence[str],
     reference: str | None = None,
 ) -> None:
     """Draw panels of curves that are to be compared: the reference a broad pale line, the others thin ones on top of
@@ -103,7 +103,8 @@ def curve_panels(
         one legend.
     path : str or Path
         The PNG file.
-    xlabel, ylabel : str
+    xlabel, ylabel : str or sequence of str
+        One for all panels, or one a panel.
     reference : str, optional
         Name of the curve that the others are held against; the first one unless given.
 
@@ -137,7 +138,8 @@ def curve_panels(
         for i, name in enumerate(names)
     }
     styles[broad] = {"color": COLORS[5], "linewidth": 3.4}
-    shared = all(len(curves) > 1 for _, curves in panels)  # all axes are of one quantity
+    # all axes are of one quantity
+    shared = isinstance(ylabel, str) and all(len(curves) > 1 for _, curves in panels)
     with figure_at(path, (6.4, 0.7 + 2.0 * rows)) as figure:
         legend: dict[str, Any] = {}
         for number, (title, curves) in enumerate(panels):
@@ -147,8 +149,9 @@ def curve_panels(
                 (line,) = axes.plot(x, y, **{"linestyle": "-", **style})
                 if len(curves) > 1:
                     legend.setdefault(name, line)
-            label = curves[0][0] if len(curves) == 1 else "" if shared else ylabel
-            axes.set(title=title, xlabel=xlabel if number >= len(panels) - columns else "", ylabel=label)
+            own = "" if shared else ylabel if isinstance(ylabel, str) else ylabel[number]
+            below = (xlabel if number >= len(panels) - columns else "") if isinstance(xlabel, str) else xlabel[number]
+            axes.set(title=title, xlabel=below, ylabel=curves[0][0] if len(curves) == 1 else own)
             axes.margins(x=0.01)
             axes.grid(True)
             axes.set_axisbelow(True)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from farhorizon.analysis.fracture.crack_paths import CrackPaths
 from farhorizon.boundaries import Free, LatticePML, Side
 from farhorizon.geometry.lattice import Lattice
 from farhorizon.medium.kernel import Kernel
@@ -60,6 +61,12 @@ def time_of_parting(tips: CrackTips, others: CrackTips) -> float:
     return float(tips.times[np.argmax(apart)]) if apart.any() else np.inf
 
 
+def _drawn(cracks: CrackPaths) -> np.ndarray:
+    """Lines of cracks as one, with gaps; shape (n, 2)."""
+    gap = np.full((1, 2), np.nan)
+    return np.concatenate([part for path in cracks.paths for part in (path, gap)])
+
+
 @validation("branching", BRANCHING, "a crack that branches in the infinite medium, and in a plate with free edges")
 def branching(folder: Path) -> Outcome:
     """Times of branching and of the first echo, speeds, and angles."""
@@ -83,6 +90,13 @@ def branching(folder: Path) -> Outcome:
         Row("angle between the last branches, degrees", angle_of_branches(tips)),
     ]
     picture = folder / "branching.png"
-    speeds = [(name, one.times, one.data["speed"][:, 0]) for name, one in (("infinite", tips), ("free edges", boxed))]
-    curve_panels([("speed of a tip", speeds)], picture, xlabel="t", ylabel="")
+    rayleigh, both = RAYLEIGH * model.s_speed, (("infinite medium", tips), ("free edges", boxed))
+    speeds = [(name, one.times, one.data["speed"][:, 0] / rayleigh) for name, one in both]
+    cracks = [(name, *_drawn(one.now).T) for name, one in both]
+    curve_panels(
+        [("one tip", speeds), (f"cracks at t = {END:g}", cracks)],
+        picture,
+        xlabel=("t", "x"),
+        ylabel=("speed / Rayleigh speed", "y"),
+    )
     return Outcome(rows, pictures=[picture])

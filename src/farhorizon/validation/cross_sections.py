@@ -38,9 +38,10 @@ from farhorizon.validation.validations import validation
 SERIES = "Bowman, Senior, Uslenghi (1969), Electromagnetic and Acoustic Scattering"
 CAVITY = "Pao, Mow (1973), Diffraction of Elastic Waves"
 RADIUS = 2.0
-FREQUENCIES = np.linspace(0.06, 0.16, 5)
+FREQUENCIES = np.linspace(0.06, 0.16, 21)
 SPACINGS = (0.25, 0.125)
 UNTIL = 200.0
+TITLES = {"soft": "soft cylinder", "rigid": "rigid cylinder", "crack": "crack", "cavity": "cavity, P waves"}
 ORDERS = np.arange(31)
 EVEN = np.where(ORDERS == 0, 1.0, 2.0)  # epsilon_n
 
@@ -124,18 +125,19 @@ def compared(folder: Path, name: str, kinds: tuple[str, ...]) -> Outcome:
     rows, panels = [], []
     for kind in kinds:
         wanted, errors, balances = exact(kind), [], []
-        curves = [("exact", FREQUENCIES, wanted)]
+        lengths = 2 * np.pi * FREQUENCIES * RADIUS / (P_SPEED if kind == "cavity" else 1.0)
+        curves = [("exact", lengths, wanted / (2 * RADIUS))]
         for spacing in SPACINGS:
             scattering, total = run(kind, spacing).cross_sections()
             errors.append(float(np.abs(total / wanted - 1).max()))
             balances.append(float(np.abs(scattering / total - 1).max()))
-            curves.append((f"spacing {spacing:g}", FREQUENCIES, total))
-            rows.append(Row(f"{kind}: largest error of five frequencies, spacing {spacing:g}", errors[-1]))
+            curves.append((f"spacing a/{RADIUS / spacing:g}", lengths, total / (2 * RADIUS)))
+            rows.append(Row(f"{kind}: largest error over frequency, spacing {spacing:g}", errors[-1]))
         rows.append(Row(f"{kind}: order in the spacing", float(np.log2(errors[0] / errors[1])), 1.0))
         rows.append(Row(f"{kind}: scattered over lost energy less 1, at most", max(balances)))
-        panels.append((kind, curves))
+        panels.append((TITLES[kind], curves))
     picture = folder / f"{name}.png"
-    curve_panels(panels, picture, xlabel="frequency", ylabel="cross section")
+    curve_panels(panels, picture, xlabel="ka", ylabel="cross section / 2a")
     return Outcome(rows, pictures=[picture])
 
 

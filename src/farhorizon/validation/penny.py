@@ -12,6 +12,7 @@ diffusion of the disturbance into the body, of which only what is beside the cra
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -61,11 +62,29 @@ def jump(spacing: float) -> tuple[np.ndarray, np.ndarray, float]:
     return r[:, :, 0], u[:, :, middle] - u[:, :, middle - 1] + spacing, float(cut)
 
 
+def draw_profile(
+    r: np.ndarray,
+    found: np.ndarray,
+    radius: float,
+    exact: Callable[[np.ndarray, float], np.ndarray],
+    what: str,
+    picture: Path,
+) -> None:
+    """Draw what is found at the distances r from the middle of a disc beside what is exact, over that in the middle."""
+    from farhorizon.pictures.curves import curve_panels
+
+    places, first = np.unique(np.round(r, 9), return_index=True)
+    smooth, middle = radius * np.sin(np.linspace(0.0, np.pi / 2, 100)), exact(np.zeros(1), radius)
+    curves = [
+        ("exact", smooth / radius, exact(smooth, radius) / middle),
+        ("computed", places / radius, found[first] / middle),
+    ]
+    curve_panels([("", curves)], picture, xlabel="r / a", ylabel=f"{what} / exact largest")
+
+
 @validation("penny-crack", HEAT, "heat that flows around an insulating penny-shaped crack")
 def penny(folder: Path) -> Outcome:
     """The jump in the middle, and along the radius."""
-    from farhorizon.pictures.curves import curve_panels
-
     ratios = []
     for spacing in SPACINGS:
         r, found, radius = jump(spacing)
@@ -76,10 +95,6 @@ def penny(folder: Path) -> Outcome:
     ]
     order = np.log2((ratios[0] - 1) / (ratios[1] - 1))
     rows.append(Row("order in the spacing", float(order), 1.0, note="the rim is a staircase"))
-    inside = r < RADIUS
-    places, first = np.unique(np.round(r[inside], 9), return_index=True)
-    smooth = radius * np.sin(np.linspace(0.0, np.pi / 2, 100))
-    curves = [("exact", smooth, steady(smooth, radius)), ("computed", places, found[inside][first])]
-    picture = folder / "penny-crack.png"
-    curve_panels([("", curves)], picture, xlabel="distance from the middle", ylabel="jump of the temperature")
+    inside, picture = r < RADIUS, folder / "penny-crack.png"
+    draw_profile(r[inside], found[inside], radius, steady, "jump", picture)
     return Outcome(rows, pictures=[picture])

@@ -26,6 +26,7 @@ from farhorizon.models import Elastic
 from farhorizon.simulation.intensities import StressIntensity
 from farhorizon.simulation.simulation import Simulation
 from farhorizon.studies.collection import Outcome, Row
+from farhorizon.validation.penny import draw_profile
 from farhorizon.validation.stress_intensity import force_on_faces
 from farhorizon.validation.validations import validation
 
@@ -55,7 +56,7 @@ def straight(spacing: float) -> tuple[Simulation, Polyline, StressIntensity, Str
     ahead = np.array([np.cos(TURN), np.sin(TURN)])
     crack = Polyline([-SIZE * ahead, SIZE * ahead])
     strain = np.eye(2) / (2 * (model.lame + model.shear))
-    large, small = StressIntensity(every=20), StressIntensity(radii=(0.3 * SIZE, 0.55 * SIZE), every=20, name="small")
+    large, small = StressIntensity(every=4), StressIntensity(radii=(0.3 * SIZE, 0.55 * SIZE), every=4, name="small")
     sources = [Source(force_on_faces(model, lattice, crack, strain), time=Step(SIZE))]
     sides = LatticePML(nodes=16)
     sim = Simulation(lattice, model, sides, sources=sources, cracks=[crack], observe=[large, small])
@@ -86,13 +87,17 @@ def griffith(folder: Path) -> Outcome:
         Row("crossings of the near field by P waves until rest", float(sim.time / sim.crossing)),
     ]
     picture = folder / "griffith-crack.png"
-    smooth = SIZE * np.sin(np.linspace(-np.pi / 2, np.pi / 2, 100))
-    opening = [("exact", smooth, griffith_opening(smooth)), ("computed", x, found)]
-    history = [
-        ("computed", large.times, large.data["K_I"][:, 1]),
-        ("static", large.times, np.full(len(large.times), unit)),
-    ]
-    curve_panels([("opening along the crack", opening), ("K_I over time", history)], picture, xlabel="", ylabel="")
+    assert isinstance(sim.model, Elastic)
+    smooth, most = SIZE * np.sin(np.linspace(-np.pi / 2, np.pi / 2, 100)), griffith_opening(np.zeros(1))
+    opening = [("exact", smooth / SIZE, griffith_opening(smooth) / most), ("computed", x / SIZE, found / most)]
+    times = large.times * sim.model.p_speed / SIZE
+    history = [("exact", times[[0, -1]], np.ones(2)), ("computed", times, large.data["K_I"][:, 1] / unit)]
+    curve_panels(
+        [("static limit", opening), ("on the way there", history)],
+        picture,
+        xlabel=("x / a", "time in units of a over the speed of P waves"),
+        ylabel=("opening / exact largest", r"$K_I\,/\,p\sqrt{\pi a}$"),
+    )
     return Outcome(rows, pictures=[picture])
 
 
@@ -118,8 +123,6 @@ def penny_at_rest(spacing: float) -> tuple[np.ndarray, np.ndarray, float]:
 @validation("penny-pressure", SNEDDON, "a pressurised penny-shaped crack, to the static limit")
 def penny_pressure(folder: Path) -> Outcome:
     """The opening in the middle, and K from it."""
-    from farhorizon.pictures.curves import curve_panels
-
     rows = []
     for spacing in COARSE:
         r, found, radius = penny_at_rest(spacing)
@@ -128,14 +131,10 @@ def penny_pressure(folder: Path) -> Outcome:
         rows.append(
             Row(f"opening in the middle over 8 (1 - nu^2) p a / pi E, spacing a/{SIZE / spacing:g}", ratio, 1.0)
         )
-    inside = r < SIZE
+    inside, picture = r < SIZE, folder / "penny-pressure.png"
     near = (1.5 * COARSE[-1], 0.75 * SIZE)
     stiffness = YOUNG / (1 - POISSON**2)
     intensity = opening_intensity(radius - r[inside], found[inside], stiffness, near)
     rows += [Row("K_I over 2 p sqrt(a / pi), from the opening", intensity / (2 * np.sqrt(radius / np.pi)), 1.0)]
-    places, first = np.unique(np.round(r[inside], 9), return_index=True)
-    smooth = radius * np.sin(np.linspace(0.0, np.pi / 2, 100))
-    curves = [("exact", smooth, penny_opening(smooth, radius)), ("computed", places, found[inside][first])]
-    picture = folder / "penny-pressure.png"
-    curve_panels([("", curves)], picture, xlabel="distance from the middle", ylabel="opening")
+    draw_profile(r[inside], found[inside], radius, penny_opening, "opening", picture)
     return Outcome(rows, pictures=[picture])
